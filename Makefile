@@ -1,0 +1,64 @@
+# Two commands from a fresh machine: `make book` and `make test`. Each installs what it needs first.
+# The same steps without make are in README.md.
+
+PYTHON ?= $(firstword $(foreach name,python3.11 python3 python,$(shell command -v $(name) 2>/dev/null)))
+VENV   := .venv
+RUN    := $(VENV)/bin/python
+INSWSN := $(RUN) -m inswsn_lib
+FRESH  ?=
+JOBS   ?=
+PORT   ?= 8000
+
+book: environment ## execute every chapter and render the book to _build/html (FRESH=1 ignores the cache)
+	@$(INSWSN) book $(if $(FRESH),--fresh) $(if $(JOBS),--jobs $(JOBS))
+
+test: environment ## lint, types, and all tests
+	$(RUN) -m ruff check .
+	$(RUN) -m ruff format --check .
+	$(RUN) -m mypy
+	$(VENV)/bin/lint-imports
+	$(INSWSN) lock --check
+	$(INSWSN) notebooks --check
+	$(RUN) -m pytest
+
+serve: book ## open the built book in a browser
+	@$(INSWSN) serve --port $(PORT)
+
+notebooks: environment ## write the .ipynb twins of chapters/*.md
+	@$(INSWSN) notebooks
+
+publish: environment ## make the last build's results the reference in data/published, after showing what changes
+	@$(INSWSN) publish
+
+lock: environment ## compile environment.in to environment.lock
+	@$(INSWSN) lock
+
+format: environment ## put the code into the one format
+	$(RUN) -m ruff check --fix .
+	$(RUN) -m ruff format .
+
+environment: $(VENV)/package
+
+# The environment is made anew when the lock changes, so that nothing is left over from the old one.
+$(VENV)/environment: environment.lock environment-torch.lock
+	@test -n "$(PYTHON)" || { echo "Python 3.11 is needed, and no python was found." >&2; exit 2; }
+	@$(PYTHON) -c 'import sys; v = sys.version_info[:2]; sys.exit(0 if v == (3, 11) else f"Python 3.11 is needed; {sys.executable} is {v[0]}.{v[1]}. Name another one: make PYTHON=/path/to/python3.11")'
+	@echo "Installing the locked environment into $(VENV) (a few minutes, once)"
+	@rm -rf $(VENV)
+	@$(PYTHON) -m venv $(VENV)
+	@$(RUN) -m pip install --quiet --disable-pip-version-check --require-hashes --no-deps -r environment-torch.lock
+	@$(RUN) -m pip install --quiet --disable-pip-version-check --require-hashes -r environment.lock
+	@touch $@
+
+$(VENV)/package: $(VENV)/environment pyproject.toml
+	@$(RUN) -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --no-index -e .
+	@touch $@
+
+clean: ## remove what was built; the environment stays
+	rm -rf _build results book/chapters book/generated
+
+help: ## list the targets
+	@grep -hE '^[a-z]+:.*##' Makefile | sed -E 's/:.*## /\t/' | expand -t 14
+
+.DEFAULT_GOAL := help
+.PHONY: book test serve notebooks publish lock format environment clean help

@@ -1,0 +1,1 @@
+"""From chapters to a rendered book: notebooks, execution, cache, rendering, command line."""

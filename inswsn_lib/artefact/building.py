@@ -1,0 +1,64 @@
+"""The whole way from chapters to a site, under one lock."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from filelock import FileLock, Timeout
+
+from inswsn_lib.artefact.execution import execute_chapters
+from inswsn_lib.artefact.progress import Progress
+from inswsn_lib.artefact.project import Project
+from inswsn_lib.artefact.rendering import render_book
+from inswsn_lib.errors import InswsnError
+
+
+def build_book(
+    project: Project, progress: Progress, *, fresh: bool = False, jobs: int | None = None
+) -> None:
+    """Execute what is due and render the book.
+
+    Parameters
+    ----------
+    project : Project
+        The checkout.
+    progress : Progress
+        Told how it goes.
+    fresh : bool
+        Ignore the cache and the last site.
+    jobs : int, optional
+        How many chapters at once. Default: one a core.
+
+    Raises
+    ------
+    ChapterError
+        If a chapter fails.
+    RenderingError
+        If the rendered book is not in order.
+    InswsnError
+        If a source cannot be read, or another build of this checkout is running.
+    OSError
+        If a folder cannot be written.
+    """
+    chapters = project.chapters()
+    with _alone(project):
+        executed = execute_chapters(project, chapters, progress, fresh=fresh, jobs=jobs)
+        rendered = render_book(project, executed, fresh=fresh)
+    progress.say("book: rendered" if rendered else "book: unchanged")
+
+
+@contextmanager
+def _alone(project: Project) -> Iterator[None]:
+    project.build.mkdir(parents=True, exist_ok=True)
+    lock = FileLock(project.build / ".lock")
+    try:
+        lock.acquire(timeout=0)
+    except Timeout:
+        raise InswsnError(
+            f"Another build of {project.root} is running; wait for it, or stop it."
+        ) from None
+    try:
+        yield
+    finally:
+        lock.release()

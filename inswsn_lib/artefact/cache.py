@@ -1,0 +1,92 @@
+"""Executed chapters, kept by the content of everything they were made from."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import sys
+from dataclasses import dataclass
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+from inswsn_lib.artefact.project import Chapter, Project
+from inswsn_lib.claims import Results, read_results, write_results
+from inswsn_lib.errors import InswsnError
+from inswsn_lib.files import file_digest, tree_digest, write_whole
+
+# Raised when the form of the cache, or the way in which chapters are executed, changes.
+_FORM = 1
+
+
+@dataclass(frozen=True)
+class Executed:
+    """One executed chapter.
+
+    Attributes
+    ----------
+    chapter : Chapter
+        The chapter.
+    notebook : Path
+        The executed notebook, without times and paths.
+    results : Results
+        What it recorded.
+    """
+
+    chapter: Chapter
+    notebook: Path
+    results: Results
+
+
+def chapter_key(project: Project, chapter: Chapter, parameters: dict[str, Any]) -> str:
+    """Return the digest of what a chapter is made from, but for the data it reads.
+
+    It covers the chapter's source, the library, the locks, the parameters, and Python's version.
+    The data files are known once the chapter has run: they stand in its results with their
+    digests, and `lookup` checks them.
+    """
+    facts = {
+        "form": _FORM,
+        "chapter": chapter.name,
+        "source": file_digest(chapter.source),
+        "library": tree_digest(project.root, project.library()),
+        "locks": tree_digest(project.root, project.locks),
+        "parameters": parameters,
+        "python": sys.version_info[:3],
+    }
+    return sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()
+
+
+def lookup(project: Project, chapter: Chapter, key: str) -> Executed | None:
+    """Return the executed chapter for `key` if the cache has it and its data are unchanged."""
+    folder = _entry(project, chapter, key)
+    try:
+        results = read_results(folder / "results.json")
+    except InswsnError:
+        return None
+    notebook = folder / "executed.ipynb"
+    if not notebook.is_file():
+        return None
+    for name, digest in results.data.items():
+        path = project.root / name
+        if not path.is_file() or file_digest(path) != digest:
+            return None
+    return Executed(chapter, notebook, results)
+
+
+def store(
+    project: Project, chapter: Chapter, key: str, notebook: str, results: Results
+) -> Executed:
+    """Keep an executed chapter, and drop what the cache held of it for other keys."""
+    folder = _entry(project, chapter, key)
+    write_whole(folder / "executed.ipynb", notebook)
+    # the results come last: an entry without them is not an entry
+    write_results(results, folder / "results.json")
+    for other in folder.parent.iterdir():
+        if other != folder:
+            shutil.rmtree(other, ignore_errors=True)
+    return Executed(chapter, folder / "executed.ipynb", results)
+
+
+def _entry(project: Project, chapter: Chapter, key: str) -> Path:
+    return project.cache / chapter.name / key[:32]

@@ -1,0 +1,138 @@
+"""The ``inswsn`` command."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import click
+
+from inswsn_lib import __version__
+from inswsn_lib.artefact.project import Project
+from inswsn_lib.checkout import find_root, is_checkout
+from inswsn_lib.errors import InswsnError
+
+
+@click.group()
+@click.version_option(__version__, prog_name="inswsn")
+@click.option(
+    "--root",
+    type=click.Path(path_type=Path),
+    help="The checkout to work on. Default: found by looking upward from the working folder.",
+)
+@click.pass_context
+def cli(context: click.Context, root: Path | None) -> None:
+    """Rebuild three papers on integrated navigation, chapter by chapter."""
+    if root is not None and not is_checkout(root):
+        raise InswsnError(f"--root is {str(root)!r}; it may be the folder of a checkout of inswsn.")
+    context.obj = Project(root.resolve() if root else find_root())
+
+
+@cli.command()
+@click.option("--fresh", is_flag=True, help="Ignore the cache: execute and render everything.")
+@click.option("--jobs", type=click.IntRange(min=1), help="Chapters at once. Default: one a core.")
+@click.pass_obj
+def book(project: Project, fresh: bool, jobs: int | None) -> None:
+    """Execute the chapters that changed and render the book."""
+    # imported here so that the other commands start without papermill and Sphinx
+    from inswsn_lib.artefact.building import build_book
+    from inswsn_lib.artefact.progress import Progress
+
+    with Progress() as progress:
+        build_book(project, progress, fresh=fresh, jobs=jobs)
+    click.echo(f"Open {project.site / 'index.html'} in a browser, or run: make serve")
+
+
+@cli.command()
+@click.option("--check", is_flag=True, help="Only tell whether the twins are up to date.")
+@click.pass_obj
+def notebooks(project: Project, check: bool) -> None:
+    """Write the .ipynb twins of the chapters."""
+    from inswsn_lib.artefact.notebooks import stale_twins, write_twins
+
+    if check:
+        stale = stale_twins(project.chapters())
+        for chapter in stale:
+            click.echo(f"chapters/{chapter.twin.name} differs from its source.", err=True)
+        if stale:
+            raise InswsnError("Notebooks are out of date; write them with `make notebooks`.")
+        return
+    for chapter in write_twins(project.chapters()):
+        click.echo(f"wrote chapters/{chapter.twin.name}")
+
+
+@cli.command()
+@click.option("--port", type=click.IntRange(0, 65535), default=8000, show_default=True)
+@click.option("--browser/--no-browser", default=True, help="Open the book in the browser.")
+@click.pass_obj
+def serve(project: Project, port: int, browser: bool) -> None:
+    """Show the built book from this machine."""
+    from inswsn_lib.artefact.serving import address, make_server, open_in_browser
+
+    with make_server(project.site, port) as server:
+        click.echo(f"The book is at {address(server)} (stop with Ctrl-C)")
+        if browser:
+            open_in_browser(address(server))
+        try:
+            server.serve_forever()
+        except KeyboardInterrupt:
+            click.echo()
+
+
+@cli.command()
+@click.option("--check", is_flag=True, help="Only tell whether the locks fit; uses no network.")
+@click.pass_obj
+def lock(project: Project, check: bool) -> None:
+    """Compile environment.in to environment.lock."""
+    from inswsn_lib.artefact.environment import compile_locks, lock_problems
+
+    if not check:
+        compile_locks(project)
+    problems = lock_problems(project)
+    for problem in problems:
+        click.echo(problem, err=True)
+    if problems:
+        raise InswsnError("The lock is stale; compile it with `make lock`.")
+
+
+@cli.command()
+@click.option("--check", is_flag=True, help="Only show what would change.")
+@click.pass_obj
+def publish(project: Project, check: bool) -> None:
+    """Make the results of the last build the reference results."""
+    from inswsn_lib.artefact.publishing import changes_since_published
+    from inswsn_lib.artefact.publishing import publish as publish_results
+
+    for number, changes in changes_since_published(project).items():
+        for change in changes:
+            mark = "!" if change.beyond_tolerance else " "
+            click.echo(f"{mark} {number} {change}")
+    if not check:
+        for number in publish_results(project):
+            click.echo(f"wrote data/published/{number}.json")
+
+
+def main() -> None:
+    """Run the command; a user's mistake is one sentence and exit status 2."""
+    try:
+        status = cli.main(standalone_mode=False, prog_name="inswsn")
+    except click.exceptions.Abort:
+        click.echo("inswsn: stopped.", err=True)
+        sys.exit(130)
+    except KeyboardInterrupt:
+        click.echo("inswsn: stopped.", err=True)
+        sys.exit(130)
+    except click.ClickException as error:
+        error.show()
+        sys.exit(2)
+    except InswsnError as error:
+        click.echo(f"inswsn: {error}", err=True)
+        sys.exit(2)
+    except OSError as error:
+        what = f" {error.filename}" if error.filename else ""
+        click.echo(f"inswsn: cannot read or write{what}: {error.strerror or error}.", err=True)
+        sys.exit(2)
+    except RuntimeError as error:
+        click.echo(f"inswsn: {error}", err=True)
+        sys.exit(1)
+    sys.exit(status or 0)

@@ -1,0 +1,230 @@
+"""Executing chapters in parallel: one process each, with progress, and a clean end when stopped."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import threading
+from collections.abc import Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import nbformat
+
+from inswsn_lib.artefact.cache import Executed, chapter_key, lookup, store
+from inswsn_lib.artefact.notebooks import read_source, strip_run
+from inswsn_lib.artefact.progress import Progress
+from inswsn_lib.artefact.project import Chapter, Project
+from inswsn_lib.checkout import RESULTS_VARIABLE, ROOT_VARIABLE
+from inswsn_lib.claims import read_results
+
+_STOP_SECONDS = 10.0
+
+
+class ChapterError(RuntimeError):
+    """A chapter failed; the message names the chapter and the cell and holds the traceback."""
+
+
+@dataclass
+class _Workers:
+    """The processes that are running, so that all of them can be stopped."""
+
+    stopping: threading.Event = field(default_factory=threading.Event)
+    _processes: set[subprocess.Popen[str]] = field(default_factory=set)
+    _guard: threading.Lock = field(default_factory=threading.Lock)
+
+    def start(self, command: Sequence[str], environment: dict[str, str]) -> subprocess.Popen[str]:
+        with self._guard:
+            if self.stopping.is_set():
+                raise ChapterError("stopped")
+            process = subprocess.Popen(
+                command,
+                env=environment,
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.PIPE,
+                text=True,
+                start_new_session=True,  # an interrupt reaches this process only; it stops them
+            )
+            self._processes.add(process)
+        return process
+
+    def ended(self, process: subprocess.Popen[str]) -> None:
+        with self._guard:
+            self._processes.discard(process)
+
+    def stop(self) -> None:
+        with self._guard:
+            self.stopping.set()
+            running = list(self._processes)
+        for process in running:
+            process.terminate()
+        for process in running:
+            try:
+                process.wait(_STOP_SECONDS)
+            except subprocess.TimeoutExpired:
+                process.kill()
+
+
+def default_jobs() -> int:
+    """Return the number of cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def execute_chapters(
+    project: Project,
+    chapters: Sequence[Chapter],
+    progress: Progress,
+    *,
+    fresh: bool = False,
+    jobs: int | None = None,
+) -> list[Executed]:
+    """Execute every chapter that the cache does not hold.
+
+    Parameters
+    ----------
+    project : Project
+        The checkout.
+    chapters : sequence of Chapter
+        The chapters.
+    progress : Progress
+        Told of each chapter and cell.
+    fresh : bool
+        Execute all of them, whatever the cache holds.
+    jobs : int, optional
+        How many at once. Default: one a core.
+
+    Returns
+    -------
+    list of Executed
+        In the order of `chapters`.
+
+    Raises
+    ------
+    ChapterError
+        If a cell raises. The other chapters that run are stopped.
+    InswsnError
+        If a source cannot be read.
+    """
+    found: dict[str, Executed] = {}
+    due: list[tuple[Chapter, str]] = []
+    for chapter in chapters:
+        key = chapter_key(project, chapter, {})
+        entry = None if fresh else lookup(project, chapter, key)
+        if entry is None:
+            due.append((chapter, key))
+        else:
+            found[chapter.name] = entry
+            progress.unchanged(chapter.name)
+    workers = _Workers()
+    with ThreadPoolExecutor(max_workers=jobs or default_jobs()) as pool:
+        pending: set[Future[Executed]] = {
+            pool.submit(_execute, project, chapter, key, progress, workers) for chapter, key in due
+        }
+        try:
+            while pending:
+                done, pending = wait(pending, return_when=FIRST_COMPLETED)
+                for future in done:
+                    executed = future.result()
+                    found[executed.chapter.name] = executed
+        except BaseException:
+            for future in pending:
+                future.cancel()
+            workers.stop()
+            raise
+    return [found[chapter.name] for chapter in chapters]
+
+
+def _execute(
+    project: Project, chapter: Chapter, key: str, progress: Progress, workers: _Workers
+) -> Executed:
+    source = read_source(chapter)
+    progress.started(chapter.name, len(source.cells))
+    project.build.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=project.build, prefix=f"run-{chapter.name}-") as name:
+        folder = Path(name)
+        nbformat.write(source, folder / "source.ipynb")
+        job = {
+            "source": str(folder / "source.ipynb"),
+            "target": str(folder / "executed.ipynb"),
+            "parameters": {},
+            "folder": str(folder),
+        }
+        process = workers.start(
+            [sys.executable, "-m", "inswsn_lib.artefact.worker", json.dumps(job)],
+            _environment(project, folder),
+        )
+        try:
+            _follow(chapter, process, progress)
+        finally:
+            workers.ended(process)
+        results_path = folder / "results" / f"{chapter.number}.json"
+        if not results_path.is_file():
+            raise ChapterError(
+                f"Chapter {chapter.name} wrote no results file {chapter.number}.json: "
+                "its last code cell calls record.write()."
+            )
+        executed = strip_run(nbformat.read(folder / "executed.ipynb", as_version=4))
+        entry = store(
+            project, chapter, key, nbformat.writes(executed) + "\n", read_results(results_path)
+        )
+    progress.finished(chapter.name)
+    return entry
+
+
+def _environment(project: Project, folder: Path) -> dict[str, str]:
+    """Return the environment of a worker: one thread a chapter, and nothing left to chance."""
+    threads = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+    return os.environ | {
+        **dict.fromkeys(threads, "1"),
+        "PYTHONHASHSEED": "0",
+        "PYTHONUNBUFFERED": "1",
+        "PYDEVD_DISABLE_FILE_VALIDATION": "1",
+        "IPYTHONDIR": str(folder / "ipython"),
+        ROOT_VARIABLE: str(project.root),
+        RESULTS_VARIABLE: str(folder / "results"),
+    }
+
+
+def _follow(chapter: Chapter, process: subprocess.Popen[str], progress: Progress) -> None:
+    """Read a worker's events until it ends; raise if the chapter failed."""
+    assert process.stdout is not None
+    assert process.stderr is not None
+    noise: list[str] = []
+    reader = threading.Thread(target=noise.extend, args=(process.stderr,), daemon=True)
+    reader.start()
+    event: dict[str, Any] = {}
+    last_cell: dict[str, Any] = {}
+    for line in process.stdout:
+        try:
+            event = json.loads(line)
+        except json.JSONDecodeError:
+            noise.append(line)
+            continue
+        if "id" in event:
+            last_cell = event
+            progress.cell(chapter.name, event["cell"])
+    process.wait()
+    reader.join()
+    if event.get("done"):
+        return
+    place = (
+        f"cell {last_cell['cell']} of {last_cell['of']} ({last_cell['id']})"
+        if last_cell
+        else "before its first cell"
+    )
+    if "failed" in event:
+        detail = event.get("traceback") or event["failed"]
+        source = f"\n\n{event['source']}\n" if event.get("source") else "\n"
+        raise ChapterError(f"Chapter {chapter.name} failed in {place}:{source}\n{detail}")
+    raise ChapterError(
+        f"Chapter {chapter.name} ended in {place} with status {process.returncode}:\n"
+        + "".join(noise)
+    )
+
+

@@ -1,0 +1,116 @@
+"""The .ipynb twins of the chapters: made from the MyST sources, the same bytes every time."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+import jupytext
+import nbformat
+
+from inswsn_lib.artefact.project import Chapter
+from inswsn_lib.errors import InswsnError
+from inswsn_lib.files import write_whole
+
+_KERNEL = {"display_name": "Python 3", "language": "python", "name": "python3"}
+
+
+def read_source(chapter: Chapter) -> Any:
+    """Read a chapter's source as a notebook with stable cell ids and no outputs.
+
+    The id of a cell is the chapter's number and the cell's place, for example ``ch00-003``.
+
+    Parameters
+    ----------
+    chapter : Chapter
+        The chapter.
+
+    Returns
+    -------
+    nbformat.NotebookNode
+        The notebook, format 4.5.
+
+    Raises
+    ------
+    InswsnError
+        If the source is not a MyST notebook, or has not exactly one parameters cell.
+    """
+    try:
+        notebook = jupytext.read(chapter.source, fmt="md:myst")
+    except Exception as error:  # jupytext has no error class of its own for a broken source
+        first = str(error).strip().splitlines()
+        raise InswsnError(
+            f"chapters/{chapter.source.name} is not a MyST notebook: {first[0] if first else error!r}."
+        ) from None
+    for place, cell in enumerate(notebook.cells):
+        cell["id"] = f"ch{chapter.number}-{place:03d}"
+        if cell.cell_type == "code":
+            cell.outputs = []
+            cell.execution_count = None
+    tagged = [cell for cell in notebook.cells if "parameters" in cell.metadata.get("tags", [])]
+    if len(tagged) != 1:
+        raise InswsnError(
+            f"chapters/{chapter.source.name} has {len(tagged)} cells tagged parameters; "
+            "a chapter has exactly one."
+        )
+    notebook.metadata = nbformat.from_dict(
+        {"kernelspec": dict(_KERNEL), "language_info": {"name": "python"}}
+    )
+    notebook.nbformat, notebook.nbformat_minor = 4, 5
+    nbformat.validate(notebook)
+    return notebook
+
+
+def twin_text(chapter: Chapter) -> str:
+    """Return the text of a chapter's .ipynb twin.
+
+    Raises
+    ------
+    InswsnError
+        As `read_source`.
+    """
+    return nbformat.writes(read_source(chapter)) + "\n"
+
+
+def write_twins(chapters: list[Chapter]) -> list[Chapter]:
+    """Write the twins that differ from their sources; return the chapters that were written."""
+    stale = stale_twins(chapters)
+    for chapter in stale:
+        write_whole(chapter.twin, twin_text(chapter))
+    return stale
+
+
+def stale_twins(chapters: list[Chapter]) -> list[Chapter]:
+    """Return the chapters whose twin is absent or differs from what the source gives."""
+    return [
+        chapter
+        for chapter in chapters
+        if not chapter.twin.is_file()
+        or chapter.twin.read_text(encoding="utf-8") != twin_text(chapter)
+    ]
+
+
+def strip_run(notebook: Any) -> Any:
+    """Remove what differs from one execution to the next: times, paths, and counters of the run.
+
+    Parameters
+    ----------
+    notebook : nbformat.NotebookNode
+        An executed notebook; it is changed in place.
+
+    Returns
+    -------
+    nbformat.NotebookNode
+        The same notebook.
+    """
+    notebook.metadata.pop("papermill", None)
+    notebook.metadata.pop("widgets", None)
+    notebook.metadata["language_info"] = {"name": "python"}
+    for cell in notebook.cells:
+        for key in ("papermill", "execution"):
+            cell.metadata.pop(key, None)
+        for output in cell.get("outputs", []):
+            for mime, content in output.get("data", {}).items():
+                if mime.startswith("text/") and isinstance(content, str):
+                    output["data"][mime] = re.sub(r"0x[0-9a-f]{6,}", "0x…", content)
+    return notebook

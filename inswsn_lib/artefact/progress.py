@@ -1,0 +1,73 @@
+"""Progress on the terminal: a bar a chapter, or plain lines where there is no terminal."""
+
+from __future__ import annotations
+
+import time
+from types import TracebackType
+from typing import Self
+
+from rich import progress as bars
+from rich.console import Console
+
+
+class Progress:
+    """Shows chapter, cell and elapsed time; used as a context manager, from any thread.
+
+    Parameters
+    ----------
+    console : rich.console.Console, optional
+        Where to write. Default: standard error.
+    """
+
+    def __init__(self, console: Console | None = None) -> None:
+        self._console = console or Console(stderr=True)
+        self._live = self._console.is_terminal
+        self._bars = bars.Progress(
+            bars.TextColumn("{task.description}"),
+            bars.BarColumn(bar_width=24),
+            bars.TextColumn("cell {task.completed:.0f} of {task.total:.0f}"),
+            bars.TimeElapsedColumn(),
+            console=self._console,
+            disable=not self._live,
+        )
+        self._tasks: dict[str, bars.TaskID] = {}
+        self._starts: dict[str, float] = {}
+
+    def __enter__(self) -> Self:
+        self._bars.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._bars.stop()
+
+    def say(self, text: str) -> None:
+        """Write one line, above the bars."""
+        self._console.print(text, markup=False, highlight=False, soft_wrap=True)
+
+    def unchanged(self, chapter: str) -> None:
+        """Say that a chapter is taken from the cache."""
+        self.say(f"{chapter}: unchanged")
+
+    def started(self, chapter: str, cells: int) -> None:
+        """Say that a chapter of that many cells begins."""
+        self._starts[chapter] = time.monotonic()
+        self._tasks[chapter] = self._bars.add_task(chapter, total=cells)
+        if not self._live:
+            self.say(f"{chapter}: executing {cells} cells")
+
+    def cell(self, chapter: str, index: int) -> None:
+        """Say that a chapter has come to the cell of that index."""
+        self._bars.update(self._tasks[chapter], completed=index)
+
+    def finished(self, chapter: str) -> None:
+        """Say that a chapter is done."""
+        task = self._tasks[chapter]
+        self._bars.update(task, completed=self._bars.tasks[task].total)
+        if not self._live:
+            seconds = time.monotonic() - self._starts[chapter]
+            self.say(f"{chapter}: executed in {seconds:.0f} s")

@@ -1,0 +1,150 @@
+"""What a chapter calls to say what it read and what it found."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal
+
+from IPython.display import display
+from pydantic import ValidationError
+
+from inswsn_lib.checkout import find_root, results_folder
+from inswsn_lib.claims.results import Quantity, Results, write_results
+from inswsn_lib.errors import InswsnError
+from inswsn_lib.files import file_digest
+
+# MyST-NB pastes outputs of this type into the text by the role {glue:text}.
+_GLUE_TYPE = "application/papermill.record/text/plain"
+
+
+class ChapterRecord:
+    """The record that a chapter keeps while it runs, and writes at its end.
+
+    Parameters
+    ----------
+    chapter : str
+        The chapter's number, two digits.
+    parameters : dict
+        The parameters of this run: the names and values of the parameters cell.
+    root : Path, optional
+        The checkout. Default: found by looking upward from the working folder.
+
+    Raises
+    ------
+    InswsnError
+        If there is no checkout.
+    """
+
+    def __init__(
+        self,
+        chapter: str,
+        parameters: dict[str, bool | int | float | str],
+        root: Path | None = None,
+    ) -> None:
+        self._root = find_root() if root is None else root
+        self._chapter = chapter
+        self._parameters = parameters
+        self._data: dict[str, str] = {}
+        self._quantities: dict[str, Quantity] = {}
+
+    def data(self, name: str) -> Path:
+        """Return the path of a file below ``data/`` and note that this chapter reads it.
+
+        The build executes the chapter again when the content of a noted file changes.
+
+        Parameters
+        ----------
+        name : str
+            Path below ``data/`` with forward slashes, for example ``"papers/p1.yaml"``.
+
+        Raises
+        ------
+        InswsnError
+            If there is no such file.
+        """
+        path = self._root / "data" / name
+        if not path.is_file():
+            raise InswsnError(f"There is no file data/{name}.")
+        self._data[f"data/{name}"] = file_digest(path)
+        return path
+
+    def quantity(
+        self,
+        name: str,
+        value: float,
+        unit: str,
+        *,
+        how: str,
+        basis: Literal["printed", "simulation", "emulation", "recorded"],
+        tolerance: float,
+        interval: tuple[float, float] | None = None,
+        runs: int = 1,
+    ) -> Quantity:
+        """Record a number, and make it known to the text as ``{glue:text}`name```.
+
+        Parameters
+        ----------
+        name, value, unit, how, basis, tolerance, runs
+            See `Quantity`.
+        interval : tuple of two floats, optional
+            The rounding interval for a number computed from printed cells, else the 95 %
+            confidence interval.
+
+        Raises
+        ------
+        InswsnError
+            If a field does not fit the schema.
+        """
+        kind: Literal["rounding", "confidence 95 %"] | None = None
+        if interval is not None:
+            kind = "rounding" if basis == "printed" else "confidence 95 %"
+        try:
+            quantity = Quantity(
+                name=name,
+                value=value,
+                unit=unit,
+                interval=interval,
+                interval_kind=kind,
+                runs=runs,
+                basis=basis,
+                how=how,
+                tolerance=tolerance,
+            )
+        except ValidationError as error:
+            first = error.errors()[0]
+            place = ".".join(map(str, first["loc"])) or "interval"
+            raise InswsnError(f"The quantity {name!r} cannot be recorded: {place}: {first['msg']}.") from None
+        if name in self._quantities:
+            raise InswsnError(f"The quantity {name!r} is recorded already.")
+        self._quantities[name] = quantity
+        _glue(name, quantity.value)
+        return quantity
+
+    def say(self, name: str, text: str) -> None:
+        """Make a computed word known to the text as ``{glue:text}`name```, without recording it."""
+        _glue(name, text)
+
+    def results(self) -> Results:
+        """Return what has been recorded so far."""
+        return Results(
+            chapter=self._chapter,
+            parameters=self._parameters,
+            data=dict(sorted(self._data.items())),
+            quantities=tuple(self._quantities.values()),
+        )
+
+    def write(self) -> Results:
+        """Write the results file ``NN.json``, whole or not at all, and return what it holds."""
+        results = self.results()
+        write_results(results, results_folder(self._root) / f"{self._chapter}.json")
+        return results
+
+
+def _glue(name: str, value: float | str) -> None:
+    if isinstance(value, float) and value.is_integer() and abs(value) < 1e15:
+        value = int(value)
+    display(
+        {_GLUE_TYPE: value if isinstance(value, str) else repr(value)},
+        metadata={"scrapbook": {"name": name, "mime_prefix": "application/papermill.record/"}},
+        raw=True,
+    )

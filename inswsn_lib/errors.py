@@ -1,0 +1,30 @@
+"""The errors that a user can cause, each one sentence long."""
+
+from __future__ import annotations
+
+
+class InswsnError(ValueError):
+    """Something the user asked for cannot be done; the message is one sentence.
+
+    The command line prints the message and ends with exit status 2.
+    """
+
+
+class ParameterError(InswsnError):
+    """A parameter has a value it may not have.
+
+    Parameters
+    ----------
+    name : str
+        The parameter.
+    got : object
+        What it was.
+    expected : str
+        What it may be, as the end of the sentence "it may be ...".
+    """
+
+    def __init__(self, name: str, got: object, expected: str) -> None:
+        super().__init__(f"{name} is {got!r}; it may be {expected}.")
+        self.name = name
+        self.got = got
+        self.expected = expected

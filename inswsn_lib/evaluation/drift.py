@@ -1,0 +1,226 @@
+r"""How small a mean position error can be when the mean velocity error is known.
+
+An uncorrected INS obeys P1 (2.1) without noise, :math:`p_{k+1} = p_k + T v_k`. If the velocity
+error :math:`v_k` is a polynomial in time (constant acceleration error: degree 1; acceleration
+error that grows with a tilt: degree 2), then a published pair of mean :math:`|p|` and mean
+:math:`|v|` bounds the sampling period :math:`T` from above. No simulation is involved.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linprog
+
+from inswsn_lib.errors import InswsnError, ParameterError
+
+Array = NDArray[np.float64]
+
+_MAX_DEGREE = 2
+_CERTIFICATE_TOLERANCE = 1e-9
+
+
+@dataclass(frozen=True)
+class Motion:
+    """A class of INS velocity errors.
+
+    Parameters
+    ----------
+    name : str
+        A few words for the reader.
+    degree : int
+        Degree of the velocity error as a polynomial in time, 0 to 2.
+    growing : bool
+        True: every coefficient of the polynomial is at least 0 and the position error does not
+        start against it, so both keep one sign and grow. False: any polynomial of that degree,
+        with any initial position error.
+    """
+
+    name: str
+    degree: int
+    growing: bool
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.degree <= _MAX_DEGREE:
+            raise ParameterError("degree", self.degree, f"a whole number from 0 to {_MAX_DEGREE}")
+
+
+#: The four classes that the book uses, from the narrowest to the widest.
+MOTIONS = (
+    Motion("of one sign, growing linearly", 1, True),
+    Motion("of one sign, growing quadratically", 2, True),
+    Motion("linear in time, any signs", 1, False),
+    Motion("quadratic in time, any signs", 2, False),
+)
+
+
+@dataclass(frozen=True)
+class DriftBound:
+    r"""A lower bound on the mean position error over a window.
+
+    Attributes
+    ----------
+    motion : Motion
+        The class of velocity errors that it holds for.
+    samples : int
+        Number :math:`n` of samples in the window.
+    ratio : float
+        The least value of
+        :math:`\overline{|p|} / (n T\, \overline{|v|})` in the class, dimensionless.
+    position, velocity : ndarray, shape (samples,)
+        A motion that attains it, for T = 1 s, in m and m/s.
+    residual : float
+        Largest violation of the certificate of optimality, relative; 0 where the bound is a
+        closed form.
+    """
+
+    motion: Motion
+    samples: int
+    ratio: float
+    position: Array
+    velocity: Array
+    residual: float
+
+
+def drift_bound(motion: Motion, samples: int) -> DriftBound:
+    r"""Find the least mean position error, per unit of mean velocity error, in a class of motions.
+
+    Minimise :math:`\overline{|p|}/(n T\,\overline{|v|})` over :math:`p_{k+1} = p_k + T v_k`,
+    with :math:`v_k` a polynomial of the class, means over :math:`k = 0, \dots, n-1`.
+
+    Parameters
+    ----------
+    motion : Motion
+        The class of velocity errors.
+    samples : int
+        Number of samples in the window, 4 or more.
+
+    Returns
+    -------
+    DriftBound
+        The bound, a motion that attains it, and the residual of its certificate.
+
+    Raises
+    ------
+    ParameterError
+        If `samples` is less than 4.
+    InswsnError
+        If the certificate of optimality does not hold.
+
+    Notes
+    -----
+    Growing motions: the ratio is a quotient of two linear functions of non-negative
+    coefficients, so its minimum lies on a single power :math:`v_k = k^d`.
+
+    Any signs: :math:`\overline{|v|}` is the largest :math:`\overline{s_k v_k}` over sign
+    patterns :math:`s`, and a polynomial of degree :math:`d` changes sign at most :math:`d`
+    times. For each pattern the least :math:`\overline{|p|}` with :math:`\overline{s_k v_k} = 1`
+    is a linear program. It is solved in its dual form: the largest :math:`\lambda` for which
+    weights :math:`|w_k| \le 1/n` exist with
+    :math:`\sum_k w_k p_k = \lambda\, \overline{s_k v_k}` for all polynomials. The weights prove
+    the bound without trust in the solver; ``residual`` is how far they miss.
+    """
+    if samples < 4:
+        raise ParameterError("samples", samples, "a whole number of at least 4")
+    position, velocity = _monomials(motion.degree, samples)
+    if motion.growing:
+        return _growing_bound(motion, samples, position, velocity)
+    return _free_bound(motion, samples, position, velocity)
+
+
+def longest_period(position: float, velocity: float, bound: DriftBound) -> float:
+    r"""Return the longest sampling period that a published pair of means allows.
+
+    .. math:: T \le \frac{\overline{|p|}}{\overline{|v|}\; n\; \text{ratio}}
+
+    Parameters
+    ----------
+    position, velocity : float
+        Mean absolute position error in m and velocity error in m/s over the window, positive.
+    bound : DriftBound
+        The bound for the class of motions and the number of samples.
+
+    Raises
+    ------
+    ParameterError
+        If a mean is not positive and finite.
+    """
+    for name, mean in (("position", position), ("velocity", velocity)):
+        if not 0 < mean < np.inf:
+            raise ParameterError(name, mean, "a positive, finite mean error")
+    return float(position / (velocity * bound.samples * bound.ratio))
+
+
+def _monomials(degree: int, samples: int) -> tuple[Array, Array]:
+    """Return p (samples, degree + 2) and v (samples, degree + 1) of the scaled monomials, T = 1 s.
+
+    Column j of v is (k/n)^j; column j of p is the sum of v before k; the last column of p is the
+    initial position error, in which nothing of v moves.
+    """
+    k = np.arange(samples) / samples
+    velocity = k[:, None] ** np.arange(degree + 1)
+    travelled = np.vstack([np.zeros(degree + 1), np.cumsum(velocity, axis=0)[:-1]])
+    return np.hstack([travelled, np.ones((samples, 1))]), velocity
+
+
+def _growing_bound(motion: Motion, samples: int, position: Array, velocity: Array) -> DriftBound:
+    ratios = position[:, :-1].mean(axis=0) / (samples * velocity.mean(axis=0))
+    best = int(ratios.argmin())
+    return DriftBound(
+        motion, samples, float(ratios[best]), position[:, best], velocity[:, best], 0.0
+    )
+
+
+def _free_bound(motion: Motion, samples: int, position: Array, velocity: Array) -> DriftBound:
+    # an orthonormal basis of the position errors keeps the equations well scaled
+    basis, triangle = np.linalg.qr(position)
+    rates = np.hstack([velocity, np.zeros((samples, 1))]) @ np.linalg.inv(triangle)
+    best_value, best_pattern = np.inf, np.ones(samples)
+    for pattern in _sign_patterns(samples, motion.degree):
+        value = _least_mean(basis, pattern @ rates / samples)[0]
+        if value < best_value:
+            best_value, best_pattern = value, pattern
+    target = best_pattern @ rates / samples
+    value, weights, coefficients = _least_mean(basis, target)
+    residual = max(
+        float(np.abs(weights @ basis - value * target).max() / np.abs(value * target).max()),
+        float(samples * np.abs(weights).max() - 1.0),
+        float(abs(np.abs(basis @ coefficients).mean() / value - 1.0)),
+    )
+    if residual > _CERTIFICATE_TOLERANCE:
+        raise InswsnError(
+            f"The drift bound for {samples} samples misses its certificate by {residual:.1e}."
+        )
+    return DriftBound(
+        motion, samples, value / samples, basis @ coefficients, rates @ coefficients, residual
+    )
+
+
+def _sign_patterns(samples: int, changes: int) -> list[Array]:
+    """Return all rows of signs, first +1, that change at most `changes` times."""
+    index = np.arange(samples)
+    patterns = []
+    for count in range(changes + 1):
+        for places in combinations(range(1, samples), count):
+            flips = np.searchsorted(np.array(places), index, side="right")
+            patterns.append(np.where(flips % 2 == 0, 1.0, -1.0))
+    return patterns
+
+
+def _least_mean(basis: Array, target: Array) -> tuple[float, Array, Array]:
+    """Return the least mean |basis @ c| with target @ c = 1, its dual weights, and c."""
+    samples, size = basis.shape
+    solution = linprog(
+        c=np.append(np.zeros(samples), -1.0),
+        A_eq=np.hstack([basis.T, -target[:, None]]),
+        b_eq=np.zeros(size),
+        bounds=[(-1 / samples, 1 / samples)] * samples + [(None, None)],
+        method="highs",
+    )
+    if solution.status != 0:
+        raise InswsnError(f"The linear program of the drift bound failed: {solution.message}")
+    # the multipliers of the equations are the coefficients of the motion that attains the bound
+    return float(solution.x[-1]), solution.x[:-1], np.asarray(solution.eqlin.marginals)

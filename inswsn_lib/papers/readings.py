@@ -1,0 +1,140 @@
+"""Readings of a printed column: ways in which its authors may have computed it, and their score.
+
+A reading is named before it is scored. Its score is the number of printed cells that it admits:
+the cells that some values within the rounding of its operands give exactly as printed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from functools import cache
+from math import perm
+
+import pandas as pd
+from mpmath import iv
+
+from inswsn_lib.errors import ParameterError
+from inswsn_lib.papers.printed import Interval, Printed, admits, interval
+
+
+@dataclass(frozen=True)
+class Reading:
+    """One way in which a column may have been computed.
+
+    Parameters
+    ----------
+    name : str
+        A few words for the reader.
+    compute : callable
+        Takes nothing, returns the column as a list of intervals.
+    """
+
+    name: str
+    compute: Callable[[], Sequence[Interval]]
+
+
+def shifted_mean(x: Sequence[Printed], y: Sequence[Printed], shift: int) -> list[Interval]:
+    r"""Return the column :math:`(x_i + y_{i+s})/2` with a blank counted as zero.
+
+    Parameters
+    ----------
+    x, y : sequence of str
+        Two printed columns of one length.
+    shift : int
+        The row offset :math:`s` of the second column. Rows outside the table are blank, and a
+        blank counts as exactly zero, as it does in a spreadsheet formula.
+
+    Raises
+    ------
+    ParameterError
+        If the columns differ in length.
+    """
+    if len(x) != len(y):
+        raise ParameterError("y", len(y), f"a column of {len(x)} rows, as many as x has")
+    others = list(y)  # by position, whatever the labels of the rows
+    column = []
+    for i, cell in enumerate(x):
+        j = i + shift
+        other = interval(others[j]) if 0 <= j < len(others) else iv.mpf(0)
+        column.append((interval(cell) + other) / 2)
+    return column
+
+
+def offset_scores(
+    x: Sequence[Printed], y: Sequence[Printed], printed: Sequence[Printed]
+) -> dict[int, int]:
+    """Return how many printed means each row offset of the second column admits.
+
+    Parameters
+    ----------
+    x, y, printed : sequence of str
+        Three printed columns of one length.
+
+    Returns
+    -------
+    dict of int to int
+        By offset, from minus to plus the number of rows less one; see `shifted_mean`.
+    """
+    rows = len(x)
+    return {
+        shift: sum(rows_admitted(shifted_mean(x, y, shift), printed))
+        for shift in range(1 - rows, rows)
+    }
+
+
+def chance_assignments(
+    x: Sequence[Printed], y: Sequence[Printed], printed: Sequence[Printed]
+) -> tuple[int, int]:
+    r"""Count the ways to hand out the cells of `y`, one a row, that admit every printed mean.
+
+    The cells of `y` and one blank, which counts as zero, are handed out to the rows, each at most
+    once. The quotient of the two counts is the probability that a random order explains the
+    column as well as a stated reading does.
+
+    Returns
+    -------
+    admitting, all : int
+        The ways that admit every printed mean :math:`(x_i + y_j)/2`, and all ways.
+    """
+    candidates = [*map(interval, y), iv.mpf(0)]
+    fitting = [
+        [j for j, other in enumerate(candidates) if admits((interval(cell) + other) / 2, text)]
+        for cell, text in zip(x, printed, strict=True)
+    ]
+
+    @cache
+    def ways(row: int, used: int) -> int:
+        if row == len(fitting):
+            return 1
+        return sum(ways(row + 1, used | 1 << j) for j in fitting[row] if not used >> j & 1)
+
+    return ways(0, 0), perm(len(candidates), len(fitting))
+
+
+def rows_admitted(computed: Sequence[Interval], printed: Sequence[Printed]) -> list[bool]:
+    """Tell for each row whether the computed interval admits the printed cell.
+
+    Raises
+    ------
+    ParameterError
+        If the columns differ in length.
+    """
+    if len(computed) != len(printed):
+        raise ParameterError("computed", len(computed), f"a column of {len(printed)} rows")
+    return [admits(x, text) for x, text in zip(computed, printed, strict=True)]
+
+
+def score(readings: Iterable[Reading], printed: Sequence[Printed]) -> pd.DataFrame:
+    """Score readings against a printed column.
+
+    Returns
+    -------
+    DataFrame
+        One row a reading, in the order given: ``reading``, ``cells met``, ``of``.
+    """
+    rows = [
+        (reading.name, sum(rows_admitted(reading.compute(), printed)), len(printed))
+        for reading in readings
+    ]
+    return pd.DataFrame(rows, columns=["reading", "cells met", "of"])

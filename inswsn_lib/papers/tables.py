@@ -1,0 +1,68 @@
+"""Reading the transcribed tables and numbers from ``data/papers``, digits and all."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import yaml
+
+from inswsn_lib.errors import InswsnError
+
+
+def read_table(path: Path, index: str) -> pd.DataFrame:
+    """Read a printed table.
+
+    Parameters
+    ----------
+    path : Path
+        A CSV file with a header.
+    index : str
+        The column that names the rows.
+
+    Returns
+    -------
+    DataFrame
+        Every cell a string, exactly as printed.
+
+    Raises
+    ------
+    InswsnError
+        If the file has no such column, a name twice, or a blank cell.
+    """
+    frame = pd.read_csv(path, dtype=str, keep_default_na=False)
+    if index not in frame.columns:
+        raise InswsnError(
+            f"{path.name} has no column {index!r}; it has {', '.join(map(str, frame.columns))}."
+        )
+    if frame[index].duplicated().any():
+        raise InswsnError(f"{path.name} names a row twice in its column {index!r}.")
+    if (frame == "").any(axis=None):
+        raise InswsnError(f"{path.name} has a blank cell; every printed cell has a number.")
+    return frame.set_index(index)
+
+
+def read_numbers(path: Path) -> dict[str, Any]:
+    """Read the printed numbers of a paper's text from YAML, each a string exactly as printed.
+
+    Raises
+    ------
+    InswsnError
+        If the file holds a number that is not a string, which would lose its digits.
+    """
+    content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    _refuse_numbers(content, path.name)
+    assert isinstance(content, dict)
+    return content
+
+
+def _refuse_numbers(node: Any, where: str) -> None:
+    if isinstance(node, dict):
+        for key, value in node.items():
+            _refuse_numbers(value, f"{where}: {key}")
+    elif isinstance(node, list):
+        for value in node:
+            _refuse_numbers(value, where)
+    elif not isinstance(node, str):
+        raise InswsnError(f"{where} is {node!r}; a printed number is a quoted string.")

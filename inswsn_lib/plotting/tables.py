@@ -1,0 +1,50 @@
+"""Tables: numbered and captioned in the book, plain HTML in a notebook."""
+
+from __future__ import annotations
+
+import pandas as pd
+from IPython.display import display
+
+from inswsn_lib.errors import ParameterError
+
+
+def tick(held: bool) -> str:
+    """Return "yes" or "no" for a table cell: words, since a colour alone tells nobody."""
+    return "yes" if held else "no"
+
+
+def show_table(frame: pd.DataFrame, *, name: str, caption: str) -> None:
+    """Show a table with a caption; in the book it is numbered and can be referred to.
+
+    Parameters
+    ----------
+    frame : DataFrame
+        The table; its index names the rows. Cells are written with ``str`` and may hold MyST
+        Markdown.
+    name : str
+        The label that ``{numref}`` uses, for example ``"tbl-table1-means"``.
+    caption : str
+        What to see in it, one line of MyST Markdown.
+
+    Raises
+    ------
+    ParameterError
+        If the caption or a cell has more than one line.
+    """
+    cells = [[str(frame.index.name or ""), *map(str, frame.columns)]]
+    cells += [[str(label), *map(str, row)] for label, row in zip(frame.index, frame.to_numpy(), strict=True)]
+    for text in (caption, *(cell for row in cells for cell in row)):
+        if "\n" in text:
+            raise ParameterError("caption or cell", text, "one line")
+    lines = [f"```{{list-table}} {caption}", f":name: {name}", ":header-rows: 1", ":stub-columns: 1", ""]
+    for row in cells:
+        lines += [f"{'* -' if i == 0 else '  -'} {cell}".rstrip() for i, cell in enumerate(row)]
+    lines.append("```")
+    display(
+        {
+            "text/markdown": "\n".join(lines),
+            "text/html": frame.to_html(),
+            "text/plain": f"{caption}\n\n{frame.to_string()}",
+        },
+        raw=True,
+    )
