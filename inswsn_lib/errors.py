@@ -10,6 +10,13 @@ class InswsnError(ValueError):
     """
 
 
+class BuildError(RuntimeError):
+    """The book cannot be built as it is; the message says where and why, at the length it needs.
+
+    The command line prints the message and ends with exit status 1.
+    """
+
+
 class ParameterError(InswsnError):
     """A parameter has a value it may not have.
 

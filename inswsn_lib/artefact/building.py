@@ -11,6 +11,7 @@ from inswsn_lib.artefact.execution import execute_chapters
 from inswsn_lib.artefact.progress import Progress
 from inswsn_lib.artefact.project import Project
 from inswsn_lib.artefact.rendering import render_book
+from inswsn_lib.claims import write_results
 from inswsn_lib.errors import InswsnError
 
 
@@ -45,6 +46,8 @@ def build_book(
     with _alone(project):
         executed = execute_chapters(project, chapters, progress, fresh=fresh, jobs=jobs)
         rendered = render_book(project, executed, fresh=fresh)
+        for entry in executed:
+            write_results(entry.results, project.results / f"{entry.chapter.number}.json")
     progress.say("book: rendered" if rendered else "book: unchanged")
 
 

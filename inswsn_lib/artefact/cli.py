@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import sys
 from pathlib import Path
 
@@ -10,7 +11,7 @@ import click
 from inswsn_lib import __version__
 from inswsn_lib.artefact.project import Project
 from inswsn_lib.checkout import find_root, is_checkout
-from inswsn_lib.errors import InswsnError
+from inswsn_lib.errors import BuildError, InswsnError
 
 
 @click.group()
@@ -23,21 +24,26 @@ from inswsn_lib.errors import InswsnError
 @click.pass_context
 def cli(context: click.Context, root: Path | None) -> None:
     """Rebuild three papers on integrated navigation, chapter by chapter."""
+    context.obj = root
+
+
+def _project(root: Path | None) -> Project:
+    # found when a command runs, so that its help needs no checkout
     if root is not None and not is_checkout(root):
         raise InswsnError(f"--root is {str(root)!r}; it may be the folder of a checkout of inswsn.")
-    context.obj = Project(root.resolve() if root else find_root())
+    return Project(root.resolve() if root else find_root())
 
 
 @cli.command()
 @click.option("--fresh", is_flag=True, help="Ignore the cache: execute and render everything.")
 @click.option("--jobs", type=click.IntRange(min=1), help="Chapters at once. Default: one a core.")
 @click.pass_obj
-def book(project: Project, fresh: bool, jobs: int | None) -> None:
+def book(root: Path | None, fresh: bool, jobs: int | None) -> None:
     """Execute the chapters that changed and render the book."""
-    # imported here so that the other commands start without papermill and Sphinx
     from inswsn_lib.artefact.building import build_book
     from inswsn_lib.artefact.progress import Progress
 
+    project = _project(root)
     with Progress() as progress:
         build_book(project, progress, fresh=fresh, jobs=jobs)
     click.echo(f"Open {project.site / 'index.html'} in a browser, or run: make serve")
@@ -46,10 +52,11 @@ def book(project: Project, fresh: bool, jobs: int | None) -> None:
 @cli.command()
 @click.option("--check", is_flag=True, help="Only tell whether the twins are up to date.")
 @click.pass_obj
-def notebooks(project: Project, check: bool) -> None:
+def notebooks(root: Path | None, check: bool) -> None:
     """Write the .ipynb twins of the chapters."""
     from inswsn_lib.artefact.notebooks import stale_twins, write_twins
 
+    project = _project(root)
     if check:
         stale = stale_twins(project.chapters())
         for chapter in stale:
@@ -65,10 +72,11 @@ def notebooks(project: Project, check: bool) -> None:
 @click.option("--port", type=click.IntRange(0, 65535), default=8000, show_default=True)
 @click.option("--browser/--no-browser", default=True, help="Open the book in the browser.")
 @click.pass_obj
-def serve(project: Project, port: int, browser: bool) -> None:
+def serve(root: Path | None, port: int, browser: bool) -> None:
     """Show the built book from this machine."""
     from inswsn_lib.artefact.serving import address, make_server, open_in_browser
 
+    project = _project(root)
     with make_server(project.site, port) as server:
         click.echo(f"The book is at {address(server)} (stop with Ctrl-C)")
         if browser:
@@ -82,10 +90,11 @@ def serve(project: Project, port: int, browser: bool) -> None:
 @cli.command()
 @click.option("--check", is_flag=True, help="Only tell whether the locks fit; uses no network.")
 @click.pass_obj
-def lock(project: Project, check: bool) -> None:
+def lock(root: Path | None, check: bool) -> None:
     """Compile environment.in to environment.lock."""
     from inswsn_lib.artefact.environment import compile_locks, lock_problems
 
+    project = _project(root)
     if not check:
         compile_locks(project)
     problems = lock_problems(project)
@@ -98,11 +107,12 @@ def lock(project: Project, check: bool) -> None:
 @cli.command()
 @click.option("--check", is_flag=True, help="Only show what would change.")
 @click.pass_obj
-def publish(project: Project, check: bool) -> None:
+def publish(root: Path | None, check: bool) -> None:
     """Make the results of the last build the reference results."""
     from inswsn_lib.artefact.publishing import changes_since_published
     from inswsn_lib.artefact.publishing import publish as publish_results
 
+    project = _project(root)
     for number, changes in changes_since_published(project).items():
         for change in changes:
             mark = "!" if change.beyond_tolerance else " "
@@ -112,14 +122,17 @@ def publish(project: Project, check: bool) -> None:
             click.echo(f"wrote data/published/{number}.json")
 
 
+def _stop(*_: object) -> None:
+    raise KeyboardInterrupt
+
+
 def main() -> None:
     """Run the command; a user's mistake is one sentence and exit status 2."""
+    # a job that is cancelled ends as cleanly as one that is interrupted from the keyboard
+    signal.signal(signal.SIGTERM, _stop)
     try:
         status = cli.main(standalone_mode=False, prog_name="inswsn")
-    except click.exceptions.Abort:
-        click.echo("inswsn: stopped.", err=True)
-        sys.exit(130)
-    except KeyboardInterrupt:
+    except (click.exceptions.Abort, KeyboardInterrupt):
         click.echo("inswsn: stopped.", err=True)
         sys.exit(130)
     except click.ClickException as error:
@@ -132,7 +145,7 @@ def main() -> None:
         what = f" {error.filename}" if error.filename else ""
         click.echo(f"inswsn: cannot read or write{what}: {error.strerror or error}.", err=True)
         sys.exit(2)
-    except RuntimeError as error:
+    except BuildError as error:
         click.echo(f"inswsn: {error}", err=True)
         sys.exit(1)
     sys.exit(status or 0)

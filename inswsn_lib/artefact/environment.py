@@ -107,15 +107,15 @@ def _torch_lock(root: Path) -> str:
             root,
         )
         (wheel,) = folder.glob("*.whl")
-        cpu = (
-            f"torch=={version}+cpu ; {_PLATFORM} \\\n    --hash=sha256:{file_digest(wheel)}\n"
-        )
+        cpu = f"torch=={version}+cpu ; {_PLATFORM} \\\n    --hash=sha256:{file_digest(wheel)}\n"
         _run(
             [*_uv(), "--no-deps", "--no-annotate", "environment-torch.in", "-o", f"{name}/rest"],
             root,
         )
         rest = (folder / "rest").read_text(encoding="utf-8")
-    return _TORCH_HEADER + cpu + rest.replace(f"=={version} \\", f"=={version} ; {_ELSEWHERE} \\", 1)
+    return (
+        _TORCH_HEADER + cpu + rest.replace(f"=={version} \\", f"=={version} ; {_ELSEWHERE} \\", 1)
+    )
 
 
 def _run(command: list[str], folder: Path) -> None:
@@ -156,7 +156,9 @@ def _requirements(path: Path) -> Iterator[Requirement]:
             try:
                 yield Requirement(text)
             except InvalidRequirement:
-                raise InswsnError(f"{path.name} has the line {text!r}, which names no package.") from None
+                raise InswsnError(
+                    f"{path.name} has the line {text!r}, which names no package."
+                ) from None
 
 
 def _unmet(
@@ -171,6 +173,6 @@ def _unmet(
         for version in pin.versions:
             if not requirement.specifier.contains(version, prereleases=True):
                 problems.append(
-                    f"{source} asks for {requirement}, and {lock} pins {requirement.name} {version}."
+                    f"{source} asks for {requirement}; {lock} pins {requirement.name} {version}."
                 )
     return problems

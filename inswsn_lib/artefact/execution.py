@@ -17,16 +17,17 @@ from typing import Any
 import nbformat
 
 from inswsn_lib.artefact.cache import Executed, chapter_key, lookup, store
-from inswsn_lib.artefact.notebooks import read_source, strip_run
+from inswsn_lib.artefact.notebooks import notebook_text, read_source, strip_run
 from inswsn_lib.artefact.progress import Progress
 from inswsn_lib.artefact.project import Chapter, Project
 from inswsn_lib.checkout import RESULTS_VARIABLE, ROOT_VARIABLE
 from inswsn_lib.claims import read_results
+from inswsn_lib.errors import BuildError
 
 _STOP_SECONDS = 10.0
 
 
-class ChapterError(RuntimeError):
+class ChapterError(BuildError):
     """A chapter failed; the message names the chapter and the cell and holds the traceback."""
 
 
@@ -169,10 +170,15 @@ def _execute(
                 f"Chapter {chapter.name} wrote no results file {chapter.number}.json: "
                 "its last code cell calls record.write()."
             )
+        results = read_results(results_path)
+        untrue = [sentence for sentence, held in results.sentences.items() if not held]
+        if untrue:
+            listing = "\n".join(f"  {sentence}" for sentence in untrue)
+            raise ChapterError(
+                f"Chapter {chapter.name} has sentences that its results do not bear out:\n{listing}"
+            )
         executed = strip_run(nbformat.read(folder / "executed.ipynb", as_version=4))
-        entry = store(
-            project, chapter, key, nbformat.writes(executed) + "\n", read_results(results_path)
-        )
+        entry = store(project, chapter, key, notebook_text(executed), results)
     progress.finished(chapter.name)
     return entry
 
@@ -226,5 +232,3 @@ def _follow(chapter: Chapter, process: subprocess.Popen[str], progress: Progress
         f"Chapter {chapter.name} ended in {place} with status {process.returncode}:\n"
         + "".join(noise)
     )
-
-

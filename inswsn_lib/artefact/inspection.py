@@ -54,7 +54,7 @@ def _inspect_page(site: Path, page: Path) -> list[str]:
 
 def _inspect_target(site: Path, page: Path, tag: Tag, target: str) -> list[str]:
     parts = urlsplit(target)
-    if parts.scheme == "data" or parts.scheme == "mailto":
+    if parts.scheme in {"data", "mailto"}:
         return []
     if parts.scheme or parts.netloc:
         if tag.name in _FETCHED and tag.get("rel") != ["canonical"]:
@@ -63,10 +63,8 @@ def _inspect_target(site: Path, page: Path, tag: Tag, target: str) -> list[str]:
     path = page if not parts.path else (page.parent / unquote(parts.path)).resolve()
     if path.is_dir():
         path /= "index.html"
-    if not path.is_relative_to(site.resolve()) and path != page:
-        return [f"{target} leads out of the site."]
-    if not path.is_file():
-        return [f"{target} leads to no file."]
+    if not path.is_file() or not (path == page or path.is_relative_to(site.resolve())):
+        return [f"{target} leads to no file of the site."]
     if parts.fragment and path.suffix == ".html" and unquote(parts.fragment) not in _names(path):
         return [f"{target} leads to no element of {path.name}."]
     return []

@@ -40,7 +40,8 @@ def read_source(chapter: Chapter) -> Any:
     except Exception as error:  # jupytext has no error class of its own for a broken source
         first = str(error).strip().splitlines()
         raise InswsnError(
-            f"chapters/{chapter.source.name} is not a MyST notebook: {first[0] if first else error!r}."
+            f"chapters/{chapter.source.name} is not a MyST notebook: "
+            f"{first[0] if first else repr(error)}."
         ) from None
     for place, cell in enumerate(notebook.cells):
         cell["id"] = f"ch{chapter.number}-{place:03d}"
@@ -69,7 +70,12 @@ def twin_text(chapter: Chapter) -> str:
     InswsnError
         As `read_source`.
     """
-    return nbformat.writes(read_source(chapter)) + "\n"
+    return notebook_text(read_source(chapter))
+
+
+def notebook_text(notebook: Any) -> str:
+    """Return a notebook as the text of an .ipynb file, with a line end at its end."""
+    return str(nbformat.writes(notebook)) + "\n"
 
 
 def write_twins(chapters: list[Chapter]) -> list[Chapter]:

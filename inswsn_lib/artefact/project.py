@@ -91,7 +91,9 @@ class Project:
         InswsnError
             If there is none, a name does not fit ``NN-words``, or a number is used twice.
         """
-        chapters = [Chapter(path.stem, path) for path in sorted((self.root / "chapters").glob("*.md"))]
+        chapters = [
+            Chapter(path.stem, path) for path in sorted((self.root / "chapters").glob("*.md"))
+        ]
         if not chapters:
             raise InswsnError(f"There is no chapter in {self.root / 'chapters'}.")
         for chapter in chapters:

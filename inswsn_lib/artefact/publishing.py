@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from inswsn_lib.artefact.project import Project
+from inswsn_lib.artefact.cache import chapter_key, lookup
+from inswsn_lib.artefact.project import Chapter, Project
 from inswsn_lib.claims import Change, Results, compare, read_results, write_results
 from inswsn_lib.errors import InswsnError
 
 
 def changes_since_published(project: Project) -> dict[str, list[Change]]:
-    """Return how the last build differs from the reference results.
+    """Return how the build of the present sources differs from the reference results.
 
     Returns
     -------
@@ -18,42 +19,45 @@ def changes_since_published(project: Project) -> dict[str, list[Change]]:
     Raises
     ------
     InswsnError
-        If a chapter has no results from a build.
+        If a chapter has not been built as it is now.
     """
     return {
-        chapter.number: compare(_reference(project, chapter.number), _built(project, chapter.number))
+        chapter.number: compare(_reference(project, chapter), _built(project, chapter))
         for chapter in project.chapters()
     }
 
 
 def publish(project: Project) -> list[str]:
-    """Make the results of the last build the reference; return the numbers of changed chapters.
+    """Make the results of the present build the reference; return the changed chapters' numbers.
 
     Raises
     ------
     InswsnError
-        If a chapter has no results from a build; then nothing is written.
+        If a chapter has not been built as it is now; then nothing is written.
     OSError
         If ``data/published`` cannot be written.
     """
-    built = {chapter.number: _built(project, chapter.number) for chapter in project.chapters()}
+    built = [(chapter, _built(project, chapter)) for chapter in project.chapters()]
     changed = [
-        number for number, results in built.items() if results != _reference(project, number)
+        (chapter, results) for chapter, results in built if results != _reference(project, chapter)
     ]
-    for number in changed:
-        write_results(built[number], project.published / f"{number}.json")
-    return changed
+    for chapter, results in changed:
+        write_results(results, project.published / f"{chapter.number}.json")
+    return [chapter.number for chapter, _ in changed]
 
 
-def _built(project: Project, number: str) -> Results:
-    path = project.results / f"{number}.json"
+def _built(project: Project, chapter: Chapter) -> Results:
+    # from the cache and not from results/, where a run with other parameters may have written
+    entry = lookup(project, chapter, chapter_key(project, chapter, {}))
+    if entry is None:
+        raise InswsnError(
+            f"Chapter {chapter.number} has not been built as it is now; build it first: make book."
+        )
+    return entry.results
+
+
+def _reference(project: Project, chapter: Chapter) -> Results:
+    path = project.published / f"{chapter.number}.json"
     if not path.is_file():
-        raise InswsnError(f"Chapter {number} has no results; build the book first: make book.")
-    return read_results(path)
-
-
-def _reference(project: Project, number: str) -> Results:
-    path = project.published / f"{number}.json"
-    if not path.is_file():
-        return Results(chapter=number, parameters={}, data={}, quantities=())
+        return Results(chapter=chapter.number, parameters={}, data={}, quantities=())
     return read_results(path)

@@ -16,15 +16,16 @@ import nbformat
 
 from inswsn_lib.artefact.cache import Executed
 from inswsn_lib.artefact.inspection import inspect_site
+from inswsn_lib.artefact.notebooks import notebook_text
 from inswsn_lib.artefact.project import Project
-from inswsn_lib.claims import write_results
+from inswsn_lib.errors import BuildError
 from inswsn_lib.files import tree_digest, write_whole
 
 _KEY_FILE = ".inswsn-key"
 _WARNING = re.compile(r"\b(WARNING|ERROR|CRITICAL|SEVERE)\b")
 
 
-class RenderingError(RuntimeError):
+class RenderingError(BuildError):
     """The book could not be rendered, or what was rendered does not hold together."""
 
 
@@ -73,8 +74,6 @@ def render_book(project: Project, chapters: Sequence[Executed], *, fresh: bool =
             raise RenderingError(f"The rendered book does not hold together:\n{listing}")
         write_whole(site / _KEY_FILE, key)
         _swap(site, project.site, stage / "old")
-    for executed in chapters:
-        write_results(executed.results, project.results / f"{executed.chapter.number}.json")
     return True
 
 
@@ -99,7 +98,7 @@ def _place_chapters(project: Project, chapters: Sequence[Executed]) -> None:
             path.unlink()
     for executed in chapters:
         notebook = nbformat.read(executed.notebook, as_version=4)
-        text = nbformat.writes(with_captions(notebook)) + "\n"
+        text = notebook_text(with_captions(notebook))
         write_whole(folder / f"{executed.chapter.name}.ipynb", text)
 
 
@@ -147,7 +146,12 @@ def _run_jupyter_book(project: Project, stage: Path) -> None:
         *("--all", "-W", "-n", "--keep-going", "-q"),
     ]
     done = subprocess.run(
-        command, cwd=project.root, capture_output=True, text=True, stdin=subprocess.DEVNULL, check=False
+        command,
+        cwd=project.root,
+        capture_output=True,
+        text=True,
+        stdin=subprocess.DEVNULL,
+        check=False,
     )
     said = done.stdout + done.stderr
     warnings = [line for line in said.splitlines() if _WARNING.search(line)]

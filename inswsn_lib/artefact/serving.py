@@ -37,7 +37,8 @@ def make_server(site: Path, port: int) -> ThreadingHTTPServer:
         return ThreadingHTTPServer(("127.0.0.1", port), partial(_QuietHandler, directory=str(site)))
     except OSError as error:
         raise InswsnError(
-            f"Port {port} cannot be used ({error.strerror}); name another one: make serve PORT=8001."
+            f"Port {port} cannot be used ({error.strerror}); "
+            "name another one: make serve PORT=8001."
         ) from None
 
 

@@ -70,9 +70,7 @@ def main() -> None:
     # the parent asks a worker to stop by SIGTERM; nbclient shuts its kernel down on the way out
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
     job = json.loads(sys.argv[1])
-    sys.exit(
-        run(Path(job["source"]), Path(job["target"]), job["parameters"], Path(job["folder"]))
-    )
+    sys.exit(run(Path(job["source"]), Path(job["target"]), job["parameters"], Path(job["folder"])))
 
 
 if __name__ == "__main__":

@@ -44,13 +44,23 @@ class Change:
 
 
 def compare(before: Results, after: Results) -> list[Change]:
-    """Return every quantity that differs at all between two results, in the order of `after`.
+    """Return every quantity that differs at all between two results.
 
-    Quantities that `after` lacks come last.
+    Parameters
+    ----------
+    before, after : Results
+        Two results of one chapter.
+
+    Returns
+    -------
+    list of Change
+        In the order of `after`; quantities that `after` lacks come last.
     """
     old = {quantity.name: quantity for quantity in before.quantities}
     new = {quantity.name: quantity for quantity in after.quantities}
     names = [*new, *(name for name in old if name not in new)]
     return [
-        Change(name, old.get(name), new.get(name)) for name in names if old.get(name) != new.get(name)
+        Change(name, old.get(name), new.get(name))
+        for name in names
+        if old.get(name) != new.get(name)
     ]

@@ -46,6 +46,7 @@ class ChapterRecord:
         self._parameters = parameters
         self._data: dict[str, str] = {}
         self._quantities: dict[str, Quantity] = {}
+        self._sentences: dict[str, bool] = {}
 
     def data(self, name: str) -> Path:
         """Return the path of a file below ``data/`` and note that this chapter reads it.
@@ -113,7 +114,9 @@ class ChapterRecord:
         except ValidationError as error:
             first = error.errors()[0]
             place = ".".join(map(str, first["loc"])) or "interval"
-            raise InswsnError(f"The quantity {name!r} cannot be recorded: {place}: {first['msg']}.") from None
+            raise InswsnError(
+                f"The quantity {name!r} cannot be recorded: {place}: {first['msg']}."
+            ) from None
         if name in self._quantities:
             raise InswsnError(f"The quantity {name!r} is recorded already.")
         self._quantities[name] = quantity
@@ -124,6 +127,28 @@ class ChapterRecord:
         """Make a computed word known to the text as ``{glue:text}`name```, without recording it."""
         _glue(name, text)
 
+    def holds(self, sentence: str, condition: object) -> None:
+        """Bind a sentence of the page to the condition that makes it true.
+
+        The build of the book fails if the condition is false. A rerun with other parameters goes
+        on, and its results file tells which sentences no longer hold.
+
+        Parameters
+        ----------
+        sentence : str
+            The sentence, or its gist in a few words.
+        condition : bool
+            Whether it holds in this run.
+
+        Raises
+        ------
+        InswsnError
+            If the sentence has been bound already.
+        """
+        if sentence in self._sentences:
+            raise InswsnError(f"The sentence {sentence!r} is bound already.")
+        self._sentences[sentence] = bool(condition)
+
     def results(self) -> Results:
         """Return what has been recorded so far."""
         return Results(
@@ -131,6 +156,7 @@ class ChapterRecord:
             parameters=self._parameters,
             data=dict(sorted(self._data.items())),
             quantities=tuple(self._quantities.values()),
+            sentences=self._sentences,
         )
 
     def write(self) -> Results:

@@ -81,13 +81,17 @@ class Results(_Record):
         The files below ``data/`` that it read, with their SHA-256.
     quantities : tuple of Quantity
         In the order in which the chapter recorded them.
+    sentences : dict of str to bool
+        Sentences of the page that rest on results, and whether they hold in this run. In the
+        published run all of them do, or the build fails.
     """
 
-    schema_version: Literal[1] = SCHEMA_VERSION
+    schema_version: Literal[1] = 1
     chapter: Annotated[str, Field(pattern=r"^\d\d$")]
     parameters: dict[Name, bool | int | Finite | str]
     data: dict[str, Digest]
     quantities: tuple[Quantity, ...]
+    sentences: dict[str, bool] = {}
 
     @model_validator(mode="after")
     def _names_are_unique(self) -> Self:
@@ -108,6 +112,13 @@ class Results(_Record):
 def write_results(results: Results, path: Path) -> None:
     """Write a results file, whole or not at all.
 
+    Parameters
+    ----------
+    results : Results
+        What to write.
+    path : Path
+        Where; the folder is made if it is absent.
+
     Raises
     ------
     OSError
@@ -118,6 +129,11 @@ def write_results(results: Results, path: Path) -> None:
 
 def read_results(path: Path) -> Results:
     """Read and check a results file.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
 
     Raises
     ------

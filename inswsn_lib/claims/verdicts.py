@@ -32,5 +32,6 @@ def judge_own_cells(rebuilt: tuple[float, float], published: tuple[float, float]
         Reproduced if the two intervals have a value in common, else contradicted by the paper
         itself.
     """
-    meets = rebuilt[0] <= published[1] and published[0] <= rebuilt[1]
+    # an end that is not a number compares as false, and then nothing is reproduced
+    meets = rebuilt[0] <= rebuilt[1] >= published[0] <= published[1] >= rebuilt[0]
     return Verdict.REPRODUCED if meets else Verdict.CONTRADICTED

@@ -33,27 +33,26 @@ class Motion:
         A few words for the reader.
     degree : int
         Degree of the velocity error as a polynomial in time, 0 to 2.
-    growing : bool
-        True: every coefficient of the polynomial is at least 0 and the position error does not
-        start against it, so both keep one sign and grow. False: any polynomial of that degree,
-        with any initial position error.
+    one_sign : bool
+        True: the velocity error keeps one sign, and the position error starts at zero or with
+        that sign, so both keep it. False: any polynomial, with any initial position error.
     """
 
     name: str
     degree: int
-    growing: bool
+    one_sign: bool
 
     def __post_init__(self) -> None:
         if not 0 <= self.degree <= _MAX_DEGREE:
             raise ParameterError("degree", self.degree, f"a whole number from 0 to {_MAX_DEGREE}")
 
 
-#: The four classes that the book uses, from the narrowest to the widest.
+#: The four classes that the book uses
 MOTIONS = (
-    Motion("of one sign, growing linearly", 1, True),
-    Motion("of one sign, growing quadratically", 2, True),
-    Motion("linear in time, any signs", 1, False),
-    Motion("quadratic in time, any signs", 2, False),
+    Motion("linear, one sign", 1, True),
+    Motion("quadratic, one sign", 2, True),
+    Motion("linear, any signs", 1, False),
+    Motion("quadratic, any signs", 2, False),
 )
 
 
@@ -73,8 +72,7 @@ class DriftBound:
     position, velocity : ndarray, shape (samples,)
         A motion that attains it, for T = 1 s, in m and m/s.
     residual : float
-        Largest violation of the certificate of optimality, relative; 0 where the bound is a
-        closed form.
+        Largest violation of the certificates of optimality, relative.
     """
 
     motion: Motion
@@ -112,22 +110,27 @@ def drift_bound(motion: Motion, samples: int) -> DriftBound:
 
     Notes
     -----
-    Growing motions: the ratio is a quotient of two linear functions of non-negative
-    coefficients, so its minimum lies on a single power :math:`v_k = k^d`.
+    One sign: with :math:`v_k \ge 0` and :math:`p_0 = 0` the least :math:`\overline{p}` with
+    :math:`\overline{v} = 1` is a linear program. Its dual is the largest :math:`\lambda` for which
+    weights :math:`w_k \ge 0` exist with
+    :math:`\overline{p} = \lambda \overline{v} + \sum_k w_k v_k` for all polynomials.
 
     Any signs: :math:`\overline{|v|}` is the largest :math:`\overline{s_k v_k}` over sign
     patterns :math:`s`, and a polynomial of degree :math:`d` changes sign at most :math:`d`
     times. For each pattern the least :math:`\overline{|p|}` with :math:`\overline{s_k v_k} = 1`
-    is a linear program. It is solved in its dual form: the largest :math:`\lambda` for which
-    weights :math:`|w_k| \le 1/n` exist with
-    :math:`\sum_k w_k p_k = \lambda\, \overline{s_k v_k}` for all polynomials. The weights prove
-    the bound without trust in the solver; ``residual`` is how far they miss.
+    is a linear program. Its dual is the largest :math:`\lambda` for which weights
+    :math:`|w_k| \le 1/n` exist with :math:`\sum_k w_k p_k = \lambda\, \overline{s_k v_k}` for all
+    polynomials. The bound is the least :math:`\lambda` of all patterns.
+
+    In both cases the weights prove the bound to whoever has them, whatever solver found them, and
+    a motion that attains it shows that it is the best. ``residual`` is how far the weights of any
+    pattern, or the motion, miss.
     """
     if samples < 4:
         raise ParameterError("samples", samples, "a whole number of at least 4")
     position, velocity = _monomials(motion.degree, samples)
-    if motion.growing:
-        return _growing_bound(motion, samples, position, velocity)
+    if motion.one_sign:
+        return _one_sign_bound(motion, samples, position, velocity)
     return _free_bound(motion, samples, position, velocity)
 
 
@@ -166,37 +169,52 @@ def _monomials(degree: int, samples: int) -> tuple[Array, Array]:
     return np.hstack([travelled, np.ones((samples, 1))]), velocity
 
 
-def _growing_bound(motion: Motion, samples: int, position: Array, velocity: Array) -> DriftBound:
-    ratios = position[:, :-1].mean(axis=0) / (samples * velocity.mean(axis=0))
-    best = int(ratios.argmin())
-    return DriftBound(
-        motion, samples, float(ratios[best]), position[:, best], velocity[:, best], 0.0
+def _one_sign_bound(motion: Motion, samples: int, position: Array, velocity: Array) -> DriftBound:
+    basis, triangle = np.linalg.qr(velocity)
+    ways = position[:, :-1] @ np.linalg.inv(triangle)  # an initial error would only add
+    value, weights, coefficients = _largest_multiplier(
+        basis, ways.mean(axis=0), basis.mean(axis=0), (0.0, np.inf)
     )
+    p, v = ways @ coefficients, basis @ coefficients
+    scale = np.abs(v).mean()
+    residual = max(
+        float(np.abs(ways.mean(axis=0) - value * basis.mean(axis=0) - weights @ basis).max()),
+        -float(weights.min()),
+        -float(v.min() / scale),
+        float(abs(p.mean() / (value * v.mean()) - 1.0)),
+    )
+    return _certified(DriftBound(motion, samples, value / samples, p, v, residual))
 
 
 def _free_bound(motion: Motion, samples: int, position: Array, velocity: Array) -> DriftBound:
     # an orthonormal basis of the position errors keeps the equations well scaled
     basis, triangle = np.linalg.qr(position)
     rates = np.hstack([velocity, np.zeros((samples, 1))]) @ np.linalg.inv(triangle)
-    best_value, best_pattern = np.inf, np.ones(samples)
+    best, best_coefficients, residual = np.inf, np.zeros(basis.shape[1]), 0.0
     for pattern in _sign_patterns(samples, motion.degree):
-        value = _least_mean(basis, pattern @ rates / samples)[0]
-        if value < best_value:
-            best_value, best_pattern = value, pattern
-    target = best_pattern @ rates / samples
-    value, weights, coefficients = _least_mean(basis, target)
-    residual = max(
-        float(np.abs(weights @ basis - value * target).max() / np.abs(value * target).max()),
-        float(samples * np.abs(weights).max() - 1.0),
-        float(abs(np.abs(basis @ coefficients).mean() / value - 1.0)),
-    )
-    if residual > _CERTIFICATE_TOLERANCE:
-        raise InswsnError(
-            f"The drift bound for {samples} samples misses its certificate by {residual:.1e}."
+        target = pattern @ rates / samples
+        value, weights, coefficients = _largest_multiplier(
+            basis, np.zeros(basis.shape[1]), target, (-1 / samples, 1 / samples)
         )
-    return DriftBound(
-        motion, samples, value / samples, basis @ coefficients, rates @ coefficients, residual
-    )
+        residual = max(
+            residual,
+            float(np.abs(weights @ basis + value * target).max() / np.abs(value * target).max()),
+            float(samples * np.abs(weights).max() - 1.0),
+        )
+        if value < best:
+            best, best_coefficients = value, coefficients
+    p, v = basis @ best_coefficients, rates @ best_coefficients
+    residual = max(residual, float(abs(np.abs(p).mean() / (best * np.abs(v).mean()) - 1.0)))
+    return _certified(DriftBound(motion, samples, best / samples, p, v, residual))
+
+
+def _certified(bound: DriftBound) -> DriftBound:
+    if bound.residual > _CERTIFICATE_TOLERANCE:
+        raise InswsnError(
+            f"The drift bound for {bound.samples} samples, velocity error {bound.motion.name}, "
+            f"misses its certificate by {bound.residual:.1e}."
+        )
+    return bound
 
 
 def _sign_patterns(samples: int, changes: int) -> list[Array]:
@@ -210,17 +228,22 @@ def _sign_patterns(samples: int, changes: int) -> list[Array]:
     return patterns
 
 
-def _least_mean(basis: Array, target: Array) -> tuple[float, Array, Array]:
-    """Return the least mean |basis @ c| with target @ c = 1, its dual weights, and c."""
-    samples, size = basis.shape
+def _largest_multiplier(
+    basis: Array, constant: Array, target: Array, limits: tuple[float, float]
+) -> tuple[float, Array, Array]:
+    """Return the largest x with constant = x target + w @ basis, w, and the multipliers.
+
+    The weights w are within limits. The multipliers of the equations are the coefficients of the
+    motion that attains the bound.
+    """
+    samples = basis.shape[0]
     solution = linprog(
         c=np.append(np.zeros(samples), -1.0),
-        A_eq=np.hstack([basis.T, -target[:, None]]),
-        b_eq=np.zeros(size),
-        bounds=[(-1 / samples, 1 / samples)] * samples + [(None, None)],
+        A_eq=np.hstack([basis.T, target[:, None]]),
+        b_eq=constant,
+        bounds=[limits] * samples + [(None, None)],
         method="highs",
     )
     if solution.status != 0:
         raise InswsnError(f"The linear program of the drift bound failed: {solution.message}")
-    # the multipliers of the equations are the coefficients of the motion that attains the bound
-    return float(solution.x[-1]), solution.x[:-1], np.asarray(solution.eqlin.marginals)
+    return float(solution.x[-1]), solution.x[:-1], -np.asarray(solution.eqlin.marginals)

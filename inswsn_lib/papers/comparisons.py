@@ -39,7 +39,7 @@ def reductions(table: pd.DataFrame, better: str, worse: str) -> dict[str, Derive
         Per cent, by column.
     """
     return {
-        column: derive(reduction, table.loc[better, column], table.loc[worse, column])
+        column: derive(reduction, _cell(table, better, column), _cell(table, worse, column))
         for column in COLUMNS
     }
 
@@ -60,7 +60,7 @@ def pooled_reductions(
     """
 
     def total(method: str, axis: str) -> Interval:
-        return sum(interval(table.loc[method, axis + area]) for area in areas)
+        return sum(interval(_cell(table, method, axis + area)) for area in areas)
 
     return {axis: reduction(total(better, axis), total(worse, axis)) for axis in AXES}
 
@@ -99,20 +99,20 @@ def supported(
 
 
 def ordered_columns(table: pd.DataFrame, *methods: str) -> list[str]:
-    """Return the columns in which each method's error is below the next one's, whatever the rounding.
+    """Return the columns in which each method's error is certainly below the next one's.
 
     Parameters
     ----------
     table : DataFrame
         A printed table: one row a method, the columns of `COLUMNS`.
     *methods : str
-        Rows, the smallest error first.
+        Rows, the smallest error first. "Certainly" means: whatever the rounding hides.
     """
     return [
         column
         for column in COLUMNS
         if all(
-            interval(table.loc[a, column]).b < interval(table.loc[b, column]).a
+            interval(_cell(table, a, column)).b < interval(_cell(table, b, column)).a
             for a, b in pairwise(methods)
         )
     ]
@@ -145,3 +145,7 @@ def orders_below(
             )
         )
     ]
+
+
+def _cell(table: pd.DataFrame, row: str, column: str) -> Printed:
+    return str(table.loc[row, column])

@@ -132,17 +132,36 @@ def bounds(x: Interval) -> tuple[float, float]:
 
 
 def admits(x: Interval, text: Printed) -> bool:
-    """Tell whether some value in the interval `x` rounds to the printed number `text`."""
+    """Tell whether some value in an interval rounds to a printed number.
+
+    Parameters
+    ----------
+    x : interval
+        The interval, in the unit of the number.
+    text : str
+        The number as printed.
+    """
     return intersects(x, interval(text))
 
 
 def intersects(x: Interval, y: Interval) -> bool:
-    """Tell whether two closed intervals have a value in common."""
+    """Tell whether two closed intervals have a value in common.
+
+    Parameters
+    ----------
+    x, y : interval
+        Two intervals in one unit.
+    """
     return bool(x.a <= y.b) and bool(y.a <= x.b)
 
 
 def span(low: float, high: float) -> Interval:
-    """Return the closed interval from `low` to `high`.
+    """Return the closed interval between two numbers.
+
+    Parameters
+    ----------
+    low, high : float
+        Its ends.
 
     Raises
     ------
@@ -157,6 +176,11 @@ def span(low: float, high: float) -> Interval:
 def meet(x: Interval, y: Interval) -> Interval:
     """Return the interval of the values that two closed intervals have in common.
 
+    Parameters
+    ----------
+    x, y : interval
+        Two intervals in one unit.
+
     Raises
     ------
     ParameterError
@@ -168,7 +192,13 @@ def meet(x: Interval, y: Interval) -> Interval:
 
 
 def root(x: Interval) -> Interval:
-    """Return the interval of the square roots of the values in `x`, which are not negative."""
+    """Return the interval of the square roots of the values in an interval.
+
+    Raises
+    ------
+    ParameterError
+        If `x` holds a negative value.
+    """
     if x.a < 0:
         raise ParameterError("x", bounds(x), "an interval without negative values")
     return iv.sqrt(x)
@@ -189,6 +219,11 @@ def mean(*cells: Interval) -> Interval:
 
 def reduction(after: Interval, before: Interval) -> Interval:
     r"""Return the reduction :math:`100\,(1 - \text{after}/\text{before})` in per cent.
+
+    Parameters
+    ----------
+    after, before : interval
+        Two errors in one unit, independent of each other.
 
     Raises
     ------

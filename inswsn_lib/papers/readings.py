@@ -90,7 +90,12 @@ def chance_assignments(
 
     The cells of `y` and one blank, which counts as zero, are handed out to the rows, each at most
     once. The quotient of the two counts is the probability that a random order explains the
-    column as well as a stated reading does.
+    whole column.
+
+    Parameters
+    ----------
+    x, y, printed : sequence of str
+        Three printed columns of one length.
 
     Returns
     -------
@@ -115,6 +120,13 @@ def chance_assignments(
 def rows_admitted(computed: Sequence[Interval], printed: Sequence[Printed]) -> list[bool]:
     """Tell for each row whether the computed interval admits the printed cell.
 
+    Parameters
+    ----------
+    computed : sequence of interval
+        What a reading gives.
+    printed : sequence of str
+        What the paper prints.
+
     Raises
     ------
     ParameterError
@@ -127,6 +139,13 @@ def rows_admitted(computed: Sequence[Interval], printed: Sequence[Printed]) -> l
 
 def score(readings: Iterable[Reading], printed: Sequence[Printed]) -> pd.DataFrame:
     """Score readings against a printed column.
+
+    Parameters
+    ----------
+    readings : iterable of Reading
+        The readings, named before they are scored.
+    printed : sequence of str
+        The column.
 
     Returns
     -------

@@ -27,7 +27,7 @@ COLOURS = {
     "rival": "#a6558a",
 }
 
-_STYLE: dict[str, Any] = {
+_STYLE: Any = {  # a dict; matplotlib types its keys one by one
     "font.family": "DejaVu Sans",
     "font.size": 10.5,
     "axes.titlesize": 10.5,
@@ -74,7 +74,15 @@ def figure(
 
 
 def percent_axis(axes: Axes, which: str = "x") -> None:
-    """Write the ticks of an axis ("x" or "y") as per cent."""
+    """Write the ticks of an axis as per cent.
+
+    Parameters
+    ----------
+    axes : matplotlib.axes.Axes
+        The axes, with values in per cent.
+    which : {"x", "y"}
+        The axis.
+    """
     axis = axes.xaxis if which == "x" else axes.yaxis
     axis.set_major_formatter(mpl.ticker.PercentFormatter(decimals=0))
 

@@ -32,11 +32,20 @@ def show_table(frame: pd.DataFrame, *, name: str, caption: str) -> None:
         If the caption or a cell has more than one line.
     """
     cells = [[str(frame.index.name or ""), *map(str, frame.columns)]]
-    cells += [[str(label), *map(str, row)] for label, row in zip(frame.index, frame.to_numpy(), strict=True)]
+    cells += [
+        [str(label), *map(str, row)]
+        for label, row in zip(frame.index, frame.to_numpy(), strict=True)
+    ]
     for text in (caption, *(cell for row in cells for cell in row)):
         if "\n" in text:
             raise ParameterError("caption or cell", text, "one line")
-    lines = [f"```{{list-table}} {caption}", f":name: {name}", ":header-rows: 1", ":stub-columns: 1", ""]
+    lines = [
+        f"```{{list-table}} {caption}",
+        f":name: {name}",
+        ":header-rows: 1",
+        ":stub-columns: 1",
+        "",
+    ]
     for row in cells:
         lines += [f"{'* -' if i == 0 else '  -'} {cell}".rstrip() for i, cell in enumerate(row)]
     lines.append("```")

@@ -1,0 +1,266 @@
+"""The whole way on a small project: what a build does, and how it fails."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from conftest import MiniProject, run_command
+
+from inswsn_lib.claims import read_results
+
+CELL = "```{{code-cell}} ipython3\n{}\n```"
+
+
+def state(site: Path) -> dict[str, bytes]:
+    return {str(p.relative_to(site)): p.read_bytes() for p in site.rglob("*") if p.is_file()}
+
+
+def leftovers(project: MiniProject) -> list[str]:
+    return [p.name for p in project.build.iterdir() if p.name.startswith(("run-", "render-"))]
+
+
+@pytest.fixture
+def built(mini: MiniProject) -> MiniProject:
+    """The small project after a first, good build."""
+    done = run_command(mini.root, "book")
+    assert done.returncode == 0, done.stderr
+    return mini
+
+
+def test_a_build_and_the_builds_after_it(mini: MiniProject) -> None:
+    done = run_command(mini.root, "book")
+    assert done.returncode == 0, done.stderr
+    assert f"Open {mini.site / 'index.html'}" in done.stdout
+    assert "00-mini: executed" in done.stderr
+    page = (mini.site / "chapters" / "00-mini.html").read_text()
+    assert "The number is" in page
+    assert ">42<" in page
+    assert read_results(mini.results / "00.json")["twice"].value == 42.0
+    assert leftovers(mini) == []
+
+    # nothing changed: nothing is executed, nothing rendered, the site is not touched
+    before = state(mini.site)
+    done = run_command(mini.root, "book")
+    assert "00-mini: unchanged" in done.stderr
+    assert "book: unchanged" in done.stderr
+    assert state(mini.site) == before
+
+    # a page changed: rendered, not executed
+    mini.page("# Mini\n\nAnother page.\n")
+    done = run_command(mini.root, "book")
+    assert "00-mini: unchanged" in done.stderr
+    assert "Another page." in (mini.site / "index.html").read_text()
+
+    # the data changed: executed
+    (mini.root / "data" / "papers" / "number.txt").write_text("1")
+    done = run_command(mini.root, "book")
+    assert "00-mini: executed" in done.stderr
+    assert read_results(mini.results / "00.json")["twice"].value == 2.0
+
+    # nothing changed, but the user wants all of it anew
+    done = run_command(mini.root, "book", "--fresh")
+    assert "00-mini: executed" in done.stderr
+    assert "book: rendered" in done.stderr
+
+
+def test_a_raising_cell(built: MiniProject) -> None:
+    before = state(built.site)
+    built.chapter(CELL.format("reason = 'the sky fell'\nraise RuntimeError(reason)"))
+    done = run_command(built.root, "book")
+    assert done.returncode == 1
+    assert "Chapter 00-mini failed in cell 4 of 6 (ch00-004)" in done.stderr
+    assert "raise RuntimeError(reason)" in done.stderr
+    assert "RuntimeError" in done.stderr
+    assert "the sky fell" in done.stderr
+    assert state(built.site) == before
+    assert leftovers(built) == []
+
+
+def test_a_kernel_that_dies(built: MiniProject) -> None:
+    before = state(built.site)
+    built.chapter(CELL.format("import os\nos._exit(1)"))
+    done = run_command(built.root, "book")
+    assert done.returncode == 1
+    assert "Chapter 00-mini failed in cell 4 of 6 (ch00-004)" in done.stderr
+    assert "Traceback" not in done.stderr
+    assert state(built.site) == before
+
+
+def test_a_chapter_that_writes_no_results(mini: MiniProject) -> None:
+    (chapter,) = mini.chapters()
+    chapter.source.write_text(chapter.source.read_text().replace("record.write()", "pass"))
+    done = run_command(mini.root, "book")
+    assert done.returncode == 1
+    assert "Chapter 00-mini wrote no results file 00.json" in done.stderr
+
+
+def test_a_sentence_that_is_not_so(built: MiniProject) -> None:
+    before = state(built.site)
+    built.chapter(CELL.format("record.holds('Twice the number is odd.', 2 * number % 2 == 1)"))
+    done = run_command(built.root, "book")
+    assert done.returncode == 1
+    assert "has sentences that its results do not bear out" in done.stderr
+    assert "Twice the number is odd." in done.stderr
+    assert state(built.site) == before
+
+
+@pytest.mark.parametrize(
+    ("page", "said"),
+    [
+        ("# Mini\n\nSee {ref}`nowhere`.\n", "undefined label: 'nowhere'"),
+        ("# Mini\n\nSee {numref}`fig-nowhere`.\n", "undefined label: 'fig-nowhere'"),
+        ("# Mini\n\nSee {py:func}`inswsn_lib.nothing`.\n", "inswsn_lib.nothing"),
+        ("# Mini\n\nSee [there](nothing.md).\n", "nothing.md"),
+        ("# Mini\n\n```{figure} _static/nothing.png\nA figure.\n```\n", "nothing.png"),
+        ('# Mini\n\n<img src="_static/nothing.png" alt="A figure">\n', "nothing.png"),
+        ('# Mini\n\n<a href="chapters/00-mini.html#nothing">there</a>\n', "#nothing"),
+        ("# Mini\n\n![](_static/favicon.svg)\n", "alternative text"),
+    ],
+    ids=[
+        "reference",
+        "figure reference",
+        "API reference",
+        "link",
+        "missing figure",
+        "missing image",
+        "missing anchor",
+        "no alternative text",
+    ],
+)
+def test_a_page_that_does_not_hold_together(built: MiniProject, page: str, said: str) -> None:
+    before = state(built.site)
+    built.page(page)
+    for _ in range(2):  # the second build fails as the first does
+        done = run_command(built.root, "book")
+        assert done.returncode == 1, done.stdout + done.stderr
+        assert said in done.stderr
+    assert state(built.site) == before
+    assert leftovers(built) == []
+
+
+def start_slow_build(project: MiniProject) -> tuple[subprocess.Popen[str], int]:
+    """Start a build whose chapter sleeps; return it and its kernel's process id once it does."""
+    marker = project.root / "kernel-pid"
+    project.chapter(
+        CELL.format(
+            "import os, pathlib, time\n"
+            f"pathlib.Path({str(marker)!r}).write_text(str(os.getpid()))\n"
+            "time.sleep(120)"
+        )
+    )
+    process = subprocess.Popen(
+        [sys.executable, "-m", "inswsn_lib", "--root", str(project.root), "book"],
+        stderr=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    for _ in range(600):
+        if marker.is_file() and (text := marker.read_text()):
+            return process, int(text)
+        time.sleep(0.1)
+    process.kill()
+    raise AssertionError("the chapter did not start within a minute")
+
+
+def ends(pid: int, seconds: float = 15.0) -> bool:
+    deadline = time.monotonic() + seconds
+    while time.monotonic() < deadline:
+        try:
+            os.kill(pid, 0)
+        except ProcessLookupError:
+            return True
+        time.sleep(0.1)
+    return False
+
+
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM], ids=["Ctrl-C", "terminated"])
+def test_an_interrupted_build(built: MiniProject, how: signal.Signals) -> None:
+    before = state(built.site)
+    process, kernel = start_slow_build(built)
+    process.send_signal(how)
+    _, said = process.communicate(timeout=60)
+    assert process.returncode == 130, said
+    assert said.strip().endswith("inswsn: stopped.")
+    assert ends(kernel), "the kernel was left running"
+    assert state(built.site) == before
+    assert leftovers(built) == []
+    built.chapter()
+    assert run_command(built.root, "book").returncode == 0  # and the next build is as good as ever
+
+
+def test_two_builds_at_once(built: MiniProject) -> None:
+    process, _ = start_slow_build(built)
+    try:
+        done = run_command(built.root, "book")
+        assert done.returncode == 2
+        assert "Another build of" in done.stderr
+        assert len(done.stderr.strip().splitlines()) == 1
+    finally:
+        process.send_signal(signal.SIGINT)
+        process.communicate(timeout=60)
+
+
+def without_override() -> None:
+    """Give up root's right to write where the file mode forbids it; others never had it."""
+    drop_from_bounding_set, dac_override, dac_read_search = 24, 1, 2
+    libc = ctypes.CDLL(None, use_errno=True)
+    for capability in (dac_override, dac_read_search):
+        libc.prctl(drop_from_bounding_set, capability, 0, 0, 0)
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="file modes are tested on Linux.")
+def test_a_read_only_target(built: MiniProject) -> None:
+    before = state(built.site)
+    built.page("# Mini\n\nAnother page.\n")
+    folders = [built.build, *(p for p in built.build.rglob("*") if p.is_dir())]
+    for folder in folders:
+        folder.chmod(0o555)
+    try:
+        done = run_command(built.root, "book", preexec_fn=without_override)
+    finally:
+        for folder in folders:
+            folder.chmod(0o755)
+    assert done.returncode == 2, done.stderr
+    (sentence,) = done.stderr.strip().splitlines()[-1:]
+    assert sentence.startswith("inswsn: cannot read or write")
+    assert "Permission denied" in sentence
+    assert "Traceback" not in done.stderr
+    assert state(built.site) == before
+
+
+def test_a_file_where_the_target_should_be(mini: MiniProject) -> None:
+    mini.build.write_text("in the way")
+    done = run_command(mini.root, "book")
+    assert done.returncode == 2
+    assert "inswsn: cannot read or write" in done.stderr
+    assert mini.build.read_text() == "in the way"
+
+
+def test_chapters_run_side_by_side(mini: MiniProject) -> None:
+    # each of the two waits for the other's mark: one after the other, neither would end
+    source = (mini.root / "chapters" / "00-mini.md").read_text()
+    for number, other in (("00", "01"), ("01", "00")):
+        wait = CELL.format(
+            "import pathlib, time\n"
+            f"here = pathlib.Path({str(mini.root)!r})\n"
+            f"(here / 'mark-{number}').touch()\n"
+            "for _ in range(600):\n"
+            f"    if (here / 'mark-{other}').exists():\n        break\n"
+            "    time.sleep(0.1)\n"
+            "else:\n    raise TimeoutError"
+        )
+        text = source.replace('ChapterRecord("00"', f'ChapterRecord("{number}"')
+        text = text.replace("The number is", f"{wait}\n\nThe number is")
+        (mini.root / "chapters" / f"{number}-mini.md").write_text(text)
+    with (mini.root / "book" / "_toc.yml").open("a") as toc:
+        toc.write("  - file: chapters/01-mini\n")
+    done = run_command(mini.root, "book", "--jobs", "2", timeout=180)
+    assert done.returncode == 0, done.stderr

@@ -1,0 +1,103 @@
+"""What makes a chapter due again, and what does not."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from inswsn_lib.artefact.cache import chapter_key, lookup, store
+from inswsn_lib.artefact.project import Project
+from inswsn_lib.claims import Results
+from inswsn_lib.files import file_digest
+
+
+@pytest.fixture
+def library(mini: Project) -> Path:
+    path = mini.root / "inswsn_lib" / "a.py"
+    path.parent.mkdir()
+    path.write_text("x = 1\n")
+    return path
+
+
+def append(name: str) -> Callable[[Path], None]:
+    def change(root: Path) -> None:
+        path = root / name
+        path.write_text(path.read_text() + "\n# changed\n")
+
+    return change
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        append("chapters/00-mini.md"),
+        append("environment.lock"),
+        append("environment-torch.lock"),
+        append("inswsn_lib/a.py"),
+        lambda root: (root / "inswsn_lib" / "b.py").write_text(""),
+        lambda root: (root / "inswsn_lib" / "a.py").rename(root / "inswsn_lib" / "c.py"),
+    ],
+    ids=["source", "lock", "torch lock", "library", "new module", "renamed module"],
+)
+def test_a_change_of_content_changes_the_key(
+    mini: Project, library: Path, change: Callable[[Path], None]
+) -> None:
+    (chapter,) = mini.chapters()
+    before = chapter_key(mini, chapter, {})
+    change(mini.root)
+    assert chapter_key(mini, chapter, {}) != before
+
+
+def test_parameters_change_the_key(mini: Project) -> None:
+    (chapter,) = mini.chapters()
+    keys = {chapter_key(mini, chapter, p) for p in ({}, {"a": 1}, {"a": 2}, {"b": 1})}
+    assert len(keys) == 4
+
+
+def test_times_and_unrelated_files_do_not(mini: Project, library: Path) -> None:
+    (chapter,) = mini.chapters()
+    before = chapter_key(mini, chapter, {})
+    os.utime(library, (0, 0))
+    os.utime(chapter.source, (0, 0))
+    (mini.root / "README.md").write_text("unrelated")
+    (mini.root / "data" / "papers" / "other.txt").write_text("unrelated")
+    assert chapter_key(mini, chapter, {}) == before
+
+
+def test_an_entry_holds_while_its_data_are_unchanged(mini: Project) -> None:
+    (chapter,) = mini.chapters()
+    data = mini.root / "data" / "papers" / "number.txt"
+    results = Results(
+        chapter="00",
+        parameters={},
+        data={"data/papers/number.txt": file_digest(data)},
+        quantities=(),
+    )
+    key = chapter_key(mini, chapter, {})
+    assert lookup(mini, chapter, key) is None
+    store(mini, chapter, key, "{}\n", results)
+    assert lookup(mini, chapter, key) is not None
+    data.write_text("22")
+    assert lookup(mini, chapter, key) is None
+    data.unlink()
+    assert lookup(mini, chapter, key) is None
+
+
+def test_an_entry_that_was_cut_short_is_none(mini: Project) -> None:
+    (chapter,) = mini.chapters()
+    key = chapter_key(mini, chapter, {})
+    results = Results(chapter="00", parameters={}, data={}, quantities=())
+    entry = store(mini, chapter, key, "{}\n", results)
+    (entry.notebook.parent / "results.json").write_text('{"schema_version"')
+    assert lookup(mini, chapter, key) is None
+
+
+def test_old_entries_do_not_pile_up(mini: Project) -> None:
+    (chapter,) = mini.chapters()
+    results = Results(chapter="00", parameters={}, data={}, quantities=())
+    for key in ("a" * 64, "b" * 64):
+        store(mini, chapter, key, "{}\n", results)
+    assert len(list((mini.cache / chapter.name).iterdir())) == 1

@@ -1,0 +1,70 @@
+"""The .ipynb twins: deterministic, without outputs, and equal to their sources."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from inswsn_lib.artefact.notebooks import (
+    read_source,
+    stale_twins,
+    strip_run,
+    twin_text,
+    write_twins,
+)
+from inswsn_lib.artefact.project import Project
+from inswsn_lib.errors import InswsnError
+
+
+def test_the_kept_twins_are_what_the_sources_give(project: Project) -> None:
+    assert [chapter.name for chapter in stale_twins(project.chapters())] == []
+
+
+def test_a_twin_is_the_same_every_time_and_holds_no_output(mini: Project) -> None:
+    (chapter,) = mini.chapters()
+    text = twin_text(chapter)
+    assert text == twin_text(chapter)
+    cells = json.loads(text)["cells"]
+    assert [cell["id"] for cell in cells] == [f"ch00-{i:03d}" for i in range(len(cells))]
+    for cell in cells:
+        assert not cell.get("outputs")
+        assert cell.get("execution_count") is None
+    first = next(cell for cell in cells if cell["cell_type"] == "code")
+    assert first["metadata"]["tags"] == ["parameters"]
+
+
+def test_write_twins_writes_only_what_differs(mini: Project) -> None:
+    (chapter,) = mini.chapters()
+    assert write_twins([chapter]) == [chapter]
+    assert write_twins([chapter]) == []
+    chapter.twin.write_text(chapter.twin.read_text().replace("scale = 2.0", "scale = 3.0"))
+    assert stale_twins([chapter]) == [chapter]
+
+
+@pytest.mark.parametrize("change", ["no tag", "two tags"])
+def test_a_chapter_has_one_parameters_cell(mini: Project, change: str) -> None:
+    (chapter,) = mini.chapters()
+    text = chapter.source.read_text()
+    tag = ":tags: [parameters]"
+    chapter.source.write_text(
+        text.replace(tag, "")
+        if change == "no tag"
+        else text.replace("record.write()", f"{tag}\n\n1")
+    )
+    count = 0 if change == "no tag" else 2
+    with pytest.raises(InswsnError, match=f"has {count} cells tagged parameters"):
+        read_source(chapter)
+
+
+def test_strip_run_leaves_no_time_and_no_address(mini: Project) -> None:
+    (chapter,) = mini.chapters()
+    notebook = read_source(chapter)
+    notebook.metadata["papermill"] = {"start_time": "now", "input_path": "/somewhere"}
+    cell = next(cell for cell in notebook.cells if cell.cell_type == "code")
+    cell.metadata["papermill"] = {"duration": 1.0}
+    cell.metadata["execution"] = {"iopub.execute_input": "now"}
+    cell.outputs = [{"data": {"text/plain": "<object at 0x7fd54a263b90>"}}]
+    text = json.dumps(strip_run(notebook))
+    for trace in ("papermill", "now", "/somewhere", "0x7fd54a263b90"):
+        assert trace not in text

@@ -1,0 +1,157 @@
+"""Chapter 00: its results against numbers worked out by hand, and what it reads."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import nbformat
+import papermill
+import pytest
+
+from inswsn_lib.artefact.notebooks import read_source
+from inswsn_lib.artefact.project import Chapter, Project
+from inswsn_lib.checkout import RESULTS_VARIABLE, ROOT_VARIABLE
+from inswsn_lib.claims import Results, read_results
+
+
+@pytest.fixture(scope="module")
+def chapter(project: Project) -> Chapter:
+    return project.chapters()[0]
+
+
+@pytest.fixture(scope="module")
+def results(built_site: Path, project: Project) -> Results:
+    return read_results(project.results / "00.json")
+
+
+BY_HAND = {
+    # Table 1, counted with a pencil: rows 3, 5 and 6 are right, all ten are off by one row
+    "table1.position.rows-own": 3,
+    "table1.position.rows-shifted": 10,
+    "table1.velocity.rows-own": 10,
+    "table1.selected.position-mean": (0.2903 + 0.1063) / 2,
+    "table1.selected.position-rank": 8,
+    "table1.selected.velocity-rank": 1,
+    "table1.best-position.row": 3,
+    "table1.best-position.mean": (0.2331 + 0.1067) / 2,
+    "table1.velocity.margin": 0.0002,
+    # Tables 2 and 3
+    "table2.reduction.rx1": 100 * (1 - 0.3881 / 2.9170),
+    "table2.reduction.vy2": 100 * (1 - 0.0932 / 0.8856),
+    "table2.percentages.met": 1,
+    "table3.percentages.met": 0,
+    "table3.least-reduction": 100 * (1 - 5.2938 / 36.4784),
+    "table2.smallest": 8,
+    "table3.smallest": 8,
+    "table3.fragment-orders": 1,
+    "table3.caption.mismatch": 2,
+    "table2.ins-ratio.2": 1,
+    "teacher.ratio.vx2": 0.0092 / 0.1041,
+    "teacher.columns-below": 5,
+    "table3.slip.reduction": 100 * (1 - 0.092 / 1.1008),
+    # P2: (1 - 0.40) / (1 - 0.90) and (1 - 0.80) / (1 - 0.83)
+    "p2.fkf-over-ins.vx": 6,
+    "p2.fkf-over-ins.vy": 0.20 / 0.17,
+    "p2.abstract.position": 45,
+    "p2.abstract.velocity": 86.5,
+    # P3
+    "p3.outage1.gain-kf": 100 * (1 - 14.77 / 28.54),
+    "p3.outage5-50s.gain-rbf": 100 * (1 - 12.36 / 51.42),
+    "p3.outage5-50s.gain-kf": 100 * (1 - 12.36 / 55.40),
+    "p3.outage4.difference": 3.21,
+    "p3.outage4.kf-rms.high": 11 / (1 - 0.38149999999999995),
+    # P1's period
+    "period.area1": 0.2,
+    "period.area2": 0.21,
+    "period.area1.a-f-at-1s": 0.8,
+    # v = k, p = k (k - 1) / 2 over 100 samples: T <= 3 |p| n / ((n - 2) n |v|)
+    "drift.table2.y1.motion1": 3 * 4.79235 / (98 * 1.57765),
+}
+
+
+@pytest.mark.parametrize(("name", "expected"), BY_HAND.items())
+def test_a_number_worked_out_by_hand(results: Results, name: str, expected: float) -> None:
+    quantity = results[name]
+    if name == "p3.outage4.kf-rms.high":
+        # the widest rounding of 38.1 %: 11 / (1 - 0.3815)
+        expected = 11 / 0.6185
+    assert quantity.value == pytest.approx(expected, rel=1e-9)
+
+
+def test_every_sentence_of_the_page_holds(results: Results) -> None:
+    assert len(results.sentences) >= 15
+    assert all(results.sentences.values())
+
+
+def test_verdicts_add_up(results: Results) -> None:
+    total = results["score.statements"].value
+    assert results["score.reproduced"].value + results["score.contradicted"].value == total
+
+
+def execute(notebook: object, folder: Path, **parameters: float) -> None:
+    source = folder / "in.ipynb"
+    nbformat.write(notebook, source)
+    papermill.execute_notebook(
+        str(source), str(folder / "out.ipynb"), parameters=parameters, progress_bar=False
+    )
+
+
+QUICK = {"training_samples": 12, "outage_samples": 12}
+
+
+def test_it_reads_what_it_says_and_nothing_else(
+    chapter: Chapter, project: Project, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An audit hook sees every file that the kernel opens below data/."""
+    notebook = read_source(chapter)
+    log = tmp_path / "opened"
+    spy = (
+        "import os, sys\n"
+        f"_log = open({str(log)!r}, 'w', buffering=1)\n"
+        "def _hook(event, args, log=_log):\n"
+        "    if event == 'open' and not isinstance(args[0], int):\n"
+        "        log.write(os.fsdecode(args[0]) + '\\n')\n"
+        "sys.addaudithook(_hook)\n"
+    )
+    notebook.cells.insert(0, nbformat.v4.new_code_cell(spy))
+    monkeypatch.setenv(ROOT_VARIABLE, str(project.root))
+    monkeypatch.setenv(RESULTS_VARIABLE, str(tmp_path / "results"))
+    execute(notebook, tmp_path, **QUICK)
+    data = project.root / "data"
+    opened = {
+        Path(line).resolve().relative_to(project.root).as_posix()
+        for line in log.read_text().splitlines()
+        if Path(line).resolve().is_relative_to(data)
+    }
+    assert opened == set(read_results(tmp_path / "results" / "00.json").data)
+
+
+def test_plain_papermill_with_other_parameters(project: Project, tmp_path: Path) -> None:
+    """The line at the end of the chapter, as a reader would type it."""
+    quick = [word for name, value in QUICK.items() for word in ("-p", name, str(value))]
+    done = subprocess.run(
+        [
+            *(sys.executable, "-m", "papermill", "--no-progress-bar"),
+            *("chapters/00-the-published-numbers.ipynb", str(tmp_path / "out.ipynb")),
+            *("-p", "about_points", "9.5", *quick),
+        ],
+        cwd=project.root,
+        env=os.environ | {RESULTS_VARIABLE: str(tmp_path / "results")},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    rerun = read_results(tmp_path / "results" / "00.json")
+    assert rerun.parameters == {"about_points": 9.5, **QUICK}
+    # 60.8 % is within 9.5 points of 70 %, and 83.2 % of 75 %; 70.2 % is not of 80 %
+    assert rerun["table2.percentages.met"].value == 3
+    # a rerun goes on when a sentence no longer holds, and says which
+    overturned = [sentence for sentence, held in rerun.sentences.items() if not held]
+    assert "Figure of percentages: left, only the bar of r_x holds its marker." in overturned
+    shown = json.loads((tmp_path / "out.ipynb").read_text())["cells"][-3]["outputs"]
+    assert "only the bar of r_x" in json.dumps(shown)

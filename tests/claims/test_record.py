@@ -1,0 +1,79 @@
+"""The record that a chapter keeps."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from inswsn_lib.checkout import RESULTS_VARIABLE, ROOT_VARIABLE
+from inswsn_lib.claims import ChapterRecord, read_results
+from inswsn_lib.errors import InswsnError
+from inswsn_lib.files import file_digest
+
+
+@pytest.fixture
+def record(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ChapterRecord:
+    monkeypatch.setenv(RESULTS_VARIABLE, str(tmp_path / "results"))
+    (tmp_path / "data").mkdir()
+    (tmp_path / "data" / "a.txt").write_text("1")
+    return ChapterRecord("00", parameters={"p": 1}, root=tmp_path)
+
+
+def add(record: ChapterRecord, name: str = "x", **changes: object) -> None:
+    fields: dict = {
+        "value": 1.0,
+        "unit": "m",
+        "how": "Computed for a test.",
+        "basis": "printed",
+        "tolerance": 0.0,
+    }
+    record.quantity(name, **(fields | changes))
+
+
+def test_it_writes_what_it_read_and_found(record: ChapterRecord, tmp_path: Path) -> None:
+    path = record.data("a.txt")
+    add(record, "x", interval=(0.5, 2.0))
+    add(record, "y", basis="simulation", interval=(0.5, 2.0), runs=200)
+    record.write()
+    written = read_results(tmp_path / "results" / "00.json")
+    assert written.data == {"data/a.txt": file_digest(path)}
+    assert written["x"].interval_kind == "rounding"
+    assert written["y"].interval_kind == "confidence 95 %"
+    assert written["y"].runs == 200
+
+
+def test_a_quantity_is_glued_for_the_text(record: ChapterRecord, displayed: list) -> None:
+    add(record, "x", value=3.0)
+    record.say("word", "reproduced")
+    (number, words), (word, _) = displayed
+    assert number == {"application/papermill.record/text/plain": "3"}
+    assert words["scrapbook"]["name"] == "x"
+    assert word == {"application/papermill.record/text/plain": "reproduced"}
+
+
+def test_sentences_are_bound_to_conditions(record: ChapterRecord, tmp_path: Path) -> None:
+    record.holds("The sky is blue.", True)
+    record.holds("The sky is green.", False)
+    record.write()
+    written = read_results(tmp_path / "results" / "00.json")
+    assert written.sentences == {"The sky is blue.": True, "The sky is green.": False}
+    with pytest.raises(InswsnError, match="is bound already"):
+        record.holds("The sky is blue.", True)
+
+
+def test_refusals_are_one_sentence(record: ChapterRecord) -> None:
+    with pytest.raises(InswsnError, match=r"^There is no file data/b.txt\.$"):
+        record.data("b.txt")
+    with pytest.raises(InswsnError, match=r"^The quantity 'x' cannot be recorded: value: .*\.$"):
+        add(record, value=float("nan"))
+    add(record)
+    with pytest.raises(InswsnError, match=r"^The quantity 'x' is recorded already\.$"):
+        add(record)
+
+
+def test_outside_a_checkout_it_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv(ROOT_VARIABLE, raising=False)
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InswsnError, match="is not in a checkout of inswsn"):
+        ChapterRecord("00", parameters={})

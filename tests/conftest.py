@@ -1,0 +1,157 @@
+"""What many tests share: the checkout, the built book, and a small project to break."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from inswsn_lib.artefact.project import Project
+
+ROOT = Path(__file__).resolve().parents[1]
+
+MINI_CHAPTER = """\
+---
+jupytext:
+  text_representation:
+    extension: .md
+    format_name: myst
+kernelspec:
+  display_name: Python 3
+  language: python
+  name: python3
+---
+
+# A small chapter
+
+```{code-cell} ipython3
+:tags: [parameters]
+
+scale = 2.0
+```
+
+```{code-cell} ipython3
+from inswsn_lib.claims import ChapterRecord
+
+record = ChapterRecord("00", parameters={"scale": scale})
+number = float(record.data("papers/number.txt").read_text())
+record.quantity(
+    "twice", scale * number, "m", how="The number in the file, scaled.",
+    basis="printed", tolerance=0.5,
+)
+```
+
+The number is {glue:text}`twice`.
+
+@BODY@
+
+```{code-cell} ipython3
+record.write()
+```
+"""
+
+
+@pytest.fixture(scope="session")
+def root() -> Path:
+    """The checkout under test."""
+    return ROOT
+
+
+@pytest.fixture(scope="session")
+def project(root: Path) -> Project:
+    """The checkout under test as a project."""
+    return Project(root)
+
+
+@pytest.fixture(scope="session")
+def built_site(project: Project) -> Path:
+    """The book built from the present sources, by the command that a user calls."""
+    done = run_command(project.root, "book")
+    assert done.returncode == 0, done.stdout + done.stderr
+    return project.site
+
+
+def run_command(
+    root: Path, *words: str, timeout: float = 600, **options: object
+) -> subprocess.CompletedProcess[str]:
+    """Run ``inswsn`` on a checkout as a process of its own."""
+    return subprocess.run(  # type: ignore[call-overload,no-any-return]
+        [sys.executable, "-m", "inswsn_lib", "--root", str(root), *words],
+        check=False,
+        capture_output=True,
+        text=True,
+        timeout=timeout,
+        cwd=root,
+        **options,
+    )
+
+
+class MiniProject(Project):
+    """A project of one small chapter and one page."""
+
+    def chapter(self, body: str = "") -> None:
+        """Write the chapter with `body` in its middle."""
+        text = MINI_CHAPTER.replace("@BODY@", body)
+        (self.root / "chapters" / "00-mini.md").write_text(text, encoding="utf-8")
+
+    def page(self, text: str = "# Mini\n\nA page.\n") -> None:
+        """Write the front page."""
+        (self.root / "book" / "index.md").write_text(text, encoding="utf-8")
+
+
+@pytest.fixture
+def mini(tmp_path: Path) -> MiniProject:
+    """A small project, in order, that a test may break."""
+    folder = tmp_path / "mini"
+    for name in ("book", "chapters", "data/papers"):
+        (folder / name).mkdir(parents=True)
+    for name in (
+        "_config.yml",
+        "pyproject.toml",
+        "environment.in",
+        "environment.lock",
+        "environment-torch.in",
+        "environment-torch.lock",
+    ):
+        shutil.copy(ROOT / name, folder / name)
+    shutil.copytree(ROOT / "book" / "_static", folder / "book" / "_static")
+    (folder / "book" / "references.bib").write_text("", encoding="utf-8")
+    (folder / "book" / "_toc.yml").write_text(
+        "format: jb-book\nroot: index\nchapters:\n  - file: chapters/00-mini\n", encoding="utf-8"
+    )
+    (folder / "data" / "papers" / "number.txt").write_text("21", encoding="utf-8")
+    made = MiniProject(folder)
+    made.chapter()
+    made.page()
+    return made
+
+
+@pytest.fixture(scope="session")
+def chromium() -> str:
+    """The path of Debian's Chromium, or a skip that says how to get it."""
+    path = shutil.which("chromium")
+    if path is None:
+        sentence = "Page tests need Debian's Chromium: apt-get install chromium."
+        if os.environ.get("INSWSN_REQUIRE_BROWSER"):
+            pytest.fail(sentence)
+        pytest.skip(sentence)
+    return path
+
+
+@pytest.fixture
+def displayed(monkeypatch: pytest.MonkeyPatch) -> list[tuple[dict[str, str], dict[str, Any]]]:
+    """What a cell would show: the data and metadata of each output, in order."""
+    outputs: list[tuple[dict[str, str], dict[str, Any]]] = []
+
+    def display(data: dict[str, str], metadata: dict[str, Any] | None = None, *, raw: bool) -> None:
+        assert raw
+        outputs.append((data, metadata or {}))
+
+    for module in ("claims.record", "plotting.figures", "plotting.tables"):
+        monkeypatch.setattr(f"inswsn_lib.{module}.display", display)
+    return outputs

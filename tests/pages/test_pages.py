@@ -1,0 +1,194 @@
+"""Every page of the built book in a real browser."""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+from playwright.sync_api import Browser, Page, sync_playwright
+
+from inswsn_lib.artefact.inspection import inspect_site
+from inswsn_lib.artefact.serving import address, make_server
+
+pytestmark = pytest.mark.page
+
+
+@dataclass
+class Visit:
+    """A page as a browser saw it."""
+
+    page: Page
+    foreign: list[str] = field(default_factory=list)
+    failed: list[str] = field(default_factory=list)
+    errors: list[str] = field(default_factory=list)
+
+
+@pytest.fixture(scope="session")
+def browser(chromium: str) -> Iterator[Browser]:
+    flags = [
+        "--disable-gpu",
+        "--disable-background-networking",
+        "--disable-component-update",
+        "--disable-sync",
+        "--no-first-run",
+    ]
+    if hasattr(os, "geteuid") and os.geteuid() == 0:
+        flags.append("--no-sandbox")  # Chromium has no sandbox for root
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=chromium, args=flags)
+        yield browser
+        browser.close()
+
+
+@pytest.fixture(scope="session")
+def served(built_site: Path) -> Iterator[str]:
+    with make_server(built_site, port=0) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        yield address(server)
+        server.shutdown()
+
+
+def visit(browser: Browser, served: str, name: str, **options: Any) -> Visit:
+    page = browser.new_page(**({"viewport": {"width": 1300, "height": 900}} | options))
+    seen = Visit(page)
+    page.on(
+        "request",
+        lambda r: (
+            None if r.url.startswith((served, "data:", "blob:")) else seen.foreign.append(r.url)
+        ),
+    )
+    page.on("response", lambda r: seen.failed.append(r.url) if r.status >= 400 else None)
+    page.on("console", lambda m: seen.errors.append(m.text) if m.type == "error" else None)
+    page.on("pageerror", lambda error: seen.errors.append(str(error)))
+    page.goto(served + name, wait_until="networkidle")
+    page.evaluate("() => window.MathJax?.startup?.promise")
+    return seen
+
+
+def page_names(site: Path) -> list[str]:
+    return [
+        path.relative_to(site).as_posix()
+        for path in sorted(site.rglob("*.html"))
+        if "_static" not in path.parts
+    ]
+
+
+def test_the_site_holds_together(built_site: Path) -> None:
+    assert inspect_site(built_site) == []
+
+
+def test_every_page_of_the_contents_is_there(built_site: Path) -> None:
+    expected = {
+        "index.html",
+        "chapters/00-the-published-numbers.html",
+        "notation.html",
+        "reproduce.html",
+        "api.html",
+        "bibliography.html",
+    }
+    assert expected <= set(page_names(built_site))
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_no_error_no_foreign_request_no_broken_image(
+    browser: Browser, served: str, built_site: Path, scheme: str
+) -> None:
+    for name in page_names(built_site):
+        seen = visit(browser, served, name, color_scheme=scheme)
+        assert seen.errors == [], name
+        assert seen.foreign == [], name
+        assert seen.failed == [], name
+        theme = seen.page.evaluate("document.documentElement.dataset.theme")
+        assert theme == scheme, name
+        images = seen.page.evaluate(
+            "Array.from(document.images, i => [i.currentSrc, i.naturalWidth > 0, i.alt])"
+        )
+        for source, loaded, alt in images:
+            assert loaded, f"{name}: {source}"
+            assert alt.strip(), f"{name}: {source}"
+        seen.page.close()
+
+
+def test_mathematics_is_rendered(browser: Browser, served: str, built_site: Path) -> None:
+    with_mathematics = []
+    for name in page_names(built_site):
+        seen = visit(browser, served, name)
+        asked = seen.page.locator(".math").count()
+        if asked:
+            with_mathematics.append(name)
+            assert seen.page.locator("mjx-container").count() >= asked, name
+        assert seen.page.locator("mjx-merror, .merror").count() == 0, name
+        seen.page.close()
+    assert "chapters/00-the-published-numbers.html" in with_mathematics
+    assert "api.html" in with_mathematics
+
+
+def test_a_narrow_screen_never_scrolls_sideways(
+    browser: Browser, served: str, built_site: Path
+) -> None:
+    for name in page_names(built_site):
+        seen = visit(browser, served, name, viewport={"width": 360, "height": 740})
+        width = seen.page.evaluate("document.documentElement.scrollWidth")
+        assert width <= 360, f"{name} is {width} px wide"
+        seen.page.close()
+
+
+def test_chapter_00_shows_its_figures_tables_and_numbers(browser: Browser, served: str) -> None:
+    page = visit(browser, served, "chapters/00-the-published-numbers.html").page
+    captions = page.locator("figcaption .caption-number").all_inner_texts()
+    assert [text.strip() for text in captions] == ["Fig. 1", "Fig. 2", "Fig. 3", "Fig. 4"]
+    assert page.locator("table caption .caption-number").count() == 7
+    assert page.locator("main table:not(:has(th))").count() == 0
+    # a number in a sentence is the recorded one, and no name of one is left
+    text = page.locator("main").inner_text()
+    assert "1,108,800" in text
+    assert "glue" not in text
+    assert "Quantity(" not in text
+    assert "<Verdict" not in text
+    page.close()
+
+
+def contrast(page: Page, selector: str) -> float:
+    """Return the WCAG contrast of an element's text with the ground of the page's main part."""
+    return page.evaluate(
+        """selector => {
+          const channels = css => css.match(/[\\d.]+/g).map(Number);
+          const element = document.querySelector(selector);
+          let ground = element;
+          while (ground && (channels(getComputedStyle(ground).backgroundColor)[3] ?? 1) === 0)
+            ground = ground.parentElement;
+          const luminance = css => channels(css).slice(0, 3)
+            .map(c => c / 255)
+            .map(c => c <= 0.04045 ? c / 12.92 : ((c + 0.055) / 1.055) ** 2.4)
+            .reduce((sum, c, i) => sum + c * [0.2126, 0.7152, 0.0722][i], 0);
+          const a = luminance(getComputedStyle(element).color);
+          const behind = ground ? getComputedStyle(ground).backgroundColor : "rgb(255,255,255)";
+          const b = luminance(behind);
+          return (Math.max(a, b) + 0.05) / (Math.min(a, b) + 0.05);
+        }""",
+        selector,
+    )
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_text_and_figures_stand_out(browser: Browser, served: str, scheme: str) -> None:
+    name = "chapters/00-the-published-numbers.html"
+    page = visit(browser, served, name, color_scheme=scheme).page
+    assert contrast(page, "main p") >= 7
+    assert contrast(page, "main figcaption p, main figcaption") >= 4.5
+    # the ink of a figure, as it is painted: its darkest or lightest pixel against its ground
+    figure = page.locator("main figure img").first
+    figure.scroll_into_view_if_needed()
+    pixels = np.asarray(Image.open(BytesIO(figure.screenshot())).convert("L"), dtype=float)
+    ground = np.median(pixels)
+    assert (ground > 200) == (scheme == "light")
+    assert np.abs(pixels - ground).max() > 150
+    page.close()

@@ -1,0 +1,77 @@
+"""What must hold of the repository as a whole."""
+
+from __future__ import annotations
+
+import inspect
+import re
+import subprocess
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+from inswsn_lib import claims, evaluation, papers, plotting
+
+
+@pytest.fixture(scope="module")
+def tracked(root: Path) -> list[Path]:
+    done = subprocess.run(
+        ["git", "ls-files", "-co", "--exclude-standard"],
+        cwd=root,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    if done.returncode != 0:
+        pytest.skip("Not a git checkout, so there is no list of the project's own files.")
+    return [root / name for name in done.stdout.splitlines() if (root / name).is_file()]
+
+
+def test_no_path_of_a_machine_and_no_registry_host(tracked: list[Path], root: Path) -> None:
+    # written in parts, so that this file does not find itself
+    forbidden = [
+        "py" + "pi.org",
+        "python" + "hosted.org",
+        "/ro" + "ot/",
+        "/ho" + "me/",
+        "npm" + "js.org",
+    ]
+    found = [
+        f"{path.relative_to(root)}: {word}"
+        for path in tracked
+        for word in forbidden
+        if word in path.read_text(encoding="utf-8", errors="ignore")
+    ]
+    assert found == []
+
+
+def test_nothing_heavy_is_kept(tracked: list[Path], root: Path) -> None:
+    heavy = [p.relative_to(root).as_posix() for p in tracked if p.stat().st_size > 400_000]
+    assert heavy == []
+
+
+def test_the_first_screen_of_the_readme_has_the_two_commands(root: Path) -> None:
+    first_screen = "\n".join((root / "README.md").read_text(encoding="utf-8").splitlines()[:24])
+    for command in ("make book", "make test"):
+        assert re.search(rf"^\s*{command}\b", first_screen, re.MULTILINE), command
+
+
+def test_the_two_routes_without_make_agree(root: Path) -> None:
+    def steps(name: str) -> list[str]:
+        text = (root / name).read_text(encoding="utf-8")
+        return re.findall(r"^(?:python3\.11|\.venv/bin/python) -m .*$", text, re.MULTILINE)
+
+    assert len(steps("README.md")) >= 6
+    assert set(steps("book/reproduce.md")) == set(steps("README.md"))
+
+
+@pytest.mark.parametrize("room", [claims, evaluation, papers, plotting], ids=lambda m: m.__name__)
+def test_public_functions_say_what_they_take(room: ModuleType) -> None:
+    functions = [f for f in map(room.__dict__.get, room.__all__) if inspect.isfunction(f)]
+    short = [
+        f.__name__
+        for f in functions
+        if len(inspect.signature(f).parameters) > 1
+        and "Parameters\n----------" not in (inspect.getdoc(f) or "")
+    ]
+    assert short == []
