@@ -45,10 +45,9 @@ def build_book(
     chapters = project.chapters()
     with _alone(project):
         executed = execute_chapters(project, chapters, progress, fresh=fresh, jobs=jobs)
-        rendered = render_book(project, executed, fresh=fresh)
+        render_book(project, executed, progress, fresh=fresh)
         for entry in executed:
             write_results(entry.results, project.results / f"{entry.chapter.number}.json")
-    progress.say("book: rendered" if rendered else "book: unchanged")
 
 
 @contextmanager

@@ -17,6 +17,7 @@ import nbformat
 from inswsn_lib.artefact.cache import Executed
 from inswsn_lib.artefact.inspection import inspect_site
 from inswsn_lib.artefact.notebooks import notebook_text
+from inswsn_lib.artefact.progress import Progress
 from inswsn_lib.artefact.project import Project
 from inswsn_lib.errors import BuildError
 from inswsn_lib.files import tree_digest, write_whole
@@ -29,7 +30,9 @@ class RenderingError(BuildError):
     """The book could not be rendered, or what was rendered does not hold together."""
 
 
-def render_book(project: Project, chapters: Sequence[Executed], *, fresh: bool = False) -> bool:
+def render_book(
+    project: Project, chapters: Sequence[Executed], progress: Progress, *, fresh: bool = False
+) -> None:
     """Render the book to ``_build/html`` unless it is up to date.
 
     The site is built beside the old one, inspected, and only then put in its place: a failure
@@ -42,13 +45,10 @@ def render_book(project: Project, chapters: Sequence[Executed], *, fresh: bool =
         The checkout.
     chapters : sequence of Executed
         The executed chapters, all of them.
+    progress : Progress
+        Told whether it is rendered or up to date.
     fresh : bool
         Render even if nothing has changed.
-
-    Returns
-    -------
-    bool
-        True if it was rendered, False if it was up to date.
 
     Raises
     ------
@@ -61,7 +61,9 @@ def render_book(project: Project, chapters: Sequence[Executed], *, fresh: bool =
     key = _site_key(project, chapters)
     key_file = project.site / _KEY_FILE
     if not fresh and key_file.is_file() and key_file.read_text(encoding="utf-8") == key:
-        return False
+        progress.say("book: unchanged")
+        return
+    progress.say("book: rendering")
     _place_chapters(project, chapters)
     project.build.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=project.build, prefix="render-") as name:
@@ -74,7 +76,6 @@ def render_book(project: Project, chapters: Sequence[Executed], *, fresh: bool =
             raise RenderingError(f"The rendered book does not hold together:\n{listing}")
         write_whole(site / _KEY_FILE, key)
         _swap(site, project.site, stage / "old")
-    return True
 
 
 def _site_key(project: Project, chapters: Sequence[Executed]) -> str:

@@ -67,7 +67,7 @@ def test_a_build_and_the_builds_after_it(mini: MiniProject) -> None:
     # nothing changed, but the user wants all of it anew
     done = run_command(mini.root, "book", "--fresh")
     assert "00-mini: executed" in done.stderr
-    assert "book: rendered" in done.stderr
+    assert "book: rendering" in done.stderr
 
 
 def test_a_raising_cell(built: MiniProject) -> None:
