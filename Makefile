@@ -44,8 +44,8 @@ $(VENV)/environment: environment.lock environment-torch.lock
 	@test -n "$(PYTHON)" || { echo "Python 3.11 is needed, and no python was found." >&2; exit 2; }
 	@$(PYTHON) -c 'import sys; v = sys.version_info[:2]; sys.exit(0 if v == (3, 11) else f"Python 3.11 is needed; {sys.executable} is {v[0]}.{v[1]}. Name another one: make PYTHON=/path/to/python3.11")'
 	@echo "Installing the locked environment into $(VENV) (a few minutes, once)"
-	@rm -rf $(VENV)
-	@$(PYTHON) -m venv $(VENV)
+	@base=$$($(PYTHON) -c 'import sys; print(sys._base_executable)') \
+	    && rm -rf $(VENV) && "$$base" -m venv $(VENV)  # not the one in .venv, which goes
 	@$(RUN) -m pip install --quiet --disable-pip-version-check --require-hashes --no-deps -r environment-torch.lock
 	@$(RUN) -m pip install --quiet --disable-pip-version-check --require-hashes -r environment.lock
 	@touch $@
@@ -55,10 +55,11 @@ $(VENV)/package: $(VENV)/environment pyproject.toml
 	@touch $@
 
 clean: ## remove what was built; the environment stays
-	rm -rf _build results book/chapters book/generated
+	rm -rf _build results book/chapters
 
 help: ## list the targets
-	@grep -hE '^[a-z]+:.*##' Makefile | sed -E 's/:.*## /\t/' | expand -t 14
+	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "%-12s %s\n", $$1, $$2 }' Makefile
 
 .DEFAULT_GOAL := help
+.NOTPARALLEL:
 .PHONY: book test serve notebooks publish lock format environment clean help

@@ -38,6 +38,11 @@ def write_whole(path: Path, text: str) -> None:
         raise
 
 
+def text_digest(text: str) -> str:
+    """Return the SHA-256 of a text's UTF-8 bytes as 64 hexadecimal digits."""
+    return hashlib.sha256(text.encode("utf-8")).hexdigest()
+
+
 def file_digest(path: Path) -> str:
     """Return the SHA-256 of a file's bytes as 64 hexadecimal digits."""
     return hashlib.sha256(path.read_bytes()).hexdigest()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -10,7 +11,7 @@ from filelock import FileLock, Timeout
 from inswsn_lib.artefact.execution import execute_chapters
 from inswsn_lib.artefact.progress import Progress
 from inswsn_lib.artefact.project import Project
-from inswsn_lib.artefact.rendering import render_book
+from inswsn_lib.artefact.rendering import render_book, restore_site
 from inswsn_lib.claims import write_results
 from inswsn_lib.errors import InswsnError
 
@@ -44,10 +45,19 @@ def build_book(
     """
     chapters = project.chapters()
     with _alone(project):
+        _clear_leftovers(project)
         executed = execute_chapters(project, chapters, progress, fresh=fresh, jobs=jobs)
         render_book(project, executed, progress, fresh=fresh)
         for entry in executed:
             write_results(entry.results, project.results / f"{entry.chapter.number}.json")
+
+
+def _clear_leftovers(project: Project) -> None:
+    """Clear away what a build that was killed has left, and put back the site it was swapping."""
+    restore_site(project.site)
+    for pattern in ("run-*", "render-*"):
+        for folder in project.build.glob(pattern):
+            shutil.rmtree(folder)
 
 
 @contextmanager

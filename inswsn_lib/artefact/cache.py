@@ -16,7 +16,7 @@ from inswsn_lib.errors import InswsnError
 from inswsn_lib.files import file_digest, tree_digest, write_whole
 
 # Raised when the form of the cache, or the way in which chapters are executed, changes.
-_FORM = 1
+_FORM = 2
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ def chapter_key(project: Project, chapter: Chapter, parameters: dict[str, Any]) 
         "form": _FORM,
         "chapter": chapter.name,
         "source": file_digest(chapter.source),
-        "library": tree_digest(project.root, project.library()),
+        "library": project.library_digest(),
         "locks": tree_digest(project.root, project.locks),
         "parameters": parameters,
         "python": sys.version_info[:3],
@@ -64,8 +64,8 @@ def lookup(project: Project, chapter: Chapter, key: str) -> Executed | None:
         results = read_results(folder / "results.json")
     except InswsnError:
         return None
-    notebook = folder / "executed.ipynb"
-    if not notebook.is_file():
+    notebook, kept = folder / "executed.ipynb", folder / "executed.sha256"
+    if not kept.is_file() or kept.read_bytes() != (_digest_of(notebook) or "").encode():
         return None
     for name, digest in results.data.items():
         path = project.root / name
@@ -80,12 +80,17 @@ def store(
     """Keep an executed chapter, and drop what the cache held of it for other keys."""
     folder = _entry(project, chapter, key)
     write_whole(folder / "executed.ipynb", notebook)
+    write_whole(folder / "executed.sha256", file_digest(folder / "executed.ipynb"))
     # the results come last: an entry without them is not an entry
     write_results(results, folder / "results.json")
     for other in folder.parent.iterdir():
         if other != folder:
             shutil.rmtree(other, ignore_errors=True)
     return Executed(chapter, folder / "executed.ipynb", results)
+
+
+def _digest_of(path: Path) -> str | None:
+    return file_digest(path) if path.is_file() else None
 
 
 def _entry(project: Project, chapter: Chapter, key: str) -> Path:

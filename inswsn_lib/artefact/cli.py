@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import signal
 import sys
+import threading
 from pathlib import Path
 
 import click
@@ -31,7 +32,14 @@ def _project(root: Path | None) -> Project:
     # found when a command runs, so that its help needs no checkout
     if root is not None and not is_checkout(root):
         raise InswsnError(f"--root is {str(root)!r}; it may be the folder of a checkout of inswsn.")
-    return Project(root.resolve() if root else find_root())
+    project = Project(root.resolve() if root else find_root())
+    own = project.root / "inswsn_lib"
+    if own.is_dir() and own.resolve() != project.library.resolve():
+        raise InswsnError(
+            f"{project.root} has a library of its own, and this is the command of "
+            f"{project.library.parent}; call the one in {project.root / '.venv'}."
+        )
+    return project
 
 
 @cli.command()
@@ -54,14 +62,17 @@ def book(root: Path | None, fresh: bool, jobs: int | None) -> None:
 @click.pass_obj
 def notebooks(root: Path | None, check: bool) -> None:
     """Write the .ipynb twins of the chapters."""
-    from inswsn_lib.artefact.notebooks import stale_twins, write_twins
+    from inswsn_lib.artefact.notebooks import orphan_twins, stale_twins, write_twins
 
     project = _project(root)
     if check:
         stale = stale_twins(project.chapters())
         for chapter in stale:
             click.echo(f"chapters/{chapter.twin.name} differs from its source.", err=True)
-        if stale:
+        orphans = orphan_twins(project.chapters())
+        for name in orphans:
+            click.echo(f"chapters/{name} has no source.", err=True)
+        if stale or orphans:
             raise InswsnError("Notebooks are out of date; write them with `make notebooks`.")
         return
     for chapter in write_twins(project.chapters()):
@@ -79,10 +90,13 @@ def serve(root: Path | None, port: int, browser: bool) -> None:
     project = _project(root)
     with make_server(project.site, port) as server:
         click.echo(f"The book is at {address(server)} (stop with Ctrl-C)")
-        if browser:
-            open_in_browser(address(server))
+        # a browser in the terminal holds this thread until it ends, so another one serves
+        serving = threading.Thread(target=server.serve_forever, daemon=True)
+        serving.start()
         try:
-            server.serve_forever()
+            if browser:
+                open_in_browser(address(server))
+            serving.join()
         except KeyboardInterrupt:
             click.echo()
 
@@ -109,32 +123,40 @@ def lock(root: Path | None, check: bool) -> None:
 @click.pass_obj
 def publish(root: Path | None, check: bool) -> None:
     """Make the results of the last build the reference results."""
-    from inswsn_lib.artefact.publishing import changes_since_published
+    from inswsn_lib.artefact.publishing import differences, orphan_references
     from inswsn_lib.artefact.publishing import publish as publish_results
 
     project = _project(root)
-    for number, changes in changes_since_published(project).items():
-        for change in changes:
+    for difference in differences(project):
+        for change in difference.changes:
             mark = "!" if change.beyond_tolerance else " "
-            click.echo(f"{mark} {number} {change}")
+            click.echo(f"{mark} {difference.number} {change}")
+        for condition in difference.conditions:
+            click.echo(f"! {difference.number} {condition}")
+    for name in orphan_references(project):
+        click.echo(f"! data/published/{name} belongs to no chapter; remove it.")
     if not check:
         for number in publish_results(project):
             click.echo(f"wrote data/published/{number}.json")
 
 
-def _stop(*_: object) -> None:
-    raise KeyboardInterrupt
+def _stop(number: int, _: object) -> None:
+    raise KeyboardInterrupt(number)
 
 
 def main() -> None:
     """Run the command; a user's mistake is one sentence and exit status 2."""
-    # a job that is cancelled ends as cleanly as one that is interrupted from the keyboard
-    signal.signal(signal.SIGTERM, _stop)
+    # a job that is cancelled, or whose terminal is closed, ends as cleanly as an interrupted one
+    for name in ("SIGTERM", "SIGHUP"):
+        if hasattr(signal, name):
+            signal.signal(getattr(signal, name), _stop)
     try:
         status = cli.main(standalone_mode=False, prog_name="inswsn")
-    except (click.exceptions.Abort, KeyboardInterrupt):
+    except (click.exceptions.Abort, KeyboardInterrupt) as stopped:
+        cause = stopped.__cause__ if isinstance(stopped, click.exceptions.Abort) else stopped
+        number = cause.args[0] if cause is not None and cause.args else signal.SIGINT
         click.echo("inswsn: stopped.", err=True)
-        sys.exit(130)
+        sys.exit(128 + number)
     except click.ClickException as error:
         error.show()
         sys.exit(2)

@@ -15,7 +15,7 @@ from packaging.utils import canonicalize_name
 
 from inswsn_lib.artefact.project import Project
 from inswsn_lib.errors import InswsnError
-from inswsn_lib.files import file_digest, write_whole
+from inswsn_lib.files import file_digest, text_digest, write_whole
 
 _TORCH_INDEX = "https://download.pytorch.org/whl/cpu"
 _TORCH_HEADER = f"""\
@@ -24,7 +24,6 @@ _TORCH_HEADER = f"""\
 # --no-deps; what torch itself needs is in environment.lock. Made by `make lock`.
 --extra-index-url {_TORCH_INDEX}
 """
-_HEADER = "# Made by `make lock` from environment.in; do not edit.\n"
 _PLATFORM = 'sys_platform == "linux" and platform_machine == "x86_64"'
 _ELSEWHERE = 'sys_platform != "linux" or platform_machine != "x86_64"'
 
@@ -35,7 +34,7 @@ def lock_problems(project: Project) -> list[str]:
     No network is used. Checked are: each requirement of environment.in is pinned within its
     bounds; each pin that came from environment.in is still asked for there; every pin has a hash;
     what pyproject.toml needs is pinned within its bounds; torch is pinned as environment-torch.in
-    asks.
+    asks; neither lock has been edited by hand.
 
     Returns
     -------
@@ -50,18 +49,24 @@ def lock_problems(project: Project) -> list[str]:
     for name, pin in pins.items():
         if pin.direct and name not in names:
             problems.append(f"environment.lock pins {name}, which environment.in no longer names.")
-        if not pin.hashed:
-            problems.append(f"environment.lock pins {name} without a hash.")
-    pyproject = tomllib.loads((root / "pyproject.toml").read_text(encoding="utf-8"))
+    try:
+        pyproject = tomllib.loads((root / "pyproject.toml").read_text(encoding="utf-8"))
+    except tomllib.TOMLDecodeError as error:
+        raise InswsnError(f"pyproject.toml is not TOML: {error}.") from None
     needed = [Requirement(text) for text in pyproject["project"]["dependencies"]]
     problems += _unmet(needed, pins, "pyproject.toml", "environment.lock")
     torch = list(_requirements(root / "environment-torch.in"))
-    problems += _unmet(
-        torch,
-        _pins(root / "environment-torch.lock"),
-        "environment-torch.in",
-        "environment-torch.lock",
-    )
+    torch_pins = _pins(root / "environment-torch.lock")
+    problems += _unmet(torch, torch_pins, "environment-torch.in", "environment-torch.lock")
+    for lock, its_pins in (("environment.lock", pins), ("environment-torch.lock", torch_pins)):
+        problems += [
+            f"{lock} pins {name} without a hash."
+            for name, pin in its_pins.items()
+            if not pin.hashed
+        ]
+        first, _, body = (root / lock).read_text(encoding="utf-8").partition("\n")
+        if first != _seal(body):
+            problems.append(f"{lock} has been edited since it was made.")
     return problems
 
 
@@ -80,10 +85,18 @@ def compile_locks(project: Project) -> None:
         new = Path(name) / "environment.lock"
         old = root / "environment.lock"
         if old.is_file():
-            new.write_text(old.read_text(encoding="utf-8"), encoding="utf-8")
+            pinned = old.read_text(encoding="utf-8").splitlines(keepends=True)
+            new.write_text("".join(pinned[1:]), encoding="utf-8")
         _run([*_uv(), "environment.in", "-o", str(new)], root)
-        write_whole(old, _HEADER + new.read_text(encoding="utf-8").removeprefix(_HEADER))
-    write_whole(root / "environment-torch.lock", _torch_lock(root))
+        body = new.read_text(encoding="utf-8")
+    torch_body = _torch_lock(root)
+    write_whole(old, f"{_seal(body)}\n{body}")
+    write_whole(root / "environment-torch.lock", f"{_seal(torch_body)}\n{torch_body}")
+
+
+def _seal(body: str) -> str:
+    """Return the first line of a lock, which names the digest of the rest."""
+    return f"# Made by `make lock`; do not edit. SHA-256 of what follows: {text_digest(body)}"
 
 
 def _uv() -> list[str]:
@@ -102,6 +115,8 @@ def _torch_lock(root: Path) -> str:
             [
                 *(sys.executable, "-m", "pip", "download", "--quiet", "--no-deps", "--dest", name),
                 *("--only-binary", ":all:", "--extra-index-url", _TORCH_INDEX),
+                # the wheel for Linux, wherever the lock is compiled
+                *("--platform", "manylinux_2_28_x86_64", "--python-version", "3.11"),
                 f"torch=={version}+cpu",
             ],
             root,

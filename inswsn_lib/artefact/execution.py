@@ -17,7 +17,12 @@ from typing import Any
 import nbformat
 
 from inswsn_lib.artefact.cache import Executed, chapter_key, lookup, store
-from inswsn_lib.artefact.notebooks import notebook_text, read_source, strip_run
+from inswsn_lib.artefact.notebooks import (
+    notebook_text,
+    read_source,
+    strip_run,
+    unrepeatable_outputs,
+)
 from inswsn_lib.artefact.progress import Progress
 from inswsn_lib.artefact.project import Chapter, Project
 from inswsn_lib.checkout import RESULTS_VARIABLE, ROOT_VARIABLE
@@ -46,7 +51,7 @@ class _Workers:
             process = subprocess.Popen(
                 command,
                 env=environment,
-                stdin=subprocess.DEVNULL,
+                stdin=subprocess.PIPE,  # its end tells the worker that this process is gone
                 stdout=subprocess.PIPE,
                 stderr=subprocess.PIPE,
                 text=True,
@@ -113,26 +118,27 @@ def execute_chapters(
         If a source cannot be read.
     """
     found: dict[str, Executed] = {}
-    due: list[tuple[Chapter, str]] = []
+    due: list[Chapter] = []
     for chapter in chapters:
-        key = chapter_key(project, chapter, {})
-        entry = None if fresh else lookup(project, chapter, key)
+        entry = None if fresh else lookup(project, chapter, chapter_key(project, chapter, {}))
         if entry is None:
-            due.append((chapter, key))
+            due.append(chapter)
         else:
             found[chapter.name] = entry
             progress.unchanged(chapter.name)
     workers = _Workers()
     with ThreadPoolExecutor(max_workers=jobs or default_jobs()) as pool:
         pending: set[Future[Executed]] = {
-            pool.submit(_execute, project, chapter, key, progress, workers) for chapter, key in due
+            pool.submit(_execute, project, chapter, progress, workers) for chapter in due
         }
         try:
             while pending:
                 done, pending = wait(pending, return_when=FIRST_COMPLETED)
+                errors = [error for error in map(Future.exception, done) if error is not None]
+                if errors:
+                    raise together(errors)
                 for future in done:
-                    executed = future.result()
-                    found[executed.chapter.name] = executed
+                    found[future.result().chapter.name] = future.result()
         except BaseException:
             for future in pending:
                 future.cancel()
@@ -141,9 +147,15 @@ def execute_chapters(
     return [found[chapter.name] for chapter in chapters]
 
 
-def _execute(
-    project: Project, chapter: Chapter, key: str, progress: Progress, workers: _Workers
-) -> Executed:
+def together(errors: list[BaseException]) -> BaseException:
+    """Return one error that tells all of them if all are failures of chapters, else another one."""
+    if all(isinstance(error, ChapterError) for error in errors):
+        return ChapterError("\n\n".join(map(str, errors)))
+    return next(error for error in errors if not isinstance(error, ChapterError))
+
+
+def _execute(project: Project, chapter: Chapter, progress: Progress, workers: _Workers) -> Executed:
+    key = chapter_key(project, chapter, {})
     source = read_source(chapter)
     progress.started(chapter.name, len(source.cells))
     project.build.mkdir(parents=True, exist_ok=True)
@@ -178,6 +190,13 @@ def _execute(
                 f"Chapter {chapter.name} has sentences that its results do not bear out:\n{listing}"
             )
         executed = strip_run(nbformat.read(folder / "executed.ipynb", as_version=4))
+        problems = unrepeatable_outputs(executed)
+        if problems:
+            raise ChapterError(f"Chapter {chapter.name}: " + "\n".join(problems))
+        if chapter_key(project, chapter, {}) != key:
+            raise ChapterError(
+                f"Chapter {chapter.name} changed while it was executed; build it again."
+            )
         entry = store(project, chapter, key, notebook_text(executed), results)
     progress.finished(chapter.name)
     return entry
@@ -186,12 +205,15 @@ def _execute(
 def _environment(project: Project, folder: Path) -> dict[str, str]:
     """Return the environment of a worker: one thread a chapter, and nothing left to chance."""
     threads = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-    return os.environ | {
+    personal = ("PYTHONPATH", "PYTHONSTARTUP", "MATPLOTLIBRC", "MPLBACKEND")
+    kept = {name: value for name, value in os.environ.items() if name not in personal}
+    return kept | {
         **dict.fromkeys(threads, "1"),
         "PYTHONHASHSEED": "0",
         "PYTHONUNBUFFERED": "1",
         "PYDEVD_DISABLE_FILE_VALIDATION": "1",
         "IPYTHONDIR": str(folder / "ipython"),
+        "MPLCONFIGDIR": str(project.build / "matplotlib"),  # its font cache, and no settings
         ROOT_VARIABLE: str(project.root),
         RESULTS_VARIABLE: str(folder / "results"),
     }
@@ -214,13 +236,13 @@ def _follow(chapter: Chapter, process: subprocess.Popen[str], progress: Progress
             continue
         if "id" in event:
             last_cell = event
-            progress.cell(chapter.name, event["cell"])
+            progress.cell(chapter.name, event["cell"] + 1)
     process.wait()
     reader.join()
     if event.get("done"):
         return
     place = (
-        f"cell {last_cell['cell']} of {last_cell['of']} ({last_cell['id']})"
+        f"cell {last_cell['cell'] + 1} of {last_cell['of']} ({last_cell['id']})"
         if last_cell
         else "before its first cell"
     )

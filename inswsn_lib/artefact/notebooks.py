@@ -12,6 +12,8 @@ from inswsn_lib.artefact.project import Chapter
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.files import write_whole
 
+# as in "<object at 0x7fd54a263b90>"
+_ADDRESS = re.compile(r"\bat 0x[0-9a-f]{6,}")
 _KERNEL = {"display_name": "Python 3", "language": "python", "name": "python3"}
 
 
@@ -92,12 +94,20 @@ def stale_twins(chapters: list[Chapter]) -> list[Chapter]:
         chapter
         for chapter in chapters
         if not chapter.twin.is_file()
-        or chapter.twin.read_text(encoding="utf-8") != twin_text(chapter)
+        or chapter.twin.read_bytes() != twin_text(chapter).encode("utf-8")
     ]
 
 
+def orphan_twins(chapters: list[Chapter]) -> list[str]:
+    """Return the names of notebooks beside the chapters that have no source."""
+    twins = {chapter.twin for chapter in chapters}
+    folders = {chapter.twin.parent for chapter in chapters}
+    found = [path for folder in folders for path in folder.glob("[!.]*.ipynb")]
+    return sorted(path.name for path in found if path not in twins)
+
+
 def strip_run(notebook: Any) -> Any:
-    """Remove what differs from one execution to the next: times, paths, and counters of the run.
+    """Remove the metadata that differ from one execution to the next: times, paths, counters.
 
     Parameters
     ----------
@@ -115,8 +125,27 @@ def strip_run(notebook: Any) -> Any:
     for cell in notebook.cells:
         for key in ("papermill", "execution"):
             cell.metadata.pop(key, None)
-        for output in cell.get("outputs", []):
-            for mime, content in output.get("data", {}).items():
-                if mime.startswith("text/") and isinstance(content, str):
-                    output["data"][mime] = re.sub(r"0x[0-9a-f]{6,}", "0x…", content)
     return notebook
+
+
+def unrepeatable_outputs(notebook: Any) -> list[str]:
+    """Return what cells show that does not belong on a page, one sentence each.
+
+    That is anything on standard error, such as a warning, and addresses in memory, which differ
+    from run to run.
+
+    Parameters
+    ----------
+    notebook : nbformat.NotebookNode
+        An executed notebook.
+    """
+    problems = []
+    for cell in notebook.cells:
+        for output in cell.get("outputs", []):
+            if output.get("name") == "stderr":
+                first = str(output["text"]).strip().splitlines()[-1:]
+                problems.append(f"cell {cell['id']} writes to standard error: {''.join(first)}")
+            shown = [output.get("text", ""), *output.get("data", {}).values()]
+            if any(isinstance(text, str) and _ADDRESS.search(text) for text in shown):
+                problems.append(f"cell {cell['id']} shows an address in memory.")
+    return problems

@@ -6,7 +6,9 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
+import inswsn_lib
 from inswsn_lib.errors import InswsnError
+from inswsn_lib.files import tree_digest
 
 _CHAPTER_NAME = re.compile(r"^\d\d-[a-z0-9]+(-[a-z0-9]+)*$")
 
@@ -79,9 +81,14 @@ class Project:
         """The two files that pin the environment."""
         return self.root / "environment.lock", self.root / "environment-torch.lock"
 
-    def library(self) -> list[Path]:
-        """Return the source files of the library."""
-        return sorted((self.root / "inswsn_lib").rglob("*.py"))
+    @property
+    def library(self) -> Path:
+        """The folder of the library that runs, which need not lie in the checkout."""
+        return Path(inswsn_lib.__file__).parent
+
+    def library_digest(self) -> str:
+        """Return the digest of the library's source files."""
+        return tree_digest(self.library, self.library.rglob("*.py"))
 
     def chapters(self) -> list[Chapter]:
         """Return the chapters in the order of their numbers.
@@ -92,7 +99,7 @@ class Project:
             If there is none, a name does not fit ``NN-words``, or a number is used twice.
         """
         chapters = [
-            Chapter(path.stem, path) for path in sorted((self.root / "chapters").glob("*.md"))
+            Chapter(path.stem, path) for path in sorted((self.root / "chapters").glob("[!.]*.md"))
         ]
         if not chapters:
             raise InswsnError(f"There is no chapter in {self.root / 'chapters'}.")

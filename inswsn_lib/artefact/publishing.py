@@ -2,29 +2,67 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 from inswsn_lib.artefact.cache import chapter_key, lookup
 from inswsn_lib.artefact.project import Chapter, Project
-from inswsn_lib.claims import Change, Results, compare, read_results, write_results
+from inswsn_lib.claims import (
+    Change,
+    Results,
+    compare,
+    compare_conditions,
+    read_results,
+    write_results,
+)
 from inswsn_lib.errors import InswsnError
 
 
-def changes_since_published(project: Project) -> dict[str, list[Change]]:
-    """Return how the build of the present sources differs from the reference results.
+@dataclass(frozen=True)
+class Difference:
+    """How the build of one chapter differs from its reference results.
 
-    Returns
-    -------
-    dict of str to list of Change
-        By chapter number; a chapter without differences has an empty list.
+    Attributes
+    ----------
+    number : str
+        The chapter's number.
+    changes : list of Change
+        Its quantities that differ.
+    conditions : list of str
+        Its parameters, data files and sentences that differ.
+    """
+
+    number: str
+    changes: list[Change]
+    conditions: list[str]
+
+    @property
+    def beyond_tolerance(self) -> list[str]:
+        """What a fresh build may not differ in, one line each."""
+        beyond = [str(change) for change in self.changes if change.beyond_tolerance]
+        return [f"{self.number} {line}" for line in [*beyond, *self.conditions]]
+
+
+def differences(project: Project) -> list[Difference]:
+    """Return how the build of the present sources differs from the reference results.
 
     Raises
     ------
     InswsnError
         If a chapter has not been built as it is now.
     """
-    return {
-        chapter.number: compare(_reference(project, chapter), _built(project, chapter))
-        for chapter in project.chapters()
-    }
+    found = []
+    for chapter in project.chapters():
+        before, after = _reference(project, chapter), _built(project, chapter)
+        found.append(
+            Difference(chapter.number, compare(before, after), compare_conditions(before, after))
+        )
+    return found
+
+
+def orphan_references(project: Project) -> list[str]:
+    """Return the names of reference results that have no chapter."""
+    numbers = {chapter.number for chapter in project.chapters()}
+    return sorted(p.name for p in project.published.glob("*.json") if p.stem not in numbers)
 
 
 def publish(project: Project) -> list[str]:
@@ -57,7 +95,7 @@ def _built(project: Project, chapter: Chapter) -> Results:
 
 
 def _reference(project: Project, chapter: Chapter) -> Results:
-    path = project.published / f"{chapter.number}.json"
-    if not path.is_file():
+    try:
+        return read_results(project.published / f"{chapter.number}.json")
+    except InswsnError:  # none yet, or one of an older schema: all of it is new
         return Results(chapter=chapter.number, parameters={}, data={}, quantities=())
-    return read_results(path)

@@ -7,23 +7,25 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
 import nbformat
+import yaml
 
 from inswsn_lib.artefact.cache import Executed
 from inswsn_lib.artefact.inspection import inspect_site
 from inswsn_lib.artefact.notebooks import notebook_text
 from inswsn_lib.artefact.progress import Progress
 from inswsn_lib.artefact.project import Project
-from inswsn_lib.errors import BuildError
+from inswsn_lib.errors import BuildError, InswsnError
 from inswsn_lib.files import tree_digest, write_whole
 
 _KEY_FILE = ".inswsn-key"
-_WARNING = re.compile(r"\b(WARNING|ERROR|CRITICAL|SEVERE)\b")
+# as Sphinx writes them: "place: WARNING: what", or the word first
+_WARNING = re.compile(r"(^|: )(WARNING|ERROR|CRITICAL|SEVERE): ")
 
 
 class RenderingError(BuildError):
@@ -58,6 +60,7 @@ def render_book(
     OSError
         If a folder cannot be written.
     """
+    _check_pages(project, chapters)
     key = _site_key(project, chapters)
     key_file = project.site / _KEY_FILE
     if not fresh and key_file.is_file() and key_file.read_text(encoding="utf-8") == key:
@@ -74,19 +77,21 @@ def render_book(
         if problems:
             listing = "\n".join(f"  {problem}" for problem in problems)
             raise RenderingError(f"The rendered book does not hold together:\n{listing}")
+        if _site_key(project, chapters) != key:
+            raise RenderingError("Something changed while the book was rendered; build it again.")
         write_whole(site / _KEY_FILE, key)
-        _swap(site, project.site, stage / "old")
+        swap_site(site, project.site)
 
 
 def _site_key(project: Project, chapters: Sequence[Executed]) -> str:
-    made = (project.root / "book" / "chapters", project.root / "book" / "generated")
+    made = project.root / "book" / "chapters"
     pages = [
         path
         for path in (project.root / "book").rglob("*")
-        if path.is_file() and not any(folder in path.parents for folder in made)
+        if path.is_file() and made not in path.parents
     ]
-    sources = [*pages, *project.library(), *project.locks, project.root / "_config.yml"]
-    facts = [tree_digest(project.root, sources)]
+    sources = [*pages, *project.locks, project.root / "_config.yml"]
+    facts = [tree_digest(project.root, sources), project.library_digest()]
     facts += [sha256(executed.notebook.read_bytes()).hexdigest() for executed in chapters]
     return sha256("\n".join(facts).encode()).hexdigest()
 
@@ -95,7 +100,9 @@ def _place_chapters(project: Project, chapters: Sequence[Executed]) -> None:
     folder = project.root / "book" / "chapters"
     wanted = {f"{executed.chapter.name}.ipynb" for executed in chapters}
     for path in folder.glob("*"):
-        if path.name not in wanted:
+        if path.is_dir():
+            shutil.rmtree(path)
+        elif path.name not in wanted:
             path.unlink()
     for executed in chapters:
         notebook = nbformat.read(executed.notebook, as_version=4)
@@ -155,7 +162,7 @@ def _run_jupyter_book(project: Project, stage: Path) -> None:
         check=False,
     )
     said = done.stdout + done.stderr
-    warnings = [line for line in said.splitlines() if _WARNING.search(line)]
+    warnings = warnings_in(said)
     # jupyter-book's exit status alone is not to be trusted: it has been 0 after warnings
     if done.returncode != 0 or warnings:
         raise RenderingError(
@@ -164,13 +171,75 @@ def _run_jupyter_book(project: Project, stage: Path) -> None:
         )
 
 
-def _swap(new: Path, site: Path, old: Path) -> None:
-    """Put the new site in the place of the old one; put the old one back if that fails."""
-    if site.exists():
-        site.rename(old)
+def warnings_in(said: str) -> list[str]:
+    """Return the lines of Sphinx's output that are warnings or errors."""
+    return [line for line in said.splitlines() if _WARNING.search(line)]
+
+
+def swap_site(new: Path, site: Path) -> None:
+    """Put a new site in the place of the old one; put the old one back if that fails.
+
+    Parameters
+    ----------
+    new, site : Path
+        The new site, and where it goes; on one file system.
+    """
+    old = _set_aside(site)
     try:
+        if site.exists():
+            site.rename(old)
         new.rename(site)
-    except OSError:
-        if old.exists():
-            shutil.move(old, site)
+    except BaseException:  # an interrupt may fall between the two
+        restore_site(site)
         raise
+    shutil.rmtree(old, ignore_errors=True)
+
+
+def restore_site(site: Path) -> None:
+    """Undo a swap that was cut short: put the old site back, or clear it away."""
+    old = _set_aside(site)
+    if old.exists() and not site.exists():
+        old.rename(site)
+    elif old.exists():
+        shutil.rmtree(old)
+
+
+def _set_aside(site: Path) -> Path:
+    return site.with_name(f"{site.name}.old")
+
+
+def _check_pages(project: Project, chapters: Sequence[Executed]) -> None:
+    """Refuse a configuration that cannot be read, and a contents list without every chapter."""
+    _read_yaml(project.root / "_config.yml")
+    toc = _read_yaml(project.root / "book" / "_toc.yml")
+    listed = {
+        name.removeprefix("chapters/") for name in _files(toc) if name.startswith("chapters/")
+    }
+    there = {executed.chapter.name for executed in chapters}
+    for name in sorted(listed - there):
+        raise InswsnError(f"book/_toc.yml lists chapters/{name}, and there is no such chapter.")
+    for name in sorted(there - listed):
+        raise InswsnError(f"book/_toc.yml does not list chapters/{name}; every chapter has a page.")
+
+
+def _read_yaml(path: Path) -> Any:
+    try:
+        return yaml.safe_load(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise InswsnError(f"There is no {path}.") from None
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        first = " ".join(str(error).split())
+        raise InswsnError(f"{path} is not YAML: {first}.") from None
+
+
+def _files(node: Any) -> Iterator[str]:
+    """Return every name of a file in a contents list."""
+    if isinstance(node, dict):
+        for key, value in node.items():
+            if key in ("file", "root") and isinstance(value, str):
+                yield value
+            else:
+                yield from _files(value)
+    elif isinstance(node, list):
+        for value in node:
+            yield from _files(value)

@@ -16,6 +16,11 @@ class _QuietHandler(SimpleHTTPRequestHandler):
         """Say nothing for each file."""
 
 
+class _Server(ThreadingHTTPServer):
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """Say nothing: a browser that goes away before its answer is no error."""
+
+
 def make_server(site: Path, port: int) -> ThreadingHTTPServer:
     """Return a server of the site on the loopback address, not yet running.
 
@@ -34,7 +39,7 @@ def make_server(site: Path, port: int) -> ThreadingHTTPServer:
     if not (site / "index.html").is_file():
         raise InswsnError(f"There is no built book in {site}; build it first: make book.")
     try:
-        return ThreadingHTTPServer(("127.0.0.1", port), partial(_QuietHandler, directory=str(site)))
+        return _Server(("127.0.0.1", port), partial(_QuietHandler, directory=str(site)))
     except OSError as error:
         raise InswsnError(
             f"Port {port} cannot be used ({error.strerror}); "

@@ -7,8 +7,10 @@ cell starts, and at last ``{"done": true}`` or ``{"failed": ...}``, which speaks
 from __future__ import annotations
 
 import json
+import os
 import signal
 import sys
+import threading
 from pathlib import Path
 from typing import Any
 
@@ -65,10 +67,17 @@ def run(source: Path, target: Path, parameters: dict[str, Any], folder: Path) ->
     return 0
 
 
+def _end_with_parent() -> None:
+    """Stop when the parent is gone, however it went: its end of standard input closes."""
+    sys.stdin.read()
+    os.kill(os.getpid(), signal.SIGTERM)
+
+
 def main() -> None:
     """Run the job that the one argument describes in JSON."""
     # the parent asks a worker to stop by SIGTERM; nbclient shuts its kernel down on the way out
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
+    threading.Thread(target=_end_with_parent, daemon=True).start()
     job = json.loads(sys.argv[1])
     sys.exit(run(Path(job["source"]), Path(job["target"]), job["parameters"], Path(job["folder"])))
 

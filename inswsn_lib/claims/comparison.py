@@ -25,10 +25,19 @@ class Change:
 
     @property
     def beyond_tolerance(self) -> bool:
-        """Whether it appeared, vanished, changed its unit, or moved by more than its tolerance."""
-        if self.before is None or self.after is None or self.before.unit != self.after.unit:
+        """Whether it appeared, vanished, became another quantity, or moved beyond its tolerance.
+
+        The ends of its interval may move by the tolerance, as its value may.
+        """
+        if self.before is None or self.after is None:
             return True
-        return not abs(self.after.value - self.before.value) <= self.before.tolerance
+        before, after = self.before, self.after
+        fixed = ("unit", "interval_kind", "runs", "basis")
+        if any(getattr(before, field) != getattr(after, field) for field in fixed):
+            return True
+        old = (before.value, *(before.interval or ()))
+        new = (after.value, *(after.interval or ()))
+        return not all(abs(b - a) <= before.tolerance for a, b in zip(old, new, strict=True))
 
     def __str__(self) -> str:
         """Return one line: the name, the value before, the value after, the difference."""
@@ -37,9 +46,16 @@ class Change:
         if self.before is None or self.after is None:
             return f"{self.name}: {before} -> {after}"
         difference = self.after.value - self.before.value
+        others = [
+            f"{field} {getattr(self.before, field)} -> {getattr(self.after, field)}"
+            for field in Quantity.model_fields
+            if field not in ("name", "value", "unit")
+            and getattr(self.before, field) != getattr(self.after, field)
+        ]
         return (
             f"{self.name}: {before} -> {after} "
             f"(change {difference:+.3g}, tolerance {self.before.tolerance:.3g})"
+            + "".join(f"; {other}" for other in others)
         )
 
 
@@ -64,3 +80,27 @@ def compare(before: Results, after: Results) -> list[Change]:
         for name in names
         if old.get(name) != new.get(name)
     ]
+
+
+def compare_conditions(before: Results, after: Results) -> list[str]:
+    """Return every way in which two results differ beside their quantities.
+
+    Parameters
+    ----------
+    before, after : Results
+        Two results of one chapter.
+
+    Returns
+    -------
+    list of str
+        One line for each parameter, data file and sentence that differs.
+    """
+    lines = []
+    for field in ("parameters", "data", "sentences"):
+        old, new = getattr(before, field), getattr(after, field)
+        lines += [
+            f"{field}: {name}: {old.get(name, 'absent')} -> {new.get(name, 'absent')}"
+            for name in [*new, *(name for name in old if name not in new)]
+            if old.get(name) != new.get(name)
+        ]
+    return lines

@@ -125,6 +125,8 @@ class ChapterRecord:
 
     def say(self, name: str, text: str) -> None:
         """Make a computed word known to the text as ``{glue:text}`name```, without recording it."""
+        if type(text) is not str:
+            raise InswsnError(f"The word {name!r} is {text!r}; it may be a text.")
         _glue(name, text)
 
     def holds(self, sentence: str, condition: object) -> None:
@@ -143,8 +145,13 @@ class ChapterRecord:
         Raises
         ------
         InswsnError
-            If the sentence has been bound already.
+            If the condition is not a truth value, or the sentence has been bound already.
         """
+        # also numpy's truth value; a number or a text would always vouch for the sentence
+        if type(condition).__name__ not in ("bool", "bool_"):
+            raise InswsnError(
+                f"The condition of {sentence!r} is {condition!r}; it may be true or false."
+            )
         if sentence in self._sentences:
             raise InswsnError(f"The sentence {sentence!r} is bound already.")
         self._sentences[sentence] = bool(condition)

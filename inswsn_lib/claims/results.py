@@ -10,8 +10,6 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.files import write_whole
 
-SCHEMA_VERSION = 1
-
 Name = Annotated[str, Field(pattern=r"^[a-z0-9]+([._-][a-z0-9]+)*$", max_length=80)]
 Digest = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
@@ -144,9 +142,11 @@ def read_results(path: Path) -> Results:
         return Results.model_validate_json(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
         raise InswsnError(f"There is no results file {path}.") from None
+    except UnicodeDecodeError:
+        raise InswsnError(f"{path} is not a results file: it is not UTF-8.") from None
     except ValidationError as error:
         first = error.errors()[0]
         place = ".".join(map(str, first["loc"])) or "the file"
         raise InswsnError(
-            f"{path} is not a results file of schema {SCHEMA_VERSION}: {place}: {first['msg']}."
+            f"{path} is not a results file of this version: {place}: {first['msg']}."
         ) from None

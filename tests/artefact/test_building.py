@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 from conftest import MiniProject, run_command
 
+from inswsn_lib.artefact.execution import ChapterError, together
 from inswsn_lib.claims import read_results
 
 CELL = "```{{code-cell}} ipython3\n{}\n```"
@@ -75,7 +76,7 @@ def test_a_raising_cell(built: MiniProject) -> None:
     built.chapter(CELL.format("reason = 'the sky fell'\nraise RuntimeError(reason)"))
     done = run_command(built.root, "book")
     assert done.returncode == 1
-    assert "Chapter 00-mini failed in cell 4 of 6 (ch00-004)" in done.stderr
+    assert "Chapter 00-mini failed in cell 5 of 6 (ch00-004)" in done.stderr
     assert "raise RuntimeError(reason)" in done.stderr
     assert "RuntimeError" in done.stderr
     assert "the sky fell" in done.stderr
@@ -88,7 +89,7 @@ def test_a_kernel_that_dies(built: MiniProject) -> None:
     built.chapter(CELL.format("import os\nos._exit(1)"))
     done = run_command(built.root, "book")
     assert done.returncode == 1
-    assert "Chapter 00-mini failed in cell 4 of 6 (ch00-004)" in done.stderr
+    assert "Chapter 00-mini failed in cell 5 of 6 (ch00-004)" in done.stderr
     assert "Traceback" not in done.stderr
     assert state(built.site) == before
 
@@ -99,6 +100,104 @@ def test_a_chapter_that_writes_no_results(mini: MiniProject) -> None:
     done = run_command(mini.root, "book")
     assert done.returncode == 1
     assert "Chapter 00-mini wrote no results file 00.json" in done.stderr
+
+
+def test_every_chapter_that_failed_is_named() -> None:
+    first, second = ChapterError("Chapter 00 failed."), ChapterError("Chapter 01 failed.")
+    assert str(together([first, second])) == "Chapter 00 failed.\n\nChapter 01 failed."
+    broken = OSError("no space")
+    assert together([first, broken]) is broken
+
+
+@pytest.mark.parametrize(
+    ("code", "said"),
+    [
+        ("import warnings\nwarnings.warn('careful')", "writes to standard error"),
+        ("print(object())", "shows an address in memory"),
+        ("object()", "shows an address in memory"),
+    ],
+)
+def test_an_output_that_does_not_belong_on_a_page(mini: MiniProject, code: str, said: str) -> None:
+    mini.chapter(CELL.format(code))
+    done = run_command(mini.root, "book")
+    assert done.returncode == 1
+    assert f"cell ch00-004 {said}" in done.stderr
+
+
+def test_a_chapter_that_changes_while_it_is_executed(mini: MiniProject) -> None:
+    (chapter,) = mini.chapters()
+    mini.chapter(
+        CELL.format(
+            "import pathlib\n"
+            f"source = pathlib.Path({str(chapter.source)!r})\n"
+            "text = source.read_text()\n"
+            "_ = source.write_text(text.replace('scale = 2.0', 'scale = 3.0'))"
+        )
+    )
+    done = run_command(mini.root, "book")
+    assert done.returncode == 1
+    assert "changed while it was executed; build it again" in done.stderr
+    assert not any(mini.cache.rglob("results.json"))
+
+
+@pytest.mark.parametrize(
+    ("toc", "said"),
+    [
+        ("format: jb-book\nroot: index\n", "book/_toc.yml does not list chapters/00-mini"),
+        (
+            "format: jb-book\nroot: index\nchapters:\n"
+            "  - file: chapters/00-mini\n  - file: chapters/01-gone\n",
+            "book/_toc.yml lists chapters/01-gone, and there is no such chapter",
+        ),
+        ("format: [", "_toc.yml is not YAML"),
+        (None, "There is no"),
+    ],
+)
+def test_a_contents_list_that_does_not_fit(mini: MiniProject, toc: str | None, said: str) -> None:
+    path = mini.root / "book" / "_toc.yml"
+    path.unlink()
+    if toc is not None:
+        path.write_text(toc)
+    done = run_command(mini.root, "book")
+    assert done.returncode == 2
+    assert said in done.stderr.splitlines()[-1]
+
+
+def test_a_checkout_with_a_library_of_its_own(mini: MiniProject) -> None:
+    (mini.root / "inswsn_lib").mkdir()
+    done = run_command(mini.root, "book")
+    assert done.returncode == 2
+    assert "has a library of its own" in done.stderr
+
+
+def test_personal_settings_do_not_reach_a_chapter(
+    mini: MiniProject, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    settings = tmp_path / "settings"
+    settings.mkdir()
+    (settings / "matplotlibrc").write_text("axes.linewidth: 9\n")
+    monkeypatch.setenv("PYTHONPATH", str(settings))
+    monkeypatch.setenv("MPLCONFIGDIR", str(settings))
+    monkeypatch.setenv("OMP_NUM_THREADS", "7")
+    monkeypatch.setenv("PYTHONHASHSEED", "7")
+    mini.chapter(
+        CELL.format(
+            "import os, sys\n"
+            "import matplotlib\n"
+            "assert matplotlib.rcParams['axes.linewidth'] == 0.8\n"
+            f"assert {str(settings)!r} not in sys.path\n"
+            "assert (os.environ['OMP_NUM_THREADS'], os.environ['PYTHONHASHSEED']) == ('1', '0')"
+        )
+    )
+    done = run_command(mini.root, "book")
+    assert done.returncode == 0, done.stderr
+
+
+def test_two_fresh_builds_are_the_same(built: MiniProject) -> None:
+    (first,) = built.cache.rglob("executed.ipynb")
+    text = first.read_text()
+    assert run_command(built.root, "book", "--fresh").returncode == 0
+    assert first.read_text() == text
 
 
 def test_a_sentence_that_is_not_so(built: MiniProject) -> None:
@@ -181,19 +280,34 @@ def ends(pid: int, seconds: float = 15.0) -> bool:
     return False
 
 
-@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM], ids=["Ctrl-C", "terminated"])
+@pytest.mark.parametrize(
+    "how",
+    [signal.SIGINT, signal.SIGTERM, signal.SIGHUP],
+    ids=["Ctrl-C", "terminated", "terminal closed"],
+)
 def test_an_interrupted_build(built: MiniProject, how: signal.Signals) -> None:
     before = state(built.site)
     process, kernel = start_slow_build(built)
     process.send_signal(how)
     _, said = process.communicate(timeout=60)
-    assert process.returncode == 130, said
+    assert process.returncode == 128 + how, said
     assert said.strip().endswith("inswsn: stopped.")
     assert ends(kernel), "the kernel was left running"
     assert state(built.site) == before
     assert leftovers(built) == []
     built.chapter()
     assert run_command(built.root, "book").returncode == 0  # and the next build is as good as ever
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="There is no such signal on Windows.")
+def test_a_killed_build_leaves_nothing_that_stays(built: MiniProject) -> None:
+    process, kernel = start_slow_build(built)
+    process.kill()
+    process.communicate(timeout=60)
+    assert ends(kernel), "the kernel outlived the build"
+    built.chapter()
+    assert run_command(built.root, "book").returncode == 0
+    assert leftovers(built) == []
 
 
 def test_two_builds_at_once(built: MiniProject) -> None:

@@ -15,10 +15,11 @@ from inswsn_lib.files import file_digest
 
 
 @pytest.fixture
-def library(mini: Project) -> Path:
+def library(mini: Project, monkeypatch: pytest.MonkeyPatch) -> Path:
     path = mini.root / "inswsn_lib" / "a.py"
     path.parent.mkdir()
     path.write_text("x = 1\n")
+    monkeypatch.setattr(Project, "library", path.parent)
     return path
 
 
@@ -48,6 +49,13 @@ def test_a_change_of_content_changes_the_key(
     (chapter,) = mini.chapters()
     before = chapter_key(mini, chapter, {})
     change(mini.root)
+    assert chapter_key(mini, chapter, {}) != before
+
+
+def test_another_python_changes_the_key(mini: Project, monkeypatch: pytest.MonkeyPatch) -> None:
+    (chapter,) = mini.chapters()
+    before = chapter_key(mini, chapter, {})
+    monkeypatch.setattr("sys.version_info", (3, 11, 999))
     assert chapter_key(mini, chapter, {}) != before
 
 
@@ -91,7 +99,10 @@ def test_an_entry_that_was_cut_short_is_none(mini: Project) -> None:
     key = chapter_key(mini, chapter, {})
     results = Results(chapter="00", parameters={}, data={}, quantities=())
     entry = store(mini, chapter, key, "{}\n", results)
-    (entry.notebook.parent / "results.json").write_text('{"schema_version"')
+    (entry.notebook.parent / "results.json").write_bytes(b'{"schema_version\xff')
+    assert lookup(mini, chapter, key) is None
+    entry = store(mini, chapter, key, '{"cells": []}\n', results)
+    entry.notebook.write_text('{"cells"')
     assert lookup(mini, chapter, key) is None
 
 

@@ -67,6 +67,14 @@ def test_notebooks_check(mini: MiniProject) -> None:
     assert "chapters/00-mini.ipynb differs from its source." in done.stderr
     assert run_command(mini.root, "notebooks").stdout == "wrote chapters/00-mini.ipynb\n"
     assert run_command(mini.root, "notebooks", "--check").returncode == 0
+    (mini.root / "chapters" / "01-gone.ipynb").write_text("{}")
+    (mini.root / "chapters" / ".#00-mini.md").write_text("an editor's file")
+    done = run_command(mini.root, "notebooks", "--check")
+    assert done.returncode == 2
+    assert "chapters/01-gone.ipynb has no source." in done.stderr
+    # a twin that cannot be read is written anew
+    (mini.root / "chapters" / "00-mini.ipynb").write_bytes(b"\xff")
+    assert run_command(mini.root, "notebooks").stdout == "wrote chapters/00-mini.ipynb\n"
 
 
 def test_serve_shows_the_site(tmp_path: Path) -> None:

@@ -56,6 +56,14 @@ def swap(name: str, old: str, new: str) -> Callable[[Project], None]:
             swap("environment.lock", r"^(click==\S+) \\$\n(    --hash.*\n)+", r"\1\n"),
             "environment.lock pins click without a hash.",
         ),
+        (
+            swap("environment-torch.lock", r" \\\n    --hash=sha256:6746[0-9a-f]*", ""),
+            "environment-torch.lock pins torch without a hash.",
+        ),
+        (
+            swap("environment.lock", r"^attrs==(.*\n)(    --hash.*\n)+(    #.*\n)+", ""),
+            "environment.lock has been edited since it was made.",
+        ),
     ],
 )
 def test_a_stale_lock_is_told_by_name(

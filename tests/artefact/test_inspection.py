@@ -48,6 +48,7 @@ def test_what_is_in_order(site: Path, body: str) -> None:
         ('<img src="a.png">', "no alternative text"),
         ('<img src="a.png" alt=" ">', "no alternative text"),
         ('<img src="a.png" alt="a.png">', "no alternative text"),
+        ('<img src="a.png" alt="another.png">', "no alternative text"),
         ('<img src="b.png" alt="A picture">', "b.png leads to no file"),
         ('<script src="https://example.org/x.js"></script>', "from another host"),
         ('<link rel="stylesheet" href="//example.org/x.css">', "from another host"),

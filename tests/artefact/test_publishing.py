@@ -8,19 +8,15 @@ from pathlib import Path
 from conftest import MiniProject, run_command
 
 from inswsn_lib.artefact.project import Project
-from inswsn_lib.artefact.publishing import changes_since_published
+from inswsn_lib.artefact.publishing import differences, orphan_references
 
 
 def test_a_fresh_build_is_within_tolerance_of_the_reference(
     project: Project, built_site: Path
 ) -> None:
-    beyond = [
-        f"{number} {change}"
-        for number, changes in changes_since_published(project).items()
-        for change in changes
-        if change.beyond_tolerance
-    ]
+    beyond = [line for difference in differences(project) for line in difference.beyond_tolerance]
     assert beyond == []
+    assert orphan_references(project) == []
 
 
 def test_publish_shows_what_changes_and_then_writes_it(mini: MiniProject) -> None:
@@ -46,7 +42,20 @@ def test_publish_shows_what_changes_and_then_writes_it(mini: MiniProject) -> Non
 
     (mini.root / "data" / "papers" / "number.txt").write_text("21.2")
     assert run_command(mini.root, "book").returncode == 0
-    (change,) = changes_since_published(mini)["00"]
+    (difference,) = differences(mini)
+    (change,) = difference.changes
     assert not change.beyond_tolerance  # 42 -> 42.4, tolerance 0.5
+    (condition,) = difference.conditions
+    assert condition.startswith("data: data/papers/number.txt: ")
     done = run_command(mini.root, "publish", "--check")
     assert "  00 twice: 42 m -> 42.4 m (change +0.4, tolerance 0.5)" in done.stdout
+    assert f"! 00 {condition}" in done.stdout
+
+    # a reference of another schema is shown as all new, and replaced
+    reference.write_text(
+        reference.read_text().replace('"schema_version": 1', '"schema_version": 9')
+    )
+    assert "! 00 twice: absent -> 42.4 m" in run_command(mini.root, "publish").stdout
+    assert run_command(mini.root, "publish", "--check").stdout == ""
+    (mini.published / "07.json").write_text("{}")
+    assert "07.json belongs to no chapter" in run_command(mini.root, "publish", "--check").stdout

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from inswsn_lib.checkout import RESULTS_VARIABLE, ROOT_VARIABLE
@@ -58,6 +59,12 @@ def test_sentences_are_bound_to_conditions(record: ChapterRecord, tmp_path: Path
     record.write()
     written = read_results(tmp_path / "results" / "00.json")
     assert written.sentences == {"The sky is blue.": True, "The sky is green.": False}
+    for untrue in (float("nan"), "False", [False], 1, None):
+        with pytest.raises(InswsnError, match="it may be true or false"):
+            record.holds("The sky is grey.", untrue)
+    record.holds("The sky is high.", np.bool_(True))
+    with pytest.raises(InswsnError, match="it may be a text"):
+        record.say("word", np.float64(1.5))
     with pytest.raises(InswsnError, match="is bound already"):
         record.holds("The sky is blue.", True)
 

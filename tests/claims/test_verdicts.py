@@ -6,7 +6,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from inswsn_lib.claims import Quantity, Results, Scoreboard, Verdict, compare, judge_own_cells
+from inswsn_lib.claims import (
+    Quantity,
+    Results,
+    Scoreboard,
+    Verdict,
+    compare,
+    compare_conditions,
+    judge_own_cells,
+)
 
 ends = st.tuples(st.integers(-9, 9), st.integers(-9, 9)).map(sorted)
 
@@ -69,8 +77,35 @@ def test_compare_names_every_change_and_only_those() -> None:
     assert compare(before, before) == []
 
 
-def test_a_changed_unit_is_beyond_any_tolerance() -> None:
-    before = results(x=1.0)
-    after = Results.model_validate_json(before.model_dump_json().replace('"m"', '"km"'))
+@pytest.mark.parametrize(
+    ("changes", "beyond"),
+    [
+        ({"unit": "km"}, True),
+        ({"runs": 2}, True),
+        ({"basis": "recorded"}, True),
+        ({"interval": (0.95, 1.05)}, False),
+        ({"interval": (0.5, 1.0)}, True),
+        ({"interval": None, "interval_kind": None}, True),
+        ({"how": "Otherwise, for a test."}, False),
+    ],
+)
+def test_what_is_beyond_tolerance(changes: dict[str, object], beyond: bool) -> None:
+    (quantity,) = results(x=1.0).quantities
+    fields = quantity.model_dump() | {"interval": (1.0, 1.0), "interval_kind": "rounding"}
+    before = results().model_copy(update={"quantities": (Quantity(**fields),)})
+    after = results().model_copy(update={"quantities": (Quantity(**(fields | changes)),)})
     (change,) = compare(before, after)
-    assert change.beyond_tolerance
+    assert change.beyond_tolerance is beyond
+    (field, *_) = changes
+    assert field in str(change) or field == "unit"
+
+
+def test_conditions_that_differ_are_named() -> None:
+    before = results().model_copy(update={"parameters": {"a": 1}, "sentences": {"So.": True}})
+    after = results().model_copy(update={"parameters": {"a": 2}, "data": {"data/x": "0" * 64}})
+    assert compare_conditions(before, after) == [
+        "parameters: a: 1 -> 2",
+        f"data: data/x: absent -> {'0' * 64}",
+        "sentences: So.: True -> absent",
+    ]
+    assert compare_conditions(before, before) == []
