@@ -32,7 +32,8 @@ kernelspec:
 ```{code-cell} ipython3
 :tags: [parameters]
 
-scale = 2.0
+# What the number is multiplied by.
+scale: float = 2.0  # 1; 0 < value <= 100
 ```
 
 ```{code-cell} ipython3

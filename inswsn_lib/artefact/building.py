@@ -55,9 +55,8 @@ def build_book(
 def _clear_leftovers(project: Project) -> None:
     """Clear away what a build that was killed has left, and put back the site it was swapping."""
     restore_site(project.site)
-    for pattern in ("run-*", "render-*"):
-        for folder in project.build.glob(pattern):
-            shutil.rmtree(folder)
+    for folder in project.build.glob("render-*"):
+        shutil.rmtree(folder)
 
 
 @contextmanager

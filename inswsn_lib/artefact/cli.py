@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import signal
 import sys
+import textwrap
 import threading
 from pathlib import Path
 
@@ -55,6 +56,88 @@ def book(root: Path | None, fresh: bool, jobs: int | None) -> None:
     with Progress() as progress:
         build_book(project, progress, fresh=fresh, jobs=jobs)
     click.echo(f"Open {project.site / 'index.html'} in a browser, or run: make serve")
+
+
+@cli.command()
+@click.pass_obj
+def chapters(root: Path | None) -> None:
+    """List the chapters with their parameters."""
+    from inswsn_lib.parameters import chapter_schema
+
+    project = _project(root)
+    for chapter in project.chapters():
+        click.echo(f"{chapter.number}  {chapter.name[3:]}")
+        for parameter in chapter_schema(project.root, chapter.number).parameters:
+            unit = "" if parameter.unit == "1" else f" {parameter.unit}"
+            click.echo(f"    {parameter.name} = {parameter.default}{unit}; {parameter.allowed}")
+            click.echo(textwrap.indent(textwrap.fill(parameter.meaning, 88), "        "))
+
+
+@cli.command()
+@click.argument("name")
+@click.option("-p", "settings", multiple=True, metavar="NAME=VALUE", help="Set a parameter.")
+@click.option(
+    "-f",
+    "file",
+    type=click.Path(exists=True, dir_okay=False, path_type=Path),
+    help="A YAML file of parameters; -p overrides it.",
+)
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    help="The folder of this run. Default: one below runs/ named for its parameters.",
+)
+@click.option("--html", is_flag=True, help="Render the book with this run in it.")
+@click.pass_obj
+def run(
+    root: Path | None,
+    name: str,
+    settings: tuple[str, ...],
+    file: Path | None,
+    out: Path | None,
+    html: bool,
+) -> None:
+    """Execute a chapter with other parameters and compare it with the published run."""
+    from rich.console import Console
+
+    from inswsn_lib.artefact import running
+    from inswsn_lib.artefact.progress import Progress
+    from inswsn_lib.artefact.publishing import reference_results
+    from inswsn_lib.parameters import chapter_schema
+
+    project = _project(root)
+    chapter = running.find_chapter(project, name)
+    schema = chapter_schema(project.root, chapter.number)
+    values = running.gather_parameters(schema, settings, file)
+    with Progress() as progress:
+        done = running.run_chapter(project, chapter, values, progress, out=out, html=html)
+    running.show_comparison(
+        reference_results(project, chapter),
+        done.results,
+        ("published run", "this run"),
+        Console(width=None if sys.stdout.isatty() else 120),
+    )
+    click.echo(f"The run is in {done.folder}")
+
+
+@cli.command()
+@click.argument("before", type=click.Path(exists=True, dir_okay=False, path_type=Path))
+@click.argument("after", type=click.Path(exists=True, dir_okay=False, path_type=Path))
+def compare(before: Path, after: Path) -> None:
+    """Compare two results files of one chapter."""
+    from rich.console import Console
+
+    from inswsn_lib.artefact.running import show_comparison
+    from inswsn_lib.claims import read_results
+
+    first, second = read_results(before), read_results(after)
+    if first.chapter != second.chapter:
+        raise InswsnError(
+            f"{before} is of chapter {first.chapter} and {after} of chapter {second.chapter}; "
+            "two runs of one chapter can be compared."
+        )
+    console = Console(width=None if sys.stdout.isatty() else 120)
+    show_comparison(first, second, ("first", "second"), console)
 
 
 @cli.command()

@@ -8,7 +8,7 @@ import subprocess
 import sys
 import tempfile
 import threading
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -26,8 +26,9 @@ from inswsn_lib.artefact.notebooks import (
 from inswsn_lib.artefact.progress import Progress
 from inswsn_lib.artefact.project import Chapter, Project
 from inswsn_lib.checkout import RESULTS_VARIABLE, ROOT_VARIABLE
-from inswsn_lib.claims import read_results
+from inswsn_lib.claims import Results, read_results
 from inswsn_lib.errors import BuildError
+from inswsn_lib.parameters import Value
 
 _STOP_SECONDS = 10.0
 
@@ -155,17 +156,80 @@ def together(errors: list[BaseException]) -> BaseException:
 
 
 def _execute(project: Project, chapter: Chapter, progress: Progress, workers: _Workers) -> Executed:
+    """Execute a chapter for the book, and keep it if it may stand there."""
     key = chapter_key(project, chapter, {})
+    executed, results = _run(project, chapter, {}, progress, workers)
+    untrue = [sentence for sentence, held in results.sentences.items() if not held]
+    if untrue:
+        listing = "\n".join(f"  {sentence}" for sentence in untrue)
+        raise ChapterError(
+            f"Chapter {chapter.name} has sentences that its results do not bear out:\n{listing}"
+        )
+    problems = unrepeatable_outputs(executed)
+    if problems:
+        raise ChapterError(f"Chapter {chapter.name}: " + "\n".join(problems))
+    if chapter_key(project, chapter, {}) != key:
+        raise ChapterError(f"Chapter {chapter.name} changed while it was executed; build it again.")
+    entry = store(project, chapter, key, notebook_text(executed), results)
+    progress.finished(chapter.name)
+    return entry
+
+
+def execute_once(
+    project: Project, chapter: Chapter, parameters: Mapping[str, Value], progress: Progress
+) -> tuple[Any, Results]:
+    """Execute one chapter with other parameters, and keep nothing.
+
+    Parameters
+    ----------
+    project : Project
+        The checkout.
+    chapter : Chapter
+        The chapter.
+    parameters : mapping of str to value
+        Checked values of declared parameters.
+    progress : Progress
+        Told of each cell.
+
+    Returns
+    -------
+    notebook : nbformat.NotebookNode
+        The executed notebook, without times and paths.
+    results : Results
+        What it recorded.
+
+    Raises
+    ------
+    ChapterError
+        If a cell raises.
+    """
+    workers = _Workers()
+    try:
+        executed, results = _run(project, chapter, parameters, progress, workers)
+    except BaseException:
+        workers.stop()
+        raise
+    progress.finished(chapter.name)
+    return executed, results
+
+
+def _run(
+    project: Project,
+    chapter: Chapter,
+    parameters: Mapping[str, Value],
+    progress: Progress,
+    workers: _Workers,
+) -> tuple[Any, Results]:
     source = read_source(chapter)
-    progress.started(chapter.name, len(source.cells))
+    progress.started(chapter.name, len(source.cells) + bool(parameters))
     project.build.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(dir=project.build, prefix=f"run-{chapter.name}-") as name:
+    with tempfile.TemporaryDirectory(prefix=f"inswsn-{chapter.name}-") as name:
         folder = Path(name)
         nbformat.write(source, folder / "source.ipynb")
         job = {
             "source": str(folder / "source.ipynb"),
             "target": str(folder / "executed.ipynb"),
-            "parameters": {},
+            "parameters": dict(parameters),
             "folder": str(folder),
         }
         process = workers.start(
@@ -176,30 +240,14 @@ def _execute(project: Project, chapter: Chapter, progress: Progress, workers: _W
             _follow(chapter, process, progress)
         finally:
             workers.ended(process)
-        results_path = folder / "results" / f"{chapter.number}.json"
-        if not results_path.is_file():
+        results = folder / "results" / f"{chapter.number}.json"
+        if not results.is_file():
             raise ChapterError(
-                f"Chapter {chapter.name} wrote no results file {chapter.number}.json: "
+                f"Chapter {chapter.name} wrote no results file {results.name}: "
                 "its last code cell calls record.write()."
             )
-        results = read_results(results_path)
-        untrue = [sentence for sentence, held in results.sentences.items() if not held]
-        if untrue:
-            listing = "\n".join(f"  {sentence}" for sentence in untrue)
-            raise ChapterError(
-                f"Chapter {chapter.name} has sentences that its results do not bear out:\n{listing}"
-            )
-        executed = strip_run(nbformat.read(folder / "executed.ipynb", as_version=4))
-        problems = unrepeatable_outputs(executed)
-        if problems:
-            raise ChapterError(f"Chapter {chapter.name}: " + "\n".join(problems))
-        if chapter_key(project, chapter, {}) != key:
-            raise ChapterError(
-                f"Chapter {chapter.name} changed while it was executed; build it again."
-            )
-        entry = store(project, chapter, key, notebook_text(executed), results)
-    progress.finished(chapter.name)
-    return entry
+        executed = nbformat.read(folder / "executed.ipynb", as_version=4)
+        return strip_run(executed), read_results(results)
 
 
 def _environment(project: Project, folder: Path) -> dict[str, str]:

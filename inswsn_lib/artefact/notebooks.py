@@ -11,6 +11,7 @@ import nbformat
 from inswsn_lib.artefact.project import Chapter
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.files import write_whole
+from inswsn_lib.parameters import notebook_schema
 
 # as in "<object at 0x7fd54a263b90>"
 _ADDRESS = re.compile(r"\bat 0x[0-9a-f]{6,}")
@@ -35,7 +36,7 @@ def read_source(chapter: Chapter) -> Any:
     Raises
     ------
     InswsnError
-        If the source is not a MyST notebook, or has not exactly one parameters cell.
+        If the source is not a MyST notebook, or its parameters are not declared in one cell.
     """
     try:
         notebook = jupytext.read(chapter.source, fmt="md:myst")
@@ -50,12 +51,7 @@ def read_source(chapter: Chapter) -> Any:
         if cell.cell_type == "code":
             cell.outputs = []
             cell.execution_count = None
-    tagged = [cell for cell in notebook.cells if "parameters" in cell.metadata.get("tags", [])]
-    if len(tagged) != 1:
-        raise InswsnError(
-            f"chapters/{chapter.source.name} has {len(tagged)} cells tagged parameters; "
-            "a chapter has exactly one."
-        )
+    notebook_schema(notebook, chapter.source.name)
     notebook.metadata = nbformat.from_dict(
         {"kernelspec": dict(_KERNEL), "language_info": {"name": "python"}}
     )

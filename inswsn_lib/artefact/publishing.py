@@ -52,7 +52,7 @@ def differences(project: Project) -> list[Difference]:
     """
     found = []
     for chapter in project.chapters():
-        before, after = _reference(project, chapter), _built(project, chapter)
+        before, after = reference_results(project, chapter), _built(project, chapter)
         found.append(
             Difference(chapter.number, compare(before, after), compare_conditions(before, after))
         )
@@ -77,7 +77,9 @@ def publish(project: Project) -> list[str]:
     """
     built = [(chapter, _built(project, chapter)) for chapter in project.chapters()]
     changed = [
-        (chapter, results) for chapter, results in built if results != _reference(project, chapter)
+        (chapter, results)
+        for chapter, results in built
+        if results != reference_results(project, chapter)
     ]
     for chapter, results in changed:
         write_results(results, project.published / f"{chapter.number}.json")
@@ -94,7 +96,8 @@ def _built(project: Project, chapter: Chapter) -> Results:
     return entry.results
 
 
-def _reference(project: Project, chapter: Chapter) -> Results:
+def reference_results(project: Project, chapter: Chapter) -> Results:
+    """Return the reference results of a chapter; without any quantity if there are none yet."""
     try:
         return read_results(project.published / f"{chapter.number}.json")
     except InswsnError:  # none yet, or one of an older schema: all of it is new

@@ -19,7 +19,7 @@ from inswsn_lib.artefact.cache import Executed
 from inswsn_lib.artefact.inspection import inspect_site
 from inswsn_lib.artefact.notebooks import notebook_text
 from inswsn_lib.artefact.progress import Progress
-from inswsn_lib.artefact.project import Project
+from inswsn_lib.artefact.project import Chapter, Project
 from inswsn_lib.errors import BuildError, InswsnError
 from inswsn_lib.files import tree_digest, write_whole
 
@@ -71,16 +71,49 @@ def render_book(
     project.build.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=project.build, prefix="render-") as name:
         stage = Path(name)
-        _run_jupyter_book(project, stage)
-        site = stage / "_build" / "html"
-        problems = inspect_site(site)
-        if problems:
-            listing = "\n".join(f"  {problem}" for problem in problems)
-            raise RenderingError(f"The rendered book does not hold together:\n{listing}")
+        site = _run_jupyter_book(project, project.root / "book", stage)
         if _site_key(project, chapters) != key:
             raise RenderingError("Something changed while the book was rendered; build it again.")
         write_whole(site / _KEY_FILE, key)
         swap_site(site, project.site)
+
+
+def render_run(project: Project, chapter: Chapter, executed: Any, target: Path) -> None:
+    """Render the book with another run of one chapter in it.
+
+    Parameters
+    ----------
+    project : Project
+        The checkout, with a built book: its other chapters stand beside the run.
+    chapter : Chapter
+        The chapter.
+    executed : nbformat.NotebookNode
+        The run.
+    target : Path
+        Where the site goes; an older one there is replaced.
+
+    Raises
+    ------
+    RenderingError
+        If Sphinx warns or the site does not hold together.
+    InswsnError
+        If the book has not been built.
+    """
+    placed = project.root / "book" / "chapters"
+    others = [c.name for c in project.chapters() if not (placed / f"{c.name}.ipynb").is_file()]
+    if others:
+        raise InswsnError(
+            f"Chapter {others[0]} has not been built; build the book first: make book."
+        )
+    target.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=target.parent, prefix="render-") as name:
+        stage = Path(name)
+        source = stage / "book"
+        shutil.copytree(project.root / "book", source)
+        text = notebook_text(with_captions(executed))
+        write_whole(source / "chapters" / f"{chapter.name}.ipynb", text)
+        site = _run_jupyter_book(project, source, stage)
+        swap_site(site, target)
 
 
 def _site_key(project: Project, chapters: Sequence[Executed]) -> str:
@@ -147,10 +180,11 @@ def with_captions(notebook: Any) -> Any:
     return notebook
 
 
-def _run_jupyter_book(project: Project, stage: Path) -> None:
+def _run_jupyter_book(project: Project, source: Path, stage: Path) -> Path:
+    """Render and inspect a book; return the folder of the site."""
     command = [
         *(sys.executable, "-c", "from jupyter_book.cli.main import main; main()"),
-        *("build", "book", "--config", "_config.yml", "--path-output", str(stage)),
+        *("build", str(source), "--config", "_config.yml", "--path-output", str(stage)),
         *("--all", "-W", "-n", "--keep-going", "-q"),
     ]
     done = subprocess.run(
@@ -169,6 +203,12 @@ def _run_jupyter_book(project: Project, stage: Path) -> None:
             "Sphinx could not render the book without warnings:\n"
             + ("\n".join(warnings) if warnings else said.strip())
         )
+    site = stage / "_build" / "html"
+    problems = inspect_site(site)
+    if problems:
+        listing = "\n".join(f"  {problem}" for problem in problems)
+        raise RenderingError(f"The rendered book does not hold together:\n{listing}")
+    return site
 
 
 def warnings_in(said: str) -> list[str]:

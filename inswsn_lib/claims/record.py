@@ -12,6 +12,7 @@ from inswsn_lib.checkout import find_root, results_folder
 from inswsn_lib.claims.results import Quantity, Results, write_results
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.files import file_digest
+from inswsn_lib.parameters import Value, chapter_schema
 
 # MyST-NB pastes outputs of this type into the text by the role {glue:text}.
 _GLUE_TYPE = "application/papermill.record/text/plain"
@@ -32,18 +33,25 @@ class ChapterRecord:
     Raises
     ------
     InswsnError
-        If there is no checkout.
+        If there is no checkout or no such chapter in it, or a declared parameter is not recorded.
+    ParameterError
+        If a parameter is not declared in the chapter's parameters cell, or may not have its value.
     """
 
     def __init__(
         self,
         chapter: str,
-        parameters: dict[str, bool | int | float | str],
+        parameters: dict[str, Value],
         root: Path | None = None,
     ) -> None:
         self._root = find_root() if root is None else root
         self._chapter = chapter
-        self._parameters = parameters
+        #: The declared parameters of the chapter
+        self.schema = chapter_schema(self._root, chapter)
+        missing = [name for name in self.schema.defaults if name not in parameters]
+        if missing:
+            raise InswsnError(f"Chapter {chapter} keeps no record of its parameter {missing[0]}.")
+        self._parameters = self.schema.check(parameters)
         self._data: dict[str, str] = {}
         self._quantities: dict[str, Quantity] = {}
         self._sentences: dict[str, bool] = {}

@@ -1,6 +1,14 @@
 """One style for all figures and tables, and how a chapter shows them."""
 
 from inswsn_lib.plotting.figures import COLOURS, figure, percent_axis, show_figure
-from inswsn_lib.plotting.tables import show_table, tick
+from inswsn_lib.plotting.tables import show_parameters, show_table, tick
 
-__all__ = ["COLOURS", "figure", "percent_axis", "show_figure", "show_table", "tick"]
+__all__ = [
+    "COLOURS",
+    "figure",
+    "percent_axis",
+    "show_figure",
+    "show_parameters",
+    "show_table",
+    "tick",
+]

@@ -6,11 +6,30 @@ import pandas as pd
 from IPython.display import display
 
 from inswsn_lib.errors import ParameterError
+from inswsn_lib.parameters import Schema
 
 
 def tick(held: bool) -> str:
     """Return "yes" or "no" for a table cell: words, since a colour alone tells nobody."""
     return "yes" if held else "no"
+
+
+def show_parameters(schema: Schema, *, name: str) -> None:
+    """Show the declared parameters of a chapter in a table.
+
+    Parameters
+    ----------
+    schema : Schema
+        The parameters, as ``ChapterRecord.schema`` has them.
+    name : str
+        The label that ``{numref}`` uses, for example ``"tbl-00-parameters"``.
+    """
+    rows = [
+        (f"`{p.name}`", p.meaning, p.unit, f"{p.default}", p.allowed) for p in schema.parameters
+    ]
+    columns = ["parameter", "what it is", "unit", "published run", "it may be"]
+    frame = pd.DataFrame(rows, columns=columns).set_index("parameter")
+    show_table(frame, name=name, caption="The parameters of this chapter.")
 
 
 def show_table(frame: pd.DataFrame, *, name: str, caption: str) -> None:

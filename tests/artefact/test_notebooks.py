@@ -40,7 +40,7 @@ def test_write_twins_writes_only_what_differs(mini: Project) -> None:
     (chapter,) = mini.chapters()
     assert write_twins([chapter]) == [chapter]
     assert write_twins([chapter]) == []
-    chapter.twin.write_text(chapter.twin.read_text().replace("scale = 2.0", "scale = 3.0"))
+    chapter.twin.write_text(chapter.twin.read_text().replace("float = 2.0", "float = 3.0"))
     assert stale_twins([chapter]) == [chapter]
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import MiniProject
 
 from inswsn_lib.checkout import RESULTS_VARIABLE, ROOT_VARIABLE
 from inswsn_lib.claims import ChapterRecord, read_results
@@ -14,11 +15,10 @@ from inswsn_lib.files import file_digest
 
 
 @pytest.fixture
-def record(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ChapterRecord:
+def record(mini: MiniProject, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ChapterRecord:
     monkeypatch.setenv(RESULTS_VARIABLE, str(tmp_path / "results"))
-    (tmp_path / "data").mkdir()
-    (tmp_path / "data" / "a.txt").write_text("1")
-    return ChapterRecord("00", parameters={"p": 1}, root=tmp_path)
+    (mini.root / "data" / "a.txt").write_text("1")
+    return ChapterRecord("00", parameters={"scale": 1.0}, root=mini.root)
 
 
 def add(record: ChapterRecord, name: str = "x", **changes: object) -> None:
@@ -39,6 +39,7 @@ def test_it_writes_what_it_read_and_found(record: ChapterRecord, tmp_path: Path)
     record.write()
     written = read_results(tmp_path / "results" / "00.json")
     assert written.data == {"data/a.txt": file_digest(path)}
+    assert written.parameters == {"scale": 1.0}
     assert written["x"].interval_kind == "rounding"
     assert written["y"].interval_kind == "confidence 95 %"
     assert written["y"].runs == 200

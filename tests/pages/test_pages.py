@@ -140,7 +140,7 @@ def test_chapter_00_shows_its_figures_tables_and_numbers(browser: Browser, serve
     page = visit(browser, served, "chapters/00-the-published-numbers.html").page
     captions = page.locator("figcaption .caption-number").all_inner_texts()
     assert [text.strip() for text in captions] == ["Fig. 1", "Fig. 2", "Fig. 3", "Fig. 4"]
-    assert page.locator("table caption .caption-number").count() == 7
+    assert page.locator("table caption .caption-number").count() == 8
     assert page.locator("main table:not(:has(th))").count() == 0
     # a number in a sentence is the recorded one, and no name of one is left
     text = page.locator("main").inner_text()

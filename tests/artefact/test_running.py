@@ -1,0 +1,189 @@
+"""Runs with other parameters: into a folder of their own, compared with the published run."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from conftest import MiniProject, run_command
+from rich.console import Console
+
+from inswsn_lib.artefact.running import gather_parameters, show_comparison
+from inswsn_lib.claims import ChapterRecord, Quantity, Results, read_results
+from inswsn_lib.errors import InswsnError, ParameterError
+from inswsn_lib.parameters import chapter_schema
+
+
+def test_chapters_lists_their_parameters(mini: MiniProject) -> None:
+    done = run_command(mini.root, "chapters")
+    assert done.stdout == (
+        "00  mini\n"
+        "    scale = 2.0; a number with 0 < value <= 100\n"
+        "        What the number is multiplied by.\n"
+    )
+
+
+def test_a_run_and_its_comparison(mini: MiniProject, tmp_path: Path) -> None:
+    assert run_command(mini.root, "book").returncode == 0
+    assert run_command(mini.root, "publish").returncode == 0
+    published = (mini.published / "00.json").read_bytes()
+    built = (mini.results / "00.json").read_bytes()
+
+    out = tmp_path / "out"
+    done = run_command(mini.root, "run", "0", "-p", "scale=3", "--out", str(out), "--html")
+    assert done.returncode == 0, done.stderr
+    lines = done.stdout.splitlines()
+    assert lines[0].split() == ["quantity", "published", "run", "this", "run", "change", "unit"]
+    assert lines[1].split() == ["twice", "42", "63", "+21", "m"]
+    assert "parameter scale: 2.0 -> 3.0" in lines
+    assert "1 of 1 quantities changed, 0 of 0 sentences overturned." in lines
+    assert read_results(out / "00.json").parameters == {"scale": 3.0}
+    assert (out / "parameters.yml").read_text() == "scale: 3.0\n"
+    assert ">63<" in (out / "html" / "chapters" / "00-mini.html").read_text()
+    # the published results, the last build and its site are what they were
+    assert (mini.published / "00.json").read_bytes() == published
+    assert (mini.results / "00.json").read_bytes() == built
+    assert ">42<" in (mini.site / "chapters" / "00-mini.html").read_text()
+    assert "book: unchanged" in run_command(mini.root, "book").stderr
+
+    # a file of parameters, overridden; the folder of an earlier run may be used again
+    file = tmp_path / "params.yml"
+    file.write_text("scale: 5\n")
+    assert (
+        run_command(mini.root, "run", "00-mini", "-f", str(file), "--out", str(out)).returncode == 0
+    )
+    assert read_results(out / "00.json")["twice"].value == 105
+    words = ("run", "00", "-f", str(file), "-p", "scale=4")
+    done = run_command(mini.root, *words)
+    (folder,) = (mini.root / "runs").iterdir()
+    assert done.stdout.splitlines()[-1] == f"The run is in {folder}"
+    done = run_command(mini.root, "compare", str(out / "00.json"), str(folder / "00.json"))
+    assert "parameter scale: 5.0 -> 4.0" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["00", "-p", "seed=7"], "parameter is 'seed'; it may be one of scale."),
+        (["00", "-p", "scale=0"], "scale is 0.0; it may be a number with 0 < value <= 100."),
+        (["00", "-p", "scale=inf"], "scale is inf; it may be a number with 0 < value <= 100."),
+        (["00", "-p", "scale=two"], "scale is 'two'; it may be a number with 0 < value <= 100."),
+        (["00", "-p", "scale"], "-p is 'scale'; it may be name=value."),
+        (
+            ["00", "-p", "scale=1", "-p", "scale=2"],
+            "-p is 'scale=2'; it may be given once: scale is set twice.",
+        ),
+        (["07"], "NAME is '07'; it may be one of 00."),
+        (
+            ["00", "--out", "data"],
+            "--out is 'data'; it may be a new or empty folder, or one of an earlier run.",
+        ),
+    ],
+)
+def test_a_run_is_refused_before_anything_runs(
+    mini: MiniProject, words: list[str], sentence: str
+) -> None:
+    done = run_command(mini.root, "run", *words)
+    assert done.returncode == 2
+    assert done.stderr == f"inswsn: {sentence}\n"
+    assert done.stdout == ""
+    assert not (mini.root / "runs").exists()
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("scale: [", "is not YAML"),
+        ("- scale", "is not a list of parameters"),
+        ("7: 1", "is not a list of parameters"),
+        ("scale: '3'", "scale is '3'"),
+        ("scale: .nan", "scale is nan"),
+        ("scale: true", "scale is True"),
+        ("other: 1", "parameter is 'other'"),
+    ],
+)
+def test_a_bad_file_of_parameters(mini: MiniProject, tmp_path: Path, text: str, said: str) -> None:
+    file = tmp_path / "params.yml"
+    file.write_text(text)
+    schema = chapter_schema(mini.root, "00")
+    with pytest.raises(InswsnError) as refusal:
+        gather_parameters(schema, [], file)
+    assert said in str(refusal.value)
+    file.write_text("")
+    assert gather_parameters(schema, [], file) == {}
+
+
+def test_a_run_that_fails_writes_nothing(mini: MiniProject) -> None:
+    (mini.root / "data" / "papers" / "number.txt").write_text("not a number")
+    done = run_command(mini.root, "run", "00")
+    assert done.returncode == 1
+    assert "Chapter 00-mini failed in cell 3" in done.stderr
+    assert not (mini.root / "runs").exists()
+
+
+def test_html_needs_a_built_book(mini: MiniProject, tmp_path: Path) -> None:
+    done = run_command(mini.root, "run", "00", "--html", "--out", str(tmp_path / "out"))
+    assert done.returncode == 2
+    assert "build the book first: make book" in done.stderr
+
+
+def test_plain_papermill_is_held_to_the_declaration(mini: MiniProject) -> None:
+    # a record refuses what `inswsn run` would have refused
+    with pytest.raises(ParameterError, match=r"scale is 1000\.0"):
+        ChapterRecord("00", parameters={"scale": 1000.0}, root=mini.root)
+    with pytest.raises(ParameterError, match="parameter is 'other'"):
+        ChapterRecord("00", parameters={"scale": 1.0, "other": 1}, root=mini.root)
+    with pytest.raises(InswsnError, match="keeps no record of its parameter scale"):
+        ChapterRecord("00", parameters={}, root=mini.root)
+
+
+def quantity(name: str, value: float) -> Quantity:
+    return Quantity(
+        name=name, value=value, unit="m", basis="printed", how="Made for a test.", tolerance=0.1
+    )
+
+
+def test_compare_on_files_that_do_not_hold_the_same(capsys: pytest.CaptureFixture[str]) -> None:
+    before = Results(
+        chapter="00",
+        parameters={"a": 1},
+        data={},
+        quantities=(quantity("old", 1), quantity("both", 1)),
+        sentences={"It rains.": True, "It pours.": False, "It is gone.": True},
+    )
+    after = Results(
+        chapter="00",
+        parameters={"b": 2},
+        data={},
+        quantities=(quantity("both", 1 + 1e-15), quantity("new", 3)),
+        sentences={"It rains.": False, "It pours.": True},
+    )
+    show_comparison(before, after, ("first", "second"), Console(width=100))
+    lines = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
+    assert lines == [
+        "quantity first second change unit",
+        "old 1 absent gone m",
+        "both 1 1 m",
+        "new absent 3 new m",
+        "parameter a: 1 -> None",
+        "parameter b: None -> 2",
+        "no longer holds: It rains.",
+        "holds now: It pours.",
+        "2 of 3 quantities changed, 2 of 3 sentences overturned.",
+    ]
+
+
+def test_compare_refuses_what_cannot_be_compared(mini: MiniProject, tmp_path: Path) -> None:
+    first, second = tmp_path / "a.json", tmp_path / "b.json"
+    made = Results(chapter="00", parameters={}, data={}, quantities=())
+    first.write_text(made.model_dump_json())
+    second.write_text(made.model_copy(update={"chapter": "01"}).model_dump_json())
+    done = run_command(mini.root, "compare", str(first), str(second))
+    assert done.returncode == 2
+    assert "two runs of one chapter can be compared" in done.stderr
+    content = json.loads(first.read_text()) | {"schema_version": 2}
+    second.write_text(json.dumps(content))
+    done = run_command(mini.root, "compare", str(first), str(second))
+    assert done.returncode == 2
+    assert "is not a results file of this version: schema_version" in done.stderr
