@@ -7,6 +7,11 @@ import os
 import tempfile
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
+
+import yaml
+
+from inswsn_lib.errors import InswsnError
 
 
 def write_whole(path: Path, text: str) -> None:
@@ -36,6 +41,22 @@ def write_whole(path: Path, text: str) -> None:
     except BaseException:
         Path(temporary).unlink(missing_ok=True)
         raise
+
+
+def read_yaml(path: Path) -> Any:
+    """Read a YAML file.
+
+    Raises
+    ------
+    InswsnError
+        If there is no such file, or it is not YAML; the sentence says where.
+    """
+    try:
+        return yaml.safe_load(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise InswsnError(f"There is no {path}.") from None
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise InswsnError(f"{path} is not YAML: {' '.join(str(error).split())}.") from None
 
 
 def text_digest(text: str) -> str:

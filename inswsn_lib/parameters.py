@@ -85,8 +85,11 @@ class Parameter:
         ParameterError
             If it has another type, is not finite, or breaks the rule.
         """
-        if self.kind == "float" and isinstance(value, int) and not isinstance(value, bool):
-            value = float(value)
+        if self.kind == "float" and type(value) is int:
+            try:
+                value = float(value)
+            except OverflowError:
+                raise ParameterError(self.name, value, self.allowed) from None
         if type(value) is not _TYPES[self.kind]:
             raise ParameterError(self.name, value, self.allowed)
         if isinstance(value, float) and not math.isfinite(value):
@@ -105,11 +108,10 @@ class Parameter:
             If the text is not one of this type, or breaks the rule.
         """
         try:
-            return self.check(_READERS[self.kind](text.strip()))
-        except (ValueError, KeyError) as error:
-            if isinstance(error, ParameterError) and error.got != text:
-                raise
+            value = _READERS[self.kind](text.strip())
+        except (ValueError, KeyError):
             raise ParameterError(self.name, text, self.allowed) from None
+        return self.check(value)
 
     def _obeys(self, value: object) -> bool:
         if self.rule == "any":

@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 import nbformat
-import yaml
 
 from inswsn_lib.artefact.cache import Executed
 from inswsn_lib.artefact.inspection import inspect_site
@@ -21,7 +20,7 @@ from inswsn_lib.artefact.notebooks import notebook_text
 from inswsn_lib.artefact.progress import Progress
 from inswsn_lib.artefact.project import Chapter, Project
 from inswsn_lib.errors import BuildError, InswsnError
-from inswsn_lib.files import tree_digest, write_whole
+from inswsn_lib.files import read_yaml, tree_digest, write_whole
 
 _KEY_FILE = ".inswsn-key"
 # as Sphinx writes them: "place: WARNING: what", or the word first
@@ -75,7 +74,7 @@ def render_book(
         if _site_key(project, chapters) != key:
             raise RenderingError("Something changed while the book was rendered; build it again.")
         write_whole(site / _KEY_FILE, key)
-        swap_site(site, project.site)
+        swap_folder(site, project.site)
 
 
 def render_run(project: Project, chapter: Chapter, executed: Any, target: Path) -> None:
@@ -90,7 +89,7 @@ def render_run(project: Project, chapter: Chapter, executed: Any, target: Path) 
     executed : nbformat.NotebookNode
         The run.
     target : Path
-        Where the site goes; an older one there is replaced.
+        Where the site goes, in a folder that is there; nothing is there yet.
 
     Raises
     ------
@@ -99,21 +98,24 @@ def render_run(project: Project, chapter: Chapter, executed: Any, target: Path) 
     InswsnError
         If the book has not been built.
     """
-    placed = project.root / "book" / "chapters"
-    others = [c.name for c in project.chapters() if not (placed / f"{c.name}.ipynb").is_file()]
-    if others:
-        raise InswsnError(
-            f"Chapter {others[0]} has not been built; build the book first: make book."
-        )
-    target.parent.mkdir(parents=True, exist_ok=True)
+    require_built(project)
     with tempfile.TemporaryDirectory(dir=target.parent, prefix="render-") as name:
         stage = Path(name)
         source = stage / "book"
         shutil.copytree(project.root / "book", source)
         text = notebook_text(with_captions(executed))
         write_whole(source / "chapters" / f"{chapter.name}.ipynb", text)
-        site = _run_jupyter_book(project, source, stage)
-        swap_site(site, target)
+        _run_jupyter_book(project, source, stage).rename(target)
+
+
+def require_built(project: Project) -> None:
+    """Raise `InswsnError` if a chapter has no place in the book yet."""
+    placed = project.root / "book" / "chapters"
+    for chapter in project.chapters():
+        if not (placed / f"{chapter.name}.ipynb").is_file():
+            raise InswsnError(
+                f"Chapter {chapter.name} has not been built; build the book first: make book."
+            )
 
 
 def _site_key(project: Project, chapters: Sequence[Executed]) -> str:
@@ -216,13 +218,13 @@ def warnings_in(said: str) -> list[str]:
     return [line for line in said.splitlines() if _WARNING.search(line)]
 
 
-def swap_site(new: Path, site: Path) -> None:
-    """Put a new site in the place of the old one; put the old one back if that fails.
+def swap_folder(new: Path, site: Path) -> None:
+    """Put a new folder in the place of the old one; put the old one back if that fails.
 
     Parameters
     ----------
     new, site : Path
-        The new site, and where it goes; on one file system.
+        The new folder, and where it goes; on one file system.
     """
     old = _set_aside(site)
     try:
@@ -250,8 +252,8 @@ def _set_aside(site: Path) -> Path:
 
 def _check_pages(project: Project, chapters: Sequence[Executed]) -> None:
     """Refuse a configuration that cannot be read, and a contents list without every chapter."""
-    _read_yaml(project.root / "_config.yml")
-    toc = _read_yaml(project.root / "book" / "_toc.yml")
+    read_yaml(project.root / "_config.yml")
+    toc = read_yaml(project.root / "book" / "_toc.yml")
     listed = {
         name.removeprefix("chapters/") for name in _files(toc) if name.startswith("chapters/")
     }
@@ -260,16 +262,6 @@ def _check_pages(project: Project, chapters: Sequence[Executed]) -> None:
         raise InswsnError(f"book/_toc.yml lists chapters/{name}, and there is no such chapter.")
     for name in sorted(there - listed):
         raise InswsnError(f"book/_toc.yml does not list chapters/{name}; every chapter has a page.")
-
-
-def _read_yaml(path: Path) -> Any:
-    try:
-        return yaml.safe_load(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise InswsnError(f"There is no {path}.") from None
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        first = " ".join(str(error).split())
-        raise InswsnError(f"{path} is not YAML: {first}.") from None
 
 
 def _files(node: Any) -> Iterator[str]:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import yaml
 from rich.console import Console
@@ -15,13 +15,13 @@ from inswsn_lib.artefact.execution import execute_once
 from inswsn_lib.artefact.notebooks import notebook_text
 from inswsn_lib.artefact.progress import Progress
 from inswsn_lib.artefact.project import Chapter, Project
-from inswsn_lib.artefact.rendering import render_run
-from inswsn_lib.claims import Quantity, Results, write_results
+from inswsn_lib.artefact.rendering import render_run, require_built, swap_folder
+from inswsn_lib.claims import Change, Quantity, Results, pair_quantities, write_results
 from inswsn_lib.errors import InswsnError, ParameterError
-from inswsn_lib.files import text_digest, write_whole
+from inswsn_lib.files import read_yaml, text_digest, write_whole
 from inswsn_lib.parameters import Schema, Value, chapter_schema
 
-# A run writes this file last; a folder with it is a run, and may be written over by another.
+# A folder with this file in it is a run, and may be replaced by another.
 _PARAMETERS = "parameters.yml"
 
 
@@ -106,10 +106,7 @@ def gather_parameters(
 
 
 def _read_file(path: Path) -> Mapping[str, object]:
-    try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise InswsnError(f"{path} is not YAML: {' '.join(str(error).split())}.") from None
+    content = read_yaml(path)
     content = {} if content is None else content
     if not isinstance(content, dict) or not all(isinstance(name, str) for name in content):
         raise InswsnError(f"{path} is not a list of parameters; it holds lines such as seed: 7.")
@@ -147,22 +144,29 @@ def run_chapter(
     ------
     ParameterError
         If `out` is another kind of folder.
-    ChapterError
-        If a cell raises. Then nothing is written.
+    ChapterError, RenderingError
+        If a cell raises, or the book cannot be rendered. Then nothing is written.
+    InswsnError
+        If `html` is asked for and the book has not been built.
     """
     schema = chapter_schema(project.root, chapter.number)
-    complete = schema.check(values)
-    text = yaml.safe_dump(complete, sort_keys=False)
+    text = yaml.safe_dump(schema.check(values), sort_keys=False)
     folder = out or project.root / "runs" / f"{chapter.name}-{text_digest(text)[:8]}"
     _check_folder(folder)
-    executed, results = execute_once(project, chapter, values, progress)
-    folder.mkdir(parents=True, exist_ok=True)
-    write_whole(folder / f"{chapter.name}.ipynb", notebook_text(executed))
-    write_results(results, folder / f"{chapter.number}.json")
+    folder = folder.resolve()
     if html:
-        progress.say("book: rendering with this run in it")
-        render_run(project, chapter, executed, folder / "html")
-    write_whole(folder / _PARAMETERS, text)
+        require_built(project)
+    executed, results = execute_once(project, chapter, values, progress)
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=folder.parent, prefix=".run-") as name:
+        made = Path(name) / "run"
+        write_whole(made / f"{chapter.name}.ipynb", notebook_text(executed))
+        write_results(results, made / f"{chapter.number}.json")
+        write_whole(made / _PARAMETERS, text)
+        if html:
+            progress.say("book: rendering with this run in it")
+            render_run(project, chapter, executed, made / "html")
+        swap_folder(made, folder)
     return Run(chapter, folder, results)
 
 
@@ -189,17 +193,12 @@ def show_comparison(
     console : rich.console.Console
         Where to write.
     """
-    old = {quantity.name: quantity for quantity in before.quantities}
-    new = {quantity.name: quantity for quantity in after.quantities}
     table = Table("quantity", *names, "change", "unit", box=None, pad_edge=False)
-    changed = 0
-    for name in dict.fromkeys([*old, *new]):
-        a, b = old.get(name), new.get(name)
-        change = _change(a, b)
-        changed += bool(change)
-        unit = (b or a).unit if (b or a) else ""  # type: ignore[union-attr]
-        table.add_row(name, _value(a), _value(b), change, unit)
+    changes = [(pair, _difference(pair)) for pair in pair_quantities(before, after)]
+    for pair, difference in changes:
+        table.add_row(pair.name, _value(pair.before), _value(pair.after), difference, pair.unit)
     console.print(table)
+    changed = sum(bool(difference) for _, difference in changes)
     for name in dict.fromkeys([*before.parameters, *after.parameters]):
         a_value, b_value = before.parameters.get(name), after.parameters.get(name)
         if a_value != b_value:
@@ -213,7 +212,7 @@ def show_comparison(
         state = "no longer holds" if before.sentences[sentence] else "holds now"
         console.print(f"{state}: {sentence}", markup=False, soft_wrap=True)
     console.print(
-        f"{changed} of {table.row_count} quantities changed, "
+        f"{changed} of {len(changes)} quantities changed, "
         f"{len(overturned)} of {len(before.sentences)} sentences overturned.",
         markup=False,
     )
@@ -223,8 +222,8 @@ def _value(quantity: Quantity | None) -> str:
     return "absent" if quantity is None else f"{quantity.value:.6g}"
 
 
-def _change(before: Any, after: Any) -> str:
-    if before is None or after is None:
-        return "new" if before is None else "gone"
-    difference = after.value - before.value
-    return f"{difference:+.3g}" if abs(difference) > 1e-12 * abs(before.value) else ""
+def _difference(pair: Change) -> str:
+    if pair.before is None or pair.after is None:
+        return "new" if pair.before is None else "gone"
+    difference = pair.after.value - pair.before.value
+    return f"{difference:+.3g}" if abs(difference) > 1e-12 * abs(pair.before.value) else ""

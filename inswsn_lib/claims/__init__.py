@@ -1,6 +1,6 @@
 """What a chapter found: its quantities, the file that keeps them, and how two such files differ."""
 
-from inswsn_lib.claims.comparison import Change, compare, compare_conditions
+from inswsn_lib.claims.comparison import Change, compare, compare_conditions, pair_quantities
 from inswsn_lib.claims.record import ChapterRecord
 from inswsn_lib.claims.results import Quantity, Results, read_results, write_results
 from inswsn_lib.claims.scoreboard import Scoreboard, Statement
@@ -17,6 +17,7 @@ __all__ = [
     "compare",
     "compare_conditions",
     "judge_own_cells",
+    "pair_quantities",
     "read_results",
     "write_results",
 ]

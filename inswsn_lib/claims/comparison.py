@@ -24,6 +24,12 @@ class Change:
     after: Quantity | None
 
     @property
+    def unit(self) -> str:
+        """The unit of the quantity, in the later results if both have it."""
+        quantity = self.after or self.before
+        return quantity.unit if quantity else ""
+
+    @property
     def beyond_tolerance(self) -> bool:
         """Whether it appeared, vanished, became another quantity, or moved beyond its tolerance.
 
@@ -59,6 +65,24 @@ class Change:
         )
 
 
+def pair_quantities(before: Results, after: Results) -> list[Change]:
+    """Return every quantity of two results, whether it differs or not.
+
+    Parameters
+    ----------
+    before, after : Results
+        Two results of one chapter.
+
+    Returns
+    -------
+    list of Change
+        In the order of `before`; quantities that `before` lacks come last.
+    """
+    old = {quantity.name: quantity for quantity in before.quantities}
+    new = {quantity.name: quantity for quantity in after.quantities}
+    return [Change(name, old.get(name), new.get(name)) for name in dict.fromkeys([*old, *new])]
+
+
 def compare(before: Results, after: Results) -> list[Change]:
     """Return every quantity that differs at all between two results.
 
@@ -70,16 +94,9 @@ def compare(before: Results, after: Results) -> list[Change]:
     Returns
     -------
     list of Change
-        In the order of `after`; quantities that `after` lacks come last.
+        In the order of `before`; quantities that `before` lacks come last.
     """
-    old = {quantity.name: quantity for quantity in before.quantities}
-    new = {quantity.name: quantity for quantity in after.quantities}
-    names = [*new, *(name for name in old if name not in new)]
-    return [
-        Change(name, old.get(name), new.get(name))
-        for name in names
-        if old.get(name) != new.get(name)
-    ]
+    return [pair for pair in pair_quantities(before, after) if pair.before != pair.after]
 
 
 def compare_conditions(before: Results, after: Results) -> list[str]:

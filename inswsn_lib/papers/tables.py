@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Any
 
 import pandas as pd
-import yaml
 
 from inswsn_lib.errors import InswsnError
+from inswsn_lib.files import read_yaml
 
 
 def read_table(path: Path, index: str) -> pd.DataFrame:
@@ -51,7 +51,7 @@ def read_numbers(path: Path) -> dict[str, Any]:
     InswsnError
         If the file holds a number that is not a string, which would lose its digits.
     """
-    content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    content = read_yaml(path)
     _refuse_numbers(content, path.name)
     assert isinstance(content, dict)
     return content

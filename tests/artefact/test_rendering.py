@@ -10,7 +10,7 @@ import pytest
 from inswsn_lib.artefact.rendering import (
     RenderingError,
     restore_site,
-    swap_site,
+    swap_folder,
     warnings_in,
     with_captions,
 )
@@ -28,7 +28,7 @@ def sites(tmp_path: Path) -> tuple[Path, Path]:
 
 def test_a_swap(sites: tuple[Path, Path]) -> None:
     new, site = sites
-    swap_site(new, site)
+    swap_folder(new, site)
     assert (site / "index.html").read_text() == "new"
     assert [path.name for path in site.parent.iterdir()] == ["html"]
 
@@ -47,7 +47,7 @@ def test_a_swap_that_is_cut_short_puts_the_old_site_back(
 
     monkeypatch.setattr(Path, "rename", cut_short)
     with pytest.raises(error):
-        swap_site(new, site)
+        swap_folder(new, site)
     assert (site / "index.html").read_text() == "old"
 
 

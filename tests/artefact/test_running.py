@@ -54,6 +54,7 @@ def test_a_run_and_its_comparison(mini: MiniProject, tmp_path: Path) -> None:
         run_command(mini.root, "run", "00-mini", "-f", str(file), "--out", str(out)).returncode == 0
     )
     assert read_results(out / "00.json")["twice"].value == 105
+    assert not (out / "html").exists()  # a page of the earlier run would belie this one
     words = ("run", "00", "-f", str(file), "-p", "scale=4")
     done = run_command(mini.root, *words)
     (folder,) = (mini.root / "runs").iterdir()
@@ -126,6 +127,23 @@ def test_html_needs_a_built_book(mini: MiniProject, tmp_path: Path) -> None:
     done = run_command(mini.root, "run", "00", "--html", "--out", str(tmp_path / "out"))
     assert done.returncode == 2
     assert "build the book first: make book" in done.stderr
+    assert "executing" not in done.stderr
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_run_whose_page_cannot_be_rendered_writes_nothing(
+    mini: MiniProject, tmp_path: Path
+) -> None:
+    assert run_command(mini.root, "book").returncode == 0
+    mini.page("# Mini\n\nSee {ref}`nowhere`.\n")
+    out = tmp_path / "out"
+    done = run_command(mini.root, "run", "00", "--html", "--out", str(out))
+    assert done.returncode == 1
+    assert "undefined label: 'nowhere'" in done.stderr
+    assert not out.exists()
+    assert [path.name for path in tmp_path.iterdir()] == ["mini"]
+    mini.page()
+    assert run_command(mini.root, "run", "00", "--html", "--out", str(out)).returncode == 0
 
 
 def test_plain_papermill_is_held_to_the_declaration(mini: MiniProject) -> None:

@@ -65,7 +65,7 @@ def test_compare_names_every_change_and_only_those() -> None:
         results(same=1.0, near=1.05, far=1.2, new=1.0),
     )
     changes = {change.name: change for change in compare(before, after)}
-    assert list(changes) == ["near", "far", "new", "gone"]
+    assert list(changes) == ["near", "far", "gone", "new"]
     assert {name: change.beyond_tolerance for name, change in changes.items()} == {
         "near": False,
         "far": True,
