@@ -55,7 +55,7 @@ $(VENV)/package: $(VENV)/environment pyproject.toml
 	@touch $@
 
 clean: ## remove what was built; the environment stays
-	rm -rf _build results book/chapters
+	rm -rf _build results book/chapters book/generated
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "%-12s %s\n", $$1, $$2 }' Makefile

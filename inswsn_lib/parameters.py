@@ -6,7 +6,8 @@ and the rule; comment lines above it say what the parameter is::
     # Samples over which Table 2 averages; P1 trains on 100 points.
     training_samples: int = 100  # samples; 4 <= value <= 400
 
-A rule is ``any``, a chain of comparisons of ``value`` with numbers, or ``one of`` a list of words.
+A rule is ``any``, a chain of comparisons of ``value`` with numbers, ``one of`` a list of words, or
+``a file``: the path of a file, or the name of one below ``data/``.
 """
 
 from __future__ import annotations
@@ -27,6 +28,9 @@ import jupytext
 from inswsn_lib.errors import InswsnError, ParameterError
 
 Value = bool | int | float | str
+
+#: The rule of a parameter that names a file
+FILE_RULE = "a file"
 
 _TYPES: dict[str, type] = {"bool": bool, "int": int, "float": float, "str": str}
 _KINDS = {"bool": "true or false", "int": "a whole number", "float": "a number", "str": "a word"}
@@ -67,6 +71,8 @@ class Parameter:
         kind = _KINDS[self.kind]
         if self.rule == "any":
             return f"any {kind.removeprefix('a ')}" if self.kind != "bool" else kind
+        if self.rule == FILE_RULE:
+            return "the path of a file, or the name of one below data/"
         if self.rule.startswith("one of "):
             return self.rule
         return f"{kind} with {self.rule}"
@@ -114,7 +120,7 @@ class Parameter:
         return self.check(value)
 
     def _obeys(self, value: object) -> bool:
-        if self.rule == "any":
+        if self.rule in ("any", FILE_RULE):  # the run looks for the file
             return True
         if self.rule.startswith("one of "):
             return value in _words(self.rule)
@@ -275,7 +281,8 @@ def _declared(node: ast.stmt, comment: str, meaning: str) -> Parameter:
 
 
 def _check_rule(name: str, kind: str, rule: str) -> None:
-    if rule == "any" or (kind == "str" and rule.startswith("one of ") and all(_words(rule))):
+    words = rule.startswith("one of ") and all(_words(rule))
+    if rule == "any" or (kind == "str" and (rule == FILE_RULE or words)):
         return
     parts = _COMPARISON.split(rule)
     terms = [part for part in parts[::2] if part != "value"]
@@ -290,8 +297,8 @@ def _check_rule(name: str, kind: str, rule: str) -> None:
         or not all(map(math.isfinite, numbers or [math.nan]))
     ):
         raise InswsnError(
-            f"The rule of {name} is {rule!r}; it may be any, 'one of' words for a str, or "
-            "comparisons of value with numbers for a number, such as 0 <= value < 10."
+            f"The rule of {name} is {rule!r}; it may be any, 'one of' words or 'a file' for a "
+            "str, or comparisons of value with numbers for a number, such as 0 <= value < 10."
         )
 
 

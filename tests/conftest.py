@@ -57,6 +57,40 @@ record.write()
 """
 
 
+MINI_LEDGER = """\
+missing:
+  lost: The page that says so is lost.
+claims:
+- id: P1-M-twice
+  paper: P1
+  place: Section 1
+  says: Twice the number is 42 m.
+  value: "42"
+  unit: m
+  kind: numeric
+  check: {chapter: "00", quantity: twice}
+  tolerance: digits
+  why: It is printed in whole metres.
+- id: P2-M-lost
+  paper: P2
+  place: Section 2
+  says: Something that nobody can read.
+  kind: qualitative
+  check: {needs: [lost]}
+  why: The page would say.
+"""
+
+MINI_CLAIMS_PAGE = """\
+# Claims
+
+```{include} generated/claims-counts.md
+```
+
+```{include} generated/claims-list.md
+```
+"""
+
+
 @pytest.fixture(scope="session")
 def root() -> Path:
     """The checkout under test."""
@@ -123,8 +157,11 @@ def mini(tmp_path: Path) -> MiniProject:
     shutil.copytree(ROOT / "book" / "_static", folder / "book" / "_static")
     (folder / "book" / "references.bib").write_text("", encoding="utf-8")
     (folder / "book" / "_toc.yml").write_text(
-        "format: jb-book\nroot: index\nchapters:\n  - file: chapters/00-mini\n", encoding="utf-8"
+        "format: jb-book\nroot: index\nchapters:\n  - file: chapters/00-mini\n  - file: claims\n",
+        encoding="utf-8",
     )
+    (folder / "book" / "claims.md").write_text(MINI_CLAIMS_PAGE, encoding="utf-8")
+    (folder / "data" / "claims.yaml").write_text(MINI_LEDGER, encoding="utf-8")
     (folder / "data" / "papers" / "number.txt").write_text("21", encoding="utf-8")
     made = MiniProject(folder)
     made.chapter()

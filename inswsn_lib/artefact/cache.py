@@ -11,12 +11,12 @@ from pathlib import Path
 from typing import Any
 
 from inswsn_lib.artefact.project import Chapter, Project
-from inswsn_lib.claims import Results, read_results, write_results
+from inswsn_lib.claims import Results, data_digest, read_results, write_results
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.files import file_digest, tree_digest, write_whole
 
 # Raised when the form of the cache, or the way in which chapters are executed, changes.
-_FORM = 2
+_FORM = 3
 
 
 @dataclass(frozen=True)
@@ -68,8 +68,7 @@ def lookup(project: Project, chapter: Chapter, key: str) -> Executed | None:
     if not kept.is_file() or kept.read_bytes() != (_digest_of(notebook) or "").encode():
         return None
     for name, digest in results.data.items():
-        path = project.root / name
-        if not path.is_file() or file_digest(path) != digest:
+        if data_digest(project.root, name) != digest:
             return None
     return Executed(chapter, notebook, results)
 

@@ -13,7 +13,7 @@ import click
 from inswsn_lib import __version__
 from inswsn_lib.artefact.project import Project
 from inswsn_lib.checkout import find_root, is_checkout
-from inswsn_lib.errors import BuildError, InswsnError
+from inswsn_lib.errors import BuildError, InswsnError, ParameterError
 
 
 @click.group()
@@ -108,12 +108,13 @@ def run(
     project = _project(root)
     chapter = running.find_chapter(project, name)
     schema = chapter_schema(project.root, chapter.number)
-    values = running.gather_parameters(schema, settings, file)
+    values = running.gather_parameters(schema, settings, file, project.root / "data")
     with Progress() as progress:
         done = running.run_chapter(project, chapter, values, progress, out=out, html=html)
     running.show_comparison(
         reference_results(project, chapter),
         done.results,
+        running.claims_of_chapter(project, chapter.number),
         ("published run", "this run"),
         Console(width=None if sys.stdout.isatty() else 120),
     )
@@ -123,11 +124,12 @@ def run(
 @cli.command()
 @click.argument("before", type=click.Path(exists=True, dir_okay=False, path_type=Path))
 @click.argument("after", type=click.Path(exists=True, dir_okay=False, path_type=Path))
-def compare(before: Path, after: Path) -> None:
+@click.pass_obj
+def compare(root: Path | None, before: Path, after: Path) -> None:
     """Compare two results files of one chapter."""
     from rich.console import Console
 
-    from inswsn_lib.artefact.running import show_comparison
+    from inswsn_lib.artefact.running import claims_of_chapter, show_comparison
     from inswsn_lib.claims import read_results
 
     first, second = read_results(before), read_results(after)
@@ -137,7 +139,51 @@ def compare(before: Path, after: Path) -> None:
             "two runs of one chapter can be compared."
         )
     console = Console(width=None if sys.stdout.isatty() else 120)
-    show_comparison(first, second, ("first", "second"), console)
+    claims = claims_of_chapter(_project(root), first.chapter)
+    show_comparison(first, second, claims, ("first", "second"), console)
+
+
+@cli.command()
+@click.option("--paper", type=click.Choice(["P1", "P2", "P3"]), help="Only claims of this paper.")
+@click.option(
+    "--kind",
+    type=click.Choice(["numeric", "parameter", "qualitative", "formula"]),
+    help="Only claims of this kind.",
+)
+@click.option("--verdict", help="Only claims with this verdict, such as 'not reproduced'.")
+@click.option("--json", "as_json", is_flag=True, help="A list of objects, for a program.")
+@click.option(
+    "--results",
+    type=click.Path(exists=True, file_okay=False, path_type=Path),
+    help="The folder of results files to judge by. Default: the reference, data/published.",
+)
+@click.pass_obj
+def claims(
+    root: Path | None,
+    paper: str | None,
+    kind: str | None,
+    verdict: str | None,
+    as_json: bool,
+    results: Path | None,
+) -> None:
+    """Print what the papers claim and what became of it."""
+    import json
+
+    from rich.console import Console
+
+    from inswsn_lib.artefact.judging import judge_claims, select_claims, show_claims
+    from inswsn_lib.claims import Verdict
+
+    if verdict is not None and verdict not in tuple(Verdict):
+        raise ParameterError("--verdict", verdict, "one of " + ", ".join(map(str, Verdict)))
+    project = _project(root)
+    judged = judge_claims(project, results)
+    selected = select_claims(judged, paper=paper, kind=kind, verdict=verdict)
+    if as_json:
+        listing = [entry.as_json() for entry in selected]
+        click.echo(json.dumps(listing, indent=1, ensure_ascii=False, allow_nan=False))
+        return
+    show_claims(selected, Console(width=None if sys.stdout.isatty() else 150))
 
 
 @cli.command()

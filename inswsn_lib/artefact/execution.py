@@ -8,6 +8,7 @@ import subprocess
 import sys
 import tempfile
 import threading
+import time
 from collections.abc import Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, field
@@ -25,16 +26,25 @@ from inswsn_lib.artefact.notebooks import (
 )
 from inswsn_lib.artefact.progress import Progress
 from inswsn_lib.artefact.project import Chapter, Project
+from inswsn_lib.artefact.provenance import available_cores, provenance
 from inswsn_lib.checkout import RESULTS_VARIABLE, ROOT_VARIABLE
 from inswsn_lib.claims import Results, read_results
-from inswsn_lib.errors import BuildError
+from inswsn_lib.errors import BuildError, InswsnError, ParameterError
 from inswsn_lib.parameters import Value
 
 _STOP_SECONDS = 10.0
 
 
 class ChapterError(BuildError):
-    """A chapter failed; the message names the chapter and the cell and holds the traceback."""
+    """A chapter failed; the message names the chapter and the cell and holds the traceback.
+
+    Attributes
+    ----------
+    refusal : str or None
+        The sentence in which the library refused what it was given, if that was the reason.
+    """
+
+    refusal: str | None = None
 
 
 @dataclass
@@ -76,11 +86,6 @@ class _Workers:
                 process.wait(_STOP_SECONDS)
             except subprocess.TimeoutExpired:
                 process.kill()
-
-
-def default_jobs() -> int:
-    """Return the number of cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def execute_chapters(
@@ -128,7 +133,7 @@ def execute_chapters(
             found[chapter.name] = entry
             progress.unchanged(chapter.name)
     workers = _Workers()
-    with ThreadPoolExecutor(max_workers=jobs or default_jobs()) as pool:
+    with ThreadPoolExecutor(max_workers=jobs or available_cores()) as pool:
         pending: set[Future[Executed]] = {
             pool.submit(_execute, project, chapter, progress, workers) for chapter in due
         }
@@ -202,10 +207,16 @@ def execute_once(
     ------
     ChapterError
         If a cell raises.
+    InswsnError
+        If the library refuses, in a cell, what a parameter leads it to; the sentence is its own.
     """
     workers = _Workers()
     try:
         executed, results = _run(project, chapter, parameters, progress, workers)
+    except ChapterError as failure:
+        if failure.refusal is None:
+            raise
+        raise InswsnError(failure.refusal) from None
     except BaseException:
         workers.stop()
         raise
@@ -232,12 +243,13 @@ def _run(
             "parameters": dict(parameters),
             "folder": str(folder),
         }
+        began = time.monotonic()
         process = workers.start(
             [sys.executable, "-m", "inswsn_lib.artefact.worker", json.dumps(job)],
             _environment(project, folder),
         )
         try:
-            _follow(chapter, process, progress)
+            machine = _follow(chapter, process, progress)
         finally:
             workers.ended(process)
         results = folder / "results" / f"{chapter.number}.json"
@@ -246,8 +258,26 @@ def _run(
                 f"Chapter {chapter.name} wrote no results file {results.name}: "
                 "its last code cell calls record.write()."
             )
+        seconds = time.monotonic() - began
         executed = nbformat.read(folder / "executed.ipynb", as_version=4)
-        return strip_run(executed), read_results(results)
+        added = {
+            "cells": recording_cells(executed),
+            "provenance": provenance(project, chapter, machine, seconds),
+        }
+        return strip_run(executed), read_results(results).model_copy(update=added)
+
+
+def recording_cells(executed: Any) -> dict[str, str]:
+    """Return the cell that recorded each quantity of an executed notebook, by their names.
+
+    `ChapterRecord.quantity` leaves the name in the metadata of an output.
+    """
+    return {
+        output["metadata"]["scrapbook"]["quantity"]: cell["id"]
+        for cell in executed.cells
+        for output in cell.get("outputs", [])
+        if "quantity" in output.get("metadata", {}).get("scrapbook", {})
+    }
 
 
 def _environment(project: Project, folder: Path) -> dict[str, str]:
@@ -267,8 +297,8 @@ def _environment(project: Project, folder: Path) -> dict[str, str]:
     }
 
 
-def _follow(chapter: Chapter, process: subprocess.Popen[str], progress: Progress) -> None:
-    """Read a worker's events until it ends; raise if the chapter failed."""
+def _follow(chapter: Chapter, process: subprocess.Popen[str], progress: Progress) -> dict[str, Any]:
+    """Read a worker's events until it ends; return its machine, or raise if it failed."""
     assert process.stdout is not None
     assert process.stderr is not None
     noise: list[str] = []
@@ -288,7 +318,7 @@ def _follow(chapter: Chapter, process: subprocess.Popen[str], progress: Progress
     process.wait()
     reader.join()
     if event.get("done"):
-        return
+        return dict(event["machine"])
     place = (
         f"cell {last_cell['cell'] + 1} of {last_cell['of']} ({last_cell['id']})"
         if last_cell
@@ -297,7 +327,10 @@ def _follow(chapter: Chapter, process: subprocess.Popen[str], progress: Progress
     if "failed" in event:
         detail = event.get("traceback") or event["failed"]
         source = f"\n\n{event['source']}\n" if event.get("source") else "\n"
-        raise ChapterError(f"Chapter {chapter.name} failed in {place}:{source}\n{detail}")
+        failure = ChapterError(f"Chapter {chapter.name} failed in {place}:{source}\n{detail}")
+        if event.get("name") in (InswsnError.__name__, ParameterError.__name__):
+            failure.refusal = event["said"]
+        raise failure
     raise ChapterError(
         f"Chapter {chapter.name} ended in {place} with status {process.returncode}:\n"
         + "".join(noise)

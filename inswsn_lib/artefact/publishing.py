@@ -79,7 +79,7 @@ def publish(project: Project) -> list[str]:
     changed = [
         (chapter, results)
         for chapter, results in built
-        if results != reference_results(project, chapter)
+        if results.found() != reference_results(project, chapter).found()
     ]
     for chapter, results in changed:
         write_results(results, project.published / f"{chapter.number}.json")

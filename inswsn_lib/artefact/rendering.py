@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shutil
 import subprocess
@@ -17,8 +18,20 @@ import nbformat
 from inswsn_lib.artefact.cache import Executed
 from inswsn_lib.artefact.inspection import inspect_site
 from inswsn_lib.artefact.notebooks import notebook_text
+from inswsn_lib.artefact.pages import claims_counts, claims_list, with_links_and_provenance
 from inswsn_lib.artefact.progress import Progress
 from inswsn_lib.artefact.project import Chapter, Project
+from inswsn_lib.artefact.site_footer import FOOTER_VARIABLE, footer_text
+from inswsn_lib.claims import (
+    LEDGER,
+    Claim,
+    Results,
+    claims_of,
+    load_claims,
+    read_results,
+    verdicts,
+    write_results,
+)
 from inswsn_lib.errors import BuildError, InswsnError
 from inswsn_lib.files import read_yaml, tree_digest, write_whole
 
@@ -66,7 +79,7 @@ def render_book(
         progress.say("book: unchanged")
         return
     progress.say("book: rendering")
-    _place_chapters(project, chapters)
+    _place(project, chapters)
     project.build.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=project.build, prefix="render-") as name:
         stage = Path(name)
@@ -77,7 +90,9 @@ def render_book(
         swap_folder(site, project.site)
 
 
-def render_run(project: Project, chapter: Chapter, executed: Any, target: Path) -> None:
+def render_run(
+    project: Project, chapter: Chapter, executed: Any, results: Results, target: Path
+) -> None:
     """Render the book with another run of one chapter in it.
 
     Parameters
@@ -88,6 +103,8 @@ def render_run(project: Project, chapter: Chapter, executed: Any, target: Path) 
         The chapter.
     executed : nbformat.NotebookNode
         The run.
+    results : Results
+        What it recorded.
     target : Path
         Where the site goes, in a folder that is there; nothing is there yet.
 
@@ -103,8 +120,12 @@ def render_run(project: Project, chapter: Chapter, executed: Any, target: Path) 
         stage = Path(name)
         source = stage / "book"
         shutil.copytree(project.root / "book", source)
-        text = notebook_text(with_captions(executed))
+        claims = load_claims(project.root / LEDGER)
+        text = _page_text(executed, results, claims)
         write_whole(source / "chapters" / f"{chapter.name}.ipynb", text)
+        others = [read_results(path) for path in sorted((source / "generated").glob("*.json"))]
+        shown = [results if other.chapter == results.chapter else other for other in others]
+        _place_results(source, shown, claims)
         _run_jupyter_book(project, source, stage).rename(target)
 
 
@@ -112,37 +133,66 @@ def require_built(project: Project) -> None:
     """Raise `InswsnError` if a chapter has no place in the book yet."""
     placed = project.root / "book" / "chapters"
     for chapter in project.chapters():
-        if not (placed / f"{chapter.name}.ipynb").is_file():
+        results = project.root / "book" / "generated" / f"{chapter.number}.json"
+        if not (placed / f"{chapter.name}.ipynb").is_file() or not results.is_file():
             raise InswsnError(
                 f"Chapter {chapter.name} has not been built; build the book first: make book."
             )
 
 
 def _site_key(project: Project, chapters: Sequence[Executed]) -> str:
-    made = project.root / "book" / "chapters"
-    pages = [
-        path
-        for path in (project.root / "book").rglob("*")
-        if path.is_file() and made not in path.parents
-    ]
-    sources = [*pages, *project.locks, project.root / "_config.yml"]
-    facts = [tree_digest(project.root, sources), project.library_digest()]
+    book = project.root / "book"
+    made = {book / "chapters", book / "generated"}
+    pages = [path for path in book.rglob("*") if path.is_file() and not made & set(path.parents)]
+    sources = [*pages, *project.locks, project.root / "_config.yml", project.root / LEDGER]
+    facts = [tree_digest(project.root, sources), project.library_digest(), footer_text(project)]
     facts += [sha256(executed.notebook.read_bytes()).hexdigest() for executed in chapters]
     return sha256("\n".join(facts).encode()).hexdigest()
 
 
-def _place_chapters(project: Project, chapters: Sequence[Executed]) -> None:
-    folder = project.root / "book" / "chapters"
-    wanted = {f"{executed.chapter.name}.ipynb" for executed in chapters}
+def _place(project: Project, chapters: Sequence[Executed]) -> None:
+    """Put the executed chapters, their results and the page of claims into the book."""
+    claims = load_claims(project.root / LEDGER)
+    book = project.root / "book"
+    texts = {
+        book / "chapters" / f"{executed.chapter.name}.ipynb": _page_text(
+            nbformat.read(executed.notebook, as_version=4), executed.results, claims
+        )
+        for executed in chapters
+    }
+    _clear(book / "chapters", keep=set(texts))
+    for path, text in texts.items():
+        write_whole(path, text)
+    _place_results(book, [executed.results for executed in chapters], claims)
+
+
+def _clear(folder: Path, keep: set[Path]) -> None:
     for path in folder.glob("*"):
         if path.is_dir():
             shutil.rmtree(path)
-        elif path.name not in wanted:
+        elif path not in keep:
             path.unlink()
-    for executed in chapters:
-        notebook = nbformat.read(executed.notebook, as_version=4)
-        text = notebook_text(with_captions(notebook))
-        write_whole(folder / f"{executed.chapter.name}.ipynb", text)
+
+
+def _page_text(notebook: Any, results: Results, claims: Sequence[Claim]) -> str:
+    decided = claims_of(claims, results.chapter)
+    return notebook_text(with_links_and_provenance(with_captions(notebook), results, decided))
+
+
+def _place_results(book: Path, results: Sequence[Results], claims: Sequence[Claim]) -> None:
+    """Write the page of claims and the results files that it rests on."""
+    made = book / "generated"
+    judged = verdicts(claims, results)
+    texts = {
+        made / "claims-counts.md": claims_counts(judged),
+        made / "claims-list.md": claims_list(judged),
+    }
+    files = {made / f"{result.chapter}.json": result for result in results}
+    _clear(made, keep={*files, *texts})
+    for path, text in texts.items():
+        write_whole(path, text)
+    for path, result in files.items():
+        write_results(result, path)
 
 
 def with_captions(notebook: Any) -> Any:
@@ -192,6 +242,7 @@ def _run_jupyter_book(project: Project, source: Path, stage: Path) -> Path:
     done = subprocess.run(
         command,
         cwd=project.root,
+        env=os.environ | {FOOTER_VARIABLE: footer_text(project)},
         capture_output=True,
         text=True,
         stdin=subprocess.DEVNULL,

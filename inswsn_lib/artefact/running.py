@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 import tempfile
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,13 +14,25 @@ from rich.table import Table
 
 from inswsn_lib.artefact.execution import execute_once
 from inswsn_lib.artefact.notebooks import notebook_text
+from inswsn_lib.artefact.pages import with_links_and_provenance
 from inswsn_lib.artefact.progress import Progress
 from inswsn_lib.artefact.project import Chapter, Project
 from inswsn_lib.artefact.rendering import render_run, require_built, swap_folder
-from inswsn_lib.claims import Change, Quantity, Results, pair_quantities, write_results
+from inswsn_lib.claims import (
+    LEDGER,
+    Change,
+    Claim,
+    Quantity,
+    Results,
+    claims_of,
+    flipped_verdicts,
+    load_claims,
+    pair_quantities,
+    write_results,
+)
 from inswsn_lib.errors import InswsnError, ParameterError
 from inswsn_lib.files import read_yaml, text_digest, write_whole
-from inswsn_lib.parameters import Schema, Value, chapter_schema
+from inswsn_lib.parameters import FILE_RULE, Parameter, Schema, Value, chapter_schema
 
 # A folder with this file in it is a run, and may be replaced by another.
 _PARAMETERS = "parameters.yml"
@@ -70,7 +83,7 @@ def find_chapter(project: Project, word: str) -> Chapter:
 
 
 def gather_parameters(
-    schema: Schema, settings: Iterable[str], file: Path | None
+    schema: Schema, settings: Iterable[str], file: Path | None, data: Path
 ) -> dict[str, Value]:
     """Return the parameters that a user sets, checked.
 
@@ -82,11 +95,14 @@ def gather_parameters(
         ``name=value``, as on the command line; each name once. They override the file.
     file : Path, optional
         A YAML file of names and values.
+    data : Path
+        The folder ``data`` of the checkout. The path of a file that a parameter names is made
+        absolute, unless the file lies there.
 
     Raises
     ------
     ParameterError
-        If a name is not declared or set twice, or a value may not be.
+        If a name is not declared or set twice, a value may not be, or there is no such file.
     InswsnError
         If the file cannot be read.
     """
@@ -102,7 +118,18 @@ def gather_parameters(
             raise ParameterError("-p", setting, f"given once: {name} is set twice")
         seen.add(name)
         values[name] = schema[name].read(text)
-    return values
+    return {name: _found_file(schema[name], value, data) for name, value in values.items()}
+
+
+def _found_file(parameter: Parameter, value: Value, data: Path) -> Value:
+    if parameter.rule != FILE_RULE:
+        return value
+    path = Path(str(value)).expanduser()
+    if path.is_file():
+        return str(path.resolve())
+    if (data / path).is_file():
+        return path.as_posix()
+    raise ParameterError(parameter.name, value, f"{parameter.allowed}, and there is no such file")
 
 
 def _read_file(path: Path) -> Mapping[str, object]:
@@ -160,12 +187,13 @@ def run_chapter(
     folder.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=folder.parent, prefix=".run-") as name:
         made = Path(name) / "run"
-        write_whole(made / f"{chapter.name}.ipynb", notebook_text(executed))
+        text = notebook_text(with_links_and_provenance(copy.deepcopy(executed), results, ()))
+        write_whole(made / f"{chapter.name}.ipynb", text)
         write_results(results, made / f"{chapter.number}.json")
         write_whole(made / _PARAMETERS, text)
         if html:
             progress.say("book: rendering with this run in it")
-            render_run(project, chapter, executed, made / "html")
+            render_run(project, chapter, executed, results, made / "html")
         swap_folder(made, folder)
     return Run(chapter, folder, results)
 
@@ -179,15 +207,26 @@ def _check_folder(folder: Path) -> None:
         )
 
 
+def claims_of_chapter(project: Project, chapter: str) -> list[Claim]:
+    """Return the claims of the checkout's ledger that a chapter decides."""
+    return claims_of(load_claims(project.root / LEDGER), chapter)
+
+
 def show_comparison(
-    before: Results, after: Results, names: tuple[str, str], console: Console
+    before: Results,
+    after: Results,
+    claims: Sequence[Claim],
+    names: tuple[str, str],
+    console: Console,
 ) -> None:
-    """Write every quantity of two results side by side, and the sentences that differ.
+    """Write two results side by side: quantities, sentences that differ, verdicts that flipped.
 
     Parameters
     ----------
     before, after : Results
         Two results of one chapter.
+    claims : sequence of Claim
+        The claims that the chapter decides.
     names : tuple of two str
         What they are, for the headings.
     console : rich.console.Console
@@ -211,9 +250,13 @@ def show_comparison(
     for sentence in overturned:
         state = "no longer holds" if before.sentences[sentence] else "holds now"
         console.print(f"{state}: {sentence}", markup=False, soft_wrap=True)
+    flips = flipped_verdicts(claims, before, after)
+    for flip in flips:
+        console.print(f"verdict {flip}", markup=False, soft_wrap=True)
     console.print(
         f"{changed} of {len(changes)} quantities changed, "
-        f"{len(overturned)} of {len(before.sentences)} sentences overturned.",
+        f"{len(overturned)} of {len(before.sentences)} sentences overturned, "
+        f"{len(flips)} of {len(claims)} verdicts flipped.",
         markup=False,
     )
 

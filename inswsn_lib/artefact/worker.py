@@ -1,7 +1,8 @@
 """Executes one notebook by papermill in a process of its own and tells its parent how it goes.
 
 Each line on standard output is one event in JSON: ``{"cell": 3, "of": 20, "id": "ch00-003"}`` as a
-cell starts, and at last ``{"done": true}`` or ``{"failed": ...}``, which speaks of the last cell.
+cell starts, and at last ``{"done": true, "machine": {...}}`` or ``{"failed": ...}``, which speaks
+of the last cell.
 """
 
 from __future__ import annotations
@@ -17,6 +18,8 @@ from typing import Any
 import papermill
 from papermill.engines import NBClientEngine, papermill_engines
 from papermill.exceptions import PapermillExecutionError
+
+from inswsn_lib.artefact.provenance import machine_facts
 
 
 def _tell(**event: Any) -> None:
@@ -56,6 +59,8 @@ def run(source: Path, target: Path, parameters: dict[str, Any], folder: Path) ->
     except PapermillExecutionError as error:
         _tell(
             failed=f"{error.ename}: {error.evalue}",
+            name=error.ename,
+            said=error.evalue,
             source=error.source,
             traceback="\n".join(error.traceback),
         )
@@ -63,7 +68,7 @@ def run(source: Path, target: Path, parameters: dict[str, Any], folder: Path) ->
     except Exception as error:
         _tell(failed=f"{type(error).__name__}: {error}")
         return 1
-    _tell(done=True)
+    _tell(done=True, machine=machine_facts())
     return 0
 
 

@@ -1,23 +1,65 @@
-"""What a chapter found: its quantities, the file that keeps them, and how two such files differ."""
+"""What the papers claim, what a chapter found, and the verdicts that follow from the two."""
 
-from inswsn_lib.claims.comparison import Change, compare, compare_conditions, pair_quantities
+from inswsn_lib.claims.comparison import (
+    Change,
+    Flip,
+    compare,
+    compare_conditions,
+    flipped_verdicts,
+    pair_quantities,
+)
+from inswsn_lib.claims.ledger import (
+    LEDGER,
+    Claim,
+    MissingCheck,
+    QuantityCheck,
+    claims_of,
+    data_digest,
+    load_claims,
+)
 from inswsn_lib.claims.record import ChapterRecord
-from inswsn_lib.claims.results import Quantity, Results, read_results, write_results
-from inswsn_lib.claims.scoreboard import Scoreboard, Statement
-from inswsn_lib.claims.verdicts import Verdict, judge_own_cells
+from inswsn_lib.claims.results import (
+    SCHEMA_VERSION,
+    Provenance,
+    Quantity,
+    Results,
+    read_results,
+    write_results,
+)
+from inswsn_lib.claims.verdicts import (
+    Judged,
+    Verdict,
+    count_verdicts,
+    judge_own_cells,
+    judge_rebuilt,
+    verdicts,
+)
 
 __all__ = [
+    "LEDGER",
+    "SCHEMA_VERSION",
     "Change",
     "ChapterRecord",
+    "Claim",
+    "Flip",
+    "Judged",
+    "MissingCheck",
+    "Provenance",
     "Quantity",
+    "QuantityCheck",
     "Results",
-    "Scoreboard",
-    "Statement",
     "Verdict",
+    "claims_of",
     "compare",
     "compare_conditions",
+    "count_verdicts",
+    "data_digest",
+    "flipped_verdicts",
     "judge_own_cells",
+    "judge_rebuilt",
+    "load_claims",
     "pair_quantities",
     "read_results",
+    "verdicts",
     "write_results",
 ]

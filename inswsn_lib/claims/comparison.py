@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
+from inswsn_lib.claims.ledger import Claim
 from inswsn_lib.claims.results import Quantity, Results
+from inswsn_lib.claims.verdicts import Judged, verdicts
+from inswsn_lib.errors import InswsnError
 
 
 @dataclass(frozen=True)
@@ -38,7 +42,7 @@ class Change:
         if self.before is None or self.after is None:
             return True
         before, after = self.before, self.after
-        fixed = ("unit", "interval_kind", "runs", "basis")
+        fixed = ("unit", "interval_kind", "runs", "basis", "role")
         if any(getattr(before, field) != getattr(after, field) for field in fixed):
             return True
         old = (before.value, *(before.interval or ()))
@@ -99,6 +103,62 @@ def compare(before: Results, after: Results) -> list[Change]:
     return [pair for pair in pair_quantities(before, after) if pair.before != pair.after]
 
 
+@dataclass(frozen=True)
+class Flip:
+    """A claim whose verdict is not the same by two results.
+
+    Attributes
+    ----------
+    claim : Claim
+        The claim.
+    before, after : Judged or None
+        The verdict by each; None where the results lack what decides it.
+    """
+
+    claim: Claim
+    before: Judged | None
+    after: Judged | None
+
+    def __str__(self) -> str:
+        """Return one line: the claim, the verdict before, the verdict after, and why."""
+        before, after = (
+            "without a verdict" if judged is None else str(judged.verdict)
+            for judged in (self.before, self.after)
+        )
+        why = f" ({self.after.reason})" if self.after else ""
+        return f"{self.claim.id}: {before} -> {after}{why}"
+
+
+def flipped_verdicts(claims: Iterable[Claim], before: Results, after: Results) -> list[Flip]:
+    """Return the claims whose verdict differs between two results.
+
+    Parameters
+    ----------
+    claims : iterable of Claim
+        Claims that the chapter of the results decides.
+    before, after : Results
+        Two results of that chapter, which may be of different versions.
+
+    Returns
+    -------
+    list of Flip
+        In the order of `claims`.
+    """
+    pairs = [Flip(claim, _judge(claim, before), _judge(claim, after)) for claim in claims]
+    return [pair for pair in pairs if _verdict(pair.before) != _verdict(pair.after)]
+
+
+def _judge(claim: Claim, results: Results) -> Judged | None:
+    try:
+        return verdicts([claim], [results])[0]
+    except InswsnError:  # the other version of the chapter did not record what decides it
+        return None
+
+
+def _verdict(judged: Judged | None) -> str | None:
+    return None if judged is None else judged.verdict
+
+
 def compare_conditions(before: Results, after: Results) -> list[str]:
     """Return every way in which two results differ beside their quantities.
 
@@ -110,10 +170,10 @@ def compare_conditions(before: Results, after: Results) -> list[str]:
     Returns
     -------
     list of str
-        One line for each parameter, data file and sentence that differs.
+        One line for each parameter, data file, sentence, solver and cell that differs.
     """
     lines = []
-    for field in ("parameters", "data", "sentences"):
+    for field in ("parameters", "data", "sentences", "solvers", "cells"):
         old, new = getattr(before, field), getattr(after, field)
         lines += [
             f"{field}: {name}: {old.get(name, 'absent')} -> {new.get(name, 'absent')}"

@@ -9,7 +9,9 @@ from IPython.display import display
 from pydantic import ValidationError
 
 from inswsn_lib.checkout import find_root, results_folder
+from inswsn_lib.claims.ledger import LEDGER, claims_digest, claims_of, load_claims
 from inswsn_lib.claims.results import Quantity, Results, write_results
+from inswsn_lib.claims.verdicts import Judged, verdicts
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.files import file_digest
 from inswsn_lib.parameters import Value, chapter_schema
@@ -55,26 +57,31 @@ class ChapterRecord:
         self._data: dict[str, str] = {}
         self._quantities: dict[str, Quantity] = {}
         self._sentences: dict[str, bool] = {}
+        self._solvers: dict[str, str] = {}
 
     def data(self, name: str) -> Path:
-        """Return the path of a file below ``data/`` and note that this chapter reads it.
+        """Return the path of a file and note that this chapter reads it.
 
         The build executes the chapter again when the content of a noted file changes.
 
         Parameters
         ----------
         name : str
-            Path below ``data/`` with forward slashes, for example ``"papers/p1.yaml"``.
+            Path below ``data/`` with forward slashes, for example ``"papers/p1.yaml"``, or the
+            absolute path of a reader's own file.
 
         Raises
         ------
         InswsnError
             If there is no such file.
         """
-        path = self._root / "data" / name
+        if Path(name).is_absolute():
+            path, key = Path(name), name
+        else:
+            path, key = self._root / "data" / name, f"data/{name}"
         if not path.is_file():
-            raise InswsnError(f"There is no file data/{name}.")
-        self._data[f"data/{name}"] = file_digest(path)
+            raise InswsnError(f"There is no file {key}.")
+        self._data[key] = file_digest(path)
         return path
 
     def quantity(
@@ -88,12 +95,13 @@ class ChapterRecord:
         tolerance: float,
         interval: tuple[float, float] | None = None,
         runs: int = 1,
+        role: Literal["found", "input", "calibrated"] = "found",
     ) -> Quantity:
         """Record a number, and make it known to the text as ``{glue:text}`name```.
 
         Parameters
         ----------
-        name, value, unit, how, basis, tolerance, runs
+        name, value, unit, how, basis, tolerance, runs, role
             See `Quantity`.
         interval : tuple of two floats, optional
             The rounding interval for a number computed from printed cells, else the 95 %
@@ -116,6 +124,7 @@ class ChapterRecord:
                 interval_kind=kind,
                 runs=runs,
                 basis=basis,
+                role=role,
                 how=how,
                 tolerance=tolerance,
             )
@@ -128,7 +137,7 @@ class ChapterRecord:
         if name in self._quantities:
             raise InswsnError(f"The quantity {name!r} is recorded already.")
         self._quantities[name] = quantity
-        _glue(name, quantity.value)
+        _glue(name, quantity.value, quantity=name)  # by which the build finds the cell
         return quantity
 
     def say(self, name: str, text: str) -> None:
@@ -164,6 +173,42 @@ class ChapterRecord:
             raise InswsnError(f"The sentence {sentence!r} is bound already.")
         self._sentences[sentence] = bool(condition)
 
+    def solver(self, name: str, status: str) -> None:
+        """Record a solver that the chapter called, and the status that it ended with.
+
+        Parameters
+        ----------
+        name, status : str
+            For example ``"HiGHS"`` and ``"optimal"``.
+
+        Raises
+        ------
+        InswsnError
+            If the solver is recorded already.
+        """
+        if name in self._solvers:
+            raise InswsnError(f"The solver {name!r} is recorded already.")
+        self._solvers[name] = status
+
+    def judge(self) -> list[Judged]:
+        """Judge the claims that this chapter decides by what has been recorded so far.
+
+        The build executes the chapter again when what the ledger says of these claims changes.
+
+        Returns
+        -------
+        list of Judged
+            In the order of the ledger, ``data/claims.yaml``.
+
+        Raises
+        ------
+        InswsnError
+            If the ledger cannot be read, or a claim's quantity has not been recorded.
+        """
+        path = self._root / LEDGER
+        self._data[f"{LEDGER}#{self._chapter}"] = claims_digest(path, self._chapter)
+        return verdicts(claims_of(load_claims(path), self._chapter), [self.results()])
+
     def results(self) -> Results:
         """Return what has been recorded so far."""
         return Results(
@@ -172,6 +217,7 @@ class ChapterRecord:
             data=dict(sorted(self._data.items())),
             quantities=tuple(self._quantities.values()),
             sentences=self._sentences,
+            solvers=self._solvers,
         )
 
     def write(self) -> Results:
@@ -181,11 +227,13 @@ class ChapterRecord:
         return results
 
 
-def _glue(name: str, value: float | str) -> None:
+def _glue(name: str, value: float | str, **details: str) -> None:
     if isinstance(value, float) and value.is_integer() and abs(value) < 1e15:
         value = int(value)
     display(
         {_GLUE_TYPE: value if isinstance(value, str) else repr(value)},
-        metadata={"scrapbook": {"name": name, "mime_prefix": "application/papermill.record/"}},
+        metadata={
+            "scrapbook": {"name": name, "mime_prefix": "application/papermill.record/"} | details
+        },
         raw=True,
     )

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
@@ -13,6 +14,9 @@ from inswsn_lib.files import write_whole
 Name = Annotated[str, Field(pattern=r"^[a-z0-9]+([._-][a-z0-9]+)*$", max_length=80)]
 Digest = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
+
+#: The version of the results file that is written
+SCHEMA_VERSION: Literal[2] = 2
 
 
 class _Record(BaseModel):
@@ -39,6 +43,9 @@ class Quantity(_Record):
         Number of independent runs behind it; 1 for a computation without chance.
     basis : {"printed", "simulation", "emulation", "recorded"}
         What it was computed from.
+    role : {"found", "input", "calibrated"}
+        Whether the chapter found it, was given it, or fitted something to it. What was given or
+        fitted never counts as reproduced.
     how : str
         How it was obtained, one sentence.
     tolerance : float
@@ -52,6 +59,7 @@ class Quantity(_Record):
     interval_kind: Literal["rounding", "confidence 95 %"] | None = None
     runs: Annotated[int, Field(ge=1)] = 1
     basis: Literal["printed", "simulation", "emulation", "recorded"]
+    role: Literal["found", "input", "calibrated"] = "found"
     how: Annotated[str, Field(min_length=10)]
     tolerance: Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
@@ -64,13 +72,56 @@ class Quantity(_Record):
         return self
 
 
+class Provenance(_Record):
+    """What a run was made with; it differs from machine to machine and is never compared.
+
+    Attributes
+    ----------
+    version : str
+        The version of inswsn.
+    commit : str, optional
+        The commit that was checked out; None outside a git checkout.
+    clean : bool, optional
+        Whether the work tree was that commit, without changes.
+    sources : dict of str to str
+        SHA-256 of the chapter's source, of the library and of the locks: they name what was run
+        even where the tree was not clean.
+    finished : str
+        When the run ended, UTC.
+    seconds : float
+        How long it took.
+    python, system, cpu : str
+        The interpreter, the operating system and the processor.
+    cores : int
+        Cores that the run could use.
+    blas : tuple of str
+        The linear algebra libraries, each with its version and number of threads.
+    packages : dict of str to str
+        The versions of the packages that compute.
+    """
+
+    version: str
+    commit: Annotated[str, Field(pattern=r"^[0-9a-f]{40,64}$")] | None
+    clean: bool | None
+    sources: dict[str, Digest]
+    finished: str
+    seconds: Annotated[float, Field(ge=0)]
+    python: str
+    system: str
+    cpu: str
+    cores: Annotated[int, Field(ge=1)]
+    blas: tuple[str, ...]
+    packages: dict[str, str]
+
+
 class Results(_Record):
     """All that a chapter found in one run.
 
     Attributes
     ----------
     schema_version : int
-        The version of this schema, 1.
+        The version of this schema, 2. Files of version 1, which had no solvers, cells and
+        provenance, are read as well.
     chapter : str
         The chapter's number, two digits.
     parameters : dict
@@ -82,14 +133,30 @@ class Results(_Record):
     sentences : dict of str to bool
         Sentences of the page that rest on results, and whether they hold in this run. In the
         published run all of them do, or the build fails.
+    solvers : dict of str to str
+        The solvers that the chapter called, with the status that they ended with.
+    cells : dict of str to str
+        The cell that recorded each quantity.
+    provenance : Provenance, optional
+        What the run was made with.
     """
 
-    schema_version: Literal[1] = 1
+    schema_version: Literal[2] = SCHEMA_VERSION
     chapter: Annotated[str, Field(pattern=r"^\d\d$")]
     parameters: dict[Name, bool | int | Finite | str]
     data: dict[str, Digest]
     quantities: tuple[Quantity, ...]
     sentences: dict[str, bool] = {}
+    solvers: dict[str, str] = {}
+    cells: dict[Name, str] = {}
+    provenance: Provenance | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _older_version_is_raised(cls, content: Any) -> Any:
+        if isinstance(content, dict) and content.get("schema_version") == 1:
+            return content | {"schema_version": SCHEMA_VERSION}
+        return content
 
     @model_validator(mode="after")
     def _names_are_unique(self) -> Self:
@@ -105,6 +172,10 @@ class Results(_Record):
             if quantity.name == name:
                 return quantity
         raise KeyError(name)
+
+    def found(self) -> Self:
+        """Return it without its provenance: what a run on another machine finds as well."""
+        return self.model_copy(update={"provenance": None})
 
 
 def write_results(results: Results, path: Path) -> None:
@@ -139,11 +210,22 @@ def read_results(path: Path) -> Results:
         If there is no such file, or it does not fit the schema; the sentence says where.
     """
     try:
-        return Results.model_validate_json(path.read_text(encoding="utf-8"))
+        content = json.loads(path.read_text(encoding="utf-8"))
+        version = content.get("schema_version") if isinstance(content, dict) else None
+        if isinstance(version, int) and version > SCHEMA_VERSION:
+            raise InswsnError(
+                f"{path} was written by a newer inswsn: its schema_version is {version}, and this "
+                f"one reads up to {SCHEMA_VERSION}."
+            )
+        return Results.model_validate(content)
     except FileNotFoundError:
         raise InswsnError(f"There is no results file {path}.") from None
     except UnicodeDecodeError:
         raise InswsnError(f"{path} is not a results file: it is not UTF-8.") from None
+    except json.JSONDecodeError as error:
+        raise InswsnError(
+            f"{path} is not a results file: it is not JSON, line {error.lineno}."
+        ) from None
     except ValidationError as error:
         first = error.errors()[0]
         place = ".".join(map(str, first["loc"])) or "the file"

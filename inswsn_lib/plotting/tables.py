@@ -25,7 +25,14 @@ def show_parameters(schema: Schema, *, name: str) -> None:
         The label that ``{numref}`` uses, for example ``"tbl-00-parameters"``.
     """
     rows = [
-        (f"`{p.name}`", p.meaning, p.unit, f"{p.default}", p.allowed) for p in schema.parameters
+        (
+            f"`{p.name}`",
+            p.meaning,
+            "–" if p.kind == "str" else p.unit,
+            f"{p.default}",
+            p.allowed,
+        )
+        for p in schema.parameters
     ]
     columns = ["parameter", "what it is", "unit", "published run", "it may be"]
     frame = pd.DataFrame(rows, columns=columns).set_index("parameter")

@@ -11,6 +11,7 @@ import time
 from pathlib import Path
 
 import pytest
+from bs4 import BeautifulSoup
 from conftest import MiniProject, run_command
 
 from inswsn_lib.artefact.execution import ChapterError, together
@@ -195,9 +196,25 @@ def test_personal_settings_do_not_reach_a_chapter(
 
 def test_two_fresh_builds_are_the_same(built: MiniProject) -> None:
     (first,) = built.cache.rglob("executed.ipynb")
-    text = first.read_text()
+    text, results = first.read_text(), read_results(built.results / "00.json")
+    pages = {name: page_without_provenance(built.site / name) for name in PAGES}
     assert run_command(built.root, "book", "--fresh").returncode == 0
     assert first.read_text() == text
+    assert read_results(built.results / "00.json").found() == results.found()
+    for name in PAGES:
+        assert page_without_provenance(built.site / name) == pages[name], name
+
+
+PAGES = ("index.html", "claims.html", "chapters/00-mini.html")
+
+
+def page_without_provenance(page: Path) -> str:
+    soup = BeautifulSoup(page.read_text(), "html.parser")
+    for table in soup.select("table.provenance"):
+        table.decompose()
+    for link in soup.select("a.download"):  # the results file holds the provenance as well
+        link.decompose()
+    return str(soup)
 
 
 def test_a_sentence_that_is_not_so(built: MiniProject) -> None:

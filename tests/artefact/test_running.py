@@ -12,7 +12,7 @@ from rich.console import Console
 from inswsn_lib.artefact.running import gather_parameters, show_comparison
 from inswsn_lib.claims import ChapterRecord, Quantity, Results, read_results
 from inswsn_lib.errors import InswsnError, ParameterError
-from inswsn_lib.parameters import chapter_schema
+from inswsn_lib.parameters import chapter_schema, read_schema
 
 
 def test_chapters_lists_their_parameters(mini: MiniProject) -> None:
@@ -37,10 +37,20 @@ def test_a_run_and_its_comparison(mini: MiniProject, tmp_path: Path) -> None:
     assert lines[0].split() == ["quantity", "published", "run", "this", "run", "change", "unit"]
     assert lines[1].split() == ["twice", "42", "63", "+21", "m"]
     assert "parameter scale: 2.0 -> 3.0" in lines
-    assert "1 of 1 quantities changed, 0 of 0 sentences overturned." in lines
+    assert (
+        "verdict P1-M-twice: reproduced -> contradicted by the paper itself "
+        "(No numbers that round to the printed cells allow it.)"
+    ) in lines
+    assert (
+        "1 of 1 quantities changed, 0 of 0 sentences overturned, 1 of 1 verdicts flipped."
+    ) in lines
     assert read_results(out / "00.json").parameters == {"scale": 3.0}
     assert (out / "parameters.yml").read_text() == "scale: 3.0\n"
     assert ">63<" in (out / "html" / "chapters" / "00-mini.html").read_text()
+    # the page of claims in the rendered run is of that run
+    assert "63 m" in (out / "html" / "claims.html").read_text()
+    assert "42 m" in (mini.site / "claims.html").read_text()
+    assert "## Provenance" in (out / "00-mini.ipynb").read_text()
     # the published results, the last build and its site are what they were
     assert (mini.published / "00.json").read_bytes() == published
     assert (mini.results / "00.json").read_bytes() == built
@@ -109,10 +119,10 @@ def test_a_bad_file_of_parameters(mini: MiniProject, tmp_path: Path, text: str, 
     file.write_text(text)
     schema = chapter_schema(mini.root, "00")
     with pytest.raises(InswsnError) as refusal:
-        gather_parameters(schema, [], file)
+        gather_parameters(schema, [], file, tmp_path)
     assert said in str(refusal.value)
     file.write_text("")
-    assert gather_parameters(schema, [], file) == {}
+    assert gather_parameters(schema, [], file, tmp_path) == {}
 
 
 def test_a_run_that_fails_writes_nothing(mini: MiniProject) -> None:
@@ -177,7 +187,7 @@ def test_compare_on_files_that_do_not_hold_the_same(capsys: pytest.CaptureFixtur
         quantities=(quantity("both", 1 + 1e-15), quantity("new", 3)),
         sentences={"It rains.": False, "It pours.": True},
     )
-    show_comparison(before, after, ("first", "second"), Console(width=100))
+    show_comparison(before, after, [], ("first", "second"), Console(width=100))
     lines = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
     assert lines == [
         "quantity first second change unit",
@@ -188,7 +198,7 @@ def test_compare_on_files_that_do_not_hold_the_same(capsys: pytest.CaptureFixtur
         "parameter b: None -> 2",
         "no longer holds: It rains.",
         "holds now: It pours.",
-        "2 of 3 quantities changed, 2 of 3 sentences overturned.",
+        "2 of 3 quantities changed, 2 of 3 sentences overturned, 0 of 0 verdicts flipped.",
     ]
 
 
@@ -200,8 +210,41 @@ def test_compare_refuses_what_cannot_be_compared(mini: MiniProject, tmp_path: Pa
     done = run_command(mini.root, "compare", str(first), str(second))
     assert done.returncode == 2
     assert "two runs of one chapter can be compared" in done.stderr
-    content = json.loads(first.read_text()) | {"schema_version": 2}
-    second.write_text(json.dumps(content))
+    content = json.loads(first.read_text())
+    second.write_text(json.dumps(content | {"schema_version": 99}))
     done = run_command(mini.root, "compare", str(first), str(second))
     assert done.returncode == 2
-    assert "is not a results file of this version: schema_version" in done.stderr
+    assert "was written by a newer inswsn: its schema_version is 99" in done.stderr
+    # a file of the first version has no solvers, cells and provenance, and is compared
+    old = {k: v for k, v in content.items() if k not in ("solvers", "cells", "provenance")}
+    second.write_text(json.dumps(old | {"schema_version": 1}))
+    done = run_command(mini.root, "compare", str(first), str(second))
+    assert done.returncode == 0
+    assert done.stdout.splitlines()[-1].startswith("0 of 0 quantities changed")
+
+
+def test_a_file_that_a_parameter_names(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    schema = read_schema("# A file.\nname: str = 'given.csv'  # 1; a file")
+    data = tmp_path / "data"
+    data.mkdir()
+    (data / "given.csv").write_text("")
+    (tmp_path / "own.csv").write_text("")
+    monkeypatch.chdir(tmp_path)
+    # one of the project's stays a name, so that a results file is the same on every machine
+    assert gather_parameters(schema, ["name=given.csv"], None, data) == {"name": "given.csv"}
+    own = str((tmp_path / "own.csv").resolve())
+    assert gather_parameters(schema, ["name=own.csv"], None, data) == {"name": own}
+    with pytest.raises(ParameterError, match="there is no such file"):
+        gather_parameters(schema, ["name=none.csv"], None, data)
+
+
+def test_what_the_library_refuses_in_a_run_is_one_sentence(mini: MiniProject) -> None:
+    mini.chapter(
+        "```{code-cell} ipython3\nfrom inswsn_lib.errors import ParameterError\n"
+        "if scale > 50:\n    raise ParameterError('scale', scale, 'at most 50 here')\n```"
+    )
+    done = run_command(mini.root, "run", "00", "-p", "scale=60")
+    assert done.returncode == 2
+    assert done.stderr.splitlines()[-1] == "inswsn: scale is 60.0; it may be at most 50 here."
+    assert "Traceback" not in done.stderr
+    assert not list(mini.root.glob("runs/*"))

@@ -12,7 +12,14 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from inswsn_lib import files
-from inswsn_lib.claims import Quantity, Results, read_results, write_results
+from inswsn_lib.claims import (
+    SCHEMA_VERSION,
+    Provenance,
+    Quantity,
+    Results,
+    read_results,
+    write_results,
+)
 from inswsn_lib.errors import InswsnError
 
 
@@ -101,14 +108,56 @@ def test_a_broken_file_is_refused_in_one_sentence(tmp_path: Path) -> None:
     with pytest.raises(InswsnError, match="There is no results file"):
         read_results(path)
     path.write_text("{")
-    with pytest.raises(InswsnError, match="is not a results file of this version"):
+    with pytest.raises(InswsnError, match="it is not JSON, line 1"):
         read_results(path)
     write_results(results(quantity()), path)
     content = json.loads(path.read_text())
-    content["schema_version"] = 2
+    content["schema_version"] = SCHEMA_VERSION + 1
     path.write_text(json.dumps(content))
-    with pytest.raises(InswsnError, match="schema_version"):
+    with pytest.raises(InswsnError, match="written by a newer inswsn: its schema_version is 3"):
         read_results(path)
+    for wrong in (0, "1", None):
+        content["schema_version"] = wrong
+        path.write_text(json.dumps(content))
+        with pytest.raises(InswsnError, match="of this version: schema_version"):
+            read_results(path)
+
+
+def test_a_file_of_the_first_version_is_read() -> None:
+    # as data/published/00.json stood at version 1, cut short
+    old = {
+        "schema_version": 1,
+        "chapter": "00",
+        "parameters": {"a": 1},
+        "data": {},
+        "quantities": [
+            {"name": "x", "value": 1.0, "unit": "m", "interval": None, "interval_kind": None,
+             "runs": 1, "basis": "printed", "how": "For a test.", "tolerance": 0.0}
+        ],
+        "sentences": {"So.": True},
+    }  # fmt: skip
+    new = Results.model_validate(old)
+    assert new.schema_version == SCHEMA_VERSION
+    assert new["x"].role == "found"
+    assert new.provenance is None
+    assert new.cells == {}
+    assert new.solvers == {}
+
+
+PROVENANCE = Provenance(
+    version="0.1.0", commit="0" * 40, clean=True, sources={"library": "1" * 64},
+    finished="2026-11-21 10:00 UTC", seconds=1.5, python="3.11.7", system="Linux x86_64",
+    cpu="a processor", cores=2, blas=("openblas 0.3, 1 thread",), packages={"numpy": "2.4"},
+)  # fmt: skip
+
+
+def test_provenance_is_kept_and_is_no_finding(tmp_path: Path) -> None:
+    made = results(quantity(), provenance=PROVENANCE)
+    write_results(made, tmp_path / "00.json")
+    assert read_results(tmp_path / "00.json").provenance == PROVENANCE
+    later = PROVENANCE.model_copy(update={"seconds": 99.0, "commit": None, "clean": None})
+    assert made.found() == results(quantity(), provenance=later).found()
+    assert made.found() != results(quantity(value=2.0), provenance=PROVENANCE).found()
 
 
 def test_an_interrupted_write_leaves_the_old_file(

@@ -15,6 +15,8 @@ import pytest
 from PIL import Image
 from playwright.sync_api import Browser, Page, sync_playwright
 
+from inswsn_lib.artefact.judging import judge_claims, select_claims
+from inswsn_lib.artefact.project import Project
 from inswsn_lib.artefact.serving import address, make_server
 
 pytestmark = pytest.mark.page
@@ -84,6 +86,8 @@ def test_every_page_of_the_contents_is_there(built_site: Path) -> None:
     expected = {
         "index.html",
         "chapters/00-the-published-numbers.html",
+        "chapters/90-your-own-data.html",
+        "claims.html",
         "notation.html",
         "reproduce.html",
         "api.html",
@@ -134,6 +138,68 @@ def test_a_narrow_screen_never_scrolls_sideways(
         width = seen.page.evaluate("document.documentElement.scrollWidth")
         assert width <= 360, f"{name} is {width} px wide"
         seen.page.close()
+
+
+def shown_claims(page: Page) -> list[str]:
+    return [c.get_attribute("id") or "" for c in page.locator(".claim").all() if c.is_visible()]
+
+
+def test_claims_are_filtered_without_scripts(
+    browser: Browser, served: str, project: Project
+) -> None:
+    judged = judge_claims(project)
+    page = browser.new_page(java_script_enabled=False)
+    page.goto(served + "claims.html")
+    assert shown_claims(page) == [entry.claim.anchor for entry in judged]
+    assert page.locator(".claims-shown").is_visible()
+    for group, word, chosen in (
+        ("paper", "P3", {"paper": "P3"}),
+        ("verdict", "reproduced", {"paper": "P3", "verdict": "reproduced"}),
+        ("kind", "numeric", {"paper": "P3", "verdict": "reproduced", "kind": "numeric"}),
+    ):
+        page.locator(f"fieldset:has(legend:text-is('{group}'))").get_by_label(
+            word, exact=True
+        ).check()
+        expected = [entry.claim.anchor for entry in select_claims(judged, **chosen)]
+        assert shown_claims(page) == expected
+        assert expected
+    page.close()
+
+
+def test_a_claim_and_its_cell_lead_to_each_other(
+    browser: Browser, served: str, project: Project
+) -> None:
+    page = browser.new_page()
+    for entry in judge_claims(project):
+        if entry.cell is None:
+            continue
+        page.goto(f"{served}claims.html")
+        claim = page.locator(f"#{entry.claim.anchor}")
+        assert str(entry.verdict) in claim.inner_text()
+        claim.get_by_role("link", name=f"cell {entry.cell}").click()
+        page.wait_for_url(f"**#cell-{entry.cell}")
+        note = page.locator(f"#cell-{entry.cell}")
+        note.get_by_role("link", name=entry.claim.id, exact=True).click()
+        page.wait_for_url(f"**/claims.html#{entry.claim.anchor}")
+    page.close()
+
+
+def test_every_page_says_what_it_was_built_from(
+    browser: Browser, served: str, built_site: Path
+) -> None:
+    page = browser.new_page()
+    for name in page_names(built_site):
+        page.goto(served + name)
+        assert (
+            "Built by inswsn" in page.locator("footer.bd-footer-content, footer").last.inner_text()
+        )
+        if name.startswith("chapters/"):
+            words = page.locator("table.provenance").inner_text()
+            for word in ("parameters", "seed", "commit", "locks", "data", "solvers", "thread"):
+                assert word in words, name
+            for word in ("Python", "cores", " s, ended "):
+                assert word in words, name
+    page.close()
 
 
 def test_chapter_00_shows_its_figures_tables_and_numbers(browser: Browser, served: str) -> None:

@@ -1,0 +1,75 @@
+"""Whether errors are as large as a filter says: normalised squares and their chi-square bounds."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.stats import chi2
+
+from inswsn_lib.errors import ParameterError
+
+Array = NDArray[np.float64]
+
+
+def normalised_squares(errors: ArrayLike, covariances: ArrayLike) -> Array:
+    r"""Return :math:`\epsilon_k' S_k^{-1} \epsilon_k`: NEES of state errors, NIS of innovations.
+
+    Parameters
+    ----------
+    errors : array_like, (steps, n, runs)
+        Errors or innovations.
+    covariances : array_like, (n, n) or (steps, n, n)
+        What the filter says of them; positive definite.
+
+    Returns
+    -------
+    ndarray, (steps, runs)
+        NaN where a component is NaN. If the errors are Gaussian with these covariances, each has
+        a chi-square distribution with n degrees of freedom (Bar-Shalom, Li and Kirubarajan 2001,
+        Section 5.4).
+
+    Raises
+    ------
+    ParameterError
+        If shapes do not fit or a covariance is not positive definite.
+    """
+    e = np.asarray(errors, dtype=float)
+    S = np.asarray(covariances, dtype=float)
+    if e.ndim != 3 or S.shape not in ((e.shape[1],) * 2, (e.shape[0], e.shape[1], e.shape[1])):
+        raise ParameterError(
+            "errors and covariances",
+            (e.shape, S.shape),
+            "(steps, n, runs) and (n, n) or (steps, n, n)",
+        )
+    try:
+        factors = np.linalg.cholesky(np.broadcast_to(S, (e.shape[0], *S.shape[-2:])))
+    except np.linalg.LinAlgError:
+        raise ParameterError("covariances", "not positive definite", "positive definite") from None
+    return np.asarray(np.square(np.linalg.solve(factors, e)).sum(axis=1))
+
+
+def mean_bounds(count: int, degrees: int, probability: float = 0.95) -> tuple[float, float]:
+    """Return the interval that holds the mean of normalised squares with a probability.
+
+    Parameters
+    ----------
+    count : int
+        How many independent squares are averaged.
+    degrees : int
+        Degrees of freedom of each: the number of components.
+    probability : float
+        Of the interval, equal tails.
+
+    Raises
+    ------
+    ParameterError
+        If a number is not positive, or the probability not between 0 and 1.
+    """
+    for name, number in (("count", count), ("degrees", degrees)):
+        if number < 1:
+            raise ParameterError(name, number, "1 or more")
+    if not 0 < probability < 1:
+        raise ParameterError("probability", probability, "between 0 and 1")
+    tail = (1 - probability) / 2
+    low, high = chi2.ppf([tail, 1 - tail], count * degrees) / count
+    return float(low), float(high)

@@ -1,0 +1,144 @@
+"""The linear error model with a jittering period, on which P1 and P2 build their filters."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from inswsn_lib.errors import ParameterError
+
+Array = NDArray[np.float64]
+
+_FIELDS = {"A": "nn", "B": "np", "C": "mn", "D": "mq", "L": "ln", "E": "nn"}
+
+
+@dataclass(frozen=True, eq=False)
+class ErrorModel:
+    r"""A linear model with multiplicative noise (P1 2.4, 2.6, 2.8; P2 1-3).
+
+    .. math::
+        x_{k+1} = (A + E \beta_k)\, x_k + B w_k, \qquad
+        y_k = C x_k + D v_k, \qquad z_k = L x_k
+
+    with :math:`\beta_k` a white scalar of zero mean and unit variance, independent of
+    :math:`w_k` and :math:`v_k`. Where a filter needs variances, :math:`w_k` and :math:`v_k` are
+    white with unit covariance, so that :math:`Q = B B'` and :math:`R = D D'`.
+
+    Attributes
+    ----------
+    A : ndarray, (n, n)
+        Transition of the error state over one period.
+    B : ndarray, (n, p)
+        How process noise enters.
+    C : ndarray, (m, n)
+        How the state is measured.
+    D : ndarray, (m, q)
+        How measurement noise enters.
+    L : ndarray, (l, n)
+        The combinations of states that are to be estimated.
+    E : ndarray, (n, n)
+        How the jitter of the period enters.
+    period : float
+        The sampling period, s.
+
+    Raises
+    ------
+    ParameterError
+        If the period is not positive, an entry is not finite, or shapes do not fit together.
+    """
+
+    A: Array
+    B: Array
+    C: Array
+    D: Array
+    L: Array
+    E: Array
+    period: float
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.period) and self.period > 0):
+            raise ParameterError("period", self.period, "a positive number of seconds")
+        sizes: dict[str, int] = {}
+        for name, letters in _FIELDS.items():
+            matrix = _matrix(name, getattr(self, name))
+            object.__setattr__(self, name, matrix)
+            for letter, size in zip(letters, matrix.shape, strict=True):
+                if sizes.setdefault(letter, size) != size:
+                    raise ParameterError(
+                        name, f"of shape {matrix.shape}", f"({', '.join(letters)}) with {sizes}"
+                    )
+
+    @property
+    def process_covariance(self) -> Array:
+        """Q = B B', (n, n)."""
+        return self.B @ self.B.T
+
+    @property
+    def measurement_covariance(self) -> Array:
+        """R = D D', (m, m)."""
+        return self.D @ self.D.T
+
+    @classmethod
+    def p1(
+        cls,
+        period: float,
+        jitter: float = 0.0,
+        *,
+        process_noise: tuple[float, float] = (1.0, 1.0),
+        measurement_noise: tuple[float, float] = (1.0, 1.0),
+        L: ArrayLike | None = None,
+    ) -> Self:
+        r"""Return the model of P1 (2.3) and (2.5).
+
+        The state is the error of the INS, :math:`(e_x, e_y, e_{vx}, e_{vy})` in m and m/s in the
+        horizontal frame of the network, and so is the measurement: INS less WSN. P1 does not print
+        B, D and L; the defaults are identities.
+
+        Parameters
+        ----------
+        period : float
+            T, s.
+        jitter : float
+            :math:`\delta t`, the standard deviation of the period, s.
+        process_noise : tuple of two floats
+            Standard deviations per step of position (m) and velocity (m/s): the diagonal of B.
+        measurement_noise : tuple of two floats
+            Standard deviations of the measured position (m) and velocity (m/s): that of D.
+        L : array_like, (l, 4), optional
+            Default: the identity.
+
+        Raises
+        ------
+        ParameterError
+            If the period is not positive, or another number is negative or not finite.
+        """
+        numbers: dict[str, tuple[float, ...]] = {
+            "jitter": (jitter,),
+            "process_noise": process_noise,
+            "measurement_noise": measurement_noise,
+        }
+        for name, values in numbers.items():
+            if not all(np.isfinite(value) and value >= 0 for value in values):
+                raise ParameterError(name, values, "finite and not negative")
+        A, E = np.eye(4), np.zeros((4, 4))
+        A[0, 2] = A[1, 3] = period
+        E[0, 2] = E[1, 3] = jitter
+        return cls(
+            A=A,
+            B=np.diag(np.repeat(process_noise, 2)),
+            C=np.eye(4),
+            D=np.diag(np.repeat(measurement_noise, 2)),
+            L=np.eye(4) if L is None else np.asarray(L, dtype=float),
+            E=E,
+            period=period,
+        )
+
+
+def _matrix(name: str, value: Any) -> Array:
+    matrix = np.asarray(value, dtype=float)
+    if matrix.ndim != 2 or not np.isfinite(matrix).all():
+        raise ParameterError(name, f"of shape {matrix.shape}", "a matrix of finite numbers")
+    return matrix

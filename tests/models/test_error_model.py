@@ -1,0 +1,54 @@
+"""The error model: its matrices as P1 prints them, and what it refuses."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from inswsn_lib.errors import ParameterError
+from inswsn_lib.models import ErrorModel
+
+
+def test_the_matrices_are_those_of_p1() -> None:
+    model = ErrorModel.p1(0.2, 0.0012, process_noise=(4.0, 3.0), measurement_noise=(0.2, 0.1))
+    # (2.3), (2.5) and the printed B_f of (5.1), which is A
+    assert model.A.tolist() == [[1, 0, 0.2, 0], [0, 1, 0, 0.2], [0, 0, 1, 0], [0, 0, 0, 1]]
+    assert model.E.tolist() == [[0, 0, 0.0012, 0], [0, 0, 0, 0.0012], [0] * 4, [0] * 4]
+    assert model.C.tolist() == np.eye(4).tolist() == model.L.tolist()
+    assert np.diag(model.process_covariance) == pytest.approx([16, 16, 9, 9])
+    assert np.diag(model.measurement_covariance) == pytest.approx([0.04, 0.04, 0.01, 0.01])
+
+
+def test_constant_velocity_error_integrates_to_position() -> None:
+    model, x = ErrorModel.p1(0.25), np.array([1.0, -1.0, 0.5, 2.0])
+    for _ in range(8):
+        x = model.A @ x
+    assert x == pytest.approx([1 + 2 * 0.5, -1 + 2 * 2.0, 0.5, 2.0])
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"period": 0.0}, "period"),
+        ({"period": float("nan")}, "period"),
+        ({"jitter": -1.0}, "jitter"),
+        ({"process_noise": (1.0, float("inf"))}, "process_noise"),
+        ({"measurement_noise": (-1.0, 1.0)}, "measurement_noise"),
+        ({"L": np.eye(3)}, "L is"),
+        ({"L": np.full((1, 4), np.nan)}, "L is"),
+    ],
+)
+def test_what_cannot_be_is_refused(changes: dict[str, Any], said: str) -> None:
+    with pytest.raises(ParameterError, match=said):
+        ErrorModel.p1(**({"period": 1.0} | changes))
+
+
+@pytest.mark.parametrize("name", ["A", "B", "C", "D", "E"])
+def test_shapes_that_do_not_fit_are_refused(name: str) -> None:
+    fields = {f: getattr(ErrorModel.p1(1.0), f) for f in ("A", "B", "C", "D", "L", "E", "period")}
+    with pytest.raises(ParameterError, match=" is 'of shape"):
+        ErrorModel(**(fields | {name: np.eye(3)}))
+    with pytest.raises(ParameterError, match=f"{name} is 'of shape"):
+        ErrorModel(**(fields | {name: np.ones(4)}))
