@@ -11,7 +11,9 @@ from types import ModuleType
 
 import pytest
 
-from inswsn_lib import claims, evaluation, papers, plotting
+from inswsn_lib import claims, evaluation, filters, models, navigation, papers, plotting
+
+ROOMS = (claims, evaluation, filters, models, navigation, papers, plotting)
 
 
 @pytest.fixture(scope="module")
@@ -68,7 +70,7 @@ def test_the_two_routes_without_make_agree(root: Path) -> None:
     assert set(steps("book/reproduce.md")) == set(steps("README.md"))
 
 
-@pytest.mark.parametrize("room", [claims, evaluation, papers, plotting], ids=lambda m: m.__name__)
+@pytest.mark.parametrize("room", ROOMS, ids=lambda m: m.__name__)
 def test_public_functions_say_what_they_take(room: ModuleType) -> None:
     functions = [f for f in map(room.__dict__.get, room.__all__) if inspect.isfunction(f)]
     short = [
@@ -82,8 +84,7 @@ def test_public_functions_say_what_they_take(room: ModuleType) -> None:
 
 def test_the_reference_page_has_every_public_name(built_site: Path) -> None:
     page = (built_site / "api.html").read_text(encoding="utf-8")
-    rooms = (claims, evaluation, papers, plotting)
-    names = [f"{room.__name__}.{name}" for room in rooms for name in room.__all__]
+    names = [f"{room.__name__}.{name}" for room in ROOMS for name in room.__all__]
     missing = [
         name
         for name in names

@@ -187,8 +187,8 @@ def run_chapter(
     folder.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=folder.parent, prefix=".run-") as name:
         made = Path(name) / "run"
-        text = notebook_text(with_links_and_provenance(copy.deepcopy(executed), results, ()))
-        write_whole(made / f"{chapter.name}.ipynb", text)
+        own = with_links_and_provenance(copy.deepcopy(executed), results, ())
+        write_whole(made / f"{chapter.name}.ipynb", notebook_text(own))
         write_results(results, made / f"{chapter.number}.json")
         write_whole(made / _PARAMETERS, text)
         if html:

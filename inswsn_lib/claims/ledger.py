@@ -261,7 +261,20 @@ def load_claims(path: Path) -> tuple[Claim, ...]:
 
 
 def claims_of(claims: Iterable[Claim], chapter: str) -> list[Claim]:
-    """Return the claims that a chapter decides, in the order of the ledger."""
+    """Return the claims that a chapter decides.
+
+    Parameters
+    ----------
+    claims : iterable of Claim
+        The ledger, from `load_claims`.
+    chapter : str
+        The chapter's number, two digits.
+
+    Returns
+    -------
+    list of Claim
+        In the order of the ledger.
+    """
     return [claim for claim in claims if claim.chapter == chapter]
 
 

@@ -170,9 +170,8 @@ def test_a_claim_and_its_cell_lead_to_each_other(
     browser: Browser, served: str, project: Project
 ) -> None:
     page = browser.new_page()
-    for entry in judge_claims(project):
-        if entry.cell is None:
-            continue
+    # one claim of each cell; the inspection of the site has followed all links
+    for entry in {e.cell: e for e in judge_claims(project) if e.cell is not None}.values():
         page.goto(f"{served}claims.html")
         claim = page.locator(f"#{entry.claim.anchor}")
         assert str(entry.verdict) in claim.inner_text()
@@ -190,9 +189,7 @@ def test_every_page_says_what_it_was_built_from(
     page = browser.new_page()
     for name in page_names(built_site):
         page.goto(served + name)
-        assert (
-            "Built by inswsn" in page.locator("footer.bd-footer-content, footer").last.inner_text()
-        )
+        assert "Built by inswsn" in page.locator(".extra_footer").inner_text()
         if name.startswith("chapters/"):
             words = page.locator("table.provenance").inner_text()
             for word in ("parameters", "seed", "commit", "locks", "data", "solvers", "thread"):
