@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+# characters of a value that a sentence repeats
+_LONGEST = 200
+
 
 class InswsnError(ValueError):
     """Something the user asked for cannot be done; the message is one sentence.
@@ -31,7 +34,16 @@ class ParameterError(InswsnError):
     """
 
     def __init__(self, name: str, got: object, expected: str) -> None:
-        super().__init__(f"{name} is {got!r}; it may be {expected}.")
+        super().__init__(f"{name} is {_short(got)}; it may be {expected}.")
         self.name = name
         self.got = got
         self.expected = expected
+
+
+def _short(value: object) -> str:
+    """Return what stands for a value in a sentence: its repr, cut where nobody reads on."""
+    try:
+        text = repr(value)
+    except ValueError:  # a whole number of thousands of digits
+        text = f"a {type(value).__name__} of very many digits"
+    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}…"

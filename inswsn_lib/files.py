@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import re
 import tempfile
 from collections.abc import Iterable
 from pathlib import Path
@@ -43,20 +44,53 @@ def write_whole(path: Path, text: str) -> None:
         raise
 
 
+class _Loader(yaml.SafeLoader):
+    """YAML without repeated keys, without dates, and with 1e-1 as a number, as in YAML 1.2."""
+
+    yaml_implicit_resolvers = {  # noqa: RUF012  # as in the base class
+        first: [(tag, pattern) for tag, pattern in resolvers if not tag.endswith(":timestamp")]
+        for first, resolvers in yaml.SafeLoader.yaml_implicit_resolvers.items()
+    }
+
+    def construct_mapping(self, node: Any, deep: bool = False) -> Any:
+        """Construct a mapping; refuse a key that is there already."""
+        keys = set()
+        for key_node, _ in node.value:
+            key = key_node.value if isinstance(key_node, yaml.ScalarNode) else None
+            if key is not None and key in keys:
+                raise yaml.constructor.ConstructorError(
+                    None, None, f"the key {key} is repeated", key_node.start_mark
+                )
+            keys.add(key)
+        return super().construct_mapping(node, deep)
+
+
+_Loader.add_implicit_resolver(
+    "tag:yaml.org,2002:float",
+    re.compile(r"^[-+]?(\d+(\.\d*)?|\.\d+)[eE][-+]?\d+$"),
+    list("-+.0123456789"),
+)
+
+
 def read_yaml(path: Path) -> Any:
     """Read a YAML file.
 
     Raises
     ------
     InswsnError
-        If there is no such file, or it is not YAML; the sentence says where.
+        If there is no such file, it is not YAML, or a key is repeated; the sentence says where.
     """
     try:
-        return yaml.safe_load(path.read_text(encoding="utf-8"))
+        return yaml.load(path.read_text(encoding="utf-8"), Loader=_Loader)
     except FileNotFoundError:
         raise InswsnError(f"There is no {path}.") from None
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise InswsnError(f"{path} is not YAML: {' '.join(str(error).split())}.") from None
+    except RecursionError:
+        raise InswsnError(
+            f"{path} is not YAML that can be read: it is nested too deeply."
+        ) from None
+    except (yaml.YAMLError, ValueError) as error:
+        said = " ".join(str(error).split())[:300]
+        raise InswsnError(f"{path} is not YAML: {said}.") from None
 
 
 def text_digest(text: str) -> str:

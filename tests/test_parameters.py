@@ -104,7 +104,7 @@ def test_texts(schema: Schema, name: str, text: str, value: object) -> None:
     [
         ({"width": 10.0}, "width is 10.0; it may be a number with 0 <= value < 10."),
         ({"width": True}, "width is True; it may be a number with 0 <= value < 10."),
-        ({"offset": 10**400}, f"offset is {10**400}; it may be any number."),
+        ({"offset": 10**400}, f"offset is {str(10**400)[:200]}…; it may be any number."),
         ({"width": "3"}, "width is '3'; it may be a number with 0 <= value < 10."),
         ({"samples": 50.0}, "samples is 50.0; it may be a whole number with 4 <= value <= 400."),
         ({"samples": False}, "samples is False; it may be a whole number with 4 <= value <= 400."),

@@ -155,7 +155,7 @@ def compare(root: Path | None, before: Path, after: Path) -> None:
 @click.option(
     "--results",
     type=click.Path(exists=True, file_okay=False, path_type=Path),
-    help="The folder of results files to judge by. Default: the reference, data/published.",
+    help="A folder of results files that go before the reference, data/published.",
 )
 @click.pass_obj
 def claims(

@@ -26,7 +26,7 @@ from inswsn_lib.artefact.notebooks import (
 )
 from inswsn_lib.artefact.progress import Progress
 from inswsn_lib.artefact.project import Chapter, Project
-from inswsn_lib.artefact.provenance import available_cores, provenance
+from inswsn_lib.artefact.provenance import available_cores, provenance, source_facts
 from inswsn_lib.checkout import RESULTS_VARIABLE, ROOT_VARIABLE
 from inswsn_lib.claims import Results, read_results
 from inswsn_lib.errors import BuildError, InswsnError, ParameterError
@@ -163,7 +163,7 @@ def together(errors: list[BaseException]) -> BaseException:
 def _execute(project: Project, chapter: Chapter, progress: Progress, workers: _Workers) -> Executed:
     """Execute a chapter for the book, and keep it if it may stand there."""
     key = chapter_key(project, chapter, {})
-    executed, results = _run(project, chapter, {}, progress, workers)
+    executed, results, _ = _run(project, chapter, {}, progress, workers)
     untrue = [sentence for sentence, held in results.sentences.items() if not held]
     if untrue:
         listing = "\n".join(f"  {sentence}" for sentence in untrue)
@@ -182,7 +182,7 @@ def _execute(project: Project, chapter: Chapter, progress: Progress, workers: _W
 
 def execute_once(
     project: Project, chapter: Chapter, parameters: Mapping[str, Value], progress: Progress
-) -> tuple[Any, Results]:
+) -> tuple[Any, Results, dict[str, str]]:
     """Execute one chapter with other parameters, and keep nothing.
 
     Parameters
@@ -202,6 +202,8 @@ def execute_once(
         The executed notebook, without times and paths.
     results : Results
         What it recorded.
+    files : dict of str to str
+        The files that it wrote beside its results, by name.
 
     Raises
     ------
@@ -212,7 +214,7 @@ def execute_once(
     """
     workers = _Workers()
     try:
-        executed, results = _run(project, chapter, parameters, progress, workers)
+        done = _run(project, chapter, parameters, progress, workers)
     except ChapterError as failure:
         if failure.refusal is None:
             raise
@@ -221,7 +223,7 @@ def execute_once(
         workers.stop()
         raise
     progress.finished(chapter.name)
-    return executed, results
+    return done
 
 
 def _run(
@@ -230,7 +232,8 @@ def _run(
     parameters: Mapping[str, Value],
     progress: Progress,
     workers: _Workers,
-) -> tuple[Any, Results]:
+) -> tuple[Any, Results, dict[str, str]]:
+    sources = source_facts(project, chapter)
     source = read_source(chapter)
     progress.started(chapter.name, len(source.cells) + bool(parameters))
     project.build.mkdir(parents=True, exist_ok=True)
@@ -262,9 +265,19 @@ def _run(
         executed = nbformat.read(folder / "executed.ipynb", as_version=4)
         added = {
             "cells": recording_cells(executed),
-            "provenance": provenance(project, chapter, machine, seconds),
+            "provenance": provenance(sources, machine, seconds),
         }
-        return strip_run(executed), read_results(results).model_copy(update=added)
+        if source_facts(project, chapter)["sources"] != sources["sources"]:
+            raise ChapterError(
+                f"Chapter {chapter.name} changed while it was executed, or the library did; "
+                "run it again."
+            )
+        files = {
+            path.name: path.read_text(encoding="utf-8")
+            for path in sorted(results.parent.iterdir())
+            if path != results
+        }
+        return strip_run(executed), read_results(results).model_copy(update=added), files
 
 
 def recording_cells(executed: Any) -> dict[str, str]:

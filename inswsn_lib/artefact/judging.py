@@ -12,11 +12,13 @@ from inswsn_lib.artefact.project import Project
 from inswsn_lib.claims import (
     LEDGER,
     Judged,
+    Results,
     count_verdicts,
     load_claims,
     read_results,
     verdicts,
 )
+from inswsn_lib.errors import InswsnError
 
 
 def judge_claims(project: Project, folder: Path | None = None) -> list[Judged]:
@@ -27,7 +29,7 @@ def judge_claims(project: Project, folder: Path | None = None) -> list[Judged]:
     project : Project
         The checkout.
     folder : Path, optional
-        Where the results files are. Default: the reference results.
+        Where results files are that go before the reference results of their chapters.
 
     Raises
     ------
@@ -35,8 +37,21 @@ def judge_claims(project: Project, folder: Path | None = None) -> list[Judged]:
         If the ledger or a results file cannot be read, or a claim's check does not resolve.
     """
     claims = load_claims(project.root / LEDGER)
-    paths = sorted((folder or project.published).glob("[0-9][0-9].json"))
-    return verdicts(claims, [read_results(path) for path in paths])
+    results = _results_in(project.published)
+    if folder is not None:
+        results |= _results_in(folder)
+    return verdicts(claims, results.values())
+
+
+def _results_in(folder: Path) -> dict[str, Results]:
+    """Return the results files of a folder by their chapters."""
+    found = {}
+    for path in sorted(folder.glob("[0-9][0-9].json")):
+        results = read_results(path)
+        if results.chapter != path.stem:
+            raise InswsnError(f"{path} holds results of chapter {results.chapter}.")
+        found[path.stem] = results
+    return found
 
 
 def select_claims(
@@ -58,7 +73,7 @@ def select_claims(
 
 def show_claims(judged: Sequence[Judged], console: Console) -> None:
     """Write a table of claims, and how many there are with each verdict."""
-    table = Table("claim", "place", "stands for", "found", "verdict", "cell", box=None)
+    table = Table("claim", "place", "holds if", "found", "verdict", "cell", box=None)
     for entry in judged:
         table.add_row(
             entry.claim.id,

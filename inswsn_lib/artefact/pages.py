@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from html import escape
@@ -12,6 +13,7 @@ import nbformat
 from inswsn_lib.claims import Claim, Judged, Provenance, Results, Verdict, count_verdicts
 
 PAPERS = ("P1", "P2", "P3")
+_FEW = 5  # claims that a line may name
 KINDS = ("numeric", "parameter", "qualitative", "formula")
 
 
@@ -48,7 +50,7 @@ def with_links_and_provenance(notebook: Any, results: Results, claims: Sequence[
     cells = []
     for cell in notebook.cells:
         if cell["id"] in decided:
-            cells.append(_markdown(f"{cell['id']}-claims", _deciding(cell["id"], decided)))
+            cells.append(_markdown(f"{cell['id']}-claims", _deciding(cell, decided)))
         cells.append(cell)
     if results.provenance is not None:
         text = provenance_text(results, results.provenance)
@@ -63,12 +65,18 @@ def _markdown(identity: str, text: str) -> Any:
     return cell
 
 
-def _deciding(cell: str, decided: dict[str, list[Claim]]) -> str:
-    links = ", ".join(f"[{claim.id}](#{claim.anchor})" for claim in decided[cell])
-    several = "claims" if len(decided[cell]) > 1 else "claim"
-    return (
-        f"(cell-{cell})=\n:::{{div}} deciding\nThe next cell decides the {several} {links}.\n:::\n"
-    )
+def _deciding(cell: Any, decided: dict[str, list[Claim]]) -> str:
+    claims = decided[cell["id"]]
+    which = "The next cell"
+    if "remove-cell" in cell.metadata.get("tags", []):
+        which = "A cell that is left out here, and is in the executed notebook,"
+    links = ", ".join(f"[{claim.id}](#{claim.anchor})" for claim in claims)
+    target = f"(cell-{cell['id']})=\n"
+    if len(claims) > _FEW:
+        title = f"{which} decides {len(claims)} claims"
+        return f"{target}:::{{dropdown}} {title}\n:class-container: deciding\n{links}\n:::\n"
+    several = "claims" if len(claims) > 1 else "claim"
+    return f"{target}:::{{div}} deciding\n{which} decides the {several} {links}.\n:::\n"
 
 
 def provenance_text(results: Results, made: Provenance) -> str:
@@ -77,7 +85,10 @@ def provenance_text(results: Results, made: Provenance) -> str:
     commit = "unknown: not a git checkout" if made.commit is None else f"`{made.commit}`"
     seed = results.parameters.get("seed")
     rows = [
-        ("parameters", ", ".join(f"`{n} = {v}`" for n, v in results.parameters.items()) or "none"),
+        (
+            "parameters",
+            ", ".join(f"{_code(f'{n} = {v}')}" for n, v in results.parameters.items()) or "none",
+        ),
         ("seed", "none declared" if seed is None else f"`{seed}`"),
         ("inswsn", f"{made.version}, commit {commit}{state[made.clean]}"),
         ("SHA-256 of sources", _digests(made.sources)),
@@ -98,7 +109,14 @@ def provenance_text(results: Results, made: Provenance) -> str:
 
 def _digests(files: Mapping[str, str]) -> str:
     # the results file has them in full
-    return ", ".join(f"{name} `{digest[:12]}…`" for name, digest in files.items())
+    return ", ".join(f"{_code(name)} `{digest[:12]}…`" for name, digest in files.items())
+
+
+def _code(text: str) -> str:
+    """Return a text as a code span, whatever is in it."""
+    fence = "`" * (1 + max((len(run) for run in re.findall("`+", text)), default=0))
+    pad = " " if text.startswith("`") or text.endswith("`") else ""
+    return f"{fence}{pad}{' '.join(text.split())}{pad}{fence}"
 
 
 def _versions(made: Provenance) -> str:
@@ -194,10 +212,10 @@ def _entry(entry: Judged) -> str:
         basis = f"from {_BASES[entry.quantity.basis]}"
         if entry.quantity.runs > 1:
             basis += f", {entry.quantity.runs} runs"
-        lines.append(
-            f"It stands for: {entry.published_text}. Found, {basis}: {entry.rebuilt_text}. "
-            f"{entry.reason}"
-        )
+        lines += [
+            f"*Holds if:* {entry.published_text}. *Found* {basis}: {entry.rebuilt_text}.",
+            f"{entry.quantity.how} {entry.reason}",
+        ]
     else:
         lines.append(entry.reason)
     lines += ["", f"*Check:* {claim.why}{_decided_by(entry)}", "::::", ""]

@@ -52,7 +52,8 @@ def machine_facts() -> dict[str, Any]:
     for name in ("numpy", "scipy.linalg"):
         import_module(name)
     libraries = {
-        f"{entry['internal_api']} {entry.get('version') or '(version unknown)'}, "
+        f"{entry['internal_api']} {entry.get('version') or '(version unknown)'} "
+        f"of {_owner(str(entry['filepath']))}, "
         f"{entry['num_threads']} thread{'s' if entry['num_threads'] > 1 else ''}"
         for entry in threadpool_info()
         if entry["user_api"] == "blas"
@@ -72,34 +73,37 @@ def available_cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def provenance(
-    project: Project, chapter: Chapter, machine: dict[str, Any], seconds: float
-) -> Provenance:
+def source_facts(project: Project, chapter: Chapter) -> dict[str, Any]:
+    """Return what a run is about to be made from, as plain data: fields of `Provenance`."""
+    commit, clean = repository_state(project.root)
+    return {
+        "commit": commit,
+        "clean": clean,
+        "sources": {
+            "chapter": file_digest(chapter.source),
+            "library": project.library_digest(),
+            "locks": tree_digest(project.root, project.locks),
+        },
+    }
+
+
+def provenance(sources: dict[str, Any], machine: dict[str, Any], seconds: float) -> Provenance:
     """Return the provenance of a run that has just ended.
 
     Parameters
     ----------
-    project : Project
-        The checkout.
-    chapter : Chapter
-        The chapter.
+    sources : dict
+        What `source_facts` returned before it began.
     machine : dict
         What `machine_facts` returned in the process that executed it.
     seconds : float
         How long it took.
     """
-    commit, clean = repository_state(project.root)
     return Provenance(
         version=__version__,
-        commit=commit,
-        clean=clean,
-        sources={
-            "chapter": file_digest(chapter.source),
-            "library": project.library_digest(),
-            "locks": tree_digest(project.root, project.locks),
-        },
         finished=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
         seconds=round(seconds, 1),
+        **sources,
         **machine,
     )
 
@@ -124,6 +128,12 @@ def _cpu_name() -> str:
     except OSError:
         pass
     return platform.processor() or platform.machine() or "unknown"
+
+
+def _owner(path: str) -> str:
+    """Return the package whose folder of libraries, such as numpy.libs, holds the file."""
+    folder = Path(path).parent.name
+    return folder.removesuffix(".libs") if folder.endswith(".libs") else "the system"
 
 
 def _installed(name: str) -> str | None:

@@ -79,11 +79,17 @@ def publish(project: Project) -> list[str]:
     changed = [
         (chapter, results)
         for chapter, results in built
-        if results.found() != reference_results(project, chapter).found()
+        if _is_newer(results, reference_results(project, chapter))
     ]
     for chapter, results in changed:
         write_results(results, project.published / f"{chapter.number}.json")
     return [chapter.number for chapter, _ in changed]
+
+
+def _is_newer(built: Results, reference: Results) -> bool:
+    """Tell whether results differ, or are the same from a clean tree and the reference is not."""
+    clean = [bool(r.provenance and r.provenance.clean) for r in (built, reference)]
+    return built.found() != reference.found() or clean == [True, False]
 
 
 def _built(project: Project, chapter: Chapter) -> Results:

@@ -298,7 +298,8 @@ def restore_site(site: Path) -> None:
 
 
 def _set_aside(site: Path) -> Path:
-    return site.with_name(f"{site.name}.old")
+    # no name that a user would give to a folder of his own
+    return site.with_name(f".{site.name}.inswsn-set-aside")
 
 
 def _check_pages(project: Project, chapters: Sequence[Executed]) -> None:

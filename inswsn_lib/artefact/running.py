@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import os
 import tempfile
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -25,6 +26,7 @@ from inswsn_lib.claims import (
     Quantity,
     Results,
     claims_of,
+    compare_conditions,
     flipped_verdicts,
     load_claims,
     pair_quantities,
@@ -34,8 +36,9 @@ from inswsn_lib.errors import InswsnError, ParameterError
 from inswsn_lib.files import read_yaml, text_digest, write_whole
 from inswsn_lib.parameters import FILE_RULE, Parameter, Schema, Value, chapter_schema
 
-# A folder with this file in it is a run, and may be replaced by another.
 _PARAMETERS = "parameters.yml"
+# Lists what a run made. A folder that holds this and no more may be replaced by another run.
+_MADE = ".inswsn-run"
 
 
 @dataclass(frozen=True)
@@ -47,8 +50,8 @@ class Run:
     chapter : Chapter
         The chapter.
     folder : Path
-        Where its files are: the executed notebook, ``NN.json``, ``parameters.yml``, and ``html/``
-        if it was rendered.
+        Where its files are: the executed notebook, ``NN.json``, ``parameters.yml``, what the
+        chapter wrote for its reader, and ``html/`` if it was rendered.
     results : Results
         What it recorded.
     """
@@ -124,7 +127,10 @@ def gather_parameters(
 def _found_file(parameter: Parameter, value: Value, data: Path) -> Value:
     if parameter.rule != FILE_RULE:
         return value
-    path = Path(str(value)).expanduser()
+    try:
+        path = Path(str(value)).expanduser()
+    except RuntimeError:  # ~name, and there is no such user
+        path = Path(str(value))
     if path.is_file():
         return str(path.resolve())
     if (data / path).is_file():
@@ -162,8 +168,8 @@ def run_chapter(
     progress : Progress
         Told of each cell.
     out : Path, optional
-        The folder: new, empty, or of an earlier run. Default: one below ``runs/`` in the checkout,
-        named for the chapter and its parameters.
+        The folder: new, empty, or with nothing but an earlier run in it. Default: one below
+        ``runs/`` in the checkout, named for the chapter and its parameters.
     html : bool
         Render the book with this run in the place of the published one, to ``html/`` in the folder.
 
@@ -183,7 +189,7 @@ def run_chapter(
     folder = folder.resolve()
     if html:
         require_built(project)
-    executed, results = execute_once(project, chapter, values, progress)
+    executed, results, files = execute_once(project, chapter, values, progress)
     folder.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=folder.parent, prefix=".run-") as name:
         made = Path(name) / "run"
@@ -191,20 +197,29 @@ def run_chapter(
         write_whole(made / f"{chapter.name}.ipynb", notebook_text(own))
         write_results(results, made / f"{chapter.number}.json")
         write_whole(made / _PARAMETERS, text)
+        for written, content in files.items():
+            write_whole(made / written, content)
         if html:
             progress.say("book: rendering with this run in it")
             render_run(project, chapter, executed, results, made / "html")
+        listing = sorted(path.name for path in made.iterdir())
+        write_whole(made / _MADE, "\n".join(listing) + "\n")
         swap_folder(made, folder)
     return Run(chapter, folder, results)
 
 
 def _check_folder(folder: Path) -> None:
-    if folder.is_dir() and (not any(folder.iterdir()) or (folder / _PARAMETERS).is_file()):
-        return
-    if folder.exists():
+    held = {path.name for path in folder.iterdir()} if folder.is_dir() else set()
+    made = folder / _MADE
+    listed = set(made.read_text(encoding="utf-8").split("\n")) if made.is_file() else set()
+    if (folder.exists() and not folder.is_dir()) or not held <= listed | {_MADE}:
         raise ParameterError(
-            "--out", str(folder), "a new or empty folder, or one of an earlier run"
+            "--out", str(folder), "a new or empty folder, or one that holds an earlier run alone"
         )
+    # told before the chapter runs rather than after
+    above = next(path for path in (folder.resolve(), *folder.resolve().parents) if path.exists())
+    if not above.is_dir() or not os.access(above, os.W_OK):
+        raise ParameterError("--out", str(folder), f"where one can write, and {above} is not")
 
 
 def claims_of_chapter(project: Project, chapter: str) -> list[Claim]:
@@ -238,27 +253,40 @@ def show_comparison(
         table.add_row(pair.name, _value(pair.before), _value(pair.after), difference, pair.unit)
     console.print(table)
     changed = sum(bool(difference) for _, difference in changes)
-    for name in dict.fromkeys([*before.parameters, *after.parameters]):
-        a_value, b_value = before.parameters.get(name), after.parameters.get(name)
-        if a_value != b_value:
-            console.print(f"parameter {name}: {a_value} -> {b_value}", markup=False)
-    overturned = [
-        sentence
-        for sentence, held in before.sentences.items()
-        if held != after.sentences.get(sentence, held)
-    ]
-    for sentence in overturned:
-        state = "no longer holds" if before.sentences[sentence] else "holds now"
-        console.print(f"{state}: {sentence}", markup=False, soft_wrap=True)
+
+    def say(line: str) -> None:
+        console.print(line, markup=False, soft_wrap=True)
+
+    for pair, _ in changes:
+        if pair.details:
+            say(f"{pair.name}: {'; '.join(pair.details)}")
+    for line in compare_conditions(before, after):
+        if not line.startswith(("sentences: ", "cells: ")):
+            say(line)
+    overturned = _overturned(before.sentences, after.sentences)
+    for line in overturned:
+        say(line)
     flips = flipped_verdicts(claims, before, after)
     for flip in flips:
-        console.print(f"verdict {flip}", markup=False, soft_wrap=True)
-    console.print(
+        say(f"verdict {flip}")
+    sentences = len(set(before.sentences) | set(after.sentences))
+    say(
         f"{changed} of {len(changes)} quantities changed, "
-        f"{len(overturned)} of {len(before.sentences)} sentences overturned, "
-        f"{len(flips)} of {len(claims)} verdicts flipped.",
-        markup=False,
+        f"{len(overturned)} of {sentences} sentences overturned, "
+        f"{len(flips)} of {len(claims)} verdicts flipped."
     )
+
+
+def _overturned(before: Mapping[str, bool], after: Mapping[str, bool]) -> list[str]:
+    """Return a line for each sentence that holds in one run and not in the other."""
+    lines = []
+    for sentence in dict.fromkeys([*before, *after]):
+        old, new = before.get(sentence), after.get(sentence)
+        if old != new and False in (old, new):
+            lines.append(f"{'no longer holds' if new is False else 'holds now'}: {sentence}")
+        elif old != new:
+            lines.append(f"{'gone' if new is None else 'new'}: {sentence}")
+    return lines
 
 
 def _value(quantity: Quantity | None) -> str:
@@ -269,4 +297,6 @@ def _difference(pair: Change) -> str:
     if pair.before is None or pair.after is None:
         return "new" if pair.before is None else "gone"
     difference = pair.after.value - pair.before.value
-    return f"{difference:+.3g}" if abs(difference) > 1e-12 * abs(pair.before.value) else ""
+    if abs(difference) > 1e-12 * abs(pair.before.value):
+        return f"{difference:+.3g}"
+    return "otherwise" if pair.details else ""

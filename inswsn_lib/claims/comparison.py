@@ -34,6 +34,21 @@ class Change:
         return quantity.unit if quantity else ""
 
     @property
+    def details(self) -> list[str]:
+        """What differs beside the value, its wording and small changes of its interval."""
+        if self.before is None or self.after is None:
+            return []
+        found = [
+            f"{field} {getattr(self.before, field)} -> {getattr(self.after, field)}"
+            for field in ("unit", "interval_kind", "runs", "basis", "role", "tolerance")
+            if getattr(self.before, field) != getattr(self.after, field)
+        ]
+        old, new = self.before.interval, self.after.interval
+        if old and new and any(abs(b - a) > 1e-12 * abs(a) for a, b in zip(old, new, strict=True)):
+            found.append(f"interval {old} -> {new}")
+        return found
+
+    @property
     def beyond_tolerance(self) -> bool:
         """Whether it appeared, vanished, became another quantity, or moved beyond its tolerance.
 
@@ -42,7 +57,8 @@ class Change:
         if self.before is None or self.after is None:
             return True
         before, after = self.before, self.after
-        fixed = ("unit", "interval_kind", "runs", "basis", "role")
+        # a reference that had its tolerance widened would vouch for anything
+        fixed = ("unit", "interval_kind", "runs", "basis", "role", "tolerance")
         if any(getattr(before, field) != getattr(after, field) for field in fixed):
             return True
         old = (before.value, *(before.interval or ()))

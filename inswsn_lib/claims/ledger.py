@@ -129,11 +129,28 @@ class Claim(_Entry):
             return self
         if self.tolerance is None:
             raise ValueError("a claim that is checked has a tolerance")
-        if self.tolerance == "digits" or _WITHIN.match(self.tolerance):
-            if not isinstance(self.value, str):
-                raise ValueError(f"the tolerance {self.tolerance!r} needs one printed value")
-            _decimal(self.value)
+        if bound := _BOUND.match(self.tolerance):
+            self._check_bound(bound["word"], float(bound["number"]))
+            return self
+        if not isinstance(self.value, str):
+            raise ValueError(f"the tolerance {self.tolerance!r} needs one printed value")
+        value, within = float(_decimal(self.value)), _WITHIN.match(self.tolerance)
+        if within and not within["name"]:
+            half = float(self._half_width(_decimal(self.value), {}))
+            # a tolerance as wide as the number would reproduce anything: a typed verdict
+            if not math.isfinite(half) or (value != 0 and half >= abs(value)):
+                raise ValueError(f"the tolerance {self.tolerance!r} is as wide as {self.value}")
         return self
+
+    def _check_bound(self, word: str, number: float) -> None:
+        if not math.isfinite(number):
+            raise ValueError(f"the tolerance {self.tolerance!r} has no finite bound")
+        if word == "exactly" and not number.is_integer():
+            raise ValueError(f"the tolerance {self.tolerance!r} is no whole number")
+        if isinstance(self.value, str):
+            value = float(_decimal(self.value))
+            if (word != "at least" and value > number) or (word != "at most" and value < number):
+                raise ValueError(f"the tolerance {self.tolerance!r} excludes {self.value} itself")
 
     @property
     def chapter(self) -> str | None:
@@ -147,13 +164,11 @@ class Claim(_Entry):
 
     @property
     def reference(self) -> float:
-        """The number that it is held against: the printed one, or that of the bound."""
-        bound = _BOUND.match(self.tolerance or "")
-        if bound:
-            return float(bound["number"])
+        """The number that widths are measured by: the printed one, or that of the bound."""
         if isinstance(self.value, str):
             return float(_decimal(self.value))
-        return math.nan
+        bound = _BOUND.match(self.tolerance or "")
+        return float(bound["number"]) if bound else math.nan
 
     def published(self, parameters: dict[str, Value]) -> tuple[float, float]:
         """Return the lower and the upper end of what the claim stands for.
@@ -314,8 +329,9 @@ def _first(error: ValidationError, content: object) -> str:
     """Return what is wrong first, with the id of the claim rather than its number."""
     first = error.errors()[0]
     place = [str(part) for part in first["loc"]]
-    if len(place) > 1 and place[0] == "claims" and isinstance(content, dict):
-        entry = content["claims"][int(place[1])]
+    listed = content.get("claims") if isinstance(content, dict) else None
+    if len(place) > 1 and place[0] == "claims" and isinstance(listed, list):
+        entry = listed[int(place[1])]
         name = entry.get("id", f"number {place[1]}") if isinstance(entry, dict) else place[1]
         place[:2] = [f"claim {name}"]
     return f"{': '.join(place) or 'the file'}: {first['msg'].removeprefix('Value error, ')}"
@@ -326,6 +342,6 @@ def _decimal(text: str) -> Decimal:
         number = Decimal(text)
     except InvalidOperation:
         raise ValueError(f"the value {text!r} is no number") from None
-    if not number.is_finite():
+    if not math.isfinite(float(number)):
         raise ValueError(f"the value {text!r} is no finite number")
     return number

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Literal
 
@@ -13,8 +14,10 @@ from inswsn_lib.claims.ledger import LEDGER, claims_digest, claims_of, load_clai
 from inswsn_lib.claims.results import Quantity, Results, write_results
 from inswsn_lib.claims.verdicts import Judged, verdicts
 from inswsn_lib.errors import InswsnError
-from inswsn_lib.files import file_digest
+from inswsn_lib.files import file_digest, write_whole
 from inswsn_lib.parameters import Value, chapter_schema
+
+_FILE_NAME = re.compile(r"^[a-z0-9][a-z0-9_-]*\.[a-z0-9]+$")
 
 # MyST-NB pastes outputs of this type into the text by the role {glue:text}.
 _GLUE_TYPE = "application/papermill.record/text/plain"
@@ -208,6 +211,25 @@ class ChapterRecord:
         path = self._root / LEDGER
         self._data[f"{LEDGER}#{self._chapter}"] = claims_digest(path, self._chapter)
         return verdicts(claims_of(load_claims(path), self._chapter), [self.results()])
+
+    def write_file(self, name: str, text: str) -> None:
+        """Write a file beside the results file, for whoever reruns the chapter.
+
+        Parameters
+        ----------
+        name : str
+            A file name, lower case, such as ``"corrected.csv"``.
+        text : str
+            The content.
+
+        Raises
+        ------
+        InswsnError
+            If the name is none, or ends in ``.json``.
+        """
+        if not _FILE_NAME.match(name) or name.endswith(".json"):
+            raise InswsnError(f"The file name is {name!r}; it may be such as corrected.csv.")
+        write_whole(results_folder(self._root) / name, text)
 
     def results(self) -> Results:
         """Return what has been recorded so far."""

@@ -226,9 +226,15 @@ def read_results(path: Path) -> Results:
         raise InswsnError(
             f"{path} is not a results file: it is not JSON, line {error.lineno}."
         ) from None
+    except RecursionError:
+        raise InswsnError(f"{path} is not a results file: it is nested too deeply.") from None
     except ValidationError as error:
         first = error.errors()[0]
         place = ".".join(map(str, first["loc"])) or "the file"
         raise InswsnError(
             f"{path} is not a results file of this version: {place}: {first['msg']}."
         ) from None
+    except InswsnError:
+        raise
+    except ValueError as error:  # a number of thousands of digits
+        raise InswsnError(f"{path} is not a results file: {str(error)[:200]}.") from None

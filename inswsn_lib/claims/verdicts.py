@@ -64,7 +64,7 @@ class Judged:
 
     @property
     def published_text(self) -> str:
-        """What the claim stands for, written with its unit: ``"85 ± 2.5 %"``."""
+        """When the claim holds, written with its unit: ``"85 ± 2.5 %"``, ``"at most 1"``."""
         claim = self.claim
         if self.published is None:
             return "–"
@@ -74,9 +74,10 @@ class Judged:
         if math.isinf(high):
             return _with_unit(f"at least {low:g}", claim.unit)
         if not isinstance(claim.value, str):
-            return _with_unit(f"{low:g}" if low == high else f"{low:g} to {high:g}", claim.unit)
-        width = "" if claim.tolerance == "digits" else f" ± {(high - low) / 2:.4g}"
-        return _with_unit(f"{claim.value}{width}", claim.unit)
+            return _with_unit(f"exactly {low:g}", claim.unit)
+        if claim.tolerance == "digits":
+            return _with_unit(f"{claim.value} ({low:g} to {high:g})", claim.unit)
+        return _with_unit(f"{claim.value} ± {(high - low) / 2:.4g}", claim.unit)
 
     @property
     def rebuilt_text(self) -> str:
@@ -87,7 +88,9 @@ class Judged:
         low, high = self.quantity.interval or (value, value)
         if low == high:
             return _with_unit(f"{value:.6g}", unit)
-        digits = min(max(0, 1 - math.floor(math.log10(high - low))), 8)
+        digits = max(0, 1 - math.floor(math.log10(high - low)))
+        if digits > 8:  # small numbers: two digits of the width in powers of ten
+            return _with_unit(f"{value:.6g} ({low:.6g} to {high:.6g})", unit)
         return _with_unit(f"{value:.{digits}f} ({low:.{digits}f} to {high:.{digits}f})", unit)
 
     def row(self) -> dict[str, str]:
@@ -95,7 +98,7 @@ class Judged:
         return {
             "claim": f"[{self.claim.id}](#{self.claim.anchor})",
             "the paper says": self.claim.says,
-            "it stands for": self.published_text,
+            "holds if": self.published_text,
             "found": self.rebuilt_text,
             "verdict": str(self.verdict),
         }
@@ -138,7 +141,8 @@ def verdicts(claims: Iterable[Claim], results: Iterable[Results]) -> list[Judged
     - a quantity whose role is ``input``: *taken as input* if it is what the paper prints, else
       *cannot be tested* in this run; ``calibrated``: *calibrated*;
     - a quantity from printed digits alone (basis ``printed``): *reproduced* if the interval that
-      the rounding of the cells allows and the interval of the claim have a number in common, else
+      the rounding of the cells allows and the interval of the claim have a number in common, and
+      *not decided* if they have but the first is wider than a quarter of the published value; else
       *contradicted by the paper itself*;
     - any other: *reproduced* if its interval lies in that of the claim, *not reproduced* if it lies
       outside. If it straddles an end: *not decided* if it is wider than a quarter of the published
@@ -165,7 +169,10 @@ def verdicts(claims: Iterable[Claim], results: Iterable[Results]) -> list[Judged
         If a claim's check does not resolve: there are no results of its chapter, its quantity is
         not among them or has another unit, or its tolerance is no parameter of the run.
     """
-    by_chapter = {result.chapter: result for result in results}
+    by_chapter: dict[str, Results] = {}
+    for result in results:
+        if by_chapter.setdefault(result.chapter, result) is not result:
+            raise InswsnError(f"There are two results of chapter {result.chapter}; one may judge.")
     return [_judge(claim, by_chapter) for claim in claims]
 
 
@@ -220,6 +227,11 @@ def _rule(claim: Claim, quantity: Quantity, published: tuple[float, float]) -> t
     rebuilt = quantity.interval or (quantity.value, quantity.value)
     if quantity.basis == "printed":
         verdict = judge_own_cells(rebuilt, published)
+        if verdict is Verdict.REPRODUCED and _too_wide(rebuilt, claim.reference):
+            return Verdict.NOT_DECIDED, (
+                "The printed cells allow it, and so much else that they decide nothing: the "
+                "interval of their rounding is wider than a quarter of the published value."
+            )
         return verdict, _OWN[verdict]
     return judge_rebuilt(quantity.value, rebuilt, published, claim.reference)
 
@@ -278,8 +290,7 @@ def judge_rebuilt(
         return Verdict.REPRODUCED, "The whole rebuilt interval lies within the tolerance."
     if rebuilt[1] < published[0] or published[1] < rebuilt[0]:
         return Verdict.NOT_REPRODUCED, "The whole rebuilt interval lies outside the tolerance."
-    width = rebuilt[1] - rebuilt[0]
-    if not width <= _WIDEST * abs(reference):
+    if _too_wide(rebuilt, reference):
         return Verdict.NOT_DECIDED, (
             "The rebuilt interval reaches over an end of the tolerance and is wider than a "
             "quarter of the published value."
@@ -287,6 +298,10 @@ def judge_rebuilt(
     if published[0] <= value <= published[1]:
         return Verdict.REPRODUCED, "The rebuilt number lies within the tolerance."
     return Verdict.NOT_REPRODUCED, "The rebuilt number lies outside the tolerance."
+
+
+def _too_wide(rebuilt: tuple[float, float], reference: float) -> bool:
+    return not rebuilt[1] - rebuilt[0] <= _WIDEST * abs(reference)
 
 
 def _with_unit(text: str, unit: str) -> str:

@@ -17,16 +17,16 @@ def normalised_squares(errors: ArrayLike, covariances: ArrayLike) -> Array:
     Parameters
     ----------
     errors : array_like, (steps, n, runs)
-        Errors or innovations.
+        Errors or innovations; NaN where a component is missing.
     covariances : array_like, (n, n) or (steps, n, n)
         What the filter says of them; positive definite.
 
     Returns
     -------
     ndarray, (steps, runs)
-        NaN where a component is NaN. If the errors are Gaussian with these covariances, each has
-        a chi-square distribution with n degrees of freedom (Bar-Shalom, Li and Kirubarajan 2001,
-        Section 5.4).
+        Over the components that are there; NaN where none is. If the errors are Gaussian with
+        these covariances, each has a chi-square distribution with as many degrees of freedom as
+        components (Bar-Shalom, Li and Kirubarajan 2001, Section 5.4).
 
     Raises
     ------
@@ -41,8 +41,20 @@ def normalised_squares(errors: ArrayLike, covariances: ArrayLike) -> Array:
             (e.shape, S.shape),
             "(steps, n, runs) and (n, n) or (steps, n, n)",
         )
+    whole = np.broadcast_to(S, (e.shape[0], *S.shape[-2:]))
+    squares = np.full((e.shape[0], e.shape[2]), np.nan)
+    there = ~np.isnan(e)
+    for pattern in np.unique(np.moveaxis(there, 1, 2).reshape(-1, e.shape[1]), axis=0):
+        if pattern.any():
+            chosen = (there == pattern[:, None]).all(axis=1)
+            part = _whole_squares(e[:, pattern], whole[:, pattern][:, :, pattern])
+            squares[chosen] = part[chosen]
+    return squares
+
+
+def _whole_squares(e: Array, S: Array) -> Array:
     try:
-        factors = np.linalg.cholesky(np.broadcast_to(S, (e.shape[0], *S.shape[-2:])))
+        factors = np.linalg.cholesky(S)
     except np.linalg.LinAlgError:
         raise ParameterError("covariances", "not positive definite", "positive definite") from None
     return np.asarray(np.square(np.linalg.solve(factors, e)).sum(axis=1))

@@ -6,13 +6,15 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.linalg import cho_factor, cho_solve
 
 from inswsn_lib.errors import ParameterError
 from inswsn_lib.models import ErrorModel
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+
+# Runs with patterns of their own that are carried at once; it bounds the memory of their gains.
+_CHUNK = 512
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,30 +75,62 @@ def design_kalman(
         If a shape does not fit, a covariance is not symmetric and positive semidefinite, or an
         innovation covariance is singular.
     """
-    states, outputs = model.A.shape[0], model.C.shape[0]
+    outputs = model.C.shape[0]
     mask = np.asarray(available)
     if mask.dtype != bool or mask.ndim != 2 or mask.shape[1] != outputs:
         raise ParameterError(
             "available", f"{mask.dtype} of shape {mask.shape}", f"bool of shape (steps, {outputs})"
         )
-    steps = mask.shape[0]
+    P, Qs, Rs = _checked(
+        model, mask.shape[0], initial_covariance, process_covariance, measurement_covariance
+    )
+    gains, predicted, filtered, innovation = _design(model, mask[:, None], P, Qs, Rs)
+    return KalmanDesign(gains[:, 0], predicted[:, 0], filtered[:, 0], innovation[:, 0])
+
+
+def _checked(
+    model: ErrorModel,
+    steps: int,
+    initial_covariance: ArrayLike,
+    process_covariance: ArrayLike | None,
+    measurement_covariance: ArrayLike | None,
+) -> tuple[Array, Array, Array]:
+    """Return P_0 (n, n), Q (steps, n, n) and R (steps, m, m), checked."""
+    states, outputs = model.A.shape[0], model.C.shape[0]
     P = _covariances("initial_covariance", initial_covariance, 1, states)[0]
     Q = model.process_covariance if process_covariance is None else process_covariance
     R = model.measurement_covariance if measurement_covariance is None else measurement_covariance
     Qs = _covariances("process_covariance", Q, steps, states)
     Rs = _covariances("measurement_covariance", R, steps, outputs)
-    gains = np.zeros((steps, states, outputs))
-    predicted, filtered = np.empty((2, steps, states, states))
-    innovation = np.empty((steps, outputs, outputs))
-    for k in range(steps):
-        predicted[k] = P
-        innovation[k] = model.C @ P @ model.C.T + Rs[k]
-        gains[k] = _gain(P, model.C, innovation[k], mask[k], k)
-        keep = np.eye(states) - gains[k] @ model.C
+    return P, Qs, Rs
+
+
+def _design(
+    model: ErrorModel, masks: Mask, P: Array, Qs: Array, Rs: Array, store_all: bool = True
+) -> tuple[Array, Array, Array, Array]:
+    """Compute the filter for many patterns (steps, patterns, m) at once.
+
+    Returns gains, predicted, filtered and innovation covariances as (steps, patterns, ., .); the
+    last three are empty unless `store_all`.
+    """
+    steps, patterns, outputs = masks.shape
+    states = len(model.A)
+    kept = steps if store_all else 0
+    gains = np.empty((steps, patterns, states, outputs))
+    predicted, filtered = np.empty((2, kept, patterns, states, states))
+    innovation = np.empty((kept, patterns, outputs, outputs))
+    P = np.broadcast_to(P, (patterns, states, states))
+    for k, mask in enumerate(masks):
+        S = model.C @ P @ model.C.T + Rs[k]
+        gain = _gain(P, model.C, S, mask, k)
+        keep = np.eye(states) - gain @ model.C
         # Joseph's form stays symmetric and positive for any gain
-        filtered[k] = keep @ P @ keep.T + gains[k] @ Rs[k] @ gains[k].T
-        P = model.A @ filtered[k] @ model.A.T + Qs[k]
-    return KalmanDesign(gains, predicted, filtered, innovation)
+        after = keep @ P @ np.swapaxes(keep, 1, 2) + gain @ Rs[k] @ np.swapaxes(gain, 1, 2)
+        gains[k] = gain
+        if store_all:
+            predicted[k], filtered[k], innovation[k] = P, after, S
+        P = model.A @ after @ model.A.T + Qs[k]
+    return gains, predicted, filtered, innovation
 
 
 def run_kalman(
@@ -148,59 +182,60 @@ def run_kalman(
     runs = y.shape[2]
     x = _initial_state(initial_state, states, runs)
     estimates = np.empty((y.shape[0], states, runs))
-    for members, available in _patterns(~np.isnan(y)):
-        design = design_kalman(
-            model,
-            available,
-            initial_covariance=initial_covariance,
-            process_covariance=process_covariance,
-            measurement_covariance=measurement_covariance,
-        )
-        estimates[:, :, members] = _run(
-            model, design.gains, y[:, :, members], x[:, members], predicted
-        )
+    P, Qs, Rs = _checked(
+        model, y.shape[0], initial_covariance, process_covariance, measurement_covariance
+    )
+    for members, masks in _patterns(~np.isnan(y)):
+        gains = _design(model, masks, P, Qs, Rs, store_all=False)[0]
+        estimates[:, :, members] = _run(model, gains, y[:, :, members], x[:, members], predicted)
     return estimates
 
 
 def _run(model: ErrorModel, gains: Array, y: Array, x: Array, predicted: bool) -> Array:
+    """Run with gains (steps, 1 or runs, n, m)."""
     estimates = np.empty((y.shape[0], *x.shape))
     measured = np.nan_to_num(y)  # the gain of a missing component is zero
+    common = gains.shape[1] == 1
     for k, gain in enumerate(gains):
         if predicted:
             estimates[k] = x
-        x = x + gain @ (measured[k] - model.C @ x)
+        innovation = measured[k] - model.C @ x
+        x = x + (gain[0] @ innovation if common else _each(gain, innovation))
         if not predicted:
             estimates[k] = x
         x = model.A @ x
     return estimates
 
 
-def _gain(P: Array, C: Array, innovation: Array, measured: Mask, step: int) -> Array:
-    gain = np.zeros((P.shape[0], C.shape[0]))
-    if measured.any():
-        try:
-            factor = cho_factor(innovation[np.ix_(measured, measured)])
-        except np.linalg.LinAlgError:
-            raise ParameterError(
-                "measurement_covariance",
-                f"such that the innovation of step {step} has a singular covariance",
-                "positive definite",
-            ) from None
-        gain[:, measured] = cho_solve(factor, C[measured] @ P).T
-    return gain
+def _each(gain: Array, innovation: Array) -> Array:
+    """Return the product of each run's gain (runs, n, m) with its innovation (m, runs)."""
+    return np.asarray((gain @ innovation.T[:, :, None])[:, :, 0].T)
+
+
+def _gain(P: Array, C: Array, S: Array, measured: Mask, step: int) -> Array:
+    """Return the gains (patterns, n, m); zero for components that are not measured."""
+    both = measured[:, :, None] & measured[:, None, :]
+    # a component that is missing gets a row and a column of the identity
+    inner = np.where(both, S, np.eye(len(C)))
+    right = np.where(measured[:, :, None], C @ P, 0.0)
+    try:
+        np.linalg.cholesky(inner)
+    except np.linalg.LinAlgError:
+        raise ParameterError(
+            "measurement_covariance",
+            f"such that the innovation of step {step} has a singular covariance",
+            "positive definite",
+        ) from None
+    return np.asarray(np.swapaxes(np.linalg.solve(inner, right), 1, 2))
 
 
 def _patterns(available: Mask) -> list[tuple[NDArray[np.intp], Mask]]:
-    """Return each pattern (steps, m) of available data with the runs that have it."""
-    steps, outputs, runs = available.shape
-    flat = available.reshape(steps * outputs, runs)
-    if runs and (flat == flat[:, :1]).all():  # the usual case, without a sort
-        return [(np.arange(runs), available[:, :, 0])]
-    kinds, member = np.unique(flat, axis=1, return_inverse=True)
-    return [
-        (np.flatnonzero(member == i), kinds[:, i].reshape(steps, outputs))
-        for i in range(kinds.shape[1])
-    ]
+    """Return groups of runs with their patterns (steps, 1 or runs, m) of available data."""
+    runs = available.shape[2]
+    if runs and (available == available[:, :, :1]).all():  # the usual case: one gain for all
+        return [(np.arange(runs), np.swapaxes(available[:, :, :1], 1, 2))]
+    chunks = np.array_split(np.arange(runs), -(-runs // _CHUNK)) if runs else []
+    return [(chunk, np.swapaxes(available[:, :, chunk], 1, 2)) for chunk in chunks]
 
 
 def _covariances(name: str, value: ArrayLike, steps: int, size: int) -> Array:

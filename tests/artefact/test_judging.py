@@ -11,7 +11,15 @@ from conftest import MINI_LEDGER, MiniProject, run_command
 from inswsn_lib.artefact.judging import judge_claims, select_claims
 from inswsn_lib.artefact.pages import claims_counts, claims_list
 from inswsn_lib.artefact.project import Project
-from inswsn_lib.claims import Claim, MissingCheck, Verdict, count_verdicts, verdicts
+from inswsn_lib.claims import (
+    Claim,
+    MissingCheck,
+    Results,
+    Verdict,
+    count_verdicts,
+    verdicts,
+    write_results,
+)
 
 
 def test_claims_of_a_fresh_clone_need_no_build(project: Project) -> None:
@@ -52,9 +60,13 @@ def test_claims_are_selected_and_counted(project: Project) -> None:
         (["--paper", "P4"], "'P4' is not one of 'P1', 'P2', 'P3'"),
         (["--results", "nowhere"], "nowhere"),
         (["--results", "chapters"], "by chapter 00, of which there are no results."),
+        (["--results", "wrong"], "07.json holds results of chapter 00."),
     ],
 )
 def test_a_wrong_selection_is_status_2(mini: MiniProject, words: list[str], said: str) -> None:
+    (mini.root / "wrong").mkdir()
+    made = Results(chapter="00", parameters={}, data={}, quantities=())
+    write_results(made, mini.root / "wrong" / "07.json")
     done = run_command(mini.root, "claims", *words)
     assert done.returncode == 2
     assert said in done.stderr

@@ -13,7 +13,12 @@ import pytest
 from inswsn_lib import __version__
 from inswsn_lib.artefact.pages import provenance_text
 from inswsn_lib.artefact.project import Project
-from inswsn_lib.artefact.provenance import machine_facts, provenance, repository_state
+from inswsn_lib.artefact.provenance import (
+    machine_facts,
+    provenance,
+    repository_state,
+    source_facts,
+)
 from inswsn_lib.artefact.site_footer import footer_text
 from inswsn_lib.claims import Results
 from inswsn_lib.files import file_digest
@@ -65,7 +70,7 @@ def test_what_is_told_of_the_machine() -> None:
 
 def test_a_results_file_and_its_page(mini: Project) -> None:
     (chapter,) = mini.chapters()
-    made = provenance(mini, chapter, machine_facts(), 12.345)
+    made = provenance(source_facts(mini, chapter), machine_facts(), 12.345)
     assert (made.version, made.commit, made.clean) == (__version__, None, None)
     assert made.seconds == 12.3
     assert made.sources["chapter"] == file_digest(chapter.source)
@@ -75,6 +80,6 @@ def test_a_results_file_and_its_page(mini: Project) -> None:
     )  # fmt: skip
     text = provenance_text(results, made)
     for words in ("`seed = 7`", "unknown: not a git checkout", "HiGHS: optimal", "12.3 s",
-                  f"numpy {version('numpy')}", "data/x `aaaaaaaaaaaa…`"):  # fmt: skip
+                  f"numpy {version('numpy')}", "`data/x` `aaaaaaaaaaaa…`"):  # fmt: skip
         assert words in text
     assert provenance_text(results.model_copy(update={"parameters": {}, "solvers": {}}), made)

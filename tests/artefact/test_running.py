@@ -36,7 +36,7 @@ def test_a_run_and_its_comparison(mini: MiniProject, tmp_path: Path) -> None:
     lines = done.stdout.splitlines()
     assert lines[0].split() == ["quantity", "published", "run", "this", "run", "change", "unit"]
     assert lines[1].split() == ["twice", "42", "63", "+21", "m"]
-    assert "parameter scale: 2.0 -> 3.0" in lines
+    assert "parameters: scale: 2.0 -> 3.0" in lines
     assert (
         "verdict P1-M-twice: reproduced -> contradicted by the paper itself "
         "(No numbers that round to the printed cells allow it.)"
@@ -70,7 +70,7 @@ def test_a_run_and_its_comparison(mini: MiniProject, tmp_path: Path) -> None:
     (folder,) = (mini.root / "runs").iterdir()
     assert done.stdout.splitlines()[-1] == f"The run is in {folder}"
     done = run_command(mini.root, "compare", str(out / "00.json"), str(folder / "00.json"))
-    assert "parameter scale: 5.0 -> 4.0" in done.stdout
+    assert "parameters: scale: 5.0 -> 4.0" in done.stdout
 
 
 @pytest.mark.parametrize(
@@ -88,7 +88,8 @@ def test_a_run_and_its_comparison(mini: MiniProject, tmp_path: Path) -> None:
         (["07"], "NAME is '07'; it may be one of 00."),
         (
             ["00", "--out", "data"],
-            "--out is 'data'; it may be a new or empty folder, or one of an earlier run.",
+            "--out is 'data'; it may be a new or empty folder, or one that holds an earlier run "
+            "alone.",
         ),
     ],
 )
@@ -183,22 +184,29 @@ def test_compare_on_files_that_do_not_hold_the_same(capsys: pytest.CaptureFixtur
     after = Results(
         chapter="00",
         parameters={"b": 2},
-        data={},
-        quantities=(quantity("both", 1 + 1e-15), quantity("new", 3)),
-        sentences={"It rains.": False, "It pours.": True},
+        data={"data/x": "a" * 64},
+        quantities=(
+            quantity("both", 1 + 1e-15).model_copy(update={"tolerance": 0.2}),
+            quantity("new", 3),
+        ),
+        sentences={"It rains.": False, "It pours.": True, "It snows.": False},
     )
     show_comparison(before, after, [], ("first", "second"), Console(width=100))
     lines = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
     assert lines == [
         "quantity first second change unit",
         "old 1 absent gone m",
-        "both 1 1 m",
+        "both 1 1 otherwise m",
         "new absent 3 new m",
-        "parameter a: 1 -> None",
-        "parameter b: None -> 2",
+        "both: tolerance 0.1 -> 0.2",
+        "parameters: b: absent -> 2",
+        "parameters: a: 1 -> absent",
+        "data: data/x: absent -> " + "a" * 64,
         "no longer holds: It rains.",
         "holds now: It pours.",
-        "2 of 3 quantities changed, 2 of 3 sentences overturned, 0 of 0 verdicts flipped.",
+        "gone: It is gone.",
+        "no longer holds: It snows.",
+        "3 of 3 quantities changed, 4 of 4 sentences overturned, 0 of 0 verdicts flipped.",
     ]
 
 
@@ -221,6 +229,38 @@ def test_compare_refuses_what_cannot_be_compared(mini: MiniProject, tmp_path: Pa
     done = run_command(mini.root, "compare", str(first), str(second))
     assert done.returncode == 0
     assert done.stdout.splitlines()[-1].startswith("0 of 0 quantities changed")
+
+
+def test_no_folder_but_an_earlier_run_is_replaced(mini: MiniProject, tmp_path: Path) -> None:
+    out, neighbour = tmp_path / "keep", tmp_path / "keep.old"
+    neighbour.mkdir()
+    (neighbour / "thesis.txt").write_text("mine")
+    words = ("run", "00", "-p", "scale=3", "--out", str(out))
+    assert run_command(mini.root, *words).returncode == 0
+    assert run_command(mini.root, *words).returncode == 0  # an earlier run may be replaced
+    assert (neighbour / "thesis.txt").read_text() == "mine"
+    # not with anything else in it
+    (out / "note.txt").write_text("mine")
+    done = run_command(mini.root, *words)
+    assert done.returncode == 2
+    assert "one that holds an earlier run alone" in done.stderr
+    assert (out / "note.txt").read_text() == "mine"
+    # nor a folder with a file of parameters that a user wrote
+    own = tmp_path / "own"
+    own.mkdir()
+    (own / "parameters.yml").write_text("scale: 3\n")
+    done = run_command(mini.root, "run", "00", "-f", str(own / "parameters.yml"), "--out", str(own))
+    assert done.returncode == 2
+    assert [path.name for path in own.iterdir()] == ["parameters.yml"]
+
+
+def test_what_a_chapter_writes_for_its_reader_is_in_the_run(
+    mini: MiniProject, tmp_path: Path
+) -> None:
+    mini.chapter("```{code-cell} ipython3\nrecord.write_file('note.csv', 'a,b\\n')\n```")
+    done = run_command(mini.root, "run", "00", "--out", str(tmp_path / "out"))
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "out" / "note.csv").read_text() == "a,b\n"
 
 
 def test_a_file_that_a_parameter_names(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

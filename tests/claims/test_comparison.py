@@ -57,6 +57,8 @@ def test_compare_names_every_change_and_only_those() -> None:
         ({"interval": (0.5, 1.0)}, True),
         ({"interval": None, "interval_kind": None}, True),
         ({"how": "Otherwise, for a test."}, False),
+        ({"role": "input"}, True),
+        ({"tolerance": 1e9}, True),
     ],
 )
 def test_what_is_beyond_tolerance(changes: dict[str, object], beyond: bool) -> None:

@@ -52,7 +52,7 @@ INF = math.inf
         (3.0, (1.0, 6.9), (7, 9), 8, Verdict.NOT_REPRODUCED),  # wide, and all of it outside
         (8.5, (7.5, 9.5), (7, 9), 8, Verdict.REPRODUCED),  # as wide as a quarter: the value decides
         (9.4, (8.4, 10.4), (7, 9), 8, Verdict.NOT_REPRODUCED),
-        (8.5, (7.4, 9.5), (7, 9), 8, Verdict.NOT_DECIDED),  # wider than a quarter
+        (8.5, (7.48, 9.5), (7, 9), 8, Verdict.NOT_DECIDED),  # wider than a quarter, by a hundredth
         (9.4, (8.3, 10.4), (7, 9), 8, Verdict.NOT_DECIDED),
         (8.0, (6.0, 10.0), (7, 9), 8, Verdict.NOT_DECIDED),  # holds all of the tolerance
         (8.0, (6.0, 10.0), (4, 12), 8, Verdict.REPRODUCED),  # wide, and all of it inside
@@ -160,7 +160,22 @@ interval = {"interval": (7.0, 9.4), "interval_kind": "confidence 95 %", "runs": 
         (found(8.06), {"tolerance": "digits"}, Verdict.NOT_REPRODUCED),
         (found(8.06, basis="printed"), {"tolerance": "digits"}, Verdict.CONTRADICTED),
         (found(7.0, basis="printed"), {"tolerance": "at least 7"}, Verdict.REPRODUCED),
-        (found(7.0, basis="recorded"), {"tolerance": "at most 6"}, Verdict.NOT_REPRODUCED),
+        (
+            found(8.0, basis="printed", interval=(7.0, 9.0), interval_kind="rounding"),
+            {},
+            Verdict.REPRODUCED,
+        ),
+        (
+            found(8.0, basis="printed", interval=(6.9, 9.0), interval_kind="rounding"),
+            {},
+            Verdict.NOT_DECIDED,
+        ),
+        (
+            found(80.0, basis="printed", interval=(9.1, 99.0), interval_kind="rounding"),
+            {},
+            Verdict.CONTRADICTED,
+        ),
+        (found(9.0, basis="recorded"), {"tolerance": "at most 8.5"}, Verdict.NOT_REPRODUCED),
         (found(7.0), {"tolerance": "exactly 7", "value": None}, Verdict.REPRODUCED),
         (found(8.0, role="input"), {}, Verdict.INPUT),
         (found(10.0, role="input"), {}, Verdict.UNTESTABLE),
@@ -221,17 +236,29 @@ def test_a_check_that_does_not_resolve(
 @pytest.mark.parametrize(
     ("changes", "text"),
     [
-        ({"tolerance": "digits"}, "8.0 m"),
+        ({"tolerance": "digits"}, "8.0 (7.95 to 8.05) m"),
         ({}, "8.0 ± 1 m"),
         ({"tolerance": "within 10 %"}, "8.0 ± 0.8 m"),
         ({"tolerance": "at most 1", "value": None}, "at most 1 m"),
         ({"tolerance": "at least 1"}, "at least 1 m"),
-        ({"tolerance": "exactly 8", "value": None}, "8 m"),
+        ({"tolerance": "within 0"}, "8.0 ± 0 m"),
+        ({"tolerance": "exactly 8", "value": None}, "exactly 8 m"),
     ],
 )
 def test_what_a_claim_stands_for_is_written(changes: dict[str, Any], text: str) -> None:
     (judged,) = verdicts([claim(**changes)], [found()])
     assert judged.published_text == text
+
+
+def test_two_results_of_one_chapter_are_refused() -> None:
+    with pytest.raises(InswsnError, match="two results of chapter 02"):
+        verdicts([claim()], [found(), found(9.0)])
+
+
+def test_small_numbers_keep_their_digits() -> None:
+    tiny = {"interval": (0.95e-9, 1.05e-9), "interval_kind": "rounding"}
+    (judged,) = verdicts([claim(tolerance="at most 8")], [found(1e-9, **tiny)])
+    assert judged.rebuilt_text == "1e-09 (9.5e-10 to 1.05e-09) m"
 
 
 def test_what_was_found_is_written_to_the_digits_of_its_interval() -> None:

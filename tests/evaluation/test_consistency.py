@@ -13,7 +13,12 @@ from inswsn_lib.evaluation import mean_bounds, normalised_squares
 def test_by_hand() -> None:
     errors = np.array([[[2.0, np.nan], [3.0, 0.0]]])
     assert normalised_squares(errors, np.diag([4.0, 9.0]))[0, 0] == pytest.approx(2.0)
-    assert np.isnan(normalised_squares(errors, np.eye(2))[0, 1])
+    # of the second run one component is missing, and of a third both would be
+    assert normalised_squares(errors, np.eye(2))[0, 1] == 0.0
+    assert np.isnan(normalised_squares(np.full((1, 2, 1), np.nan), np.eye(2))[0, 0])
+    # what is missing is left out, not taken for zero: S = [[2, 1], [1, 2]], first component alone
+    lone = np.array([[[2.0], [np.nan]]])
+    assert normalised_squares(lone, [[2.0, 1.0], [1.0, 2.0]])[0, 0] == pytest.approx(4 / 2)
     # S = [[2, 1], [1, 2]]: e'S^-1 e = 2 (a^2 - a b + b^2) / 3
     assert normalised_squares(errors[:, :, :1], [[2.0, 1.0], [1.0, 2.0]])[0, 0] == pytest.approx(
         2 * (4 - 6 + 9) / 3

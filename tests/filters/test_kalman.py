@@ -104,6 +104,23 @@ def test_an_outage_is_dead_reckoning_with_the_last_velocity() -> None:
     assert (np.diff(design.filtered[9:, 0, 0]) > 0).all()
 
 
+def test_a_first_state_of_each_run_with_patterns_of_their_own() -> None:
+    model = ErrorModel.p1(0.2, process_noise=(0.1, 0.1), measurement_noise=(0.3, 0.3))
+    rng = np.random.default_rng(4)
+    y, start = rng.normal(size=(9, 4, 5)), rng.normal(size=(4, 5))
+    y[3:6, :, 1] = np.nan
+    y[:, 2, 3] = np.nan
+    together = run_kalman(model, y, initial_covariance=np.eye(4), initial_state=start)
+    for run in range(5):
+        alone = run_kalman(model, y[:, :, [run]], initial_covariance=np.eye(4),
+                           initial_state=start[:, run])  # fmt: skip
+        assert together[:, :, [run]] == pytest.approx(alone, abs=1e-12)
+    # a first state shifts the problem: with no measurement it is carried on as it is
+    y[:] = np.nan
+    carried = run_kalman(model, y, initial_covariance=np.eye(4), initial_state=start)
+    assert carried[-1] == pytest.approx(np.linalg.matrix_power(model.A, 8) @ start)
+
+
 def test_covariances_may_change_with_time() -> None:
     model = ErrorModel.p1(0.2)
     Q = np.stack([0.1 * (k + 1) * np.eye(4) for k in range(8)])

@@ -178,6 +178,8 @@ def test_a_claim_and_its_cell_lead_to_each_other(
         claim.get_by_role("link", name=f"cell {entry.cell}").click()
         page.wait_for_url(f"**#cell-{entry.cell}")
         note = page.locator(f"#cell-{entry.cell}")
+        if note.locator("summary").count():  # many claims are folded
+            note.locator("summary").click()
         note.get_by_role("link", name=entry.claim.id, exact=True).click()
         page.wait_for_url(f"**/claims.html#{entry.claim.anchor}")
     page.close()
