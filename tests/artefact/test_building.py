@@ -137,7 +137,7 @@ def test_a_chapter_that_changes_while_it_is_executed(mini: MiniProject) -> None:
     )
     done = run_command(mini.root, "book")
     assert done.returncode == 1
-    assert "changed while it was executed; build it again" in done.stderr
+    assert "changed while it was executed, or the library did; run it again." in done.stderr
     assert not any(mini.cache.rglob("results.json"))
 
 

@@ -53,7 +53,7 @@ def test_a_swap_that_is_cut_short_puts_the_old_site_back(
 
 def test_a_swap_that_was_killed_is_undone_by_the_next_build(sites: tuple[Path, Path]) -> None:
     _, site = sites
-    site.rename(site.with_name("html.old"))
+    site.rename(site.with_name(".html.inswsn-set-aside"))
     for _ in range(2):  # the second time there is nothing to undo
         restore_site(site)
         assert (site / "index.html").read_text() == "old"
