@@ -30,6 +30,12 @@ notebooks: environment ## write the .ipynb twins of chapters/*.md
 publish: environment ## make the last build's results the reference in data/published, after showing what changes
 	@$(INSWSN) publish
 
+calibrate: environment ## fit the simulated INS to the INS-only cells and write data/scenarios/p1-inertial.yaml
+	@$(RUN) studies/calibrate_imu.py
+
+bench: environment ## speed against peers, as ratios
+	@$(RUN) benchmarks/throughput.py
+
 lock: environment ## compile environment.in to environment.lock
 	@$(INSWSN) lock
 
@@ -62,4 +68,4 @@ help: ## list the targets
 
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
-.PHONY: book test serve notebooks publish lock format environment clean help
+.PHONY: book test serve notebooks publish calibrate bench lock format environment clean help

@@ -11,9 +11,19 @@ from types import ModuleType
 
 import pytest
 
-from inswsn_lib import claims, evaluation, filters, models, navigation, papers, plotting
+from inswsn_lib import (
+    claims,
+    evaluation,
+    filters,
+    lmi,
+    models,
+    navigation,
+    papers,
+    plotting,
+    simulation,
+)
 
-ROOMS = (claims, evaluation, filters, models, navigation, papers, plotting)
+ROOMS = (claims, evaluation, filters, lmi, models, navigation, papers, plotting, simulation)
 
 
 @pytest.fixture(scope="module")

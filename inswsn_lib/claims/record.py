@@ -11,7 +11,7 @@ from pydantic import ValidationError
 
 from inswsn_lib.checkout import find_root, results_folder
 from inswsn_lib.claims.ledger import LEDGER, claims_digest, claims_of, load_claims
-from inswsn_lib.claims.results import Quantity, Results, write_results
+from inswsn_lib.claims.results import IntervalKind, Quantity, Results, write_results
 from inswsn_lib.claims.verdicts import Judged, verdicts
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.files import file_digest, write_whole
@@ -98,6 +98,7 @@ class ChapterRecord:
         tolerance: float,
         interval: tuple[float, float] | None = None,
         runs: int = 1,
+        interval_kind: IntervalKind | None = None,
         role: Literal["found", "input", "calibrated"] = "found",
     ) -> Quantity:
         """Record a number, and make it known to the text as ``{glue:text}`name```.
@@ -107,16 +108,18 @@ class ChapterRecord:
         name, value, unit, how, basis, tolerance, runs, role
             See `Quantity`.
         interval : tuple of two floats, optional
-            The rounding interval for a number computed from printed cells, else the 95 %
-            confidence interval.
+            Its interval.
+        interval_kind : {"rounding", "confidence 95 %", "runs 95 %"}, optional
+            What that is. Default: the rounding interval for a number computed from printed cells,
+            else a confidence interval.
 
         Raises
         ------
         InswsnError
             If a field does not fit the schema.
         """
-        kind: Literal["rounding", "confidence 95 %"] | None = None
-        if interval is not None:
+        kind = interval_kind
+        if interval is not None and kind is None:
             kind = "rounding" if basis == "printed" else "confidence 95 %"
         try:
             quantity = Quantity(

@@ -15,6 +15,8 @@ Name = Annotated[str, Field(pattern=r"^[a-z0-9]+([._-][a-z0-9]+)*$", max_length=
 Digest = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 
+IntervalKind = Literal["rounding", "confidence 95 %", "runs 95 %"]
+
 #: The version of the results file that is written
 SCHEMA_VERSION: Literal[2] = 2
 
@@ -36,9 +38,10 @@ class Quantity(_Record):
         Its unit; ``"1"`` for a pure number.
     interval : tuple of two floats, optional
         Its interval, which holds the value.
-    interval_kind : {"rounding", "confidence 95 %"}, optional
-        What the interval is: all values that the rounding of the printed cells allows, or a
-        confidence interval over runs. Given exactly when `interval` is.
+    interval_kind : {"rounding", "confidence 95 %", "runs 95 %"}, optional
+        What the interval is: all values that the rounding of the printed cells allows, a confidence
+        interval of the value, or the interval that holds 95 % of the runs. Given exactly when
+        `interval` is.
     runs : int
         Number of independent runs behind it; 1 for a computation without chance.
     basis : {"printed", "simulation", "emulation", "recorded"}
@@ -56,7 +59,7 @@ class Quantity(_Record):
     value: Finite
     unit: Annotated[str, Field(min_length=1)]
     interval: tuple[Finite, Finite] | None = None
-    interval_kind: Literal["rounding", "confidence 95 %"] | None = None
+    interval_kind: IntervalKind | None = None
     runs: Annotated[int, Field(ge=1)] = 1
     basis: Literal["printed", "simulation", "emulation", "recorded"]
     role: Literal["found", "input", "calibrated"] = "found"

@@ -1,14 +1,33 @@
-"""Errors: what they can and cannot be, and whether they are as large as a filter says."""
+"""Errors: what they can and cannot be, how large they are, and whether a filter knows it."""
 
 from inswsn_lib.evaluation.consistency import mean_bounds, normalised_squares
 from inswsn_lib.evaluation.drift import MOTIONS, DriftBound, Motion, drift_bound, longest_period
+from inswsn_lib.evaluation.hypotheses import WITHIN, Score, score_hypothesis
+from inswsn_lib.evaluation.metrics import (
+    Spread,
+    largest_error,
+    mean_absolute_error,
+    root_mean_square_error,
+    spread,
+)
+from inswsn_lib.evaluation.monte_carlo import GROUP, monte_carlo
 
 __all__ = [
+    "GROUP",
     "MOTIONS",
+    "WITHIN",
     "DriftBound",
     "Motion",
+    "Score",
+    "Spread",
     "drift_bound",
+    "largest_error",
     "longest_period",
+    "mean_absolute_error",
     "mean_bounds",
+    "monte_carlo",
     "normalised_squares",
+    "root_mean_square_error",
+    "score_hypothesis",
+    "spread",
 ]

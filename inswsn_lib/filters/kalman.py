@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from inswsn_lib.errors import ParameterError
+from inswsn_lib.filters.inputs import checked_measurements, covariances, first_state
 from inswsn_lib.models import ErrorModel
 
 Array = NDArray[np.float64]
@@ -97,11 +98,11 @@ def _checked(
 ) -> tuple[Array, Array, Array]:
     """Return P_0 (n, n), Q (steps, n, n) and R (steps, m, m), checked."""
     states, outputs = model.A.shape[0], model.C.shape[0]
-    P = _covariances("initial_covariance", initial_covariance, 1, states)[0]
+    P = covariances("initial_covariance", initial_covariance, 1, states)[0]
     Q = model.process_covariance if process_covariance is None else process_covariance
     R = model.measurement_covariance if measurement_covariance is None else measurement_covariance
-    Qs = _covariances("process_covariance", Q, steps, states)
-    Rs = _covariances("measurement_covariance", R, steps, outputs)
+    Qs = covariances("process_covariance", Q, steps, states)
+    Rs = covariances("measurement_covariance", R, steps, outputs)
     return P, Qs, Rs
 
 
@@ -171,16 +172,10 @@ def run_kalman(
         If a shape does not fit, a measurement is infinite, or a covariance is refused by
         `design_kalman`.
     """
-    y = np.asarray(measurements, dtype=float)
     outputs, states = model.C.shape
-    if y.ndim != 3 or y.shape[1] != outputs:
-        raise ParameterError(
-            "measurements", f"of shape {y.shape}", f"(steps, {outputs}, runs); one run is runs = 1"
-        )
-    if np.isinf(y).any():
-        raise ParameterError("measurements", "infinite", "finite, or NaN where missing")
+    y = checked_measurements(measurements, outputs)
     runs = y.shape[2]
-    x = _initial_state(initial_state, states, runs)
+    x = first_state(initial_state, states, runs)
     estimates = np.empty((y.shape[0], states, runs))
     P, Qs, Rs = _checked(
         model, y.shape[0], initial_covariance, process_covariance, measurement_covariance
@@ -193,17 +188,36 @@ def run_kalman(
 
 def _run(model: ErrorModel, gains: Array, y: Array, x: Array, predicted: bool) -> Array:
     """Run with gains (steps, 1 or runs, n, m)."""
+    measured = np.nan_to_num(y) if np.isnan(y).any() else y  # their gain is zero
+    if gains.shape[1] == 1:
+        return _run_together(model, gains[:, 0], measured, x, predicted)
     estimates = np.empty((y.shape[0], *x.shape))
-    measured = np.nan_to_num(y)  # the gain of a missing component is zero
-    common = gains.shape[1] == 1
     for k, gain in enumerate(gains):
         if predicted:
             estimates[k] = x
-        innovation = measured[k] - model.C @ x
-        x = x + (gain[0] @ innovation if common else _each(gain, innovation))
+        x = x + _each(gain, measured[k] - model.C @ x)
         if not predicted:
             estimates[k] = x
         x = model.A @ x
+    return estimates
+
+
+def _run_together(model: ErrorModel, gains: Array, y: Array, x: Array, predicted: bool) -> Array:
+    """Run with one gain a step for all runs: two products of matrices a step, without copies."""
+    keep = np.eye(len(model.A)) - gains @ model.C
+    # x+ = F x + G y, from one estimate to the next
+    F = model.A @ keep if predicted else keep @ model.A
+    G = model.A @ gains if predicted else gains
+    estimates = np.empty((y.shape[0], *x.shape))
+    if len(y) == 0:
+        return estimates
+    estimates[0] = x if predicted else keep[0] @ x + gains[0] @ y[0]
+    driven = np.empty_like(estimates[0])
+    for k in range(1, len(y)):
+        use = k - 1 if predicted else k
+        np.matmul(F[use], estimates[k - 1], out=estimates[k])
+        np.matmul(G[use], y[use], out=driven)
+        estimates[k] += driven
     return estimates
 
 
@@ -236,31 +250,3 @@ def _patterns(available: Mask) -> list[tuple[NDArray[np.intp], Mask]]:
         return [(np.arange(runs), np.swapaxes(available[:, :, :1], 1, 2))]
     chunks = np.array_split(np.arange(runs), -(-runs // _CHUNK)) if runs else []
     return [(chunk, np.swapaxes(available[:, :, chunk], 1, 2)) for chunk in chunks]
-
-
-def _covariances(name: str, value: ArrayLike, steps: int, size: int) -> Array:
-    """Return covariances as (steps, size, size), checked."""
-    given = np.asarray(value, dtype=float)
-    if given.shape not in ((size, size), (steps, size, size)):
-        raise ParameterError(
-            name, f"of shape {given.shape}", f"({size}, {size}) or ({steps}, {size}, {size})"
-        )
-    largest = np.abs(given).max(initial=0.0)
-    if not np.isfinite(largest) or not np.allclose(
-        given, np.swapaxes(given, -1, -2), rtol=0, atol=1e-9 * largest
-    ):
-        raise ParameterError(name, "not finite or not symmetric", "a covariance")
-    if given.size and np.linalg.eigvalsh(given).min() < -1e-9 * largest:
-        raise ParameterError(name, "not positive semidefinite", "a covariance")
-    return np.broadcast_to(given, (steps, size, size))
-
-
-def _initial_state(value: ArrayLike | None, states: int, runs: int) -> Array:
-    if value is None:
-        return np.zeros((states, runs))
-    given = np.asarray(value, dtype=float)
-    if given.shape not in ((states,), (states, runs)) or not np.isfinite(given).all():
-        raise ParameterError(
-            "initial_state", f"of shape {given.shape}", f"finite, ({states},) or ({states}, {runs})"
-        )
-    return np.broadcast_to(given.reshape(states, -1), (states, runs)).copy()

@@ -1,0 +1,111 @@
+"""Speed as ratios, against peers on the same work in the same run: `make bench`.
+
+Monte Carlo of a Kalman filter on P1's model, 100 steps, is run by this library, by simdkalman, and
+by filterpy in a loop over the runs; and it is held against drawing the random numbers that such a
+study needs. A design of the H-infinity filter is held against the time that the solver itself
+reports. Each figure is the best of several repetitions; each peer's answer is compared with ours
+first.
+"""
+
+from __future__ import annotations
+
+import platform
+import time
+from collections.abc import Callable
+
+import cvxpy as cp
+import numpy as np
+import simdkalman
+from filterpy.kalman import KalmanFilter
+
+from inswsn_lib.filters import run_kalman
+from inswsn_lib.lmi import certify, design_filter, filter_design
+from inswsn_lib.models import ErrorModel
+
+STEPS, RUNS, LOOPED, REPEATS = 100, 5000, 20, 5
+MODEL = ErrorModel.p1(0.2, process_noise=(0.05, 0.1), measurement_noise=(0.2, 0.3))
+
+
+def best_of(work: Callable[[], object], repeats: int = REPEATS) -> float:
+    """Return the shortest time of several repetitions, s."""
+    times = []
+    for _ in range(repeats):
+        began = time.perf_counter()
+        work()
+        times.append(time.perf_counter() - began)
+    return min(times)
+
+
+def by_filterpy(y: np.ndarray) -> np.ndarray:
+    """Return the filtered states of some runs, one filter object each."""
+    estimates = np.empty_like(y)
+    for run in range(y.shape[2]):
+        kf = KalmanFilter(dim_x=4, dim_z=4)
+        kf.F, kf.H, kf.P = MODEL.A, MODEL.C, np.eye(4)
+        kf.Q, kf.R = MODEL.process_covariance, MODEL.measurement_covariance
+        for k in range(len(y)):
+            kf.update(y[k, :, run])
+            estimates[k, :, run] = kf.x.ravel()
+            kf.predict()
+    return estimates
+
+
+def by_simdkalman(y: np.ndarray) -> np.ndarray:
+    """Return the filtered states of all runs."""
+    kf = simdkalman.KalmanFilter(
+        MODEL.A, MODEL.process_covariance, MODEL.C, MODEL.measurement_covariance
+    )
+    done = kf.compute(
+        np.ascontiguousarray(y.transpose(2, 0, 1)), 0, initial_value=np.zeros(4),
+        initial_covariance=np.eye(4), smoothed=False, filtered=True,
+    )  # fmt: skip
+    return np.asarray(done.filtered.states.mean).transpose(1, 2, 0)
+
+
+def filters() -> None:
+    """Compare the Monte Carlo of a Kalman filter."""
+    rng = np.random.default_rng(1)
+    y = rng.standard_normal((STEPS, 4, RUNS))
+    ours = run_kalman(MODEL, y, initial_covariance=np.eye(4))
+    assert np.allclose(ours[:, :, :LOOPED], by_filterpy(y[:, :, :LOOPED]))
+    assert np.allclose(ours, by_simdkalman(y))
+    mine = best_of(lambda: run_kalman(MODEL, y, initial_covariance=np.eye(4)))
+    looped = best_of(lambda: by_filterpy(y[:, :, :LOOPED]), 3) * RUNS / LOOPED
+    simd = best_of(lambda: by_simdkalman(y), 3)
+    # process noise and measurement noise of every step
+    random = best_of(lambda: rng.standard_normal((STEPS, 8, RUNS)))
+    print(f"Kalman filter, {RUNS} runs of {STEPS} steps: {1000 * mine:.0f} ms")
+    print(f"  filterpy, one object a run (from {LOOPED} runs): {looped / mine:.0f} times as long")
+    print(f"  simdkalman: {simd / mine:.0f} times as long")
+    print(
+        f"  against drawing its random numbers ({1000 * random:.0f} ms): {mine / random:.2f} times"
+    )
+
+
+def designs() -> None:
+    """Compare a design with new numbers with the solver's own time."""
+    design = design_filter(MODEL)  # compiles the problems of this shape
+    models = [
+        ErrorModel.p1(0.2, process_noise=(0.05 + 0.01 * i, 0.1), measurement_noise=(0.2, 0.3))
+        for i in range(20)
+    ]
+    problems = filter_design._problems((4, 4, 4, 4), "exact")
+    whole, inside = [], []
+    for model in models:
+        began = time.perf_counter()
+        gamma, *_ = problems.smallest_gamma(model)
+        problems.least_variance(model, 1.01 * gamma)
+        whole.append(time.perf_counter() - began)
+        inside.append(sum(p.solver_stats.solve_time for p in (problems._first, problems._second)))
+    certified = best_of(lambda: certify(MODEL, design.P, design.gain, design.level, "exact"))
+    ratio = np.median(np.array(whole) / np.array(inside))
+    print(f"H-infinity design: {1000 * np.median(whole):.1f} ms")
+    print(
+        f"  against Clarabel's own time: {ratio:.2f} times; certificate {1000 * certified:.1f} ms"
+    )
+
+
+if __name__ == "__main__":
+    print(f"{platform.machine()}, numpy {np.__version__}, cvxpy {cp.__version__}")
+    filters()
+    designs()

@@ -1,0 +1,215 @@
+"""Rivals that an engineer would use today: gating, a Huber update, and an adaptive R.
+
+Their gains depend on the measured values, so that each run has a covariance of its own. All runs
+are still carried at once, as arrays with the runs first.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.stats import chi2
+
+from inswsn_lib.errors import ParameterError
+from inswsn_lib.filters.inputs import checked_measurements, covariances, first_state
+from inswsn_lib.models import ErrorModel
+
+Array = NDArray[np.float64]
+
+Mask = NDArray[np.bool_]
+_TINY = 1e-300
+# (innovation (runs, m), its covariance without R (runs, m, m), components there (runs, m))
+# -> R to use (runs, m, m), and which components to use (runs, m)
+Step = Callable[[Array, Array, Mask], tuple[Array, Mask]]
+# (R (m, m), number of runs) -> the step of these runs, which may remember
+Policy = Callable[[Array, int], Step]
+
+
+def gating(probability: float = 0.999, patience: int = 5) -> Policy:
+    """Return the policy that drops a measurement whose NIS is too large to be true.
+
+    A filter that is lost takes every measurement for false. So after some rejections on end it is
+    a plain Kalman filter until a measurement is inside the gate again.
+
+    Parameters
+    ----------
+    probability : float
+        With which a measurement of the modelled noise is kept.
+    patience : int
+        Rejections on end after which measurements are taken all the same.
+
+    Raises
+    ------
+    ParameterError
+        If the probability is not between 0 and 1, or the patience is negative.
+    """
+    if not 0 < probability < 1:
+        raise ParameterError("probability", probability, "between 0 and 1")
+    if not patience >= 0:
+        raise ParameterError("patience", patience, "0 or more")
+
+    def start(R: Array, runs: int) -> Step:
+        limits = np.concatenate([[np.inf], chi2.ppf(probability, np.arange(1, len(R) + 1))])
+        rejected = np.zeros(runs, dtype=int)
+
+        def step(innovation: Array, prior: Array, there: Mask) -> tuple[Array, Mask]:
+            nis = _squares(innovation, prior + R, there)
+            limit = limits[there.sum(axis=1)]
+            outside = nis > limit
+            forced = outside & (rejected >= patience)
+            rejected[:] = np.where(outside, rejected + 1, 0)
+            return np.broadcast_to(R, prior.shape), there & (~outside | forced)[:, None]
+
+        return step
+
+    return start
+
+
+def huber(threshold: float = 1.345) -> Policy:
+    """Return the policy that bounds the influence of a large innovation.
+
+    A component of the innovation beyond `threshold` standard deviations is taken for that many
+    standard deviations: its standard deviation is inflated by sqrt(size / threshold), so that it
+    has the weight threshold / size of Huber (1964).
+
+    Parameters
+    ----------
+    threshold : float
+        In standard deviations; 1.345 keeps 95 % of the efficiency for Gaussian noise.
+
+    Raises
+    ------
+    ParameterError
+        If the threshold is not positive.
+    """
+    if not threshold > 0:
+        raise ParameterError("threshold", threshold, "positive")
+
+    def start(R: Array, runs: int) -> Step:
+        def step(innovation: Array, prior: Array, there: Mask) -> tuple[Array, Mask]:
+            S = prior + R
+            deviation = np.sqrt(np.maximum(np.diagonal(S, axis1=1, axis2=2), _TINY))
+            size = np.where(there, np.abs(innovation), 0.0) / deviation
+            inflation = np.sqrt(np.maximum(size / threshold, 1.0))
+            return S * inflation[:, :, None] * inflation[:, None, :] - prior, there
+
+        return step
+
+    return start
+
+
+def adaptive(forgetting: float = 0.95) -> Policy:
+    """Return the policy that learns the diagonal of R from the innovations.
+
+    The variance of each component is a running mean of the squared innovation less what the
+    prediction accounts for, kept between a hundredth and ten thousand times the modelled one
+    (Mehra 1972). Correlations in R are left out.
+
+    Parameters
+    ----------
+    forgetting : float
+        Weight of the past, between 0 and 1.
+
+    Raises
+    ------
+    ParameterError
+        If it is not between 0 and 1.
+    """
+    if not 0 < forgetting < 1:
+        raise ParameterError("forgetting", forgetting, "between 0 and 1")
+
+    def start(R: Array, runs: int) -> Step:
+        modelled = np.diag(R)
+        variances = np.tile(modelled, (runs, 1))
+
+        def step(innovation: Array, prior: Array, there: Mask) -> tuple[Array, Mask]:
+            seen = np.nan_to_num(innovation) ** 2 - np.diagonal(prior, axis1=1, axis2=2)
+            moved = forgetting * variances + (1 - forgetting) * seen
+            moved = np.clip(moved, 0.01 * modelled, 1e4 * modelled)
+            variances[there] = moved[there]
+            return variances[:, :, None] * np.eye(len(R)), there
+
+        return step
+
+    return start
+
+
+def run_robust(
+    model: ErrorModel,
+    measurements: ArrayLike,
+    policy: Policy,
+    *,
+    initial_covariance: ArrayLike,
+    initial_state: ArrayLike | None = None,
+    predicted: bool = False,
+) -> Array:
+    """Run a Kalman filter whose update follows a policy, each run with a covariance of its own.
+
+    Parameters
+    ----------
+    model : ErrorModel
+        A, C, Q = B B' and R = D D'.
+    measurements : array_like, (steps, m, runs)
+        y; NaN where missing.
+    policy : callable
+        From `gating`, `huber` or `adaptive`.
+    initial_covariance : array_like, (n, n)
+        P_0.
+    initial_state : array_like, (n,) or (n, runs), optional
+        Default: zero.
+    predicted : bool
+        Return the state before the measurement of each step instead of after it.
+
+    Returns
+    -------
+    ndarray, (steps, n, runs)
+
+    Raises
+    ------
+    ParameterError
+        If a shape does not fit, or a measurement is infinite.
+    """
+    y = checked_measurements(measurements, model.C.shape[0])
+    runs, n = y.shape[2], model.C.shape[1]
+    x = first_state(initial_state, n, runs).T
+    P0 = covariances("initial_covariance", initial_covariance, 1, n)[0]
+    P = np.broadcast_to(P0, (runs, n, n)).copy()
+    step = policy(model.measurement_covariance, runs)
+    Q, eye = model.process_covariance, np.eye(n)
+    estimates = np.empty((y.shape[0], n, runs))
+    for k in range(y.shape[0]):
+        if predicted:
+            estimates[k] = x.T
+        measured = y[k].T
+        there = ~np.isnan(measured)
+        innovation = measured - x @ model.C.T
+        prior = model.C @ P @ model.C.T
+        R_used, used = step(innovation, prior, there)
+        gain = np.swapaxes(_solve(prior + R_used, model.C @ P, used), 1, 2)
+        x = x + (gain @ np.where(used, innovation, 0.0)[:, :, None])[:, :, 0]
+        keep = eye - gain @ model.C
+        P = keep @ P @ np.swapaxes(keep, 1, 2) + gain @ R_used @ np.swapaxes(gain, 1, 2)
+        if not predicted:
+            estimates[k] = x.T
+        x = x @ model.A.T
+        P = model.A @ P @ model.A.T + Q
+    return estimates
+
+
+def _solve(S: Array, right: Array, used: Mask) -> Array:
+    """Return S^-1 right over the components in use; zero rows for the others."""
+    both = used[:, :, None] & used[:, None, :]
+    inner = np.where(both, S, np.eye(S.shape[1]))
+    try:
+        return np.asarray(np.linalg.solve(inner, np.where(used[:, :, None], right, 0.0)))
+    except np.linalg.LinAlgError:
+        raise ParameterError(
+            "measurement_covariance", "such that an innovation is certain", "positive definite"
+        ) from None
+
+
+def _squares(innovation: Array, S: Array, there: Mask) -> Array:
+    e = np.where(there, innovation, 0.0)[:, :, None]
+    return np.asarray((np.swapaxes(e, 1, 2) @ _solve(S, e, there))[:, 0, 0])

@@ -1,0 +1,33 @@
+"""Linear matrix inequalities of the H-infinity filters, and the norms that certify them."""
+
+from inswsn_lib.lmi.filter_design import (
+    Certificate,
+    FilterDesign,
+    InfeasibleDesignError,
+    certify,
+    design_filter,
+    inequality,
+)
+from inswsn_lib.lmi.norms import (
+    hinf_norm,
+    largest_singular_value,
+    mean_square_radius,
+    riccati_gain_below,
+    spectral_radius,
+    stochastic_gain,
+)
+
+__all__ = [
+    "Certificate",
+    "FilterDesign",
+    "InfeasibleDesignError",
+    "certify",
+    "design_filter",
+    "hinf_norm",
+    "inequality",
+    "largest_singular_value",
+    "mean_square_radius",
+    "riccati_gain_below",
+    "spectral_radius",
+    "stochastic_gain",
+]

@@ -1,0 +1,382 @@
+"""The H-infinity filter of P1 and P2 as a convex problem, each design with its own certificate."""
+
+from __future__ import annotations
+
+import threading
+import warnings
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any, Literal
+
+import cvxpy as cp
+import numpy as np
+from numpy.typing import NDArray
+
+from inswsn_lib.errors import InswsnError, ParameterError
+from inswsn_lib.lmi.norms import (
+    hinf_norm,
+    mean_square_radius,
+    riccati_gain_below,
+    spectral_radius,
+)
+from inswsn_lib.models import ErrorModel
+
+Array = NDArray[np.float64]
+Form = Literal["exact", "printed"]
+
+# The gain is chosen among all whose bound is within this share of the smallest one.
+_MARGIN = 0.01
+_KALMAN_STEPS = 40
+# The solver's answer may break the inequality by this share of its largest entry.
+_TOLERANCE = 1e-6
+
+
+class InfeasibleDesignError(InswsnError):
+    """No filter satisfies the inequality, or none could be certified; the message says which."""
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """What vouches for a design, computed without the solver.
+
+    Attributes
+    ----------
+    largest_eigenvalue : float
+        Of the left side of the inequality at the solution, over the largest entry of that matrix;
+        negative up to rounding.
+    smallest_eigenvalue_p : float
+        Over the largest; positive.
+    norm : float
+        H-infinity norm of the error system without jitter, from its frequency response.
+    stochastic : bool
+        Whether a gain below the design level is confirmed with the jitter as (2.11) has it: by the
+        Riccati iteration, or by the norm if there is no jitter.
+    """
+
+    largest_eigenvalue: float
+    smallest_eigenvalue_p: float
+    norm: float
+    stochastic: bool
+
+
+@dataclass(frozen=True, eq=False)
+class FilterDesign:
+    r"""An H-infinity filter :math:`\hat x_{k+1} = A_f \hat x_k + B_f y_k` (P1 2.9).
+
+    Attributes
+    ----------
+    model : ErrorModel
+        The model it was designed for.
+    form : {"exact", "printed"}
+        The inequality.
+    gamma : float
+        The smallest bound that the inequality allows.
+    level : float
+        The bound that the gain was designed for, slightly above `gamma`; certified.
+    gain : ndarray, (n, m)
+        B_f.
+    A_f : ndarray, (n, n)
+        A - B_f C.
+    P : ndarray, (n, n)
+        The solution of the inequality at `level`.
+    certificate : Certificate
+        See there.
+    buildable : bool
+        Whether the filter can be built so that (2.11) describes its error: only without jitter,
+        since A_f would have to contain E times a number that nobody knows.
+    status : str
+        What the solver said.
+    """
+
+    model: ErrorModel
+    form: Form
+    gamma: float
+    level: float
+    gain: Array
+    A_f: Array
+    P: Array
+    certificate: Certificate
+    buildable: bool
+    status: str
+
+
+def inequality(model: ErrorModel, P: Any, Q: Any, squared: Any, form: Form) -> list[list[Any]]:
+    r"""Return the blocks of the matrix that must be negative definite.
+
+    With :math:`\Gamma = PA - QC`, :math:`\Lambda = PB_1 - QD_1`, :math:`B_1 = [B\ 0]`,
+    :math:`D_1 = [0\ D]`:
+
+    .. math::
+        \begin{bmatrix} -P + L'L & 0 & \Gamma' & E'P \\ 0 & -\gamma^2 I & \Lambda' & 0 \\
+        \Gamma & \Lambda & -P & 0 \\ PE & 0 & 0 & -P \end{bmatrix}
+
+    is the bounded real lemma for (2.11), and the form "exact". The form "printed" has one more
+    row and column, :math:`(\Gamma, 0, 0, 0, -P)`: P1 (2.15), with L eliminated.
+
+    Parameters
+    ----------
+    model : ErrorModel
+        The model, with arrays or with parameters of a convex problem as its matrices.
+    P, Q : array or cvxpy expression, (n, n) and (n, m)
+        Q = P B_f.
+    squared : float or cvxpy expression
+        The bound squared.
+    form : {"exact", "printed"}
+        Which inequality.
+    """
+    return _blocks(
+        model.A, model.B, model.C, model.D, model.L.T @ model.L, model.E, P, Q, squared, form
+    )
+
+
+def _blocks(
+    A: Any, B: Any, C: Any, D: Any, LL: Any, E: Any, P: Any, Q: Any, squared: Any, form: Form
+) -> list[list[Any]]:
+    n, p, q = A.shape[0], B.shape[1], D.shape[1]
+    error, process, measurement, jitter = P @ A - Q @ C, P @ B, -(Q @ D), P @ E
+    nn, np_, nq, pq = (np.zeros(s) for s in ((n, n), (n, p), (n, q), (p, q)))
+    rows = [
+        [-P + LL, np_, nq, error.T, jitter.T],
+        [np_.T, -squared * np.eye(p), pq, process.T, np_.T],
+        [nq.T, pq.T, -squared * np.eye(q), measurement.T, nq.T],
+        [error, process, measurement, -P, nn],
+        [jitter, np_, nq, nn, -P],
+    ]
+    if form == "printed":
+        last = [error, np_, nq, nn, nn, -P]
+        rows = [
+            [*row, block] for row, block in zip(rows, (error.T, np_.T, nq.T, nn, nn), strict=True)
+        ]
+        rows.append(last)
+    return rows
+
+
+def design_filter(model: ErrorModel, form: Form = "exact") -> FilterDesign:
+    r"""Design the H-infinity filter of a model.
+
+    First the smallest gamma is found for which `inequality` has a solution. The gain that attains
+    it is not unique in general: often one channel sets gamma and leaves the gains of the others
+    open. So the gain is that of a second problem: among all P and Q that satisfy the inequality at
+    1.01 gamma, the one with the least :math:`\mathrm{tr}\, \tilde B' P \tilde B`. That is a bound
+    on the variance of :math:`L e` for white noise of unit variance. Its least value does not depend
+    on the solver. Neither does the gain, if L sees all states; states that L does not see may have
+    any gain that keeps them stable.
+
+    The problems are solved in units in which the noise, the states of a Kalman filter and L are of
+    the order of one, and then in states in which a first solution P is the identity.
+
+    Parameters
+    ----------
+    model : ErrorModel
+        The model. With a jitter E, the error system is that of (2.11), in which the filter knows
+        the jitter of each step.
+    form : {"exact", "printed"}
+        The bounded real lemma, or the inequality (2.15) as P1 prints it.
+
+    Returns
+    -------
+    FilterDesign
+        A design that has passed its certificate.
+
+    Raises
+    ------
+    InfeasibleDesignError
+        If no solution is found, for example because a mode that cannot be observed is not stable,
+        or the solver's answer does not pass the certificate.
+    ParameterError
+        If there is no such form.
+    """
+    if form not in ("exact", "printed"):
+        raise ParameterError("form", form, 'one of "exact", "printed"')
+    problems = _problems(_shape(model), form)
+    units = _Units.of(model)
+    plain = units.scaled(model)
+    # states in which P is the identity: the solver sees the same problem, well scaled
+    to_balanced = _square_root(problems.smallest_gamma(plain)[2])
+    balanced = _in_other_states(plain, to_balanced)
+    gamma, status, _ = problems.smallest_gamma(balanced)
+    P, Q = problems.least_variance(balanced, gamma * (1 + _MARGIN))
+    to_balanced = to_balanced @ np.diag(1 / units.states)
+    gain = np.linalg.solve(to_balanced, np.linalg.solve(P, Q)) / units.outputs
+    gain = np.asarray(gain, dtype=np.float64)
+    P = units.seen**2 * to_balanced.T @ P @ to_balanced
+    gamma *= units.seen
+    level = gamma * (1 + _MARGIN)
+    certificate = certify(model, P, gain, level, form)
+    return FilterDesign(
+        model, form, gamma, level, gain, np.asarray(model.A - gain @ model.C), P, certificate,
+        buildable=not model.E.any(), status=status,
+    )  # fmt: skip
+
+
+def certify(model: ErrorModel, P: Array, gain: Array, level: float, form: Form) -> Certificate:
+    """Return the certificate of a gain.
+
+    Parameters
+    ----------
+    model : ErrorModel
+        The model.
+    P : ndarray, (n, n)
+        The solution of the inequality.
+    gain : ndarray, (n, m)
+        B_f.
+    level : float
+        The bound that is to be certified.
+    form : {"exact", "printed"}
+        The inequality.
+
+    Raises
+    ------
+    InfeasibleDesignError
+        If P is not positive definite, the inequality does not hold, the error system is not
+        stable in the mean square, or its gain, computed from its frequency response and by the
+        Riccati iteration, is not below the level.
+    """
+    values = np.linalg.eigvalsh(P)
+    blocks = np.block(inequality(model, P, P @ gain, level**2, form))
+    largest = float(np.linalg.eigvalsh(blocks).max() / np.abs(blocks).max())
+    A, B = model.A - gain @ model.C, np.hstack([model.B, -gain @ model.D])
+    norm = hinf_norm(A, B, model.L)
+    slack = level * (1 + _TOLERANCE)
+    radius = mean_square_radius(A, model.E)
+    # without jitter the norm says it all; the iteration is slow near instability
+    stochastic = not model.E.any() or riccati_gain_below(A, model.E, B, model.L, slack)
+    complaints = {
+        f"P has the eigenvalue {values.min():.3g}": values.min() <= 0,
+        f"the inequality has the eigenvalue {largest:.3g}": largest > _TOLERANCE,
+        f"the error system has the spectral radius {spectral_radius(A):.6g}": norm == np.inf,
+        f"the error system has the mean-square radius {radius:.6g}": radius >= 1,
+        f"the norm is {norm:.6g}, above {level:.6g}": norm > slack,
+        "the Riccati iteration does not confirm the gain": not stochastic,
+    }
+    for complaint, failed in complaints.items():
+        if failed:
+            raise InfeasibleDesignError(f"The design does not pass its certificate: {complaint}.")
+    return Certificate(largest, float(values.min() / values.max()), norm, stochastic)
+
+
+def _shape(model: ErrorModel) -> tuple[int, int, int, int]:
+    return (*model.B.shape, model.C.shape[0], model.D.shape[1])
+
+
+class _Problems:
+    """The two convex problems for one shape of model, compiled once and solved with new numbers."""
+
+    def __init__(self, shape: tuple[int, int, int, int], form: Form) -> None:
+        n, p, m, q = shape
+        self._guard = threading.Lock()  # the problems hold the numbers of one model at a time
+        sizes = {"A": (n, n), "B": (n, p), "C": (m, n), "D": (m, q), "LL": (n, n), "E": (n, n)}
+        self._numbers = {name: cp.Parameter(size) for name, size in sizes.items()}
+        self._P, self._Q = cp.Variable((n, n), symmetric=True), cp.Variable((n, m))
+        self._squared = cp.Variable()
+        A, B, C, D, LL, E = self._numbers.values()
+        matrix = cp.bmat(_blocks(A, B, C, D, LL, E, self._P, self._Q, self._squared, form))
+        self._first = cp.Problem(cp.Minimize(self._squared), [_symmetric(matrix) << 0])
+        self._level = cp.Parameter(nonneg=True)
+        matrix = cp.bmat(_blocks(A, B, C, D, LL, E, self._P, self._Q, self._level, form))
+        driven = cp.hstack([self._P @ B, -(self._Q @ D)])
+        bound = cp.Variable((p + q, p + q), symmetric=True)
+        schur = cp.bmat([[bound, driven.T], [driven, self._P]])
+        self._second = cp.Problem(
+            cp.Minimize(cp.trace(bound)), [_symmetric(matrix) << 0, _symmetric(schur) >> 0]
+        )
+
+    def smallest_gamma(self, model: ErrorModel) -> tuple[float, str, Array]:
+        with self._guard:
+            self._set(model)
+            _solve(self._first)
+            squared, P = float(self._squared.value), np.asarray(self._P.value)
+            return float(np.sqrt(max(squared, 0.0))), str(self._first.status), (P + P.T) / 2
+
+    def least_variance(self, model: ErrorModel, level: float) -> tuple[Array, Array]:
+        with self._guard:
+            self._set(model)
+            self._level.value = level**2
+            _solve(self._second)
+            P = np.asarray(self._P.value)
+            return (P + P.T) / 2, np.asarray(self._Q.value)
+
+    def _set(self, model: ErrorModel) -> None:
+        for name, parameter in self._numbers.items():
+            parameter.value = model.L.T @ model.L if name == "LL" else getattr(model, name)
+
+
+@lru_cache(maxsize=32)
+def _problems(shape: tuple[int, int, int, int], form: Form) -> _Problems:
+    return _Problems(shape, form)
+
+
+@dataclass(frozen=True, eq=False)
+class _Units:
+    """Units in which the numbers of a model are of the order of one.
+
+    The states are measured in `states`, (n,), the outputs in `outputs`, (m,), and what L sees in
+    `seen`.
+    """
+
+    states: Array
+    outputs: Array
+    seen: float
+
+    @classmethod
+    def of(cls, model: ErrorModel) -> _Units:
+        """Take the outputs by their noise, and the states by what a Kalman filter makes of them."""
+        Q, R = model.process_covariance, model.measurement_covariance
+        floor = 1e-6 * max(float(np.trace(R)) / len(R), 1e-300)
+        outputs = np.sqrt(np.maximum(np.diag(R), floor))
+        C, R = model.C / outputs[:, None], R / np.outer(outputs, outputs)
+        P = Q + 1e-12 * float(np.trace(Q)) * np.eye(len(Q))
+        for _ in range(_KALMAN_STEPS):
+            S = C @ P @ C.T + R + 1e-9 * np.eye(len(R))
+            P = model.A @ (P - P @ C.T @ np.linalg.solve(S, C @ P)) @ model.A.T + Q
+            P = (P + P.T) / 2
+        sizes = np.sqrt(np.maximum(np.diag(P), 1e-12 * max(float(np.trace(P)), 1e-300)))
+        if not np.isfinite(sizes).all() or not sizes.any():
+            sizes = np.ones(len(Q))
+        seen = float(np.linalg.norm(model.L * sizes, 2)) or 1.0
+        if not model.measurement_covariance.any():
+            outputs = np.linalg.norm(model.C * sizes, axis=1)
+            outputs = np.where(outputs > 0, outputs, 1.0)
+        return cls(sizes, outputs, seen)
+
+    def scaled(self, model: ErrorModel) -> ErrorModel:
+        """Return the model in these units."""
+        t, o = self.states, self.outputs
+        return ErrorModel(
+            A=model.A * t / t[:, None], B=model.B / t[:, None], C=model.C * t / o[:, None],
+            D=model.D / o[:, None], L=model.L * t / self.seen, E=model.E * t / t[:, None],
+            period=model.period,
+        )  # fmt: skip
+
+
+def _square_root(P: Array) -> Array:
+    """Return the symmetric square root of a positive definite matrix, rounding mended."""
+    values, vectors = np.linalg.eigh(P)
+    roots = np.sqrt(np.maximum(values, 1e-10 * values.max()))
+    return np.asarray((vectors * roots) @ vectors.T)
+
+
+def _in_other_states(model: ErrorModel, S: Array) -> ErrorModel:
+    """Return the model for the states S x."""
+    back = np.linalg.inv(S)
+    return ErrorModel(
+        A=S @ model.A @ back, B=S @ model.B, C=model.C @ back, D=model.D, L=model.L @ back,
+        E=S @ model.E @ back, period=model.period,
+    )  # fmt: skip
+
+
+def _symmetric(matrix: Any) -> Any:
+    return (matrix + matrix.T) / 2
+
+
+def _solve(problem: Any) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # an inaccurate answer is judged by its certificate
+        try:
+            problem.solve(solver=cp.CLARABEL)
+        except cp.SolverError as error:
+            raise InfeasibleDesignError(f"The solver failed on the inequality: {error}.") from None
+    if problem.status not in ("optimal", "optimal_inaccurate"):
+        raise InfeasibleDesignError(
+            f"No solution of the inequality was found: the solver says {problem.status}."
+        )

@@ -1,0 +1,244 @@
+"""Worst-case gains of linear systems, computed without the convex problems they are to certify."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.linalg import LinAlgError, cho_factor, cho_solve, eigvals
+from scipy.optimize import minimize_scalar
+
+from inswsn_lib.errors import ParameterError
+
+Array = NDArray[np.float64]
+
+_ON_CIRCLE = 1e-7
+_SWEEP = 512
+_REFINED = 8
+_DOUBLINGS = 12
+
+
+def spectral_radius(A: ArrayLike) -> float:
+    """Return the largest modulus of the eigenvalues of a square matrix."""
+    return float(np.abs(np.linalg.eigvals(np.asarray(A, dtype=float))).max())
+
+
+def largest_singular_value(A: ArrayLike, B: ArrayLike, C: ArrayLike, angles: ArrayLike) -> Array:
+    r"""Return the largest singular value of :math:`C (e^{j\omega} I - A)^{-1} B`.
+
+    Parameters
+    ----------
+    A, B, C : array_like, (n, n), (n, p), (l, n)
+        The system.
+    angles : array_like, (k,)
+        Frequencies, radians per sample.
+
+    Returns
+    -------
+    ndarray, (k,)
+    """
+    A, B, C = (np.asarray(matrix, dtype=float) for matrix in (A, B, C))
+    z = np.exp(1j * np.asarray(angles, dtype=float))[:, None, None]
+    response = C @ np.linalg.solve(
+        z * np.eye(len(A)) - A, np.broadcast_to(B, (z.shape[0], *B.shape))
+    )
+    return np.asarray(np.linalg.svd(response, compute_uv=False)[:, 0])
+
+
+def hinf_norm(A: ArrayLike, B: ArrayLike, C: ArrayLike, relative: float = 1e-10) -> float:
+    r"""Return the H-infinity norm of :math:`C (zI - A)^{-1} B`.
+
+    A sweep over frequencies gives a lower bound. At a level above it the pencil
+
+    .. math::
+        z \begin{bmatrix} I & -BB'/g^2 \\ 0 & A' \end{bmatrix}
+        - \begin{bmatrix} A & 0 \\ -C'C & I \end{bmatrix}
+
+    has eigenvalues on the unit circle exactly at the frequencies at which a singular value is g.
+    Between them the level is raised, until there are none (Bruinsma and Steinbuch 1990).
+
+    Parameters
+    ----------
+    A, B, C : array_like, (n, n), (n, p), (l, n)
+        The system.
+    relative : float
+        Relative accuracy.
+
+    Returns
+    -------
+    float
+        Infinite if A has an eigenvalue on or outside the unit circle.
+
+    Raises
+    ------
+    ParameterError
+        If shapes do not fit, or an entry is not finite.
+    """
+    A, B, C = _system(A, B, C)
+    if spectral_radius(A) >= 1:
+        return float("inf")
+    level = _top_of_sweep(A, B, C)
+    if level == 0:
+        return 0.0
+    for _ in range(60):
+        crossings = _crossings(A, B, C, level * (1 + 2 * relative))
+        if crossings.size < 2:
+            break
+        middles = (crossings + np.roll(crossings, -1)) / 2
+        middles[-1] += np.pi  # the last interval reaches over the cut at pi
+        raised = float(largest_singular_value(A, B, C, middles).max())
+        if raised <= level * (1 + relative):
+            break
+        level = raised
+    return level
+
+
+def _top_of_sweep(A: Array, B: Array, C: Array) -> float:
+    """Return the largest singular value over a grid of frequencies, its peaks refined."""
+    poles = np.abs(np.angle(np.linalg.eigvals(A)))
+    width = np.maximum(1 - np.abs(np.linalg.eigvals(A)), 1e-12)  # of the peak of a pole
+    near = np.concatenate([poles + k * width for k in (-1, 0, 1)])
+    angles = np.unique(np.clip(np.concatenate([np.linspace(0, np.pi, _SWEEP), near]), 0, np.pi))
+    sizes = largest_singular_value(A, B, C, angles)
+    best = sizes.max()
+    for k in np.argsort(sizes)[-_REFINED:]:
+        around = angles[max(k - 1, 0)], angles[min(k + 1, len(angles) - 1)]
+        peak = minimize_scalar(
+            lambda angle: -largest_singular_value(A, B, C, [angle])[0],
+            bounds=around, method="bounded", options={"xatol": 1e-12},
+        )  # fmt: skip
+        best = max(best, -peak.fun)
+    return float(best)
+
+
+def _crossings(A: Array, B: Array, C: Array, level: float) -> Array:
+    """Return the frequencies, in order, at which a singular value is `level`."""
+    n = len(A)
+    eye, zero = np.eye(n), np.zeros((n, n))
+    left = np.block([[A, zero], [-C.T @ C, eye]])
+    right = np.block([[eye, -B @ B.T / level**2], [zero, A.T]])
+    values = eigvals(left, right)
+    values = values[np.isfinite(values)]
+    return np.sort(np.angle(values[np.abs(np.abs(values) - 1) < _ON_CIRCLE]))
+
+
+def riccati_gain_below(
+    A: ArrayLike, E: ArrayLike, B: ArrayLike, L: ArrayLike, gain: float, iterations: int = 20_000
+) -> bool:
+    r"""Tell whether a system with multiplicative noise is stable with a gain below a number.
+
+    The plant is :math:`x^+ = (A + E\beta) x + B s`, :math:`z = L x`, with :math:`\beta` white of
+    unit variance. The iteration
+
+    .. math::
+        P^+ = A'PA + E'PE + L'L + A'PB (g^2 I - B'PB)^{-1} B'PA
+
+    from P = 0 rises. If the plant is mean-square stable, it converges with
+    :math:`g^2 I - B'PB > 0` for every g above the gain, and for none below it (El Bouhtouri,
+    Hinrichsen and Pritchard 1999). It converges slowly if g is near the gain, or the plant near
+    instability.
+
+    Parameters
+    ----------
+    A, E, B, L : array_like, (n, n), (n, n), (n, p), (l, n)
+        The system.
+    gain : float
+        g.
+    iterations : int
+        After which a sequence that still moves counts as one that does not converge.
+    """
+    A, B, L = _system(A, B, L)
+    E = np.asarray(E, dtype=float)
+    if mean_square_radius(A, E) >= 1:
+        return False
+    P, source = np.zeros_like(A), L.T @ L
+    for _ in range(iterations):
+        PB = P @ B
+        try:
+            factor = cho_factor(gain**2 * np.eye(B.shape[1]) - B.T @ PB)
+        except LinAlgError:
+            return False
+        APB = A.T @ PB
+        new = A.T @ P @ A + E.T @ P @ E + source + APB @ cho_solve(factor, APB.T)
+        new = (new + new.T) / 2
+        if not np.isfinite(new).all():
+            return False
+        # entry by entry: a mode that L hardly sees may still move
+        size = np.sqrt(np.abs(np.outer(np.diag(new), np.diag(new))))
+        if (np.abs(new - P) <= 1e-12 * size).all():
+            return True
+        P = new
+    return False
+
+
+def mean_square_radius(A: ArrayLike, E: ArrayLike) -> float:
+    """Return the spectral radius of A (x) A + E (x) E: below 1 for mean-square stability.
+
+    Parameters
+    ----------
+    A, E : array_like, (n, n)
+        Of the plant x+ = (A + E beta) x, with beta white of unit variance.
+    """
+    a, e = np.asarray(A, dtype=float), np.asarray(E, dtype=float)
+    return spectral_radius(np.kron(a, a) + np.kron(e, e))
+
+
+def stochastic_gain(
+    A: ArrayLike, E: ArrayLike, B: ArrayLike, L: ArrayLike, relative: float = 1e-6
+) -> float:
+    """Return the gain of a system with multiplicative noise by bisection on the Riccati iteration.
+
+    Parameters
+    ----------
+    A, E, B, L : array_like, (n, n), (n, n), (n, p), (l, n)
+        The system of `riccati_gain_below`.
+    relative : float
+        Relative accuracy; for a plant near instability it is not reached, and the result is on the
+        safe side.
+
+    Returns
+    -------
+    float
+        An upper bound; infinite if the system is not mean-square stable.
+
+    Raises
+    ------
+    ParameterError
+        If the plant is so near instability that the iteration does not tell.
+    """
+    A, B, L = _system(A, B, L)
+    E = np.asarray(E, dtype=float)
+    if mean_square_radius(A, E) >= 1:
+        return float("inf")
+    low = hinf_norm(A, B, L)  # beta = 0 in the mean: the gain cannot be smaller
+    if low == 0:
+        return 0.0
+    high = low * (1 + relative)
+    for _ in range(_DOUBLINGS):
+        if riccati_gain_below(A, E, B, L, high):
+            break
+        low, high = high, 2 * high
+    else:
+        raise ParameterError("A, E", "too near instability", "farther from it")
+    while high > low * (1 + relative):
+        middle = (low * high) ** 0.5
+        if riccati_gain_below(A, E, B, L, middle):
+            high = middle
+        else:
+            low = middle
+    return high
+
+
+def _system(A: ArrayLike, B: ArrayLike, C: ArrayLike) -> tuple[Array, Array, Array]:
+    matrices = [np.asarray(matrix, dtype=float) for matrix in (A, B, C)]
+    n = len(matrices[0])
+    shapes = [matrix.shape for matrix in matrices]
+    if (
+        any(matrix.ndim != 2 for matrix in matrices)
+        or shapes[0] != (n, n)
+        or shapes[1][0] != n
+        or shapes[2][1] != n
+    ):
+        raise ParameterError("A, B, C", shapes, "(n, n), (n, p), (l, n)")
+    if not all(np.isfinite(matrix).all() for matrix in matrices):
+        raise ParameterError("A, B, C", "not finite", "finite")
+    return matrices[0], matrices[1], matrices[2]

@@ -1,0 +1,31 @@
+"""Simulation of P1's scene: a path, a two-dimensional INS, and a sensor network with geometry."""
+
+from inswsn_lib.simulation.ins import InertialErrors, simulate_ins, true_increments
+from inswsn_lib.simulation.network import (
+    Ranging,
+    measure_ranges,
+    multilaterate,
+    node_grid,
+    nodes_heard,
+    position_covariance,
+)
+from inswsn_lib.simulation.scenario import Scene, Setting, Window, load_scenario
+from inswsn_lib.simulation.trajectory import Motion, Path
+
+__all__ = [
+    "InertialErrors",
+    "Motion",
+    "Path",
+    "Ranging",
+    "Scene",
+    "Setting",
+    "Window",
+    "load_scenario",
+    "measure_ranges",
+    "multilaterate",
+    "node_grid",
+    "nodes_heard",
+    "position_covariance",
+    "simulate_ins",
+    "true_increments",
+]

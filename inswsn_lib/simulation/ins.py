@@ -1,0 +1,128 @@
+"""A two-dimensional inertial system: sensors with errors, and what integrates them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from inswsn_lib.errors import ParameterError
+from inswsn_lib.simulation.trajectory import Motion
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class InertialErrors:
+    """The errors of two accelerometers and a yaw gyro, and of what the INS starts from.
+
+    Attributes
+    ----------
+    accelerometer_bias : tuple of two floats
+        Along and across the vehicle (left positive), m/s^2.
+    accelerometer_scale : tuple of two floats
+        Scale factor errors, 1.
+    accelerometer_noise : float
+        Velocity random walk, m/s per sqrt(s).
+    gyro_bias : float
+        rad/s.
+    gyro_scale : float
+        Scale factor error, 1.
+    gyro_noise : float
+        Angle random walk, rad per sqrt(s).
+    position, velocity : tuple of two floats
+        Errors at the start in the frame of the scene, m and m/s.
+    heading : float
+        Error at the start, rad.
+    """
+
+    accelerometer_bias: tuple[float, float] = (0.0, 0.0)
+    accelerometer_scale: tuple[float, float] = (0.0, 0.0)
+    accelerometer_noise: float = 0.0
+    gyro_bias: float = 0.0
+    gyro_scale: float = 0.0
+    gyro_noise: float = 0.0
+    position: tuple[float, float] = (0.0, 0.0)
+    velocity: tuple[float, float] = (0.0, 0.0)
+    heading: float = 0.0
+
+
+def true_increments(motion: Motion) -> tuple[Array, Array]:
+    """Return what ideal sensors integrate over each sampling interval of a motion.
+
+    Parameters
+    ----------
+    motion : Motion
+        With steps + 1 samples.
+
+    Returns
+    -------
+    velocity : ndarray, (steps, 2)
+        The change of velocity in the body frame at the middle heading of the interval, m/s: along
+        and to the left.
+    angle : ndarray, (steps,)
+        The change of heading, rad.
+    """
+    change = np.diff(motion.velocity, axis=0)
+    middle = (motion.heading[1:] + motion.heading[:-1]) / 2
+    c, s = np.cos(middle), np.sin(middle)
+    along = c * change[:, 0] + s * change[:, 1]
+    across = -s * change[:, 0] + c * change[:, 1]
+    return np.stack([along, across], axis=1), np.diff(motion.heading)
+
+
+def simulate_ins(motion: Motion, errors: InertialErrors, noise: ArrayLike | None = None) -> Array:
+    r"""Integrate erroneous sensors along a motion, for any number of runs at once.
+
+    .. math::
+        \psi^+ = \psi + \Delta\psi, \quad
+        v^+ = v + R\!\left(\tfrac{\psi + \psi^+}{2}\right) \Delta v, \quad
+        p^+ = p + \tfrac12 (v + v^+) \Delta t
+
+    Parameters
+    ----------
+    motion : Motion
+        The truth, at the rate of the sensors.
+    errors : InertialErrors
+        The errors; those that are constant are the same in every run.
+    noise : array_like, (steps - 1, 3, runs), optional
+        Standard normal numbers for the two accelerometers and the gyro. Default: one run without.
+
+    Returns
+    -------
+    ndarray, (steps, 4, runs)
+        x, y (m), v_x, v_y (m/s) by the INS alone.
+
+    Raises
+    ------
+    ParameterError
+        If the noise does not fit the motion.
+    """
+    velocity, angle = true_increments(motion)
+    dt = np.diff(motion.time)
+    normal = np.zeros((len(dt), 3, 1)) if noise is None else np.asarray(noise, dtype=float)
+    if normal.ndim != 3 or normal.shape[:2] != (len(dt), 3):
+        raise ParameterError("noise", f"of shape {normal.shape}", f"({len(dt)}, 3, runs)")
+    root = np.sqrt(dt)
+    steady = velocity * (1 + np.array(errors.accelerometer_scale)) + dt[:, None] * np.array(
+        errors.accelerometer_bias
+    )
+    turned = angle * (1 + errors.gyro_scale) + dt * errors.gyro_bias
+    start = motion.heading[0] + errors.heading
+    heading = np.empty((len(dt) + 1, normal.shape[2]))
+    heading[0] = start
+    steps = turned[:, None] + errors.gyro_noise * root[:, None] * normal[:, 2]
+    heading[1:] = start + np.cumsum(steps, axis=0)
+    middle = (heading[1:] + heading[:-1]) / 2
+    c, s = np.cos(middle), np.sin(middle)
+    pushed = steady[:, :, None] + errors.accelerometer_noise * root[:, None, None] * normal[:, :2]
+    out = np.empty((len(dt) + 1, 4, normal.shape[2]))
+    out[0, :2] = (motion.position[0] + np.array(errors.position))[:, None]
+    out[0, 2:] = (motion.velocity[0] + np.array(errors.velocity))[:, None]
+    out[1:, 2] = c * pushed[:, 0] - s * pushed[:, 1]
+    out[1:, 3] = s * pushed[:, 0] + c * pushed[:, 1]
+    np.cumsum(out[:, 2:], axis=0, out=out[:, 2:])
+    out[1:, :2] = dt[:, None, None] * (out[1:, 2:] + out[:-1, 2:]) / 2
+    np.cumsum(out[:, :2], axis=0, out=out[:, :2])
+    return out

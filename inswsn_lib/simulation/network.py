@@ -1,0 +1,225 @@
+"""A wireless sensor network: reference nodes, ranges, and the position that follows from them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from inswsn_lib.errors import ParameterError
+
+Array = NDArray[np.float64]
+
+_ITERATIONS = 200  # most fixes need five; beside a node that is nearer than the noise, it is slow
+_DAMPING, _STUCK, _GRADIENT, _FLAT = 0.1, 1e6, 1e-7, 1e-4
+
+
+def node_grid(corner: ArrayLike, size: tuple[float, float], spacing: float) -> Array:
+    """Return reference nodes on a square grid that fills a rectangle, its edges included.
+
+    Parameters
+    ----------
+    corner : array_like, (2,)
+        Lower left corner, m.
+    size : tuple of two floats
+        Width and height, m.
+    spacing : float
+        m.
+
+    Returns
+    -------
+    ndarray, (nodes, 2)
+
+    Raises
+    ------
+    ParameterError
+        If the spacing is not positive.
+    """
+    if not spacing > 0:
+        raise ParameterError("spacing", spacing, "positive")
+    x, y = (np.arange(0, length + spacing / 1e6, spacing) for length in size)
+    grid = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    return np.asarray(grid + np.asarray(corner, dtype=float))
+
+
+@dataclass(frozen=True)
+class Ranging:
+    """How a range is measured.
+
+    Attributes
+    ----------
+    reach : float
+        Nodes within this distance are heard, m.
+    noise : float
+        Standard deviation of a range, m.
+    dropout : float
+        Probability that a range is lost.
+    outlier : float
+        Probability that a range is an outlier.
+    outlier_scale : float
+        Mean excess of an outlier, m: it is late, never early (exponential).
+    """
+
+    reach: float
+    noise: float
+    dropout: float = 0.0
+    outlier: float = 0.0
+    outlier_scale: float = 0.0
+
+
+def nodes_heard(nodes: Array, position: Array, reach: float) -> Array:
+    """Return the nodes within reach of a position.
+
+    Parameters
+    ----------
+    nodes : ndarray, (nodes, 2)
+        m.
+    position : ndarray, (2,)
+        m.
+    reach : float
+        m.
+
+    Returns
+    -------
+    ndarray, (heard, 2)
+    """
+    return np.asarray(nodes[np.hypot(*(nodes - position).T) <= reach])
+
+
+def measure_ranges(
+    nodes: Array, position: Array, ranging: Ranging, rng: np.random.Generator, runs: int
+) -> Array:
+    """Draw the ranges to all nodes that are heard.
+
+    Parameters
+    ----------
+    nodes : ndarray, (heard, 2)
+        From `nodes_heard`, m.
+    position : ndarray, (2,)
+        The truth, m.
+    ranging : Ranging
+        How.
+    rng : numpy.random.Generator
+        The stream.
+    runs : int
+        How many independent draws.
+
+    Returns
+    -------
+    ndarray, (heard, runs)
+        m; NaN where lost.
+    """
+    distances = np.hypot(*(nodes - position).T)[:, None]
+    shape = (len(nodes), runs)
+    # a stream for each purpose: with outliers and without, the noise is the same
+    noises, outliers, dropouts = rng.spawn(3)
+    ranges = distances + ranging.noise * noises.standard_normal(shape)
+    if ranging.outlier > 0:
+        late = outliers.random(shape) < ranging.outlier
+        ranges += late * outliers.exponential(ranging.outlier_scale, shape)
+    if ranging.dropout > 0:
+        ranges[dropouts.random(shape) < ranging.dropout] = np.nan
+    return np.asarray(ranges)
+
+
+def multilaterate(nodes: Array, ranges: Array) -> Array:
+    r"""Return the least-squares position of each run by damped Gauss-Newton iteration.
+
+    It minimises :math:`\sum_i (r_i - |p - n_i|)^2` over the ranges that are there, from the
+    solution of the linear problem that differences of squared ranges pose.
+
+    Parameters
+    ----------
+    nodes : ndarray, (heard, 2)
+        m.
+    ranges : ndarray, (heard, runs)
+        m; NaN where lost.
+
+    Returns
+    -------
+    ndarray, (2, runs)
+        m; NaN where fewer than three ranges are there, or the nodes lie almost on a line. The cost
+        never rises, so that an outlier cannot send a fix to infinity; with gross outliers it may be
+        a local minimum.
+    """
+    there = ~np.isnan(ranges)
+    r = np.where(there, ranges, 0.0)
+    weight = there.astype(float)
+    enough = there.sum(axis=0) >= 3
+    centre, position = _linear_start(nodes, r, weight)
+    damping = np.zeros(ranges.shape[1])
+    cost, gradient, step = _newton(nodes, r, weight, position, damping)
+    for _ in range(_ITERATIONS):
+        tried = position + np.where(np.isfinite(step), step, 0.0)
+        new_cost, *_ = _newton(nodes, r, weight, tried, damping)
+        better = new_cost < cost
+        position = np.where(better, tried, position)
+        # a step that makes it worse is tried again, shorter
+        damping = np.where(better, damping / 10, np.clip(10 * damping, _DAMPING, 10 * _STUCK))
+        cost, gradient, step = _newton(nodes, r, weight, position, damping)
+        # at a node the cost has a cusp: there no step, however short, makes it smaller
+        settled = (np.abs(gradient).max(axis=0) < _GRADIENT) | (damping > _STUCK)
+        if settled[enough].all():
+            break
+    position[:, ~(enough & np.isfinite(centre).all(axis=0))] = np.nan
+    return position
+
+
+def _newton(
+    nodes: Array, r: Array, weight: Array, position: Array, damping: Array
+) -> tuple[Array, Array, Array]:
+    """Return the cost, its gradient (2, runs) and the damped Gauss-Newton step (2, runs)."""
+    away = position[None] - nodes[:, :, None]
+    distance = np.maximum(np.hypot(away[:, 0], away[:, 1]), 1e-9)
+    direction = away / distance[:, None]
+    miss = weight * (r - distance)
+    gradient = (direction * miss[:, None]).sum(axis=0)
+    step = _solve_two(direction, weight, miss, damping)
+    return (miss**2).sum(axis=0), gradient, step
+
+
+def position_covariance(nodes: Array, position: Array, noise: float) -> Array:
+    r"""Return the covariance :math:`\sigma^2 (H'H)^{-1}` of a multilaterated position.
+
+    Parameters
+    ----------
+    nodes : ndarray, (heard, 2)
+        m.
+    position : ndarray, (2,)
+        m.
+    noise : float
+        Standard deviation of a range, m.
+
+    Returns
+    -------
+    ndarray, (2, 2)
+        m^2, to first order in the noise.
+    """
+    away = position - nodes
+    H = away / np.hypot(*away.T)[:, None]
+    return np.asarray(noise**2 * np.linalg.inv(H.T @ H))
+
+
+def _linear_start(nodes: Array, r: Array, weight: Array) -> tuple[Array, Array]:
+    """Solve |p - n_i|^2 = r_i^2 less its mean over i, which is linear in p."""
+    count = np.maximum(weight.sum(axis=0), 1)
+    mean_node = nodes.T @ weight / count
+    square = (nodes**2).sum(axis=1)[:, None] - r**2
+    mean_square = (weight * square).sum(axis=0) / count
+    rows = nodes[:, :, None] - mean_node[None]
+    start = _solve_two(rows, weight, weight * (square - mean_square) / 2)
+    return start, np.where(np.isfinite(start), start, mean_node)
+
+
+def _solve_two(rows: Array, weight: Array, right: Array, damping: Array | float = 0.0) -> Array:
+    """Return the weighted least-squares solution in two unknowns of every run, or NaN."""
+    a = (weight * rows[:, 0] ** 2).sum(axis=0)
+    b = (weight * rows[:, 0] * rows[:, 1]).sum(axis=0)
+    d = (weight * rows[:, 1] ** 2).sum(axis=0)
+    u, v = (rows[:, 0] * right).sum(axis=0), (rows[:, 1] * right).sum(axis=0)
+    # nodes almost on a line leave the side of it open
+    flat = a * d - b * b <= _FLAT * np.maximum(a + d, 1e-300) ** 2
+    a, d = a * (1 + damping) + damping, d * (1 + damping) + damping
+    safe = np.where(flat & (np.asarray(damping) == 0), np.nan, a * d - b * b)
+    return np.stack([(d * u - b * v) / safe, (a * v - b * u) / safe])

@@ -1,0 +1,39 @@
+"""Metrics by hand."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from inswsn_lib.errors import ParameterError
+from inswsn_lib.evaluation import (
+    largest_error,
+    mean_absolute_error,
+    root_mean_square_error,
+    spread,
+)
+
+ERRORS = np.array([[[3.0, 1.0]], [[-4.0, np.nan]], [[0.0, -1.0]]])
+
+
+def test_by_hand() -> None:
+    assert mean_absolute_error(ERRORS)[0] == pytest.approx([7 / 3, 1])
+    assert root_mean_square_error(ERRORS)[0] == pytest.approx([(25 / 3) ** 0.5, 1])
+    assert largest_error(ERRORS)[0] == pytest.approx([4, 1])
+
+
+def test_gaussian_errors_have_the_mean_of_the_half_normal_law() -> None:
+    errors = np.random.default_rng(12).standard_normal((20_000, 1, 40))
+    assert mean_absolute_error(errors).mean() == pytest.approx((2 / np.pi) ** 0.5, abs=3e-3)
+
+
+def test_spread_of_a_ramp() -> None:
+    found = spread(np.vstack([np.arange(1001.0), -np.arange(1001.0)]))
+    assert found.median == pytest.approx([500, -500])
+    assert found.low == pytest.approx([25, -975])
+    assert found.high == pytest.approx([975, -25])
+
+
+def test_too_few_runs_have_no_spread() -> None:
+    with pytest.raises(ParameterError, match="40 or more runs"):
+        spread(np.zeros((2, 39)))

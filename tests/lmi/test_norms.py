@@ -1,0 +1,117 @@
+"""Norms against closed forms, another library, and one another."""
+
+from __future__ import annotations
+
+import warnings
+
+import control
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from inswsn_lib.errors import ParameterError
+from inswsn_lib.lmi import (
+    hinf_norm,
+    largest_singular_value,
+    mean_square_radius,
+    riccati_gain_below,
+    spectral_radius,
+    stochastic_gain,
+)
+
+
+def stable_system(seed: int, n: int, p: int, q: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(seed)
+    A = rng.normal(size=(n, n))
+    A *= rng.uniform(0.05, 0.98) / spectral_radius(A)
+    return A, rng.normal(size=(n, p)), rng.normal(size=(q, n))
+
+
+def test_a_first_order_lag_by_hand() -> None:
+    # |1 / (e^jw - a)| is largest at w = 0 for a > 0, at w = pi for a < 0
+    for a in (0.9, -0.9, 0.0, 0.5):
+        assert hinf_norm([[a]], [[2.0]], [[3.0]]) == pytest.approx(6 / (1 - abs(a)), rel=1e-9)
+
+
+def test_a_sharp_resonance_between_grid_points() -> None:
+    # poles r e^(+-j phi): with C B chosen so that G(z) = 1 / ((z - p)(z - p*))
+    r, phi = 1 - 1e-6, 1.2345
+    A = [[2 * r * np.cos(phi), -(r**2)], [1.0, 0.0]]
+    angles = phi + np.linspace(-5e-6, 5e-6, 20_001)
+    z = np.exp(1j * angles)
+    pole = r * np.exp(1j * phi)
+    peak = np.abs(1 / ((z - pole) * (z - pole.conjugate()))).max()
+    assert hinf_norm(A, [[1.0], [0.0]], [[0.0, 1.0]]) == pytest.approx(peak, rel=1e-6)
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(1, 5), st.integers(1, 3), st.integers(1, 3))
+def test_the_norm_is_the_top_of_a_fine_sweep(seed: int, n: int, p: int, q: int) -> None:
+    A, B, C = stable_system(seed, n, p, q)
+    norm = hinf_norm(A, B, C)
+    sweep = largest_singular_value(A, B, C, np.linspace(0, np.pi, 4001)).max()
+    assert sweep <= norm * (1 + 1e-9)
+    # a sweep misses at most what the slope allows between its points
+    assert norm <= sweep * 1.01 or spectral_radius(A) > 0.95
+
+
+def test_the_norm_agrees_with_control() -> None:
+    for seed in range(20):
+        A, B, C = stable_system(seed, 4, 2, 2)
+        system = control.ss(A, B, C, np.zeros((2, 2)), True)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            expected = control.norm(system, p="inf", tol=1e-9)
+        assert hinf_norm(A, B, C) == pytest.approx(expected, rel=1e-6)
+
+
+@given(st.integers(0, 2**32 - 1), st.floats(1e-3, 1e3), st.floats(1e-3, 1e3))
+def test_units_scale_the_norm(seed: int, a: float, b: float) -> None:
+    A, B, C = stable_system(seed, 3, 2, 2)
+    scale = np.diag([1.0, a, b])
+    turned = hinf_norm(scale @ A @ np.linalg.inv(scale), scale @ B, C @ np.linalg.inv(scale))
+    assert turned == pytest.approx(hinf_norm(A, B, C), rel=1e-6)
+
+
+def test_an_unstable_system_has_no_norm() -> None:
+    assert hinf_norm([[1.0]], [[1.0]], [[1.0]]) == np.inf
+    assert stochastic_gain([[0.9]], [[0.5]], [[1.0]], [[1.0]]) == np.inf  # 0.81 + 0.25 > 1
+    assert (
+        hinf_norm([[0.5]], [[0.0]], [[1.0]]) == stochastic_gain([[0.5]], [[0]], [[0]], [[1]]) == 0
+    )
+
+
+def test_the_scalar_stochastic_gain_by_hand() -> None:
+    """x+ = (a + e beta) x + s, z = x has the gain 1 / (sqrt(1 - e^2) - |a|)."""
+    for a, e in ((0.0, 0.0), (0.0, 0.3), (0.0, 0.8), (0.5, 0.0), (0.5, 0.3), (-0.2, 0.6)):
+        expected = 1 / ((1 - e**2) ** 0.5 - abs(a))
+        assert stochastic_gain([[a]], [[e]], [[1.0]], [[1.0]]) == pytest.approx(expected, rel=1e-5)
+
+
+def test_a_mode_that_is_hardly_seen_still_counts() -> None:
+    for A, E in ((np.diag([0.5, 1.0]), np.zeros((2, 2))), (np.diag([0.5, 0.9]), np.diag([0, 0.6]))):
+        assert mean_square_radius(A, E) >= 1
+        assert not riccati_gain_below(A, E, np.eye(2), np.diag([1.0, 1e-9]), 3.0)
+
+
+@settings(deadline=None)
+@given(st.integers(0, 2**32 - 1), st.integers(1, 4))
+def test_without_jitter_the_two_routes_agree(seed: int, n: int) -> None:
+    A, B, C = stable_system(seed, n, 2, 2)
+    norm = hinf_norm(A, B, C)
+    zero = np.zeros((n, n))
+    assert riccati_gain_below(A, zero, B, C, norm * 1.01)
+    assert not riccati_gain_below(A, zero, B, C, norm * 0.999)
+
+
+@pytest.mark.parametrize(
+    ("A", "B", "C"),
+    [
+        (np.eye(2), np.ones((3, 1)), np.ones((1, 2))),
+        (np.ones((2, 3)), np.ones((2, 1)), np.ones((1, 2))),
+        (np.full((2, 2), np.nan), np.ones((2, 1)), np.ones((1, 2))),
+    ],
+)
+def test_what_does_not_fit_is_refused(A: np.ndarray, B: np.ndarray, C: np.ndarray) -> None:
+    with pytest.raises(ParameterError, match="A, B, C"):
+        hinf_norm(A, B, C)
