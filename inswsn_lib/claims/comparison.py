@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -42,6 +43,7 @@ class Change:
             f"{field} {getattr(self.before, field)} -> {getattr(self.after, field)}"
             for field in ("unit", "interval_kind", "runs", "basis", "role", "tolerance")
             if getattr(self.before, field) != getattr(self.after, field)
+            and not (field == "tolerance" and _same_tolerance(self.before, self.after))
         ]
         old, new = self.before.interval, self.after.interval
         if old and new and any(abs(b - a) > 1e-12 * abs(a) for a, b in zip(old, new, strict=True)):
@@ -57,9 +59,11 @@ class Change:
         if self.before is None or self.after is None:
             return True
         before, after = self.before, self.after
-        # a reference that had its tolerance widened would vouch for anything
-        fixed = ("unit", "interval_kind", "runs", "basis", "role", "tolerance")
+        fixed = ("unit", "interval_kind", "runs", "basis", "role")
         if any(getattr(before, field) != getattr(after, field) for field in fixed):
+            return True
+        # a reference that had its tolerance widened would vouch for anything
+        if not _same_tolerance(before, after):
             return True
         old = (before.value, *(before.interval or ()))
         new = (after.value, *(after.interval or ()))
@@ -83,6 +87,11 @@ class Change:
             f"(change {difference:+.3g}, tolerance {self.before.tolerance:.3g})"
             + "".join(f"; {other}" for other in others)
         )
+
+
+def _same_tolerance(before: Quantity, after: Quantity) -> bool:
+    # one that is a share of the value carries the value's rounding
+    return math.isclose(before.tolerance, after.tolerance, rel_tol=1e-3)
 
 
 def pair_quantities(before: Results, after: Results) -> list[Change]:

@@ -59,6 +59,8 @@ def test_compare_names_every_change_and_only_those() -> None:
         ({"how": "Otherwise, for a test."}, False),
         ({"role": "input"}, True),
         ({"tolerance": 1e9}, True),
+        ({"tolerance": 0.11}, True),
+        ({"tolerance": 0.1 * (1 + 1e-12)}, False),
     ],
 )
 def test_what_is_beyond_tolerance(changes: dict[str, object], beyond: bool) -> None:
