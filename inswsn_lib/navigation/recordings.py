@@ -37,6 +37,8 @@ _PATIENCE = 2.5
 _FARTHEST = 10_000.0
 # Series that are alike to this cosine may be compared in scale, and differ by a unit beyond this.
 _LIKENESS, _FACTOR = 0.8, 1.6
+# Changes of speed tell a unit by this factor, and if there are this many.
+_GROSS, _FEW = 2.5, 4
 # A ratio is that of two units if it is this near.
 _NEAR = 1.15
 # Displacements are compared over blocks of this length (s); slower than this (m/s) tells nothing.
@@ -319,7 +321,9 @@ def _same_scale(path: Path, one: _Series, other: _Series, known: bool = False) -
     # noise lowers the likeness before it changes the scale by as much as a unit does
     likeness = float(np.sum(one.values * other.values)) / (sizes[0] * sizes[1])
     ratio = sizes[0] / sizes[1]
-    if likeness < _LIKENESS or 1 / _FACTOR <= ratio <= _FACTOR:
+    # few and noisy changes may differ by much: only a gross factor between many tells a unit
+    factor = _GROSS if known else _FACTOR
+    if likeness < _LIKENESS or 1 / factor <= ratio <= factor or (known and count < _FEW):
         return
     near = [
         name
