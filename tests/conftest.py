@@ -10,8 +10,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from hypothesis import settings
 
 from inswsn_lib.artefact.project import Project
+
+# the same examples in every run, and no limit of time that a busy machine could miss
+settings.register_profile("inswsn", derandomize=True, deadline=None)
+settings.load_profile("inswsn")
 
 ROOT = Path(__file__).resolve().parents[1]
 
