@@ -144,12 +144,8 @@ def compare(root: Path | None, before: Path, after: Path) -> None:
 
 
 @cli.command()
-@click.option("--paper", type=click.Choice(["P1", "P2", "P3"]), help="Only claims of this paper.")
-@click.option(
-    "--kind",
-    type=click.Choice(["numeric", "parameter", "qualitative", "formula"]),
-    help="Only claims of this kind.",
-)
+@click.option("--paper", help="Only claims of this paper: P1, P2 or P3.")
+@click.option("--kind", help="Only claims of this kind, such as numeric.")
 @click.option("--verdict", help="Only claims with this verdict, such as 'not reproduced'.")
 @click.option("--json", "as_json", is_flag=True, help="A list of objects, for a program.")
 @click.option(
@@ -172,10 +168,16 @@ def claims(
     from rich.console import Console
 
     from inswsn_lib.artefact.judging import judge_claims, select_claims, show_claims
-    from inswsn_lib.claims import Verdict
+    from inswsn_lib.claims import KINDS, PAPERS, Verdict
 
-    if verdict is not None and verdict not in tuple(Verdict):
-        raise ParameterError("--verdict", verdict, "one of " + ", ".join(map(str, Verdict)))
+    options = (
+        ("paper", paper, PAPERS),
+        ("kind", kind, KINDS),
+        ("verdict", verdict, tuple(Verdict)),
+    )
+    for name, word, words in options:
+        if word is not None and word not in words:
+            raise ParameterError(f"--{name}", word, "one of " + ", ".join(words))
     project = _project(root)
     judged = judge_claims(project, results)
     selected = select_claims(judged, paper=paper, kind=kind, verdict=verdict)

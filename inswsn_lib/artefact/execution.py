@@ -163,7 +163,7 @@ def together(errors: list[BaseException]) -> BaseException:
 def _execute(project: Project, chapter: Chapter, progress: Progress, workers: _Workers) -> Executed:
     """Execute a chapter for the book, and keep it if it may stand there."""
     key = chapter_key(project, chapter, {})
-    executed, results, _ = _run(project, chapter, {}, progress, workers)
+    executed, results, _ = _run(project, chapter, {}, key, progress, workers)
     untrue = [sentence for sentence, held in results.sentences.items() if not held]
     if untrue:
         listing = "\n".join(f"  {sentence}" for sentence in untrue)
@@ -211,8 +211,9 @@ def execute_once(
         If the library refuses, in a cell, what a parameter leads it to; the sentence is its own.
     """
     workers = _Workers()
+    key = chapter_key(project, chapter, dict(parameters))
     try:
-        done = _run(project, chapter, parameters, progress, workers)
+        done = _run(project, chapter, parameters, key, progress, workers)
     except ChapterError as failure:
         if failure.refusal is None:
             raise
@@ -228,6 +229,7 @@ def _run(
     project: Project,
     chapter: Chapter,
     parameters: Mapping[str, Value],
+    key: str,
     progress: Progress,
     workers: _Workers,
 ) -> tuple[Any, Results, dict[str, str]]:
@@ -265,7 +267,8 @@ def _run(
             "cells": recording_cells(executed),
             "provenance": provenance(sources, machine, seconds),
         }
-        if source_facts(project, chapter)["sources"] != sources["sources"]:
+        # the key was taken before anything was read
+        if chapter_key(project, chapter, dict(parameters)) != key:
             raise ChapterError(
                 f"Chapter {chapter.name} changed while it was executed, or the library did; "
                 "run it again."

@@ -10,11 +10,19 @@ from typing import Any
 
 import nbformat
 
-from inswsn_lib.claims import Claim, Judged, Provenance, Results, Verdict, count_verdicts
+from inswsn_lib.claims import (
+    KINDS,
+    PAPERS,
+    Claim,
+    Judged,
+    Provenance,
+    QuantityCheck,
+    Results,
+    Verdict,
+    count_verdicts,
+)
 
-PAPERS = ("P1", "P2", "P3")
 _FEW = 5  # claims that a line may name
-KINDS = ("numeric", "parameter", "qualitative", "formula")
 
 
 def slug(word: str) -> str:
@@ -44,8 +52,8 @@ def with_links_and_provenance(notebook: Any, results: Results, claims: Sequence[
     """
     decided: dict[str, list[Claim]] = {}
     for claim in claims:
-        cell = results.cells.get(getattr(claim.check, "quantity", ""))
-        if cell is not None:
+        if isinstance(claim.check, QuantityCheck) and claim.check.quantity in results.cells:
+            cell = results.cells[claim.check.quantity]
             decided.setdefault(cell, []).append(claim)
     cells = []
     for cell in notebook.cells:

@@ -9,7 +9,9 @@ from inswsn_lib.claims.comparison import (
     pair_quantities,
 )
 from inswsn_lib.claims.ledger import (
+    KINDS,
     LEDGER,
+    PAPERS,
     Claim,
     MissingCheck,
     QuantityCheck,
@@ -36,7 +38,9 @@ from inswsn_lib.claims.verdicts import (
 )
 
 __all__ = [
+    "KINDS",
     "LEDGER",
+    "PAPERS",
     "SCHEMA_VERSION",
     "Change",
     "ChapterRecord",

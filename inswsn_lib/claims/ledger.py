@@ -10,7 +10,7 @@ import re
 from collections.abc import Iterable
 from decimal import Decimal, InvalidOperation
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal, Self, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
@@ -24,6 +24,9 @@ LEDGER = "data/claims.yaml"
 
 Paper = Literal["P1", "P2", "P3"]
 Kind = Literal["numeric", "parameter", "qualitative", "formula"]
+#: The papers and the kinds of claims, in the order in which pages list them
+PAPERS: tuple[str, ...] = get_args(Paper)
+KINDS: tuple[str, ...] = get_args(Kind)
 Text = Annotated[str, Field(min_length=3, pattern=r"^[^\n]+$")]
 Printed = str | list[str] | list[list[str]]
 

@@ -56,8 +56,8 @@ def test_claims_are_selected_and_counted(project: Project) -> None:
     ("words", "said"),
     [
         (["--verdict", "maybe"], "--verdict is 'maybe'; it may be one of reproduced, "),
-        (["--kind", "x"], "'x' is not one of 'numeric', 'parameter', "),
-        (["--paper", "P4"], "'P4' is not one of 'P1', 'P2', 'P3'"),
+        (["--kind", "x"], "--kind is 'x'; it may be one of numeric, parameter, "),
+        (["--paper", "P4"], "--paper is 'P4'; it may be one of P1, P2, P3."),
         (["--results", "nowhere"], "nowhere"),
         (["--results", "chapters"], "by chapter 00, of which there are no results."),
         (["--results", "wrong"], "07.json holds results of chapter 00."),

@@ -82,6 +82,9 @@ def test_the_ledger_says_what_the_second_transcription_says(project: Project) ->
         "P3-N-i78": read["p3"]["outage5_50s"]["improvement_vs_kf"],
     }  # fmt: skip
     assert {name: claims[name].value for name in pairs} == pairs
+    # and the words of a claim hold the number as it is printed
+    for claim in claims.values():
+        assert not isinstance(claim.value, str) or claim.value in claim.says, claim.id
 
 
 @pytest.mark.parametrize(

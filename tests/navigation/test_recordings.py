@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.navigation import INS, REFERENCE, TIME, WSN, read_recording
+from inswsn_lib.parameters import chapter_schema
 
 PERIOD = 0.25
 
@@ -333,3 +334,10 @@ def test_any_bytes_are_read_or_refused(
 def test_the_example_is_what_its_script_makes(root: Path, tmp_path: Path) -> None:
     made = runpy.run_path(str(root / "studies" / "example_recording.py"))["make"]()
     assert made == (root / "data" / "examples" / "ins-wsn.csv").read_text(encoding="utf-8")
+
+
+def test_the_chapter_is_told_the_noise_that_the_example_was_made_with(root: Path) -> None:
+    study = runpy.run_path(str(root / "studies" / "example_recording.py"))
+    told = chapter_schema(root, "90").defaults
+    assert (told["wsn_position_noise"], told["wsn_velocity_noise"]) == study["FIX_NOISE"]
+    assert told["acceleration_noise"] == study["ACCELERATION_NOISE"]
