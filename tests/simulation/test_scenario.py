@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import runpy
 from dataclasses import replace
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -148,6 +149,18 @@ def test_settings_that_cannot_be(root: Path, name: str, value: object) -> None:
     changed = settings[name].model_copy(update={"value": value})
     with pytest.raises(ParameterError, match=name):
         Scene.from_settings(settings | {name: changed}, InertialErrors())
+
+
+def test_the_path_is_the_candidate_that_its_study_names(
+    root: Path, scene: Scene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One candidate of the search, the winner, drawn and fitted again."""
+    monkeypatch.syspath_prepend(str(root / "studies"))
+    study = runpy.run_path(str(root / "studies" / "choose_path.py"))
+    winner = next(islice(study["candidates"](), 1426, None))
+    assert winner.waypoints.round(1).tolist() == [list(point) for point in scene.waypoints]
+    assert (round(winner.lead, 2), round(winner.between, 2)) == (scene.lead, scene.between)
+    assert study["residual"](winner) == pytest.approx(0.2524, abs=2e-3)
 
 
 def test_the_calibration_is_what_its_script_finds(root: Path, scene: Scene) -> None:
