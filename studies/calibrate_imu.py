@@ -8,9 +8,9 @@ and position. The motion is without noise. The sum of the squared logarithms of 
 is minimised from many starting points within bounds, and the best is kept.
 
 The path, and the times before and between the areas, are not fitted here, but they were chosen with
-the same cells in view by `choose_path`: of 2,714 random paths that keep to the printed sizes this one left the
-smallest residual. With two corners and two times that makes fifteen numbers for fourteen cells, and
-the residual that is left says how far these cells are from one another.
+the same cells in view by `choose_path`: of 2,714 random paths that keep to the printed sizes this
+one left the smallest residual. With two corners and two times that makes fifteen numbers for
+fourteen cells, and the residual that is left says how far these cells are from one another.
 
 No other cells are looked at.
 """

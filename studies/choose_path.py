@@ -5,8 +5,8 @@
 P1 shows its path in a figure that is lost. Random paths from its start to its end with two or three
 corners are tried, with random times before the first area and between the areas. A candidate that
 leaves the scene, is shorter than its windows, or does not cross the areas within their printed
-sizes is dropped. To each of the others the nine numbers of `calibrate_imu` are fitted from four starting
-points, and each candidate that is better than all before it is printed.
+sizes is dropped. To each of the others the nine numbers of `calibrate_imu` are fitted from four
+starting points, and each candidate that is better than all before it is printed.
 
 The path of data/scenarios/p1.yaml is candidate 1427 of the first 2,714, to one decimal. All of them
 take a quarter of an hour. A test draws that candidate again and compares.
