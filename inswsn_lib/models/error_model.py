@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Self
 
 import numpy as np
@@ -81,6 +81,28 @@ class ErrorModel:
         """R = D D', (m, m)."""
         return self.D @ self.D.T
 
+    def with_covariances(self, process: ArrayLike, measurement: ArrayLike) -> Self:
+        """Return the model with other noise: B and D such that Q = B B' and R = D D'.
+
+        B and D are the symmetric square roots, (n, n) and (m, m). Only the products matter to a
+        filter.
+
+        Parameters
+        ----------
+        process : array_like, (n, n)
+            Q, the covariance of the process noise of a period.
+        measurement : array_like, (m, m)
+            R, the covariance of the measurement noise.
+
+        Raises
+        ------
+        ParameterError
+            If one has another shape, or is not symmetric and positive semidefinite.
+        """
+        B = _root("process", process, len(self.A))
+        D = _root("measurement", measurement, len(self.C))
+        return replace(self, B=B, D=D)
+
     @classmethod
     def p1(
         cls,
@@ -142,3 +164,15 @@ def _matrix(name: str, value: Any) -> Array:
     if matrix.ndim != 2 or not np.isfinite(matrix).all():
         raise ParameterError(name, f"of shape {matrix.shape}", "a matrix of finite numbers")
     return matrix
+
+
+def _root(name: str, covariance: ArrayLike, size: int) -> Array:
+    """Return the symmetric square root of a covariance."""
+    matrix = _matrix(name, covariance)
+    largest = np.abs(matrix).max(initial=0.0)
+    if matrix.shape != (size, size):
+        raise ParameterError(name, f"of shape {matrix.shape}", f"({size}, {size})")
+    values, vectors = np.linalg.eigh((matrix + matrix.T) / 2)
+    if np.abs(matrix - matrix.T).max() > 1e-9 * largest or values[0] < -1e-9 * largest:
+        raise ParameterError(name, "not a covariance", "symmetric and positive semidefinite")
+    return np.asarray((vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T)

@@ -85,6 +85,36 @@ def load_scenario(path: FilePath) -> dict[str, Setting]:
     return settings
 
 
+def with_values(
+    settings: Mapping[str, Setting], why: str = "Set for this run.", **values: Any
+) -> dict[str, Setting]:
+    """Return settings of which some have other values; those that change become ``assumed``.
+
+    Parameters
+    ----------
+    settings : mapping of str to Setting
+        From `load_scenario`.
+    why : str
+        The reason that the changed settings give.
+    **values
+        New values by name. One that equals the old value leaves the setting as it is.
+
+    Raises
+    ------
+    ParameterError
+        If there is no setting of a name.
+    """
+    changed = dict(settings)
+    for name, value in values.items():
+        if name not in changed:
+            raise ParameterError("setting", name, f"one of {', '.join(sorted(changed))}")
+        old = changed[name]
+        if value != old.value:
+            fields_of = {"value": value, "unit": old.unit, "source": "assumed", "why": why}
+            changed[name] = Setting.model_validate(fields_of)
+    return changed
+
+
 @dataclass(frozen=True)
 class Window:
     """A stretch of samples at a constant period.

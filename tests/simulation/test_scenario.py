@@ -12,7 +12,13 @@ import pytest
 
 from inswsn_lib.errors import InswsnError, ParameterError
 from inswsn_lib.evaluation import monte_carlo
-from inswsn_lib.simulation import InertialErrors, Scene, load_scenario, simulate_ins
+from inswsn_lib.simulation import (
+    InertialErrors,
+    Scene,
+    load_scenario,
+    simulate_ins,
+    with_values,
+)
 
 
 @pytest.fixture(scope="module")
@@ -184,3 +190,14 @@ def test_the_calibration_is_what_its_script_finds(root: Path, scene: Scene) -> N
                 values = list(getattr(scene.inertial, name))
                 values[axis] += sign * step
                 assert residual(replace(scene.inertial, **{name: tuple(values)})) > kept
+
+
+def test_a_changed_setting_says_that_it_is_assumed(root: Path) -> None:
+    settings = load_scenario(root / "data/scenarios/p1.yaml")
+    changed = with_values(settings, speed=7.5, noise=0.5)
+    assert changed["speed"] is settings["speed"]  # 7.5 is what it was
+    assert (changed["noise"].value, changed["noise"].source) == (0.5, "assumed")
+    assert changed["noise"].unit == settings["noise"].unit
+    assert settings["noise"].value == 0.38
+    with pytest.raises(ParameterError, match="setting is 'sped'"):
+        with_values(settings, sped=1.0)
