@@ -27,7 +27,10 @@ from inswsn_lib.simulation.trajectory import Motion, Path
 Array = NDArray[np.float64]
 
 _COUNTS = ("training_samples", "outage_samples", "velocity_fixes")
-_POSITIVE = ("radius", "speed", "periods", "area_sizes", "spacing", "reach", "inertial_interval")
+_POSITIVE = (
+    *("size", "radius", "speed", "periods", "area_sizes", "spacing", "reach"),
+    "inertial_interval",
+)
 _NOT_NEGATIVE = (
     *("lead", "between", "jitter", "noise", "outlier_scale", "velocity_noise"),
     *("accelerometer_noise", "gyro_noise"),
@@ -149,6 +152,8 @@ class Scene:
 
     Attributes
     ----------
+    size : tuple of two floats
+        Width and height of the scene, m.
     waypoints, radius, speed
         The path, m and m/s; see `Path.through`.
     lead, between : float
@@ -179,6 +184,7 @@ class Scene:
         Sampling interval of the inertial sensors, s.
     """
 
+    size: tuple[float, float]
     waypoints: tuple[tuple[float, float], ...]
     radius: float
     speed: float
@@ -259,12 +265,17 @@ class Scene:
 
     @cached_property
     def nodes(self) -> dict[str, Array]:
-        """The reference nodes of each area: a grid whose middle is that of the path inside it."""
+        """The reference nodes of each area: a grid around the path inside it, within the scene.
+
+        Its middle is that of the path, or as near to that as the edges of the scene allow.
+        """
         found = {}
         for name, size in zip(("area1", "area2"), self.area_sizes, strict=True):
             inside = self.path.drive(self.speed, self.windows[name].times).position
             middle = (inside.min(axis=0) + inside.max(axis=0)) / 2
-            found[name] = node_grid(middle - size / 2, (size, size), self.spacing)
+            room = np.maximum(np.array(self.size) - size, 0.0)
+            corner = np.clip(middle - size / 2, 0.0, room)
+            found[name] = node_grid(corner, (size, size), self.spacing)
         return found
 
     def simulate(self, rng: np.random.Generator, runs: int) -> dict[str, Array]:

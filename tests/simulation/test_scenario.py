@@ -51,6 +51,8 @@ def test_each_window_lies_in_its_area(scene: Scene) -> None:
         assert (np.ptp(inside, axis=0) <= size).all()
         assert (nodes.min(axis=0) <= inside.min(axis=0)).all()
         assert (nodes.max(axis=0) >= inside.max(axis=0)).all()
+        assert (nodes >= 0).all()
+        assert (nodes <= scene.size).all()
 
 
 def test_fixes_are_accurate_to_the_printed_20_cm(scene: Scene) -> None:
