@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
 from inswsn_lib.errors import ParameterError
 
-Array = NDArray[np.float64]
 
-
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Tuning:
     """The trials of one method.
 
@@ -23,13 +19,13 @@ class Tuning:
         The method.
     candidates : tuple of float
         The numbers tried.
-    losses : ndarray, (candidates,)
-        What each of them cost.
+    losses : tuple of float
+        What each of them cost, in the units of the loss.
     """
 
     name: str
     candidates: tuple[float, ...]
-    losses: Array
+    losses: tuple[float, ...]
 
     @property
     def trials(self) -> int:
@@ -39,12 +35,12 @@ class Tuning:
     @property
     def best(self) -> float:
         """The number with the least loss; the first of equals."""
-        return self.candidates[int(np.argmin(self.losses))]
+        return self.candidates[self.losses.index(self.loss)]
 
     @property
     def loss(self) -> float:
         """The least loss."""
-        return float(self.losses.min())
+        return min(self.losses)
 
 
 def tune(name: str, candidates: Sequence[float], loss: Callable[[float], float]) -> Tuning:
@@ -55,20 +51,26 @@ def tune(name: str, candidates: Sequence[float], loss: Callable[[float], float])
     name : str
         The method.
     candidates : sequence of float
-        The numbers to try.
+        The numbers to try, finite.
     loss : callable
         Takes a candidate and returns what it costs.
+
+    Returns
+    -------
+    Tuning
+        Every candidate with its loss.
 
     Raises
     ------
     ParameterError
-        If there is no candidate, or a loss is not a finite number.
+        If there is no candidate, or one or its loss is not a finite number.
     """
     numbers = tuple(float(number) for number in candidates)
-    if not numbers:
-        raise ParameterError("candidates", "empty", "one or more numbers")
-    losses = np.array([float(loss(number)) for number in numbers])
-    if not np.isfinite(losses).all():
-        where = numbers[int(np.argmin(np.isfinite(losses)))]
-        raise ParameterError("loss", f"not finite at {where:g}", "finite")
-    return Tuning(name, numbers, losses)
+    if not numbers or not all(map(math.isfinite, numbers)):
+        raise ParameterError("candidates", list(numbers), "one or more finite numbers")
+    losses = []
+    for number in numbers:
+        losses.append(float(loss(number)))
+        if not math.isfinite(losses[-1]):
+            raise ParameterError("loss", f"{losses[-1]} at {number:g}", "finite")
+    return Tuning(name, numbers, tuple(losses))

@@ -250,7 +250,9 @@ def _gain(P: Array, C: Array, S: Array, measured: Mask, step: int) -> Array:
 def _patterns(y: Array) -> list[tuple[slice, Mask]]:
     """Return groups of runs with their patterns (steps, 1 or runs, m) of available data."""
     steps, outputs, runs = y.shape
-    if runs and np.isfinite(y.sum()):  # nothing is missing: quicker than to look at each number
+    with np.errstate(over="ignore"):  # a sum that overflows is looked at number by number
+        complete = bool(np.isfinite(y.sum()))
+    if runs and complete:  # quicker than to look at each number
         return [(slice(0, runs), np.ones((steps, 1, outputs), dtype=bool))]
     available = ~np.isnan(y)
     if runs and (available == available[:, :, :1]).all():  # the usual case: one gain for all

@@ -94,7 +94,9 @@ def huber(threshold: float = 1.345) -> Policy:
             deviation = np.sqrt(np.maximum(np.diagonal(S, axis1=1, axis2=2), _TINY))
             size = np.where(there, np.abs(innovation), 0.0) / deviation
             excess = deviation**2 * np.maximum(size / threshold - 1.0, 0.0)
-            return R + excess[:, :, None] * np.eye(len(R)), there
+            used = np.tile(R, (len(excess), 1, 1))
+            used[:, np.arange(len(R)), np.arange(len(R))] += excess
+            return used, there
 
         return step
 

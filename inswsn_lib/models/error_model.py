@@ -159,20 +159,23 @@ class ErrorModel:
         )
 
 
+def _root(name: str, covariance: ArrayLike, size: int) -> Array:
+    """Return the symmetric square root of a covariance."""
+    matrix = np.asarray(covariance, dtype=float)
+    if matrix.shape != (size, size):
+        raise ParameterError(name, f"of shape {matrix.shape}", f"({size}, {size})")
+    largest = np.abs(matrix).max(initial=0.0)
+    even = matrix / 2 + matrix.T / 2
+    if not np.isfinite(even).all() or np.abs(matrix - even).max(initial=0.0) > 1e-9 * largest:
+        raise ParameterError(name, "not finite or not symmetric", "a covariance")
+    values, vectors = np.linalg.eigh(even)
+    if values.min(initial=0.0) < -1e-9 * largest:
+        raise ParameterError(name, "not positive semidefinite", "a covariance")
+    return np.asarray((vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T)
+
+
 def _matrix(name: str, value: Any) -> Array:
     matrix = np.asarray(value, dtype=float)
     if matrix.ndim != 2 or not np.isfinite(matrix).all():
         raise ParameterError(name, f"of shape {matrix.shape}", "a matrix of finite numbers")
     return matrix
-
-
-def _root(name: str, covariance: ArrayLike, size: int) -> Array:
-    """Return the symmetric square root of a covariance."""
-    matrix = _matrix(name, covariance)
-    largest = np.abs(matrix).max(initial=0.0)
-    if matrix.shape != (size, size):
-        raise ParameterError(name, f"of shape {matrix.shape}", f"({size}, {size})")
-    values, vectors = np.linalg.eigh((matrix + matrix.T) / 2)
-    if np.abs(matrix - matrix.T).max() > 1e-9 * largest or values[0] < -1e-9 * largest:
-        raise ParameterError(name, "not a covariance", "symmetric and positive semidefinite")
-    return np.asarray((vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T)

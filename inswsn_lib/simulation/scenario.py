@@ -35,6 +35,7 @@ _NOT_NEGATIVE = (
     *("lead", "between", "jitter", "noise", "outlier_scale", "velocity_noise"),
     *("accelerometer_noise", "gyro_noise"),
 )
+_CHANGED = "Set for this run."
 _SHARES = ("dropout", "outlier")
 _SOURCES = ("sensor", "difference", "window")
 
@@ -88,33 +89,39 @@ def load_scenario(path: FilePath) -> dict[str, Setting]:
     return settings
 
 
-def with_values(
-    settings: Mapping[str, Setting], why: str = "Set for this run.", **values: Any
-) -> dict[str, Setting]:
+def with_values(settings: Mapping[str, Setting], /, **values: Any) -> dict[str, Setting]:
     """Return settings of which some have other values; those that change become ``assumed``.
 
     Parameters
     ----------
     settings : mapping of str to Setting
         From `load_scenario`.
-    why : str
-        The reason that the changed settings give.
     **values
-        New values by name. One that equals the old value leaves the setting as it is.
+        New values by name: numbers, words, or lists or arrays of numbers. One that equals the old
+        value leaves the setting as it is.
+
+    Returns
+    -------
+    dict of str to Setting
 
     Raises
     ------
     ParameterError
-        If there is no setting of a name.
+        If there is no setting of a name, or a value is not of one of these kinds.
     """
     changed = dict(settings)
-    for name, value in values.items():
+    for name, given in values.items():
         if name not in changed:
-            raise ParameterError("setting", name, f"one of {', '.join(sorted(changed))}")
+            raise ParameterError("setting", name, f"one of {', '.join(sorted(changed)) or 'none'}")
         old = changed[name]
-        if value != old.value:
-            fields_of = {"value": value, "unit": old.unit, "source": "assumed", "why": why}
-            changed[name] = Setting.model_validate(fields_of)
+        value = given if isinstance(given, str) else np.asarray(given).tolist()
+        if value == old.value:
+            continue
+        entry = {"value": value, "unit": old.unit, "source": "assumed", "why": _CHANGED}
+        try:
+            changed[name] = Setting.model_validate(entry)
+        except ValidationError:
+            raise ParameterError(name, given, "a number, a word, or a list of numbers") from None
     return changed
 
 
@@ -221,8 +228,8 @@ class Scene:
         InswsnError
             If a setting is missing or unknown.
         ParameterError
-            If a number is negative or not finite that may not be, a count is not whole, or there is
-            no such source of velocities.
+            If a number is negative or not finite that may not be, a count is not whole, an area is
+            larger than the scene, or there is no such source of velocities.
         """
         values: dict[str, Any] = {name: setting.value for name, setting in settings.items()}
         parts = {f.name for kind in (Ranging, InertialErrors) for f in fields(kind)}
@@ -273,8 +280,7 @@ class Scene:
         for name, size in zip(("area1", "area2"), self.area_sizes, strict=True):
             inside = self.path.drive(self.speed, self.windows[name].times).position
             middle = (inside.min(axis=0) + inside.max(axis=0)) / 2
-            room = np.maximum(np.array(self.size) - size, 0.0)
-            corner = np.clip(middle - size / 2, 0.0, room)
+            corner = np.clip(middle - size / 2, 0.0, np.array(self.size) - size)
             found[name] = node_grid(corner, (size, size), self.spacing)
         return found
 
@@ -357,6 +363,9 @@ def _check_values(values: Mapping[str, Any]) -> None:
             )
         if name in _SHARES and (numbers > 1).any():
             raise ParameterError(name, values[name], "between 0 and 1")
+    size, sides = np.asarray(values["size"]), np.asarray(values["area_sizes"])
+    if size.shape != (2,) or sides.shape != (2,) or size.min() < sides.max():
+        raise ParameterError("size", values["size"], "two numbers, none below a side of an area")
     if values["velocity_source"] not in _SOURCES:
         raise ParameterError("velocity_source", values["velocity_source"], f"one of {_SOURCES}")
 

@@ -6,7 +6,7 @@ Each function takes errors as `Scene.simulate` draws them and returns a disturbe
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.signal import lfilter
 
 from inswsn_lib.errors import ParameterError
@@ -14,18 +14,19 @@ from inswsn_lib.errors import ParameterError
 Array = NDArray[np.float64]
 
 
-def heavy_tailed(errors: Array, degrees: float, rng: np.random.Generator) -> Array:
+def heavy_tailed(errors: ArrayLike, degrees: float, rng: np.random.Generator) -> Array:
     r"""Give Gaussian errors the tails of Student's t distribution.
 
-    The errors of one step and run are multiplied by :math:`\sqrt{\nu / \chi^2_\nu}`. The middle of
-    the distribution keeps its width, and the variance grows by :math:`\nu / (\nu - 2)`.
+    The errors of one step and run are multiplied by :math:`\sqrt{\nu / \chi^2_\nu}`, which makes
+    them multivariate t (Kotz and Nadarajah 2004, Section 1.1). The middle of the distribution
+    nearly keeps its width, and the variance grows by :math:`\nu / (\nu - 2)`.
 
     Parameters
     ----------
     errors : ndarray, (steps, n, runs)
-        Gaussian errors.
+        Gaussian errors, in any units.
     degrees : float
-        :math:`\nu`, above 2.
+        :math:`\nu`, above 2 and finite.
     rng : numpy.random.Generator
         The stream.
 
@@ -36,16 +37,18 @@ def heavy_tailed(errors: Array, degrees: float, rng: np.random.Generator) -> Arr
     Raises
     ------
     ParameterError
-        If `degrees` is not above 2, where the variance is infinite.
+        If `degrees` is not above 2, where the variance is infinite, or not finite, or the errors
+        have another shape.
     """
-    if not degrees > 2:
-        raise ParameterError("degrees", degrees, "above 2")
-    steps, _, runs = errors.shape
-    return np.asarray(errors * np.sqrt(degrees / rng.chisquare(degrees, (steps, 1, runs))))
+    if not 2 < degrees < np.inf:
+        raise ParameterError("degrees", degrees, "above 2 and finite")
+    given = _errors(errors)
+    steps, _, runs = given.shape
+    return np.asarray(given * np.sqrt(degrees / rng.chisquare(degrees, (steps, 1, runs))))
 
 
 def drifting(
-    errors: Array,
+    errors: ArrayLike,
     period: float,
     rng: np.random.Generator,
     *,
@@ -56,7 +59,8 @@ def drifting(
 
     The acceleration error of each axis is a first-order Gauss-Markov process,
     :math:`a_{k+1} = \varphi a_k + \sigma \sqrt{1 - \varphi^2}\, n_k` with
-    :math:`\varphi = e^{-T/\tau}`, integrated twice from the first step on.
+    :math:`\varphi = e^{-T/\tau}` (Brown and Hwang 2012, Section 4.6), integrated twice from the
+    first step on.
 
     Parameters
     ----------
@@ -78,32 +82,34 @@ def drifting(
     Raises
     ------
     ParameterError
-        If the period or the correlation time is not positive, or the deviation negative.
+        If the period or the correlation time is not positive, the deviation is negative, one of
+        them is not finite, or the errors have another shape.
     """
     for name, value in (("period", period), ("correlation_time", correlation_time)):
-        if not value > 0:
-            raise ParameterError(name, value, "positive")
-    if not deviation >= 0:
-        raise ParameterError("deviation", deviation, "not negative")
-    steps, _, runs = errors.shape
+        if not 0 < value < np.inf:
+            raise ParameterError(name, value, "positive and finite")
+    if not 0 <= deviation < np.inf:
+        raise ParameterError("deviation", deviation, "finite and not negative")
+    given = _errors(errors, components=4)
+    steps, _, runs = given.shape
     share = np.exp(-period / correlation_time)
     normal = rng.standard_normal((steps, 2, runs))
     normal[1:] *= np.sqrt(1 - share**2)  # the first one has the stationary variance
     acceleration = deviation * lfilter([1.0], [1.0, -share], normal, axis=0)
-    added = np.zeros_like(errors)
+    added = np.zeros_like(given)
     velocity = np.cumsum(period * acceleration[:-1], axis=0)
     added[1:, 2:] = velocity
     added[1:, :2] = np.cumsum(period * added[:-1, 2:] + period**2 / 2 * acceleration[:-1], axis=0)
-    return np.asarray(errors + added)
+    return given + added
 
 
-def losing(errors: Array, share: float, rng: np.random.Generator) -> Array:
+def losing(errors: ArrayLike, share: float, rng: np.random.Generator) -> Array:
     """Lose fixes: all components of a step become NaN.
 
     Parameters
     ----------
     errors : ndarray, (steps, n, runs)
-        Errors of fixes.
+        Errors of fixes, in any units.
     share : float
         Of the fixes, each lost by itself.
     rng : numpy.random.Generator
@@ -116,9 +122,20 @@ def losing(errors: Array, share: float, rng: np.random.Generator) -> Array:
     Raises
     ------
     ParameterError
-        If the share is not between 0 and 1.
+        If the share is not between 0 and 1, or the errors have another shape.
     """
     if not 0 <= share <= 1:
         raise ParameterError("share", share, "between 0 and 1")
-    steps, _, runs = errors.shape
-    return np.where(rng.random((steps, 1, runs)) < share, np.nan, errors)
+    given = _errors(errors)
+    steps, _, runs = given.shape
+    return np.where(rng.random((steps, 1, runs)) < share, np.nan, given)
+
+
+def _errors(errors: ArrayLike, components: int | None = None) -> Array:
+    """Return errors as floats, (steps, components, runs); refuse another shape."""
+    given = np.asarray(errors, dtype=float)
+    if given.ndim != 3 or components not in (None, given.shape[1]):
+        raise ParameterError(
+            "errors", f"of shape {given.shape}", f"(steps, {components or 'components'}, runs)"
+        )
+    return given

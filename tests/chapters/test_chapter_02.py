@@ -72,7 +72,7 @@ def test_a_kalman_filter_with_identities_has_the_error_of_its_steady_gain(result
 def test_all_filters_had_the_same_number_of_trials(results: Results) -> None:
     trials = {q.value for q in results.quantities if q.name.endswith(".trials")}
     assert trials == {17}
-    assert sum(q.name.endswith(".trials") for q in results.quantities) == 6
+    assert sum(q.name.endswith(".trials") for q in results.quantities) == 7
 
 
 def test_designs_have_the_known_gamma_of_identities(results: Results) -> None:

@@ -37,9 +37,13 @@ def test_by_hand() -> None:
 @pytest.mark.parametrize(
     ("states", "errors", "said"),
     [
-        (np.zeros((1, 4, 2)), np.zeros((1, 4, 2)), "A and states"),
-        (np.zeros((3, 3, 2)), np.zeros((3, 4, 2)), "A and states"),
+        (np.zeros((1, 4, 2)), np.zeros((1, 4, 2)), "states is"),
+        (np.zeros((3, 4, 0)), np.zeros((3, 4, 0)), "states is"),
+        (np.full((3, 4, 2), np.nan), np.zeros((3, 4, 2)), "states is"),
+        (np.zeros((3, 3, 2)), np.zeros((3, 4, 2)), "A is"),
         (np.zeros((3, 4, 2)), np.zeros((3, 4)), "measurement_errors"),
+        (np.zeros((3, 4, 2)), np.zeros((2, 4, 2)), "measurement_errors"),
+        (np.zeros((3, 4, 2)), np.full((3, 4, 2), np.inf), "measurement_errors"),
         (np.zeros((3, 4, 2)), np.full((3, 4, 2), np.nan), "never complete"),
     ],
 )

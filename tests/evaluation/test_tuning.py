@@ -26,7 +26,12 @@ def test_the_first_of_equals_is_taken() -> None:
 
 
 @pytest.mark.parametrize(
-    ("candidates", "value", "said"), [([], 1.0, "candidates"), ([1, 2], float("nan"), "at 1")]
+    ("candidates", "value", "said"),
+    [
+        ([], 1.0, "candidates"),
+        ([1, float("inf")], 1.0, "candidates"),
+        ([1, 2], float("nan"), "at 1"),
+    ],
 )
 def test_what_cannot_be_is_refused(candidates: list[float], value: float, said: str) -> None:
     with pytest.raises(ParameterError, match=said):

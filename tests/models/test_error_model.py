@@ -63,6 +63,7 @@ def test_covariances_come_back_from_their_factors(rows: np.ndarray) -> None:
     model = ErrorModel.p1(0.2, 0.01).with_covariances(covariance, 2 * covariance)
     assert model.process_covariance == pytest.approx(covariance, abs=1e-9)
     assert model.measurement_covariance == pytest.approx(2 * covariance, abs=1e-9)
+    assert pytest.approx(model.B.T, abs=1e-9) == model.B  # the symmetric root
     plain = ErrorModel.p1(0.2, 0.01)
     assert np.array_equal(model.A, plain.A)
     assert np.array_equal(model.E, plain.E)
@@ -72,9 +73,9 @@ def test_covariances_come_back_from_their_factors(rows: np.ndarray) -> None:
     ("process", "said"),
     [
         (np.eye(3), "process"),
-        (-np.eye(4), "process is 'not a covariance'"),
-        (np.triu(np.ones((4, 4))), "process is 'not a covariance'"),
-        (np.full((4, 4), np.nan), "process"),
+        (-np.eye(4), "process is 'not positive semidefinite'"),
+        (np.triu(np.ones((4, 4))), "process is 'not finite or not symmetric'"),
+        (np.full((4, 4), np.nan), "process is 'not finite"),
     ],
 )
 def test_what_is_no_covariance_is_refused(process: np.ndarray, said: str) -> None:

@@ -61,13 +61,61 @@ def test_lost_fixes_are_whole_and_the_others_untouched() -> None:
     assert np.isnan(losing(errors, 1.0, np.random.default_rng(9))).all()
 
 
+def test_errors_are_kept_and_whole_numbers_are_taken() -> None:
+    errors = np.arange(24).reshape(3, 4, 2)
+    drawn = {"period": 0.5, "deviation": 1.0, "correlation_time": 2.0}
+    added = drifting(np.zeros((3, 4, 2)), rng=np.random.default_rng(11), **drawn)
+    assert drifting(errors, rng=np.random.default_rng(11), **drawn) == pytest.approx(errors + added)
+    assert np.array_equal(added[0], np.zeros((4, 2)))
+
+
+def test_the_drift_is_stationary_from_the_first_step_and_each_axis_has_its_own() -> None:
+    added = drifting(
+        np.zeros((3, 4, 20_000)), 0.1, np.random.default_rng(12), deviation=2.0, correlation_time=5
+    )
+    first = added[1, 2:] / 0.1
+    # standard errors: 0.5 % of a deviation, 0.007 of a correlation
+    assert first.std(axis=1) == pytest.approx([2.0, 2.0], rel=0.03)
+    assert abs(np.corrcoef(first)[0, 1]) < 0.035
+
+
+def test_each_step_and_run_is_disturbed_by_itself() -> None:
+    ones = np.ones((60, 2, 60))
+    factors = heavy_tailed(ones, 5.0, np.random.default_rng(13))[:, 0]
+    assert len(np.unique(factors)) == factors.size
+    lost = np.isnan(losing(ones, 0.5, np.random.default_rng(14)))[:, 0]
+    # a share of 3,600 draws; of 60 draws in a row or column: some differ, and none is constant
+    for line in (*lost, *lost.T):
+        assert 0 < line.sum() < 60
+    assert len(np.unique(lost, axis=0)) == 60
+
+
+@pytest.mark.parametrize("errors", [np.zeros((3, 4)), [[1.0]], np.zeros((3, 3, 2))])
+def test_errors_of_another_shape_are_refused(errors: np.ndarray) -> None:
+    with pytest.raises(ParameterError, match="errors is"):
+        drifting(errors, 0.2, np.random.default_rng(1), deviation=0.1, correlation_time=1.0)
+    if np.ndim(errors) != 3:
+        with pytest.raises(ParameterError, match="errors is"):
+            heavy_tailed(errors, 3.0, np.random.default_rng(1))
+        with pytest.raises(ParameterError, match="errors is"):
+            losing(errors, 0.3, np.random.default_rng(1))
+
+
 def test_what_cannot_be_is_refused() -> None:
     rng, errors = np.random.default_rng(10), np.zeros((3, 4, 2))
     with pytest.raises(ParameterError, match="degrees"):
         heavy_tailed(errors, 2.0, rng)
     with pytest.raises(ParameterError, match="share"):
         losing(errors, 1.1, rng)
-    for changed in ({"period": 0.0}, {"correlation_time": 0.0}, {"deviation": -1.0}):
+    with pytest.raises(ParameterError, match="degrees"):
+        heavy_tailed(errors, np.inf, rng)
+    for changed in (
+        {"period": 0.0},
+        {"correlation_time": 0.0},
+        {"deviation": -1.0},
+        {"period": np.inf},
+        {"deviation": np.nan},
+    ):
         given = {"period": 0.2, "deviation": 0.1, "correlation_time": 1.0} | changed
         period = given.pop("period")
         with pytest.raises(ParameterError, match=next(iter(changed))):
