@@ -30,10 +30,10 @@ notebooks: environment ## write the .ipynb twins of chapters/*.md
 publish: environment ## make the last build's results the reference in data/published, after showing what changes
 	@$(INSWSN) publish
 
-calibrate: environment ## fit the simulated INS to the INS-only cells and write data/scenarios/p1-inertial.yaml
+calibrate: environment ## fit the simulated INS to the INS-only cells and write data/scenarios/p1-inertial*.yaml
 	@$(RUN) studies/calibrate_imu.py
 
-bench: environment ## speed against peers, as ratios
+bench: environment ## speed against peers, as ratios; writes data/benchmarks.yaml, for the book
 	@$(RUN) benchmarks/throughput.py
 
 lock: environment ## compile environment.in to environment.lock

@@ -4,24 +4,30 @@ Monte Carlo of a Kalman filter on P1's model, 100 steps, is run by this library,
 by filterpy in a loop over the runs; and it is held against drawing the random numbers that such a
 study needs. A design of the H-infinity filter is held against the time that the solver itself
 reports. Each figure is the best of several repetitions; each peer's answer is compared with ours
-first.
+first. The ratios go to data/benchmarks.yaml, from which the book takes its table.
 """
 
 from __future__ import annotations
 
-import platform
 import time
 from collections.abc import Callable
+from datetime import UTC, datetime
+from pathlib import Path
 
 import cvxpy as cp
 import numpy as np
 import simdkalman
+import yaml
 from filterpy.kalman import KalmanFilter
 
+from inswsn_lib.artefact.provenance import machine_facts
+from inswsn_lib.files import write_whole
 from inswsn_lib.filters import run_kalman
 from inswsn_lib.lmi import certify, design_filter, filter_design
 from inswsn_lib.models import ErrorModel
 
+OUT = Path(__file__).parent.parent / "data" / "benchmarks.yaml"
+Row = dict[str, str]
 STEPS, RUNS, LOOPED, REPEATS = 100, 5000, 20, 5
 MODEL = ErrorModel.p1(0.2, process_noise=(0.05, 0.1), measurement_noise=(0.2, 0.3))
 
@@ -62,7 +68,20 @@ def by_simdkalman(y: np.ndarray) -> np.ndarray:
     return np.asarray(done.filtered.states.mean).transpose(1, 2, 0)
 
 
-def filters() -> None:
+def row(work: str, against: str, ratio: float, aim: float, *, more_is_better: bool) -> Row:
+    """Return a row of the table: a ratio, what was aimed at, and whether it was met."""
+    met = ratio >= aim if more_is_better else ratio <= aim
+    digits = 0 if ratio >= 10 else 2
+    return {
+        "work": work,
+        "against": against,
+        "ratio": f"{ratio:.{digits}f}",
+        "aim": f"{aim:g} or {'more' if more_is_better else 'less'}",
+        "met": "yes" if met else "no",
+    }
+
+
+def filters() -> list[Row]:
     """Compare the Monte Carlo of a Kalman filter."""
     rng = np.random.default_rng(1)
     y = rng.standard_normal((STEPS, 4, RUNS))
@@ -74,15 +93,21 @@ def filters() -> None:
     simd = best_of(lambda: by_simdkalman(y), 3)
     # process noise and measurement noise of every step
     random = best_of(lambda: rng.standard_normal((STEPS, 8, RUNS)))
-    print(f"Kalman filter, {RUNS} runs of {STEPS} steps: {1000 * mine:.0f} ms")
-    print(f"  filterpy, one object a run (from {LOOPED} runs): {looped / mine:.0f} times as long")
-    print(f"  simdkalman: {simd / mine:.0f} times as long")
-    print(
-        f"  against drawing its random numbers ({1000 * random:.0f} ms): {mine / random:.2f} times"
-    )
+    work = f"Kalman filter, {RUNS} runs of {STEPS} steps ({1000 * mine:.0f} ms)"
+    return [
+        row(
+            work, f"filterpy, one object a run, time of {LOOPED} runs scaled up; theirs over ours",
+            looped / mine, 2000, more_is_better=True,
+        ),
+        row(work, "simdkalman; theirs over ours", simd / mine, 100, more_is_better=True),
+        row(
+            work, f"drawing its random numbers ({1000 * random:.0f} ms); ours over that",
+            mine / random, 1.5, more_is_better=False,
+        ),
+    ]  # fmt: skip
 
 
-def designs() -> None:
+def designs() -> list[Row]:
     """Compare a design with new numbers with the solver's own time."""
     design = design_filter(MODEL)  # compiles the problems of this shape
     models = [
@@ -98,14 +123,33 @@ def designs() -> None:
         whole.append(time.perf_counter() - began)
         inside.append(sum(p.solver_stats.solve_time for p in (problems._first, problems._second)))
     certified = best_of(lambda: certify(MODEL, design.P, design.gain, design.level, "exact"))
-    ratio = np.median(np.array(whole) / np.array(inside))
-    print(f"H-infinity design: {1000 * np.median(whole):.1f} ms")
-    print(
-        f"  against Clarabel's own time: {ratio:.2f} times; certificate {1000 * certified:.1f} ms"
-    )
+    ratio = float(np.median(np.array(whole) / np.array(inside)))
+    solved = float(np.median(inside))
+    return [
+        row(
+            f"H-infinity design with new numbers ({1000 * np.median(whole):.0f} ms)",
+            "the time that Clarabel itself reports; ours over that",
+            ratio, 1.5, more_is_better=False,
+        ),
+        row(
+            f"its certificate ({1000 * certified:.0f} ms)",
+            "the same; ours over that",
+            certified / solved, 1.5, more_is_better=False,
+        ),
+    ]  # fmt: skip
 
 
 if __name__ == "__main__":
-    print(f"{platform.machine()}, numpy {np.__version__}, cvxpy {cp.__version__}")
-    filters()
-    designs()
+    rows = filters() + designs()
+    facts = machine_facts()
+    for line in rows:
+        print(f"{line['work']}, against {line['against']}: {line['ratio']} (aim: {line['aim']})")
+    head = "# Made by `make bench` (benchmarks/throughput.py); do not edit.\n"
+    content = {
+        "machine": f"{facts['cpu']}, {facts['cores']} cores, {facts['system']}, "
+        f"Python {facts['python']}, numpy {np.__version__}, cvxpy {cp.__version__}",
+        "date": datetime.now(UTC).date().isoformat(),
+        "rows": rows,
+    }
+    write_whole(OUT, head + yaml.safe_dump(content, sort_keys=False, allow_unicode=True))
+    print(f"Wrote {OUT.relative_to(OUT.parent.parent)}.")

@@ -196,10 +196,15 @@ class ChapterRecord:
             raise InswsnError(f"The solver {name!r} is recorded already.")
         self._solvers[name] = status
 
-    def judge(self) -> list[Judged]:
+    def judge(self, prefix: str = "") -> list[Judged]:
         """Judge the claims that this chapter decides by what has been recorded so far.
 
         The build executes the chapter again when what the ledger says of these claims changes.
+
+        Parameters
+        ----------
+        prefix : str
+            Only the claims whose ids begin with it, for example ``"P1-T2-"``.
 
         Returns
         -------
@@ -213,7 +218,8 @@ class ChapterRecord:
         """
         path = self._root / LEDGER
         self._data[f"{LEDGER}#{self._chapter}"] = claims_digest(path, self._chapter)
-        return verdicts(claims_of(load_claims(path), self._chapter), [self.results()])
+        mine = claims_of(load_claims(path), self._chapter)
+        return verdicts([c for c in mine if c.id.startswith(prefix)], [self.results()])
 
     def write_file(self, name: str, text: str) -> None:
         """Write a file beside the results file, for whoever reruns the chapter.

@@ -11,6 +11,8 @@ from inswsn_lib.evaluation.metrics import (
     spread,
 )
 from inswsn_lib.evaluation.monte_carlo import GROUP, monte_carlo
+from inswsn_lib.evaluation.noise import NoiseFit, fit_noise
+from inswsn_lib.evaluation.tuning import Tuning, tune
 
 __all__ = [
     "GROUP",
@@ -18,9 +20,12 @@ __all__ = [
     "WITHIN",
     "DriftBound",
     "Motion",
+    "NoiseFit",
     "Score",
     "Spread",
+    "Tuning",
     "drift_bound",
+    "fit_noise",
     "largest_error",
     "longest_period",
     "mean_absolute_error",
@@ -30,4 +35,5 @@ __all__ = [
     "root_mean_square_error",
     "score_hypothesis",
     "spread",
+    "tune",
 ]

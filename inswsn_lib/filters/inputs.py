@@ -17,7 +17,9 @@ def checked_measurements(measurements: ArrayLike, outputs: int) -> Array:
         raise ParameterError(
             "measurements", f"of shape {y.shape}", f"(steps, {outputs}, runs); one run is runs = 1"
         )
-    if not np.isfinite(y.sum()) and np.isinf(y).any():  # a sum is quicker to look at
+    with np.errstate(over="ignore", invalid="ignore"):
+        whole = bool(np.isfinite(y.sum()))  # a sum is quicker to look at
+    if not whole and np.isinf(y).any():
         raise ParameterError("measurements", "infinite", "finite, or NaN where missing")
     return y
 

@@ -120,11 +120,11 @@ def _design(
     gains = np.empty((steps, patterns, states, outputs))
     predicted, filtered = np.empty((2, kept, patterns, states, states))
     innovation = np.empty((kept, patterns, outputs, outputs))
-    P = np.broadcast_to(P, (patterns, states, states))
+    P, identity = np.broadcast_to(P, (patterns, states, states)), np.eye(states)
     for k, mask in enumerate(masks):
         S = model.C @ P @ model.C.T + Rs[k]
         gain = _gain(P, model.C, S, mask, k)
-        keep = np.eye(states) - gain @ model.C
+        keep = identity - gain @ model.C
         # Joseph's form stays symmetric and positive for any gain
         after = keep @ P @ np.swapaxes(keep, 1, 2) + gain @ Rs[k] @ np.swapaxes(gain, 1, 2)
         gains[k] = gain
@@ -180,45 +180,47 @@ def run_kalman(
     P, Qs, Rs = _checked(
         model, y.shape[0], initial_covariance, process_covariance, measurement_covariance
     )
-    for members, masks in _patterns(~np.isnan(y)):
+    for members, masks in _patterns(y):
         gains = _design(model, masks, P, Qs, Rs, store_all=False)[0]
-        estimates[:, :, members] = _run(model, gains, y[:, :, members], x[:, members], predicted)
+        chosen, missing = (slice(None), slice(None), members), not masks.all()
+        _run(model, gains, y[chosen], x[:, members], predicted, estimates[chosen], missing)
     return estimates
 
 
-def _run(model: ErrorModel, gains: Array, y: Array, x: Array, predicted: bool) -> Array:
-    """Run with gains (steps, 1 or runs, n, m)."""
-    measured = np.nan_to_num(y) if np.isnan(y).any() else y  # their gain is zero
+def _run(
+    model: ErrorModel, gains: Array, y: Array, x: Array, predicted: bool, out: Array, missing: bool
+) -> None:
+    """Run with gains (steps, 1 or runs, n, m); the estimates go to out."""
+    measured = np.nan_to_num(y) if missing else y  # their gain is zero
     if gains.shape[1] == 1:
-        return _run_together(model, gains[:, 0], measured, x, predicted)
-    estimates = np.empty((y.shape[0], *x.shape))
+        _run_together(model, gains[:, 0], measured, x, predicted, out)
+        return
     for k, gain in enumerate(gains):
         if predicted:
-            estimates[k] = x
+            out[k] = x
         x = x + _each(gain, measured[k] - model.C @ x)
         if not predicted:
-            estimates[k] = x
+            out[k] = x
         x = model.A @ x
-    return estimates
 
 
-def _run_together(model: ErrorModel, gains: Array, y: Array, x: Array, predicted: bool) -> Array:
+def _run_together(
+    model: ErrorModel, gains: Array, y: Array, x: Array, predicted: bool, out: Array
+) -> None:
     """Run with one gain a step for all runs: two products of matrices a step, without copies."""
     keep = np.eye(len(model.A)) - gains @ model.C
     # x+ = F x + G y, from one estimate to the next
     F = model.A @ keep if predicted else keep @ model.A
     G = model.A @ gains if predicted else gains
-    estimates = np.empty((y.shape[0], *x.shape))
     if len(y) == 0:
-        return estimates
-    estimates[0] = x if predicted else keep[0] @ x + gains[0] @ y[0]
-    driven = np.empty_like(estimates[0])
+        return
+    out[0] = x if predicted else keep[0] @ x + gains[0] @ y[0]
+    driven = np.empty(x.shape)
     for k in range(1, len(y)):
         use = k - 1 if predicted else k
-        np.matmul(F[use], estimates[k - 1], out=estimates[k])
+        np.matmul(F[use], out[k - 1], out=out[k])
         np.matmul(G[use], y[use], out=driven)
-        estimates[k] += driven
-    return estimates
+        out[k] += driven
 
 
 def _each(gain: Array, innovation: Array) -> Array:
@@ -228,10 +230,12 @@ def _each(gain: Array, innovation: Array) -> Array:
 
 def _gain(P: Array, C: Array, S: Array, measured: Mask, step: int) -> Array:
     """Return the gains (patterns, n, m); zero for components that are not measured."""
-    both = measured[:, :, None] & measured[:, None, :]
-    # a component that is missing gets a row and a column of the identity
-    inner = np.where(both, S, np.eye(len(C)))
-    right = np.where(measured[:, :, None], C @ P, 0.0)
+    inner, right = S, C @ P
+    if not measured.all():
+        both = measured[:, :, None] & measured[:, None, :]
+        # a component that is missing gets a row and a column of the identity
+        inner = np.where(both, S, np.eye(len(C)))
+        right = np.where(measured[:, :, None], right, 0.0)
     try:
         np.linalg.cholesky(inner)
     except np.linalg.LinAlgError:
@@ -243,10 +247,15 @@ def _gain(P: Array, C: Array, S: Array, measured: Mask, step: int) -> Array:
     return np.asarray(np.swapaxes(np.linalg.solve(inner, right), 1, 2))
 
 
-def _patterns(available: Mask) -> list[tuple[NDArray[np.intp], Mask]]:
+def _patterns(y: Array) -> list[tuple[slice, Mask]]:
     """Return groups of runs with their patterns (steps, 1 or runs, m) of available data."""
-    runs = available.shape[2]
+    steps, outputs, runs = y.shape
+    with np.errstate(over="ignore"):  # a sum that overflows is looked at number by number
+        complete = bool(np.isfinite(y.sum()))
+    if runs and complete:  # quicker than to look at each number
+        return [(slice(0, runs), np.ones((steps, 1, outputs), dtype=bool))]
+    available = ~np.isnan(y)
     if runs and (available == available[:, :, :1]).all():  # the usual case: one gain for all
-        return [(np.arange(runs), np.swapaxes(available[:, :, :1], 1, 2))]
-    chunks = np.array_split(np.arange(runs), -(-runs // _CHUNK)) if runs else []
+        return [(slice(0, runs), np.swapaxes(available[:, :, :1], 1, 2))]
+    chunks = [slice(first, first + _CHUNK) for first in range(0, runs, _CHUNK)]
     return [(chunk, np.swapaxes(available[:, :, chunk], 1, 2)) for chunk in chunks]

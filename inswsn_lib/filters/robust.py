@@ -70,9 +70,10 @@ def gating(probability: float = 0.999, patience: int = 5) -> Policy:
 def huber(threshold: float = 1.345) -> Policy:
     """Return the policy that bounds the influence of a large innovation.
 
-    A component of the innovation beyond `threshold` standard deviations is taken for that many
-    standard deviations: its standard deviation is inflated by sqrt(size / threshold), so that it
-    has the weight threshold / size of Huber (1964).
+    A component of the innovation beyond `threshold` standard deviations is taken for that many:
+    its variance is inflated by size / threshold, so that it has the weight threshold / size of
+    Huber (1964). The inflation is added to the variance of the measurement, so that the R in use
+    stays a covariance, whatever the correlations of the prediction.
 
     Parameters
     ----------
@@ -92,8 +93,10 @@ def huber(threshold: float = 1.345) -> Policy:
             S = prior + R
             deviation = np.sqrt(np.maximum(np.diagonal(S, axis1=1, axis2=2), _TINY))
             size = np.where(there, np.abs(innovation), 0.0) / deviation
-            inflation = np.sqrt(np.maximum(size / threshold, 1.0))
-            return S * inflation[:, :, None] * inflation[:, None, :] - prior, there
+            excess = deviation**2 * np.maximum(size / threshold - 1.0, 0.0)
+            used = np.tile(R, (len(excess), 1, 1))
+            used[:, np.arange(len(R)), np.arange(len(R))] += excess
+            return used, there
 
         return step
 

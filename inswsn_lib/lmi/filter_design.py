@@ -24,8 +24,6 @@ from inswsn_lib.models import ErrorModel
 Array = NDArray[np.float64]
 Form = Literal["exact", "printed"]
 
-# The gain is chosen among all whose bound is within this share of the smallest one.
-_MARGIN = 0.01
 _KALMAN_STEPS = 40
 # The solver's answer may break the inequality by this share of its largest entry.
 _TOLERANCE = 1e-6
@@ -151,14 +149,16 @@ def _blocks(
     return rows
 
 
-def design_filter(model: ErrorModel, form: Form = "exact") -> FilterDesign:
+def design_filter(model: ErrorModel, form: Form = "exact", *, margin: float = 0.01) -> FilterDesign:
     r"""Design the H-infinity filter of a model.
 
     First the smallest gamma is found for which `inequality` has a solution. The gain that attains
     it is not unique in general: often one channel sets gamma and leaves the gains of the others
     open. So the gain is that of a second problem: among all P and Q that satisfy the inequality at
-    1.01 gamma, the one with the least :math:`\mathrm{tr}\, \tilde B' P \tilde B`. That is a bound
-    on the variance of :math:`L e` for white noise of unit variance. Its least value does not depend
+    (1 + margin) gamma, the one with the least :math:`\mathrm{tr}\, \tilde B' P \tilde B`. That is a
+    bound on the variance of :math:`L e` for white noise of unit variance. A small margin gives the
+    filter with the least worst case; with a large one the filter of the exact form becomes the
+    Kalman predictor. Its least value does not depend
     on the solver. Neither does the gain, if L sees all states; states that L does not see may have
     any gain that keeps them stable.
 
@@ -172,6 +172,8 @@ def design_filter(model: ErrorModel, form: Form = "exact") -> FilterDesign:
         the jitter of each step.
     form : {"exact", "printed"}
         The bounded real lemma, or the inequality (2.15) as P1 prints it.
+    margin : float
+        By which share the bound may be above the smallest one; positive.
 
     Returns
     -------
@@ -184,8 +186,10 @@ def design_filter(model: ErrorModel, form: Form = "exact") -> FilterDesign:
         If no solution is found, for example because a mode that cannot be observed is not stable,
         or the solver's answer does not pass the certificate.
     ParameterError
-        If there is no such form.
+        If there is no such form, or the margin is not a positive number.
     """
+    if not 0 < margin < np.inf:
+        raise ParameterError("margin", margin, "positive and finite")
     if form not in ("exact", "printed"):
         raise ParameterError("form", form, 'one of "exact", "printed"')
     problems = _problems(_shape(model), form)
@@ -195,13 +199,13 @@ def design_filter(model: ErrorModel, form: Form = "exact") -> FilterDesign:
     to_balanced = _square_root(problems.smallest_gamma(plain)[2])
     balanced = _in_other_states(plain, to_balanced)
     gamma, status, _ = problems.smallest_gamma(balanced)
-    P, Q = problems.least_variance(balanced, gamma * (1 + _MARGIN))
+    P, Q = problems.least_variance(balanced, gamma * (1 + margin))
     to_balanced = to_balanced @ np.diag(1 / units.states)
     gain = np.linalg.solve(to_balanced, np.linalg.solve(P, Q)) / units.outputs
     gain = np.asarray(gain, dtype=np.float64)
     P = units.seen**2 * to_balanced.T @ P @ to_balanced
     gamma *= units.seen
-    level = gamma * (1 + _MARGIN)
+    level = gamma * (1 + margin)
     certificate = certify(model, P, gain, level, form)
     return FilterDesign(
         model, form, gamma, level, gain, np.asarray(model.A - gain @ model.C), P, certificate,

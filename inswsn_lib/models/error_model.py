@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Self
 
 import numpy as np
@@ -81,6 +81,28 @@ class ErrorModel:
         """R = D D', (m, m)."""
         return self.D @ self.D.T
 
+    def with_covariances(self, process: ArrayLike, measurement: ArrayLike) -> Self:
+        """Return the model with other noise: B and D such that Q = B B' and R = D D'.
+
+        B and D are the symmetric square roots, (n, n) and (m, m). Only the products matter to a
+        filter.
+
+        Parameters
+        ----------
+        process : array_like, (n, n)
+            Q, the covariance of the process noise of a period.
+        measurement : array_like, (m, m)
+            R, the covariance of the measurement noise.
+
+        Raises
+        ------
+        ParameterError
+            If one has another shape, or is not symmetric and positive semidefinite.
+        """
+        B = _root("process", process, len(self.A))
+        D = _root("measurement", measurement, len(self.C))
+        return replace(self, B=B, D=D)
+
     @classmethod
     def p1(
         cls,
@@ -135,6 +157,21 @@ class ErrorModel:
             E=E,
             period=period,
         )
+
+
+def _root(name: str, covariance: ArrayLike, size: int) -> Array:
+    """Return the symmetric square root of a covariance."""
+    matrix = np.asarray(covariance, dtype=float)
+    if matrix.shape != (size, size):
+        raise ParameterError(name, f"of shape {matrix.shape}", f"({size}, {size})")
+    largest = np.abs(matrix).max(initial=0.0)
+    even = matrix / 2 + matrix.T / 2
+    if not np.isfinite(even).all() or np.abs(matrix - even).max(initial=0.0) > 1e-9 * largest:
+        raise ParameterError(name, "not finite or not symmetric", "a covariance")
+    values, vectors = np.linalg.eigh(even)
+    if values.min(initial=0.0) < -1e-9 * largest:
+        raise ParameterError(name, "not positive semidefinite", "a covariance")
+    return np.asarray((vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T)
 
 
 def _matrix(name: str, value: Any) -> Array:

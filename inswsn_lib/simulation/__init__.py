@@ -9,7 +9,14 @@ from inswsn_lib.simulation.network import (
     nodes_heard,
     position_covariance,
 )
-from inswsn_lib.simulation.scenario import Scene, Setting, Window, load_scenario
+from inswsn_lib.simulation.scenario import (
+    Scene,
+    Setting,
+    Window,
+    load_scenario,
+    with_values,
+)
+from inswsn_lib.simulation.stress import drifting, heavy_tailed, losing
 from inswsn_lib.simulation.trajectory import Motion, Path
 
 __all__ = [
@@ -20,7 +27,10 @@ __all__ = [
     "Scene",
     "Setting",
     "Window",
+    "drifting",
+    "heavy_tailed",
     "load_scenario",
+    "losing",
     "measure_ranges",
     "multilaterate",
     "node_grid",
@@ -28,4 +38,5 @@ __all__ = [
     "position_covariance",
     "simulate_ins",
     "true_increments",
+    "with_values",
 ]

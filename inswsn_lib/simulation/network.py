@@ -195,10 +195,21 @@ def position_covariance(nodes: Array, position: Array, noise: float) -> Array:
     -------
     ndarray, (2, 2)
         m^2, to first order in the noise.
+
+    Raises
+    ------
+    ParameterError
+        If the nodes are fewer than two or in a line with the position, or one is at it.
     """
     away = position - nodes
-    H = away / np.hypot(*away.T)[:, None]
-    return np.asarray(noise**2 * np.linalg.inv(H.T @ H))
+    distance = np.hypot(*away.T)[:, None]
+    if len(nodes) < 2 or not (distance > 0).all():
+        raise ParameterError("nodes", f"{len(nodes)}", "two or more, none at the position")
+    H = away / distance
+    information = H.T @ H
+    if np.linalg.det(information) < 1e-9 * np.trace(information) ** 2:
+        raise ParameterError("nodes", "in a line with the position", "on more than one line")
+    return np.asarray(noise**2 * np.linalg.inv(information))
 
 
 def _linear_start(nodes: Array, r: Array, weight: Array) -> tuple[Array, Array]:

@@ -27,11 +27,15 @@ from inswsn_lib.simulation.trajectory import Motion, Path
 Array = NDArray[np.float64]
 
 _COUNTS = ("training_samples", "outage_samples", "velocity_fixes")
-_POSITIVE = ("radius", "speed", "periods", "area_sizes", "spacing", "reach", "inertial_interval")
+_POSITIVE = (
+    *("size", "radius", "speed", "periods", "area_sizes", "spacing", "reach"),
+    "inertial_interval",
+)
 _NOT_NEGATIVE = (
     *("lead", "between", "jitter", "noise", "outlier_scale", "velocity_noise"),
     *("accelerometer_noise", "gyro_noise"),
 )
+_CHANGED = "Set for this run."
 _SHARES = ("dropout", "outlier")
 _SOURCES = ("sensor", "difference", "window")
 
@@ -85,6 +89,42 @@ def load_scenario(path: FilePath) -> dict[str, Setting]:
     return settings
 
 
+def with_values(settings: Mapping[str, Setting], /, **values: Any) -> dict[str, Setting]:
+    """Return settings of which some have other values; those that change become ``assumed``.
+
+    Parameters
+    ----------
+    settings : mapping of str to Setting
+        From `load_scenario`.
+    **values
+        New values by name: numbers, words, or lists or arrays of numbers. One that equals the old
+        value leaves the setting as it is.
+
+    Returns
+    -------
+    dict of str to Setting
+
+    Raises
+    ------
+    ParameterError
+        If there is no setting of a name, or a value is not of one of these kinds.
+    """
+    changed = dict(settings)
+    for name, given in values.items():
+        if name not in changed:
+            raise ParameterError("setting", name, f"one of {', '.join(sorted(changed)) or 'none'}")
+        old = changed[name]
+        value = given if isinstance(given, str) else np.asarray(given).tolist()
+        if value == old.value:
+            continue
+        entry = {"value": value, "unit": old.unit, "source": "assumed", "why": _CHANGED}
+        try:
+            changed[name] = Setting.model_validate(entry)
+        except ValidationError:
+            raise ParameterError(name, given, "a number, a word, or a list of numbers") from None
+    return changed
+
+
 @dataclass(frozen=True)
 class Window:
     """A stretch of samples at a constant period.
@@ -119,6 +159,8 @@ class Scene:
 
     Attributes
     ----------
+    size : tuple of two floats
+        Width and height of the scene, m.
     waypoints, radius, speed
         The path, m and m/s; see `Path.through`.
     lead, between : float
@@ -149,6 +191,7 @@ class Scene:
         Sampling interval of the inertial sensors, s.
     """
 
+    size: tuple[float, float]
     waypoints: tuple[tuple[float, float], ...]
     radius: float
     speed: float
@@ -185,8 +228,8 @@ class Scene:
         InswsnError
             If a setting is missing or unknown.
         ParameterError
-            If a number is negative or not finite that may not be, a count is not whole, or there is
-            no such source of velocities.
+            If a number is negative or not finite that may not be, a count is not whole, an area is
+            larger than the scene, or there is no such source of velocities.
         """
         values: dict[str, Any] = {name: setting.value for name, setting in settings.items()}
         parts = {f.name for kind in (Ranging, InertialErrors) for f in fields(kind)}
@@ -229,12 +272,16 @@ class Scene:
 
     @cached_property
     def nodes(self) -> dict[str, Array]:
-        """The reference nodes of each area: a grid whose middle is that of the path inside it."""
+        """The reference nodes of each area: a grid around the path inside it, within the scene.
+
+        Its middle is that of the path, or as near to that as the edges of the scene allow.
+        """
         found = {}
         for name, size in zip(("area1", "area2"), self.area_sizes, strict=True):
             inside = self.path.drive(self.speed, self.windows[name].times).position
             middle = (inside.min(axis=0) + inside.max(axis=0)) / 2
-            found[name] = node_grid(middle - size / 2, (size, size), self.spacing)
+            corner = np.clip(middle - size / 2, 0.0, np.array(self.size) - size)
+            found[name] = node_grid(corner, (size, size), self.spacing)
         return found
 
     def simulate(self, rng: np.random.Generator, runs: int) -> dict[str, Array]:
@@ -316,6 +363,9 @@ def _check_values(values: Mapping[str, Any]) -> None:
             )
         if name in _SHARES and (numbers > 1).any():
             raise ParameterError(name, values[name], "between 0 and 1")
+    size, sides = np.asarray(values["size"]), np.asarray(values["area_sizes"])
+    if size.shape != (2,) or sides.shape != (2,) or size.min() < sides.max():
+        raise ParameterError("size", values["size"], "two numbers, none below a side of an area")
     if values["velocity_source"] not in _SOURCES:
         raise ParameterError("velocity_source", values["velocity_source"], f"one of {_SOURCES}")
 

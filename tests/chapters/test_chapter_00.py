@@ -8,19 +8,11 @@ import subprocess
 import sys
 from pathlib import Path
 
-import nbformat
-import papermill
 import pytest
 
-from inswsn_lib.artefact.notebooks import read_source
-from inswsn_lib.artefact.project import Chapter, Project
-from inswsn_lib.checkout import RESULTS_VARIABLE, ROOT_VARIABLE
+from inswsn_lib.artefact.project import Project
+from inswsn_lib.checkout import RESULTS_VARIABLE
 from inswsn_lib.claims import Results, read_results
-
-
-@pytest.fixture(scope="module")
-def chapter(project: Project) -> Chapter:
-    return project.chapters()[0]
 
 
 @pytest.fixture(scope="module")
@@ -91,43 +83,7 @@ def test_the_score_by_hand(results: Results) -> None:
     assert len(results.sentences) >= 15
 
 
-def execute(notebook: object, folder: Path, **parameters: float) -> None:
-    source = folder / "in.ipynb"
-    nbformat.write(notebook, source)
-    papermill.execute_notebook(
-        str(source), str(folder / "out.ipynb"), parameters=parameters, progress_bar=False
-    )
-
-
 QUICK = {"training_samples": 12, "outage_samples": 12}
-
-
-def test_it_reads_what_it_says_and_nothing_else(
-    chapter: Chapter, project: Project, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """An audit hook sees every file that the kernel opens below data/."""
-    notebook = read_source(chapter)
-    log = tmp_path / "opened"
-    spy = (
-        "import os, sys\n"
-        f"_log = open({str(log)!r}, 'w', buffering=1)\n"
-        "def _hook(event, args, log=_log):\n"
-        "    if event == 'open' and not isinstance(args[0], int):\n"
-        "        log.write(os.fsdecode(args[0]) + '\\n')\n"
-        "sys.addaudithook(_hook)\n"
-    )
-    notebook.cells.insert(0, nbformat.v4.new_code_cell(spy))
-    monkeypatch.setenv(ROOT_VARIABLE, str(project.root))
-    monkeypatch.setenv(RESULTS_VARIABLE, str(tmp_path / "results"))
-    execute(notebook, tmp_path, **QUICK)
-    data = project.root / "data"
-    opened = {
-        Path(line).resolve().relative_to(project.root).as_posix()
-        for line in log.read_text().splitlines()
-        if Path(line).resolve().is_relative_to(data)
-    }
-    noted = read_results(tmp_path / "results" / "00.json").data
-    assert opened == {name.partition("#")[0] for name in noted}
 
 
 def test_plain_papermill_with_other_parameters(project: Project, tmp_path: Path) -> None:

@@ -85,3 +85,29 @@ def test_outside_a_checkout_it_says_so(tmp_path: Path, monkeypatch: pytest.Monke
     monkeypatch.chdir(tmp_path)
     with pytest.raises(InswsnError, match="is not in a checkout of inswsn"):
         ChapterRecord("00", parameters={})
+
+
+def test_claims_are_judged_by_what_has_been_recorded_so_far(record: ChapterRecord) -> None:
+    root = record._root
+    claim = (
+        "- {{id: {id}, paper: P1, place: Table 9, says: It is {value}., value: '{value}', unit: m, "
+        "kind: numeric, check: {{chapter: '00', quantity: {quantity}}}, tolerance: within 10 %, "
+        "why: A tenth.}}\n"
+    )
+    (root / "data" / "claims.yaml").write_text(
+        "claims:\n"
+        + claim.format(id="P1-T9-1", value="3", quantity="x")
+        + claim.format(id="P1-T9-2", value="5", quantity="x")
+        + claim.format(id="P1-Z-1", value="7", quantity="later")
+    )
+    add(record, "x", value=3.1)
+    judged = record.judge("P1-T9-")
+    assert [(entry.claim.id, str(entry.verdict)) for entry in judged] == [
+        ("P1-T9-1", "reproduced"),
+        ("P1-T9-2", "contradicted by the paper itself"),
+    ]
+    with pytest.raises(InswsnError, match="P1-Z-1 is decided by the quantity later"):
+        record.judge()
+    add(record, "later", value=7.0)
+    assert len(record.judge()) == 3
+    assert "data/claims.yaml#00" in record.results().data

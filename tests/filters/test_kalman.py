@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -191,3 +193,23 @@ def test_what_does_not_fit_is_refused(
 def test_a_mask_that_is_no_mask_is_refused() -> None:
     with pytest.raises(ParameterError, match="available"):
         design_kalman(ErrorModel.p1(0.2), np.ones((3, 4)), initial_covariance=np.eye(4))
+
+
+def test_runs_that_lose_other_measurements_are_each_filtered_by_themselves() -> None:
+    """More runs than are carried at once, the last of each group included."""
+    model = ErrorModel.p1(0.2, process_noise=(0.05, 0.1), measurement_noise=(0.2, 0.3))
+    y = np.random.default_rng(21).standard_normal((6, 4, 1030))
+    y[np.random.default_rng(22).random(y.shape) < 0.2] = np.nan
+    together = run_kalman(model, y, initial_covariance=np.eye(4))
+    for run in (0, 510, 511, 512, 1023, 1024, 1029):
+        alone = run_kalman(model, y[:, :, [run]], initial_covariance=np.eye(4))
+        assert together[:, :, [run]] == pytest.approx(alone, abs=1e-12)
+
+
+def test_numbers_whose_sum_overflows_are_filtered_without_a_word() -> None:
+    model = ErrorModel.p1(1.0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        estimates = run_kalman(model, np.full((2, 4, 3), 1e308), initial_covariance=np.eye(4))
+    assert np.isfinite(estimates[0]).all()
+    assert estimates[0, 2] == pytest.approx(0.5e308)

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 
 from inswsn_lib.errors import ParameterError
 from inswsn_lib.filters import adaptive, gating, huber, run_kalman, run_robust
@@ -79,6 +82,19 @@ def test_the_influence_of_an_outlier_is_bounded() -> None:
         moved.append(run_robust(MODEL, y, huber(), initial_covariance=wide)[0, 0, 0])
     assert moved[2] == pytest.approx(moved[0], rel=1e-6)
     assert moved[0] < 1.345 * 10.1
+
+
+@given(
+    rows=arrays(float, (4, 4), elements=st.floats(-50, 50)),
+    innovation=arrays(float, (1, 4), elements=st.floats(-1e4, 1e4)),
+)
+def test_the_r_of_a_huber_update_is_a_covariance(rows: np.ndarray, innovation: np.ndarray) -> None:
+    """A prediction whose components are all but one and the same once made it indefinite."""
+    R = MODEL.measurement_covariance
+    step = huber()(R, 1)
+    used, there = step(innovation, (rows @ rows.T)[None], np.ones((1, 4), dtype=bool))
+    assert there.all()
+    assert np.linalg.eigvalsh(used[0] - R).min() >= -1e-9 * np.abs(used).max()
 
 
 def test_a_policy_keeps_nothing_from_one_call_to_the_next() -> None:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.linalg import solve_discrete_are
 
 from inswsn_lib.errors import ParameterError
 from inswsn_lib.lmi import InfeasibleDesignError, certify, design_filter, hinf_norm, inequality
@@ -31,6 +32,26 @@ def test_known_values(model: ErrorModel, exact: float, printed: float) -> None:
     digits = 6e-6 if exact < 5 else 6e-4  # the last digit given
     assert design_filter(model).gamma == pytest.approx(exact, abs=digits)
     assert design_filter(model, "printed").gamma == pytest.approx(printed, abs=digits)
+
+
+def test_with_a_large_margin_it_is_the_kalman_predictor() -> None:
+    model = ErrorModel.p1(0.2, process_noise=(0.05, 0.1), measurement_noise=(0.2, 0.3))
+    R = model.measurement_covariance
+    P = solve_discrete_are(model.A.T, model.C.T, model.process_covariance, R)
+    kalman = model.A @ P @ np.linalg.inv(P + R)
+    away = [
+        np.abs(design_filter(model, margin=margin).gain - kalman).max()
+        for margin in (0.01, 0.5, 5.0, 1000.0)
+    ]
+    assert away == sorted(away, reverse=True)
+    assert away[0] > 0.1
+    assert away[-1] < 1e-4
+
+
+@pytest.mark.parametrize("margin", [0.0, -1.0, float("nan"), float("inf")])
+def test_a_margin_that_is_none_is_refused(margin: float) -> None:
+    with pytest.raises(ParameterError, match="margin is"):
+        design_filter(ErrorModel.p1(0.2), margin=margin)
 
 
 @pytest.mark.parametrize("form", ["exact", "printed"])

@@ -6,6 +6,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 
 from inswsn_lib.errors import ParameterError
 from inswsn_lib.models import ErrorModel
@@ -52,3 +55,29 @@ def test_shapes_that_do_not_fit_are_refused(name: str) -> None:
         ErrorModel(**(fields | {name: np.eye(3)}))
     with pytest.raises(ParameterError, match=f"{name} is 'of shape"):
         ErrorModel(**(fields | {name: np.ones(4)}))
+
+
+@given(rows=arrays(float, (4, 4), elements=st.floats(-10, 10)))
+def test_covariances_come_back_from_their_factors(rows: np.ndarray) -> None:
+    covariance = rows @ rows.T
+    model = ErrorModel.p1(0.2, 0.01).with_covariances(covariance, 2 * covariance)
+    assert model.process_covariance == pytest.approx(covariance, abs=1e-9)
+    assert model.measurement_covariance == pytest.approx(2 * covariance, abs=1e-9)
+    assert pytest.approx(model.B.T, abs=1e-9) == model.B  # the symmetric root
+    plain = ErrorModel.p1(0.2, 0.01)
+    assert np.array_equal(model.A, plain.A)
+    assert np.array_equal(model.E, plain.E)
+
+
+@pytest.mark.parametrize(
+    ("process", "said"),
+    [
+        (np.eye(3), "process"),
+        (-np.eye(4), "process is 'not positive semidefinite'"),
+        (np.triu(np.ones((4, 4))), "process is 'not finite or not symmetric'"),
+        (np.full((4, 4), np.nan), "process is 'not finite"),
+    ],
+)
+def test_what_is_no_covariance_is_refused(process: np.ndarray, said: str) -> None:
+    with pytest.raises(ParameterError, match=said):
+        ErrorModel.p1(1.0).with_covariances(process, np.eye(4))

@@ -110,3 +110,17 @@ def test_dropouts_and_outliers_come_as_often_as_asked() -> None:
 def test_a_spacing_that_cannot_be() -> None:
     with pytest.raises(ParameterError, match="spacing"):
         node_grid((0, 0), (10, 10), 0.0)
+
+
+@pytest.mark.parametrize(
+    "nodes",
+    [
+        np.empty((0, 2)),
+        [[1.0, 0.0]],
+        [[1.0, 0.0], [2.0, 0.0]],
+        [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]],
+    ],
+)
+def test_nodes_that_fix_no_position_have_no_covariance(nodes: np.ndarray) -> None:
+    with pytest.raises(ParameterError, match="nodes is"):
+        position_covariance(np.asarray(nodes), np.zeros(2), 0.1)

@@ -12,7 +12,13 @@ import pytest
 
 from inswsn_lib.errors import InswsnError, ParameterError
 from inswsn_lib.evaluation import monte_carlo
-from inswsn_lib.simulation import InertialErrors, Scene, load_scenario, simulate_ins
+from inswsn_lib.simulation import (
+    InertialErrors,
+    Scene,
+    load_scenario,
+    simulate_ins,
+    with_values,
+)
 
 
 @pytest.fixture(scope="module")
@@ -45,6 +51,8 @@ def test_each_window_lies_in_its_area(scene: Scene) -> None:
         assert (np.ptp(inside, axis=0) <= size).all()
         assert (nodes.min(axis=0) <= inside.min(axis=0)).all()
         assert (nodes.max(axis=0) >= inside.max(axis=0)).all()
+        assert (nodes >= 0).all()
+        assert (nodes <= scene.size).all()
 
 
 def test_fixes_are_accurate_to_the_printed_20_cm(scene: Scene) -> None:
@@ -184,3 +192,46 @@ def test_the_calibration_is_what_its_script_finds(root: Path, scene: Scene) -> N
                 values = list(getattr(scene.inertial, name))
                 values[axis] += sign * step
                 assert residual(replace(scene.inertial, **{name: tuple(values)})) > kept
+
+
+def test_a_changed_setting_says_that_it_is_assumed(root: Path) -> None:
+    settings = load_scenario(root / "data/scenarios/p1.yaml")
+    changed = with_values(settings, speed=7.5, noise=0.5)
+    assert changed["speed"] is settings["speed"]  # 7.5 is what it was
+    assert (changed["noise"].value, changed["noise"].source) == (0.5, "assumed")
+    assert changed["noise"].unit == settings["noise"].unit
+    assert settings["noise"].value == 0.38
+    assert changed["noise"].why != settings["noise"].why
+    assert with_values(settings, periods=np.array([0.2, 0.21])) == settings
+    with pytest.raises(ParameterError, match="noise is None"):
+        with_values(settings, noise=None)
+    with pytest.raises(ParameterError, match="setting is 'sped'"):
+        with_values(settings, sped=1.0)
+
+
+def test_an_area_near_the_edge_of_the_scene_stays_inside(scene: Scene) -> None:
+    """The path mirrored: what was near one edge is near the other."""
+    mirrored = replace(scene, waypoints=tuple((x, 450.0 - y) for x, y in scene.waypoints))
+    for name in ("area1", "area2"):
+        nodes = mirrored.nodes[name]
+        assert (nodes >= 0).all()
+        assert (nodes <= mirrored.size).all()
+    assert mirrored.nodes["area1"][:, 1].max() == pytest.approx(450)
+
+
+@pytest.mark.parametrize("size", [[700.0], [100.0, 450.0], [700.0, 450.0, 1.0], [0.0, 450.0]])
+def test_a_scene_that_is_too_small_is_refused(root: Path, size: list[float]) -> None:
+    settings = load_scenario(root / "data/scenarios/p1.yaml")
+    with pytest.raises(ParameterError, match="size is"):
+        Scene.from_settings(with_values(settings, size=size), inertial=InertialErrors())
+
+
+def test_the_fit_to_all_cells_leaves_the_residual_that_its_file_names(root: Path) -> None:
+    study = runpy.run_path(str(root / "studies" / "calibrate_imu.py"))
+    path = root / "data/scenarios/p1-inertial-all-cells.yaml"
+    scene = Scene.from_settings(
+        load_scenario(root / "data/scenarios/p1.yaml") | load_scenario(path)
+    )
+    log = np.log(study["rebuilt_cells"](scene, scene.inertial) / study["printed_cells"]())
+    named = float(path.read_text().split("\n")[1].split()[-1].rstrip("."))
+    assert np.sqrt(np.mean(log**2)) == pytest.approx(named, abs=2e-3)

@@ -1,0 +1,63 @@
+"""What a chapter reads below data/ is what its results file says that it read."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import nbformat
+import papermill
+import pytest
+
+from inswsn_lib.artefact.notebooks import read_source
+from inswsn_lib.artefact.project import Project
+from inswsn_lib.checkout import RESULTS_VARIABLE, ROOT_VARIABLE
+from inswsn_lib.claims import read_results
+from inswsn_lib.parameters import Value
+
+# parameters with which a chapter is quick, and which are not those of the published run
+QUICK: dict[str, dict[str, Value]] = {
+    "00": {"training_samples": 12, "outage_samples": 12},
+    "02": {"runs": 40, "other_runs": 40, "velocity_source": "window"},
+    "90": {"wsn_position_noise": 0.3},
+}
+
+
+def test_every_chapter_is_looked_at(project: Project) -> None:
+    assert [chapter.number for chapter in project.chapters()] == sorted(QUICK)
+
+
+@pytest.mark.parametrize("number", sorted(QUICK))
+def test_it_reads_what_it_says_and_nothing_else(
+    number: str, project: Project, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An audit hook sees every file that the kernel opens below data/."""
+    chapter = next(c for c in project.chapters() if c.number == number)
+    notebook = read_source(chapter)
+    log = tmp_path / "opened"
+    spy = (
+        "import os, sys\n"
+        f"_log = open({str(log)!r}, 'w', buffering=1)\n"
+        "def _hook(event, args, log=_log):\n"
+        "    if event == 'open' and not isinstance(args[0], int):\n"
+        "        log.write(os.fsdecode(args[0]) + '\\n')\n"
+        "sys.addaudithook(_hook)\n"
+    )
+    notebook.cells.insert(0, nbformat.v4.new_code_cell(spy))
+    monkeypatch.setenv(ROOT_VARIABLE, str(project.root))
+    monkeypatch.setenv(RESULTS_VARIABLE, str(tmp_path / "results"))
+    nbformat.write(notebook, tmp_path / "in.ipynb")
+    papermill.execute_notebook(
+        str(tmp_path / "in.ipynb"),
+        str(tmp_path / "out.ipynb"),
+        parameters=QUICK[number],
+        progress_bar=False,
+    )
+    data = project.root / "data"
+    opened = {
+        Path(line).resolve().relative_to(project.root).as_posix()
+        for line in log.read_text().splitlines()
+        if Path(line).resolve().is_relative_to(data)
+    }
+    results = read_results(tmp_path / "results" / f"{number}.json")
+    assert opened == {name.partition("#")[0] for name in results.data}
+    assert results.parameters.items() >= QUICK[number].items()
