@@ -8,6 +8,12 @@ from inswsn_lib.lmi.filter_design import (
     design_filter,
     inequality,
 )
+from inswsn_lib.lmi.horizon import (
+    WorstCase,
+    buildable_system,
+    finite_horizon_gain,
+    worst_disturbance,
+)
 from inswsn_lib.lmi.norms import (
     hinf_norm,
     largest_singular_value,
@@ -21,8 +27,11 @@ __all__ = [
     "Certificate",
     "FilterDesign",
     "InfeasibleDesignError",
+    "WorstCase",
+    "buildable_system",
     "certify",
     "design_filter",
+    "finite_horizon_gain",
     "hinf_norm",
     "inequality",
     "largest_singular_value",
@@ -30,4 +39,5 @@ __all__ = [
     "riccati_gain_below",
     "spectral_radius",
     "stochastic_gain",
+    "worst_disturbance",
 ]

@@ -73,7 +73,7 @@ def hinf_norm(A: ArrayLike, B: ArrayLike, C: ArrayLike, relative: float = 1e-10)
     ParameterError
         If shapes do not fit, or an entry is not finite.
     """
-    A, B, C = _system(A, B, C)
+    A, B, C = checked_system(A, B, C)
     if spectral_radius(A) >= 1:
         return float("inf")
     level = _top_of_sweep(A, B, C)
@@ -146,7 +146,7 @@ def riccati_gain_below(
     iterations : int
         After which a sequence that still moves counts as one that does not converge.
     """
-    A, B, L = _system(A, B, L)
+    A, B, L = checked_system(A, B, L)
     E = np.asarray(E, dtype=float)
     if mean_square_radius(A, E) >= 1:
         return False
@@ -205,7 +205,7 @@ def stochastic_gain(
     ParameterError
         If the plant is so near instability that the iteration does not tell.
     """
-    A, B, L = _system(A, B, L)
+    A, B, L = checked_system(A, B, L)
     E = np.asarray(E, dtype=float)
     if mean_square_radius(A, E) >= 1:
         return float("inf")
@@ -228,7 +228,8 @@ def stochastic_gain(
     return high
 
 
-def _system(A: ArrayLike, B: ArrayLike, C: ArrayLike) -> tuple[Array, Array, Array]:
+def checked_system(A: ArrayLike, B: ArrayLike, C: ArrayLike) -> tuple[Array, Array, Array]:
+    """Return the matrices of a system as floats; refuse shapes that do not fit."""
     matrices = [np.asarray(matrix, dtype=float) for matrix in (A, B, C)]
     n = len(matrices[0])
     shapes = [matrix.shape for matrix in matrices]

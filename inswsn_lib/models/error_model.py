@@ -81,6 +81,26 @@ class ErrorModel:
         """R = D D', (m, m)."""
         return self.D @ self.D.T
 
+    def contracted(self, factor: float) -> Self:
+        """Return the model with a transition that forgets: A is multiplied by a factor.
+
+        P1's A has the eigenvalue 1, so that a velocity error never dies and a filter that does not
+        know the jitter has no finite gain over all time. A factor below 1 repairs that.
+
+        Parameters
+        ----------
+        factor : float
+            Above 0, at most 1.
+
+        Raises
+        ------
+        ParameterError
+            If it is not.
+        """
+        if not 0 < factor <= 1:
+            raise ParameterError("factor", factor, "above 0, at most 1")
+        return replace(self, A=factor * self.A)
+
     def with_covariances(self, process: ArrayLike, measurement: ArrayLike) -> Self:
         """Return the model with other noise: B and D such that Q = B B' and R = D D'.
 

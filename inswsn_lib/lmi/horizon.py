@@ -1,0 +1,193 @@
+"""Worst-case gains over a finite horizon, what attains them, and the filter that can be built."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.linalg import LinAlgError, cho_factor, cho_solve
+
+from inswsn_lib.errors import ParameterError
+from inswsn_lib.lmi.norms import checked_system
+from inswsn_lib.models import ErrorModel
+
+Array = NDArray[np.float64]
+
+# The feedback is computed this far above the gain, where the recursion still holds.
+_ABOVE = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class WorstCase:
+    r"""The disturbance that attains the gain over a horizon, from the state zero.
+
+    Attributes
+    ----------
+    gain : float
+        The root of the largest quotient of the energies of z and s.
+    first : ndarray, (p,)
+        s_0, of unit length.
+    feedback : ndarray, (steps - 1, p, n)
+        :math:`s_k = F_k x_k` for k = 1, 2, ...
+    """
+
+    gain: float
+    first: Array
+    feedback: Array
+
+
+def finite_horizon_gain(
+    A: ArrayLike, E: ArrayLike, B: ArrayLike, L: ArrayLike, steps: int, relative: float = 1e-9
+) -> float:
+    r"""Return the worst-case gain of a system with multiplicative noise over a finite horizon.
+
+    The plant is :math:`x_{k+1} = (A + E\beta_k) x_k + B s_k`, :math:`z_k = L x_k`, from
+    :math:`x_0 = 0`, with :math:`\beta_k` white of unit variance and :math:`s_k` a function of what
+    has happened before. The gain is the least g with
+
+    .. math::
+        \mathbb{E} \sum_{k=0}^{N} |z_k|^2 \le g^2\, \mathbb{E} \sum_{k=0}^{N-1} |s_k|^2 .
+
+    It is the least g for which, from :math:`P_N = L'L` backwards,
+
+    .. math::
+        P_k = A'P_{k+1}A + E'P_{k+1}E + L'L
+        + A'P_{k+1}B\,(g^2 I - B'P_{k+1}B)^{-1} B'P_{k+1}A
+
+    keeps :math:`g^2 I - B'P_{k+1}B` positive definite: by dynamic programming,
+    :math:`x'P_k x` is the largest energy of z from step k on less what s costs. No stability is
+    needed.
+
+    Parameters
+    ----------
+    A, E, B, L : array_like, (n, n), (n, n), (n, p), (l, n)
+        The system.
+    steps : int
+        N, 1 or more.
+    relative : float
+        Relative accuracy.
+
+    Raises
+    ------
+    ParameterError
+        If a shape does not fit, an entry is not finite, or there is no step.
+    """
+    A, B, L = checked_system(A, B, L)
+    E = _multiplier(E, len(A))
+    if steps < 1:
+        raise ParameterError("steps", steps, "1 or more")
+    low = float(np.linalg.norm(L @ B, 2))  # what one step does
+    if not L.any() or not B.any():
+        return 0.0
+    high = max(low, np.finfo(float).tiny)
+    while _backwards(A, E, B, L, steps, high) is None:
+        low, high = high, 2 * high
+        if not np.isfinite(high):
+            raise ParameterError("steps", steps, "so few that the gain is a number")
+    while high > low * (1 + relative):
+        middle = (low + high) / 2
+        if _backwards(A, E, B, L, steps, middle) is None:
+            low = middle
+        else:
+            high = middle
+    return high
+
+
+def worst_disturbance(
+    A: ArrayLike, E: ArrayLike, B: ArrayLike, L: ArrayLike, steps: int
+) -> WorstCase:
+    r"""Return the disturbance that attains `finite_horizon_gain`.
+
+    From :math:`x_0 = 0` the first disturbance goes in the direction of the largest eigenvalue of
+    :math:`B'P_1B`. Then :math:`s_k = (g^2 I - B'P_{k+1}B)^{-1} B'P_{k+1}A\, x_k`, a feedback of the
+    state that the disturbance has made so far.
+
+    Parameters
+    ----------
+    A, E, B, L : array_like, (n, n), (n, n), (n, p), (l, n)
+        The system of `finite_horizon_gain`.
+    steps : int
+        N, 1 or more.
+
+    Raises
+    ------
+    ParameterError
+        As `finite_horizon_gain`.
+    """
+    gain = finite_horizon_gain(A, E, B, L, steps)
+    A, B, L = checked_system(A, B, L)
+    found = _backwards(A, _multiplier(E, len(A)), B, L, steps, gain * (1 + _ABOVE))
+    if found is None or gain == 0:
+        return WorstCase(gain, np.eye(B.shape[1])[0], np.zeros((steps - 1, B.shape[1], len(A))))
+    P, feedback = found
+    return WorstCase(gain, np.linalg.eigh(B.T @ P @ B)[1][:, -1], feedback)
+
+
+def _backwards(
+    A: Array, E: Array, B: Array, L: Array, steps: int, gain: float
+) -> tuple[Array, Array] | None:
+    """Return P_1 and the feedbacks of steps 1, 2, ..., or None if the gain is too small."""
+    P = L.T @ L
+    feedback: list[Array] = []
+    for k in range(steps):
+        PB = P @ B
+        try:
+            factor = cho_factor(gain**2 * np.eye(B.shape[1]) - B.T @ PB)
+        except (LinAlgError, ValueError):  # not positive definite, or not finite
+            return None
+        if k == steps - 1:
+            return P, np.array(feedback[::-1]).reshape(steps - 1, B.shape[1], len(A))
+        BPA = PB.T @ A
+        feedback.append(cho_solve(factor, BPA))
+        P = A.T @ P @ A + E.T @ P @ E + L.T @ L + BPA.T @ feedback[-1]
+        P = (P + P.T) / 2
+    return None
+
+
+def buildable_system(model: ErrorModel, gain: ArrayLike) -> tuple[Array, Array, Array, Array]:
+    r"""Return the error system of the filter that can be built, which does not know the jitter.
+
+    With :math:`A_f = A - B_f C` (P1 2.25) the error obeys, beside the state itself,
+
+    .. math::
+        e^+ = (A - B_f C)\, e + E\beta\, x + B w - B_f D v, \qquad x^+ = (A + E\beta)\, x + B w,
+        \qquad z = L e .
+
+    The jitter multiplies the state and not its error, other than in (2.11).
+
+    Parameters
+    ----------
+    model : ErrorModel
+        The model.
+    gain : array_like, (n, m)
+        B_f.
+
+    Returns
+    -------
+    A, E, B, L : ndarray, (2n, 2n), (2n, 2n), (2n, p + q), (l, 2n)
+        For the state (e, x) and the disturbance (w, v).
+
+    Raises
+    ------
+    ParameterError
+        If the gain has another shape.
+    """
+    B_f = np.asarray(gain, dtype=float)
+    n = len(model.A)
+    if B_f.shape != (n, len(model.C)):
+        raise ParameterError("gain", f"of shape {B_f.shape}", f"({n}, {len(model.C)})")
+    zero = np.zeros((n, n))
+    return (
+        np.block([[model.A - B_f @ model.C, zero], [zero, model.A]]),
+        np.block([[zero, model.E], [zero, model.E]]),
+        np.block([[model.B, -B_f @ model.D], [model.B, np.zeros((n, model.D.shape[1]))]]),
+        np.hstack([model.L, np.zeros_like(model.L)]),
+    )
+
+
+def _multiplier(E: ArrayLike, states: int) -> Array:
+    matrix = np.asarray(E, dtype=float)
+    if matrix.shape != (states, states) or not np.isfinite(matrix).all():
+        raise ParameterError("E", f"of shape {matrix.shape}", f"finite, ({states}, {states})")
+    return matrix

@@ -1,0 +1,147 @@
+"""Gains over a finite horizon, against the singular values of one big matrix and by simulation."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from inswsn_lib.errors import ParameterError
+from inswsn_lib.lmi import (
+    buildable_system,
+    design_filter,
+    finite_horizon_gain,
+    hinf_norm,
+    mean_square_radius,
+    stochastic_gain,
+    worst_disturbance,
+)
+from inswsn_lib.models import ErrorModel
+
+
+def impulse_matrix(A: np.ndarray, B: np.ndarray, L: np.ndarray, steps: int) -> np.ndarray:
+    """Return the map from all disturbances to all outputs: block k, j is L A^(k-j-1) B."""
+    blocks = np.zeros((steps + 1, len(L), steps, B.shape[1]))
+    for k in range(steps + 1):
+        for j in range(k):
+            blocks[k, :, j] = L @ np.linalg.matrix_power(A, k - j - 1) @ B
+    return blocks.reshape((steps + 1) * len(L), steps * B.shape[1])
+
+
+def random_system(seed: int, radius: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(seed)
+    A = rng.standard_normal((3, 3))
+    A *= radius / np.abs(np.linalg.eigvals(A)).max()
+    return A, rng.standard_normal((3, 2)), rng.standard_normal((2, 3))
+
+
+@given(seed=st.integers(0, 10**6), radius=st.floats(0.1, 1.3), steps=st.integers(1, 12))
+def test_without_jitter_it_is_a_singular_value(seed: int, radius: float, steps: int) -> None:
+    """Stable or not: over a finite horizon every system has a gain."""
+    A, B, L = random_system(seed, radius)
+    exact = np.linalg.svd(impulse_matrix(A, B, L, steps), compute_uv=False)[0]
+    assert finite_horizon_gain(A, np.zeros((3, 3)), B, L, steps) == pytest.approx(exact, rel=1e-7)
+
+
+@given(seed=st.integers(0, 10**6), steps=st.integers(1, 12))
+def test_the_worst_disturbance_attains_the_gain(seed: int, steps: int) -> None:
+    A, B, L = random_system(seed, 0.9)
+    worst = worst_disturbance(A, np.zeros((3, 3)), B, L, steps)
+    x, s, spent, seen = np.zeros(3), worst.first, 0.0, 0.0
+    for k in range(steps):
+        if k:
+            s = worst.feedback[k - 1] @ x
+        spent += s @ s
+        x = A @ x + B @ s
+        seen += np.sum((L @ x) ** 2)
+    assert np.sqrt(seen / spent) == pytest.approx(worst.gain, rel=1e-4)
+
+
+def test_with_jitter_the_mean_energy_attains_the_gain() -> None:
+    """A scalar plant, all signs of beta of equal weight: 2^8 ways, so that the mean is exact."""
+    A, E, B, L = ([[0.9]], [[0.4]], [[1.0]], [[1.0]])
+    steps = 8
+    worst = worst_disturbance(A, E, B, L, steps)
+    signs = 1 - 2.0 * ((np.arange(2**steps)[:, None] >> np.arange(steps)) & 1)
+    x, spent, seen = np.zeros(2**steps), 0.0, 0.0
+    for k in range(steps):
+        s = worst.first[0] * np.ones_like(x) if k == 0 else worst.feedback[k - 1, 0, 0] * x
+        spent += np.mean(s**2)
+        x = (0.9 + 0.4 * signs[:, k]) * x + s
+        seen += np.mean(x**2)
+    assert np.sqrt(seen / spent) == pytest.approx(worst.gain, rel=1e-4)
+
+
+def test_it_rises_with_the_horizon_to_the_gain_over_all_time() -> None:
+    model = ErrorModel.p1(0.2, 0.05)
+    design = design_filter(model)
+    B = np.hstack([model.B, -design.gain @ model.D])
+    gains = [finite_horizon_gain(design.A_f, model.E, B, model.L, n) for n in (1, 2, 5, 20, 80)]
+    assert gains == sorted(gains)
+    assert gains[-1] == pytest.approx(stochastic_gain(design.A_f, model.E, B, model.L), rel=1e-3)
+    assert gains[0] == pytest.approx(np.linalg.norm(model.L @ B, 2))
+
+
+def test_the_filter_that_can_be_built_has_no_gain_over_all_time_for_p1() -> None:
+    """Its jitter multiplies an integrator chain; contraction or a finite horizon repairs it."""
+    model = ErrorModel.p1(0.2, 0.0012)
+    gain = design_filter(ErrorModel.p1(0.2)).gain
+    A, E, B, L = buildable_system(model, gain)
+    assert mean_square_radius(A, E) >= 1
+    assert stochastic_gain(A, E, B, L) == np.inf
+    over = [finite_horizon_gain(A, E, B, L, steps) for steps in (50, 100, 200, 400)]
+    assert over == sorted(over)
+    assert over[3] ** 2 - over[2] ** 2 > 2 * (over[2] ** 2 - over[1] ** 2) > 0
+    forgetting = model.contracted(0.95)
+    assert pytest.approx(0.95 * model.A) == forgetting.A
+    assert np.isfinite(stochastic_gain(*buildable_system(forgetting, gain)))
+
+
+def test_without_jitter_the_buildable_system_is_that_of_the_error() -> None:
+    model = ErrorModel.p1(0.2)
+    design = design_filter(model)
+    A, E, B, L = buildable_system(model, design.gain)
+    assert not E.any()
+    # the state is beside it and does not enter z
+    error = hinf_norm(design.A_f, np.hstack([model.B, -design.gain @ model.D]), model.L)
+    zero, long = np.zeros((8, 8)), 60
+    assert finite_horizon_gain(A, zero, B, L, long) == pytest.approx(error, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"steps": 0}, "steps is 0"),
+        ({"E": np.eye(2)}, "E is"),
+        ({"E": np.full((3, 3), np.nan)}, "E is"),
+        ({"B": np.eye(2)}, "A, B, C is"),
+    ],
+)
+def test_what_cannot_be_is_refused(changes: dict[str, object], said: str) -> None:
+    A, B, L = random_system(1, 0.5)
+    given_ = {"A": A, "E": np.zeros((3, 3)), "B": B, "L": L, "steps": 3} | changes
+    with pytest.raises(ParameterError, match=said):
+        finite_horizon_gain(**given_)  # type: ignore[arg-type]
+    if "steps" not in changes:
+        with pytest.raises(ParameterError, match=said):
+            worst_disturbance(**given_)  # type: ignore[arg-type]
+
+
+def test_no_output_or_no_input_has_no_gain() -> None:
+    A, B, L = random_system(2, 0.5)
+    zero = np.zeros((3, 3))
+    assert finite_horizon_gain(A, zero, B, 0 * L, 4) == 0
+    assert finite_horizon_gain(A, zero, 0 * B, L, 4) == 0
+    assert worst_disturbance(A, zero, B, 0 * L, 4).gain == 0
+
+
+def test_a_gain_of_another_shape_is_refused() -> None:
+    with pytest.raises(ParameterError, match="gain is"):
+        buildable_system(ErrorModel.p1(0.2), np.eye(3))
+
+
+@pytest.mark.parametrize("factor", [0.0, 1.01, float("nan")])
+def test_a_factor_that_does_not_contract_is_refused(factor: float) -> None:
+    with pytest.raises(ParameterError, match="factor is"):
+        ErrorModel.p1(0.2).contracted(factor)
