@@ -22,6 +22,7 @@ from inswsn_lib.lmi.norms import (
     spectral_radius,
     stochastic_gain,
 )
+from inswsn_lib.lmi.proof import negative_definite, printed_steps
 
 __all__ = [
     "Certificate",
@@ -36,6 +37,8 @@ __all__ = [
     "inequality",
     "largest_singular_value",
     "mean_square_radius",
+    "negative_definite",
+    "printed_steps",
     "riccati_gain_below",
     "spectral_radius",
     "stochastic_gain",
