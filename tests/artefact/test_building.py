@@ -271,6 +271,8 @@ def start_slow_build(project: MiniProject) -> tuple[subprocess.Popen[str], int]:
             "time.sleep(120)"
         )
     )
+    # what a shell runs in the background is born deaf to Ctrl-C, and so are its children
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
     process = subprocess.Popen(
         [sys.executable, "-m", "inswsn_lib", "--root", str(project.root), "book"],
         stderr=subprocess.PIPE,
@@ -278,6 +280,7 @@ def start_slow_build(project: MiniProject) -> tuple[subprocess.Popen[str], int]:
         text=True,
         start_new_session=True,
     )
+    signal.signal(signal.SIGINT, before)
     for _ in range(600):
         if marker.is_file() and (text := marker.read_text()):
             return process, int(text)
