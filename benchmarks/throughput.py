@@ -114,7 +114,7 @@ def designs() -> list[Row]:
         ErrorModel.p1(0.2, process_noise=(0.05 + 0.01 * i, 0.1), measurement_noise=(0.2, 0.3))
         for i in range(20)
     ]
-    problems = filter_design._problems((4, 4, 4, 4), "exact")
+    problems = filter_design._problems((4, 4, 4, 4), "exact", "clarabel")
     whole, inside = [], []
     for model in models:
         began = time.perf_counter()

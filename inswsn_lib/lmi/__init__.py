@@ -23,6 +23,7 @@ from inswsn_lib.lmi.norms import (
     stochastic_gain,
 )
 from inswsn_lib.lmi.proof import negative_definite, printed_steps
+from inswsn_lib.lmi.riccati import riccati_filter, riccati_gamma
 
 __all__ = [
     "Certificate",
@@ -39,7 +40,9 @@ __all__ = [
     "mean_square_radius",
     "negative_definite",
     "printed_steps",
+    "riccati_filter",
     "riccati_gain_below",
+    "riccati_gamma",
     "spectral_radius",
     "stochastic_gain",
     "worst_disturbance",

@@ -23,6 +23,13 @@ from inswsn_lib.models import ErrorModel
 
 Array = NDArray[np.float64]
 Form = Literal["exact", "printed"]
+Solver = Literal["clarabel", "scs"]
+
+_SOLVERS: dict[str, dict[str, Any]] = {
+    "clarabel": {"solver": cp.CLARABEL},
+    # a first-order method: with its own default it stops at 1e-4
+    "scs": {"solver": cp.SCS, "eps_abs": 1e-9, "eps_rel": 1e-9, "max_iters": 200_000},
+}
 
 _KALMAN_STEPS = 40
 # The solver's answer may break the inequality by this share of its largest entry.
@@ -149,7 +156,13 @@ def _blocks(
     return rows
 
 
-def design_filter(model: ErrorModel, form: Form = "exact", *, margin: float = 0.01) -> FilterDesign:
+def design_filter(
+    model: ErrorModel,
+    form: Form = "exact",
+    *,
+    margin: float = 0.01,
+    solver: Solver = "clarabel",
+) -> FilterDesign:
     r"""Design the H-infinity filter of a model.
 
     First the smallest gamma is found for which `inequality` has a solution. The gain that attains
@@ -174,6 +187,9 @@ def design_filter(model: ErrorModel, form: Form = "exact", *, margin: float = 0.
         The bounded real lemma, or the inequality (2.15) as P1 prints it.
     margin : float
         By which share the bound may be above the smallest one; positive.
+    solver : {"clarabel", "scs"}
+        An interior-point method, or a first-order method, which is slower and less accurate and
+        there to check the first.
 
     Returns
     -------
@@ -186,13 +202,15 @@ def design_filter(model: ErrorModel, form: Form = "exact", *, margin: float = 0.
         If no solution is found, for example because a mode that cannot be observed is not stable,
         or the solver's answer does not pass the certificate.
     ParameterError
-        If there is no such form, or the margin is not a positive number.
+        If there is no such form or solver, or the margin is not a positive number.
     """
     if not 0 < margin < np.inf:
         raise ParameterError("margin", margin, "positive and finite")
     if form not in ("exact", "printed"):
         raise ParameterError("form", form, 'one of "exact", "printed"')
-    problems = _problems(_shape(model), form)
+    if solver not in _SOLVERS:
+        raise ParameterError("solver", solver, 'one of "clarabel", "scs"')
+    problems = _problems(_shape(model), form, solver)
     units = _Units.of(model)
     plain = units.scaled(model)
     # states in which P is the identity: the solver sees the same problem, well scaled
@@ -266,8 +284,9 @@ def _shape(model: ErrorModel) -> tuple[int, int, int, int]:
 class _Problems:
     """The two convex problems for one shape of model, compiled once and solved with new numbers."""
 
-    def __init__(self, shape: tuple[int, int, int, int], form: Form) -> None:
+    def __init__(self, shape: tuple[int, int, int, int], form: Form, solver: Solver) -> None:
         n, p, m, q = shape
+        self._solver = _SOLVERS[solver]
         self._guard = threading.Lock()  # the problems hold the numbers of one model at a time
         sizes = {"A": (n, n), "B": (n, p), "C": (m, n), "D": (m, q), "LL": (n, n), "E": (n, n)}
         self._numbers = {name: cp.Parameter(size) for name, size in sizes.items()}
@@ -288,7 +307,7 @@ class _Problems:
     def smallest_gamma(self, model: ErrorModel) -> tuple[float, str, Array]:
         with self._guard:
             self._set(model)
-            _solve(self._first)
+            _solve(self._first, self._solver)
             squared, P = float(self._squared.value), np.asarray(self._P.value)
             return float(np.sqrt(max(squared, 0.0))), str(self._first.status), (P + P.T) / 2
 
@@ -296,7 +315,7 @@ class _Problems:
         with self._guard:
             self._set(model)
             self._level.value = level**2
-            _solve(self._second)
+            _solve(self._second, self._solver)
             P = np.asarray(self._P.value)
             return (P + P.T) / 2, np.asarray(self._Q.value)
 
@@ -306,8 +325,8 @@ class _Problems:
 
 
 @lru_cache(maxsize=32)
-def _problems(shape: tuple[int, int, int, int], form: Form) -> _Problems:
-    return _Problems(shape, form)
+def _problems(shape: tuple[int, int, int, int], form: Form, solver: Solver) -> _Problems:
+    return _Problems(shape, form, solver)
 
 
 @dataclass(frozen=True, eq=False)
@@ -373,11 +392,11 @@ def _symmetric(matrix: Any) -> Any:
     return (matrix + matrix.T) / 2
 
 
-def _solve(problem: Any) -> None:
+def _solve(problem: Any, solver: dict[str, Any]) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # an inaccurate answer is judged by its certificate
         try:
-            problem.solve(solver=cp.CLARABEL)
+            problem.solve(**solver)
         except cp.SolverError as error:
             raise InfeasibleDesignError(f"The solver failed on the inequality: {error}.") from None
     if problem.status not in ("optimal", "optimal_inaccurate"):

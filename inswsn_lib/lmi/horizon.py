@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 from inswsn_lib.errors import ParameterError
-from inswsn_lib.lmi.norms import checked_system
+from inswsn_lib.lmi.norms import checked_system, multipliers, seen_through
 from inswsn_lib.models import ErrorModel
 
 Array = NDArray[np.float64]
@@ -61,8 +61,9 @@ def finite_horizon_gain(
 
     Parameters
     ----------
-    A, E, B, L : array_like, (n, n), (n, n), (n, p), (l, n)
-        The system.
+    A, E, B, L : array_like, (n, n), (n, n) or (k, n, n), (n, p), (l, n)
+        The system; E may be a stack of k matrices, one for each of k independent multiplicative
+        noises.
     steps : int
         N, 1 or more.
     relative : float
@@ -74,7 +75,7 @@ def finite_horizon_gain(
         If a shape does not fit, an entry is not finite, or there is no step.
     """
     A, B, L = checked_system(A, B, L)
-    E = _multiplier(E, len(A))
+    E = multipliers(E, len(A))
     if steps < 1:
         raise ParameterError("steps", steps, "1 or more")
     low = float(np.linalg.norm(L @ B, 2))  # what one step does
@@ -105,7 +106,7 @@ def worst_disturbance(
 
     Parameters
     ----------
-    A, E, B, L : array_like, (n, n), (n, n), (n, p), (l, n)
+    A, E, B, L : array_like, (n, n), (n, n) or (k, n, n), (n, p), (l, n)
         The system of `finite_horizon_gain`.
     steps : int
         N, 1 or more.
@@ -117,7 +118,7 @@ def worst_disturbance(
     """
     gain = finite_horizon_gain(A, E, B, L, steps)
     A, B, L = checked_system(A, B, L)
-    found = _backwards(A, _multiplier(E, len(A)), B, L, steps, gain * (1 + _ABOVE))
+    found = _backwards(A, multipliers(E, len(A)), B, L, steps, gain * (1 + _ABOVE))
     if found is None or gain == 0:
         return WorstCase(gain, np.eye(B.shape[1])[0], np.zeros((steps - 1, B.shape[1], len(A))))
     P, feedback = found
@@ -140,7 +141,7 @@ def _backwards(
             return P, np.array(feedback[::-1]).reshape(steps - 1, B.shape[1], len(A))
         BPA = PB.T @ A
         feedback.append(cho_solve(factor, BPA))
-        P = A.T @ P @ A + E.T @ P @ E + L.T @ L + BPA.T @ feedback[-1]
+        P = A.T @ P @ A + seen_through(P, E) + L.T @ L + BPA.T @ feedback[-1]
         P = (P + P.T) / 2
     return None
 
@@ -184,10 +185,3 @@ def buildable_system(model: ErrorModel, gain: ArrayLike) -> tuple[Array, Array, 
         np.block([[model.B, -B_f @ model.D], [model.B, np.zeros((n, model.D.shape[1]))]]),
         np.hstack([model.L, np.zeros_like(model.L)]),
     )
-
-
-def _multiplier(E: ArrayLike, states: int) -> Array:
-    matrix = np.asarray(E, dtype=float)
-    if matrix.shape != (states, states) or not np.isfinite(matrix).all():
-        raise ParameterError("E", f"of shape {matrix.shape}", f"finite, ({states}, {states})")
-    return matrix

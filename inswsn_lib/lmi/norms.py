@@ -126,11 +126,11 @@ def riccati_gain_below(
 ) -> bool:
     r"""Tell whether a system with multiplicative noise is stable with a gain below a number.
 
-    The plant is :math:`x^+ = (A + E\beta) x + B s`, :math:`z = L x`, with :math:`\beta` white of
-    unit variance. The iteration
+    The plant is :math:`x^+ = (A + \sum_i E_i\beta_i) x + B s`, :math:`z = L x`, with
+    :math:`\beta_i` white of unit variance and independent of one another. The iteration
 
     .. math::
-        P^+ = A'PA + E'PE + L'L + A'PB (g^2 I - B'PB)^{-1} B'PA
+        P^+ = A'PA + \sum_i E_i'PE_i + L'L + A'PB (g^2 I - B'PB)^{-1} B'PA
 
     from P = 0 rises. If the plant is mean-square stable, it converges with
     :math:`g^2 I - B'PB > 0` for every g above the gain, and for none below it (El Bouhtouri,
@@ -139,15 +139,15 @@ def riccati_gain_below(
 
     Parameters
     ----------
-    A, E, B, L : array_like, (n, n), (n, n), (n, p), (l, n)
-        The system.
+    A, E, B, L : array_like, (n, n), (n, n) or (k, n, n), (n, p), (l, n)
+        The system; E may be a stack of k matrices, one for each multiplicative noise.
     gain : float
         g.
     iterations : int
         After which a sequence that still moves counts as one that does not converge.
     """
     A, B, L = checked_system(A, B, L)
-    E = np.asarray(E, dtype=float)
+    E = multipliers(E, len(A))
     if mean_square_radius(A, E) >= 1:
         return False
     P, source = np.zeros_like(A), L.T @ L
@@ -158,7 +158,7 @@ def riccati_gain_below(
         except LinAlgError:
             return False
         APB = A.T @ PB
-        new = A.T @ P @ A + E.T @ P @ E + source + APB @ cho_solve(factor, APB.T)
+        new = A.T @ P @ A + seen_through(P, E) + source + APB @ cho_solve(factor, APB.T)
         new = (new + new.T) / 2
         if not np.isfinite(new).all():
             return False
@@ -175,11 +175,18 @@ def mean_square_radius(A: ArrayLike, E: ArrayLike) -> float:
 
     Parameters
     ----------
-    A, E : array_like, (n, n)
-        Of the plant x+ = (A + E beta) x, with beta white of unit variance.
+    A, E : array_like, (n, n), (n, n) or (k, n, n)
+        Of the plant x+ = (A + E beta) x, with beta white of unit variance; E may be a stack of k
+        matrices, one for each of k independent multiplicative noises, whose terms add.
+
+    Raises
+    ------
+    ParameterError
+        If E has another shape or is not finite.
     """
-    a, e = np.asarray(A, dtype=float), np.asarray(E, dtype=float)
-    return spectral_radius(np.kron(a, a) + np.kron(e, e))
+    a = np.asarray(A, dtype=float)
+    each = multipliers(E, len(a))
+    return spectral_radius(np.kron(a, a) + sum(np.kron(e, e) for e in each))
 
 
 def stochastic_gain(
@@ -189,7 +196,7 @@ def stochastic_gain(
 
     Parameters
     ----------
-    A, E, B, L : array_like, (n, n), (n, n), (n, p), (l, n)
+    A, E, B, L : array_like, (n, n), (n, n) or (k, n, n), (n, p), (l, n)
         The system of `riccati_gain_below`.
     relative : float
         Relative accuracy; for a plant near instability it is not reached, and the result is on the
@@ -206,7 +213,7 @@ def stochastic_gain(
         If the plant is so near instability that the iteration does not tell.
     """
     A, B, L = checked_system(A, B, L)
-    E = np.asarray(E, dtype=float)
+    E = multipliers(E, len(A))
     if mean_square_radius(A, E) >= 1:
         return float("inf")
     low = hinf_norm(A, B, L)  # beta = 0 in the mean: the gain cannot be smaller
@@ -243,3 +250,21 @@ def checked_system(A: ArrayLike, B: ArrayLike, C: ArrayLike) -> tuple[Array, Arr
     if not all(np.isfinite(matrix).all() for matrix in matrices):
         raise ParameterError("A, B, C", "not finite", "finite")
     return matrices[0], matrices[1], matrices[2]
+
+
+def multipliers(E: ArrayLike, states: int) -> Array:
+    """Return one matrix of a multiplicative noise, or several, as a stack (k, n, n)."""
+    matrix = np.asarray(E, dtype=float)
+    stack = matrix[None] if matrix.ndim == 2 else matrix
+    if stack.ndim != 3 or stack.shape[1:] != (states, states) or not np.isfinite(stack).all():
+        raise ParameterError(
+            "E",
+            f"of shape {matrix.shape}",
+            f"finite, ({states}, {states}) or (k, {states}, {states})",
+        )
+    return stack
+
+
+def seen_through(P: Array, stack: Array) -> Array:
+    """Return the sum of E' P E over a stack of multiplicative noises."""
+    return np.asarray((stack.transpose(0, 2, 1) @ P @ stack).sum(axis=0))
