@@ -1,5 +1,6 @@
 """Linear matrix inequalities of the H-infinity filters, and the norms that certify them."""
 
+from inswsn_lib.lmi.centre import central_gain
 from inswsn_lib.lmi.filter_design import (
     Certificate,
     FilterDesign,
@@ -31,6 +32,7 @@ __all__ = [
     "InfeasibleDesignError",
     "WorstCase",
     "buildable_system",
+    "central_gain",
     "certify",
     "design_filter",
     "finite_horizon_gain",

@@ -17,6 +17,7 @@ from inswsn_lib.parameters import Value
 # parameters with which a chapter is quick, and which are not those of the published run
 QUICK: dict[str, dict[str, Value]] = {
     "00": {"training_samples": 12, "outage_samples": 12},
+    "01": {"systems": 40, "runs": 40, "margin": 0.1},
     "02": {"runs": 40, "other_runs": 40, "velocity_source": "window"},
     "90": {"wsn_position_noise": 0.3},
 }
