@@ -15,6 +15,7 @@ from inswsn_lib.errors import InswsnError
 
 # A rebuilt interval that is wider than this share of the published value decides nothing.
 _WIDEST = 0.25
+_ROUNDING = 1e-6
 
 
 class Verdict(StrEnum):
@@ -86,8 +87,8 @@ class Judged:
             return "–"
         value, unit = self.quantity.value, self.quantity.unit
         low, high = self.quantity.interval or (value, value)
-        if low == high:
-            return _with_unit(f"{value:.6g}", unit)
+        if low == high:  # of a number that is rounding error, two digits say it all
+            return _with_unit(f"{value:.2g}" if abs(value) < _ROUNDING else f"{value:.6g}", unit)
         digits = max(0, 1 - math.floor(math.log10(high - low)))
         if digits > 8:  # small numbers: two digits of the width in powers of ten
             return _with_unit(f"{value:.6g} ({low:.6g} to {high:.6g})", unit)

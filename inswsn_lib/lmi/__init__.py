@@ -8,10 +8,12 @@ from inswsn_lib.lmi.filter_design import (
     certify,
     design_filter,
     inequality,
+    minimise_gamma,
 )
 from inswsn_lib.lmi.horizon import (
     WorstCase,
     buildable_system,
+    enumerated_gain,
     finite_horizon_gain,
     worst_disturbance,
 )
@@ -35,11 +37,13 @@ __all__ = [
     "central_gain",
     "certify",
     "design_filter",
+    "enumerated_gain",
     "finite_horizon_gain",
     "hinf_norm",
     "inequality",
     "largest_singular_value",
     "mean_square_radius",
+    "minimise_gamma",
     "negative_definite",
     "printed_steps",
     "riccati_filter",

@@ -22,9 +22,10 @@ def central_gain(model: ErrorModel, level: float, form: Form = "exact") -> Array
     with its sign changed. A path-following method stays near such centres, one level after the
     other, so its gain is about this one wherever it is stopped.
 
-    If D = 0 and C is invertible, :math:`\Gamma = PA - QC` is as free as Q, and the inequality holds
-    for :math:`\Gamma` if and only if it holds for :math:`-\Gamma`. The centre is unique, so
-    :math:`\Gamma = 0`: the gain is the deadbeat one at every level.
+    There is a centre if B has full row rank, so that P is bounded. If D = 0 and C is invertible,
+    :math:`\Gamma = PA - QC` is as free as Q, and the inequality holds for :math:`\Gamma` if and
+    only if it holds for :math:`-\Gamma`. The centre is unique, so :math:`\Gamma = 0`: the gain is
+    the deadbeat one at every level.
 
     Parameters
     ----------
@@ -43,7 +44,8 @@ def central_gain(model: ErrorModel, level: float, form: Form = "exact") -> Array
     Raises
     ------
     InfeasibleDesignError
-        If the inequality has no solution at this level, or the solver does not find the centre.
+        If the inequality has no solution at this level, or it has no centre, or the solver does
+        not find it.
     ParameterError
         If the level is not positive and finite, or there is no such form.
     """

@@ -206,17 +206,13 @@ def design_filter(
     """
     if not 0 < margin < np.inf:
         raise ParameterError("margin", margin, "positive and finite")
-    if form not in ("exact", "printed"):
-        raise ParameterError("form", form, 'one of "exact", "printed"')
-    if solver not in _SOLVERS:
-        raise ParameterError("solver", solver, 'one of "clarabel", "scs"')
-    problems = _problems(_shape(model), form, solver)
+    problems = _checked_problems(model, form, solver)
     units = _Units.of(model)
     plain = units.scaled(model)
     # states in which P is the identity: the solver sees the same problem, well scaled
     to_balanced = _square_root(problems.smallest_gamma(plain)[2])
     balanced = _in_other_states(plain, to_balanced)
-    gamma, status, _ = problems.smallest_gamma(balanced)
+    gamma, status, *_ = problems.smallest_gamma(balanced)
     P, Q = problems.least_variance(balanced, gamma * (1 + margin))
     to_balanced = to_balanced @ np.diag(1 / units.states)
     gain = np.linalg.solve(to_balanced, np.linalg.solve(P, Q)) / units.outputs
@@ -229,6 +225,40 @@ def design_filter(
         model, form, gamma, level, gain, np.asarray(model.A - gain @ model.C), P, certificate,
         buildable=not model.E.any(), status=status,
     )  # fmt: skip
+
+
+def minimise_gamma(
+    model: ErrorModel, form: Form = "exact", *, solver: Solver = "clarabel"
+) -> tuple[float, Array]:
+    r"""Solve P1 (2.23) as it stands: the least gamma over P and Q, and :math:`B_f = P^{-1} Q`.
+
+    There is no second criterion. Where many gains attain the least gamma, or nearly, the solver
+    decides which one it is. Use `design_filter` for a filter that is to be run.
+
+    Parameters
+    ----------
+    model : ErrorModel
+        The model; its units are left as they are.
+    form : {"exact", "printed"}
+        The inequality.
+    solver : {"clarabel", "scs"}
+        As for `design_filter`.
+
+    Returns
+    -------
+    gamma : float
+    gain : ndarray, (n, m)
+        B_f, without a certificate.
+
+    Raises
+    ------
+    InfeasibleDesignError
+        If no solution is found.
+    ParameterError
+        If there is no such form or solver.
+    """
+    gamma, _, P, Q = _checked_problems(model, form, solver).smallest_gamma(model)
+    return gamma, np.asarray(np.linalg.solve(P, Q))
 
 
 def certify(model: ErrorModel, P: Array, gain: Array, level: float, form: Form) -> Certificate:
@@ -277,6 +307,14 @@ def certify(model: ErrorModel, P: Array, gain: Array, level: float, form: Form) 
     return Certificate(largest, float(values.min() / values.max()), norm, stochastic)
 
 
+def _checked_problems(model: ErrorModel, form: Form, solver: Solver) -> _Problems:
+    if form not in ("exact", "printed"):
+        raise ParameterError("form", form, 'one of "exact", "printed"')
+    if solver not in _SOLVERS:
+        raise ParameterError("solver", solver, 'one of "clarabel", "scs"')
+    return _problems(_shape(model), form, solver)
+
+
 def _shape(model: ErrorModel) -> tuple[int, int, int, int]:
     return (*model.B.shape, model.C.shape[0], model.D.shape[1])
 
@@ -304,12 +342,13 @@ class _Problems:
             cp.Minimize(cp.trace(bound)), [_symmetric(matrix) << 0, _symmetric(schur) >> 0]
         )
 
-    def smallest_gamma(self, model: ErrorModel) -> tuple[float, str, Array]:
+    def smallest_gamma(self, model: ErrorModel) -> tuple[float, str, Array, Array]:
         with self._guard:
             self._set(model)
             _solve(self._first, self._solver)
             squared, P = float(self._squared.value), np.asarray(self._P.value)
-            return float(np.sqrt(max(squared, 0.0))), str(self._first.status), (P + P.T) / 2
+            gamma, Q = float(np.sqrt(max(squared, 0.0))), np.asarray(self._Q.value)
+            return gamma, str(self._first.status), (P + P.T) / 2, Q
 
     def least_variance(self, model: ErrorModel, level: float) -> tuple[Array, Array]:
         with self._guard:

@@ -16,6 +16,8 @@ Array = NDArray[np.float64]
 
 # The feedback is computed this far above the gain, where the recursion still holds.
 _ABOVE = 1e-9
+# Steps of which all courses of the jitter are still few.
+_ENUMERATED = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,6 +95,48 @@ def finite_horizon_gain(
         else:
             high = middle
     return high
+
+
+def enumerated_gain(A: ArrayLike, E: ArrayLike, B: ArrayLike, L: ArrayLike, steps: int) -> float:
+    r"""Return the gain over a few steps from all courses of the jitter, without any recursion.
+
+    With :math:`\beta_k = \pm 1`, each with the probability one half, there are
+    :math:`2^N` courses. The disturbance of step k is one vector for each course up to then, and
+    the outputs are a linear map of all these vectors, each weighted by the root of the probability
+    of its course. The gain is the largest singular value of that map. It depends on the first two
+    moments of :math:`\beta_k` only, so it is that of `finite_horizon_gain`.
+
+    Parameters
+    ----------
+    A, E, B, L : array_like, (n, n), (n, n), (n, p), (l, n)
+        The system of `finite_horizon_gain`, with one multiplicative noise.
+    steps : int
+        N, from 1 to 8: the map has about :math:`2^N p` columns.
+
+    Raises
+    ------
+    ParameterError
+        If a shape does not fit, or the number of steps is not in that range.
+    """
+    A, B, L = checked_system(A, B, L)
+    stack = multipliers(E, len(A))
+    if len(stack) != 1:
+        raise ParameterError("E", f"a stack of {len(stack)}", "one matrix")
+    if not 1 <= steps <= _ENUMERATED:
+        raise ParameterError("steps", steps, f"from 1 to {_ENUMERATED}")
+    inputs, columns = B.shape[1], B.shape[1] * (2**steps - 1)
+    states = np.zeros((1, len(A), columns))  # of each course so far, as a map of all inputs
+    rows, first = [], 0
+    for k in range(steps):
+        weight = 2.0 ** (k / 2)  # one over the root of the probability: inputs of unit energy
+        push = np.zeros((len(states), len(A), columns))
+        for course in range(len(states)):
+            there = slice(first + course * inputs, first + (course + 1) * inputs)
+            push[course, :, there] = weight * B
+        first += len(states) * inputs
+        states = np.concatenate([(A + sign * stack[0]) @ states + push for sign in (1, -1)])
+        rows.append((L @ states).reshape(-1, columns) / 2.0 ** ((k + 1) / 2))
+    return float(np.linalg.norm(np.vstack(rows), 2))
 
 
 def worst_disturbance(

@@ -61,7 +61,7 @@ def riccati_filter(model: ErrorModel, gamma: float) -> Array | None:
         P = solve_discrete_are(
             A.T, np.vstack([C, L]).T, B @ B.T, np.block([[R, none], [none.T, -cost]])
         )
-    except LinAlgError:  # eigenvalues on the unit circle: no stabilising solution
+    except (LinAlgError, ValueError):  # eigenvalues on the unit circle, or too near to it
         return None
     slack = cost - L @ P @ L.T
     if np.linalg.eigvalsh(slack).min() <= 0 or _negative(P):

@@ -9,7 +9,14 @@ from hypothesis import strategies as st
 from scipy.linalg import solve_discrete_are
 
 from inswsn_lib.errors import ParameterError
-from inswsn_lib.lmi import InfeasibleDesignError, certify, design_filter, hinf_norm, inequality
+from inswsn_lib.lmi import (
+    InfeasibleDesignError,
+    certify,
+    design_filter,
+    hinf_norm,
+    inequality,
+    minimise_gamma,
+)
 from inswsn_lib.models import ErrorModel
 
 
@@ -200,6 +207,37 @@ def test_the_inequality_is_the_lemma_written_out() -> None:
         assert schur == pytest.approx(lemma, abs=1e-9)
 
 
-def test_a_form_that_is_none() -> None:
-    with pytest.raises(ParameterError, match="form is 'other'"):
-        design_filter(ErrorModel.p1(0.2), "other")  # type: ignore[arg-type]
+def test_a_form_or_a_solver_that_is_none() -> None:
+    for solve in (design_filter, minimise_gamma):
+        with pytest.raises(ParameterError, match="form is 'other'"):
+            solve(ErrorModel.p1(0.2), "other")  # type: ignore[operator]
+        with pytest.raises(ParameterError, match="solver is 'other'"):
+            solve(ErrorModel.p1(0.2), solver="other")  # type: ignore[operator]
+
+
+@pytest.mark.parametrize("form", ["exact", "printed"])
+def test_two_solvers_find_one_filter(form: str) -> None:
+    """An interior-point and a first-order method, at the same second criterion."""
+    for model in (ErrorModel.p1(0.2, 0.01), positions_only(0.2)):
+        one, two = (design_filter(model, form, solver=s) for s in ("clarabel", "scs"))  # type: ignore[arg-type]
+        assert two.gamma == pytest.approx(one.gamma, rel=1e-6)
+        assert two.gain == pytest.approx(one.gain, abs=1e-3)
+
+
+@pytest.mark.parametrize("form", ["exact", "printed"])
+def test_the_plain_problem_has_the_gamma_of_the_design(form: str) -> None:
+    for model in (ErrorModel.p1(0.2), ErrorModel.p1(1.0, 0.1), positions_only(0.2)):
+        gamma, gain = minimise_gamma(model, form)  # type: ignore[arg-type]
+        design = design_filter(model, form)  # type: ignore[arg-type]
+        assert gamma == pytest.approx(design.gamma, rel=1e-5)
+        driven = np.hstack([model.B, -gain @ model.D])
+        assert hinf_norm(model.A - gain @ model.C, driven, model.L) <= gamma * (1 + 1e-4)
+
+
+def test_exact_velocities_make_the_position_a_random_walk() -> None:
+    """Noise in the positions alone: gamma^2 = b^2 + d^2 for every period, and A_f = 0."""
+    for period in (0.2, 1.0):
+        model = ErrorModel.p1(period, process_noise=(4.0, 4.0), measurement_noise=(0.21, 0.0))
+        gamma, gain = minimise_gamma(model)
+        assert gamma == pytest.approx((4**2 + 0.21**2) ** 0.5, rel=1e-7)
+        assert gain == pytest.approx(model.A, abs=1e-6)

@@ -11,6 +11,7 @@ from inswsn_lib.errors import ParameterError
 from inswsn_lib.lmi import (
     buildable_system,
     design_filter,
+    enumerated_gain,
     finite_horizon_gain,
     hinf_norm,
     mean_square_radius,
@@ -145,3 +146,36 @@ def test_a_gain_of_another_shape_is_refused() -> None:
 def test_a_factor_that_does_not_contract_is_refused(factor: float) -> None:
     with pytest.raises(ParameterError, match="factor is"):
         ErrorModel.p1(0.2).contracted(factor)
+
+
+@given(seed=st.integers(0, 10**6), steps=st.integers(1, 6))
+def test_with_jitter_it_is_a_singular_value_over_all_courses(seed: int, steps: int) -> None:
+    A, B, L = random_system(seed, 0.8)
+    E = 0.3 * np.random.default_rng(seed).standard_normal((3, 3))
+    counted = enumerated_gain(A, E, B, L, steps)
+    assert counted == pytest.approx(finite_horizon_gain(A, E, B, L, steps), rel=1e-6)
+
+
+def test_the_enumeration_without_jitter_is_that_of_one_course() -> None:
+    A, B, L = random_system(3, 0.9)
+    exact = np.linalg.svd(impulse_matrix(A, B, L, 5), compute_uv=False)[0]
+    assert enumerated_gain(A, np.zeros((3, 3)), B, L, 5) == pytest.approx(exact)
+
+
+def test_a_scalar_enumeration_by_hand() -> None:
+    """Two steps of x+ = (a + e beta) x + s: the map of (s_0, s_1) to (x_1, x_2) in the mean."""
+    a, e = 0.5, 0.7
+    # x_1 = s_0; E x_2^2 = (a^2 + e^2) s_0^2 + 2 a s_0 s_1 + s_1^2
+    energy = np.array([[1 + a**2 + e**2, a], [a, 1.0]])
+    expected = np.linalg.eigvalsh(energy).max() ** 0.5
+    assert enumerated_gain([[a]], [[e]], [[1.0]], [[1.0]], 2) == pytest.approx(expected)
+
+
+def test_what_cannot_be_enumerated_is_refused() -> None:
+    A, B, L = random_system(1, 0.5)
+    zero = np.zeros((3, 3))
+    for steps in (0, 9):
+        with pytest.raises(ParameterError, match="steps is"):
+            enumerated_gain(A, zero, B, L, steps)
+    with pytest.raises(ParameterError, match="E is 'a stack of 2'"):
+        enumerated_gain(A, np.stack([zero, zero]), B, L, 2)

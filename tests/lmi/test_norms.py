@@ -115,3 +115,26 @@ def test_without_jitter_the_two_routes_agree(seed: int, n: int) -> None:
 def test_what_does_not_fit_is_refused(A: np.ndarray, B: np.ndarray, C: np.ndarray) -> None:
     with pytest.raises(ParameterError, match="A, B, C"):
         hinf_norm(A, B, C)
+
+
+@pytest.mark.parametrize(("a", "e", "f"), [(0.0, 0.3, 0.4), (0.5, 0.2, 0.1), (-0.3, 0.6, 0.2)])
+def test_independent_multiplicative_noises_add_their_squares(a: float, e: float, f: float) -> None:
+    """A scalar with two of them is one whose e^2 is the sum: 1 / (sqrt(1 - e^2 - f^2) - |a|)."""
+    both = np.array([[[e]], [[f]]])
+    expected = 1 / ((1 - e**2 - f**2) ** 0.5 - abs(a))
+    assert stochastic_gain([[a]], both, [[1.0]], [[1.0]]) == pytest.approx(expected, rel=1e-5)
+    assert mean_square_radius([[a]], both) == pytest.approx(a**2 + e**2 + f**2)
+
+
+def test_one_multiplicative_noise_is_a_stack_of_one() -> None:
+    A, B, C = stable_system(3, 3, 2, 2)
+    A, E = 0.5 * A, 0.2 * np.arange(9).reshape(3, 3) / 8
+    one, stack = (stochastic_gain(A, e, B, C) for e in (E, E[None]))
+    assert one == stack
+    assert stack < stochastic_gain(A, np.stack([E, E]), B, C)
+
+
+@pytest.mark.parametrize("E", [np.eye(3), np.zeros((2, 3, 3)), np.full((2, 2), np.nan), [1.0]])
+def test_a_multiplicative_noise_that_does_not_fit_is_refused(E: object) -> None:
+    with pytest.raises(ParameterError, match="E is"):
+        mean_square_radius(np.eye(2) / 2, E)  # type: ignore[arg-type]

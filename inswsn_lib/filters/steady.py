@@ -1,0 +1,85 @@
+"""Constant-gain predictors in the steady state: the Kalman gain, and the error of any gain."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.linalg import LinAlgError, solve_discrete_are, solve_discrete_lyapunov
+
+from inswsn_lib.errors import ParameterError
+from inswsn_lib.models import ErrorModel
+
+Array = NDArray[np.float64]
+
+
+def predictor_gain(model: ErrorModel) -> Array:
+    r"""Return the gain of the Kalman predictor in the steady state.
+
+    With P the stabilising solution of the Riccati equation, the covariance of the predicted error,
+
+    .. math::
+        B_f = A P C' (C P C' + D D')^{-1} , \qquad
+        P = A P A' + B B' - B_f (C P C' + D D') B_f' .
+
+    It has the least error variance for white noise. The jitter E is left out.
+
+    Parameters
+    ----------
+    model : ErrorModel
+        The model; :math:`D D'` must be invertible.
+
+    Returns
+    -------
+    ndarray, (n, m)
+
+    Raises
+    ------
+    ParameterError
+        If there is no steady state: a mode that is not stable is not measured, or a mode on the
+        unit circle has no process noise.
+    """
+    R = model.measurement_covariance
+    try:
+        P = solve_discrete_are(model.A.T, model.C.T, model.process_covariance, R)
+    except (LinAlgError, ValueError):
+        raise ParameterError(
+            "model", "without a steady state", "one whose Riccati equation has a solution"
+        ) from None
+    return np.asarray(
+        np.linalg.solve(model.C @ P @ model.C.T + R, model.C @ P @ model.A.T).T, dtype=float
+    )
+
+
+def steady_error(model: ErrorModel, gain: ArrayLike) -> float:
+    r"""Return the root mean square of L e under white noise of unit variance, jitter left out.
+
+    The covariance of the error obeys :math:`X = \tilde A X \tilde A' + \tilde B \tilde B'` with
+    :math:`\tilde A = A - B_f C` and :math:`\tilde B = [B\ \ {-B_f D}]`; the result is the root of
+    the trace of :math:`L X L'`.
+
+    Parameters
+    ----------
+    model : ErrorModel
+        The model.
+    gain : array_like, (n, m)
+        B_f.
+
+    Returns
+    -------
+    float
+        Infinite if the error system is not stable.
+
+    Raises
+    ------
+    ParameterError
+        If the gain has another shape.
+    """
+    B_f = np.asarray(gain, dtype=float)
+    if B_f.shape != (len(model.A), len(model.C)):
+        raise ParameterError("gain", f"of shape {B_f.shape}", f"({len(model.A)}, {len(model.C)})")
+    A = model.A - B_f @ model.C
+    if np.abs(np.linalg.eigvals(A)).max() >= 1:
+        return float("inf")
+    driven = np.hstack([model.B, -B_f @ model.D])
+    X = solve_discrete_lyapunov(A, driven @ driven.T)
+    return float(np.sqrt(np.trace(model.L @ X @ model.L.T)))
