@@ -139,7 +139,7 @@ def test_what_cannot_be_has_a_named_error() -> None:
     assert len(none) > 5
     for case in none:
         assert case.design is None
-        with pytest.raises(InfeasibleDesignError, match="solution|solver|certificate"):
+        with pytest.raises(InfeasibleDesignError, match=r"solution|solver|certificate"):
             design_filter(case.model)
 
 

@@ -64,18 +64,18 @@ def synthesis_exists(model: ErrorModel, gamma: float) -> bool:
     The error obeys e+ = A e + B w - u, and z_{k+1} = L e_{k+1} is what u at step k can act on.
     """
     slycot = pytest.importorskip("slycot", reason="wheels are locked for Linux alone")
-    n, k, l = len(model.A), len(model.C), len(model.L)
+    n, k, out = len(model.A), len(model.C), len(model.L)
     p, q = model.B.shape[1], model.D.shape[1]
     B = np.hstack([model.B, np.zeros((n, q)), -np.eye(n)])
     C = np.vstack([model.L @ model.A, model.C])
     D = np.block(
         [
-            [model.L @ model.B, np.zeros((l, q)), -model.L],
+            [model.L @ model.B, np.zeros((out, q)), -model.L],
             [np.zeros((k, p)), model.D, np.zeros((k, n))],
         ]
     )
     try:
-        slycot.sb10dd(n, p + q + n, l + k, n, k, gamma, model.A, B, C, D)
+        slycot.sb10dd(n, p + q + n, out + k, n, k, gamma, model.A, B, C, D)
     except slycot.exceptions.SlycotArithmeticError:
         return False
     return True
