@@ -91,7 +91,9 @@ class Judged:
             return _with_unit(f"{value:.2g}" if abs(value) < _ROUNDING else f"{value:.6g}", unit)
         digits = max(0, 1 - math.floor(math.log10(high - low)))
         if digits > 8:  # small numbers: two digits of the width in powers of ten
-            return _with_unit(f"{value:.6g} ({low:.6g} to {high:.6g})", unit)
+            size = max(abs(low), abs(high))
+            some = 2 + max(0, math.floor(math.log10(size)) - math.floor(math.log10(high - low)))
+            return _with_unit(f"{value:.{some}g} ({low:.{some}g} to {high:.{some}g})", unit)
         return _with_unit(f"{value:.{digits}f} ({low:.{digits}f} to {high:.{digits}f})", unit)
 
     def row(self) -> dict[str, str]:

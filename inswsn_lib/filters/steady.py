@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import LinAlgError, solve_discrete_are, solve_discrete_lyapunov
@@ -10,6 +12,8 @@ from inswsn_lib.errors import ParameterError
 from inswsn_lib.models import ErrorModel
 
 Array = NDArray[np.float64]
+
+_ROUNDING = 1e-7
 
 
 def predictor_gain(model: ErrorModel) -> Array:
@@ -39,15 +43,15 @@ def predictor_gain(model: ErrorModel) -> Array:
         unit circle has no process noise.
     """
     R = model.measurement_covariance
-    try:
+    gain = None
+    with suppress(LinAlgError, ValueError):
         P = solve_discrete_are(model.A.T, model.C.T, model.process_covariance, R)
-    except (LinAlgError, ValueError):
+        gain = np.linalg.solve(model.C @ P @ model.C.T + R, model.C @ P @ model.A.T).T
+    if gain is None or np.abs(np.linalg.eigvals(model.A - gain @ model.C)).max() >= 1 - _ROUNDING:
         raise ParameterError(
-            "model", "without a steady state", "one whose Riccati equation has a solution"
-        ) from None
-    return np.asarray(
-        np.linalg.solve(model.C @ P @ model.C.T + R, model.C @ P @ model.A.T).T, dtype=float
-    )
+            "model", "without a steady state", "one whose Riccati equation has a stable solution"
+        )
+    return np.asarray(gain, dtype=float)
 
 
 def steady_error(model: ErrorModel, gain: ArrayLike) -> float:
@@ -72,11 +76,13 @@ def steady_error(model: ErrorModel, gain: ArrayLike) -> float:
     Raises
     ------
     ParameterError
-        If the gain has another shape.
+        If the gain has another shape, or an entry that is not finite.
     """
     B_f = np.asarray(gain, dtype=float)
-    if B_f.shape != (len(model.A), len(model.C)):
-        raise ParameterError("gain", f"of shape {B_f.shape}", f"({len(model.A)}, {len(model.C)})")
+    if B_f.shape != (len(model.A), len(model.C)) or not np.isfinite(B_f).all():
+        raise ParameterError(
+            "gain", f"of shape {B_f.shape}", f"finite, ({len(model.A)}, {len(model.C)})"
+        )
     A = model.A - B_f @ model.C
     if np.abs(np.linalg.eigvals(A)).max() >= 1:
         return float("inf")

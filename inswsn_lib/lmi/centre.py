@@ -14,6 +14,8 @@ from inswsn_lib.models import ErrorModel
 
 Array = NDArray[np.float64]
 
+_LARGEST = 1e100
+
 
 def central_gain(model: ErrorModel, level: float, form: Form = "exact") -> Array:
     r"""Return the gain at the analytic centre of the inequality at a level.
@@ -47,12 +49,12 @@ def central_gain(model: ErrorModel, level: float, form: Form = "exact") -> Array
         If the inequality has no solution at this level, or it has no centre, or the solver does
         not find it.
     ParameterError
-        If the level is not positive and finite, or there is no such form.
+        If the level is not positive and at most 1e100, or there is no such form.
     """
     if form not in ("exact", "printed"):
         raise ParameterError("form", form, 'one of "exact", "printed"')
-    if not 0 < level < np.inf:
-        raise ParameterError("level", level, "positive and finite")
+    if not 0 < level <= _LARGEST:
+        raise ParameterError("level", level, f"positive, at most {_LARGEST:g}")
     P = cp.Variable(model.A.shape, symmetric=True)
     Q = cp.Variable((len(model.A), len(model.C)))
     matrix = cp.bmat(inequality(model, P, Q, level**2, form))

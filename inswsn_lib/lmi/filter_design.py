@@ -34,6 +34,7 @@ _SOLVERS: dict[str, dict[str, Any]] = {
 _KALMAN_STEPS = 40
 # The solver's answer may break the inequality by this share of its largest entry.
 _TOLERANCE = 1e-6
+_LARGEST = 1e9  # margin; far above it the least bound is lost in rounding
 
 
 class InfeasibleDesignError(InswsnError):
@@ -202,29 +203,54 @@ def design_filter(
         If no solution is found, for example because a mode that cannot be observed is not stable,
         or the solver's answer does not pass the certificate.
     ParameterError
-        If there is no such form or solver, or the margin is not a positive number.
+        If there is no such form or solver, the margin is not positive and at most 1e9, or B or L is
+        zero.
     """
-    if not 0 < margin < np.inf:
-        raise ParameterError("margin", margin, "positive and finite")
+    if not 0 < margin <= _LARGEST:
+        raise ParameterError("margin", margin, f"positive, at most {_LARGEST:g}")
     problems = _checked_problems(model, form, solver)
+    for name in "BL":
+        if not getattr(model, name).any():
+            raise ParameterError(name, "zero", "a matrix that is not zero")
     units = _Units.of(model)
     plain = units.scaled(model)
-    # states in which P is the identity: the solver sees the same problem, well scaled
-    to_balanced = _square_root(problems.smallest_gamma(plain)[2])
-    balanced = _in_other_states(plain, to_balanced)
-    gamma, status, *_ = problems.smallest_gamma(balanced)
+    failure: InfeasibleDesignError | None = None
+    # the first works nearly always; where the solver fails, other states of the same problem help
+    for start in (np.eye(len(model.A)), _inverse_root(units.correlation)):
+        for rounds in (1, 2):
+            try:
+                gamma, status, P, gain = _solve_balanced(problems, plain, margin, start, rounds)
+                P = units.seen**2 * P / np.outer(units.states, units.states)
+                gain = units.states[:, None] * gain / units.outputs
+                gamma *= units.seen
+                level = gamma * (1 + margin)
+                certificate = certify(model, P, gain, level, form)
+            except InfeasibleDesignError as error:
+                failure = failure or error
+                continue
+            return FilterDesign(
+                model, form, gamma, level, gain, np.asarray(model.A - gain @ model.C), P,
+                certificate, buildable=not model.E.any(), status=status,
+            )  # fmt: skip
+    assert failure is not None
+    raise failure
+
+
+def _solve_balanced(
+    problems: _Problems, plain: ErrorModel, margin: float, S: Array, rounds: int
+) -> tuple[float, str, Array, Array]:
+    """Solve both problems in states in which an earlier solution P is the identity.
+
+    Returns gamma, the solver's word, P and the gain, all in the states of `plain`; S holds the
+    first states to be tried.
+    """
+    for _ in range(rounds):
+        _, _, P, _ = problems.smallest_gamma(_in_other_states(plain, S))
+        S = _square_root(P) @ S
+    balanced = _in_other_states(plain, S)
+    gamma, status, _, _ = problems.smallest_gamma(balanced)
     P, Q = problems.least_variance(balanced, gamma * (1 + margin))
-    to_balanced = to_balanced @ np.diag(1 / units.states)
-    gain = np.linalg.solve(to_balanced, np.linalg.solve(P, Q)) / units.outputs
-    gain = np.asarray(gain, dtype=np.float64)
-    P = units.seen**2 * to_balanced.T @ P @ to_balanced
-    gamma *= units.seen
-    level = gamma * (1 + margin)
-    certificate = certify(model, P, gain, level, form)
-    return FilterDesign(
-        model, form, gamma, level, gain, np.asarray(model.A - gain @ model.C), P, certificate,
-        buildable=not model.E.any(), status=status,
-    )  # fmt: skip
+    return gamma, status, S.T @ P @ S, np.linalg.solve(S, np.linalg.solve(P, Q))
 
 
 def minimise_gamma(
@@ -283,7 +309,15 @@ def certify(model: ErrorModel, P: Array, gain: Array, level: float, form: Form) 
         If P is not positive definite, the inequality does not hold, the error system is not
         stable in the mean square, or its gain, computed from its frequency response and by the
         Riccati iteration, is not below the level.
+    ParameterError
+        If P or the gain has another shape or is not finite, or the level is not positive.
     """
+    n, m = len(model.A), len(model.C)
+    for name, matrix, shape in (("P", P, (n, n)), ("gain", gain, (n, m))):
+        if np.shape(matrix) != shape or not np.isfinite(matrix).all():
+            raise ParameterError(name, f"of shape {np.shape(matrix)}", f"finite, {shape}")
+    if not 0 < level < np.inf:
+        raise ParameterError("level", level, "positive and finite")
     values = np.linalg.eigvalsh(P)
     blocks = np.block(inequality(model, P, P @ gain, level**2, form))
     largest = float(np.linalg.eigvalsh(blocks).max() / np.abs(blocks).max())
@@ -301,16 +335,18 @@ def certify(model: ErrorModel, P: Array, gain: Array, level: float, form: Form) 
         f"the norm is {norm:.6g}, above {level:.6g}": norm > slack,
         "the Riccati iteration does not confirm the gain": not stochastic,
     }
-    for complaint, failed in complaints.items():
-        if failed:
-            raise InfeasibleDesignError(f"The design does not pass its certificate: {complaint}.")
+    failed = [complaint for complaint, fails in complaints.items() if fails]
+    if failed:
+        raise InfeasibleDesignError(
+            f"The design does not pass its certificate: {'; '.join(failed)}."
+        )
     return Certificate(largest, float(values.min() / values.max()), norm, stochastic)
 
 
 def _checked_problems(model: ErrorModel, form: Form, solver: Solver) -> _Problems:
     if form not in ("exact", "printed"):
         raise ParameterError("form", form, 'one of "exact", "printed"')
-    if solver not in _SOLVERS:
+    if not isinstance(solver, str) or solver not in _SOLVERS:
         raise ParameterError("solver", solver, 'one of "clarabel", "scs"')
     return _problems(_shape(model), form, solver)
 
@@ -373,12 +409,13 @@ class _Units:
     """Units in which the numbers of a model are of the order of one.
 
     The states are measured in `states`, (n,), the outputs in `outputs`, (m,), and what L sees in
-    `seen`.
+    `seen`. In these units `correlation`, (n, n), is the covariance of a Kalman filter's error.
     """
 
     states: Array
     outputs: Array
     seen: float
+    correlation: Array
 
     @classmethod
     def of(cls, model: ErrorModel) -> _Units:
@@ -394,12 +431,12 @@ class _Units:
             P = (P + P.T) / 2
         sizes = np.sqrt(np.maximum(np.diag(P), 1e-12 * max(float(np.trace(P)), 1e-300)))
         if not np.isfinite(sizes).all() or not sizes.any():
-            sizes = np.ones(len(Q))
+            P, sizes = np.eye(len(Q)), np.ones(len(Q))
         seen = float(np.linalg.norm(model.L * sizes, 2)) or 1.0
         if not model.measurement_covariance.any():
             outputs = np.linalg.norm(model.C * sizes, axis=1)
             outputs = np.where(outputs > 0, outputs, 1.0)
-        return cls(sizes, outputs, seen)
+        return cls(sizes, outputs, seen, P / np.outer(sizes, sizes))
 
     def scaled(self, model: ErrorModel) -> ErrorModel:
         """Return the model in these units."""
@@ -415,6 +452,13 @@ def _square_root(P: Array) -> Array:
     """Return the symmetric square root of a positive definite matrix, rounding mended."""
     values, vectors = np.linalg.eigh(P)
     roots = np.sqrt(np.maximum(values, 1e-10 * values.max()))
+    return np.asarray((vectors * roots) @ vectors.T)
+
+
+def _inverse_root(P: Array) -> Array:
+    """Return the symmetric root of the inverse of a covariance, tiny variances raised."""
+    values, vectors = np.linalg.eigh(P)
+    roots = 1 / np.sqrt(np.maximum(values, 1e-8 * values.max()))
     return np.asarray((vectors * roots) @ vectors.T)
 
 

@@ -9,13 +9,22 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 from inswsn_lib.errors import ParameterError
-from inswsn_lib.lmi.norms import checked_system, multipliers, seen_through
+from inswsn_lib.lmi.norms import (
+    checked_relative,
+    checked_system,
+    matrix_of,
+    multipliers,
+    of_size_one,
+    seen_through,
+)
 from inswsn_lib.models import ErrorModel
 
 Array = NDArray[np.float64]
 
 # The feedback is computed this far above the gain, where the recursion still holds.
 _ABOVE = 1e-9
+# Between these a gain has a square that is a number.
+_LOWEST, _HIGHEST = 1e-100, 1e100
 # Steps of which all courses of the jitter are still few.
 _ENUMERATED = 8
 
@@ -78,15 +87,16 @@ def finite_horizon_gain(
     """
     A, B, L = checked_system(A, B, L)
     E = multipliers(E, len(A))
-    if steps < 1:
-        raise ParameterError("steps", steps, "1 or more")
-    low = float(np.linalg.norm(L @ B, 2))  # what one step does
-    if not L.any() or not B.any():
+    _check_steps(steps)
+    checked_relative(relative)
+    B, L, size = of_size_one(B, L)
+    if size == 0:
         return 0.0
-    high = max(low, np.finfo(float).tiny)
+    low = float(np.linalg.norm(L @ B, 2))  # what one step does
+    high = max(low, _LOWEST)
     while _backwards(A, E, B, L, steps, high) is None:
         low, high = high, 2 * high
-        if not np.isfinite(high):
+        if high > _HIGHEST:
             raise ParameterError("steps", steps, "so few that the gain is a number")
     while high > low * (1 + relative):
         middle = (low + high) / 2
@@ -94,7 +104,7 @@ def finite_horizon_gain(
             low = middle
         else:
             high = middle
-    return high
+    return high * size
 
 
 def enumerated_gain(A: ArrayLike, E: ArrayLike, B: ArrayLike, L: ArrayLike, steps: int) -> float:
@@ -122,7 +132,8 @@ def enumerated_gain(A: ArrayLike, E: ArrayLike, B: ArrayLike, L: ArrayLike, step
     stack = multipliers(E, len(A))
     if len(stack) != 1:
         raise ParameterError("E", f"a stack of {len(stack)}", "one matrix")
-    if not 1 <= steps <= _ENUMERATED:
+    _check_steps(steps)
+    if steps > _ENUMERATED:
         raise ParameterError("steps", steps, f"from 1 to {_ENUMERATED}")
     inputs, columns = B.shape[1], B.shape[1] * (2**steps - 1)
     states = np.zeros((1, len(A), columns))  # of each course so far, as a map of all inputs
@@ -162,11 +173,20 @@ def worst_disturbance(
     """
     gain = finite_horizon_gain(A, E, B, L, steps)
     A, B, L = checked_system(A, B, L)
-    found = _backwards(A, multipliers(E, len(A)), B, L, steps, gain * (1 + _ABOVE))
-    if found is None or gain == 0:
-        return WorstCase(gain, np.eye(B.shape[1])[0], np.zeros((steps - 1, B.shape[1], len(A))))
+    inputs, push = B.shape[1], float(np.abs(B).max())
+    if gain == 0:
+        return WorstCase(gain, np.eye(inputs)[0], np.zeros((steps - 1, inputs, len(A))))
+    B, L, size = of_size_one(B, L)
+    found = _backwards(A, multipliers(E, len(A)), B, L, steps, gain / size * (1 + _ABOVE))
+    assert found is not None  # the gain is the least for which it is not
     P, feedback = found
-    return WorstCase(gain, np.linalg.eigh(B.T @ P @ B)[1][:, -1], feedback)
+    # the state is in units of the largest entry of B
+    return WorstCase(gain, np.linalg.eigh(B.T @ P @ B)[1][:, -1], feedback / push)
+
+
+def _check_steps(steps: int) -> None:
+    if isinstance(steps, bool) or not isinstance(steps, int | np.integer) or steps < 1:
+        raise ParameterError("steps", steps, "a whole number, 1 or more")
 
 
 def _backwards(
@@ -216,10 +236,9 @@ def buildable_system(model: ErrorModel, gain: ArrayLike) -> tuple[Array, Array, 
     Raises
     ------
     ParameterError
-        If the gain has another shape.
+        If the gain has another shape, or an entry that is not finite.
     """
-    B_f = np.asarray(gain, dtype=float)
-    n = len(model.A)
+    B_f, n = matrix_of("gain", gain), len(model.A)
     if B_f.shape != (n, len(model.C)):
         raise ParameterError("gain", f"of shape {B_f.shape}", f"({n}, {len(model.C)})")
     zero = np.zeros((n, n))

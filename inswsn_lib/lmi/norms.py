@@ -15,11 +15,21 @@ _ON_CIRCLE = 1e-7
 _SWEEP = 512
 _REFINED = 8
 _DOUBLINGS = 12
+_HIGHEST = 1e100  # of a gain, whose square must be a number
 
 
 def spectral_radius(A: ArrayLike) -> float:
-    """Return the largest modulus of the eigenvalues of a square matrix."""
-    return float(np.abs(np.linalg.eigvals(np.asarray(A, dtype=float))).max())
+    """Return the largest modulus of the eigenvalues of a square matrix.
+
+    Raises
+    ------
+    ParameterError
+        If it is not square or not finite.
+    """
+    matrix = matrix_of("A", A)
+    if matrix.shape[0] != matrix.shape[1]:
+        raise ParameterError("A", f"of shape {matrix.shape}", "square")
+    return float(np.abs(np.linalg.eigvals(matrix)).max())
 
 
 def largest_singular_value(A: ArrayLike, B: ArrayLike, C: ArrayLike, angles: ArrayLike) -> Array:
@@ -35,9 +45,17 @@ def largest_singular_value(A: ArrayLike, B: ArrayLike, C: ArrayLike, angles: Arr
     Returns
     -------
     ndarray, (k,)
+
+    Raises
+    ------
+    ParameterError
+        If a shape does not fit, or an entry is not finite.
     """
-    A, B, C = (np.asarray(matrix, dtype=float) for matrix in (A, B, C))
-    z = np.exp(1j * np.asarray(angles, dtype=float))[:, None, None]
+    A, B, C = checked_system(A, B, C)
+    turns = np.asarray(angles, dtype=float)
+    if turns.ndim != 1 or not np.isfinite(turns).all():
+        raise ParameterError("angles", f"of shape {turns.shape}", "finite, (k,)")
+    z = np.exp(1j * turns)[:, None, None]
     response = C @ np.linalg.solve(
         z * np.eye(len(A)) - A, np.broadcast_to(B, (z.shape[0], *B.shape))
     )
@@ -74,10 +92,12 @@ def hinf_norm(A: ArrayLike, B: ArrayLike, C: ArrayLike, relative: float = 1e-10)
         If shapes do not fit, or an entry is not finite.
     """
     A, B, C = checked_system(A, B, C)
+    checked_relative(relative)
     if spectral_radius(A) >= 1:
         return float("inf")
+    B, C, size = of_size_one(B, C)
     level = _top_of_sweep(A, B, C)
-    if level == 0:
+    if level == 0 or size == 0:
         return 0.0
     for _ in range(60):
         crossings = _crossings(A, B, C, level * (1 + 2 * relative))
@@ -89,7 +109,7 @@ def hinf_norm(A: ArrayLike, B: ArrayLike, C: ArrayLike, relative: float = 1e-10)
         if raised <= level * (1 + relative):
             break
         level = raised
-    return level
+    return level * size
 
 
 def _top_of_sweep(A: Array, B: Array, C: Array) -> float:
@@ -145,9 +165,18 @@ def riccati_gain_below(
         g.
     iterations : int
         After which a sequence that still moves counts as one that does not converge.
+
+    Raises
+    ------
+    ParameterError
+        If a shape does not fit, an entry is not finite, or the gain is not a number.
     """
     A, B, L = checked_system(A, B, L)
     E = multipliers(E, len(A))
+    B, L, size = of_size_one(B, L)
+    if np.isnan(gain):
+        raise ParameterError("gain", gain, "a number")
+    gain = min(gain / size, _HIGHEST) if size else _HIGHEST
     if mean_square_radius(A, E) >= 1:
         return False
     P, source = np.zeros_like(A), L.T @ L
@@ -182,9 +211,11 @@ def mean_square_radius(A: ArrayLike, E: ArrayLike) -> float:
     Raises
     ------
     ParameterError
-        If E has another shape or is not finite.
+        If A is not square, E does not fit it, or an entry is not finite.
     """
-    a = np.asarray(A, dtype=float)
+    a = matrix_of("A", A)
+    if a.shape[0] != a.shape[1]:
+        raise ParameterError("A", f"of shape {a.shape}", "square")
     each = multipliers(E, len(a))
     return spectral_radius(np.kron(a, a) + sum(np.kron(e, e) for e in each))
 
@@ -210,10 +241,13 @@ def stochastic_gain(
     Raises
     ------
     ParameterError
-        If the plant is so near instability that the iteration does not tell.
+        If the plant is so near instability that the iteration does not tell, a shape does not fit,
+        or an entry is not finite.
     """
     A, B, L = checked_system(A, B, L)
     E = multipliers(E, len(A))
+    checked_relative(relative)
+    B, L, size = of_size_one(B, L)
     if mean_square_radius(A, E) >= 1:
         return float("inf")
     low = hinf_norm(A, B, L)  # beta = 0 in the mean: the gain cannot be smaller
@@ -232,29 +266,57 @@ def stochastic_gain(
             high = middle
         else:
             low = middle
-    return high
+    return high * size
 
 
 def checked_system(A: ArrayLike, B: ArrayLike, C: ArrayLike) -> tuple[Array, Array, Array]:
     """Return the matrices of a system as floats; refuse shapes that do not fit."""
-    matrices = [np.asarray(matrix, dtype=float) for matrix in (A, B, C)]
+    matrices = [matrix_of("A, B, C", matrix) for matrix in (A, B, C)]
     n = len(matrices[0])
     shapes = [matrix.shape for matrix in matrices]
-    if (
-        any(matrix.ndim != 2 for matrix in matrices)
-        or shapes[0] != (n, n)
-        or shapes[1][0] != n
-        or shapes[2][1] != n
-    ):
+    if shapes[0] != (n, n) or shapes[1][0] != n or shapes[2][1] != n:
         raise ParameterError("A, B, C", shapes, "(n, n), (n, p), (l, n)")
-    if not all(np.isfinite(matrix).all() for matrix in matrices):
-        raise ParameterError("A, B, C", "not finite", "finite")
     return matrices[0], matrices[1], matrices[2]
+
+
+def matrix_of(name: str, value: ArrayLike) -> Array:
+    """Return a matrix of real, finite numbers with one row and column or more; refuse all else."""
+    try:
+        found = np.asarray(value)
+        real = found.dtype.kind in "fiub"
+        matrix = found.astype(float) if real else None
+    except (TypeError, ValueError):  # ragged lists, texts
+        matrix = None
+    if matrix is None or matrix.ndim != 2 or not matrix.size:
+        raise ParameterError(name, f"of shape {np.shape(value) if matrix is not None else '?'}",
+                             "a matrix of real numbers")  # fmt: skip
+    if not np.isfinite(matrix).all():
+        raise ParameterError(name, "not finite", "finite")
+    return matrix
+
+
+def of_size_one(B: Array, C: Array) -> tuple[Array, Array, float]:
+    """Return input and output matrix over their largest entries, and the product of these.
+
+    A gain is proportional to both, and its square must neither overflow nor vanish.
+    """
+    largest = [float(np.abs(matrix).max()) for matrix in (B, C)]
+    b, c = (size or 1.0 for size in largest)
+    return B / b, C / c, largest[0] * largest[1]
+
+
+def checked_relative(relative: float) -> None:
+    """Raise a ParameterError if a relative accuracy cannot be reached in double precision."""
+    if not 1e-14 <= relative < 1:
+        raise ParameterError("relative", relative, "from 1e-14 to below 1")
 
 
 def multipliers(E: ArrayLike, states: int) -> Array:
     """Return one matrix of a multiplicative noise, or several, as a stack (k, n, n)."""
-    matrix = np.asarray(E, dtype=float)
+    try:
+        matrix = np.asarray(E, dtype=float)
+    except (TypeError, ValueError):
+        raise ParameterError("E", "not numbers", f"finite, ({states}, {states})") from None
     stack = matrix[None] if matrix.ndim == 2 else matrix
     if stack.ndim != 3 or stack.shape[1:] != (states, states) or not np.isfinite(stack).all():
         raise ParameterError(

@@ -7,13 +7,15 @@ from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, solve_discrete_are
 
 from inswsn_lib.errors import ParameterError
-from inswsn_lib.lmi.norms import hinf_norm
+from inswsn_lib.lmi.norms import checked_relative, hinf_norm
 from inswsn_lib.models import ErrorModel
 
 Array = NDArray[np.float64]
 
-_DOUBLINGS = 60
+_DOUBLINGS = 120
 _ROUNDING = 1e-9
+_ON_CIRCLE = 1e-9
+_LARGEST = 1e100
 
 
 def riccati_filter(model: ErrorModel, gamma: float) -> Array | None:
@@ -46,15 +48,13 @@ def riccati_filter(model: ErrorModel, gamma: float) -> Array | None:
     Raises
     ------
     ParameterError
-        If the model has a jitter, D has not full row rank, or gamma is not positive and finite.
+        If the model has a jitter, D has not full row rank, a mode on the unit circle has no
+        process noise, or gamma is not positive and at most 1e100.
     """
-    if model.E.any():
-        raise ParameterError("E", "not zero", "zero: the equation knows no jitter")
+    _check(model)
+    if not 0 < gamma <= _LARGEST:
+        raise ParameterError("gamma", gamma, f"positive, at most {_LARGEST:g}")
     R = model.measurement_covariance
-    if np.linalg.matrix_rank(R) < len(R):
-        raise ParameterError("D", "such that D D' is singular", "of full row rank")
-    if not 0 < gamma < np.inf:
-        raise ParameterError("gamma", gamma, "positive and finite")
     A, B, C, L = model.A, model.B, model.C, model.L
     cost, none = gamma**2 * np.eye(len(L)), np.zeros((len(R), len(L)))
     try:
@@ -64,7 +64,7 @@ def riccati_filter(model: ErrorModel, gamma: float) -> Array | None:
     except (LinAlgError, ValueError):  # eigenvalues on the unit circle, or too near to it
         return None
     slack = cost - L @ P @ L.T
-    if np.linalg.eigvalsh(slack).min() <= 0 or _negative(P):
+    if np.linalg.eigvalsh(slack).min() <= 0:
         return None
     P = P + P @ L.T @ np.linalg.solve(slack, L @ P)
     gain = np.linalg.solve(R + C @ P @ C.T, C @ P @ A.T).T
@@ -92,15 +92,19 @@ def riccati_gamma(model: ErrorModel, relative: float = 1e-8) -> float:
     ParameterError
         As `riccati_filter`.
     """
-    size = float(np.linalg.norm(model.L @ model.B, 2))  # no filter undoes what one step does
-    high = size or 1.0
+    _check(model)
+    checked_relative(relative)
+    if not model.L.any() or not model.B.any():
+        raise ParameterError("B, L", "zero", "matrices that are not zero")
+    # no filter undoes what one step does; if L does not see it, only the scale is known
+    low = float(np.linalg.norm(model.L @ model.B, 2))
+    high = low or 1e-12 * float(np.linalg.norm(model.L, 2) * np.linalg.norm(model.B, 2))
     for _ in range(_DOUBLINGS):
         if riccati_filter(model, high) is not None:
             break
-        high *= 2
+        low, high = high, 2 * high
     else:
         return float("inf")
-    low = max(high / 2, size)
     while high > low * (1 + relative):
         middle = (low + high) / 2
         if riccati_filter(model, middle) is None:
@@ -110,6 +114,16 @@ def riccati_gamma(model: ErrorModel, relative: float = 1e-8) -> float:
     return high
 
 
-def _negative(P: Array) -> bool:
-    values = np.linalg.eigvalsh(P)
-    return bool(values.min() < -_ROUNDING * np.abs(values).max())
+def _check(model: ErrorModel) -> None:
+    if model.E.any():
+        raise ParameterError("E", "not zero", "zero: the equation knows no jitter")
+    if np.linalg.matrix_rank(model.D) < len(model.D):
+        raise ParameterError("D", "such that D D' is singular", "of full row rank")
+    n = len(model.A)
+    for mode in np.linalg.eigvals(model.A):
+        if abs(abs(mode) - 1) < _ON_CIRCLE:
+            reached = np.linalg.matrix_rank(np.hstack([model.A - mode * np.eye(n), model.B]))
+            if reached < n:
+                raise ParameterError(
+                    "B", "such that a mode on the unit circle has no noise", "one that drives it"
+                )

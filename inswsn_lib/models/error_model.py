@@ -196,6 +196,6 @@ def _root(name: str, covariance: ArrayLike, size: int) -> Array:
 
 def _matrix(name: str, value: Any) -> Array:
     matrix = np.asarray(value, dtype=float)
-    if matrix.ndim != 2 or not np.isfinite(matrix).all():
+    if matrix.ndim != 2 or not matrix.size or not np.isfinite(matrix).all():
         raise ParameterError(name, f"of shape {matrix.shape}", "a matrix of finite numbers")
     return matrix

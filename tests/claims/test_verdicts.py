@@ -269,3 +269,10 @@ def test_what_was_found_is_written_to_the_digits_of_its_interval() -> None:
     assert judged.rebuilt_text == "8.000 (7.990 to 8.012) m"
     (judged,) = verdicts([claim()], [found(8.123456789)])
     assert judged.rebuilt_text == "8.12346 m"
+    for value, text in ((-0.5, "-0.5"), (-1234567.0, "-1.23457e+06"), (1.7956e-16, "1.8e-16")):
+        (judged,) = verdicts([claim()], [found(value)])
+        assert judged.rebuilt_text == f"{text} m"
+    (judged,) = verdicts(
+        [claim()], [found(**(interval | {"value": 1.0, "interval": (0.9999999991, 1.0000000012)}))]
+    )
+    assert judged.rebuilt_text == "1 (0.9999999991 to 1.0000000012) m"

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -51,10 +53,24 @@ def test_no_gain_has_a_smaller_error_than_the_predictor() -> None:
 
 def test_an_unstable_error_has_no_steady_state() -> None:
     assert steady_error(scalar(1, 1, 1, 1), [[0.0]]) == np.inf
-    with pytest.raises(ParameterError, match="model is 'without a steady state'"):
-        predictor_gain(scalar(1.2, 1, 0, 1))
+    for model in (
+        scalar(1.2, 1, 0, 1),  # not measured
+        scalar(1, 0, 1, 1),  # on the unit circle, not driven
+        scalar(1, 1, 0, 0),
+        ErrorModel.p1(0.2, process_noise=(1.0, 0.0)),
+    ):
+        with pytest.raises(ParameterError, match="model is 'without a steady state'"):
+            predictor_gain(model)
+
+
+def test_what_l_does_not_see_does_not_count() -> None:
+    model = ErrorModel.p1(0.2, process_noise=(2.0, 1.0), measurement_noise=(0.5, 0.4))
+    positions = replace(model, L=np.eye(2, 4))
+    expected = 2 * (2**2 + 0.5**2 + 0.2**2 * 0.4**2)
+    assert steady_error(positions, deadbeat_gain(model)) == pytest.approx(expected**0.5)
 
 
 def test_a_gain_of_another_shape_is_refused() -> None:
-    with pytest.raises(ParameterError, match="gain is"):
-        steady_error(scalar(1, 1, 1, 1), np.eye(2))
+    for gain in (np.eye(2), [[np.nan]]):
+        with pytest.raises(ParameterError, match="gain is"):
+            steady_error(scalar(1, 1, 1, 1), gain)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -55,7 +57,7 @@ def test_with_a_large_margin_it_is_the_kalman_predictor() -> None:
     assert away[-1] < 1e-4
 
 
-@pytest.mark.parametrize("margin", [0.0, -1.0, float("nan"), float("inf")])
+@pytest.mark.parametrize("margin", [0.0, -1.0, float("nan"), float("inf"), 1e10])
 def test_a_margin_that_is_none_is_refused(margin: float) -> None:
     with pytest.raises(ParameterError, match="margin is"):
         design_filter(ErrorModel.p1(0.2), margin=margin)
@@ -176,14 +178,61 @@ def test_a_certificate_that_fails_raises() -> None:
     model = ErrorModel.p1(0.2)
     design = design_filter(model)
     certify(model, design.P, design.gain, design.level, "exact")
-    for P, gain, level in (
-        (-design.P, design.gain, design.level),
-        (design.P, design.gain, 0.99 * design.gamma),
-        (design.P, np.zeros((4, 4)), design.level),
-        (design.P, 3 * design.gain, design.level),
+    for P, gain, level, said in (
+        (-design.P, design.gain, design.level, "P has the eigenvalue -"),
+        (0.5 * design.P, design.gain, design.level, "the inequality has the eigenvalue"),
+        (design.P, design.gain, 0.99 * design.gamma, "the norm is 1.4"),
+        (design.P, np.zeros((4, 4)), design.level, "has the spectral radius 1"),
+        (design.P, 3 * design.gain, design.level, "the norm is inf"),
     ):
-        with pytest.raises(InfeasibleDesignError, match="does not pass its certificate"):
+        with pytest.raises(InfeasibleDesignError, match=f"not pass its certificate:.*{said}"):
             certify(model, P, gain, level, "exact")
+
+
+def test_a_certificate_with_jitter_that_fails_raises() -> None:
+    """Without jitter the scalar has the gain 1 / (1 - 0.5) = 2; with it more, or none."""
+    one = np.eye(1)
+    model = ErrorModel(A=0.5 * one, B=one, C=one, D=one, L=one, E=0.5 * one, period=1.0)
+    gain, P = np.zeros((1, 1)), 3 * one  # 1 / (sqrt(1 - 0.25) - 0.5) = 2.73
+    with pytest.raises(InfeasibleDesignError, match="Riccati iteration does not confirm"):
+        certify(model, P, gain, 2.5, "exact")
+    shaken = replace(model, E=0.9 * one)
+    with pytest.raises(InfeasibleDesignError, match=r"mean-square radius 1\.06"):
+        certify(shaken, P, gain, 1e3, "exact")
+
+
+@pytest.mark.parametrize(
+    ("P", "gain", "level", "said"),
+    [
+        (np.eye(3), np.eye(4), 2.0, "P is 'of shape"),
+        (np.full((4, 4), np.nan), np.eye(4), 2.0, "P is"),
+        (np.eye(4), np.eye(3), 2.0, "gain is"),
+        (np.eye(4), np.eye(4), -1.0, "level is -1"),
+        (np.eye(4), np.eye(4), float("nan"), "level is nan"),
+    ],
+)
+def test_what_cannot_be_certified_is_refused(
+    P: np.ndarray, gain: np.ndarray, level: float, said: str
+) -> None:
+    with pytest.raises(ParameterError, match=said):
+        certify(ErrorModel.p1(0.2), P, gain, level, "exact")
+
+
+@pytest.mark.parametrize("name", ["B", "L"])
+def test_without_disturbance_or_output_there_is_nothing_to_design(name: str) -> None:
+    model = replace(ErrorModel.p1(0.2), **{name: np.zeros((4, 4))})
+    with pytest.raises(ParameterError, match=f"{name} is 'zero'"):
+        design_filter(model)
+
+
+def test_designs_exist_at_the_corners_of_a_wide_range() -> None:
+    """Where the solver fails at first, other states of the same problem help."""
+    for period, b, d in ((0.05, 0.1, 10.0), (0.05, 10.0, 0.1), (2.0, 10.0, 0.1)):
+        full = ErrorModel.p1(period, 0.02, process_noise=(b, b), measurement_noise=(d, d))
+        for rows in (2, 4):
+            model = replace(full, C=full.C[:rows], D=full.D[:rows, :rows])
+            for form in ("exact", "printed"):
+                assert design_filter(model, form, margin=1e-3).gamma > 0  # type: ignore[arg-type]
 
 
 def test_the_inequality_is_the_lemma_written_out() -> None:

@@ -114,6 +114,13 @@ def test_without_jitter_the_buildable_system_is_that_of_the_error() -> None:
     ("changes", "said"),
     [
         ({"steps": 0}, "steps is 0"),
+        ({"steps": 2.5}, "steps is 2.5"),
+        ({"steps": True}, "steps is True"),
+        ({"relative": 0.0}, "relative is 0"),
+        ({"relative": float("nan")}, "relative is nan"),
+        ({"L": np.ones((0, 3))}, "A, B, C is"),
+        ({"A": [[1j, 0, 0]] * 3}, "A, B, C is"),
+        ({"A": [[1, 2], [3]]}, "A, B, C is"),
         ({"E": np.eye(2)}, "E is"),
         ({"E": np.full((3, 3), np.nan)}, "E is"),
         ({"B": np.eye(2)}, "A, B, C is"),
@@ -124,7 +131,7 @@ def test_what_cannot_be_is_refused(changes: dict[str, object], said: str) -> Non
     given_ = {"A": A, "E": np.zeros((3, 3)), "B": B, "L": L, "steps": 3} | changes
     with pytest.raises(ParameterError, match=said):
         finite_horizon_gain(**given_)  # type: ignore[arg-type]
-    if "steps" not in changes:
+    if not {"steps", "relative"} & set(changes):
         with pytest.raises(ParameterError, match=said):
             worst_disturbance(**given_)  # type: ignore[arg-type]
 
@@ -134,12 +141,48 @@ def test_no_output_or_no_input_has_no_gain() -> None:
     zero = np.zeros((3, 3))
     assert finite_horizon_gain(A, zero, B, 0 * L, 4) == 0
     assert finite_horizon_gain(A, zero, 0 * B, L, 4) == 0
-    assert worst_disturbance(A, zero, B, 0 * L, 4).gain == 0
+    none = worst_disturbance(A, zero, B, 0 * L, 4)
+    assert none.gain == 0
+    assert none.feedback.shape == (3, 2, 3)
+
+
+def test_the_buildable_system_is_plant_and_filter_step_by_step() -> None:
+    model = ErrorModel.p1(0.3, 0.2, process_noise=(0.5, 0.4), measurement_noise=(0.3, 0.2))
+    gain = design_filter(model).gain
+    A, E, B, _ = buildable_system(model, gain)
+    rng = np.random.default_rng(3)
+    x, estimate, both = np.zeros(4), np.zeros(4), np.zeros(8)
+    for _ in range(20):
+        w, v, beta = rng.standard_normal(4), rng.standard_normal(4), rng.standard_normal()
+        y = model.C @ x + model.D @ v
+        estimate = (model.A - gain @ model.C) @ estimate + gain @ y
+        x = (model.A + model.E * beta) @ x + model.B @ w
+        both = (A + E * beta) @ both + B @ np.concatenate([w, v])
+        assert both == pytest.approx(np.concatenate([x - estimate, x]), abs=1e-9)
+
+
+def test_the_gain_is_proportional_to_input_and_output() -> None:
+    A, B, L = random_system(4, 0.9)
+    E = 0.1 * np.ones((3, 3))
+    gain = finite_horizon_gain(A, E, B, L, 6)
+    for b, c in ((1e-200, 1.0), (1e-150, 1e140), (1e200, 1e-100)):
+        assert finite_horizon_gain(A, E, b * B, c * L, 6) == pytest.approx(gain * b * c, rel=1e-6)
+        worst = worst_disturbance(A, E, b * B, c * L, 6)
+        assert worst.gain == pytest.approx(gain * b * c, rel=1e-6)
+        # the state is b times larger, so the feedback is b times smaller
+        one = worst_disturbance(A, E, B, L, 6).feedback
+        assert b * worst.feedback == pytest.approx(one, abs=1e-3 * np.abs(one).max())
+
+
+def test_a_gain_that_is_no_number_is_refused() -> None:
+    with pytest.raises(ParameterError, match="steps is 600"):
+        finite_horizon_gain([[2.0]], [[0.0]], [[1.0]], [[1.0]], 600)
 
 
 def test_a_gain_of_another_shape_is_refused() -> None:
-    with pytest.raises(ParameterError, match="gain is"):
-        buildable_system(ErrorModel.p1(0.2), np.eye(3))
+    for gain in (np.eye(3), np.full((4, 4), np.nan)):
+        with pytest.raises(ParameterError, match="gain is"):
+            buildable_system(ErrorModel.p1(0.2), gain)
 
 
 @pytest.mark.parametrize("factor", [0.0, 1.01, float("nan")])

@@ -15,6 +15,7 @@ from inswsn_lib.lmi import (
     hinf_norm,
     largest_singular_value,
     mean_square_radius,
+    norms,
     riccati_gain_below,
     spectral_radius,
     stochastic_gain,
@@ -138,3 +139,73 @@ def test_one_multiplicative_noise_is_a_stack_of_one() -> None:
 def test_a_multiplicative_noise_that_does_not_fit_is_refused(E: object) -> None:
     with pytest.raises(ParameterError, match="E is"):
         mean_square_radius(np.eye(2) / 2, E)  # type: ignore[arg-type]
+
+
+def test_the_norm_is_found_from_a_level_below_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The sweep alone finds nearly every norm; from nine tenths of it the crossings must."""
+    expected = []
+    for seed in range(60):
+        system = stable_system(seed, 4, 2, 2)
+        norm = hinf_norm(*system)
+        sizes = largest_singular_value(*system, np.linspace(0, np.pi, 200))
+        if sizes.min() < 0.85 * norm:  # else nothing crosses the lower level
+            expected.append((system, norm))
+    assert len(expected) > 30
+    top = norms._top_of_sweep
+    monkeypatch.setattr(norms, "_top_of_sweep", lambda A, B, C: 0.9 * top(A, B, C))
+    for system, norm in expected:
+        assert hinf_norm(*system) == pytest.approx(norm, rel=1e-7)
+
+
+def test_sizes_that_cannot_be_squared() -> None:
+    A, B, C = stable_system(2, 3, 2, 2)
+    norm = hinf_norm(A, B, C)
+    for b, c in ((1e-200, 1.0), (1e200, 1.0), (1e-200, 1e-90)):
+        assert hinf_norm(A, b * B, c * C) == pytest.approx(norm * b * c, rel=1e-9)
+        expected = stochastic_gain(A, np.zeros((3, 3)), B, C) * b * c
+        assert stochastic_gain(A, np.zeros((3, 3)), b * B, c * C) == pytest.approx(expected)
+
+
+def test_a_mode_that_is_not_seen_must_be_stable() -> None:
+    A, L = np.diag([0.5, 1.1]), np.diag([1.0, 0.0])
+    assert not riccati_gain_below(A, np.zeros((2, 2)), np.eye(2), L, 10.0)
+    assert stochastic_gain(A, np.zeros((2, 2)), np.eye(2), L) == np.inf
+
+
+def test_what_the_iteration_cannot_tell_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(norms, "_DOUBLINGS", 1)
+    with pytest.raises(ParameterError, match="too near instability"):
+        stochastic_gain([[0.99999]], [[1e-3]], [[1.0]], [[1.0]])
+
+
+@pytest.mark.parametrize("relative", [0.0, -1.0, 1.0, float("nan"), 1e-17])
+def test_an_accuracy_that_cannot_be_is_refused(relative: float) -> None:
+    for norm in (
+        lambda: hinf_norm([[0.5]], [[1.0]], [[1.0]], relative),
+        lambda: stochastic_gain([[0.5]], [[0.1]], [[1.0]], [[1.0]], relative),
+    ):
+        with pytest.raises(ParameterError, match="relative is"):
+            norm()
+
+
+@pytest.mark.parametrize(
+    "matrix", [[1.0], 3.0, None, [[1.0, 2.0], [3.0]], [[1j]], [["a"]], np.zeros((0, 0)), [[np.nan]]]
+)
+def test_a_matrix_that_is_none_is_refused(matrix: object) -> None:
+    for use in (spectral_radius, lambda A: hinf_norm(A, [[1.0]], [[1.0]])):
+        with pytest.raises(ParameterError, match="A"):
+            use(matrix)
+    with pytest.raises(ParameterError, match="A is"):
+        mean_square_radius(matrix, [[0.0]])  # type: ignore[arg-type]
+
+
+def test_angles_and_gains_that_are_none_are_refused() -> None:
+    for angles in (np.zeros((2, 2)), [np.nan]):
+        with pytest.raises(ParameterError, match="angles is"):
+            largest_singular_value([[0.5]], [[1.0]], [[1.0]], angles)
+    with pytest.raises(ParameterError, match="gain is nan"):
+        riccati_gain_below([[0.5]], [[0.0]], [[1.0]], [[1.0]], float("nan"))
+    assert riccati_gain_below([[0.5]], [[0.0]], [[1.0]], [[1.0]], float("inf"))
+    for A in (np.eye(3)[:2], np.ones((2, 3))):
+        with pytest.raises(ParameterError, match="A is"):
+            spectral_radius(A)

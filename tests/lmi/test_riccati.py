@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -95,11 +97,42 @@ def test_a_synthesis_of_any_structure_has_the_same_least_gamma(model: ErrorModel
     assert not synthesis_exists(model, 0.999 * least)
 
 
+@pytest.mark.parametrize("size", [0.001, 1.0, 1000.0])
+def test_a_push_that_is_seen_one_step_later(size: float) -> None:
+    """L B = 0: one step tells nothing of the scale."""
+    model = ErrorModel(
+        A=np.array([[1.0, 0.2], [0.0, 1.0]]), B=np.array([[0.0], [size]]), C=np.eye(2),
+        D=size * np.eye(2), L=np.array([[1.0, 0.0]]), E=np.zeros((2, 2)), period=0.2,
+    )  # fmt: skip
+    assert riccati_gamma(model) == pytest.approx(design_filter(model).gamma, rel=1e-5)
+
+
+def test_a_gamma_far_above_what_one_step_does() -> None:
+    model = positions_only(0.005)
+    assert riccati_gamma(model) == pytest.approx(design_filter(model).gamma, rel=1e-5)
+    assert riccati_gamma(model) > 150
+
+
+def test_an_output_of_its_own_scale() -> None:
+    """L = 100 of one state alone: gamma is that of L = 1 times 100."""
+    L = np.array([[0.0, 0.0, 1.0, 0.0]])
+    one, hundred = (replace(ErrorModel.p1(0.2), L=s * L) for s in (1.0, 100.0))
+    assert riccati_gamma(hundred) == pytest.approx(100 * riccati_gamma(one), rel=1e-7)
+    assert riccati_gamma(one) == pytest.approx(design_filter(one).gamma, rel=1e-5)
+
+
 def test_what_it_cannot_do_is_refused() -> None:
+    with pytest.raises(ParameterError, match="B is"):
+        riccati_gamma(ErrorModel.p1(0.2, process_noise=(1.0, 0.0)))
+    with pytest.raises(ParameterError, match="B, L is 'zero'"):
+        riccati_gamma(replace(ErrorModel.p1(0.2), L=np.zeros((1, 4))))
+    for relative in (0.0, -1.0, float("nan"), 1.0, 1e-17):
+        with pytest.raises(ParameterError, match="relative is"):
+            riccati_gamma(ErrorModel.p1(0.2), relative)
     with pytest.raises(ParameterError, match="E is"):
         riccati_gamma(ErrorModel.p1(0.2, 0.01))
     with pytest.raises(ParameterError, match="D is"):
         riccati_gamma(ErrorModel.p1(0.2, measurement_noise=(0.0, 1.0)))
-    for gamma in (0.0, -1.0, float("nan"), float("inf")):
+    for gamma in (0.0, -1.0, float("nan"), float("inf"), 1e200):
         with pytest.raises(ParameterError, match="gamma is"):
             riccati_filter(ErrorModel.p1(0.2), gamma)
