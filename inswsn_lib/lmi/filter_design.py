@@ -28,7 +28,7 @@ Solver = Literal["clarabel", "scs"]
 _SOLVERS: dict[str, dict[str, Any]] = {
     "clarabel": {"solver": cp.CLARABEL},
     # a first-order method: with its own default it stops at 1e-4
-    "scs": {"solver": cp.SCS, "eps_abs": 1e-9, "eps_rel": 1e-9, "max_iters": 200_000},
+    "scs": {"solver": cp.SCS, "eps_abs": 1e-9, "eps_rel": 1e-9, "max_iters": 20_000},
 }
 
 _KALMAN_STEPS = 40
