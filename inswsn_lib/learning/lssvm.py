@@ -1,0 +1,100 @@
+"""The least-squares support vector machine of P1 Section 3.1."""
+
+from __future__ import annotations
+
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.linalg import cho_factor, cho_solve
+from sklearn.base import BaseEstimator, MultiOutputMixin, RegressorMixin
+from sklearn.utils.validation import check_is_fitted, validate_data
+
+from inswsn_lib.learning.kernels import Kernel, check_kernel, check_positive, kernel_matrix
+
+Array = NDArray[np.float64]
+
+
+class LSSVMRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):  # type: ignore[misc]
+    r"""Least-squares support vector machine for regression (P1 3.1-3.9).
+
+    The problem (3.2), (3.3),
+
+    .. math::
+        \min_{w, b, e}\ \tfrac12 w'w + \tfrac\eta2 \sum_i e_i^2, \qquad
+        y_i = w'\varphi(x_i) + b + e_i ,
+
+    has, by its optimality conditions (3.6), :math:`\alpha_i = \eta e_i`, the solution of
+
+    .. math::
+        \begin{bmatrix} 0 & 1' \\ 1 & K + I/\eta \end{bmatrix}
+        \begin{bmatrix} b \\ \alpha \end{bmatrix} = \begin{bmatrix} 0 \\ y \end{bmatrix}, \qquad
+        \hat y(x) = \sum_i \alpha_i k(x, x_i) + b .
+
+    With :math:`H = K + I/\eta`, one Cholesky factor gives :math:`u = H^{-1}1` and
+    :math:`v = H^{-1}y`, and then :math:`b = 1'v / 1'u`, :math:`\alpha = v - u b`. It is kernel
+    ridge regression with a bias that is not penalised. Several outputs share the factor.
+
+    Parameters
+    ----------
+    sigma : float
+        Kernel width. For the radial kernel in the unit of the inputs.
+    eta : float
+        Regularisation: the larger, the closer the fit.
+    kernel : {"rbf", "linear", "polynomial"}
+        See `kernels.kernel_matrix`.
+    degree : int
+        Of the polynomial kernel.
+
+    Attributes
+    ----------
+    alpha_ : ndarray, (n,) or (n, outputs)
+        The multipliers.
+    bias_ : float or ndarray, (outputs,)
+        b.
+    X_fit_ : ndarray, (n, inputs)
+        The training inputs.
+    """
+
+    def __init__(
+        self, sigma: float = 1.0, eta: float = 1.0, kernel: Kernel = "rbf", degree: int = 2
+    ) -> None:
+        self.sigma = sigma
+        self.eta = eta
+        self.kernel = kernel
+        self.degree = degree
+
+    def fit(self, X: ArrayLike, y: ArrayLike) -> Self:
+        """Fit the machine to inputs (n, inputs) and targets (n,) or (n, outputs).
+
+        Raises
+        ------
+        ParameterError
+            If a parameter has a value it may not have.
+        ValueError
+            If the data are not such arrays, or not finite.
+        """
+        check_kernel(self.kernel, self.sigma, self.degree)
+        check_positive("eta", self.eta)
+        inputs, y = validate_data(self, X, y, multi_output=True, y_numeric=True, dtype=np.float64)
+        targets = np.asarray(y, dtype=np.float64)
+        H = kernel_matrix(inputs, inputs, self.kernel, self.sigma, self.degree)
+        H[np.diag_indices_from(H)] += 1 / self.eta
+        right = np.column_stack([np.ones(len(inputs)), targets])
+        # H is symmetric, so its transpose is in the order that LAPACK overwrites
+        solved = cho_solve(cho_factor(H.T, overwrite_a=True, check_finite=False), right)
+        u, v = solved[:, 0], solved[:, 1:]
+        bias = v.sum(axis=0) / u.sum()
+        alpha = v - np.outer(u, bias)
+        flat = targets.ndim == 1
+        self.alpha_: Array = alpha[:, 0] if flat else alpha
+        self.bias_: Any = float(bias[0]) if flat else bias
+        self.X_fit_: Array = inputs
+        return self
+
+    def predict(self, X: ArrayLike) -> Array:
+        """Return the predictions for inputs (n, inputs): (n,) or (n, outputs)."""
+        check_is_fitted(self)
+        inputs = validate_data(self, X, reset=False, dtype=np.float64)
+        K = kernel_matrix(inputs, self.X_fit_, self.kernel, self.sigma, self.degree)
+        return np.asarray(K @ self.alpha_ + self.bias_)
