@@ -1,0 +1,370 @@
+"""Back-propagation networks, many seeds at once, trained as in 2011 or as today."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any, Literal, Self
+
+import numpy as np
+import torch
+from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import minimize
+from sklearn.base import BaseEstimator, MultiOutputMixin, RegressorMixin
+from sklearn.utils.validation import check_is_fitted, validate_data
+
+from inswsn_lib.errors import ParameterError
+from inswsn_lib.learning.kernels import check_positive
+
+Array = NDArray[np.float64]
+Trainer = Literal["gradient-descent", "levenberg-marquardt", "l-bfgs"]
+Scaling = Literal["none", "range", "standard"]
+
+# Of Levenberg and Marquardt's method: first damping, its factor after a failed and after a good
+# step, and the damping at which a network is done; as in MATLAB's trainlm.
+_DAMPING, _WORSE, _BETTER, _DONE = 1e-3, 10.0, 0.1, 1e10
+_FLAT = 1e-7  # largest entry of a gradient at which a network is done
+
+
+class BackpropRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):  # type: ignore[misc]
+    r"""Multilayer perceptron with one hidden layer, :math:`W_2 \tanh(W_1 x + b_1) + b_2`.
+
+    The training minimises the mean squared error plus :math:`\lambda |\theta|^2` over all weights
+    and biases :math:`\theta`, in double precision. Several networks that differ in their random
+    numbers alone are trained at once; their predictions are averaged.
+
+    Parameters
+    ----------
+    hidden : int
+        Neurons of the hidden layer.
+    trainer : {"levenberg-marquardt", "gradient-descent", "l-bfgs"}
+        Damped Gauss-Newton steps, the standard of 2011's toolboxes; plain gradient descent with
+        momentum; or scipy's L-BFGS.
+    epochs : int
+        The most steps.
+    learning_rate, momentum : float
+        Of gradient descent.
+    weight_decay : float
+        :math:`\lambda`, 0 or more.
+    validation_share : float
+        Share of the samples, drawn at random for each network, that do not train but stop the
+        training: the weights are those of the least error on them. 0 does without.
+    patience : int
+        Steps without progress on the validation samples after which the training stops.
+    scaling : {"range", "standard", "none"}
+        Inputs and targets mapped to [-1, 1], or to mean 0 and deviation 1, or left as they are.
+    networks : int
+        How many.
+    random_state : int
+        Seed of the first network's random numbers; each has its own stream.
+
+    Attributes
+    ----------
+    weights_ : ndarray, (networks, parameters)
+        :math:`\theta` of each network, in scaled units.
+    losses_ : ndarray, (networks,)
+        Mean squared error on the training samples, in scaled units.
+    steps_ : ndarray, (networks,)
+        Steps until each was done.
+    """
+
+    def __init__(
+        self,
+        hidden: int = 10,
+        trainer: Trainer = "levenberg-marquardt",
+        epochs: int = 300,
+        learning_rate: float = 0.01,
+        momentum: float = 0.0,
+        weight_decay: float = 0.0,
+        validation_share: float = 0.0,
+        patience: int = 6,
+        scaling: Scaling = "range",
+        networks: int = 1,
+        random_state: int = 0,
+    ) -> None:
+        self.hidden = hidden
+        self.trainer = trainer
+        self.epochs = epochs
+        self.learning_rate = learning_rate
+        self.momentum = momentum
+        self.weight_decay = weight_decay
+        self.validation_share = validation_share
+        self.patience = patience
+        self.scaling = scaling
+        self.networks = networks
+        self.random_state = random_state
+
+    def fit(self, X: ArrayLike, y: ArrayLike) -> Self:
+        """Train on inputs (n, inputs) and targets (n,) or (n, outputs).
+
+        Raises
+        ------
+        ParameterError
+            If a parameter has a value it may not have.
+        ValueError
+            If the data are not such arrays, or not finite.
+        """
+        self._check_parameters()
+        inputs, y = validate_data(self, X, y, multi_output=True, y_numeric=True, dtype=np.float64)
+        given = np.asarray(y, dtype=np.float64)
+        targets = given.reshape(len(given), -1)
+        self._flat = given.ndim == 1
+        self._inputs_scale = _Scale.of(inputs, self.scaling)
+        self._targets_scale = _Scale.of(targets, self.scaling)
+        self._shape = _Shape(inputs.shape[1], self.hidden, targets.shape[1])
+        scaled = self._inputs_scale.there(inputs)
+        streams = [np.random.default_rng([self.random_state, i]) for i in range(self.networks)]
+        start = np.array([self._shape.initial(rng, scaled) for rng in streams])
+        trains = np.array([self._training_mask(rng, len(scaled)) for rng in streams])
+        with _one_thread():
+            work = _Work(
+                self._shape,
+                torch.from_numpy(scaled),
+                torch.from_numpy(self._targets_scale.there(targets)),
+                torch.from_numpy(trains),
+                self.weight_decay,
+            )
+            weights, steps = self._train(work, torch.from_numpy(start))
+            self.losses_: Array = work.errors(weights, work.trains).numpy()
+        self.weights_: Array = weights.numpy()
+        self.steps_: NDArray[np.int64] = steps
+        return self
+
+    def predict_each(self, X: ArrayLike) -> Array:
+        """Return the prediction of every network, (networks, n) or (networks, n, outputs)."""
+        check_is_fitted(self)
+        inputs = validate_data(self, X, reset=False, dtype=np.float64)
+        with _one_thread():
+            scaled = torch.from_numpy(self._inputs_scale.there(inputs))
+            out = self._shape.forward(torch.from_numpy(self.weights_), scaled).numpy()
+        out = self._targets_scale.back(out)
+        return out[:, :, 0] if self._flat else out
+
+    def predict(self, X: ArrayLike) -> Array:
+        """Return the mean prediction of the networks, (n,) or (n, outputs)."""
+        return np.asarray(self.predict_each(X).mean(axis=0))
+
+    def _train(self, work: _Work, start: torch.Tensor) -> tuple[torch.Tensor, NDArray[np.int64]]:
+        if self.trainer == "l-bfgs":
+            return _l_bfgs(work, start, self.epochs)
+        stepper: Any = (
+            _LevenbergMarquardt(work, start)
+            if self.trainer == "levenberg-marquardt"
+            else _GradientDescent(work, start, self.learning_rate, self.momentum)
+        )
+        return _steps(work, stepper, start, self.epochs, self.patience)
+
+    def _training_mask(self, rng: np.random.Generator, samples: int) -> NDArray[np.bool_]:
+        held = round(self.validation_share * samples)
+        mask = np.ones(samples, dtype=bool)
+        mask[rng.permutation(samples)[:held]] = False
+        return mask
+
+    def _check_parameters(self) -> None:
+        for name, least in (
+            ("hidden", 1), ("epochs", 1), ("patience", 1), ("networks", 1), ("random_state", 0),
+        ):  # fmt: skip
+            value = getattr(self, name)
+            whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
+            if not whole or value < least:
+                raise ParameterError(name, value, f"a whole number, {least} or more")
+        check_positive("learning_rate", self.learning_rate)
+        for name, below in (("momentum", 1.0), ("validation_share", 1.0), ("weight_decay", np.inf)):
+            value = getattr(self, name)
+            if isinstance(value, bool) or not 0 <= value < below:
+                raise ParameterError(name, value, f"0 or more, below {below:g}")
+        if self.trainer not in ("levenberg-marquardt", "gradient-descent", "l-bfgs"):
+            raise ParameterError(
+                "trainer", self.trainer,
+                'one of "levenberg-marquardt", "gradient-descent", "l-bfgs"',
+            )  # fmt: skip
+        if self.trainer == "l-bfgs" and self.validation_share:
+            raise ParameterError("validation_share", self.validation_share, 'with "l-bfgs", 0')
+        if self.scaling not in ("none", "range", "standard"):
+            raise ParameterError("scaling", self.scaling, 'one of "none", "range", "standard"')
+
+
+@dataclass(frozen=True, eq=False)
+class _Scale:
+    """An affine map of columns; columns that do not vary are only moved."""
+
+    middle: Array
+    size: Array
+
+    @classmethod
+    def of(cls, values: Array, scaling: Scaling) -> _Scale:
+        if scaling == "none":
+            return cls(np.zeros(values.shape[1]), np.ones(values.shape[1]))
+        if scaling == "range":
+            low, high = values.min(axis=0), values.max(axis=0)
+            middle, size = low / 2 + high / 2, high / 2 - low / 2
+        else:
+            middle, size = values.mean(axis=0), values.std(axis=0)
+        return cls(middle, np.where(size > 0, size, 1.0))
+
+    def there(self, values: Array) -> Array:
+        return np.ascontiguousarray((values - self.middle) / self.size)
+
+    def back(self, values: Array) -> Array:
+        return values * self.size + self.middle
+
+
+@dataclass(frozen=True)
+class _Shape:
+    """The sizes of the layers, and the network as a function of one flat vector of parameters."""
+
+    inputs: int
+    hidden: int
+    outputs: int
+
+    def initial(self, rng: np.random.Generator, inputs: Array) -> Array:
+        """Draw parameters as Nguyen and Widrow (1990): the tanh bends are spread over the data."""
+        h, d = self.hidden, self.inputs
+        low, high = inputs.min(axis=0), inputs.max(axis=0)
+        half = np.where(high > low, (high - low) / 2, 1.0)
+        size = 0.7 * h ** (1 / d)
+        directions = rng.standard_normal((h, d))
+        directions *= size / np.linalg.norm(directions, axis=1, keepdims=True)
+        offsets = size * np.linspace(-1, 1, h) * np.sign(directions[:, 0]) if h > 1 else [0.0]
+        W1 = directions / half
+        b1 = np.asarray(offsets) - W1 @ ((low + high) / 2)
+        last = rng.uniform(-1, 1, self.outputs * (h + 1))
+        return np.concatenate([W1.ravel(), b1, last])
+
+    def parts(self, weights: torch.Tensor) -> list[torch.Tensor]:
+        h, d, o = self.hidden, self.inputs, self.outputs
+        W1, b1, W2, b2 = torch.split(weights, [h * d, h, o * h, o], dim=-1)
+        lead = weights.shape[:-1]
+        return [W1.reshape(*lead, h, d), b1, W2.reshape(*lead, o, h), b2]
+
+    def forward(self, weights: torch.Tensor, inputs: torch.Tensor) -> torch.Tensor:
+        """Return the outputs, (networks, samples, outputs), for weights (networks, parameters)."""
+        W1, b1, W2, b2 = self.parts(weights)
+        bent = torch.tanh(inputs @ W1.mT + b1.unsqueeze(-2))
+        return bent @ W2.mT + b2.unsqueeze(-2)
+
+
+@dataclass(frozen=True, eq=False)
+class _Work:
+    """What all trainers need: data, who trains on what, and the loss."""
+
+    shape: _Shape
+    inputs: torch.Tensor  # (samples, inputs)
+    targets: torch.Tensor  # (samples, outputs)
+    trains: torch.Tensor  # (networks, samples), bool
+    decay: float
+
+    def errors(self, weights: torch.Tensor, mask: torch.Tensor) -> torch.Tensor:
+        """Return the mean squared error of each network over the samples of its mask."""
+        squares = (self.shape.forward(weights, self.inputs) - self.targets).square().mean(dim=-1)
+        return (squares * mask).sum(dim=-1) / mask.sum(dim=-1)
+
+    def losses(self, weights: torch.Tensor) -> torch.Tensor:
+        """Return what each network minimises."""
+        return self.errors(weights, self.trains) + self.decay * weights.square().sum(dim=-1)
+
+    def gradients(self, weights: torch.Tensor) -> torch.Tensor:
+        moving = weights.detach().requires_grad_()
+        # networks do not share parameters, so the gradient of the sum is that of each
+        (gradient,) = torch.autograd.grad(self.losses(moving).sum(), moving)
+        return gradient
+
+
+class _GradientDescent:
+    """Plain steps against the gradient, with momentum."""
+
+    def __init__(self, work: _Work, start: torch.Tensor, rate: float, momentum: float) -> None:
+        self._work, self._rate, self._momentum = work, rate, momentum
+        self._speed = torch.zeros_like(start)
+
+    def step(self, weights: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        gradient = self._work.gradients(weights)
+        self._speed = self._momentum * self._speed - self._rate * gradient
+        done = gradient.abs().amax(dim=-1) < _FLAT
+        return weights + self._speed, done
+
+
+class _LevenbergMarquardt:
+    """Damped Gauss-Newton steps, each network with its own damping."""
+
+    def __init__(self, work: _Work, start: torch.Tensor) -> None:
+        self._work = work
+        self._damping = torch.full((len(start),), _DAMPING, dtype=start.dtype)
+        self._jacobians = torch.func.vmap(
+            torch.func.jacrev(lambda w: work.shape.forward(w, work.inputs).flatten())
+        )
+
+    def step(self, weights: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        work = self._work
+        outputs = work.targets.shape[1]
+        J = self._jacobians(weights)  # (networks, samples * outputs, parameters)
+        residual = (work.shape.forward(weights, work.inputs) - work.targets).flatten(1)
+        share = work.trains.double() / (work.trains.sum(dim=-1, keepdim=True) * outputs)
+        weighted = J * share.repeat_interleave(outputs, dim=1).unsqueeze(-1)
+        unit = torch.eye(J.shape[-1], dtype=J.dtype)
+        normal = weighted.mT @ J + work.decay * unit
+        slope = (weighted.mT @ residual.unsqueeze(-1)).squeeze(-1) + work.decay * weights
+        damped = normal + self._damping[:, None, None] * unit
+        tried = weights - torch.linalg.solve(damped, slope)
+        better = work.losses(tried) < work.losses(weights)  # not so for what is not a number
+        self._damping = self._damping * torch.where(better, _BETTER, _WORSE)
+        done = (slope.abs().amax(dim=-1) < _FLAT) | (self._damping > _DONE)
+        return torch.where(better[:, None], tried, weights), done
+
+
+def _steps(
+    work: _Work, stepper: Any, weights: torch.Tensor, epochs: int, patience: int
+) -> tuple[torch.Tensor, NDArray[np.int64]]:
+    """Step all networks until each is done; return the best weights and the steps of each."""
+    held = ~work.trains
+    validated = bool(held.any())
+    going = torch.ones(len(weights), dtype=torch.bool)
+    steps = torch.zeros(len(weights), dtype=torch.int64)
+    best, failures = weights.clone(), torch.zeros(len(weights), dtype=torch.int64)
+    least = work.errors(weights, held) if validated else work.losses(weights)
+    for _ in range(epochs):
+        moved, done = stepper.step(weights)
+        sound = torch.isfinite(moved).all(dim=-1)
+        weights = torch.where((going & sound)[:, None], moved, weights)
+        steps += going
+        now = work.errors(weights, held) if validated else work.losses(weights)
+        progress = going & sound & (now < least)
+        best = torch.where(progress[:, None], weights, best)
+        least = torch.where(progress, now, least)
+        failures = torch.where(progress, 0, failures + 1)
+        going &= sound & ~done & (~torch.tensor(validated) | (failures < patience))
+        if not going.any():
+            break
+    return best, steps.numpy()
+
+
+def _l_bfgs(
+    work: _Work, start: torch.Tensor, epochs: int
+) -> tuple[torch.Tensor, NDArray[np.int64]]:
+    """Minimise each network's loss with scipy's L-BFGS."""
+    found, steps = start.clone(), np.zeros(len(start), dtype=np.int64)
+    for i, first in enumerate(start):
+        alone = _Work(work.shape, work.inputs, work.targets, work.trains[i : i + 1], work.decay)
+
+        def loss(flat: Array, alone: _Work = alone) -> tuple[float, Array]:
+            weights = torch.from_numpy(flat[None].copy())
+            return float(alone.losses(weights)), alone.gradients(weights)[0].numpy()
+
+        result = minimize(
+            loss, first.numpy(), jac=True, method="L-BFGS-B",
+            options={"maxiter": epochs, "maxfun": 4 * epochs, "ftol": 1e-15, "gtol": _FLAT},
+        )  # fmt: skip
+        found[i], steps[i] = torch.from_numpy(result.x), result.nit
+    return found, steps
+
+
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """Let torch use one thread, so that sums are formed in one order on every machine."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(threads)
