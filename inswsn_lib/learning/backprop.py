@@ -292,7 +292,7 @@ class _LevenbergMarquardt:
         self._work = work
         self._damping = torch.full((len(start),), _DAMPING, dtype=start.dtype)
         self._jacobians = torch.func.vmap(
-            torch.func.jacrev(lambda w: work.shape.forward(w, work.inputs).flatten())
+            torch.func.jacfwd(lambda w: work.shape.forward(w, work.inputs).flatten())
         )
 
     def step(self, weights: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
