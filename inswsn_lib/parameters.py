@@ -6,8 +6,9 @@ and the rule; comment lines above it say what the parameter is::
     # Samples over which Table 2 averages; P1 trains on 100 points.
     training_samples: int = 100  # samples; 4 <= value <= 400
 
-A rule is ``any``, a chain of comparisons of ``value`` with numbers, ``one of`` a list of words, or
-``a file``: the path of a file, or the name of one below ``data/``.
+A rule is ``any``, a chain of comparisons of ``value`` with numbers, ``one of`` a list of words,
+``a file``: the path of a file, or the name of one below ``data/``, or ``a regressor``: the module
+and the class of a scikit-learn regressor.
 """
 
 from __future__ import annotations
@@ -31,6 +32,8 @@ Value = bool | int | float | str
 
 #: The rule of a parameter that names a file
 FILE_RULE = "a file"
+#: The rule of a parameter that names a regressor
+REGRESSOR_RULE = "a regressor"
 
 _TYPES: dict[str, type] = {"bool": bool, "int": int, "float": float, "str": str}
 _KINDS = {"bool": "true or false", "int": "a whole number", "float": "a number", "str": "a word"}
@@ -73,6 +76,8 @@ class Parameter:
             return f"any {kind.removeprefix('a ')}" if self.kind != "bool" else kind
         if self.rule == FILE_RULE:
             return "the path of a file, or the name of one below data/"
+        if self.rule == REGRESSOR_RULE:
+            return "package.module:Class, a scikit-learn regressor"
         if self.rule.startswith("one of "):
             return self.rule
         return f"{kind} with {self.rule}"
@@ -120,7 +125,8 @@ class Parameter:
         return self.check(value)
 
     def _obeys(self, value: object) -> bool:
-        if self.rule in ("any", FILE_RULE):  # the run looks for the file
+        # the run looks for the file, and tries the regressor
+        if self.rule in ("any", FILE_RULE, REGRESSOR_RULE):
             return True
         if self.rule.startswith("one of "):
             return value in _words(self.rule)
@@ -282,7 +288,7 @@ def _declared(node: ast.stmt, comment: str, meaning: str) -> Parameter:
 
 def _check_rule(name: str, kind: str, rule: str) -> None:
     words = rule.startswith("one of ") and all(_words(rule))
-    if rule == "any" or (kind == "str" and (rule == FILE_RULE or words)):
+    if rule == "any" or (kind == "str" and (rule in (FILE_RULE, REGRESSOR_RULE) or words)):
         return
     parts = _COMPARISON.split(rule)
     terms = [part for part in parts[::2] if part != "value"]
@@ -297,8 +303,8 @@ def _check_rule(name: str, kind: str, rule: str) -> None:
         or not all(map(math.isfinite, numbers or [math.nan]))
     ):
         raise InswsnError(
-            f"The rule of {name} is {rule!r}; it may be any, 'one of' words or 'a file' for a "
-            "str, or comparisons of value with numbers for a number, such as 0 <= value < 10."
+            f"The rule of {name} is {rule!r}; it may be any, 'one of' words, 'a file' or "
+            "'a regressor' for a str, or comparisons of value with numbers for a number, such as 0 <= value < 10."
         )
 
 

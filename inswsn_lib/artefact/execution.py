@@ -31,6 +31,7 @@ from inswsn_lib.checkout import RESULTS_VARIABLE, ROOT_VARIABLE
 from inswsn_lib.claims import Results, read_results
 from inswsn_lib.errors import BuildError, InswsnError, ParameterError
 from inswsn_lib.parameters import Value
+from inswsn_lib.plugins import MODULES_VARIABLE
 
 _STOP_SECONDS = 10.0
 
@@ -308,6 +309,7 @@ def _environment(project: Project, folder: Path) -> dict[str, str]:
         "MPLCONFIGDIR": str(project.build / "matplotlib"),  # its font cache, and no settings
         ROOT_VARIABLE: str(project.root),
         RESULTS_VARIABLE: str(folder / "results"),
+        MODULES_VARIABLE: os.getcwd(),  # where a reader's own modules lie
     }
 
 

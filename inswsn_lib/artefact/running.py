@@ -34,7 +34,15 @@ from inswsn_lib.claims import (
 )
 from inswsn_lib.errors import InswsnError, ParameterError
 from inswsn_lib.files import read_yaml, text_digest, write_whole
-from inswsn_lib.parameters import FILE_RULE, Parameter, Schema, Value, chapter_schema
+from inswsn_lib.parameters import (
+    FILE_RULE,
+    REGRESSOR_RULE,
+    Parameter,
+    Schema,
+    Value,
+    chapter_schema,
+)
+from inswsn_lib.plugins import load_regressor
 
 _PARAMETERS = "parameters.yml"
 # Lists what a run made. A folder that holds this and no more may be replaced by another run.
@@ -105,7 +113,8 @@ def gather_parameters(
     Raises
     ------
     ParameterError
-        If a name is not declared or set twice, a value may not be, or there is no such file.
+        If a name is not declared or set twice, a value may not be, or there is no such file or
+        regressor.
     InswsnError
         If the file cannot be read.
     """
@@ -121,10 +130,13 @@ def gather_parameters(
             raise ParameterError("-p", setting, f"given once: {name} is set twice")
         seen.add(name)
         values[name] = schema[name].read(text)
-    return {name: _found_file(schema[name], value, data) for name, value in values.items()}
+    return {name: _found(schema[name], value, data) for name, value in values.items()}
 
 
-def _found_file(parameter: Parameter, value: Value, data: Path) -> Value:
+def _found(parameter: Parameter, value: Value, data: Path) -> Value:
+    """Look for a file that a parameter names, and try a regressor."""
+    if parameter.rule == REGRESSOR_RULE:
+        load_regressor(parameter.name, str(value))
     if parameter.rule != FILE_RULE:
         return value
     try:

@@ -1,17 +1,17 @@
-"""Back-propagation networks, many seeds at once, trained as in 2011 or as today."""
+"""Back-propagation networks, many seeds or data sets at once, trained as in 2011 or today."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal, Self
 
 import numpy as np
 import torch
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import minimize
-from sklearn.base import BaseEstimator, MultiOutputMixin, RegressorMixin
+from sklearn.base import BaseEstimator, MultiOutputMixin, RegressorMixin, clone
 from sklearn.utils.validation import check_is_fitted, validate_data
 
 from inswsn_lib.errors import ParameterError
@@ -105,6 +105,38 @@ class BackpropRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):  # typ
         ValueError
             If the data are not such arrays, or not finite.
         """
+        self._train_all([self._prepared(X, y)])
+        return self
+
+    def fit_many(self, Xs: Sequence[ArrayLike], ys: Sequence[ArrayLike]) -> list[Self]:
+        """Train a copy of this estimator on each of several data sets of one shape, all at once.
+
+        Parameters
+        ----------
+        Xs : sequence of array_like, each (n, inputs)
+        ys : sequence of array_like, each (n,) or (n, outputs)
+
+        Returns
+        -------
+        list of BackpropRegressor
+            Fitted; each is what `fit` makes of its data set alone.
+
+        Raises
+        ------
+        ParameterError
+            If the data sets are not as many inputs as targets, or not of one shape.
+        """
+        copies = [clone(self) for _ in Xs]
+        jobs = [copy._prepared(X, y) for copy, X, y in zip(copies, Xs, ys, strict=True)]
+        shapes = {(job.inputs.shape, job.targets.shape) for job in jobs}
+        if len(shapes) > 1:
+            raise ParameterError("Xs and ys", f"of shapes {sorted(shapes)}", "of one shape")
+        if jobs:
+            self._train_all(jobs)
+        return copies
+
+    def _prepared(self, X: ArrayLike, y: ArrayLike) -> _Job:
+        """Check and scale a data set, and draw what is random."""
         self._check_parameters()
         inputs, y = validate_data(self, X, y, multi_output=True, y_numeric=True, dtype=np.float64)
         given = np.asarray(y, dtype=np.float64)
@@ -117,19 +149,32 @@ class BackpropRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):  # typ
         streams = [np.random.default_rng([self.random_state, i]) for i in range(self.networks)]
         start = np.array([self._shape.initial(rng, scaled) for rng in streams])
         trains = np.array([self._training_mask(rng, len(scaled)) for rng in streams])
+        return _Job(self, scaled, self._targets_scale.there(targets), start, trains)
+
+    def _train_all(self, jobs: list[_Job]) -> None:
+        def stacked(arrays: list[Array]) -> torch.Tensor:
+            repeated = np.repeat(np.array(arrays), self.networks, axis=0)
+            return torch.from_numpy(repeated)
+
         with _one_thread():
             work = _Work(
-                self._shape,
-                torch.from_numpy(scaled),
-                torch.from_numpy(self._targets_scale.there(targets)),
-                torch.from_numpy(trains),
+                jobs[0].estimator._shape,
+                stacked([job.inputs for job in jobs]),
+                stacked([job.targets for job in jobs]),
+                torch.from_numpy(np.concatenate([job.trains for job in jobs])),
                 self.weight_decay,
             )
-            weights, steps = self._train(work, torch.from_numpy(start))
-            self.losses_: Array = work.errors(weights, work.trains).numpy()
-        self.weights_: Array = weights.numpy()
+            start = torch.from_numpy(np.concatenate([job.start for job in jobs]))
+            weights, steps = self._train(work, start)
+            losses = work.errors(weights, work.trains).numpy()
+        for i, job in enumerate(jobs):
+            own = slice(i * self.networks, (i + 1) * self.networks)
+            job.estimator._keep(weights.numpy()[own], losses[own], steps[own])
+
+    def _keep(self, weights: Array, losses: Array, steps: NDArray[np.int64]) -> None:
+        self.weights_: Array = weights
+        self.losses_: Array = losses
         self.steps_: NDArray[np.int64] = steps
-        return self
 
     def predict_each(self, X: ArrayLike) -> Array:
         """Return the prediction of every network, (networks, n) or (networks, n, outputs)."""
@@ -246,12 +291,23 @@ class _Shape:
 
 
 @dataclass(frozen=True, eq=False)
+class _Job:
+    """A data set in scaled units, and the random numbers of the networks that train on it."""
+
+    estimator: BackpropRegressor
+    inputs: Array  # (samples, inputs)
+    targets: Array  # (samples, outputs)
+    start: Array  # (networks, parameters)
+    trains: NDArray[np.bool_]  # (networks, samples)
+
+
+@dataclass(frozen=True, eq=False)
 class _Work:
     """What all trainers need: data, who trains on what, and the loss."""
 
     shape: _Shape
-    inputs: torch.Tensor  # (samples, inputs)
-    targets: torch.Tensor  # (samples, outputs)
+    inputs: torch.Tensor  # (networks, samples, inputs)
+    targets: torch.Tensor  # (networks, samples, outputs)
     trains: torch.Tensor  # (networks, samples), bool
     decay: float
 
@@ -259,6 +315,16 @@ class _Work:
         """Return the mean squared error of each network over the samples of its mask."""
         squares = (self.shape.forward(weights, self.inputs) - self.targets).square().mean(dim=-1)
         return (squares * mask).sum(dim=-1) / mask.sum(dim=-1)
+
+    def watched(self, weights: torch.Tensor, validated: bool) -> torch.Tensor:
+        """Return what tells the best weights: the error on the samples held back, or the loss."""
+        return self.errors(weights, ~self.trains) if validated else self.losses(weights)
+
+    def of(self, which: torch.Tensor) -> _Work:
+        """Return the work of some of the networks."""
+        return replace(
+            self, inputs=self.inputs[which], targets=self.targets[which], trains=self.trains[which]
+        )
 
     def losses(self, weights: torch.Tensor) -> torch.Tensor:
         """Return what each network minimises."""
@@ -284,6 +350,11 @@ class _GradientDescent:
         done = gradient.abs().amax(dim=-1) < _FLAT
         return weights + self._speed, done
 
+    def keep(self, left: torch.Tensor) -> _Work:
+        """Go on with some of the networks."""
+        self._work, self._speed = self._work.of(left), self._speed[left]
+        return self._work
+
 
 class _LevenbergMarquardt:
     """Damped Gauss-Newton steps, each network with its own damping."""
@@ -291,50 +362,105 @@ class _LevenbergMarquardt:
     def __init__(self, work: _Work, start: torch.Tensor) -> None:
         self._work = work
         self._damping = torch.full((len(start),), _DAMPING, dtype=start.dtype)
-        self._jacobians = torch.func.vmap(
-            torch.func.jacfwd(lambda w: work.shape.forward(w, work.inputs).flatten())
-        )
 
     def step(self, weights: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         work = self._work
-        outputs = work.targets.shape[1]
-        J = self._jacobians(weights)  # (networks, samples * outputs, parameters)
-        residual = (work.shape.forward(weights, work.inputs) - work.targets).flatten(1)
-        share = work.trains.double() / (work.trains.sum(dim=-1, keepdim=True) * outputs)
-        weighted = J * share.repeat_interleave(outputs, dim=1).unsqueeze(-1)
-        unit = torch.eye(J.shape[-1], dtype=J.dtype)
-        normal = weighted.mT @ J + work.decay * unit
-        slope = (weighted.mT @ residual.unsqueeze(-1)).squeeze(-1) + work.decay * weights
+        normal, slope = _normal_equations(work, weights)
+        unit = torch.eye(normal.shape[-1], dtype=normal.dtype)
         damped = normal + self._damping[:, None, None] * unit
-        tried = weights - torch.linalg.solve(damped, slope)
+        factor, _ = torch.linalg.cholesky_ex(damped)
+        tried = weights - torch.cholesky_solve(slope.unsqueeze(-1), factor).squeeze(-1)
         better = work.losses(tried) < work.losses(weights)  # not so for what is not a number
         self._damping = self._damping * torch.where(better, _BETTER, _WORSE)
         done = (slope.abs().amax(dim=-1) < _FLAT) | (self._damping > _DONE)
         return torch.where(better[:, None], tried, weights), done
+
+    def keep(self, left: torch.Tensor) -> _Work:
+        """Go on with some of the networks."""
+        self._work, self._damping = self._work.of(left), self._damping[left]
+        return self._work
+
+
+def _normal_equations(work: _Work, weights: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+    r"""Return J'J and J'r of each network, the Jacobian J of its residuals r, never formed.
+
+    With z = (x, 1), the bent layer h = (tanh(V z), 1) and its slopes d, the derivative of output o
+    is :math:`W_{2,oj} d_j z_a` in :math:`V_{ja}` and :math:`\delta_{op} h_k` in :math:`(W_2,
+    b_2)_{pk}`. So the blocks of J'J are those of F'F, F'H and H'H, with F = d z and H = h for each
+    sample, times products of :math:`W_2`. Halves of the loss and its slope: the factor 2 is left
+    out of both.
+    """
+    W1, b1, W2, b2 = work.shape.parts(weights)
+    nets, samples = work.trains.shape
+    ones = torch.ones((nets, samples, 1), dtype=weights.dtype)
+    bent = torch.tanh(work.inputs @ W1.mT + b1.unsqueeze(-2))
+    share = (work.trains / work.trains.sum(dim=-1, keepdim=True)).to(weights.dtype).unsqueeze(-1)
+    share = share / work.targets.shape[-1]
+    residual = (bent @ W2.mT + b2.unsqueeze(-2) - work.targets) * share
+    slopes, H = 1 - bent.square(), torch.cat([bent, ones], dim=-1)
+    hidden, outputs = slopes.shape[-1], residual.shape[-1]
+    # the order of a network's parameters: all of W1, then b1; all of W2, then b2
+    F = torch.cat(
+        [(slopes.unsqueeze(-1) * work.inputs.unsqueeze(-2)).flatten(2), slopes], dim=-1
+    )
+    of = torch.cat([torch.arange(hidden).repeat_interleave(work.shape.inputs), torch.arange(hidden)])
+    ahead = W2[:, :, of]  # the weight from the neuron of each first parameter to each output
+    weighted = F * share
+    first = (weighted.mT @ F) * (ahead.mT @ ahead)
+    cross = (weighted.mT @ H).unsqueeze(-2) * ahead.mT.unsqueeze(-1)  # (nets, first, outputs, k)
+    last = H.mT @ (H * share)
+    order = _last_order(hidden, outputs)
+    cross = cross.flatten(2)[:, :, order]
+    block = torch.zeros((nets, outputs, hidden + 1, outputs, hidden + 1), dtype=weights.dtype)
+    for o in range(outputs):
+        block[:, o, :, o, :] = last
+    square = block.reshape(nets, len(order), len(order))[:, order][:, :, order]
+    normal = torch.cat(
+        [torch.cat([first, cross], dim=-1), torch.cat([cross.mT, square], dim=-1)], dim=-2
+    )
+    slope = torch.cat(
+        [
+            (F * (residual @ ahead)).sum(dim=-2),
+            (residual.mT @ H).flatten(1)[:, order],
+        ],
+        dim=-1,
+    )
+    unit = torch.eye(normal.shape[-1], dtype=normal.dtype)
+    return normal + work.decay * unit, slope + work.decay * weights
+
+
+def _last_order(hidden: int, outputs: int) -> torch.Tensor:
+    """Return where the entries of (W2, b2), output by output, stand as W2 first and then b2."""
+    places = torch.arange(outputs * (hidden + 1)).reshape(outputs, hidden + 1)
+    return torch.cat([places[:, :hidden].flatten(), places[:, hidden]])
 
 
 def _steps(
     work: _Work, stepper: Any, weights: torch.Tensor, epochs: int, patience: int
 ) -> tuple[torch.Tensor, NDArray[np.int64]]:
     """Step all networks until each is done; return the best weights and the steps of each."""
-    held = ~work.trains
-    validated = bool(held.any())
-    going = torch.ones(len(weights), dtype=torch.bool)
-    steps = torch.zeros(len(weights), dtype=torch.int64)
-    best, failures = weights.clone(), torch.zeros(len(weights), dtype=torch.int64)
-    least = work.errors(weights, held) if validated else work.losses(weights)
+    best, steps = weights.clone(), torch.zeros(len(weights), dtype=torch.int64)
+    going = torch.arange(len(weights))  # which networks are not done
+    validated = not bool(work.trains.all())
+    least = work.watched(weights, validated)
+    failures = torch.zeros(len(weights), dtype=torch.int64)
     for _ in range(epochs):
         moved, done = stepper.step(weights)
+        steps[going] += 1
+        now = work.watched(moved, validated)
         sound = torch.isfinite(moved).all(dim=-1)
-        weights = torch.where((going & sound)[:, None], moved, weights)
-        steps += going
-        now = work.errors(weights, held) if validated else work.losses(weights)
-        progress = going & sound & (now < least)
-        best = torch.where(progress[:, None], weights, best)
+        progress = sound & (now < least)
+        best[going[progress]] = moved[progress]
         least = torch.where(progress, now, least)
         failures = torch.where(progress, 0, failures + 1)
-        going &= sound & ~done & (~torch.tensor(validated) | (failures < patience))
-        if not going.any():
+        left = sound & ~done
+        if validated:
+            left &= failures < patience
+        weights = moved
+        if not left.all():
+            weights, least, failures, going = (x[left] for x in (weights, least, failures, going))
+            work = stepper.keep(left)
+        if not len(going):
             break
     return best, steps.numpy()
 
@@ -345,7 +471,7 @@ def _l_bfgs(
     """Minimise each network's loss with scipy's L-BFGS."""
     found, steps = start.clone(), np.zeros(len(start), dtype=np.int64)
     for i, first in enumerate(start):
-        alone = _Work(work.shape, work.inputs, work.targets, work.trains[i : i + 1], work.decay)
+        alone = work.of(torch.tensor([i]))
 
         def loss(flat: Array, alone: _Work = alone) -> tuple[float, Array]:
             weights = torch.from_numpy(flat[None].copy())

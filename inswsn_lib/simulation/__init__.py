@@ -16,10 +16,12 @@ from inswsn_lib.simulation.scenario import (
     load_scenario,
     with_values,
 )
+from inswsn_lib.simulation.shapes import SHAPES, shaped_drift
 from inswsn_lib.simulation.stress import drifting, heavy_tailed, losing
 from inswsn_lib.simulation.trajectory import Motion, Path
 
 __all__ = [
+    "SHAPES",
     "InertialErrors",
     "Motion",
     "Path",
@@ -36,6 +38,7 @@ __all__ = [
     "node_grid",
     "nodes_heard",
     "position_covariance",
+    "shaped_drift",
     "simulate_ins",
     "true_increments",
     "with_values",

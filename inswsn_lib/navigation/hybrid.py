@@ -1,0 +1,275 @@
+"""P1's hybrid: a filter while the network is heard, and a regressor that stands in for it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from sklearn.base import clone
+
+from inswsn_lib.errors import ParameterError
+
+Array = NDArray[np.float64]
+Filter = Callable[[Array], Array]
+
+
+@dataclass(frozen=True, eq=False)
+class HybridRun:
+    """What a `HybridNavigator` made of a sequence of measurements.
+
+    Attributes
+    ----------
+    estimates : ndarray, (steps, n, runs)
+        The error of the INS, by the filter in training mode and by the regressor in predictor mode.
+    predicting : ndarray, (steps, runs)
+        Whether the step was in predictor mode.
+    fits : int
+        How many times a regressor was trained.
+    """
+
+    estimates: Array
+    predicting: NDArray[np.bool_]
+    fits: int
+
+
+class HybridNavigator:
+    r"""A filter and a regressor, switched by whether there are measurements (P1 Section 4).
+
+    In *training mode*, while the network is heard, the estimate is that of the filter, and each
+    step adds a pair of an input :math:`u_k` and a target, the filter's estimate
+    :math:`\hat x_k`. When measurements are missing for more than `patience` steps, the regressor is
+    trained on the latest pairs and the navigator is in *predictor mode*: the estimate is the
+    regressor's output for :math:`u_k`, until a measurement comes. Then the filter takes over; it
+    has coasted meanwhile by its own model.
+
+    It goes through time once. An estimate uses measurements and inputs up to its own step, given
+    that the filter's do.
+
+    Parameters
+    ----------
+    filter : callable
+        Takes measurements (steps, m, runs), NaN where missing, and returns estimates (steps, n,
+        runs), each from the measurements up to its step; for example
+        ``lambda y: run_kalman(model, y)``.
+    regressor : scikit-learn regressor
+        Trained on clones, which are left as they are; it must take several outputs. If it has a
+        method ``fit_many``, the runs are trained together.
+    feedback : bool
+        Whether the estimate of the step before is part of the input, in predictor mode the
+        navigator's own.
+    scaled : bool
+        Whether the regressor sees inputs and targets with mean 0 and deviation 1 on the pairs it
+        is trained on. P1 says nothing of scaling.
+    window : int, optional
+        The latest pairs that train. Default: all.
+    least : int
+        With fewer pairs than this, the estimate stays that of the filter.
+    patience : int
+        Steps without measurement, after the last one, that are still the filter's: what a network
+        that is slower than the INS leaves between fixes.
+    """
+
+    def __init__(
+        self,
+        filter: Filter,
+        regressor: Any,
+        *,
+        feedback: bool = False,
+        scaled: bool = True,
+        window: int | None = None,
+        least: int = 10,
+        patience: int = 0,
+    ) -> None:
+        for name, value, low in (
+            ("window", 1 if window is None else window, 1), ("least", least, 2),
+            ("patience", patience, 0),
+        ):  # fmt: skip
+            if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < low:
+                raise ParameterError(name, value, f"a whole number, {low} or more")
+        if not callable(filter):
+            raise ParameterError("filter", filter, "a function of measurements")
+        if not all(hasattr(regressor, name) for name in ("fit", "predict", "get_params")):
+            raise ParameterError("regressor", regressor, "a scikit-learn regressor")
+        self.filter, self.regressor = filter, regressor
+        self.feedback, self.scaled = feedback, scaled
+        self.window, self.least, self.patience = window, least, patience
+
+    def run(self, measurements: ArrayLike, inputs: ArrayLike | None = None) -> HybridRun:
+        """Navigate.
+
+        Parameters
+        ----------
+        measurements : array_like, (steps, m, runs)
+            INS less network, NaN where missing.
+        inputs : array_like, (steps, p) or (steps, p, runs), optional
+            What the regressor sees of each step. In an outage they must be what a system has then.
+            None only with `feedback`.
+
+        Returns
+        -------
+        HybridRun
+
+        Raises
+        ------
+        ParameterError
+            If a shape does not fit, an input is not finite, there is no input at all, or the
+            filter's estimates are not finite where it is to train.
+        """
+        y = np.asarray(measurements, dtype=float)
+        if y.ndim != 3:
+            raise ParameterError("measurements", f"of shape {y.shape}", "(steps, m, runs)")
+        u = self._checked_inputs(inputs, y)
+        estimates = np.array(self.filter(y), dtype=float)
+        if estimates.ndim != 3 or estimates.shape[::2] != y.shape[::2]:
+            raise ParameterError("filter", f"one that returns {estimates.shape}", "(steps, n, runs)")
+        heard = ~np.isnan(y).all(axis=1)
+        predicting, fits = np.zeros_like(heard), 0
+        patterns, which = np.unique(heard, axis=1, return_inverse=True)
+        for i, pattern in enumerate(patterns.T):
+            runs = np.flatnonzero(which.ravel() == i)
+            for first, end in _silences(pattern, self.patience):
+                rows = np.flatnonzero(pattern[:first])[-(self.window or first) :]
+                if self.feedback:
+                    rows = rows[rows > 0]
+                if len(rows) < self.least:
+                    continue
+                estimates[first:end, :, runs] = self._predicted(
+                    estimates[:first, :, runs], u[:end, :, runs], rows
+                )
+                predicting[first:end, runs] = True
+                fits += len(runs)
+        return HybridRun(estimates, predicting, fits)
+
+    def _checked_inputs(self, inputs: ArrayLike | None, y: Array) -> Array:
+        steps, _, runs = y.shape
+        if inputs is None:
+            if not self.feedback:
+                raise ParameterError("inputs", None, "given, unless feedback is true")
+            return np.empty((steps, 0, runs))
+        u = np.asarray(inputs, dtype=float)
+        if u.ndim == 2:
+            u = np.repeat(u[:, :, None], runs, axis=2)
+        if u.ndim != 3 or u.shape[::2] != (steps, runs):
+            raise ParameterError("inputs", f"of shape {u.shape}", f"({steps}, p, {runs})")
+        if not np.isfinite(u).all():
+            raise ParameterError("inputs", "not finite", "finite at every step")
+        return u
+
+    def _predicted(self, known: Array, u: Array, rows: NDArray[np.intp]) -> Array:
+        """Train on some rows of the known estimates; return the estimates of the steps after them.
+
+        `known` is (first, n, runs), `u` is (end, p, runs); the result is (end - first, n, runs).
+        """
+        runs = known.shape[2]
+        X, Y = u[rows], known[rows]
+        if self.feedback:
+            X = np.concatenate([X, known[rows - 1]], axis=1)
+        if not np.isfinite(Y).all() or not np.isfinite(X).all():
+            raise ParameterError("filter", "one with estimates not finite", "finite where it trains")
+        X_scale, Y_scale = _Scale.of(X, self.scaled), _Scale.of(Y, self.scaled)
+        X, Y = X_scale.there(X), Y_scale.there(Y)
+        machines = fit_many(
+            self.regressor, [X[:, :, r] for r in range(runs)], [Y[:, :, r] for r in range(runs)]
+        )
+        first, end = len(known), len(u)
+        if not self.feedback:
+            Z = X_scale.there(u[first:])
+            outputs = [_predict(m, Z[:, :, r]) for r, m in enumerate(machines)]
+            return Y_scale.back(np.stack(outputs, axis=2))
+        found = np.empty((end - first, known.shape[1], runs))
+        last = known[-1]
+        for k in range(first, end):
+            Z = X_scale.there(np.concatenate([u[k], last], axis=0)[None])
+            outputs = [_predict(m, Z[:, :, r]) for r, m in enumerate(machines)]
+            last = Y_scale.back(np.stack(outputs, axis=2))[0]
+            found[k - first] = last
+        return found
+
+
+def fit_many(regressor: Any, Xs: list[Array], ys: list[Array]) -> list[Any]:
+    """Train a clone of a regressor on each of several data sets.
+
+    Parameters
+    ----------
+    regressor : scikit-learn regressor
+        If it has a method ``fit_many``, that trains them all at once.
+    Xs, ys : list of ndarray
+        Inputs (samples, inputs) and targets (samples, outputs).
+
+    Returns
+    -------
+    list
+        The fitted clones.
+    """
+    if hasattr(regressor, "fit_many"):
+        return list(regressor.fit_many(Xs, ys))
+    return [clone(regressor).fit(X, y) for X, y in zip(Xs, ys, strict=True)]
+
+
+def observable_inputs(time: ArrayLike, ins: ArrayLike) -> dict[str, Array]:
+    r"""Return inputs for a regressor that a system has in an outage, each (steps, p, runs).
+
+    Parameters
+    ----------
+    time : array_like, (steps,)
+        s.
+    ins : array_like, (steps, 4, runs)
+        What the INS alone indicates: position (m) and velocity (m/s).
+
+    Returns
+    -------
+    dict of str to ndarray
+        ``"time"``, seconds since the first step; ``"motion"``, the indicated position and velocity;
+        ``"inertial"``, time and the indicated acceleration, the last change of velocity over its
+        period (m/s^2).
+
+    Raises
+    ------
+    ParameterError
+        If a shape does not fit, or time does not increase.
+    """
+    t, x = np.asarray(time, dtype=float), np.asarray(ins, dtype=float)
+    if x.ndim != 3 or x.shape[1] != 4 or len(x) < 2:
+        raise ParameterError("ins", f"of shape {x.shape}", "(2 or more steps, 4, runs)")
+    if t.shape != (len(x),) or not (np.diff(t) > 0).all():
+        raise ParameterError("time", f"of shape {t.shape}", f"({len(x)},), increasing")
+    clock = np.repeat((t - t[0])[:, None, None], x.shape[2], axis=2)
+    change = np.diff(x[:, 2:], axis=0) / np.diff(t)[:, None, None]
+    acceleration = np.concatenate([change[:1], change])
+    return {"time": clock, "motion": x, "inertial": np.concatenate([clock, acceleration], axis=1)}
+
+
+def _silences(heard: NDArray[np.bool_], patience: int) -> list[tuple[int, int]]:
+    """Return where predictor mode begins and ends: after each gap's first `patience` steps."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], ~heard, [False]]).astype(int)))
+    return [(int(a) + patience, int(b)) for a, b in edges.reshape(-1, 2) if b - a > patience]
+
+
+@dataclass(frozen=True, eq=False)
+class _Scale:
+    """An affine map of columns, (1, columns, runs)."""
+
+    middle: Array
+    size: Array
+
+    @classmethod
+    def of(cls, values: Array, scaled: bool) -> _Scale:
+        if not scaled:
+            shape = (1, *values.shape[1:])
+            return cls(np.zeros(shape), np.ones(shape))
+        size = values.std(axis=0, keepdims=True)
+        return cls(values.mean(axis=0, keepdims=True), np.where(size > 0, size, 1.0))
+
+    def there(self, values: Array) -> Array:
+        return (values - self.middle) / self.size
+
+    def back(self, values: Array) -> Array:
+        return values * self.size + self.middle
+
+
+def _predict(machine: Any, X: Array) -> Array:
+    outputs = np.asarray(machine.predict(np.ascontiguousarray(X)), dtype=float)
+    return outputs.reshape(len(X), -1)
