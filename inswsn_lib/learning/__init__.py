@@ -1,5 +1,6 @@
 """Regressors that follow the interface of scikit-learn and know nothing of navigation."""
 
+from inswsn_lib.learning.adapting import as_multi_output
 from inswsn_lib.learning.backprop import BackpropRegressor
 from inswsn_lib.learning.lssvm import LSSVMRegressor
 from inswsn_lib.learning.rbf_network import RBFNetworkRegressor
@@ -10,6 +11,7 @@ __all__ = [
     "LSSVMRegressor",
     "RBFNetworkRegressor",
     "Selection",
+    "as_multi_output",
     "leave_one_out",
     "select_lssvm",
 ]

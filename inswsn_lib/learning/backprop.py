@@ -111,6 +111,8 @@ class BackpropRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):  # typ
     def fit_many(self, Xs: Sequence[ArrayLike], ys: Sequence[ArrayLike]) -> list[Self]:
         """Train a copy of this estimator on each of several data sets of one shape, all at once.
 
+        Copy i has the random state of this estimator plus i, so that the networks differ.
+
         Parameters
         ----------
         Xs : sequence of array_like, each (n, inputs)
@@ -126,7 +128,8 @@ class BackpropRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):  # typ
         ParameterError
             If the data sets are not as many inputs as targets, or not of one shape.
         """
-        copies = [clone(self) for _ in Xs]
+        self._check_parameters()
+        copies = [clone(self).set_params(random_state=self.random_state + i) for i in range(len(Xs))]
         jobs = [copy._prepared(X, y) for copy, X, y in zip(copies, Xs, ys, strict=True)]
         shapes = {(job.inputs.shape, job.targets.shape) for job in jobs}
         if len(shapes) > 1:

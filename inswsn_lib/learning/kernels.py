@@ -6,7 +6,7 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from sklearn.metrics.pairwise import euclidean_distances
+from scipy.spatial.distance import cdist
 
 from inswsn_lib.errors import ParameterError
 
@@ -24,7 +24,7 @@ def kernel_matrix(X: Array, Z: Array, kernel: Kernel, sigma: float, degree: int)
     for the radial (P1 3.9), the linear and the polynomial kernel.
     """
     if kernel == "rbf":
-        K = euclidean_distances(X, Z, squared=True)
+        K = cdist(X, Z, "sqeuclidean")
         K *= -0.5 / sigma**2
         return np.asarray(np.exp(K, out=K))
     K = X @ Z.T

@@ -6,8 +6,8 @@ from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.distance import cdist
 from sklearn.base import BaseEstimator, MultiOutputMixin, RegressorMixin
-from sklearn.metrics.pairwise import euclidean_distances
 from sklearn.utils.validation import check_is_fitted, validate_data
 
 from inswsn_lib.errors import ParameterError
@@ -85,7 +85,7 @@ class RBFNetworkRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):  # t
     def _neurons(self, X: Array, centres: Array) -> Array:
         if not len(centres):
             return np.zeros((len(X), 0))
-        squares = euclidean_distances(X, centres, squared=True)
+        squares = cdist(X, centres, "sqeuclidean")
         return np.asarray(np.exp(-np.log(2) * squares / self.spread**2))
 
     def _grow(self, responses: Array, targets: Array) -> tuple[list[int], Array]:

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from sklearn import config_context
 from sklearn.base import clone
 
 from inswsn_lib.errors import ParameterError
@@ -84,7 +85,7 @@ class HybridNavigator:
         patience: int = 0,
     ) -> None:
         for name, value, low in (
-            ("window", 1 if window is None else window, 1), ("least", least, 2),
+            ("window", 1 if window is None else window, 1), ("least", least, 1),
             ("patience", patience, 0),
         ):  # fmt: skip
             if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < low:
@@ -136,9 +137,11 @@ class HybridNavigator:
                     rows = rows[rows > 0]
                 if len(rows) < self.least:
                     continue
-                estimates[first:end, :, runs] = self._predicted(
-                    estimates[:first, :, runs], u[:end, :, runs], rows
-                )
+                # what goes to the regressor is checked here, once
+                with config_context(assume_finite=True, skip_parameter_validation=True):
+                    estimates[first:end, :, runs] = self._predicted(
+                        estimates[:first, :, runs], u[:end, :, runs], rows
+                    )
                 predicting[first:end, runs] = True
                 fits += len(runs)
         return HybridRun(estimates, predicting, fits)
