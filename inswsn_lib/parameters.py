@@ -304,7 +304,8 @@ def _check_rule(name: str, kind: str, rule: str) -> None:
     ):
         raise InswsnError(
             f"The rule of {name} is {rule!r}; it may be any, 'one of' words, 'a file' or "
-            "'a regressor' for a str, or comparisons of value with numbers for a number, such as 0 <= value < 10."
+            "'a regressor' for a str, or comparisons of value with numbers for a number, such as "
+            "0 <= value < 10."
         )
 
 

@@ -6,13 +6,14 @@ import importlib
 import os
 import re
 import sys
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from inswsn_lib.errors import ParameterError
 
-_FORM = re.compile(r"^[A-Za-z_]\w*(\.[A-Za-z_]\w*)*:[A-Za-z_]\w*$")
+_FORM = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*:[A-Za-z_]\w*")
 #: Names the folder in which a reader's own modules are looked for; by default the working folder.
 MODULES_VARIABLE = "INSWSN_MODULES"
 
@@ -38,19 +39,19 @@ def load_regressor(name: str, text: str) -> Any:
         If the text has another form, there is no such module or class, it cannot be made without
         arguments, or the trial fails.
     """
-    if not _FORM.match(text):
+    if not _FORM.fullmatch(text):
         raise ParameterError(name, text, ALLOWED)
 
     def refused(why: str) -> ParameterError:
         return ParameterError(name, text, f"{ALLOWED}; {why}")
 
     module_name, _, class_name = text.partition(":")
-    folder = os.environ.get(MODULES_VARIABLE, os.getcwd())
+    folder = os.environ.get(MODULES_VARIABLE, str(Path.cwd()))
     if folder not in sys.path:
         sys.path.append(folder)
     try:
         found = getattr(importlib.import_module(module_name), class_name, None)
-    except Exception as error:
+    except (Exception, SystemExit) as error:  # a script that ends with sys.exit
         raise refused(f"importing {module_name} fails: {_short(error)}") from None
     if not isinstance(found, type):
         raise refused(f"{module_name} has no class {class_name}")
@@ -58,8 +59,9 @@ def load_regressor(name: str, text: str) -> Any:
         raise refused(f"{class_name} lacks one of fit, predict and get_params")
     try:
         machine = found()
+        found(**machine.get_params(deep=False))  # as scikit-learn copies it
     except Exception as error:
-        raise refused(f"making it fails: {_short(error)}") from None
+        raise refused(f"making it, or a copy of it, fails: {_short(error)}") from None
     rng = np.random.default_rng(0)
     X = rng.normal(size=(12, 3))
     try:
@@ -71,5 +73,5 @@ def load_regressor(name: str, text: str) -> Any:
     return machine
 
 
-def _short(error: Exception) -> str:
+def _short(error: BaseException) -> str:
     return f"{type(error).__name__}: {error}".splitlines()[0][:160]

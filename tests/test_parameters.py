@@ -142,8 +142,27 @@ def test_what_is_not_given_keeps_its_default(schema: Schema) -> None:
         "# X.\nx: int = 1  # m; 2 <= value",
         "# X.\nx: float = 1  # m; value < 1",
         "# X.\nprint(1)  # m; any",
+        "# X.\nx: int = 1  # m; a regressor",
+        "# X.\nx: bool = True  # 1; a regressor",
+        "# X.\nx: str = 'a:B'  # 1; a regressor, a file",
+        "# X.\nx: str = 3  # 1; a regressor",
     ],
 )
 def test_a_bad_declaration_is_refused(cell: str) -> None:
     with pytest.raises(InswsnError):
         read_schema(cell)
+
+
+@given(st.text(max_size=20))
+def test_of_a_regressor_a_declaration_asks_for_a_text_alone(text: str) -> None:
+    """Whether it can be had is for the run to find, which tries it."""
+    learner = read_schema("# A method.\nlearner: str = 'a.b:C'  # 1; a regressor")["learner"]
+    assert learner.default == "a.b:C"
+    assert learner.check(text) == text
+    assert learner.read(f" {text} ") == text.strip()
+    for value in (3, None, True):
+        with pytest.raises(ParameterError) as refusal:
+            learner.check(value)
+        assert str(refusal.value) == (
+            f"learner is {value}; it may be package.module:Class, a scikit-learn regressor."
+        )

@@ -309,7 +309,8 @@ def _environment(project: Project, folder: Path) -> dict[str, str]:
         "MPLCONFIGDIR": str(project.build / "matplotlib"),  # its font cache, and no settings
         ROOT_VARIABLE: str(project.root),
         RESULTS_VARIABLE: str(folder / "results"),
-        MODULES_VARIABLE: os.getcwd(),  # where a reader's own modules lie
+        # where a reader's own modules lie
+        MODULES_VARIABLE: os.environ.get(MODULES_VARIABLE, str(Path.cwd())),
     }
 
 

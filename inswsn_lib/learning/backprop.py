@@ -108,15 +108,21 @@ class BackpropRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):  # typ
         self._train_all([self._prepared(X, y)])
         return self
 
-    def fit_many(self, Xs: Sequence[ArrayLike], ys: Sequence[ArrayLike]) -> list[Self]:
+    def fit_many(
+        self,
+        Xs: Sequence[ArrayLike],
+        ys: Sequence[ArrayLike],
+        numbers: Sequence[int] | None = None,
+    ) -> list[Self]:
         """Train a copy of this estimator on each of several data sets of one shape, all at once.
-
-        Copy i has the random state of this estimator plus i, so that the networks differ.
 
         Parameters
         ----------
         Xs : sequence of array_like, each (n, inputs)
         ys : sequence of array_like, each (n,) or (n, outputs)
+        numbers : sequence of int, optional
+            What is added to the random state of each copy, so that the networks differ. Default:
+            0, 1, 2 ...
 
         Returns
         -------
@@ -126,10 +132,15 @@ class BackpropRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):  # typ
         Raises
         ------
         ParameterError
-            If the data sets are not as many inputs as targets, or not of one shape.
+            If there are not as many inputs as targets and numbers, or the data sets are not of one
+            shape.
         """
         self._check_parameters()
-        copies = [clone(self).set_params(random_state=self.random_state + i) for i in range(len(Xs))]
+        numbers = range(len(Xs)) if numbers is None else numbers
+        if not len(Xs) == len(ys) == len(numbers):
+            told = f"{len(Xs)}, {len(ys)} and {len(numbers)}"
+            raise ParameterError("Xs, ys and numbers", told, "as many of each")
+        copies = [clone(self).set_params(random_state=self.random_state + i) for i in numbers]
         jobs = [copy._prepared(X, y) for copy, X, y in zip(copies, Xs, ys, strict=True)]
         shapes = {(job.inputs.shape, job.targets.shape) for job in jobs}
         if len(shapes) > 1:
@@ -204,7 +215,7 @@ class BackpropRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):  # typ
         return _steps(work, stepper, start, self.epochs, self.patience)
 
     def _training_mask(self, rng: np.random.Generator, samples: int) -> NDArray[np.bool_]:
-        held = round(self.validation_share * samples)
+        held = min(round(self.validation_share * samples), samples - 1)
         mask = np.ones(samples, dtype=bool)
         mask[rng.permutation(samples)[:held]] = False
         return mask
@@ -220,7 +231,8 @@ class BackpropRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):  # typ
         check_positive("learning_rate", self.learning_rate)
         for name, below in (("momentum", 1.0), ("validation_share", 1.0), ("weight_decay", np.inf)):
             value = getattr(self, name)
-            if isinstance(value, bool) or not 0 <= value < below:
+            number = isinstance(value, int | float | np.number) and not isinstance(value, bool)
+            if not (number and 0 <= value < below):
                 raise ParameterError(name, value, f"0 or more, below {below:g}")
         if self.trainer not in ("levenberg-marquardt", "gradient-descent", "l-bfgs"):
             raise ParameterError(
@@ -249,7 +261,9 @@ class _Scale:
             middle, size = low / 2 + high / 2, high / 2 - low / 2
         else:
             middle, size = values.mean(axis=0), values.std(axis=0)
-        return cls(middle, np.where(size > 0, size, 1.0))
+        # the deviation of equal numbers need not be 0 exactly
+        varies = values.min(axis=0) < values.max(axis=0)
+        return cls(middle, np.where(varies & (size > 0), size, 1.0))
 
     def there(self, values: Array) -> Array:
         return np.ascontiguousarray((values - self.middle) / self.size)
@@ -370,13 +384,19 @@ class _LevenbergMarquardt:
         work = self._work
         normal, slope = _normal_equations(work, weights)
         unit = torch.eye(normal.shape[-1], dtype=normal.dtype)
-        damped = normal + self._damping[:, None, None] * unit
-        factor, _ = torch.linalg.cholesky_ex(damped)
-        tried = weights - torch.cholesky_solve(slope.unsqueeze(-1), factor).squeeze(-1)
-        better = work.losses(tried) < work.losses(weights)  # not so for what is not a number
-        self._damping = self._damping * torch.where(better, _BETTER, _WORSE)
-        done = (slope.abs().amax(dim=-1) < _FLAT) | (self._damping > _DONE)
-        return torch.where(better[:, None], tried, weights), done
+        moved = weights.clone()
+        done = slope.abs().amax(dim=-1) < _FLAT
+        left = torch.arange(len(weights))  # networks that look for a step that lowers their loss
+        while len(left):
+            damped = normal[left] + self._damping[left, None, None] * unit
+            factor, _ = torch.linalg.cholesky_ex(damped)
+            change = torch.cholesky_solve(slope[left].unsqueeze(-1), factor).squeeze(-1)
+            tried, part = weights[left] - change, work.of(left)
+            better = part.losses(tried) < part.losses(weights[left])  # not so for no number
+            moved[left[better]] = tried[better]
+            self._damping[left] *= torch.where(better, _BETTER, _WORSE)
+            left = left[~better & (self._damping[left] <= _DONE)]
+        return moved, done | (self._damping > _DONE)
 
     def keep(self, left: torch.Tensor) -> _Work:
         """Go on with some of the networks."""
@@ -397,16 +417,17 @@ def _normal_equations(work: _Work, weights: torch.Tensor) -> tuple[torch.Tensor,
     nets, samples = work.trains.shape
     ones = torch.ones((nets, samples, 1), dtype=weights.dtype)
     bent = torch.tanh(work.inputs @ W1.mT + b1.unsqueeze(-2))
-    share = (work.trains / work.trains.sum(dim=-1, keepdim=True)).to(weights.dtype).unsqueeze(-1)
+    trains = work.trains.to(weights.dtype)  # before the division, which is else one of float32
+    share = (trains / trains.sum(dim=-1, keepdim=True)).unsqueeze(-1)
     share = share / work.targets.shape[-1]
     residual = (bent @ W2.mT + b2.unsqueeze(-2) - work.targets) * share
     slopes, H = 1 - bent.square(), torch.cat([bent, ones], dim=-1)
     hidden, outputs = slopes.shape[-1], residual.shape[-1]
     # the order of a network's parameters: all of W1, then b1; all of W2, then b2
-    F = torch.cat(
-        [(slopes.unsqueeze(-1) * work.inputs.unsqueeze(-2)).flatten(2), slopes], dim=-1
+    F = torch.cat([(slopes.unsqueeze(-1) * work.inputs.unsqueeze(-2)).flatten(2), slopes], dim=-1)
+    of = torch.cat(
+        [torch.arange(hidden).repeat_interleave(work.shape.inputs), torch.arange(hidden)]
     )
-    of = torch.cat([torch.arange(hidden).repeat_interleave(work.shape.inputs), torch.arange(hidden)])
     ahead = W2[:, :, of]  # the weight from the neuron of each first parameter to each output
     weighted = F * share
     first = (weighted.mT @ F) * (ahead.mT @ ahead)

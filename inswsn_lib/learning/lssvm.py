@@ -82,7 +82,8 @@ class LSSVMRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):  # type: 
         H[np.diag_indices_from(H)] += 1 / self.eta
         right = np.column_stack([np.ones(len(inputs)), targets])
         # H is symmetric, so its transpose is in the order that LAPACK overwrites
-        solved = cho_solve(cho_factor(H.T, overwrite_a=True, check_finite=False), right)
+        factor = cho_factor(H.T, overwrite_a=True, check_finite=False)
+        solved = cho_solve(factor, right, overwrite_b=True, check_finite=False)
         u, v = solved[:, 0], solved[:, 1:]
         bias = v.sum(axis=0) / u.sum()
         alpha = v - np.outer(u, bias)

@@ -56,8 +56,8 @@ class HybridNavigator:
         runs), each from the measurements up to its step; for example
         ``lambda y: run_kalman(model, y)``.
     regressor : scikit-learn regressor
-        Trained on clones, which are left as they are; it must take several outputs. If it has a
-        method ``fit_many``, the runs are trained together.
+        It is left as it is, and clones are trained; it must take several outputs. If it has a
+        method ``fit_many``, the runs are trained together, each with its own number.
     feedback : bool
         Whether the estimate of the step before is part of the input, in predictor mode the
         navigator's own.
@@ -67,7 +67,8 @@ class HybridNavigator:
     window : int, optional
         The latest pairs that train. Default: all.
     least : int
-        With fewer pairs than this, the estimate stays that of the filter.
+        With fewer pairs than this, or than `window` if that is less, the estimate stays that of the
+        filter.
     patience : int
         Steps without measurement, after the last one, that are still the filter's: what a network
         that is slower than the INS leaves between fixes.
@@ -107,7 +108,8 @@ class HybridNavigator:
             INS less network, NaN where missing.
         inputs : array_like, (steps, p) or (steps, p, runs), optional
             What the regressor sees of each step. In an outage they must be what a system has then.
-            None only with `feedback`.
+            A step with an input that is NaN does not train, and its estimate is the filter's. None
+            only with `feedback`.
 
         Returns
         -------
@@ -116,8 +118,8 @@ class HybridNavigator:
         Raises
         ------
         ParameterError
-            If a shape does not fit, an input is not finite, there is no input at all, or the
-            filter's estimates are not finite where it is to train.
+            If a shape does not fit, an input is infinite, there is no input at all, or the filter's
+            estimates are not finite where it is to train.
         """
         y = np.asarray(measurements, dtype=float)
         if y.ndim != 3:
@@ -125,24 +127,28 @@ class HybridNavigator:
         u = self._checked_inputs(inputs, y)
         estimates = np.array(self.filter(y), dtype=float)
         if estimates.ndim != 3 or estimates.shape[::2] != y.shape[::2]:
-            raise ParameterError("filter", f"one that returns {estimates.shape}", "(steps, n, runs)")
-        heard = ~np.isnan(y).all(axis=1)
+            raise ParameterError(
+                "filter", f"one that returns {estimates.shape}", "(steps, n, runs)"
+            )
+        heard, told = ~np.isnan(y).all(axis=1), ~np.isnan(u).any(axis=1)
         predicting, fits = np.zeros_like(heard), 0
-        patterns, which = np.unique(heard, axis=1, return_inverse=True)
+        # runs with the same gaps are trained together
+        patterns, which = np.unique(np.vstack([heard, told]), axis=1, return_inverse=True)
         for i, pattern in enumerate(patterns.T):
             runs = np.flatnonzero(which.ravel() == i)
-            for first, end in _silences(pattern, self.patience):
-                rows = np.flatnonzero(pattern[:first])[-(self.window or first) :]
+            hears, knows = np.split(pattern, 2)
+            for first, end in _silences(hears, self.patience):
+                rows = np.flatnonzero((hears & knows)[:first])[-(self.window or first) :]
                 if self.feedback:
                     rows = rows[rows > 0]
-                if len(rows) < self.least:
+                steps = np.flatnonzero(knows[first:end]) + first
+                if len(rows) < min(self.least, self.window or self.least) or not len(steps):
                     continue
                 # what goes to the regressor is checked here, once
-                with config_context(assume_finite=True, skip_parameter_validation=True):
-                    estimates[first:end, :, runs] = self._predicted(
-                        estimates[:first, :, runs], u[:end, :, runs], rows
-                    )
-                predicting[first:end, runs] = True
+                with config_context(assume_finite=True):
+                    found = self._predicted(estimates[..., runs], u[..., runs], rows, steps, runs)
+                estimates[np.ix_(steps, np.arange(estimates.shape[1]), runs)] = found
+                predicting[np.ix_(steps, runs)] = True
                 fits += len(runs)
         return HybridRun(estimates, predicting, fits)
 
@@ -157,42 +163,58 @@ class HybridNavigator:
             u = np.repeat(u[:, :, None], runs, axis=2)
         if u.ndim != 3 or u.shape[::2] != (steps, runs):
             raise ParameterError("inputs", f"of shape {u.shape}", f"({steps}, p, {runs})")
-        if not np.isfinite(u).all():
-            raise ParameterError("inputs", "not finite", "finite at every step")
+        if np.isinf(u).any():
+            raise ParameterError("inputs", "infinite", "finite, or NaN where missing")
         return u
 
-    def _predicted(self, known: Array, u: Array, rows: NDArray[np.intp]) -> Array:
-        """Train on some rows of the known estimates; return the estimates of the steps after them.
+    def _predicted(
+        self,
+        known: Array,
+        u: Array,
+        rows: NDArray[np.intp],
+        steps: NDArray[np.intp],
+        numbers: NDArray[np.intp],
+    ) -> Array:
+        """Train on some rows of the estimates; return the estimates of some steps after them.
 
-        `known` is (first, n, runs), `u` is (end, p, runs); the result is (end - first, n, runs).
+        `known` is (all, n, runs), `u` is (all, p, runs); the result is (steps, n, runs). `numbers`
+        are those of the runs.
         """
         runs = known.shape[2]
         X, Y = u[rows], known[rows]
         if self.feedback:
             X = np.concatenate([X, known[rows - 1]], axis=1)
         if not np.isfinite(Y).all() or not np.isfinite(X).all():
-            raise ParameterError("filter", "one with estimates not finite", "finite where it trains")
+            raise ParameterError(
+                "filter", "one with estimates not finite", "finite where it trains"
+            )
         X_scale, Y_scale = _Scale.of(X, self.scaled), _Scale.of(Y, self.scaled)
         X, Y = X_scale.there(X), Y_scale.there(Y)
         machines = fit_many(
-            self.regressor, [X[:, :, r] for r in range(runs)], [Y[:, :, r] for r in range(runs)]
+            self.regressor,
+            [X[:, :, r] for r in range(runs)],
+            [Y[:, :, r] for r in range(runs)],
+            numbers.tolist(),
         )
-        first, end = len(known), len(u)
+
+        def outputs(inputs: Array) -> Array:
+            Z = X_scale.there(inputs)
+            each = [_predict(machine, Z[:, :, r]) for r, machine in enumerate(machines)]
+            return Y_scale.back(np.stack(each, axis=2))
+
         if not self.feedback:
-            Z = X_scale.there(u[first:])
-            outputs = [_predict(m, Z[:, :, r]) for r, m in enumerate(machines)]
-            return Y_scale.back(np.stack(outputs, axis=2))
-        found = np.empty((end - first, known.shape[1], runs))
-        last = known[-1]
-        for k in range(first, end):
-            Z = X_scale.there(np.concatenate([u[k], last], axis=0)[None])
-            outputs = [_predict(m, Z[:, :, r]) for r, m in enumerate(machines)]
-            last = Y_scale.back(np.stack(outputs, axis=2))[0]
-            found[k - first] = last
+            return outputs(u[steps])
+        found = np.empty((len(steps), *known.shape[1:]))
+        for i, k in enumerate(steps):
+            # the step before is the filter's at the start, and where it had no input
+            last = found[i - 1] if i and steps[i - 1] == k - 1 else known[k - 1]
+            found[i] = outputs(np.concatenate([u[k], last], axis=0)[None])[0]
         return found
 
 
-def fit_many(regressor: Any, Xs: list[Array], ys: list[Array]) -> list[Any]:
+def fit_many(
+    regressor: Any, Xs: list[Array], ys: list[Array], numbers: list[int] | None = None
+) -> list[Any]:
     """Train a clone of a regressor on each of several data sets.
 
     Parameters
@@ -201,6 +223,9 @@ def fit_many(regressor: Any, Xs: list[Array], ys: list[Array]) -> list[Any]:
         If it has a method ``fit_many``, that trains them all at once.
     Xs, ys : list of ndarray
         Inputs (samples, inputs) and targets (samples, outputs).
+    numbers : list of int, optional
+        Of the data sets, for random numbers that differ; only ``fit_many`` is told. Default: 0, 1,
+        2 ...
 
     Returns
     -------
@@ -208,7 +233,7 @@ def fit_many(regressor: Any, Xs: list[Array], ys: list[Array]) -> list[Any]:
         The fitted clones.
     """
     if hasattr(regressor, "fit_many"):
-        return list(regressor.fit_many(Xs, ys))
+        return list(regressor.fit_many(Xs, ys, numbers))
     return [clone(regressor).fit(X, y) for X, y in zip(Xs, ys, strict=True)]
 
 
@@ -227,7 +252,7 @@ def observable_inputs(time: ArrayLike, ins: ArrayLike) -> dict[str, Array]:
     dict of str to ndarray
         ``"time"``, seconds since the first step; ``"motion"``, the indicated position and velocity;
         ``"inertial"``, time and the indicated acceleration, the last change of velocity over its
-        period (m/s^2).
+        period (m/s^2), NaN at the first step.
 
     Raises
     ------
@@ -241,7 +266,7 @@ def observable_inputs(time: ArrayLike, ins: ArrayLike) -> dict[str, Array]:
         raise ParameterError("time", f"of shape {t.shape}", f"({len(x)},), increasing")
     clock = np.repeat((t - t[0])[:, None, None], x.shape[2], axis=2)
     change = np.diff(x[:, 2:], axis=0) / np.diff(t)[:, None, None]
-    acceleration = np.concatenate([change[:1], change])
+    acceleration = np.concatenate([np.full_like(x[:1, 2:], np.nan), change])
     return {"time": clock, "motion": x, "inertial": np.concatenate([clock, acceleration], axis=1)}
 
 
@@ -264,7 +289,9 @@ class _Scale:
             shape = (1, *values.shape[1:])
             return cls(np.zeros(shape), np.ones(shape))
         size = values.std(axis=0, keepdims=True)
-        return cls(values.mean(axis=0, keepdims=True), np.where(size > 0, size, 1.0))
+        # the deviation of equal numbers need not be 0 exactly
+        varies = (values.min(axis=0) < values.max(axis=0)) & (size > 0)
+        return cls(values.mean(axis=0, keepdims=True), np.where(varies, size, 1.0))
 
     def there(self, values: Array) -> Array:
         return (values - self.middle) / self.size

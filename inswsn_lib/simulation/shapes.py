@@ -30,7 +30,8 @@ def shaped_drift(
 
     - steady: :math:`s z`;
     - accelerating: :math:`s (z/4 + z' t / 20\,\mathrm s)`;
-    - oscillating: :math:`s\,(z \cos\omega t + z' \sin\omega t)`, :math:`\omega = 2\pi` over `cycle`,
+    - oscillating: :math:`s\,(z \cos\omega t + z' \sin\omega t)`, :math:`\omega = 2\pi` over
+      `cycle`,
 
     and the position error its integral from a first error that is normal with deviation 1 m.
 
@@ -56,13 +57,15 @@ def shaped_drift(
     Raises
     ------
     ParameterError
-        If there is no such shape, or a number is not positive and finite.
+        If there is no such shape, a number is not positive and finite, or the runs are not whole.
     """
     if shape not in SHAPES:
         raise ParameterError("shape", shape, f"one of {', '.join(SHAPES)}")
-    for name, value in (("size", size), ("cycle", cycle), ("runs", runs)):
+    for name, value in (("size", size), ("cycle", cycle)):
         if not 0 < value < np.inf:
             raise ParameterError(name, value, "positive and finite")
+    if isinstance(runs, bool) or not isinstance(runs, int | np.integer) or runs < 1:
+        raise ParameterError("runs", runs, "a whole number, 1 or more")
     t = np.asarray(time, dtype=float)
     if t.ndim != 1 or not np.isfinite(t).all():
         raise ParameterError("time", f"of shape {t.shape}", "finite, (steps,)")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from pathlib import Path
 
 import pytest
@@ -13,6 +14,7 @@ from inswsn_lib.artefact.running import gather_parameters, show_comparison
 from inswsn_lib.claims import ChapterRecord, Quantity, Results, read_results
 from inswsn_lib.errors import InswsnError, ParameterError
 from inswsn_lib.parameters import chapter_schema, read_schema
+from inswsn_lib.plugins import MODULES_VARIABLE
 
 
 def test_chapters_lists_their_parameters(mini: MiniProject) -> None:
@@ -276,6 +278,33 @@ def test_a_file_that_a_parameter_names(tmp_path: Path, monkeypatch: pytest.Monke
     assert gather_parameters(schema, ["name=own.csv"], None, data) == {"name": own}
     with pytest.raises(ParameterError, match="there is no such file"):
         gather_parameters(schema, ["name=none.csv"], None, data)
+
+
+def test_a_regressor_that_a_parameter_names(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    schema = read_schema("# A method.\nlearner: str = 'no.such:Thing'  # 1; a regressor")
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    monkeypatch.delenv(MODULES_VARIABLE, raising=False)
+    monkeypatch.chdir(tmp_path)
+    # the default is not tried: the published run has
+    assert gather_parameters(schema, [], None, tmp_path) == {}
+    name = "sklearn.linear_model:LinearRegression"
+    assert gather_parameters(schema, [f"learner={name}"], None, tmp_path) == {"learner": name}
+    with pytest.raises(ParameterError) as refusal:
+        gather_parameters(schema, ["learner=nonsense"], None, tmp_path)
+    assert str(refusal.value) == (
+        "learner is 'nonsense'; it may be package.module:Class, a scikit-learn regressor that "
+        "needs no arguments."
+    )
+    # one in a file of parameters is tried as well
+    file = tmp_path / "params.yml"
+    file.write_text("learner: sklearn.linear_model:Nobody\n")
+    with pytest.raises(ParameterError, match=r"sklearn\.linear_model has no class Nobody"):
+        gather_parameters(schema, [], file, tmp_path)
+    # the command line comes before the file, and what it overrides is not tried
+    found = gather_parameters(schema, [f"learner={name}"], file, tmp_path)
+    assert found == {"learner": name}
 
 
 def test_what_the_library_refuses_in_a_run_is_one_sentence(mini: MiniProject) -> None:
