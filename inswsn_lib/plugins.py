@@ -24,7 +24,7 @@ ALLOWED = "package.module:Class, a scikit-learn regressor that needs no argument
 def load_regressor(name: str, text: str) -> Any:
     """Return an instance of the regressor class that a text names.
 
-    The class is made without arguments and tried on twelve samples with three inputs.
+    The class is made without arguments and tried on 100 samples with four inputs.
 
     Parameters
     ----------
@@ -63,11 +63,11 @@ def load_regressor(name: str, text: str) -> Any:
     except Exception as error:
         raise refused(f"making it, or a copy of it, fails: {_short(error)}") from None
     rng = np.random.default_rng(0)
-    X = rng.normal(size=(12, 3))
+    X = rng.normal(size=(100, 4))
     try:
-        out = np.asarray(found().fit(X, X @ [1.0, 2.0, 3.0]).predict(X[:2]), dtype=float)
+        out = np.asarray(found().fit(X, X @ [1.0, 2.0, 3.0, 4.0]).predict(X[:2]), dtype=float)
     except Exception as error:
-        raise refused(f"a trial on twelve samples fails: {_short(error)}") from None
+        raise refused(f"a trial on 100 samples fails: {_short(error)}") from None
     if out.shape not in ((2,), (2, 1)) or not np.isfinite(out).all():
         raise refused(f"in a trial it predicts {out.shape}, or numbers that are not finite")
     return machine

@@ -126,15 +126,15 @@ def test_a_text_of_another_form(text: str) -> None:
         ),
         (
             MEAN.replace("self.mean_ =", "raise ValueError('no fit')  #"),
-            "a trial on twelve samples fails: ValueError: no fit",
+            "a trial on 100 samples fails: ValueError: no fit",
         ),
         (
             MEAN.replace("return self\n", "pass\n"),
-            "a trial on twelve samples fails: AttributeError: .*predict",
+            "a trial on 100 samples fails: AttributeError: .*predict",
         ),
         (
             MEAN.replace("return np.full(len(X), self.mean_)", "return ['a'] * len(X)"),
-            "a trial on twelve samples fails: ValueError: could not convert",
+            "a trial on 100 samples fails: ValueError: could not convert",
         ),
         (MEAN.replace("self.mean_)", "np.nan)"), "in a trial it predicts .2,., or numbers that"),
         (MEAN.replace("self.mean_)", "np.inf)"), "in a trial it predicts .2,., or numbers that"),

@@ -24,6 +24,7 @@ Scaling = Literal["none", "range", "standard"]
 # Of Levenberg and Marquardt's method: first damping, its factor after a failed and after a good
 # step, and the damping at which a network is done; as in MATLAB's trainlm.
 _DAMPING, _WORSE, _BETTER, _DONE = 1e-3, 10.0, 0.1, 1e10
+_LEAST = 1e-20  # so that a damping that has fallen can rise again
 _FLAT = 1e-7  # largest entry of a gradient at which a network is done
 
 
@@ -384,18 +385,23 @@ class _LevenbergMarquardt:
         work = self._work
         normal, slope = _normal_equations(work, weights)
         unit = torch.eye(normal.shape[-1], dtype=normal.dtype)
-        moved = weights.clone()
+        moved, before = weights.clone(), work.losses(weights)
         done = slope.abs().amax(dim=-1) < _FLAT
         left = torch.arange(len(weights))  # networks that look for a step that lowers their loss
+        part = work
         while len(left):
-            damped = normal[left] + self._damping[left, None, None] * unit
+            damped = normal + self._damping[left, None, None] * unit
             factor, _ = torch.linalg.cholesky_ex(damped)
-            change = torch.cholesky_solve(slope[left].unsqueeze(-1), factor).squeeze(-1)
-            tried, part = weights[left] - change, work.of(left)
-            better = part.losses(tried) < part.losses(weights[left])  # not so for no number
+            tried = weights - torch.cholesky_solve(slope.unsqueeze(-1), factor).squeeze(-1)
+            better = part.losses(tried) < before  # not so for what is not a number
             moved[left[better]] = tried[better]
-            self._damping[left] *= torch.where(better, _BETTER, _WORSE)
-            left = left[~better & (self._damping[left] <= _DONE)]
+            factors = torch.where(better, _BETTER, _WORSE)
+            self._damping[left] = (self._damping[left] * factors).clamp(min=_LEAST)
+            again = ~better & (self._damping[left] <= _DONE)
+            normal, slope, weights, before, left = (
+                x[again] for x in (normal, slope, weights, before, left)
+            )
+            part = part.of(again)
         return moved, done | (self._damping > _DONE)
 
     def keep(self, left: torch.Tensor) -> _Work:

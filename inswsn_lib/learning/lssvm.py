@@ -6,10 +6,11 @@ from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import LinAlgError, cho_factor, cho_solve
 from sklearn.base import BaseEstimator, MultiOutputMixin, RegressorMixin
 from sklearn.utils.validation import check_is_fitted, validate_data
 
+from inswsn_lib.errors import ParameterError
 from inswsn_lib.learning.kernels import Kernel, check_kernel, check_positive, kernel_matrix
 
 Array = NDArray[np.float64]
@@ -70,7 +71,8 @@ class LSSVMRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):  # type: 
         Raises
         ------
         ParameterError
-            If a parameter has a value it may not have.
+            If a parameter has a value it may not have, or eta is so large that K + I/eta is
+            singular to rounding.
         ValueError
             If the data are not such arrays, or not finite.
         """
@@ -82,7 +84,12 @@ class LSSVMRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):  # type: 
         H[np.diag_indices_from(H)] += 1 / self.eta
         right = np.column_stack([np.ones(len(inputs)), targets])
         # H is symmetric, so its transpose is in the order that LAPACK overwrites
-        factor = cho_factor(H.T, overwrite_a=True, check_finite=False)
+        try:
+            factor = cho_factor(H.T, overwrite_a=True, check_finite=False)
+        except LinAlgError:
+            raise ParameterError(
+                "eta", self.eta, "smaller for such a kernel: K + I/eta is singular to rounding"
+            ) from None
         solved = cho_solve(factor, right, overwrite_b=True, check_finite=False)
         u, v = solved[:, 0], solved[:, 1:]
         bias = v.sum(axis=0) / u.sum()

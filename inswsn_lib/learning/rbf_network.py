@@ -113,7 +113,8 @@ class RBFNetworkRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):  # t
 
     def _check_parameters(self) -> None:
         check_positive("spread", self.spread)
-        if isinstance(self.goal, bool) or not 0 <= self.goal < np.inf:
+        number = isinstance(self.goal, int | float | np.number) and not isinstance(self.goal, bool)
+        if not number or not 0 <= self.goal < np.inf:
             raise ParameterError("goal", self.goal, "finite, 0 or more")
         most = self.max_neurons
         whole = isinstance(most, int | np.integer) and not isinstance(most, bool)

@@ -100,7 +100,8 @@ def select_lssvm(
             raise ParameterError("X", f"{len(inputs)} sample", "2 samples or more to leave one out")
         scored = _left_out
     else:
-        if isinstance(trained_on, bool) or not 1 <= trained_on < len(inputs):
+        whole = isinstance(trained_on, int | np.integer) and not isinstance(trained_on, bool)
+        if not whole or not 1 <= trained_on < len(inputs):
             raise ParameterError("trained_on", trained_on, f"from 1 to {len(inputs) - 1}")
         scored = partial(_held_out, trained_on)
     by_output = np.array(

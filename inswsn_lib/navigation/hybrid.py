@@ -118,8 +118,9 @@ class HybridNavigator:
         Raises
         ------
         ParameterError
-            If a shape does not fit, an input is infinite, there is no input at all, or the filter's
-            estimates are not finite where it is to train.
+            If a shape does not fit, an input is infinite, there is no input at all, the filter's
+            estimates are not finite where it is to train, or the regressor cannot be trained, or
+            predicts another shape or what is not finite.
         """
         y = np.asarray(measurements, dtype=float)
         if y.ndim != 3:
@@ -199,7 +200,7 @@ class HybridNavigator:
 
         def outputs(inputs: Array) -> Array:
             Z = X_scale.there(inputs)
-            each = [_predict(machine, Z[:, :, r]) for r, machine in enumerate(machines)]
+            each = [_predict(m, Z[:, :, r], Y.shape[1]) for r, m in enumerate(machines)]
             return Y_scale.back(np.stack(each, axis=2))
 
         if not self.feedback:
@@ -231,10 +232,22 @@ def fit_many(
     -------
     list
         The fitted clones.
+
+    Raises
+    ------
+    ParameterError
+        If a fit fails.
     """
     if hasattr(regressor, "fit_many"):
         return list(regressor.fit_many(Xs, ys, numbers))
-    return [clone(regressor).fit(X, y) for X, y in zip(Xs, ys, strict=True)]
+    try:
+        return [clone(regressor).fit(X, y) for X, y in zip(Xs, ys, strict=True)]
+    except Exception as error:
+        raise ParameterError(
+            "regressor",
+            f"{type(regressor).__name__}, whose fit fails: {type(error).__name__}: {error}",
+            f"one that trains on inputs {Xs[0].shape} and targets {ys[0].shape}",
+        ) from error
 
 
 def observable_inputs(time: ArrayLike, ins: ArrayLike) -> dict[str, Array]:
@@ -300,6 +313,13 @@ class _Scale:
         return values * self.size + self.middle
 
 
-def _predict(machine: Any, X: Array) -> Array:
-    outputs = np.asarray(machine.predict(np.ascontiguousarray(X)), dtype=float)
-    return outputs.reshape(len(X), -1)
+def _predict(machine: Any, X: Array, outputs: int) -> Array:
+    found = np.asarray(machine.predict(np.ascontiguousarray(X)), dtype=float)
+    if found.size != len(X) * outputs or not np.isfinite(found).all():
+        name = type(machine).__name__
+        raise ParameterError(
+            "regressor",
+            f"{name}, which predicts {found.shape}, or numbers that are not finite",
+            f"one that predicts ({len(X)}, {outputs}), all finite",
+        )
+    return found.reshape(len(X), outputs)

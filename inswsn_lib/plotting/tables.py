@@ -65,8 +65,9 @@ def show_table(frame: pd.DataFrame, *, name: str, caption: str) -> None:
     for text in (caption, *(cell for row in cells for cell in row)):
         if "\n" in text:
             raise ParameterError("caption or cell", text, "one line")
+    fence = "~~~" if "`" in caption else "```"  # backticks do not stand behind backticks
     lines = [
-        f"```{{list-table}} {caption}",
+        f"{fence}{{list-table}} {caption}",
         f":name: {name}",
         ":header-rows: 1",
         ":stub-columns: 1",
@@ -74,7 +75,7 @@ def show_table(frame: pd.DataFrame, *, name: str, caption: str) -> None:
     ]
     for row in cells:
         lines += [f"{'* -' if i == 0 else '  -'} {cell}".rstrip() for i, cell in enumerate(row)]
-    lines.append("```")
+    lines.append(fence)
     display(
         {
             "text/markdown": "\n".join(lines),

@@ -475,3 +475,13 @@ def test_every_step_of_levenberg_and_marquardt_lowers_the_loss() -> None:
         for n in range(1, 16)
     ]
     assert (np.diff(losses, axis=0) < 0).all()
+
+
+def test_a_damping_that_has_fallen_far_can_rise_again() -> None:
+    """A case in which the damping fell to zero, where no factor raises it: no step ended."""
+    rng = np.random.default_rng(43)
+    X = rng.uniform(-1, 1, (30, 1))
+    y = np.sin(5 * X[:, 0]) * X[:, 0] ** 2 + 3 * rng.normal(size=30)
+    machine = BackpropRegressor(1, epochs=600, weight_decay=1e-2, networks=5).fit(X, y)
+    assert machine.steps_.max() > 325  # at a tenth a step, below the least positive number
+    assert np.isfinite(machine.losses_).all()

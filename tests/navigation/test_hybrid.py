@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from sklearn.base import clone
+from sklearn.base import BaseEstimator, clone
 from sklearn.ensemble import RandomForestRegressor
 from sklearn.exceptions import NotFittedError
 from sklearn.linear_model import LinearRegression, Ridge
@@ -470,3 +470,40 @@ def test_what_does_not_fit_is_refused(
 ) -> None:
     with pytest.raises(ParameterError, match=said):
         HybridNavigator(filter_, Ridge()).run(y, u)
+
+
+class Odd(BaseEstimator):  # type: ignore[misc]
+    """Predicts one column for all outputs, or what is no number, or cannot be trained."""
+
+    def __init__(self, how: str = "one") -> None:
+        self.how = how
+
+    def fit(self, X: np.ndarray, y: np.ndarray) -> Odd:
+        if self.how == "fit":
+            raise ValueError("no such thing")
+        return self
+
+    def predict(self, X: np.ndarray) -> np.ndarray:
+        return np.zeros(len(X)) if self.how == "one" else np.full((len(X), 2), np.nan)
+
+
+@pytest.mark.parametrize(
+    ("how", "why"),
+    [
+        ("one", r"Odd, which predicts \(4,\)"),
+        ("nan", "Odd, which predicts .* not finite"),
+        ("fit", "Odd, whose fit fails: ValueError: no such thing"),
+    ],
+)
+def test_a_regressor_that_will_not_do_is_named(how: str, why: str) -> None:
+    y = noise(24, 20, 1, (16, 20))
+    with pytest.raises(ParameterError, match=why):
+        HybridNavigator(same, Odd(how)).run(y, np.arange(20.0)[:, None])
+
+
+def test_a_window_below_the_least_number_of_pairs_still_trains() -> None:
+    """Two pairs make a line."""
+    y = np.arange(20.0)[:, None, None] * np.ones((1, 2, 1))
+    y[15:] = np.nan
+    run = HybridNavigator(same, LinearRegression(), window=2).run(y, np.arange(20.0)[:, None])
+    assert run.estimates[15:, 0, 0] == pytest.approx(np.arange(15.0, 20.0))

@@ -6,6 +6,7 @@ import re
 
 import pandas as pd
 import pytest
+from markdown_it import MarkdownIt
 
 from inswsn_lib.errors import ParameterError
 from inswsn_lib.plotting import COLOURS, figure, percent_axis, show_figure, show_table, tick
@@ -79,3 +80,13 @@ def test_a_table_is_a_numbered_one_in_the_book_and_html_in_a_notebook(displayed:
     assert "<th>x</th>" in data["text/html"]
     with pytest.raises(ParameterError, match="one line"):
         show_table(frame, name="tbl-x", caption="Two\nlines.")
+
+
+def test_a_caption_with_code_in_it_is_a_caption(displayed: list) -> None:
+    """Markdown allows no backtick on the line of a fence of backticks."""
+    show_table(pd.DataFrame({"a": [1]}), name="tbl-x", caption="Of `this`.")
+    data, _ = displayed.pop()
+    lines = data["text/markdown"].splitlines()
+    assert (lines[0], lines[-1]) == ("~~~{list-table} Of `this`.", "~~~")
+    html = MarkdownIt().render(data["text/markdown"])
+    assert html.startswith('<pre><code class="language-{list-table}"')

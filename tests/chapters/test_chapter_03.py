@@ -1,0 +1,162 @@
+"""Chapter 03: its results against closed forms, another route and the printed cells."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from sklearn.kernel_ridge import KernelRidge
+from sklearn.linear_model import LinearRegression, Ridge
+
+from inswsn_lib.artefact.project import Project
+from inswsn_lib.claims import Results, read_results
+from inswsn_lib.evaluation import monte_carlo
+from inswsn_lib.simulation import Scene, load_scenario
+
+HALF_NORMAL = np.sqrt(2 / np.pi)  # mean absolute value of a standard normal number
+COLUMNS = [f"{axis}{half}" for axis in ("rx", "ry", "vx", "vy") for half in "12"]
+
+
+@pytest.fixture(scope="module")
+def results(built_site: Path, project: Project) -> Results:
+    return read_results(project.results / "03.json")
+
+
+@pytest.fixture(scope="module")
+def drawn(root: Path) -> dict[str, np.ndarray]:
+    """The first runs of the chapter, drawn again."""
+    scenarios = root / "data" / "scenarios"
+    settings = load_scenario(scenarios / "p1.yaml") | load_scenario(scenarios / "p1-inertial.yaml")
+    return monte_carlo(Scene.from_settings(settings).simulate, 64, 2012)
+
+
+BY_HAND = {
+    "table1.best-sigma": 1,
+    "table1.best-eta": 1000,
+    "table1.best-position": (0.2331 + 0.1067) / 2,
+    "table1.chosen-position": (0.2903 + 0.1063) / 2,
+    "table1.rank-of-chosen": 8,
+    "table1.velocity-margin": 1000 * ((0.0923 + 0.0903) / 2 - (0.0922 + 0.0900) / 2),
+    "table1.same-lambda-printed": 100 * (1 - 0.2641 / 0.2862),
+    "outage.longest": 8 * 8.7879 / 2.0265,
+    "percent.least-printed": 100 * (1 - 5.2938 / 36.4784),
+    "slip.reduction": 100 * (1 - 0.092 / 1.1008),
+    "slip.against-hf": 0.1041 / 0.0092,
+    "slip.floor": 0.126 * HALF_NORMAL / 10,
+    "headline.least": 100 * 0.0092 / 3.0793,
+    "headline.bp-most": 100 * 0.6502 / 0.8897,
+    "jitter.share": 0.0012 / 0.2,
+    "linear.lambda": 1000,
+    "mode.training": 200,
+    "mode.predictor": 100,
+}
+
+
+@pytest.mark.parametrize(("name", "expected"), BY_HAND.items())
+def test_a_number_worked_out_by_hand(results: Results, name: str, expected: float) -> None:
+    assert results[name].value == pytest.approx(expected, rel=1e-9)
+
+
+def test_the_machine_is_right_to_rounding(results: Results) -> None:
+    for name in ("primal-dual", "constraint-residual", "corrected-lagrangian", "kernel-dual"):
+        assert results[f"lssvm.{name}"].value < 1e-10
+    assert results["lssvm.printed-lagrangian"].value > 1
+
+
+def test_targets_scatter_by_the_noise_of_the_network(results: Results) -> None:
+    assert results["floor.velocity"].value == pytest.approx(0.126 * HALF_NORMAL, rel=0.01)
+
+
+def kernel_errors(drawn: dict[str, np.ndarray], half: str, runs: int) -> np.ndarray:
+    """Return Table 3's LS-SVM errors by another library, (steps, components, runs).
+
+    On targets less their mean, with the kernel double-centred, KernelRidge is an LS-SVM.
+    """
+    errors = []
+    for r in range(runs):
+        X = drawn[f"ins.area{half}"][:, :, r]
+        y = X - drawn[f"wsn.area{half}"][:, :, r]
+        Z = drawn[f"ins.outage{half}"][:, :, r]
+        squares = [((a[:, None] - X[None]) ** 2).sum(axis=2) for a in (X, Z)]
+        K, k = (np.exp(-s / (2 * 1000.0**2)) for s in squares)
+        centred = K - K.mean(axis=0) - K.mean(axis=1)[:, None] + K.mean()
+        ahead = k - k.mean(axis=1)[:, None] - K.mean(axis=0) + K.mean()
+        ridge = KernelRidge(alpha=1 / 1000, kernel="precomputed").fit(centred, y - y.mean(axis=0))
+        errors.append(Z - ridge.predict(ahead) - y.mean(axis=0))
+    return np.stack(errors, axis=2)
+
+
+@pytest.mark.parametrize("half", ["1", "2"])
+def test_table_3_of_the_machine_by_another_library(
+    results: Results, drawn: dict[str, np.ndarray], half: str
+) -> None:
+    """The median of 64 runs against that of 256: standard error of 64 below an eighth of spread."""
+    found = np.median(np.abs(kernel_errors(drawn, half, 64)).mean(axis=0), axis=1)
+    for axis, value in zip(("rx", "ry", "vx", "vy"), found, strict=True):
+        q = results[f"table3.lssvm.{axis}{half}"]
+        assert q.interval is not None
+        assert abs(value - q.value) < (q.interval[1] - q.interval[0]) / 4
+
+
+def test_the_machine_is_a_ridge_with_lambda_1000(
+    results: Results, drawn: dict[str, np.ndarray]
+) -> None:
+    """In position, with scikit-learn's ridge regression in place of the kernel."""
+    X = drawn["ins.area2"][:, :, 0]
+    y, Z = X - drawn["wsn.area2"][:, :, 0], drawn["ins.outage2"][:, :, 0]
+    ridge = Z - Ridge(1000.0).fit(X, y).predict(Z)
+    kernel = kernel_errors(drawn, "2", 1)[:, :, 0]
+    largest = np.abs(ridge - kernel)[:, :2].max()
+    assert largest <= results["linear.prediction"].value * 1.001
+    assert results["linear.prediction"].value < 0.01 * results["linear.size"].value
+
+
+def test_your_own_method_is_least_squares(results: Results, drawn: dict[str, np.ndarray]) -> None:
+    """The default of the parameter, on the oracle, by hand: median of 64 runs within a tenth."""
+    shares = []
+    for half in "12":
+        for r in range(64):
+            X = drawn[f"ins.area{half}"][:, :, r]
+            Z = drawn[f"ins.outage{half}"][:, :, r]
+            line = LinearRegression().fit(X, X - drawn[f"wsn.area{half}"][:, :, r])
+            shares.append(np.abs(Z - line.predict(Z)).mean(axis=0) / np.abs(Z).mean(axis=0))
+    by_run = np.array(shares).reshape(2, 64, 4).mean(axis=(0, 2))
+    assert results["own.oracle"].value == pytest.approx(100 * np.median(by_run), rel=0.25)
+
+
+def test_every_method_had_the_same_number_of_trials(results: Results) -> None:
+    trials = [q for q in results.quantities if q.name.endswith(".trials")]
+    methods = {q.name.removeprefix("fair.").removesuffix(".trials") for q in trials}
+    assert {q.value for q in trials} == {12}
+    assert len(methods) == 4 + 5 * 5 + 1  # baselines; learners with every input; shapes
+    assert results["shape.trials-least"].value == results["shape.trials"].value == 12
+
+
+def test_the_oracle_is_told_from_what_a_system_knows(results: Results) -> None:
+    kinds = {"oracle", "time", "motion", "inertial", "state"}
+    told = {q.name.rsplit(".", 1)[1] for q in results.quantities if q.name.startswith("own.")}
+    assert told == kinds
+
+
+def test_every_cell_of_table_3_has_an_interval_of_runs(results: Results) -> None:
+    for method in ("ins", "bp", "lssvm"):
+        for column in COLUMNS:
+            q = results[f"table3.{method}.{column}"]
+            assert q.interval is not None
+            assert q.interval[0] <= q.value <= q.interval[1]
+            assert (q.interval_kind, q.runs) == ("runs 95 %", 256)
+            assert q.role == ("calibrated" if method == "ins" else "found")
+
+
+def test_seeds_are_at_least_two_hundred(results: Results) -> None:
+    for axis in ("rx", "ry", "vx", "vy"):
+        assert results[f"seeds.{axis}"].runs >= 200
+
+
+def test_the_printed_pairs_are_those_of_table_1(results: Results, root: Path) -> None:
+    table = pd.read_csv(root / "data" / "papers" / "p1-table1.csv")
+    for row in table.itertuples():
+        assert results[f"table1.row{row.no:02d}.sigma"].value == row.sigma
+        assert results[f"table1.row{row.no:02d}.eta"].value == row.eta
