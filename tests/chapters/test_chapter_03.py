@@ -33,8 +33,8 @@ def drawn(root: Path) -> dict[str, np.ndarray]:
 
 
 BY_HAND = {
-    "table1.best-sigma": 1,
-    "table1.best-eta": 1000,
+    "table1.sigma-best": 1,
+    "table1.eta-best": 2,
     "table1.best-position": (0.2331 + 0.1067) / 2,
     "table1.chosen-position": (0.2903 + 0.1063) / 2,
     "table1.rank-of-chosen": 8,
