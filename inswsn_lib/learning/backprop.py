@@ -16,10 +16,10 @@ from sklearn.utils.validation import check_is_fitted, validate_data
 
 from inswsn_lib.errors import ParameterError
 from inswsn_lib.learning.kernels import check_positive
+from inswsn_lib.learning.scaling import Scale, Scaling
 
 Array = NDArray[np.float64]
 Trainer = Literal["gradient-descent", "levenberg-marquardt", "l-bfgs"]
-Scaling = Literal["none", "range", "standard"]
 
 # Of Levenberg and Marquardt's method: first damping, its factor after a failed and after a good
 # step, and the damping at which a network is done; as in MATLAB's trainlm.
@@ -157,8 +157,8 @@ class BackpropRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):  # typ
         given = np.asarray(y, dtype=np.float64)
         targets = given.reshape(len(given), -1)
         self._flat = given.ndim == 1
-        self._inputs_scale = _Scale.of(inputs, self.scaling)
-        self._targets_scale = _Scale.of(targets, self.scaling)
+        self._inputs_scale = Scale.of(inputs, self.scaling)
+        self._targets_scale = Scale.of(targets, self.scaling)
         self._shape = _Shape(inputs.shape[1], self.hidden, targets.shape[1])
         scaled = self._inputs_scale.there(inputs)
         streams = [np.random.default_rng([self.random_state, i]) for i in range(self.networks)]
@@ -244,33 +244,6 @@ class BackpropRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):  # typ
             raise ParameterError("validation_share", self.validation_share, 'with "l-bfgs", 0')
         if self.scaling not in ("none", "range", "standard"):
             raise ParameterError("scaling", self.scaling, 'one of "none", "range", "standard"')
-
-
-@dataclass(frozen=True, eq=False)
-class _Scale:
-    """An affine map of columns; columns that do not vary are only moved."""
-
-    middle: Array
-    size: Array
-
-    @classmethod
-    def of(cls, values: Array, scaling: Scaling) -> _Scale:
-        if scaling == "none":
-            return cls(np.zeros(values.shape[1]), np.ones(values.shape[1]))
-        if scaling == "range":
-            low, high = values.min(axis=0), values.max(axis=0)
-            middle, size = low / 2 + high / 2, high / 2 - low / 2
-        else:
-            middle, size = values.mean(axis=0), values.std(axis=0)
-        # the deviation of equal numbers need not be 0 exactly
-        varies = values.min(axis=0) < values.max(axis=0)
-        return cls(middle, np.where(varies & (size > 0), size, 1.0))
-
-    def there(self, values: Array) -> Array:
-        return np.ascontiguousarray((values - self.middle) / self.size)
-
-    def back(self, values: Array) -> Array:
-        return values * self.size + self.middle
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from sklearn import config_context
 from sklearn.base import clone
 
 from inswsn_lib.errors import ParameterError
+from inswsn_lib.learning.scaling import Scale, Scaling
 
 Array = NDArray[np.float64]
 Filter = Callable[[Array], Array]
@@ -189,7 +190,8 @@ class HybridNavigator:
             raise ParameterError(
                 "filter", "one with estimates not finite", "finite where it trains"
             )
-        X_scale, Y_scale = _Scale.of(X, self.scaled), _Scale.of(Y, self.scaled)
+        scaling: Scaling = "standard" if self.scaled else "none"
+        X_scale, Y_scale = Scale.of(X, scaling), Scale.of(Y, scaling)
         X, Y = X_scale.there(X), Y_scale.there(Y)
         machines = fit_many(
             self.regressor,
@@ -287,30 +289,6 @@ def _silences(heard: NDArray[np.bool_], patience: int) -> list[tuple[int, int]]:
     """Return where predictor mode begins and ends: after each gap's first `patience` steps."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], ~heard, [False]]).astype(int)))
     return [(int(a) + patience, int(b)) for a, b in edges.reshape(-1, 2) if b - a > patience]
-
-
-@dataclass(frozen=True, eq=False)
-class _Scale:
-    """An affine map of columns, (1, columns, runs)."""
-
-    middle: Array
-    size: Array
-
-    @classmethod
-    def of(cls, values: Array, scaled: bool) -> _Scale:
-        if not scaled:
-            shape = (1, *values.shape[1:])
-            return cls(np.zeros(shape), np.ones(shape))
-        size = values.std(axis=0, keepdims=True)
-        # the deviation of equal numbers need not be 0 exactly
-        varies = (values.min(axis=0) < values.max(axis=0)) & (size > 0)
-        return cls(values.mean(axis=0, keepdims=True), np.where(varies, size, 1.0))
-
-    def there(self, values: Array) -> Array:
-        return (values - self.middle) / self.size
-
-    def back(self, values: Array) -> Array:
-        return values * self.size + self.middle
 
 
 def _predict(machine: Any, X: Array, outputs: int) -> Array:
