@@ -1,5 +1,6 @@
-"""Simulation of P1's scene: a path, a two-dimensional INS, and a sensor network with geometry."""
+"""Simulation: a path, a two-dimensional INS, sensor networks with geometry; P1's and P2's scene."""
 
+from inswsn_lib.simulation.clusters import ClusterScene
 from inswsn_lib.simulation.ins import InertialErrors, simulate_ins, true_increments
 from inswsn_lib.simulation.network import (
     Ranging,
@@ -9,26 +10,27 @@ from inswsn_lib.simulation.network import (
     nodes_heard,
     position_covariance,
 )
-from inswsn_lib.simulation.scenario import (
-    Scene,
-    Setting,
-    Window,
-    load_scenario,
-    with_values,
-)
+from inswsn_lib.simulation.scenario import Scene, Window
+from inswsn_lib.simulation.settings import Setting, load_scenario, with_values
 from inswsn_lib.simulation.shapes import SHAPES, shaped_drift
 from inswsn_lib.simulation.stress import drifting, heavy_tailed, losing
+from inswsn_lib.simulation.traffic import OPERATIONS, Traffic, count_hops, count_traffic
 from inswsn_lib.simulation.trajectory import Motion, Path
 
 __all__ = [
+    "OPERATIONS",
     "SHAPES",
+    "ClusterScene",
     "InertialErrors",
     "Motion",
     "Path",
     "Ranging",
     "Scene",
     "Setting",
+    "Traffic",
     "Window",
+    "count_hops",
+    "count_traffic",
     "drifting",
     "heavy_tailed",
     "load_scenario",

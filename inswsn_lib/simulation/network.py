@@ -212,6 +212,38 @@ def position_covariance(nodes: Array, position: Array, noise: float) -> Array:
     return np.asarray(noise**2 * np.linalg.inv(information))
 
 
+def velocity_slopes(positions: Array, period: float, fixes: int) -> Array:
+    """Return the slope of the last fixes at each step, a velocity; NaN until there are enough.
+
+    Parameters
+    ----------
+    positions : ndarray, (steps, 2, runs)
+        Fixes, m.
+    period : float
+        Between fixes, s.
+    fixes : int
+        How many fixes a slope is fitted to, 2 or more. With two it is their difference.
+
+    Returns
+    -------
+    ndarray, (steps, 2, runs)
+        m/s; of the middle of the window, so that it is late by half of it.
+
+    Raises
+    ------
+    ParameterError
+        If there are fewer than two fixes in a window.
+    """
+    if fixes < 2:
+        raise ParameterError("velocity_fixes", fixes, "2 or more")
+    lags = np.arange(fixes) - (fixes - 1) / 2
+    weights = lags / (period * np.sum(lags**2))
+    out = np.full_like(positions, np.nan)
+    for k in range(fixes - 1, len(positions)):
+        out[k] = np.tensordot(weights, positions[k - fixes + 1 : k + 1], axes=1)
+    return out
+
+
 def _linear_start(nodes: Array, r: Array, weight: Array) -> tuple[Array, Array]:
     """Solve |p - n_i|^2 = r_i^2 less its mean over i, which is linear in p."""
     count = np.maximum(weight.sum(axis=0), 1)

@@ -5,15 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from functools import cached_property
-from pathlib import Path as FilePath
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from inswsn_lib.errors import InswsnError, ParameterError
-from inswsn_lib.files import read_yaml
 from inswsn_lib.simulation.ins import InertialErrors, simulate_ins
 from inswsn_lib.simulation.network import (
     Ranging,
@@ -21,7 +18,9 @@ from inswsn_lib.simulation.network import (
     multilaterate,
     node_grid,
     nodes_heard,
+    velocity_slopes,
 )
+from inswsn_lib.simulation.settings import Setting, frozen, take
 from inswsn_lib.simulation.trajectory import Motion, Path
 
 Array = NDArray[np.float64]
@@ -35,94 +34,8 @@ _NOT_NEGATIVE = (
     *("lead", "between", "jitter", "noise", "outlier_scale", "velocity_noise"),
     *("accelerometer_noise", "gyro_noise"),
 )
-_CHANGED = "Set for this run."
 _SHARES = ("dropout", "outlier")
 _SOURCES = ("sensor", "difference", "window")
-
-
-class Setting(BaseModel):
-    """One number of a scenario, and where it comes from.
-
-    Attributes
-    ----------
-    value : float, str, or list of floats or of pairs
-    unit : str
-    source : {"paper", "inferred", "calibrated", "assumed"}
-        Printed by the paper; following from what it prints; fitted to its INS-only cells; chosen by
-        us.
-    why : str
-        The place in the paper, or the reason.
-    """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-    value: float | str | list[float] | list[list[float]]
-    unit: Annotated[str, Field(min_length=1)]
-    source: Literal["paper", "inferred", "calibrated", "assumed"]
-    why: Annotated[str, Field(min_length=3)]
-
-
-def load_scenario(path: FilePath) -> dict[str, Setting]:
-    """Read a scenario file.
-
-    Parameters
-    ----------
-    path : Path
-        YAML: names, each with value, unit, source and why.
-
-    Raises
-    ------
-    InswsnError
-        If there is no such file, or an entry is not complete.
-    """
-    content = read_yaml(path)
-    if not isinstance(content, dict):
-        raise InswsnError(f"{path} is no scenario: it holds no names.")
-    settings = {}
-    for name, entry in content.items():
-        try:
-            settings[str(name)] = Setting.model_validate(entry)
-        except ValidationError as error:
-            first = error.errors()[0]
-            place = ".".join(map(str, first["loc"]))
-            raise InswsnError(f"{path}: {name}: {place}: {first['msg']}.") from None
-    return settings
-
-
-def with_values(settings: Mapping[str, Setting], /, **values: Any) -> dict[str, Setting]:
-    """Return settings of which some have other values; those that change become ``assumed``.
-
-    Parameters
-    ----------
-    settings : mapping of str to Setting
-        From `load_scenario`.
-    **values
-        New values by name: numbers, words, or lists or arrays of numbers. One that equals the old
-        value leaves the setting as it is.
-
-    Returns
-    -------
-    dict of str to Setting
-
-    Raises
-    ------
-    ParameterError
-        If there is no setting of a name, or a value is not of one of these kinds.
-    """
-    changed = dict(settings)
-    for name, given in values.items():
-        if name not in changed:
-            raise ParameterError("setting", name, f"one of {', '.join(sorted(changed)) or 'none'}")
-        old = changed[name]
-        value = given if isinstance(given, str) else np.asarray(given).tolist()
-        if value == old.value:
-            continue
-        entry = {"value": value, "unit": old.unit, "source": "assumed", "why": _CHANGED}
-        try:
-            changed[name] = Setting.model_validate(entry)
-        except ValidationError:
-            raise ParameterError(name, given, "a number, a word, or a list of numbers") from None
-    return changed
 
 
 @dataclass(frozen=True)
@@ -242,8 +155,8 @@ class Scene:
                 f"{(unknown or absent)[0]}."
             )
         _check_values(values)
-        ranging, taken = _take(values, Ranging), _take(values, InertialErrors)
-        values = {name: _frozen(value) for name, value in values.items()}
+        ranging, taken = take(values, Ranging), take(values, InertialErrors)
+        values = {name: frozen(value) for name, value in values.items()}
         for name in _COUNTS:
             values[name] = int(values[name])
         return cls(ranging=ranging, inertial=inertial or taken, **values)
@@ -345,7 +258,9 @@ class Scene:
         else:
             fixes = 2 if self.velocity_source == "difference" else self.velocity_fixes
             measured = errors[:, :2] + truth.position[:, :, None]
-            errors[:, 2:] = _slopes(measured, window.period, fixes) - truth.velocity[:, :, None]
+            errors[:, 2:] = (
+                velocity_slopes(measured, window.period, fixes) - truth.velocity[:, :, None]
+            )
         return errors
 
 
@@ -370,18 +285,6 @@ def _check_values(values: Mapping[str, Any]) -> None:
         raise ParameterError("velocity_source", values["velocity_source"], f"one of {_SOURCES}")
 
 
-def _slopes(positions: Array, period: float, fixes: int) -> Array:
-    """Return the slope of the last fixes at each step; NaN until there are enough."""
-    if fixes < 2:
-        raise ParameterError("velocity_fixes", fixes, "2 or more")
-    lags = np.arange(fixes) - (fixes - 1) / 2
-    weights = lags / (period * np.sum(lags**2))
-    out = np.full_like(positions, np.nan)
-    for k in range(fixes - 1, len(positions)):
-        out[k] = np.tensordot(weights, positions[k - fixes + 1 : k + 1], axes=1)
-    return out
-
-
 def _interpolate(values: Array, places: Array) -> Array:
     """Return values (steps, n, runs) at fractional places (samples, runs), linearly."""
     last = len(values) - 2
@@ -390,12 +293,3 @@ def _interpolate(values: Array, places: Array) -> Array:
     run = np.arange(values.shape[2])
     below, above = (np.moveaxis(values[floor + step, :, run[None]], -1, 1) for step in (0, 1))
     return np.asarray(below + share * (above - below))
-
-
-def _take(values: dict[str, Any], kind: Any) -> Any:
-    names = [f.name for f in fields(kind) if f.name in values]
-    return kind(**{name: _frozen(values.pop(name)) for name in names})
-
-
-def _frozen(value: Any) -> Any:
-    return tuple(map(_frozen, value)) if isinstance(value, list) else value

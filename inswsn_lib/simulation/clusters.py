@@ -1,0 +1,338 @@
+"""P2's scene: a sensor network in clusters, each of which locates the blind node by itself."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from functools import cached_property
+from itertools import pairwise
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inswsn_lib.errors import InswsnError, ParameterError
+from inswsn_lib.simulation.ins import InertialErrors, simulate_ins
+from inswsn_lib.simulation.network import (
+    Ranging,
+    measure_ranges,
+    multilaterate,
+    node_grid,
+    position_covariance,
+    velocity_slopes,
+)
+from inswsn_lib.simulation.settings import Setting, frozen, take
+from inswsn_lib.simulation.trajectory import Motion, Path
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+_SOURCES = ("sensor", "difference", "window")
+_POSITIVE = ("size", "spacing", "radius", "speed", "period", "reach")
+_NOT_NEGATIVE = ("noise", "outlier_scale", "velocity_noise", "accelerometer_noise", "gyro_noise")
+_SHARES = ("dropout", "outlier")
+_LEAST = 3  # ranges for a fix
+
+
+@dataclass(frozen=True)
+class ClusterScene:
+    """P2's scene of Section 3: a path through a grid of reference nodes in clusters.
+
+    All positions are in the frame of the scene, x right and y up.
+
+    Attributes
+    ----------
+    size : tuple of two floats
+        Width and height of the grid of nodes, m.
+    spacing : float
+        Of the nodes, m.
+    clusters : tuple of tuples of four floats
+        From x, to x, from y, to y of each cluster, m. A node belongs to the first cluster that
+        holds it.
+    waypoints, radius, speed
+        The path, m and m/s; see `Path.through`.
+    period : float
+        Of the INS, the fixes and the filters, s.
+    ranging : Ranging
+        How ranges are measured.
+    velocity_source : {"sensor", "difference", "window"}
+        How a cluster comes to a velocity: measured; the difference of its last two fixes; the slope
+        of its last `velocity_fixes` fixes.
+    velocity_noise : float
+        Standard deviation of a measured velocity, m/s, each component.
+    velocity_fixes : int
+        Fixes in a window.
+    inertial : InertialErrors
+        The INS.
+    """
+
+    size: tuple[float, float]
+    spacing: float
+    clusters: tuple[tuple[float, float, float, float], ...]
+    waypoints: tuple[tuple[float, float], ...]
+    radius: float
+    speed: float
+    period: float
+    ranging: Ranging
+    velocity_source: Literal["sensor", "difference", "window"]
+    velocity_noise: float
+    velocity_fixes: int
+    inertial: InertialErrors
+
+    @classmethod
+    def from_settings(cls, settings: Mapping[str, Setting]) -> ClusterScene:
+        """Return the scene of a scenario.
+
+        Parameters
+        ----------
+        settings : mapping of str to Setting
+            From `load_scenario`.
+
+        Raises
+        ------
+        InswsnError
+            If a setting is missing or unknown.
+        ParameterError
+            If a number may not be what it is, a cluster has fewer than three nodes, or there is no
+            such source of velocities.
+        """
+        values: dict[str, Any] = {name: setting.value for name, setting in settings.items()}
+        parts = {f.name for kind in (Ranging, InertialErrors) for f in fields(kind)}
+        wanted = parts | ({f.name for f in fields(cls)} - {"ranging", "inertial"})
+        for complaint, names in (
+            ("has an unknown", set(values) - wanted),
+            ("lacks the", wanted - set(values)),
+        ):
+            if names:
+                raise InswsnError(f"The scenario {complaint} setting {min(names)}.")
+        _check_values(values)
+        ranging, inertial = take(values, Ranging), take(values, InertialErrors)
+        values = {name: frozen(value) for name, value in values.items()}
+        values["velocity_fixes"] = int(values["velocity_fixes"])
+        scene = cls(ranging=ranging, inertial=inertial, **values)
+        for c in range(len(scene.clusters)):
+            count = int((scene.labels == c).sum())
+            if count < _LEAST:
+                raise ParameterError(
+                    "clusters", f"one with {count} nodes", "of three nodes or more"
+                )
+        return scene
+
+    @cached_property
+    def nodes(self) -> Array:
+        """The reference nodes, (nodes, 2), m."""
+        return node_grid((0.0, 0.0), self.size, self.spacing)
+
+    @cached_property
+    def labels(self) -> NDArray[np.intp]:
+        """The cluster of each node, (nodes,); -1 for a node that is in none."""
+        x, y = self.nodes.T
+        slack = self.spacing / 1e6
+        inside = np.array(
+            [
+                (x >= left - slack)
+                & (x <= right + slack)
+                & (y >= low - slack)
+                & (y <= high + slack)
+                for left, right, low, high in self.clusters
+            ]
+        )
+        return np.where(inside.any(axis=0), inside.argmax(axis=0), -1)
+
+    @cached_property
+    def heads(self) -> NDArray[np.intp]:
+        """The head of each cluster, (clusters,): its node that is nearest to its middle."""
+        found = []
+        for c in range(len(self.clusters)):
+            mine = np.flatnonzero(self.labels == c)
+            middle = self.nodes[mine].mean(axis=0)
+            found.append(mine[np.hypot(*(self.nodes[mine] - middle).T).round(9).argmin()])
+        return np.array(found)
+
+    @cached_property
+    def centre(self) -> int:
+        """The node at which the fusion centre is: the one nearest to the middle of all."""
+        away = np.hypot(*(self.nodes - self.nodes.mean(axis=0)).T)
+        return int(away.round(9).argmin())
+
+    @cached_property
+    def motion(self) -> Motion:
+        """The truth at the samples, from the start of the path to its end."""
+        path = Path.through(self.waypoints, self.radius)
+        steps = int(path.length / self.speed / self.period) + 1
+        return path.drive(self.speed, self.period * np.arange(steps))
+
+    @cached_property
+    def heard(self) -> Mask:
+        """Which nodes are within reach at each sample, (steps, nodes)."""
+        away = self.motion.position[:, None] - self.nodes
+        return np.asarray(np.hypot(away[..., 0], away[..., 1]) <= self.ranging.reach)
+
+    @cached_property
+    def fix_covariance(self) -> Array:
+        r"""The covariance of the fix of each cluster, (clusters, steps, 2, 2), m^2.
+
+        To first order in the noise, :math:`\sigma^2 (H'H)^{-1}`, if no range is lost; NaN where a
+        cluster hears the node from fewer than three nodes, or from nodes on one line with it.
+        """
+        out = np.full((len(self.clusters), len(self.motion.time), 2, 2), np.nan)
+        for c in range(len(self.clusters)):
+            for k, position in enumerate(self.motion.position):
+                nodes = self.nodes[self.heard[k] & (self.labels == c)]
+                if len(nodes) >= _LEAST and _spread_out(nodes):
+                    out[c, k] = position_covariance(nodes, position, self.ranging.noise)
+        return out
+
+    @cached_property
+    def measurement_covariance(self) -> Array:
+        r"""The covariance of what each cluster measures, (clusters, steps, 4, 4): R.
+
+        Position from `fix_covariance`; velocity from its source: :math:`\sigma_v^2`, or
+        :math:`12\,\Sigma / (T^2 n (n^2 - 1))` for the slope of n fixes of covariance
+        :math:`\Sigma`. That velocities of windows are correlated over time, and with the fixes, is
+        left out. Where a cluster has no fix, the mean of its others stands in.
+        """
+        fixes = 2 if self.velocity_source == "difference" else self.velocity_fixes
+        slope = 12 / (self.period**2 * fixes * (fixes**2 - 1))
+        out = np.zeros((*self.fix_covariance.shape[:2], 4, 4))
+        out[..., :2, :2] = self.fix_covariance
+        out[..., 2:, 2:] = (
+            self.velocity_noise**2 * np.eye(2)
+            if self.velocity_source == "sensor"
+            else slope * self.fix_covariance
+        )
+        for each in out:
+            there = ~np.isnan(each).any(axis=(1, 2))
+            if there.any():
+                each[~there] = each[there].mean(axis=0)
+        return out
+
+    def margins(self, length: float) -> Array:
+        """Return how far each cluster's coverage reaches beyond the node, (clusters, steps).
+
+        It is the reach less the distance of the third nearest node of the cluster, over `length`,
+        cut to the range from 0 to 1: at 0 the cluster loses its third node.
+
+        Parameters
+        ----------
+        length : float
+            The margin that counts as full, m.
+
+        Raises
+        ------
+        ParameterError
+            If it is not positive.
+        """
+        if not length > 0:
+            raise ParameterError("length", length, "positive")
+        out = np.empty((len(self.clusters), len(self.motion.time)))
+        for c in range(len(self.clusters)):
+            away = self.motion.position[:, None] - self.nodes[self.labels == c]
+            third = np.sort(np.hypot(away[..., 0], away[..., 1]), axis=1)[:, _LEAST - 1]
+            out[c] = np.clip((self.ranging.reach - third) / length, 0.0, 1.0)
+        return out
+
+    def simulate(self, rng: np.random.Generator, runs: int) -> dict[str, Array]:
+        """Simulate a number of runs; for `inswsn_lib.evaluation.monte_carlo`.
+
+        Parameters
+        ----------
+        rng : numpy.random.Generator
+            The stream.
+        runs : int
+            How many.
+
+        Returns
+        -------
+        dict of str to ndarray
+            ``"ins"``, (steps, 4, runs): the error of the INS, position (m) and velocity (m/s).
+            ``"fixes"``, (clusters, steps, 2, runs): the error of the fix of each cluster, m; NaN
+            where it has none. ``"wsn"``, (clusters, steps, 4, runs): the same with the error of its
+            velocity, by `velocity_source`.
+        """
+        motion = self.motion
+        # a stream for each purpose, so that a change of one setting moves no other draw
+        sensors, velocities, *networks = rng.spawn(2 + len(self.clusters))
+        noise = sensors.standard_normal((len(motion.time) - 1, 3, runs))
+        ins = simulate_ins(motion, self.inertial, noise)
+        ins[:, :2] -= motion.position[:, :, None]
+        ins[:, 2:] -= motion.velocity[:, :, None]
+        fixes = np.stack([self._fixes(c, stream, runs) for c, stream in enumerate(networks)])
+        normal = velocities.standard_normal(fixes.shape)
+        return {"ins": ins, "fixes": fixes, "wsn": self.with_velocities(fixes, normal)}
+
+    def with_velocities(self, fixes: Array, normal: Array) -> Array:
+        """Return the errors of fixes with those of the velocities that go with them.
+
+        Parameters
+        ----------
+        fixes : ndarray, (clusters, steps, 2, runs)
+            From `simulate`, m.
+        normal : ndarray, (clusters, steps, 2, runs)
+            Standard normal numbers for a sensor of velocity.
+
+        Returns
+        -------
+        ndarray, (clusters, steps, 4, runs)
+            m and m/s. A cluster without a fix has no velocity either. After it has begun to hear
+            the node, it has a fix but no velocity until the window is full.
+        """
+        motion = self.motion
+        if self.velocity_source == "sensor":
+            velocity = np.where(np.isnan(fixes), np.nan, self.velocity_noise * normal)
+        else:
+            count = 2 if self.velocity_source == "difference" else self.velocity_fixes
+            velocity = np.stack(
+                [
+                    velocity_slopes(each + motion.position[:, :, None], self.period, count)
+                    - motion.velocity[:, :, None]
+                    for each in fixes
+                ]
+            )
+        return np.concatenate([fixes, velocity], axis=2)
+
+    def _fixes(self, cluster: int, rng: np.random.Generator, runs: int) -> Array:
+        """Return the errors of the fixes of a cluster, (steps, 2, runs)."""
+        position = self.motion.position
+        out = np.full((len(position), 2, runs), np.nan)
+        heard = self.heard & (self.labels == cluster)
+        changes = np.flatnonzero((heard[1:] != heard[:-1]).any(axis=1)) + 1
+        # steps at which the same nodes are heard are solved at once
+        for first, last in pairwise([0, *changes, len(position)]):
+            nodes = self.nodes[heard[first]]
+            if len(nodes) < _LEAST:
+                continue
+            ranges = [
+                measure_ranges(nodes, where, self.ranging, rng, runs)
+                for where in position[first:last]
+            ]
+            found = multilaterate(nodes, np.concatenate(ranges, axis=1))
+            found = np.moveaxis(found.reshape(2, last - first, runs), 0, 1)
+            out[first:last] = found - position[first:last, :, None]
+        return out
+
+
+def _spread_out(nodes: Array) -> bool:
+    """Tell whether nodes do not lie on a line."""
+    return bool(np.linalg.matrix_rank(nodes - nodes.mean(axis=0), tol=1e-6) == 2)
+
+
+def _check_values(values: Mapping[str, Any]) -> None:
+    for name in _POSITIVE + _NOT_NEGATIVE + _SHARES:
+        numbers = np.atleast_1d(np.asarray(values[name]))
+        if numbers.dtype.kind not in "if" or not np.isfinite(numbers).all():
+            raise ParameterError(name, values[name], "finite numbers")
+        if (numbers < 0).any() or (name in _POSITIVE and (numbers == 0).any()):
+            raise ParameterError(
+                name, values[name], "positive" if name in _POSITIVE else "not negative"
+            )
+        if name in _SHARES and (numbers > 1).any():
+            raise ParameterError(name, values[name], "between 0 and 1")
+    count = values["velocity_fixes"]
+    if count != int(count) or count < 2:
+        raise ParameterError("velocity_fixes", count, "a whole number, 2 or more")
+    if values["velocity_source"] not in _SOURCES:
+        raise ParameterError("velocity_source", values["velocity_source"], f"one of {_SOURCES}")
+    clusters = np.asarray(values["clusters"], dtype=float)
+    if clusters.ndim != 2 or clusters.shape[1] != 4:
+        raise ParameterError("clusters", f"of shape {clusters.shape}", "(clusters, 4)")

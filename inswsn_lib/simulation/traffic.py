@@ -1,0 +1,132 @@
+"""What a clustered sensor network has to send so that a blind node is located at each step."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse.csgraph import shortest_path
+from scipy.spatial.distance import cdist
+
+from inswsn_lib.errors import ParameterError
+from inswsn_lib.simulation.clusters import ClusterScene
+
+Array = NDArray[np.float64]
+
+_STATE, _COVARIANCE = 4, 10  # numbers; a symmetric 4 by 4 matrix has ten
+_LEAST = 3  # ranges for a fix
+#: What is sent where; see `count_traffic`.
+OPERATIONS = (
+    "ranges to the centre",
+    "ranges packed by the heads",
+    "local estimates",
+    "local estimates with covariances",
+    "local estimates with covariances, and reset",
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Traffic:
+    """What is sent at each step.
+
+    Attributes
+    ----------
+    transmissions : ndarray, (steps,)
+        Messages, each counted once for every hop from node to node.
+    numbers : ndarray, (steps,)
+        The numbers in them, each counted once for every hop.
+    """
+
+    transmissions: Array
+    numbers: Array
+
+
+def count_hops(nodes: Array, reach: float) -> Array:
+    """Return how many hops a message takes between any two nodes, (nodes, nodes).
+
+    A hop goes to any node within reach, and a message takes a way with the fewest hops.
+
+    Parameters
+    ----------
+    nodes : ndarray, (nodes, 2)
+        m.
+    reach : float
+        m.
+
+    Raises
+    ------
+    ParameterError
+        If the network falls apart: there is no way between some nodes.
+    """
+    hops = shortest_path(cdist(nodes, nodes) <= reach, unweighted=True)
+    if not np.isfinite(hops).all():
+        raise ParameterError("reach", reach, "so large that every node can be reached by hops")
+    return np.asarray(hops)
+
+
+def count_traffic(scene: ClusterScene) -> dict[str, Traffic]:
+    """Count what each way of working has to send along the path of a scene.
+
+    The nodes measure the ranges. In each way of working the blind node sends its INS to where it
+    is compared with fixes, and gets the estimate back from the fusion centre: four numbers each.
+
+    - "ranges to the centre": every node that hears the blind node sends its range to the centre.
+    - "ranges packed by the heads": every such node sends its range to the head of its cluster, and
+      the head sends all of them to the centre in one message.
+    - "local estimates": ranges to the head, and a message of four numbers from each head to the
+      centre: the distributed H-infinity filter.
+    - "local estimates with covariances": the same with ten more numbers, which a federated Kalman
+      filter or covariance intersection needs.
+    - "local estimates with covariances, and reset": the centre sends as much back to these heads.
+
+    Heads take part that hear the blind node from three nodes or more.
+
+    Parameters
+    ----------
+    scene : ClusterScene
+        The scene.
+
+    Returns
+    -------
+    dict of str to Traffic
+        By the names in `OPERATIONS`.
+
+    Raises
+    ------
+    ParameterError
+        As `count_hops`.
+    """
+    hops = count_hops(scene.nodes, scene.ranging.reach)
+    away = cdist(scene.motion.position, scene.nodes)
+    steps = [
+        _one_step(scene, hops, heard, row) for heard, row in zip(scene.heard, away, strict=True)
+    ]
+    counts = np.array(steps, dtype=float)  # (steps, operations, 2)
+    return {name: Traffic(counts[:, i, 0], counts[:, i, 1]) for i, name in enumerate(OPERATIONS)}
+
+
+def _one_step(
+    scene: ClusterScene, hops: Array, heard: NDArray[np.bool_], away: Array
+) -> list[tuple[float, float]]:
+    """Return transmissions and numbers of each operation at one step."""
+    if not heard.any():
+        return [(0.0, 0.0)] * len(OPERATIONS)
+    gate = int(np.argmin(away))  # the node by which the blind node talks to the network
+    members = [np.flatnonzero(heard & (scene.labels == c)) for c in range(len(scene.heads))]
+    active = [(head, m) for head, m in zip(scene.heads, members, strict=True) if len(m) >= _LEAST]
+    centre = 1 + hops[gate, scene.centre]  # the first hop is that of the blind node
+    to_heads = sum(hops[m, head].sum() for head, m in active)
+    up = sum(hops[head, scene.centre] for head, _ in active)
+    packed = sum(hops[head, scene.centre] * len(m) for head, m in active)
+    ins = sum(1 + hops[gate, head] for head, _ in active)
+    direct = sum(hops[m, scene.centre].sum() for _, m in active)
+    local = ins + centre + to_heads + up, _STATE * (ins + centre) + to_heads
+    full = _STATE + _COVARIANCE
+    return [
+        (2 * centre + direct, 2 * _STATE * centre + direct),
+        (2 * centre + to_heads + up, 2 * _STATE * centre + to_heads + packed),
+        (local[0], local[1] + _STATE * up),
+        (local[0], local[1] + full * up),
+        (local[0] + up, local[1] + 2 * full * up),
+    ]
