@@ -51,3 +51,48 @@ def covariances(name: str, value: ArrayLike, steps: int, size: int) -> Array:
     if given.size and np.linalg.eigvalsh(given).min() < -1e-9 * largest:
         raise ParameterError(name, "not positive semidefinite", "a covariance")
     return np.broadcast_to(given, (steps, size, size))
+
+
+def checked_clusters(
+    measurements: ArrayLike, outputs: int | None = None, clusters: int | None = None
+) -> Array:
+    """Return measurements of clusters as (N, steps, m, runs), NaN where missing; refuse others."""
+    y = np.asarray(measurements, dtype=float)
+    wanted = {0: clusters, 2: outputs}
+    fits = y.ndim == 4 and all(size in (None, y.shape[axis]) for axis, size in wanted.items())
+    if not fits or not len(y):
+        N, m = ("N" if clusters is None else clusters), ("m" if outputs is None else outputs)
+        raise ParameterError(
+            "measurements", f"of shape {y.shape}", f"({N}, steps, {m}, runs); one run is runs = 1"
+        )
+    if np.isinf(y).any():
+        raise ParameterError("measurements", "infinite", "finite, or NaN where missing")
+    return y
+
+
+def cluster_covariances(name: str, value: ArrayLike, clusters: int, steps: int, size: int) -> Array:
+    """Return one covariance a cluster as (clusters, 1 or steps, size, size), positive definite."""
+    given = np.asarray(value, dtype=float)
+    shapes = (clusters, size, size), (clusters, steps, size, size)
+    if given.shape not in shapes:
+        raise ParameterError(name, f"of shape {given.shape}", f"{shapes[0]} or {shapes[1]}")
+    flat = given.reshape(-1, size, size)
+    covariances(name, flat, len(flat), size)
+    return definite(name, flat).reshape(clusters, -1, size, size)
+
+
+def definite(name: str, value: Array) -> Array:
+    """Return symmetric matrices (..., n, n) as they are; refuse those not positive definite."""
+    try:
+        np.linalg.cholesky(value)
+    except np.linalg.LinAlgError:
+        raise ParameterError(name, "singular", "positive definite") from None
+    return value
+
+
+def checked_mask(name: str, value: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.bool_]:
+    """Return an array of bools of a shape; refuse others."""
+    mask = np.asarray(value)
+    if mask.dtype != bool or mask.shape != shape:
+        raise ParameterError(name, f"{mask.dtype} of shape {mask.shape}", f"bool of shape {shape}")
+    return mask

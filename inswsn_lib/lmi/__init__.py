@@ -10,6 +10,14 @@ from inswsn_lib.lmi.filter_design import (
     inequality,
     minimise_gamma,
 )
+from inswsn_lib.lmi.fusion import (
+    FusionCertificate,
+    FusionDesign,
+    design_fusion,
+    fusion_gain,
+    fusion_system,
+    tied_level,
+)
 from inswsn_lib.lmi.horizon import (
     WorstCase,
     buildable_system,
@@ -31,14 +39,19 @@ from inswsn_lib.lmi.riccati import riccati_filter, riccati_gamma
 __all__ = [
     "Certificate",
     "FilterDesign",
+    "FusionCertificate",
+    "FusionDesign",
     "InfeasibleDesignError",
     "WorstCase",
     "buildable_system",
     "central_gain",
     "certify",
     "design_filter",
+    "design_fusion",
     "enumerated_gain",
     "finite_horizon_gain",
+    "fusion_gain",
+    "fusion_system",
     "hinf_norm",
     "inequality",
     "largest_singular_value",
@@ -51,5 +64,6 @@ __all__ = [
     "riccati_gamma",
     "spectral_radius",
     "stochastic_gain",
+    "tied_level",
     "worst_disturbance",
 ]

@@ -9,6 +9,7 @@ from inswsn_lib.simulation.network import (
     node_grid,
     nodes_heard,
     position_covariance,
+    velocity_slopes,
 )
 from inswsn_lib.simulation.scenario import Scene, Window
 from inswsn_lib.simulation.settings import Setting, load_scenario, with_values
@@ -43,5 +44,6 @@ __all__ = [
     "shaped_drift",
     "simulate_ins",
     "true_increments",
+    "velocity_slopes",
     "with_values",
 ]

@@ -31,7 +31,10 @@ _SOURCES = ("sensor", "difference", "window")
 _POSITIVE = ("size", "spacing", "radius", "speed", "period", "reach")
 _NOT_NEGATIVE = ("noise", "outlier_scale", "velocity_noise", "accelerometer_noise", "gyro_noise")
 _SHARES = ("dropout", "outlier")
+_PAIRS = ("size", "accelerometer_bias", "accelerometer_scale", "position", "velocity")
+_ROWS = {"clusters": 4, "waypoints": 2}
 _LEAST = 3  # ranges for a fix
+_LARGEST, _MOST_NODES, _MOST_STEPS = 1e9, 10_000, 100_000  # what a machine can hold
 
 
 @dataclass(frozen=True)
@@ -93,8 +96,8 @@ class ClusterScene:
         InswsnError
             If a setting is missing or unknown.
         ParameterError
-            If a number may not be what it is, a cluster has fewer than three nodes, or there is no
-            such source of velocities.
+            If a value may not be what it is, a cluster has fewer than three nodes, the arcs do not
+            fit on the path, or there are too many nodes or samples.
         """
         values: dict[str, Any] = {name: setting.value for name, setting in settings.items()}
         parts = {f.name for kind in (Ranging, InertialErrors) for f in fields(kind)}
@@ -110,6 +113,7 @@ class ClusterScene:
         values = {name: frozen(value) for name, value in values.items()}
         values["velocity_fixes"] = int(values["velocity_fixes"])
         scene = cls(ranging=ranging, inertial=inertial, **values)
+        _ = scene.motion  # a path that cannot be is refused here
         for c in range(len(scene.clusters)):
             count = int((scene.labels == c).sum())
             if count < _LEAST:
@@ -159,8 +163,12 @@ class ClusterScene:
     def motion(self) -> Motion:
         """The truth at the samples, from the start of the path to its end."""
         path = Path.through(self.waypoints, self.radius)
-        steps = int(path.length / self.speed / self.period) + 1
-        return path.drive(self.speed, self.period * np.arange(steps))
+        periods = path.length / self.speed / self.period + 1e-9  # an end that rounding moved
+        if not 1 <= periods < _MOST_STEPS:
+            raise ParameterError(
+                "period", self.period, f"such that the path has 2 to {_MOST_STEPS} samples"
+            )
+        return path.drive(self.speed, self.period * np.arange(int(periods) + 1))
 
     @cached_property
     def heard(self) -> Mask:
@@ -173,14 +181,16 @@ class ClusterScene:
         r"""The covariance of the fix of each cluster, (clusters, steps, 2, 2), m^2.
 
         To first order in the noise, :math:`\sigma^2 (H'H)^{-1}`, if no range is lost; NaN where a
-        cluster hears the node from fewer than three nodes, or from nodes on one line with it.
+        cluster hears the node from fewer than three nodes, or from nodes on one line. A node that
+        the blind node is at counts for nothing: its range has no direction.
         """
         out = np.full((len(self.clusters), len(self.motion.time), 2, 2), np.nan)
         for c in range(len(self.clusters)):
             for k, position in enumerate(self.motion.position):
                 nodes = self.nodes[self.heard[k] & (self.labels == c)]
                 if len(nodes) >= _LEAST and _spread_out(nodes):
-                    out[c, k] = position_covariance(nodes, position, self.ranging.noise)
+                    apart = nodes[(nodes != position).any(axis=1)]
+                    out[c, k] = position_covariance(apart, position, self.ranging.noise)
         return out
 
     @cached_property
@@ -211,7 +221,8 @@ class ClusterScene:
         """Return how far each cluster's coverage reaches beyond the node, (clusters, steps).
 
         It is the reach less the distance of the third nearest node of the cluster, over `length`,
-        cut to the range from 0 to 1: at 0 the cluster loses its third node.
+        cut to the range from 0 to 1: at 0 the cluster loses its third node. It is 0 as well where
+        the nodes in reach lie on one line, so that there is no fix.
 
         Parameters
         ----------
@@ -230,7 +241,7 @@ class ClusterScene:
             away = self.motion.position[:, None] - self.nodes[self.labels == c]
             third = np.sort(np.hypot(away[..., 0], away[..., 1]), axis=1)[:, _LEAST - 1]
             out[c] = np.clip((self.ranging.reach - third) / length, 0.0, 1.0)
-        return out
+        return np.where(np.isnan(self.fix_covariance[:, :, 0, 0]), 0.0, out)
 
     def simulate(self, rng: np.random.Generator, runs: int) -> dict[str, Array]:
         """Simulate a number of runs; for `inswsn_lib.evaluation.monte_carlo`.
@@ -318,21 +329,39 @@ def _spread_out(nodes: Array) -> bool:
 
 
 def _check_values(values: Mapping[str, Any]) -> None:
-    for name in _POSITIVE + _NOT_NEGATIVE + _SHARES:
-        numbers = np.atleast_1d(np.asarray(values[name]))
-        if numbers.dtype.kind not in "if" or not np.isfinite(numbers).all():
-            raise ParameterError(name, values[name], "finite numbers")
-        if (numbers < 0).any() or (name in _POSITIVE and (numbers == 0).any()):
-            raise ParameterError(
-                name, values[name], "positive" if name in _POSITIVE else "not negative"
-            )
-        if name in _SHARES and (numbers > 1).any():
+    if values["velocity_source"] not in _SOURCES:
+        raise ParameterError("velocity_source", values["velocity_source"], f"one of {_SOURCES}")
+    for name in sorted(set(values) - {"velocity_source"}):
+        numbers = _as_numbers(name, values[name])
+        if name in _POSITIVE and not (numbers > 0).all():
+            raise ParameterError(name, values[name], "positive")
+        if name in _NOT_NEGATIVE + _SHARES and not (numbers >= 0).all():
+            raise ParameterError(name, values[name], "not negative")
+        if name in _SHARES and not (numbers <= 1).all():
             raise ParameterError(name, values[name], "between 0 and 1")
     count = values["velocity_fixes"]
     if count != int(count) or count < 2:
         raise ParameterError("velocity_fixes", count, "a whole number, 2 or more")
-    if values["velocity_source"] not in _SOURCES:
-        raise ParameterError("velocity_source", values["velocity_source"], f"one of {_SOURCES}")
-    clusters = np.asarray(values["clusters"], dtype=float)
-    if clusters.ndim != 2 or clusters.shape[1] != 4:
-        raise ParameterError("clusters", f"of shape {clusters.shape}", "(clusters, 4)")
+    width, height = (float(side) / values["spacing"] + 1 for side in values["size"])
+    if not width * height < _MOST_NODES:
+        raise ParameterError(
+            "spacing", values["spacing"], f"so large that there are fewer than {_MOST_NODES} nodes"
+        )
+
+
+def _as_numbers(name: str, value: object) -> Array:
+    """Return a setting as an array if it is finite numbers of its shape."""
+    try:
+        numbers = np.asarray(value)
+    except ValueError:  # lists of unequal length
+        numbers = np.array(None)
+    if name in _ROWS:
+        fits = numbers.ndim == 2 and numbers.shape[1] == _ROWS[name]
+        wanted = f"a list of lists of {_ROWS[name]} numbers"
+    elif name in _PAIRS:
+        fits, wanted = numbers.shape == (2,), "two numbers"
+    else:
+        fits, wanted = numbers.ndim == 0, "a number"
+    if not fits or numbers.dtype.kind not in "if" or not (np.abs(numbers) <= _LARGEST).all():
+        raise ParameterError(name, value, f"{wanted} from -1e9 to 1e9")
+    return numbers

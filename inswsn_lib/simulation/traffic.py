@@ -13,9 +13,10 @@ from inswsn_lib.errors import ParameterError
 from inswsn_lib.simulation.clusters import ClusterScene
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 _STATE, _COVARIANCE = 4, 10  # numbers; a symmetric 4 by 4 matrix has ten
-_LEAST = 3  # ranges for a fix
+_SLACK = 1e-9  # nodes a reach apart are within reach, however their places are rounded
 #: What is sent where; see `count_traffic`.
 OPERATIONS = (
     "ranges to the centre",
@@ -59,7 +60,7 @@ def count_hops(nodes: Array, reach: float) -> Array:
     ParameterError
         If the network falls apart: there is no way between some nodes.
     """
-    hops = shortest_path(cdist(nodes, nodes) <= reach, unweighted=True)
+    hops = shortest_path(cdist(nodes, nodes) <= reach * (1 + _SLACK), unweighted=True)
     if not np.isfinite(hops).all():
         raise ParameterError("reach", reach, "so large that every node can be reached by hops")
     return np.asarray(hops)
@@ -71,7 +72,11 @@ def count_traffic(scene: ClusterScene) -> dict[str, Traffic]:
     The nodes measure the ranges. In each way of working the blind node sends its INS to where it
     is compared with fixes, and gets the estimate back from the fusion centre: four numbers each.
 
-    - "ranges to the centre": every node that hears the blind node sends its range to the centre.
+    Clusters take part that have a fix: three nodes in reach or more, not on one line. Where there
+    is none, nothing is sent.
+
+    - "ranges to the centre": every node of theirs that hears the blind node sends its range to the
+      centre.
     - "ranges packed by the heads": every such node sends its range to the head of its cluster, and
       the head sends all of them to the centre in one message.
     - "local estimates": ranges to the head, and a message of four numbers from each head to the
@@ -79,8 +84,6 @@ def count_traffic(scene: ClusterScene) -> dict[str, Traffic]:
     - "local estimates with covariances": the same with ten more numbers, which a federated Kalman
       filter or covariance intersection needs.
     - "local estimates with covariances, and reset": the centre sends as much back to these heads.
-
-    Heads take part that hear the blind node from three nodes or more.
 
     Parameters
     ----------
@@ -99,22 +102,25 @@ def count_traffic(scene: ClusterScene) -> dict[str, Traffic]:
     """
     hops = count_hops(scene.nodes, scene.ranging.reach)
     away = cdist(scene.motion.position, scene.nodes)
+    fixed = ~np.isnan(scene.fix_covariance[:, :, 0, 0]).T
     steps = [
-        _one_step(scene, hops, heard, row) for heard, row in zip(scene.heard, away, strict=True)
+        _one_step(scene, hops, heard, row, there)
+        for heard, row, there in zip(scene.heard, away, fixed, strict=True)
     ]
     counts = np.array(steps, dtype=float)  # (steps, operations, 2)
     return {name: Traffic(counts[:, i, 0], counts[:, i, 1]) for i, name in enumerate(OPERATIONS)}
 
 
 def _one_step(
-    scene: ClusterScene, hops: Array, heard: NDArray[np.bool_], away: Array
+    scene: ClusterScene, hops: Array, heard: Mask, away: Array, fixed: Mask
 ) -> list[tuple[float, float]]:
     """Return transmissions and numbers of each operation at one step."""
-    if not heard.any():
+    if not fixed.any():
         return [(0.0, 0.0)] * len(OPERATIONS)
     gate = int(np.argmin(away))  # the node by which the blind node talks to the network
-    members = [np.flatnonzero(heard & (scene.labels == c)) for c in range(len(scene.heads))]
-    active = [(head, m) for head, m in zip(scene.heads, members, strict=True) if len(m) >= _LEAST]
+    active = [
+        (scene.heads[c], np.flatnonzero(heard & (scene.labels == c))) for c in np.flatnonzero(fixed)
+    ]
     centre = 1 + hops[gate, scene.centre]  # the first hop is that of the blind node
     to_heads = sum(hops[m, head].sum() for head, m in active)
     up = sum(hops[head, scene.centre] for head, _ in active)

@@ -1,0 +1,406 @@
+"""The federated filter against the Kalman filter of all data, exact covariances, closed forms."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.linalg import block_diag
+
+from inswsn_lib.errors import ParameterError
+from inswsn_lib.filters import design_kalman, federated_covariance, run_federated, run_kalman
+from inswsn_lib.models import ErrorModel
+
+
+def random_model(rng: np.random.Generator, n: int, m: int) -> ErrorModel:
+    return ErrorModel(
+        A=np.eye(n) + 0.4 * rng.normal(size=(n, n)), B=rng.normal(size=(n, n)),
+        C=rng.normal(size=(m, n)), D=np.eye(m), L=np.eye(n), E=np.zeros((n, n)), period=1.0,
+    )  # fmt: skip
+
+
+def random_covariances(rng: np.random.Generator, size: int, *shape: int) -> np.ndarray:
+    root = rng.normal(size=(*shape, size, size))
+    return root @ np.swapaxes(root, -1, -2) + 0.3 * np.eye(size)
+
+
+def random_shares(rng: np.random.Generator, clusters: int) -> np.ndarray:
+    """Shares, of which about a third are zero."""
+    shares = rng.uniform(0.1, 1, clusters + 1) * (rng.random(clusters + 1) < 0.7)
+    shares[rng.integers(clusters + 1)] += 0.1
+    return shares / shares.sum()
+
+
+def of_all_data(model: ErrorModel, y: np.ndarray, R: np.ndarray, **options: Any) -> np.ndarray:
+    """Return the Kalman filter of the measurements of all clusters, stacked."""
+    clusters, steps, m, runs = y.shape
+    stacked = ErrorModel(
+        A=model.A, B=model.B, C=np.vstack([model.C] * clusters), D=np.eye(clusters * m),
+        L=model.L, E=model.E, period=model.period,
+    )  # fmt: skip
+    every = np.broadcast_to(R if R.ndim == 4 else R[:, None], (clusters, steps, m, m))
+    blocks = np.stack([block_diag(*every[:, k]) for k in range(steps)])
+    together = np.moveaxis(y, 0, 1).reshape(steps, -1, runs)
+    return run_kalman(stacked, together, measurement_covariance=blocks, **options)
+
+
+def exact_errors(
+    model: ErrorModel,
+    available: np.ndarray,
+    R: np.ndarray,
+    P0: np.ndarray,
+    options: dict[str, Any],
+    predicted: bool = False,
+) -> np.ndarray:
+    """Return the covariance of the error (steps, n, n), whatever the filter does, if it is linear.
+
+    One run for each measured number, which is 1 there and 0 elsewhere, gives the matrix G of the
+    filter. The error x_k - G_k y is then linear in the first state and all noises, of known
+    covariances.
+    """
+    steps, clusters = available.shape
+    m, n = model.C.shape
+    places = [(c, k, i) for k in range(steps) for c in range(clusters) for i in range(m)
+              if available[k, c]]  # fmt: skip
+    y = np.where(available.T[:, :, None, None], np.zeros((m, len(places))), np.nan)
+    for run, place in enumerate(places):
+        y[(*place, run)] = 1.0
+    lost = options.get("lost")
+    if lost is not None:
+        lost = np.repeat(lost.T[:, :, None], len(places), axis=2)
+    G = run_federated(model, y, measurement_covariance=R, initial_covariance=P0,
+                      predicted=predicted, **(options | {"lost": lost}))  # fmt: skip
+    # columns: the first state, the process noise of each step, the noise of each number
+    states = np.zeros((steps, n, n * steps + len(places)))
+    states[0, :, :n] = np.eye(n)
+    for k in range(1, steps):
+        states[k] = model.A @ states[k - 1]
+        states[k, :, n * k : n * (k + 1)] = np.eye(n)
+    rows = np.zeros((len(places), states.shape[2]))
+    noises = np.zeros((len(places), len(places)))
+    for row, (c, k, i) in enumerate(places):
+        rows[row] = model.C[i] @ states[k]
+        rows[row, n * steps + row] = 1.0
+        for other, (c2, k2, i2) in enumerate(places):
+            if (c2, k2) == (c, k):
+                noises[row, other] = R[c][i, i2]
+    sources = block_diag(P0, *[model.process_covariance] * (steps - 1), noises)
+    errors = states - G @ rows
+    return errors @ sources @ np.swapaxes(errors, 1, 2)
+
+
+def surplus(claimed: np.ndarray, actual: np.ndarray) -> np.ndarray:
+    """Return the least eigenvalue of claimed less actual, relative to the largest of claimed."""
+    return np.linalg.eigvalsh(claimed - actual)[:, 0] / np.linalg.eigvalsh(claimed)[:, -1]
+
+
+@given(
+    st.integers(0, 2**32 - 1), st.integers(1, 4), st.integers(1, 3), st.integers(1, 3),
+    st.floats(0, 0.8), st.booleans(), st.sampled_from(["fusion", "zero"]), st.booleans(),
+)  # fmt: skip
+def test_with_a_reset_each_step_it_is_the_kalman_filter_of_all_data(
+    seed: int, clusters: int, n: int, m: int, missing: float, own: bool, reset: Any, predicted: bool
+) -> None:
+    rng = np.random.default_rng(seed)
+    model, steps, runs = random_model(rng, n, m), 9, 3
+    y = 3 * rng.normal(size=(clusters, steps, m, runs))
+    y[rng.random((clusters, steps, m, runs if own else 1)).repeat(1 if own else runs, 3)
+      < missing] = np.nan  # fmt: skip
+    R = random_covariances(rng, m, clusters, steps)
+    R = R if seed % 2 else R[:, 0]
+    options = {
+        "initial_covariance": random_covariances(rng, n),
+        "process_covariance": random_covariances(rng, n, steps),
+        "initial_state": rng.normal(size=(n, runs)),
+        "predicted": predicted,
+    }
+    found = run_federated(
+        model, y, measurement_covariance=R, reset=reset,
+        sharing=random_shares(rng, clusters) if reset == "fusion" else None, **options,
+    )  # fmt: skip
+    assert found == pytest.approx(of_all_data(model, y, R, **options), rel=1e-7, abs=1e-7)
+
+
+@pytest.mark.parametrize("reset", ["fusion", "zero", "none"])
+@pytest.mark.parametrize("interval", [1, 4])
+def test_one_cluster_with_all_shares_is_a_kalman_filter(reset: Any, interval: int) -> None:
+    rng = np.random.default_rng(3)
+    model = ErrorModel.p1(0.2, process_noise=(0.1, 0.3), measurement_noise=(0.4, 0.2))
+    y = rng.normal(size=(1, 20, 4, 5))
+    y[rng.random(y.shape) < 0.3] = np.nan
+    R = model.measurement_covariance
+    found = run_federated(model, y, measurement_covariance=R[None], initial_covariance=np.eye(4),
+                          reset=reset, interval=1 if reset == "zero" else interval)  # fmt: skip
+    assert found == pytest.approx(run_kalman(model, y[0], initial_covariance=np.eye(4)), abs=1e-9)
+
+
+@settings(max_examples=60)
+@given(
+    st.integers(0, 2**32 - 1), st.integers(1, 3), st.sampled_from(["fusion", "zero", "none"]),
+    st.integers(1, 4), st.booleans(), st.booleans(),
+)  # fmt: skip
+def test_the_claimed_covariance_bounds_the_true_one(
+    seed: int, clusters: int, reset: Any, interval: int, losing: bool, predicted: bool
+) -> None:
+    rng = np.random.default_rng(seed)
+    model, steps = random_model(rng, 2, 2), 7
+    available = rng.random((steps, clusters)) < 0.8
+    available[0, 0] = True
+    R, P0 = random_covariances(rng, 2, clusters), random_covariances(rng, 2)
+    options: dict[str, Any] = {"reset": reset, "interval": interval}
+    if reset != "zero":
+        options["sharing"] = random_shares(rng, clusters)
+    if losing:
+        options["lost"] = rng.random((steps, clusters)) < 0.4
+    claimed = federated_covariance(model, available, measurement_covariance=R,
+                                   initial_covariance=P0, predicted=predicted,
+                                   **options)  # fmt: skip
+    actual = exact_errors(model, available, R, P0, options, predicted)
+    assert (surplus(claimed, actual) > -1e-9).all()
+    if interval == 1 and reset != "none":  # the filter is then the optimal one, and knows it
+        assert claimed == pytest.approx(actual, rel=1e-7, abs=1e-9)
+
+
+def test_the_bound_test_would_notice_an_optimistic_filter() -> None:
+    """Shares of sum 2: both local filters have P_0 and Q themselves."""
+    rng = np.random.default_rng(8)
+    model = random_model(rng, 2, 2)
+    available, R, P0 = np.ones((7, 2), bool), random_covariances(rng, 2, 2), np.eye(2)
+    options = {"reset": "none"}
+    actual = exact_errors(model, available, R, P0, options)
+    optimistic = federated_covariance(
+        model, available, measurement_covariance=R, initial_covariance=P0 / 2,
+        process_covariance=model.process_covariance / 2, reset="none",
+    )  # fmt: skip
+    assert surplus(optimistic, actual)[-1] < -1e-3
+
+
+@pytest.mark.parametrize("noises", [(1.3, 1.3), (0.3, 6.0)])
+def test_without_reset_two_clusters_have_the_closed_form(noises: tuple[float, float]) -> None:
+    """x+ = x + w, y_c = x + v_c, variances q and r_c, shares 1/2.
+
+    Local filter c works with 2q: its predicted variance solves p^2 - 2qp - 2q r_c = 0, its gain is
+    K_c = p_c/(p_c + r_c), and it claims P_c = p_c - 2q. True covariances of the local errors:
+    J_cd = f_c f_d (J_cd + q) + K_c^2 r_c [c = d], with f_c = 1 - K_c. The Kalman filter of both has
+    one sensor of variance r, 1/r = 1/r_1 + 1/r_2.
+    """
+    one, q, r = np.eye(1), 0.7, np.array(noises)
+    model = ErrorModel(A=one, B=np.sqrt(q) * one, C=one, D=one, L=one, E=0 * one, period=1.0)
+    p = q + np.sqrt(q * q + 2 * q * r)
+    K = p / (p + r)
+    f = np.outer(1 - K, 1 - K)
+    J = (f * q + np.diag(K**2 * r)) / (1 - f)
+    P = 1 / np.sum(1 / (p - 2 * q))
+    weights = P / (p - 2 * q)
+    V = weights @ J @ weights
+    R, available = r[:, None, None], np.ones((60, 2), bool)
+    claimed = federated_covariance(
+        model, available, measurement_covariance=R, initial_covariance=one, reset="none"
+    )
+    actual = exact_errors(model, available, R, one, {"reset": "none"})
+    assert claimed[-1, 0, 0] == pytest.approx(P, rel=1e-9)
+    assert actual[-1, 0, 0] == pytest.approx(V, rel=1e-9)
+    best = -q / 2 + np.sqrt(q * q / 4 + q / np.sum(1 / r))
+    if noises[0] == noises[1]:  # filters of the same gain: their mean is the filter of the mean
+        assert best == pytest.approx(V) == pytest.approx(P)
+    else:
+        assert best * 1.01 < V < P / 1.01
+
+
+@pytest.mark.parametrize("reset", ["fusion", "zero"])
+def test_a_message_lost_before_a_reset_is_no_measurement(reset: Any) -> None:
+    rng = np.random.default_rng(5)
+    model = random_model(rng, 3, 2)
+    y, R = rng.normal(size=(3, 12, 2, 6)), random_covariances(rng, 2, 3)
+    lost = rng.random((3, 12, 6)) < 0.4
+    P0 = random_covariances(rng, 3)
+    found = run_federated(
+        model, y, measurement_covariance=R, initial_covariance=P0, reset=reset, lost=lost
+    )
+    y[np.repeat(lost[:, :, None], 2, axis=2)] = np.nan
+    expected = of_all_data(model, y, R, initial_covariance=P0)
+    assert found == pytest.approx(expected, rel=1e-8, abs=1e-8)
+    none = run_federated(model, y, measurement_covariance=R, initial_covariance=P0, reset=reset,
+                         lost=np.zeros_like(lost))  # fmt: skip
+    assert none == pytest.approx(expected, rel=1e-8, abs=1e-8)
+
+
+def fused_by_hand(
+    parts: list[tuple[np.ndarray, np.ndarray]],
+) -> tuple[np.ndarray, np.ndarray]:
+    P = np.linalg.inv(sum(np.linalg.inv(P) for _, P in parts))
+    return P @ sum(np.linalg.solve(P, x) for x, P in parts), P
+
+
+def test_without_reset_the_last_message_is_aged_by_the_centre() -> None:
+    """Local filters from run_kalman, the centre in plain loops; the master has a share too."""
+    rng = np.random.default_rng(11)
+    model, steps, shares = random_model(rng, 2, 2), 15, (0.5, 0.3, 0.2)
+    y, R, P0 = rng.normal(size=(2, steps, 2, 1)), random_covariances(rng, 2, 2), np.eye(2)
+    y[1, 4:9] = np.nan
+    lost = rng.random((2, steps, 1)) < 0.5
+    found = run_federated(model, y, measurement_covariance=R, initial_covariance=P0, sharing=shares,
+                          reset="none", lost=lost)  # fmt: skip
+    claimed = federated_covariance(
+        model, ~np.isnan(y[:, :, 0, 0]).T, measurement_covariance=R, initial_covariance=P0,
+        sharing=shares, reset="none", lost=lost[:, :, 0].T,
+    )  # fmt: skip
+    Q = model.process_covariance
+    local = [run_kalman(model, y[c], initial_covariance=P0 / shares[c], measurement_covariance=R[c],
+                        process_covariance=Q / shares[c])[:, :, 0]
+             for c in range(2)]  # fmt: skip
+    designs = [design_kalman(model, ~np.isnan(y[c, :, :, 0]), initial_covariance=P0 / shares[c],
+                             measurement_covariance=R[c], process_covariance=Q / shares[c])
+               for c in range(2)]  # fmt: skip
+    held = [(np.zeros(2), P0 / share) for share in shares]
+    for k in range(steps):
+        if k:
+            held = [(model.A @ x, model.A @ P @ model.A.T + Q / share)
+                    for (x, P), share in zip(held, shares, strict=True)]  # fmt: skip
+        for c in range(2):
+            if not lost[c, k, 0]:
+                held[c] = local[c][k], designs[c].filtered[k]
+        x, P = fused_by_hand(held)
+        assert found[k, :, 0] == pytest.approx(x, rel=1e-9, abs=1e-9)
+        assert claimed[k] == pytest.approx(P, rel=1e-9)
+
+
+def test_between_resets_it_is_the_filter_without_reset_from_the_last_one() -> None:
+    rng = np.random.default_rng(12)
+    model, shares = random_model(rng, 2, 2), (0.4, 0.4, 0.2)
+    y, R, P0 = rng.normal(size=(2, 8, 2, 4)), random_covariances(rng, 2, 2), np.eye(2)
+    common: dict[str, Any] = {"measurement_covariance": R, "sharing": shares}
+    whole = run_federated(model, y, initial_covariance=P0, interval=4, **common)
+    first = run_federated(model, y[:, :4], initial_covariance=P0, reset="none", **common)
+    assert whole[:4] == pytest.approx(first, abs=1e-9)
+    P = federated_covariance(model, np.ones((4, 2), bool), initial_covariance=P0, reset="none",
+                             **common)[-1]  # fmt: skip
+    second = run_federated(
+        model, y[:, 4:], initial_covariance=model.A @ P @ model.A.T + model.process_covariance,
+        initial_state=model.A @ first[-1], reset="none", **common,
+    )  # fmt: skip
+    assert whole[4:] == pytest.approx(second, abs=1e-9)
+
+
+def test_zero_reset_uses_a_step_inside_an_interval_for_itself_only() -> None:
+    rng = np.random.default_rng(13)
+    model, interval = random_model(rng, 2, 2), 3
+    y, R, P0 = rng.normal(size=(2, 10, 2, 3)), random_covariances(rng, 2, 2), np.eye(2)
+    found = run_federated(model, y, measurement_covariance=R, initial_covariance=P0, reset="zero",
+                          interval=interval)  # fmt: skip
+    for k in range(10):
+        seen = y[:, : k + 1].copy()
+        for j in range(k):
+            if (j + 1) % interval:
+                seen[:, j] = np.nan
+        expected = of_all_data(model, seen, R, initial_covariance=P0)[-1]
+        assert found[k] == pytest.approx(expected, rel=1e-9, abs=1e-9)
+
+
+def test_a_longer_interval_is_never_better() -> None:
+    model = ErrorModel.p1(0.2, process_noise=(0.1, 0.3), measurement_noise=(0.4, 0.2))
+    R = np.stack([model.measurement_covariance, 2 * model.measurement_covariance])
+    traces = [
+        np.trace(
+            federated_covariance(
+                model, np.ones((24, 2), bool), measurement_covariance=R,
+                initial_covariance=np.eye(4), interval=interval,
+            )[-1]
+        )
+        for interval in (1, 4, 12, 24)
+    ]  # fmt: skip
+    assert (np.diff(traces) > 1e-6).all()
+
+
+@pytest.mark.parametrize("shape", [(2, 3, 4, 0), (2, 0, 4, 3)])
+def test_no_runs_and_no_steps(shape: tuple[int, ...]) -> None:
+    lost = np.zeros((2, shape[1], shape[3]), bool)
+    found = run_federated(ErrorModel.p1(0.2), np.zeros(shape), lost=lost,
+                          measurement_covariance=np.stack([np.eye(4)] * 2),
+                          initial_covariance=np.eye(4))  # fmt: skip
+    assert found.shape == shape[1:]
+
+
+@pytest.mark.parametrize("reset", ["fusion", "zero", "none"])
+def test_runs_do_not_depend_on_one_another(reset: Any) -> None:
+    rng = np.random.default_rng(14)
+    model = ErrorModel.p1(0.2, process_noise=(0.1, 0.3), measurement_noise=(0.4, 0.2))
+    y = rng.normal(size=(2, 15, 4, 4))
+    y[rng.random(y.shape) < 0.3] = np.nan
+    lost, start = rng.random((2, 15, 4)) < 0.3, rng.normal(size=(4, 4))
+    options: dict[str, Any] = {
+        "measurement_covariance": np.stack([np.eye(4), 2 * np.eye(4)]),
+        "initial_covariance": np.eye(4), "reset": reset, "interval": 2,
+    }  # fmt: skip
+    together = run_federated(model, y, lost=lost, initial_state=start, **options)
+    for run in range(4):
+        alone = run_federated(model, y[..., [run]], lost=lost[..., [run]],
+                              initial_state=start[:, run], **options)  # fmt: skip
+        assert together[:, :, [run]] == pytest.approx(alone, abs=1e-11)
+
+
+def test_a_thousand_steps_of_a_marginal_model_stay_the_kalman_filter() -> None:
+    rng = np.random.default_rng(15)
+    model = ErrorModel.p1(0.02, process_noise=(1e-4, 1e-3), measurement_noise=(2.0, 0.5))
+    y = rng.normal(size=(3, 1000, 4, 2))
+    y[:, 300:600] = np.nan
+    R = np.stack([model.measurement_covariance * scale for scale in (1, 4, 0.5)])
+    P0 = np.diag([100.0, 100.0, 1.0, 1.0])
+    found = run_federated(model, y, measurement_covariance=R, initial_covariance=P0)
+    assert found == pytest.approx(of_all_data(model, y, R, initial_covariance=P0), abs=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        ({"measurements": np.zeros((5, 4, 1))}, "measurements is 'of shape"),
+        ({"measurements": np.zeros((0, 5, 4, 1))}, "measurements is 'of shape"),
+        ({"measurements": np.zeros((2, 5, 3, 1))}, "measurements is 'of shape"),
+        ({"measurements": np.full((2, 5, 4, 1), np.inf)}, "measurements is 'infinite"),
+        ({"measurement_covariance": np.eye(4)}, "measurement_covariance is 'of shape"),
+        ({"measurement_covariance": np.zeros((2, 4, 4))}, "measurement_covariance is 'singular"),
+        ({"measurement_covariance": np.full((2, 4, 4), np.nan)}, "measurement_covariance"),
+        ({"measurement_covariance": np.triu(np.ones((2, 4, 4)))}, "not symmetric"),
+        ({"initial_covariance": np.eye(3)}, "initial_covariance"),
+        ({"initial_covariance": np.zeros((4, 4))}, "initial_covariance is 'singular"),
+        ({"process_covariance": -np.eye(4)}, "process_covariance"),
+        ({"sharing": (0.5, 0.5)}, "sharing"),
+        ({"sharing": (0.5, 0.6, 0.0)}, "sharing"),
+        ({"sharing": (0.7, 0.5, -0.2)}, "sharing"),
+        ({"sharing": (np.nan, 0.5, 0.5)}, "sharing"),
+        ({"sharing": (0.5, 0.5, 0.0), "reset": "zero"}, "sharing .* all for the master"),
+        ({"reset": "both"}, "reset is 'both'"),
+        ({"interval": 0}, "interval is 0"),
+        ({"interval": 1.5}, "interval is 1.5"),
+        ({"lost": np.zeros((2, 5, 1))}, "lost is 'float64"),
+        ({"lost": np.zeros((2, 5), bool)}, "lost is 'bool of shape"),
+        ({"initial_state": np.zeros(3)}, "initial_state"),
+    ],
+)
+def test_what_does_not_fit_is_refused(changed: dict[str, Any], said: str) -> None:
+    fine: dict[str, Any] = {
+        "measurements": np.zeros((2, 5, 4, 1)),
+        "measurement_covariance": np.stack([np.eye(4)] * 2),
+        "initial_covariance": np.eye(4),
+    }
+    run_federated(ErrorModel.p1(0.2), **fine)
+    with pytest.raises(ParameterError, match=said):
+        run_federated(ErrorModel.p1(0.2), **(fine | changed))
+
+
+def test_a_state_that_becomes_certain_is_refused() -> None:
+    model = ErrorModel(A=np.diag([1.0, 0.0]), B=np.zeros((2, 1)), C=np.eye(2), D=np.eye(2),
+                       L=np.eye(2), E=np.zeros((2, 2)), period=1.0)  # fmt: skip
+    with pytest.raises(ParameterError, match="process_covariance"):
+        run_federated(model, np.zeros((1, 3, 2, 1)), measurement_covariance=np.eye(2)[None],
+                      initial_covariance=np.eye(2))  # fmt: skip
+
+
+def test_a_mask_that_is_no_mask_is_refused() -> None:
+    for mask in (np.ones((3, 2)), np.ones(3, bool), np.ones((3, 0), bool)):
+        with pytest.raises(ParameterError, match="available"):
+            federated_covariance(ErrorModel.p1(0.2), mask, measurement_covariance=np.eye(4)[None],
+                                 initial_covariance=np.eye(4))  # fmt: skip
