@@ -63,8 +63,9 @@ class FusionCertificate:
     ----------
     largest_eigenvalue : float
         Of the left side of the inequality at the solution, with all clusters in one matrix, over
-        the largest entry of that matrix; negative up to rounding. The states are in the units of
-        the local designs, in which their P are multiples of the identity.
+        the largest entry of that matrix; negative up to rounding. The states are in units in
+        which the P of each local design is a multiple of the identity, and the noise in units of
+        the level.
     weights_sum_error : float
         The largest entry of the sum of the weights less the identity.
     norm : float
@@ -99,7 +100,7 @@ class FusionDesign:
     certificate : FusionCertificate
         See there.
     status : str
-        What the solver said.
+        What the solver said: "Solved", or "AlmostSolved" if it did not reach its full accuracy.
     """
 
     designs: tuple[FilterDesign, ...]
@@ -468,10 +469,9 @@ def _balanced(
         (design.A_f, np.hstack([B, _compressed(-design.gain @ design.model.D)]))
         for design in designs
     ]
+    local = [np.asarray(design.level * np.linalg.inv(_root(design.P)).T) for design in designs]
     if states == "covariance":
-        local = [_covariance_root(A, K) for A, K in systems]
-    else:
-        local = [np.asarray(design.level * np.linalg.inv(_root(design.P)).T) for design in designs]
+        local = [_whitened(A, K, T) for (A, K), T in zip(systems, local, strict=True)]
     units = _Units.of(designs, local)
     if structure == "block":
         shared = p if noise == "common" else 0
@@ -480,7 +480,9 @@ def _balanced(
         ]
         return units, parts
     A, K = _stacked(systems, p, noise)
-    T = _covariance_root(A, K) if states == "covariance" else np.asarray(block_diag(*local))
+    T = np.asarray(block_diag(*local))
+    if states == "covariance":
+        T = _whitened(A, K, T)
     return units, [_part(A, K, 0, np.vstack([units.common] * len(designs)), T)]
 
 
@@ -498,8 +500,10 @@ def _part(A: Array, K: Array, shared: int, turned: Array, T: Array) -> _Part:
     return _Part(A, K, shared, turned, T)
 
 
-def _covariance_root(A: Array, K: Array) -> Array:
-    return _root(solve_discrete_lyapunov(A, K @ K.T))
+def _whitened(A: Array, K: Array, T: Array) -> Array:
+    """Return other states T for which the covariance is I; those given make it well conditioned."""
+    A, K = (np.asarray(np.linalg.solve(T, X)) for X in (A @ T, K))
+    return T @ _root(solve_discrete_lyapunov(A, K @ K.T))
 
 
 def _root(matrix: Array) -> Array:

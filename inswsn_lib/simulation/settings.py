@@ -90,13 +90,13 @@ def with_values(settings: Mapping[str, Setting], /, **values: Any) -> dict[str, 
         if name not in changed:
             raise ParameterError("setting", name, f"one of {', '.join(sorted(changed)) or 'none'}")
         old = changed[name]
-        value = given if isinstance(given, str) else np.asarray(given).tolist()
-        if value == old.value:
-            continue
-        entry = {"value": value, "unit": old.unit, "source": "assumed", "why": _CHANGED}
         try:
+            value = given if isinstance(given, str) else np.asarray(given).tolist()
+            if value == old.value:
+                continue
+            entry = {"value": value, "unit": old.unit, "source": "assumed", "why": _CHANGED}
             changed[name] = Setting.model_validate(entry)
-        except ValidationError:
+        except ValueError:  # from numpy for lists of unequal length, and a ValidationError is one
             raise ParameterError(name, given, "a number, a word, or a list of numbers") from None
     return changed
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -36,6 +37,11 @@ def scene(settings: dict[str, Setting]) -> ClusterScene:
 
 
 @pytest.fixture(scope="module")
+def coarse(settings: dict[str, Setting]) -> ClusterScene:
+    return ClusterScene.from_settings(with_values(settings, period=0.5))
+
+
+@pytest.fixture(scope="module")
 def build(settings: dict[str, Setting]) -> Build:
     return lambda **values: ClusterScene.from_settings(with_values(settings, **values))
 
@@ -52,6 +58,14 @@ def is_standard_normal(errors: Array, slack: float = 0.0) -> bool:
     return bool(
         (np.abs(errors.mean(axis=1)) < 4.5 / runs**0.5).all()
         and (np.abs(off) < 4.5 * (2 / runs) ** 0.5 + slack).all()
+    )
+
+
+def span_a_triangle(nodes: Array) -> bool:
+    """Whether some three of the nodes are the corners of a triangle that has an area."""
+    return any(
+        abs((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])) > 1e-6
+        for a, b, c in combinations(nodes.tolist(), 3)
     )
 
 
@@ -311,34 +325,45 @@ def test_where_there_is_no_fix_the_mean_stands_in(build: Build) -> None:
 
 
 def test_margins_by_hand(build: Build) -> None:
-    scene = build(waypoints=[[3.5, 3.5], [14, 14]], speed=10.5 * 2**0.5 / 10, period=1)
+    scene = build(waypoints=[[3.5, 3.5], [17.5, 17.5]], speed=1.75 * 2**0.5, period=1)
     margins = scene.margins(10.0)
-    assert margins.shape == (3, 11)
+    assert margins.shape == (3, 9)
+    assert scene.motion.position[6] == pytest.approx([14, 14])
     # in the middle of four nodes; at a node with three neighbours of its cluster
     assert margins[0, 0] == pytest.approx((12 - 3.5 * 2**0.5) / 10)
-    assert margins[0, -1] == pytest.approx((12 - 7) / 10)
-    # above it the third cluster: one node 7 m away, two more at the diagonal
-    assert margins[2, -1] == pytest.approx((12 - 7 * 2**0.5) / 10)
+    assert margins[0, 6] == pytest.approx((12 - 7) / 10)
+    # above it the third cluster: one node 7 m away, two more at the diagonal, all on its first row
+    mine = scene.labels == 2
+    assert scene.nodes[scene.heard[6] & mine].tolist() == [[7, 21], [14, 21], [21, 21]]
+    assert margins[2, 6] == 0
+    # between them: two nodes of each near by, and the third half a cell across and one and a half
+    # along; from there on nodes of the second row are in reach
+    assert margins[0, -1] == pytest.approx((12 - math.hypot(3.5, 10.5)) / 10)
+    assert margins[2, -1] == pytest.approx((12 - math.hypot(3.5, 10.5)) / 10)
+    assert scene.nodes[scene.heard[-1] & mine][:, 1].max() == 28
     assert margins[2, 0] == 0
     assert (margins[1] == 0).all()
     # full within its length, and not above
-    assert scene.margins(3.0)[0, -1] == 1
-    assert scene.margins(5.0)[0, -1] == pytest.approx(1)
+    assert scene.margins(3.0)[0, 6] == 1
+    assert scene.margins(5.0)[0, 6] == pytest.approx(1)
 
 
 @hypothesis_settings(max_examples=20)
 @given(st.floats(0.01, 50), st.floats(0.01, 50))
-def test_margins_fall_with_their_length_and_end_with_the_third_node(a: float, b: float) -> None:
-    root = Path(__file__).resolve().parents[2]
-    settings = with_values(load_scenario(root / "data/scenarios/p2.yaml"), period=0.5)
-    scene = ClusterScene.from_settings(settings)
-    short, long = scene.margins(min(a, b)), scene.margins(max(a, b))
+def test_margins_fall_with_their_length_and_end_with_the_fix(
+    coarse: ClusterScene, a: float, b: float
+) -> None:
+    short, long = coarse.margins(min(a, b)), coarse.margins(max(a, b))
     assert (long <= short).all()
     for c in range(3):
-        few = (scene.heard & (scene.labels == c)).sum(axis=1) < 3
+        heard = coarse.heard & (coarse.labels == c)
+        few = heard.sum(axis=1) < 3
+        without = np.array([not span_a_triangle(coarse.nodes[row]) for row in heard])
         assert few.any()
-        assert np.array_equal(long[c] == 0, few)
-        assert np.array_equal(short[c] == 0, few)
+        # three or more on a line: the row of the third cluster along which the path leads
+        assert (without & ~few).any() == (c == 2)
+        assert np.array_equal(long[c] == 0, without)
+        assert np.array_equal(short[c] == 0, without)
 
 
 @pytest.mark.parametrize("length", [0.0, -1.0, float("nan")])

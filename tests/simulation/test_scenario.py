@@ -209,6 +209,14 @@ def test_a_changed_setting_says_that_it_is_assumed(root: Path) -> None:
         with_values(settings, sped=1.0)
 
 
+@pytest.mark.parametrize("value", [[1.0, [2.0]], [[1.0, 2.0], [3.0]], [[[1.0], [2.0, 3.0]]]])
+def test_lists_of_unequal_length_are_no_value(root: Path, value: list[object]) -> None:
+    settings = load_scenario(root / "data/scenarios/p1.yaml")
+    for name in ("noise", "size", "waypoints"):
+        with pytest.raises(ParameterError, match=f"^{name} is .*; it may be a number, a word, or"):
+            with_values(settings, **{name: value})
+
+
 def test_an_area_near_the_edge_of_the_scene_stays_inside(scene: Scene) -> None:
     """The path mirrored: what was near one edge is near the other."""
     mirrored = replace(scene, waypoints=tuple((x, 450.0 - y) for x, y in scene.waypoints))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -21,15 +22,16 @@ from inswsn_lib.simulation import (
     with_values,
 )
 
-# Two rows of three nodes, 0 1 2 below 3 4 5, that reach their neighbours across and above. Each
-# row is a cluster, with heads 1 and 4; the centre is at 1. The blind node goes up between them.
+# Two rows of five nodes, 0 1 2 3 4 below 5 6 7 8 9, that reach their neighbours, also at the
+# diagonal. 0 1 5 6 are a cluster with head 0, the others one with head 3; the centre is at 2. The
+# blind node goes from the first over the border into the second, and up and away.
 TINY = {
-    "size": [14, 7],
-    "clusters": [[0, 14, 0, 0], [0, 14, 7, 7]],
-    "reach": 8,
-    "waypoints": [[7, 0.4], [7, 15.4]],
-    "speed": 6,
-    "period": 0.5,
+    "size": [28, 7],
+    "clusters": [[0, 7, 0, 7], [14, 28, 0, 7]],
+    "reach": 11.2,
+    "waypoints": [[5.8, 1.25], [30.8, 20]],  # by (5, 3.75) in a step
+    "speed": 6.25,
+    "period": 1,
 }
 
 
@@ -41,6 +43,21 @@ def settings(root: Path) -> dict[str, Setting]:
 @pytest.fixture(scope="module")
 def scene(settings: dict[str, Setting]) -> ClusterScene:
     return ClusterScene.from_settings(with_values(settings, period=0.1))
+
+
+def have_fix(scene: ClusterScene) -> np.ndarray:
+    """Return which clusters hear the blind node from a triangle of nodes, (clusters, steps)."""
+
+    def spread(nodes: np.ndarray) -> bool:
+        return any(
+            abs((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])) > 1e-6
+            for a, b, c in combinations(nodes.tolist(), 3)
+        )
+
+    clusters = range(len(scene.clusters))
+    return np.array(
+        [[spread(scene.nodes[row & (scene.labels == c)]) for row in scene.heard] for c in clusters]
+    )
 
 
 def steps_from(start: int, near: list[list[int]]) -> list[float]:
@@ -107,25 +124,39 @@ def test_a_scene_whose_network_falls_apart(settings: dict[str, Setting]) -> None
 
 
 def test_a_tiny_scene_by_hand(settings: dict[str, Setting]) -> None:
-    """Six steps: beside 1; between the rows; beside 4; above it; 4 alone is heard; nothing.
+    """Six steps: a fix of the first cluster; of both; of the second; of none, three times.
 
-    At the second step: the blind node talks to 1, which is the centre. The INS goes there and the
-    estimate comes back, one hop each, or the INS goes to both heads, 1 + 2 hops. Six ranges take
-    1 + 0 + 1 hops to the first head and to the second, and 2 + 1 + 2 of the second row to the
-    centre; from the second head to the centre it is one hop, from the first none.
+    At the last three steps a row of three nodes is heard, then two nodes, then nothing. Hops are
+    columns apart, or one within a column: 2 and 1 from the heads 0 and 3 to the centre, 2.
+
+    First step: the blind node talks to 1. Its INS takes 1 + 1 hops to the centre or to head 0, and
+    the estimate 2 back. Ranges of 0 1 5 6 take 0 + 1 + 1 + 1 hops to the head, 2 + 1 + 2 + 1 to the
+    centre. Those that 2 and 7 measure are not sent: two nodes are no fix. Transmissions: 4 + 6 to
+    the centre; 4 + 3 + 2 packed; 4 + 3 + 2 local, and 2 more for the reset. Numbers: 16 + 6;
+    16 + 3 + 2 hops of 4 ranges; 16 + 3 + 2 hops of 4, of 14, and of 14 there and back.
+
+    Second step: it talks to 7. The INS takes 1 + 1 hops to the centre, 1 + 2 to head 0 and 1 + 1 to
+    head 3. Ranges of 1 5 6 and of 2 7 8 take 3 hops to each head, 1 + 2 + 1 and 0 + 1 + 1 to the
+    centre. Transmissions: 4 + 6; 4 + 6 + 3; 5 + 2 + 6 + 3, and 3 more. Numbers: 16 + 6;
+    16 + 6 + 3 hops of 3; 28 + 6 + 3 hops of 4, of 14, and of 14 there and back.
+
+    Third step: it talks to 7. The INS takes 2 hops to the centre or to head 3. Ranges of 2 3 7 8
+    take 1 + 0 + 1 + 1 hops to the head, 0 + 1 + 1 + 1 to the centre; that of 6 is not sent.
+    Transmissions: 4 + 3; 4 + 3 + 1; 4 + 3 + 1, and 1 more. Numbers: 16 + 3; 16 + 3 + 4;
+    16 + 3 + 1 hop of 4, of 14, and of 14 there and back.
     """
     scene = ClusterScene.from_settings(with_values(settings, **TINY))
-    assert scene.heads.tolist() == [1, 4]
-    assert scene.centre == 1
+    assert scene.heads.tolist() == [0, 3]
+    assert scene.centre == 2
     assert [np.flatnonzero(row).tolist() for row in scene.heard] == [
-        [0, 1, 2, 4], [0, 1, 2, 3, 4, 5], [1, 3, 4, 5], [3, 4, 5], [4], []
+        [0, 1, 2, 5, 6, 7], [1, 2, 5, 6, 7, 8], [2, 3, 6, 7, 8], [7, 8, 9], [8, 9], []
     ]  # fmt: skip
     by_hand = {
-        OPERATIONS[0]: ([4, 9, 9, 9, 4, 0], [10, 15, 21, 21, 16, 0]),
-        OPERATIONS[1]: ([4, 7, 7, 7, 4, 0], [10, 15, 21, 21, 16, 0]),
-        OPERATIONS[2]: ([4, 9, 6, 6, 2, 0], [10, 24, 18, 18, 8, 0]),
-        OPERATIONS[3]: ([4, 9, 6, 6, 2, 0], [10, 34, 28, 28, 8, 0]),
-        OPERATIONS[4]: ([4, 10, 7, 7, 2, 0], [10, 48, 42, 42, 8, 0]),
+        OPERATIONS[0]: ([10, 10, 7, 0, 0, 0], [22, 22, 19, 0, 0, 0]),
+        OPERATIONS[1]: ([9, 13, 8, 0, 0, 0], [27, 31, 23, 0, 0, 0]),
+        OPERATIONS[2]: ([9, 16, 8, 0, 0, 0], [27, 46, 23, 0, 0, 0]),
+        OPERATIONS[3]: ([9, 16, 8, 0, 0, 0], [47, 76, 33, 0, 0, 0]),
+        OPERATIONS[4]: ([11, 19, 9, 0, 0, 0], [75, 118, 47, 0, 0, 0]),
     }
     found = count_traffic(scene)
     assert list(found) == list(OPERATIONS) == list(by_hand)
@@ -134,14 +165,27 @@ def test_a_tiny_scene_by_hand(settings: dict[str, Setting]) -> None:
         assert found[name].numbers.tolist() == numbers, name
 
 
-def test_where_nothing_is_heard_nothing_is_sent(settings: dict[str, Setting]) -> None:
+def test_where_no_cluster_has_a_fix_nothing_is_sent(settings: dict[str, Setting]) -> None:
     away = with_values(settings, period=1, waypoints=[[30, 42], [30, 80]])
     scene = ClusterScene.from_settings(away)
-    silent = ~scene.heard.any(axis=1)
+    silent = ~have_fix(scene).any(axis=0)
     assert 0 < silent.sum() < len(silent)
+    assert 0 < scene.heard[silent].any(axis=1).sum() < silent.sum()  # heard in part, or not at all
     for traffic in count_traffic(scene).values():
         assert np.array_equal(traffic.transmissions == 0, silent)
         assert np.array_equal(traffic.numbers == 0, silent)
+
+
+def test_clusters_that_are_lines_send_nothing(settings: dict[str, Setting]) -> None:
+    """Two rows of three nodes, each a cluster, of which all are heard at some step."""
+    rows = {"size": [14, 7], "clusters": [[0, 14, 0, 0], [0, 14, 7, 7]], "reach": 8}
+    path = {"waypoints": [[7, 0.4], [7, 15.4]], "speed": 6, "period": 0.5}
+    scene = ClusterScene.from_settings(with_values(settings, **rows, **path))
+    assert scene.heard.all(axis=1).any()
+    assert (scene.margins(1.0) == 0).all()
+    for traffic in count_traffic(scene).values():
+        assert traffic.transmissions.tolist() == [0] * 6
+        assert traffic.numbers.tolist() == [0] * 6
 
 
 def test_what_the_ways_of_working_have_in_common(scene: ClusterScene) -> None:
@@ -154,8 +198,11 @@ def test_what_the_ways_of_working_have_in_common(scene: ClusterScene) -> None:
         assert (traffic.numbers == np.round(traffic.numbers)).all()
     # hops from the heads that take part to the centre, from the hops alone
     hops = count_hops(scene.nodes, 12.0)
+    fixed = have_fix(scene)
     mine = [(scene.heard & (scene.labels == c)).sum(axis=1) for c in range(3)]
-    up = sum((n >= 3) * hops[h, scene.centre] for n, h in zip(mine, scene.heads, strict=True))
+    # somewhere the third hears from three on a line, while another has a fix
+    assert (fixed[:2].any(axis=0) & ~fixed[2] & (mine[2] >= 3)).any()
+    up = sum(there * hops[h, scene.centre] for there, h in zip(fixed, scene.heads, strict=True))
     assert up.max() > up.min() > 0
     assert np.array_equal(full.transmissions, local.transmissions)
     assert np.array_equal(full.numbers, local.numbers + 10 * up)
