@@ -33,8 +33,9 @@ publish: environment ## make the last build's results the reference in data/publ
 calibrate: environment ## fit the simulated INS to the INS-only cells and write data/scenarios/p1-inertial*.yaml
 	@$(RUN) studies/calibrate_imu.py
 
-bench: environment ## speed against peers, as ratios; writes data/benchmarks.yaml, for the book
+bench: environment ## speed against peers, as ratios; writes data/benchmarks*.yaml, for the book
 	@$(RUN) benchmarks/throughput.py
+	@$(RUN) benchmarks/fusion.py
 
 lock: environment ## compile environment.in to environment.lock
 	@$(INSWSN) lock
