@@ -12,7 +12,7 @@ from inswsn_lib.evaluation.metrics import (
 )
 from inswsn_lib.evaluation.monte_carlo import GROUP, monte_carlo
 from inswsn_lib.evaluation.noise import NoiseFit, fit_noise
-from inswsn_lib.evaluation.tuning import Tuning, tune
+from inswsn_lib.evaluation.tuning import PatternSearch, Tuning, search_pattern, tune
 
 __all__ = [
     "GROUP",
@@ -21,6 +21,7 @@ __all__ = [
     "DriftBound",
     "Motion",
     "NoiseFit",
+    "PatternSearch",
     "Score",
     "Spread",
     "Tuning",
@@ -34,6 +35,7 @@ __all__ = [
     "normalised_squares",
     "root_mean_square_error",
     "score_hypothesis",
+    "search_pattern",
     "spread",
     "tune",
 ]

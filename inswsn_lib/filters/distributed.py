@@ -21,8 +21,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from inswsn_lib.errors import ParameterError
-from inswsn_lib.filters.inputs import checked_clusters, checked_mask, first_state
+from inswsn_lib.filters.inputs import (
+    as_floats,
+    checked_clusters,
+    checked_mask,
+    first_state,
+    is_one_of,
+)
 from inswsn_lib.lmi import FilterDesign, design_fusion
+from inswsn_lib.lmi.fusion import check_options
 from inswsn_lib.models import ErrorModel
 
 Array = NDArray[np.float64]
@@ -34,6 +41,8 @@ Handover = Literal["restart", "constant", "fading"]
 Pattern = tuple[bool, ...]
 
 _ROUNDING = 1e-6
+_DESIGNS = "filters, each a FilterDesign or a tuple of an ErrorModel and a gain"
+_MOST_CLUSTERS = 62  # bits of an int64 that stand for those that hear the node
 
 
 def run_distributed(
@@ -104,15 +113,16 @@ def run_distributed(
     Raises
     ------
     ParameterError
-        If a shape does not fit, a measurement is infinite, the transitions differ, weights do not
-        add up to I or are not zero where they must be, a pattern that occurs has no weights,
-        margins are outside [0, 1] or make the weights singular, a delay is negative, the hand-over
-        is none of those above, or A^-1 is needed and does not exist.
+        If a shape does not fit, something is not numbers, a measurement is infinite, there are
+        more than 62 clusters, the transitions differ, weights do not add up to I or are not zero
+        where they must be, a pattern is no tuple of bools or occurs and has no weights, margins
+        are outside [0, 1] or make the weights singular, a delay is negative, the hand-over is none
+        of those above, or A^-1 is needed and does not exist.
     """
-    if handover not in get_args(Handover):
+    if not is_one_of(handover, get_args(Handover)):
         raise ParameterError("handover", handover, '"restart", "constant" or "fading"')
     A, C, gains = _locals(designs)
-    y = checked_clusters(measurements, C.shape[1], len(C))
+    y = _few_clusters(checked_clusters(measurements, C.shape[1], len(C)))
     steps, runs = y.shape[1], y.shape[3]
     start = first_state(initial_state, len(A), runs)
     _check_inverse(A, predicted)
@@ -164,7 +174,8 @@ def patterns_of(
     ParameterError
         See `run_distributed`.
     """
-    heard = np.asarray((~np.isnan(checked_clusters(measurements))).any(axis=2))
+    y = _few_clusters(checked_clusters(measurements))
+    heard = np.asarray((~np.isnan(y)).any(axis=2))
     delays = _delays(delay, len(heard))
     gone = None if lost is None else checked_mask("lost", lost, heard.shape)
     given = None if margins is None else _margins(margins, heard.shape)
@@ -199,10 +210,17 @@ def handover_weights(
 
     Raises
     ------
+    InfeasibleDesignError
+        See `inswsn_lib.lmi.design_fusion`.
     ParameterError
-        If a pattern has not N entries or none of them is true, or the designs do not fit together.
+        If a pattern is no tuple of N bools or none of them is true, the designs do not fit
+        together, or noise, structure or margin is none that `inswsn_lib.lmi.design_fusion` takes.
     """
-    clusters, n = len(_locals(designs)[1]), len(_parts(designs[0])[0].A)
+    A, C, _ = _locals(designs)
+    check_options(noise, structure, margin)
+    clusters, n = len(C), len(A)
+    if not isinstance(patterns, Iterable):
+        raise ParameterError("patterns", patterns, f"tuples of {clusters} bools")
     found: dict[Pattern, Array] = {}
     for given in patterns:
         pattern = _checked_pattern("patterns", given, clusters)
@@ -254,10 +272,11 @@ def run_switched(
     Raises
     ------
     ParameterError
-        If a shape does not fit, a measurement is infinite, the transitions differ, a pattern that
-        occurs has no design, or A^-1 is needed and does not exist.
+        If a shape does not fit, something is not numbers, a measurement is infinite, there are
+        more than 62 clusters, the transitions differ, a pattern is no tuple of bools or occurs and
+        has no design, or A^-1 is needed and does not exist.
     """
-    y = checked_clusters(measurements)
+    y = _few_clusters(checked_clusters(measurements))
     clusters, steps, outputs, runs = y.shape
     A, codes, C, gains = _stacked(designs, clusters, outputs)
     _check_inverse(A, predicted)
@@ -432,8 +451,14 @@ def _sent_at(shape: tuple[int, ...], lost: Mask | None, delays: tuple[int, ...])
 
 def _parts(design: Design) -> tuple[ErrorModel, Array]:
     """Return the model and the gain of a filter, checked."""
-    model, given = (design.model, design.gain) if isinstance(design, FilterDesign) else design
-    gain, shape = np.asarray(given, dtype=float), (len(model.A), len(model.C))
+    if isinstance(design, FilterDesign):
+        model, given = design.model, design.gain
+    elif isinstance(design, tuple) and len(design) == 2 and isinstance(design[0], ErrorModel):
+        model, given = design
+    else:
+        raise ParameterError("designs", f"with {type(design).__name__}", _DESIGNS)
+    shape = len(model.A), len(model.C)
+    gain = as_floats("designs", given, f"with gains that are finite, {shape}")
     if gain.shape != shape or not np.isfinite(gain).all():
         raise ParameterError("designs", f"with a gain of shape {gain.shape}", f"finite, {shape}")
     return model, gain
@@ -441,7 +466,9 @@ def _parts(design: Design) -> tuple[ErrorModel, Array]:
 
 def _locals(designs: Sequence[Design]) -> tuple[Array, Array, Array]:
     """Return A (n, n), and C (N, m, n) and the gains (N, n, m) of the clusters."""
-    if not len(designs):
+    if not isinstance(designs, Sequence):
+        raise ParameterError("designs", designs, _DESIGNS)
+    if not designs:
         raise ParameterError("designs", "empty", "one filter a cluster")
     parts = [_parts(design) for design in designs]
     A = _transition([model for model, _ in parts])
@@ -467,6 +494,8 @@ def _stacked(
 
     They are zero where a cluster does not hear the node; the first pattern is that of no cluster.
     """
+    if not isinstance(designs, Mapping):
+        raise ParameterError("designs", designs, "a mapping of patterns to filters")
     if not designs:
         raise ParameterError("designs", "empty", "one filter a pattern")
     parts = {
@@ -494,11 +523,10 @@ def _weights(weights: Mapping[Pattern, ArrayLike], clusters: int, n: int) -> tup
     """Return the codes of the patterns and their weights (P, n, N n); the first is no cluster."""
     codes, tables = [0], [np.zeros((n, clusters * n))]
     for key, given in weights.items():
-        pattern, M = _checked_pattern("weights", key, clusters), np.asarray(given, dtype=float)
+        pattern, may_be = _checked_pattern("weights", key, clusters), f"finite, {(clusters, n, n)}"
+        M = as_floats("weights", given, may_be)
         if M.shape != (clusters, n, n) or not np.isfinite(M).all():
-            raise ParameterError(
-                "weights", f"of shape {M.shape} for {pattern}", f"finite, {(clusters, n, n)}"
-            )
+            raise ParameterError("weights", f"of shape {M.shape} for {pattern}", may_be)
         if np.abs(M.sum(axis=0) - np.eye(n)).max() > _ROUNDING * max(1.0, np.abs(M).max()):
             raise ParameterError("weights", f"of another sum for {pattern}", "of sum I")
         if M[~np.array(pattern)].any():
@@ -513,19 +541,33 @@ def _weights(weights: Mapping[Pattern, ArrayLike], clusters: int, n: int) -> tup
 
 
 def _checked_pattern(name: str, given: Pattern, clusters: int) -> Pattern:
-    pattern = tuple(bool(hears) for hears in given)
-    if len(pattern) != clusters or not any(pattern):
+    bools = isinstance(given, tuple) and all(isinstance(hears, bool | np.bool_) for hears in given)
+    if not bools or len(given) != clusters or not any(given):
         raise ParameterError(
-            name, f"for the pattern {given}", f"for {clusters} bools of which one or more is true"
+            name,
+            f"for the pattern {given}",
+            f"for tuples of {clusters} bools of which one or more is true",
         )
-    return pattern
+    return tuple(bool(hears) for hears in given)
+
+
+def _few_clusters(measurements: Array) -> Array:
+    """Return measurements (N, steps, m, runs) as they are; refuse those of too many clusters."""
+    if len(measurements) > _MOST_CLUSTERS:
+        raise ParameterError(
+            "measurements",
+            f"of {len(measurements)} clusters",
+            f"of {_MOST_CLUSTERS} clusters at most",
+        )
+    return measurements
 
 
 def _margins(margins: ArrayLike, shape: tuple[int, ...]) -> Array:
     """Return margins as (N, steps, 1 or runs), checked."""
-    given = np.asarray(margins, dtype=float)
+    may_be = f"numbers {shape[:2]} or {shape}"
+    given = as_floats("margins", margins, may_be)
     if given.shape not in (shape, shape[:2]):
-        raise ParameterError("margins", f"of shape {given.shape}", f"{shape[:2]} or {shape}")
+        raise ParameterError("margins", f"of shape {given.shape}", may_be)
     if not ((given >= 0) & (given <= 1)).all():
         raise ParameterError("margins", "outside [0, 1]", "from 0 to 1")
     return given if given.ndim == 3 else given[..., None]
@@ -533,10 +575,14 @@ def _margins(margins: ArrayLike, shape: tuple[int, ...]) -> Array:
 
 def _delays(delay: int | Sequence[int], clusters: int) -> tuple[int, ...]:
     """Return the delay of each cluster, checked."""
-    given = np.asarray(delay)
+    may_be = f"a whole number of steps or {clusters}, 0 or more"
+    try:
+        given = np.asarray(delay)
+    except (TypeError, ValueError):  # rows of unequal length
+        raise ParameterError("delay", delay, may_be) from None
     whole = given.dtype.kind in "iu" and given.shape in ((), (clusters,))
     if not whole or given.min() < 0:
-        raise ParameterError("delay", delay, f"a whole number of steps or {clusters}, 0 or more")
+        raise ParameterError("delay", delay, may_be)
     return tuple(int(steps) for steps in np.broadcast_to(given, clusters))
 
 

@@ -28,12 +28,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from inswsn_lib.errors import ParameterError
 from inswsn_lib.filters.inputs import (
+    as_bools,
+    as_floats,
     checked_clusters,
     checked_mask,
     cluster_covariances,
     covariances,
     definite,
     first_state,
+    is_one_of,
 )
 from inswsn_lib.models import ErrorModel
 
@@ -42,6 +45,7 @@ Mask = NDArray[np.bool_]
 Reset = Literal["fusion", "zero", "none"]
 
 _ROUNDING = 1e-9
+_MOST_COMPONENTS = 62  # bits of an int64 that stand for those that are there
 
 
 def inverses(matrices: Array) -> Array:
@@ -155,6 +159,12 @@ class Observations:
 def _component_masks(there: Mask) -> tuple[Mask, NDArray[np.intp]]:
     """Return the masks (masks, m) that occur and which of them (N, steps, K) is where."""
     outputs = there.shape[2]
+    if outputs > _MOST_COMPONENTS:
+        raise ParameterError(
+            "measurements",
+            f"of {outputs} components a cluster",
+            f"of {_MOST_COMPONENTS} components a cluster at most",
+        )
     flat = np.moveaxis(there, 2, -1)
     packed = flat @ (1 << np.arange(outputs, dtype=np.int64))
     found, which = np.unique(packed, return_inverse=True)
@@ -250,7 +260,7 @@ def run_federated(
     interval : int
         Steps from one reset to the next: the first is after step `interval` - 1.
     process_covariance : array_like, (n, n) or (steps, n, n), optional
-        Q.
+        Q; entry k drives step k to k + 1, and the last is not used.
     lost : array_like of bool, (N, steps, runs), optional
         Whether the message of a cluster at a step does not reach the centre. Default: none is.
     initial_state : array_like, (n,) or (n, runs), optional
@@ -265,9 +275,10 @@ def run_federated(
     Raises
     ------
     ParameterError
-        If a shape does not fit, a measurement is infinite, a covariance is not one, P_0 or R is
-        singular, A and Q let a predicted covariance be singular, the shares are negative or do not
-        add up to 1, or reset or interval is none of those above.
+        If a shape does not fit, something is not numbers, a measurement is infinite, a cluster
+        measures more than 62 components, a covariance is not one, P_0 or R is singular, A and Q
+        let a predicted covariance be singular, the shares are negative or do not add up to 1, or
+        reset or interval is none of those above.
     """
     y = checked_clusters(measurements, len(model.C))
     clusters, steps, outputs, runs = y.shape
@@ -326,11 +337,10 @@ def federated_covariance(
     ParameterError
         See `run_federated`.
     """
-    mask = np.asarray(available)
-    if mask.dtype != bool or mask.ndim != 2 or not mask.shape[1]:
-        raise ParameterError(
-            "available", f"{mask.dtype} of shape {mask.shape}", "bool of shape (steps, N)"
-        )
+    may_be = "bool of shape (steps, N)"
+    mask = as_bools("available", available, may_be)
+    if mask.ndim != 2 or not mask.shape[1]:
+        raise ParameterError("available", f"{mask.dtype} of shape {mask.shape}", may_be)
     steps, clusters = mask.shape
     shares = _shares(sharing, clusters, reset, interval)
     P0, Qs = checked_noise(model, steps, initial_covariance, process_covariance)
@@ -348,7 +358,7 @@ def federated_covariance(
 
 def _shares(sharing: ArrayLike | None, clusters: int, reset: str, interval: int) -> Array:
     """Return the sharing factors (N + 1,), checked with what goes with them."""
-    if reset not in get_args(Reset):
+    if not is_one_of(reset, get_args(Reset)):
         raise ParameterError("reset", reset, '"fusion", "zero" or "none"')
     if not (isinstance(interval, (int, np.integer)) and interval >= 1):
         raise ParameterError("interval", interval, "a whole number of steps, 1 or more")
@@ -359,12 +369,11 @@ def _shares(sharing: ArrayLike | None, clusters: int, reset: str, interval: int)
         default[:-1] = 1 / clusters
     if sharing is None:
         return default
-    shares = np.asarray(sharing, dtype=float)
+    may_be = f"{clusters} shares and the master's, not negative, of sum 1"
+    shares = as_floats("sharing", sharing, may_be)
     fits = shares.shape == default.shape and np.isfinite(shares).all() and shares.min() >= 0
     if not fits or abs(shares.sum() - 1) > _ROUNDING:
-        raise ParameterError(
-            "sharing", sharing, f"{clusters} shares and the master's, not negative, of sum 1"
-        )
+        raise ParameterError("sharing", sharing, may_be)
     if reset == "zero" and shares[-1] < 1 - _ROUNDING:
         raise ParameterError("sharing", sharing, 'all for the master where reset is "zero"')
     return default if reset == "zero" else shares / shares.sum()

@@ -27,11 +27,13 @@ from inswsn_lib.filters.federated import (
     predicted_informations,
 )
 from inswsn_lib.filters.inputs import (
+    as_floats,
     checked_clusters,
     cluster_covariances,
     covariances,
     definite,
     first_state,
+    is_one_of,
 )
 from inswsn_lib.models import ErrorModel
 
@@ -68,10 +70,11 @@ def intersect(
     Raises
     ------
     ParameterError
-        If a shape does not fit, a number is not finite, a covariance is not symmetric and positive
-        definite, or the weights are negative, do not add up to 1, or have an unknown name.
+        If a shape does not fit, something is not numbers or not finite, a covariance is not
+        symmetric and positive definite, or the weights are negative, do not add up to 1, or have
+        an unknown name.
     """
-    x = np.asarray(estimates, dtype=float)
+    x = as_floats("estimates", estimates, "finite, (N, n, runs)")
     if x.ndim != 3 or not len(x) or not np.isfinite(x).all():
         raise ParameterError("estimates", f"of shape {x.shape}", "finite, (N, n, runs)")
     P = _checked_covariances(covariances, x.shape)
@@ -80,7 +83,7 @@ def intersect(
     if isinstance(weights, str) and weights == "trace":
         if not shared:
             raise ParameterError("weights", weights, "another where runs have their covariances")
-        omega = least_trace_weights(Y[..., 0])[:, None]
+        omega = _least_trace_weights(Y[..., 0])[:, None]
     elif weights is None or (isinstance(weights, str) and weights == "fast"):
         omega = _fast(_traces(P))
     else:
@@ -92,7 +95,7 @@ def intersect(
     return applied(fused, information), covariance
 
 
-def least_trace_weights(informations: Array) -> Array:
+def _least_trace_weights(informations: Array) -> Array:
     r"""Return the weights :math:`\omega` with the least trace of :math:`(\sum \omega_c Y_c)^{-1}`.
 
     The trace is a convex function of the weights. Never worse than the weights in proportion to
@@ -163,7 +166,7 @@ def run_fused_locals(
     rule : {"intersection", "best"}
         See above.
     process_covariance : array_like, (n, n) or (steps, n, n), optional
-        Q.
+        Q; entry k drives step k to k + 1, and the last is not used.
     initial_state : array_like, (n,) or (n, runs), optional
         The state before the first measurement. Default: zero.
     predicted : bool
@@ -176,10 +179,11 @@ def run_fused_locals(
     Raises
     ------
     ParameterError
-        If a shape does not fit, a measurement is infinite, a covariance is not one, P_0 or R is
-        singular, A and Q let a predicted covariance be singular, or the rule is unknown.
+        If a shape does not fit, something is not numbers, a measurement is infinite, a cluster
+        measures more than 62 components, a covariance is not one, P_0 or R is singular, A and Q
+        let a predicted covariance be singular, or the rule is unknown.
     """
-    if rule not in get_args(Rule):
+    if not is_one_of(rule, get_args(Rule)):
         raise ParameterError("rule", rule, '"intersection" or "best"')
     y = checked_clusters(measurements, len(model.C))
     clusters, steps, outputs, runs = y.shape
@@ -239,11 +243,12 @@ def _mixed(omega: Array, Y: Array, information: Array) -> tuple[Array, Array]:
 
 def _checked_covariances(given: ArrayLike, shape: tuple[int, ...]) -> Array:
     """Return covariances as (N, n, n, 1 or runs)."""
-    P = np.asarray(given, dtype=float)
     clusters, n, runs = shape
     shapes = (clusters, n, n), (clusters, runs, n, n)
+    may_be = f"numbers {shapes[0]} or {shapes[1]}"
+    P = as_floats("covariances", given, may_be)
     if P.shape not in shapes:
-        raise ParameterError("covariances", f"of shape {P.shape}", f"{shapes[0]} or {shapes[1]}")
+        raise ParameterError("covariances", f"of shape {P.shape}", may_be)
     flat = P.reshape(-1, n, n)
     covariances("covariances", flat, len(flat), n)
     return np.moveaxis(definite("covariances", flat).reshape(clusters, -1, n, n), 1, -1)
@@ -256,7 +261,7 @@ def _checked_weights(given: ArrayLike, clusters: int, runs: int) -> Array:
     )
     if isinstance(given, str):
         raise ParameterError("weights", given, expected)
-    omega = np.asarray(given, dtype=float)
+    omega = as_floats("weights", given, expected)
     if omega.shape not in ((clusters,), (clusters, runs)) or not np.isfinite(omega).all():
         raise ParameterError("weights", f"of shape {omega.shape}", expected)
     if omega.min(initial=0) < 0 or (np.abs(omega.sum(axis=0) - 1) > _ROUNDING).any():

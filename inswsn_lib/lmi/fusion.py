@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from numbers import Real
 from typing import Any, Literal
 
 import clarabel  # type: ignore[import-untyped]
@@ -252,11 +253,7 @@ def design_fusion(
         structure; or the margin is not positive and at most 1e9.
     """
     local = _checked_designs(designs)
-    _checked_noise(noise)
-    if structure not in ("full", "block"):
-        raise ParameterError("structure", structure, 'one of "full", "block"')
-    if not 0 < margin <= _LARGEST_MARGIN:
-        raise ParameterError("margin", margin, f"positive, at most {_LARGEST_MARGIN:g}")
+    check_options(noise, structure, margin)
     radius = max(spectral_radius(design.A_f) for design in local)
     if radius >= 1:
         raise InfeasibleDesignError(f"A local filter has the spectral radius {radius:.6g}.")
@@ -276,6 +273,21 @@ def design_fusion(
         assert failure is not None
         raise failure
     return found
+
+
+def check_options(noise: Noise, structure: Structure, margin: float) -> None:
+    """Refuse what `design_fusion` does not take as its noise, structure or margin.
+
+    Raises
+    ------
+    ParameterError
+        See `design_fusion`.
+    """
+    _checked_noise(noise)
+    if not (isinstance(structure, str) and structure in ("full", "block")):
+        raise ParameterError("structure", structure, 'one of "full", "block"')
+    if not (isinstance(margin, Real) and 0 < margin <= _LARGEST_MARGIN):
+        raise ParameterError("margin", margin, f"positive, at most {_LARGEST_MARGIN:g}")
 
 
 def _designed(
@@ -771,16 +783,18 @@ def _checked_designs(designs: Sequence[FilterDesign]) -> tuple[FilterDesign, ...
 
 
 def _checked_noise(noise: str) -> None:
-    if noise not in ("common", "independent"):
+    if not (isinstance(noise, str) and noise in ("common", "independent")):
         raise ParameterError("noise", noise, 'one of "common", "independent"')
 
 
 def _checked_weights(weights: ArrayLike, designs: tuple[FilterDesign, ...]) -> Array:
     shape = (len(designs), *designs[0].model.A.shape)
     try:
-        found = np.asarray(weights, dtype=float)
+        found = np.asarray(weights)
     except (TypeError, ValueError):
         raise ParameterError("weights", "not numbers", f"finite, {shape}") from None
+    if found.dtype.kind not in "biuf":
+        raise ParameterError("weights", f"{found.dtype}", f"finite, {shape}")
     if found.shape != shape or not np.isfinite(found).all():
         raise ParameterError("weights", f"of shape {found.shape}", f"finite, {shape}")
-    return found
+    return np.asarray(found, dtype=float)

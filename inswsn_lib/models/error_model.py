@@ -178,6 +178,29 @@ class ErrorModel:
             period=period,
         )
 
+    @classmethod
+    def p2(
+        cls,
+        period: float,
+        *,
+        process_noise: tuple[float, float] = (1.0, 1.0),
+        measurement_noise: tuple[float, float] = (1.0, 1.0),
+        L: ArrayLike | None = None,
+    ) -> Self:
+        """Return the model of a cluster of P2 (1) and (2): that of P1 without jitter.
+
+        Parameters
+        ----------
+        period, process_noise, measurement_noise, L
+            See `p1`.
+
+        Raises
+        ------
+        ParameterError
+            As `p1`.
+        """
+        return cls.p1(period, process_noise=process_noise, measurement_noise=measurement_noise, L=L)
+
 
 def _root(name: str, covariance: ArrayLike, size: int) -> Array:
     """Return the symmetric square root of a covariance."""

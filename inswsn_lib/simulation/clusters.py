@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from functools import cached_property
 from itertools import pairwise
+from numbers import Integral, Real
 from typing import Any, Literal
 
 import numpy as np
@@ -145,7 +146,7 @@ class ClusterScene:
 
     @cached_property
     def heads(self) -> NDArray[np.intp]:
-        """The head of each cluster, (clusters,): its node that is nearest to its middle."""
+        """The head of each cluster, (clusters,), which is its node nearest to its middle."""
         found = []
         for c in range(len(self.clusters)):
             mine = np.flatnonzero(self.labels == c)
@@ -155,7 +156,7 @@ class ClusterScene:
 
     @cached_property
     def centre(self) -> int:
-        """The node at which the fusion centre is: the one nearest to the middle of all."""
+        """The node at which the fusion centre is, the one nearest to the middle of all."""
         away = np.hypot(*(self.nodes - self.nodes.mean(axis=0)).T)
         return int(away.round(9).argmin())
 
@@ -195,7 +196,7 @@ class ClusterScene:
 
     @cached_property
     def measurement_covariance(self) -> Array:
-        r"""The covariance of what each cluster measures, (clusters, steps, 4, 4): R.
+        r"""The covariance R of what each cluster measures, (clusters, steps, 4, 4).
 
         Position from `fix_covariance`; velocity from its source: :math:`\sigma_v^2`, or
         :math:`12\,\Sigma / (T^2 n (n^2 - 1))` for the slope of n fixes of covariance
@@ -232,9 +233,9 @@ class ClusterScene:
         Raises
         ------
         ParameterError
-            If it is not positive.
+            If it is not a positive number.
         """
-        if not length > 0:
+        if not (isinstance(length, Real) and length > 0):
             raise ParameterError("length", length, "positive")
         out = np.empty((len(self.clusters), len(self.motion.time)))
         for c in range(len(self.clusters)):
@@ -260,7 +261,14 @@ class ClusterScene:
             ``"fixes"``, (clusters, steps, 2, runs): the error of the fix of each cluster, m; NaN
             where it has none. ``"wsn"``, (clusters, steps, 4, runs): the same with the error of its
             velocity, by `velocity_source`.
+
+        Raises
+        ------
+        ParameterError
+            If the number of runs is not whole, or negative.
         """
+        if not (isinstance(runs, Integral) and runs >= 0):
+            raise ParameterError("runs", runs, "a whole number, 0 or more")
         motion = self.motion
         # a stream for each purpose, so that a change of one setting moves no other draw
         sensors, velocities, *networks = rng.spawn(2 + len(self.clusters))
@@ -285,10 +293,25 @@ class ClusterScene:
         Returns
         -------
         ndarray, (clusters, steps, 4, runs)
-            m and m/s. A cluster without a fix has no velocity either. After it has begun to hear
-            the node, it has a fix but no velocity until the window is full.
+            m and m/s. A cluster without a fix has no velocity either. With velocities from fixes,
+            it has a fix but no velocity after it has begun to hear the node, and after each fix
+            that is lost, until the window is full again: with 30 % of the ranges lost, few fixes
+            have one.
+
+        Raises
+        ------
+        ParameterError
+            If an array has another shape.
         """
         motion = self.motion
+        clusters, steps = len(self.clusters), len(motion.time)
+        may_be = f"numbers ({clusters}, {steps}, 2, runs)"
+        fixes = as_array("fixes", fixes, may_be)
+        if fixes.ndim != 4 or fixes.shape[:3] != (clusters, steps, 2):
+            raise ParameterError("fixes", f"of shape {fixes.shape}", may_be)
+        normal = as_array("normal", normal, f"numbers {fixes.shape}")
+        if normal.shape != fixes.shape:
+            raise ParameterError("normal", f"of shape {normal.shape}", f"numbers {fixes.shape}")
         if self.velocity_source == "sensor":
             velocity = np.where(np.isnan(fixes), np.nan, self.velocity_noise * normal)
         else:
@@ -321,6 +344,17 @@ class ClusterScene:
             found = np.moveaxis(found.reshape(2, last - first, runs), 0, 1)
             out[first:last] = found - position[first:last, :, None]
         return out
+
+
+def as_array(name: str, value: object, may_be: str) -> Array:
+    """Return numbers as an array of floats; refuse what is none, or complex, or of ragged rows."""
+    try:
+        given = np.asarray(value)
+    except (TypeError, ValueError):  # rows of unequal length
+        raise ParameterError(name, "no array", may_be) from None
+    if given.dtype.kind not in "biuf":
+        raise ParameterError(name, f"{given.dtype} of shape {given.shape}", may_be)
+    return np.asarray(given, dtype=float)
 
 
 def _spread_out(nodes: Array) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from numbers import Real
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +11,7 @@ from scipy.sparse.csgraph import shortest_path
 from scipy.spatial.distance import cdist
 
 from inswsn_lib.errors import ParameterError
-from inswsn_lib.simulation.clusters import ClusterScene
+from inswsn_lib.simulation.clusters import ClusterScene, as_array
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -58,9 +59,15 @@ def count_hops(nodes: Array, reach: float) -> Array:
     Raises
     ------
     ParameterError
-        If the network falls apart: there is no way between some nodes.
+        If the nodes are not finite numbers (nodes, 2), the reach is no number, or the network
+        falls apart: there is no way between some nodes.
     """
-    hops = shortest_path(cdist(nodes, nodes) <= reach * (1 + _SLACK), unweighted=True)
+    places = as_array("nodes", nodes, "finite, (nodes, 2)")
+    if places.ndim != 2 or places.shape[1] != 2 or not np.isfinite(places).all():
+        raise ParameterError("nodes", f"of shape {places.shape}", "finite, (nodes, 2)")
+    if not isinstance(reach, Real):
+        raise ParameterError("reach", reach, "a number")
+    hops = shortest_path(cdist(places, places) <= reach * (1 + _SLACK), unweighted=True)
     if not np.isfinite(hops).all():
         raise ParameterError("reach", reach, "so large that every node can be reached by hops")
     return np.asarray(hops)

@@ -502,3 +502,119 @@ def test_no_runs_and_no_steps(shape: tuple[int, ...], handover: Any) -> None:
     assert found.shape == shape[1:]
     both = stacked((True, True), np.random.default_rng(33))
     assert run_switched({(True, True): both}, y).shape == shape[1:]
+
+
+NO_NUMBERS = ["1", "word", ["1", "2"], {"a": 1.0}, [[1.0], [1.0, 2.0]], 1j * np.eye(4), [None]]
+
+
+@pytest.mark.parametrize("value", NO_NUMBERS)
+@pytest.mark.parametrize(
+    "name",
+    ["measurements", "weights", "handover", "margins", "lost", "delay", "initial_state"],
+)
+@pytest.mark.filterwarnings("error")
+def test_what_is_no_array_of_numbers_is_refused(name: str, value: Any) -> None:
+    fine: dict[str, Any] = {
+        "designs": [(MODEL, np.eye(4))] * 2,
+        "measurements": np.zeros((2, 5, 4, 1)),
+        "weights": np.stack([0.5 * np.eye(4)] * 2),
+    }
+    if name == "margins":
+        fine["handover"] = "fading"
+    with pytest.raises(ParameterError) as caught:
+        run_distributed(**(fine | {name: value}))
+    assert caught.value.name == name
+
+
+@pytest.mark.parametrize("value", NO_NUMBERS)
+def test_gains_and_weights_of_a_pattern_that_are_no_numbers_are_refused(value: Any) -> None:
+    refused({"designs": [(MODEL, np.eye(4)), (MODEL, value)]}, "designs is")
+    refused({"weights": {(True, True): value}}, "weights is")
+
+
+@pytest.mark.parametrize("value", [*NO_NUMBERS, None, 1.0, "", (MODEL, np.eye(4)), [MODEL]])
+def test_designs_that_are_none_are_refused(value: Any) -> None:
+    y = np.zeros((1, 3, 4, 1))
+    with pytest.raises(ParameterError, match="designs is"):
+        run_distributed(value, y, weights=np.eye(4)[None])
+    with pytest.raises(ParameterError, match="designs is"):
+        handover_weights(value, [(True,)])
+    with pytest.raises(ParameterError, match="designs is"):
+        run_switched(value, y)
+    with pytest.raises(ParameterError, match="designs is"):
+        run_switched({(True,): [value]}, y)
+
+
+def test_a_design_alone_is_no_sequence() -> None:
+    design = design_filter(MODEL)
+    y = np.zeros((1, 3, 4, 1))
+    run_distributed([design], y, weights=np.eye(4)[None])
+    for wrong in (design, [design, MODEL], [design, None], [design, "design"]):
+        with pytest.raises(ParameterError, match="designs is"):
+            run_distributed(wrong, y, weights=np.eye(4)[None])
+        with pytest.raises(ParameterError, match="designs is"):
+            handover_weights(wrong, [(True,)])
+    with pytest.raises(ParameterError, match="designs is"):
+        run_switched(design, y)
+
+
+@pytest.mark.parametrize("pattern", ["ab", (1, 1), (1.0, True), ("a", "b"), 3, None, ((True,), 1)])
+def test_a_pattern_is_a_tuple_of_bools(pattern: Any) -> None:
+    designs = [design_filter(MODEL)] * 2
+    half = np.stack([0.5 * np.eye(4)] * 2)
+    y = np.zeros((2, 3, 4, 1))
+    with pytest.raises(ParameterError, match=r"weights is .for the pattern"):
+        run_distributed(designs, y, weights={pattern: half})
+    with pytest.raises(ParameterError, match=r"patterns is .for the pattern"):
+        handover_weights(designs, [pattern])
+    with pytest.raises(ParameterError, match=r"designs is .for the pattern"):
+        run_switched({pattern: designs[0]}, y)
+
+
+def test_patterns_that_are_no_tuples_are_refused() -> None:
+    designs = [design_filter(MODEL)] * 2
+    for patterns in (None, 1, "ab", (True, True), [[True, False]], [np.array([True, False])]):
+        with pytest.raises(ParameterError, match="patterns is"):
+            handover_weights(designs, patterns)
+    found = handover_weights(designs, [(np.True_, np.False_)])
+    assert list(found) == [(True, False)]
+    assert all(type(hears) is bool for hears in next(iter(found)))
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("noise", "white"), ("noise", np.zeros(2)), ("structure", "half"), ("structure", ["full"]),
+        ("margin", 0.0), ("margin", "0.1"), ("margin", None), ("margin", np.ones(2)),
+    ],
+)  # fmt: skip
+def test_options_are_checked_even_where_no_weights_are_designed(name: str, value: Any) -> None:
+    options: dict[str, Any] = {name: value}
+    with pytest.raises(ParameterError) as caught:
+        handover_weights([design_filter(MODEL)] * 2, [(True, False)], **options)
+    assert caught.value.name == name
+
+
+def test_as_many_clusters_as_an_integer_has_bits_for() -> None:
+    """The highest cluster is told from none; one more than 62 is refused by all that count them."""
+    rng = np.random.default_rng(42)
+    y = rng.normal(size=(62, 3, 4, 2))
+    y[:61, 1], y[:, 2, :, 1] = np.nan, np.nan
+    last, every = (False,) * 61 + (True,), (True,) * 62
+    assert patterns_of(y) == [last, every]
+    weights = {every: np.stack([np.eye(4) / 62] * 62), last: np.zeros((62, 4, 4))}
+    weights[last][61] = np.eye(4)
+    designs = [(MODEL, 0.1 * np.eye(4))] * 62
+    found = run_distributed(designs, y, weights=weights)
+    assert found[1] == pytest.approx(0.1 * y[:, 0].mean(axis=0))
+    own = 0.1 * y[61, 0]
+    assert found[2] == pytest.approx((MODEL.A - 0.1 * MODEL.C) @ own + 0.1 * y[61, 1])
+    for many in (63, 64, 65):
+        y = np.zeros((many, 2, 4, 1))
+        said = f"measurements is 'of {many} clusters'"
+        with pytest.raises(ParameterError, match=said):
+            patterns_of(y)
+        with pytest.raises(ParameterError, match=said):
+            run_distributed(designs[:1] * many, y, weights=np.stack([np.eye(4) / many] * many))
+        with pytest.raises(ParameterError, match=said):
+            run_switched({(True,) * many: designs[0]}, y)

@@ -404,3 +404,84 @@ def test_a_mask_that_is_no_mask_is_refused() -> None:
         with pytest.raises(ParameterError, match="available"):
             federated_covariance(ErrorModel.p1(0.2), mask, measurement_covariance=np.eye(4)[None],
                                  initial_covariance=np.eye(4))  # fmt: skip
+
+
+NO_NUMBERS = [
+    "1",
+    "word",
+    ["1", "2"],
+    {"a": 1.0},
+    {1.0},
+    [[1.0], [1.0, 2.0]],
+    1j * np.eye(4),
+    [None],
+]
+
+
+@pytest.mark.parametrize("value", NO_NUMBERS)
+@pytest.mark.parametrize(
+    "name",
+    [
+        "measurements", "measurement_covariance", "initial_covariance", "process_covariance",
+        "sharing", "lost", "initial_state", "reset", "interval",
+    ],
+)  # fmt: skip
+@pytest.mark.filterwarnings("error")
+def test_what_is_no_array_of_numbers_is_refused(name: str, value: Any) -> None:
+    fine: dict[str, Any] = {
+        "measurements": np.zeros((2, 5, 4, 1)),
+        "measurement_covariance": np.stack([np.eye(4)] * 2),
+        "initial_covariance": np.eye(4),
+    }
+    with pytest.raises(ParameterError) as caught:
+        run_federated(ErrorModel.p1(0.2), **(fine | {name: value}))
+    assert caught.value.name == name
+
+
+@pytest.mark.parametrize("value", NO_NUMBERS)
+@pytest.mark.parametrize("name", ["available", "lost"])
+def test_a_mask_that_is_no_array_is_refused(name: str, value: Any) -> None:
+    masks = {"available": np.ones((3, 1), bool)} | {name: value}
+    with pytest.raises(ParameterError) as caught:
+        federated_covariance(ErrorModel.p1(0.2), **masks, measurement_covariance=np.eye(4)[None],
+                             initial_covariance=np.eye(4))  # fmt: skip
+    assert caught.value.name == name
+
+
+def wide(m: int) -> ErrorModel:
+    """One state, measured m times."""
+    one = np.eye(1)
+    return ErrorModel(A=one, B=one, C=np.ones((m, 1)), D=np.eye(m), L=one, E=0 * one, period=1.0)
+
+
+def test_as_many_components_as_an_integer_has_bits_for() -> None:
+    rng = np.random.default_rng(41)
+    y = rng.normal(size=(2, 3, 62, 4))
+    y[rng.random(y.shape) < 0.3] = np.nan
+    R = np.stack([np.eye(62)] * 2)
+    found = run_federated(wide(62), y, measurement_covariance=R, initial_covariance=[[1.0]])
+    flat = np.concatenate(y, axis=1)
+    expected = run_kalman(wide(124), flat, initial_covariance=np.eye(1))
+    assert found == pytest.approx(expected, abs=1e-10)
+    for m in (63, 64, 65):
+        with pytest.raises(ParameterError, match=f"measurements is 'of {m} components"):
+            run_federated(wide(m), np.zeros((1, 3, m, 2)), initial_covariance=np.eye(1),
+                          measurement_covariance=np.eye(m)[None])  # fmt: skip
+
+
+def test_a_covariance_is_judged_by_its_own_size() -> None:
+    """A large covariance at one step hides no fault of a small one at another."""
+    fine: dict[str, Any] = {
+        "measurement_covariance": np.stack([np.eye(4)] * 2),
+        "initial_covariance": np.eye(4),
+    }
+    y = np.zeros((2, 3, 4, 1))
+    Q = np.stack([1e12 * np.eye(4), np.eye(4), np.zeros((4, 4))])
+    run_federated(ErrorModel.p1(0.2), y, process_covariance=Q, **fine)
+    skew = Q.copy()
+    skew[1, 0, 1] = 0.5
+    indefinite = Q.copy()
+    indefinite[1, 0, 0] = -0.5
+    for wrong, said in ((skew, "not symmetric"), (indefinite, "not positive semidefinite")):
+        with pytest.raises(ParameterError, match=f"process_covariance is .*{said}"):
+            run_federated(ErrorModel.p1(0.2), y, process_covariance=wrong, **fine)

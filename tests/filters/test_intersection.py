@@ -303,3 +303,39 @@ def test_what_does_not_fit_is_refused(changed: dict[str, Any], said: str) -> Non
     run_fused_locals(MODEL, **fine)
     with pytest.raises(ParameterError, match=said):
         run_fused_locals(MODEL, **(fine | changed))
+
+
+NO_NUMBERS = ["1", "word", ["1", "2"], {"a": 1.0}, [[1.0], [1.0, 2.0]], 1j * np.eye(4), [None]]
+
+
+@pytest.mark.parametrize("value", NO_NUMBERS)
+@pytest.mark.parametrize("name", ["estimates", "covariances", "weights"])
+@pytest.mark.filterwarnings("error")
+def test_what_is_no_array_of_numbers_is_not_fused(name: str, value: Any) -> None:
+    fine: dict[str, Any] = {
+        "estimates": np.zeros((2, 3, 4)),
+        "covariances": np.stack([np.eye(3)] * 2),
+    }
+    with pytest.raises(ParameterError) as caught:
+        intersect(**(fine | {name: value}))
+    assert caught.value.name == name
+
+
+@pytest.mark.parametrize("value", NO_NUMBERS)
+@pytest.mark.parametrize(
+    "name",
+    [
+        "measurements", "measurement_covariance", "initial_covariance", "process_covariance",
+        "initial_state", "rule",
+    ],
+)  # fmt: skip
+@pytest.mark.filterwarnings("error")
+def test_what_is_no_array_of_numbers_is_refused(name: str, value: Any) -> None:
+    fine: dict[str, Any] = {
+        "measurements": np.zeros((2, 5, 4, 1)),
+        "measurement_covariance": np.stack([np.eye(4)] * 2),
+        "initial_covariance": np.eye(4),
+    }
+    with pytest.raises(ParameterError) as caught:
+        run_fused_locals(MODEL, **(fine | {name: value}))
+    assert caught.value.name == name

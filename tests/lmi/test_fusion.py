@@ -335,10 +335,19 @@ def bad_inputs() -> list[tuple[str, Any, dict[str, Any]]]:
         ("margin", [local], {"margin": 0.0}),
         ("margin", [local], {"margin": float("nan")}),
         ("margin", [local], {"margin": 1e10}),
+        ("margin", [local], {"margin": "0.1"}),
+        ("margin", [local], {"margin": None}),
+        ("margin", [local], {"margin": 0.1j}),
+        ("margin", [local], {"margin": np.full(2, 0.1)}),
+        ("noise", [local], {"noise": np.array(["common", "common"])}),
+        ("noise", [local], {"noise": ["common"]}),
+        ("noise", [local], {"noise": None}),
+        ("structure", [local], {"structure": np.array(["full", "block"])}),
+        ("structure", [local], {"structure": {"full": 1}}),
     ]
 
 
-@pytest.mark.parametrize("case", range(13))
+@pytest.mark.parametrize("case", range(22))
 def test_what_cannot_be_fused_is_refused(case: int) -> None:
     name, designs, options = bad_inputs()[case]
     with pytest.raises(ParameterError) as caught:
@@ -351,7 +360,9 @@ def test_what_cannot_be_fused_is_refused(case: int) -> None:
 
 def test_weights_that_are_none_are_refused() -> None:
     local = [cluster()] * 2
-    for weights in (np.eye(2), np.full((2, 2, 2), np.nan), "weights", [[1.0], [1.0, 2.0]]):
+    whole = np.stack([np.eye(2) / 2] * 2)
+    wrong = [np.eye(2), np.full((2, 2, 2), np.nan), "weights", [[1.0], [1.0, 2.0]]]
+    for weights in (*wrong, whole * (1 + 1j), whole.astype(str), {"a": whole}, None):
         for function in (fusion_gain, fusion_system):
             with pytest.raises(ParameterError, match="weights is"):
                 function(local, weights)

@@ -81,3 +81,16 @@ def test_covariances_come_back_from_their_factors(rows: np.ndarray) -> None:
 def test_what_is_no_covariance_is_refused(process: np.ndarray, said: str) -> None:
     with pytest.raises(ParameterError, match=said):
         ErrorModel.p1(1.0).with_covariances(process, np.eye(4))
+
+
+def test_the_model_of_p2_is_that_of_p1_without_jitter() -> None:
+    """P2 (2): the velocity error adds T times itself to the position error; nothing else moves."""
+    model = ErrorModel.p2(0.02, process_noise=(0.1, 0.2), measurement_noise=(0.3, 0.4))
+    expected = np.eye(4)
+    expected[0, 2] = expected[1, 3] = 0.02
+    assert np.array_equal(model.A, expected)
+    assert not model.E.any()
+    assert np.diag(model.B).tolist() == [0.1, 0.1, 0.2, 0.2]
+    assert np.diag(model.D).tolist() == [0.3, 0.3, 0.4, 0.4]
+    with pytest.raises(ParameterError, match="period is"):
+        ErrorModel.p2(-1.0)

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -470,3 +471,48 @@ def test_a_cluster_of_three_nodes_is_enough(build: Build) -> None:
     assert (build(clusters=[first, [35, 49, 0, 0]]).labels == 1).sum() == 3
     with pytest.raises(ParameterError, match="one with 2 nodes"):
         build(clusters=[first, [35, 42, 0, 0]])
+
+
+@pytest.mark.parametrize("length", ["a", "1.0", None, 1j, [1.0], np.ones(2)])
+def test_a_length_that_is_no_number(scene: ClusterScene, length: Any) -> None:
+    with pytest.raises(ParameterError, match="length is"):
+        scene.margins(length)
+
+
+@pytest.mark.parametrize("runs", [-1, 1.5, "a", "1", None, [1], np.ones(2), float("nan")])
+def test_a_number_of_runs_that_is_none(build: Build, runs: Any) -> None:
+    with pytest.raises(ParameterError, match="runs is"):
+        build(**STILL).simulate(np.random.default_rng(1), runs)
+
+
+def test_no_runs_and_runs_of_numpy(build: Build) -> None:
+    scene = build(**STILL)
+    none = scene.simulate(np.random.default_rng(1), 0)
+    assert {name: found.shape[-1] for name, found in none.items()} == dict.fromkeys(none, 0)
+    two = [scene.simulate(np.random.default_rng(1), runs)["wsn"] for runs in (2, np.int64(2))]
+    assert np.array_equal(*two, equal_nan=True)
+
+
+@pytest.mark.parametrize("source", ["sensor", "difference", "window"])
+def test_fixes_of_a_wrong_shape(build: Build, source: str) -> None:
+    scene = build(**STILL, velocity_source=source)
+    right = np.zeros((len(scene.clusters), len(scene.motion.time), 2, 3))
+    assert scene.with_velocities(right, right).shape == (*right.shape[:2], 4, 3)
+    wrong = [
+        right[0], right[1:], right[:, 1:], right[:, :, :1], right[..., 0], "a", None, [[1.0], []],
+        1j * right, right.astype(str), {"fixes": right},
+    ]  # fmt: skip
+    for given_one in wrong:
+        with pytest.raises(ParameterError, match="fixes is"):
+            scene.with_velocities(given_one, right)
+    for given_one in (*wrong, right[..., :1]):
+        with pytest.raises(ParameterError, match="normal is"):
+            scene.with_velocities(right, given_one)
+
+
+@pytest.mark.parametrize("name", ["heads", "centre", "labels", "nodes", "measurement_covariance"])
+def test_no_colon_in_what_stands_for_a_property(name: str) -> None:
+    """Sphinx would take what is before it for a type."""
+    first = getattr(ClusterScene, name).__doc__.splitlines()[0]
+    assert ": " not in first
+    assert first.endswith(".")

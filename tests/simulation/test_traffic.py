@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from itertools import combinations
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -223,3 +224,21 @@ def test_with_one_hop_between_any_two_nodes(settings: dict[str, Setting]) -> Non
     # 67 members to their heads, and three heads to the centre
     assert np.array_equal(found[OPERATIONS[1]].transmissions, 67 + 3 + 2 * centre)
     assert np.array_equal(found[OPERATIONS[1]].numbers, 67 + 70 + 8 * centre)
+
+
+@pytest.mark.parametrize(
+    "nodes",
+    [
+        np.zeros(2), np.zeros((2, 3)), np.zeros((1, 2, 2)), [[0.0, 0.0], [1.0]], "nodes", None,
+        {"a": 1.0}, 1j * np.zeros((2, 2)), [["0", "0"]], [[0.0, np.nan]], [[0.0, np.inf]],
+    ],
+)  # fmt: skip
+def test_nodes_that_are_none(nodes: Any) -> None:
+    with pytest.raises(ParameterError, match="nodes is"):
+        count_hops(nodes, 1.0)
+
+
+@pytest.mark.parametrize("reach", ["7", "a", None, 7j, [7.0], np.full(2, 7.0)])
+def test_a_reach_that_is_no_number(reach: Any) -> None:
+    with pytest.raises(ParameterError, match="reach is"):
+        count_hops(np.array([(0.0, 0.0), (7.0, 0.0)]), reach)
