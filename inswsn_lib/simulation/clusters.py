@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inswsn_lib.errors import InswsnError, ParameterError
-from inswsn_lib.simulation.ins import InertialErrors, simulate_ins
+from inswsn_lib.simulation.ins import InertialErrors, inertial_errors
 from inswsn_lib.simulation.network import (
     Ranging,
     measure_ranges,
@@ -272,10 +272,7 @@ class ClusterScene:
         motion = self.motion
         # a stream for each purpose, so that a change of one setting moves no other draw
         sensors, velocities, *networks = rng.spawn(2 + len(self.clusters))
-        noise = sensors.standard_normal((len(motion.time) - 1, 3, runs))
-        ins = simulate_ins(motion, self.inertial, noise)
-        ins[:, :2] -= motion.position[:, :, None]
-        ins[:, 2:] -= motion.velocity[:, :, None]
+        ins = inertial_errors(motion, self.inertial, sensors, runs)
         fixes = np.stack([self._fixes(c, stream, runs) for c, stream in enumerate(networks)])
         normal = velocities.standard_normal(fixes.shape)
         return {"ins": ins, "fixes": fixes, "wsn": self.with_velocities(fixes, normal)}

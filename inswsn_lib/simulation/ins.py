@@ -126,3 +126,31 @@ def simulate_ins(motion: Motion, errors: InertialErrors, noise: ArrayLike | None
     out[1:, :2] = dt[:, None, None] * (out[1:, 2:] + out[:-1, 2:]) / 2
     np.cumsum(out[:, :2], axis=0, out=out[:, :2])
     return out
+
+
+def inertial_errors(
+    motion: Motion, errors: InertialErrors, rng: np.random.Generator, runs: int
+) -> Array:
+    """Draw the noise of the sensors and return the error of the INS: what it indicates less truth.
+
+    Parameters
+    ----------
+    motion : Motion
+        The truth, at the rate of the sensors.
+    errors : InertialErrors
+        The errors of the sensors.
+    rng : numpy.random.Generator
+        The stream.
+    runs : int
+        How many.
+
+    Returns
+    -------
+    ndarray, (steps, 4, runs)
+        Position (m) and velocity (m/s).
+    """
+    noise = rng.standard_normal((len(motion.time) - 1, 3, runs))
+    found = simulate_ins(motion, errors, noise)
+    found[:, :2] -= motion.position[:, :, None]
+    found[:, 2:] -= motion.velocity[:, :, None]
+    return found

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inswsn_lib.errors import InswsnError, ParameterError
-from inswsn_lib.simulation.ins import InertialErrors, simulate_ins
+from inswsn_lib.simulation.ins import InertialErrors, inertial_errors
 from inswsn_lib.simulation.network import (
     Ranging,
     measure_ranges,
@@ -217,10 +217,7 @@ class Scene:
         motion, interval = self.motion, self.inertial_interval
         # a stream for each purpose, so that a change of one setting moves no other draw
         sensors, clock, *networks = rng.spawn(2 + len(self.nodes))
-        noise = sensors.standard_normal((len(motion.time) - 1, 3, runs))
-        ins = simulate_ins(motion, self.inertial, noise)
-        ins[:, :2] -= motion.position[:, :, None]
-        ins[:, 2:] -= motion.velocity[:, :, None]
+        ins = inertial_errors(motion, self.inertial, sensors, runs)
         found = {}
         for half, network in zip("12", networks, strict=True):
             area, outage = f"area{half}", f"outage{half}"
