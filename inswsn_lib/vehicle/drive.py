@@ -1,0 +1,135 @@
+"""A drive: what the sensors of a car told, and what is known of the truth."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inswsn_lib.errors import ParameterError
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Reference:
+    """Where the car was.
+
+    Attributes
+    ----------
+    position : ndarray, (epochs, 3)
+        Latitude and longitude (rad), height above the ellipsoid (m).
+    velocity : ndarray, (epochs, 3)
+        East, north, up (m/s).
+    attitude : ndarray, (epochs, 3, 3), optional
+        Body (forward, right, down) to east-north-up; None where it is not known, as in a recording.
+    gyro_bias, accelerometer_bias : ndarray, (3, runs), optional
+        Of each run, at the end of the drive, body axes (rad/s, m/s^2); None in a recording.
+    """
+
+    position: Array
+    velocity: Array
+    attitude: Array | None = None
+    gyro_bias: Array | None = None
+    accelerometer_bias: Array | None = None
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where an outage begins.
+
+    Attributes
+    ----------
+    name : str
+        A few words that a table can show.
+    start : int
+        The epoch of the last GPS measurement before the outage.
+    """
+
+    name: str
+    start: int
+
+
+@dataclass(frozen=True, eq=False)
+class Drive:
+    """One drive, with the sensors of one or many runs.
+
+    The IMU's samples are on an even grid; a whole number of them fills each interval between two
+    epochs, and the last sample of an interval ends at its epoch.
+
+    Attributes
+    ----------
+    time : ndarray, (epochs,)
+        Seconds from the first epoch; even steps.
+    period : float
+        Of the IMU (s).
+    rotation_increments : ndarray, (samples, 3, runs)
+        The integral of the angular rate over each sample as a rotation vector (rad), body frame
+        (forward, right, down), coning corrected; samples is (epochs - 1) times the samples an
+        interval.
+    velocity_increments : ndarray, (samples, 3, runs)
+        The integral of the specific force over each sample (m/s), in the body frame at the sample's
+        beginning, sculling and rotation corrected: what `pyins` calls increments.
+    gps_position : ndarray, (epochs, 3, runs)
+        Latitude and longitude (rad), height (m); NaN where missing.
+    gps_velocity : ndarray, (epochs, 3, runs)
+        East, north, up (m/s); NaN where missing.
+    compass : ndarray, (epochs, runs)
+        Yaw (rad), clockwise from north, in (-pi, pi]; NaN where missing.
+    reference : Reference
+    places : tuple of Place
+        Where outages are to begin.
+    origin : {"simulated", "recorded"}
+        In a recorded drive the IMU is recorded, GPS and compass are emulated from the reference.
+    """
+
+    time: Array
+    period: float
+    rotation_increments: Array
+    velocity_increments: Array
+    gps_position: Array
+    gps_velocity: Array
+    compass: Array
+    reference: Reference
+    places: tuple[Place, ...]
+    origin: Literal["simulated", "recorded"]
+
+    def __post_init__(self) -> None:
+        epochs, runs = len(self.time), self.compass.shape[-1]
+        samples = (epochs - 1) * self.samples_per_epoch
+        shapes = {
+            "rotation_increments": (samples, 3, runs),
+            "velocity_increments": (samples, 3, runs),
+            "gps_position": (epochs, 3, runs),
+            "gps_velocity": (epochs, 3, runs),
+            "compass": (epochs, runs),
+        }
+        for name, shape in shapes.items():
+            value = getattr(self, name)
+            if value.shape != shape:
+                raise ParameterError(name, f"of shape {value.shape}", f"of shape {shape}")
+        for name in ("rotation_increments", "velocity_increments"):
+            if not np.isfinite(getattr(self, name)).all():
+                raise ParameterError(name, "not finite", "finite: an INS has no gaps")
+        for place in self.places:
+            if not 0 <= place.start < epochs:
+                raise ParameterError("places", place, f"one that starts at 0 to {epochs - 1}")
+
+    @property
+    def interval(self) -> float:
+        """The time between two epochs (s)."""
+        return float(self.time[1] - self.time[0])
+
+    @property
+    def samples_per_epoch(self) -> int:
+        """How many IMU samples fill the time between two epochs."""
+        if len(self.time) < 2:
+            raise ParameterError("time", f"{len(self.time)} epochs", "two or more")
+        return round(self.interval / self.period)
+
+    @property
+    def runs(self) -> int:
+        """How many runs share the drive."""
+        return int(self.compass.shape[-1])
