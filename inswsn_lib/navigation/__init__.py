@@ -7,16 +7,28 @@ from inswsn_lib.navigation.hybrid import (
     observable_inputs,
 )
 from inswsn_lib.navigation.recordings import INS, REFERENCE, TIME, WSN, Recording, read_recording
+from inswsn_lib.navigation.vehicle_hybrid import (
+    Bridge,
+    Machine,
+    Ramps,
+    VehicleHybrid,
+    sensed_motion,
+)
 
 __all__ = [
     "INS",
     "REFERENCE",
     "TIME",
     "WSN",
+    "Bridge",
     "HybridNavigator",
     "HybridRun",
+    "Machine",
+    "Ramps",
     "Recording",
+    "VehicleHybrid",
     "fit_many",
     "observable_inputs",
     "read_recording",
+    "sensed_motion",
 ]

@@ -1,5 +1,50 @@
 """The vehicle of P3: its error model, its filter, and drives, made and recorded."""
 
 from inswsn_lib.vehicle.drive import Drive, Place, Reference
+from inswsn_lib.vehicle.error_model import (
+    STATES,
+    compass_row,
+    discretise,
+    error_dynamics,
+    gps_rows,
+    lateral_row,
+    metres,
+    noise_input,
+    yaw,
+)
+from inswsn_lib.vehicle.filter import (
+    FilterSettings,
+    VehicleRun,
+    align,
+    horizontal_error,
+    position_error,
+    replay,
+    run_vehicle_filter,
+    sequential_update,
+)
+from inswsn_lib.vehicle.strapdown import VehicleState, integrate_strapdown
 
-__all__ = ["Drive", "Place", "Reference"]
+__all__ = [
+    "STATES",
+    "Drive",
+    "FilterSettings",
+    "Place",
+    "Reference",
+    "VehicleRun",
+    "VehicleState",
+    "align",
+    "compass_row",
+    "discretise",
+    "error_dynamics",
+    "gps_rows",
+    "horizontal_error",
+    "integrate_strapdown",
+    "lateral_row",
+    "metres",
+    "noise_input",
+    "position_error",
+    "replay",
+    "run_vehicle_filter",
+    "sequential_update",
+    "yaw",
+]

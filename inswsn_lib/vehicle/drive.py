@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -133,3 +134,13 @@ class Drive:
     def runs(self) -> int:
         """How many runs share the drive."""
         return int(self.compass.shape[-1])
+
+    @cached_property
+    def increments(self) -> tuple[Array, Array]:
+        """Rotation and velocity increments by run and interval, (runs, epochs - 1, samples, 3)."""
+        shape = (self.runs, len(self.time) - 1, self.samples_per_epoch, 3)
+        turns, pushes = (
+            np.ascontiguousarray(np.moveaxis(x, 2, 0)).reshape(shape)
+            for x in (self.rotation_increments, self.velocity_increments)
+        )
+        return turns, pushes

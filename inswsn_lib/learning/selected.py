@@ -1,0 +1,85 @@
+"""An LS-SVM that chooses its own kernel width and regularisation, and a regressor that holds."""
+
+from __future__ import annotations
+
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from sklearn.base import BaseEstimator, MultiOutputMixin, RegressorMixin
+from sklearn.utils.validation import check_is_fitted, validate_data
+
+from inswsn_lib.learning.lssvm import LSSVMRegressor
+from inswsn_lib.learning.selection import Selection, select_lssvm
+
+Array = NDArray[np.float64]
+
+#: Candidates of `SelectedLSSVM`, for inputs of unit deviation
+SIGMAS = tuple(float(s) for s in np.geomspace(0.5, 32.0, 7))
+ETAS = tuple(float(e) for e in np.geomspace(1e-2, 1e4, 7))
+
+
+class SelectedLSSVM(MultiOutputMixin, RegressorMixin, BaseEstimator):  # type: ignore[misc]
+    """LS-SVM with the kernel width and regularisation of least leave-one-out error.
+
+    Each fit tries all pairs, in closed form, on the data it is given (`select_lssvm`), and trains
+    with the best one.
+
+    Parameters
+    ----------
+    sigmas, etas : sequence of float
+        Candidates; positive.
+
+    Attributes
+    ----------
+    selection_ : Selection
+        The scores of all pairs.
+    machine_ : LSSVMRegressor
+        What was trained.
+    """
+
+    def __init__(self, sigmas: tuple[float, ...] = SIGMAS, etas: tuple[float, ...] = ETAS) -> None:
+        self.sigmas = sigmas
+        self.etas = etas
+
+    def fit(self, X: ArrayLike, y: ArrayLike) -> Self:
+        """Choose and fit, on inputs (n, inputs) and targets (n,) or (n, outputs).
+
+        Raises
+        ------
+        ParameterError
+            If a candidate is not positive, or there are fewer than two samples.
+        ValueError
+            If the data are not such arrays, or not finite.
+        """
+        inputs, y = validate_data(self, X, y, multi_output=True, y_numeric=True, dtype=np.float64)
+        self.selection_: Selection = select_lssvm(inputs, y, self.sigmas, self.etas)
+        best = LSSVMRegressor(self.selection_.sigma, self.selection_.eta)
+        self.machine_: LSSVMRegressor = best.fit(inputs, y)
+        return self
+
+    def predict(self, X: ArrayLike) -> Array:
+        """Return the predictions for inputs (n, inputs): (n,) or (n, outputs)."""
+        check_is_fitted(self)
+        return self.machine_.predict(validate_data(self, X, reset=False, dtype=np.float64))
+
+
+class HoldRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):  # type: ignore[misc]
+    """Predict the last target it was given, whatever the input.
+
+    Attributes
+    ----------
+    last_ : float or ndarray, (outputs,)
+    """
+
+    def fit(self, X: ArrayLike, y: ArrayLike) -> Self:
+        """Keep the last of the targets (n,) or (n, outputs)."""
+        _, y = validate_data(self, X, y, multi_output=True, y_numeric=True, dtype=np.float64)
+        self.last_: Any = np.asarray(y, dtype=np.float64)[-1]
+        return self
+
+    def predict(self, X: ArrayLike) -> Array:
+        """Return it for every row of inputs: (n,) or (n, outputs)."""
+        check_is_fitted(self)
+        rows = len(validate_data(self, X, reset=False, dtype=np.float64))
+        return np.repeat(np.asarray(self.last_)[None], rows, axis=0)

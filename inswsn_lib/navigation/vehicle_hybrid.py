@@ -1,0 +1,321 @@
+"""P3's hybrid: two filters while GPS is heard, and a regressor that learns how they differ."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from sklearn import config_context
+from sklearn.base import clone
+
+from inswsn_lib.errors import ParameterError
+from inswsn_lib.learning.scaling import Scale
+from inswsn_lib.vehicle import Drive, FilterSettings, VehicleRun, metres, replay, yaw
+
+Array = NDArray[np.float64]
+Integers = NDArray[np.intp]
+Restart = Literal["successive", "aligned", "bank"]
+Frame = Literal["navigation", "body"]
+
+
+@dataclass(frozen=True, eq=False)
+class Ramps:
+    """How the two filter modules differed during simulated outages: pairs for a regressor.
+
+    Attributes
+    ----------
+    epoch, run, ramp : ndarray of int, (pairs,)
+        Of the drive; the number of the run in it; the epoch at which the simulated outage began.
+    elapsed : ndarray, (pairs,)
+        Time since then (s).
+    motion : ndarray, (pairs, 3)
+        Forward and lateral specific force (m/s^2) and yaw rate (rad/s), as the IMU tells them, means
+        over the interval that ends at the epoch.
+    difference : ndarray, (pairs, 2)
+        Position of the first module, after compass and lateral velocity, less that of the second,
+        after GPS: P3 (38), east and north (m), or forward and right.
+    """
+
+    epoch: Integers
+    run: Integers
+    ramp: Integers
+    elapsed: Array
+    motion: Array
+    difference: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Machine:
+    """A trained regressor with the units it was trained in.
+
+    Attributes
+    ----------
+    regressor : scikit-learn regressor
+    inputs, targets : Scale
+    pairs : int
+        How many trained it.
+    """
+
+    regressor: Any
+    inputs: Scale
+    targets: Scale
+    pairs: int
+
+    @classmethod
+    def fit(cls, regressor: Any, X: Array, y: Array, inputs: Scale, targets: Scale) -> Machine:
+        """Train a clone."""
+        with config_context(assume_finite=True):
+            trained = clone(regressor).fit(inputs.there(X), targets.there(y))
+        return cls(trained, inputs, targets, len(X))
+
+    def predict(self, X: Array) -> Array:
+        """Return the targets of inputs (rows, inputs), in their own units."""
+        with config_context(assume_finite=True):
+            return self.targets.back(np.asarray(self.regressor.predict(self.inputs.there(X))))
+
+
+@dataclass(frozen=True, eq=False)
+class Bridge:
+    """The hybrid's positions through outages.
+
+    Attributes
+    ----------
+    branch : VehicleRun
+        The filter that runs through the outage, (steps + 1, ..., starts x runs).
+    position : ndarray, (steps + 1, 3, starts x runs)
+        Latitude, longitude (rad), height (m): those of the branch less the predicted difference.
+    predicted : ndarray, (steps + 1, 2, starts x runs)
+        East and north (m).
+    machines : list
+        The regressor of each outage, as it was trained last.
+    """
+
+    branch: VehicleRun
+    position: Array
+    predicted: Array
+    machines: list[Machine]
+
+
+class VehicleHybrid:
+    r"""A vehicle's filter and a regressor that corrects it through GPS outages (P3 Section 2).
+
+    In *update mode* two filter modules run. The second has GPS at all times. The first is put into
+    simulated outages of `tau` seconds: each begins with what the second knows, and goes on with
+    compass and lateral velocity alone. The difference of their positions (P3 (38)) is the target of
+    a regressor, its input (P3 (39)) the forward and lateral specific force, the yaw rate, and the
+    time since the simulated outage began. In *prediction mode* the regressor, trained on the latest
+    `window` seconds, is subtracted from the position of the filter that runs through the outage.
+
+    P3 compares position *errors* :math:`X_1, X_2`; here the two modules correct INS of their own,
+    so their positions are compared, which is the same difference.
+
+    Parameters
+    ----------
+    settings : FilterSettings
+        Of both modules.
+    regressor : scikit-learn regressor
+        It must take two outputs. It is left as it is, and clones are trained.
+    aiding : bool
+        Whether the first module has compass and lateral velocity.
+    tau : int
+        Length of a simulated outage (epochs). P3 says "successive s GPS signal outages", with the
+        number lost.
+    restart : {"successive", "aligned", "bank"}
+        When simulated outages begin: one after the other from epoch `phase` on; so that one ends
+        where the real one begins; or every `spacing` epochs, so that several run at once.
+    phase, spacing : int
+        See `restart` (epochs).
+    window : int
+        Epochs before the outage whose pairs train.
+    frame : {"navigation", "body"}
+        Axes of the targets.
+    motion, timed : bool
+        Whether specific force and yaw rate, and whether the time, are inputs.
+    scaled : bool
+        Whether the regressor sees inputs and targets with mean 0 and deviation 1 on the pairs it is
+        trained on.
+    anchored : bool
+        Whether the prediction for the moment at which the outage begins is taken off.
+    """
+
+    def __init__(
+        self,
+        settings: FilterSettings,
+        regressor: Any,
+        *,
+        aiding: bool = True,
+        tau: int = 40,
+        restart: Restart = "successive",
+        phase: int = 0,
+        spacing: int = 5,
+        window: int = 40,
+        frame: Frame = "navigation",
+        motion: bool = True,
+        timed: bool = True,
+        scaled: bool = True,
+        anchored: bool = False,
+    ) -> None:
+        for name, value, low in (
+            ("tau", tau, 1), ("phase", phase, 0), ("spacing", spacing, 1), ("window", window, 2),
+        ):  # fmt: skip
+            if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < low:
+                raise ParameterError(name, value, f"a whole number, {low} or more")
+        for name, word, words in (
+            ("restart", restart, ("successive", "aligned", "bank")),
+            ("frame", frame, ("navigation", "body")),
+        ):
+            if word not in words:
+                raise ParameterError(name, word, f"one of {', '.join(words)}")
+        if not motion and not timed:
+            raise ParameterError("timed", timed, "true where motion is no input")
+        if not all(hasattr(regressor, name) for name in ("fit", "predict", "get_params")):
+            raise ParameterError("regressor", regressor, "a scikit-learn regressor")
+        self.settings, self.regressor, self.aiding = settings, regressor, aiding
+        self.tau, self.restart, self.phase, self.spacing = tau, restart, phase, spacing
+        self.window, self.frame = window, frame
+        self.motion, self.timed, self.scaled, self.anchored = motion, timed, scaled, anchored
+
+    def simulate_outages(self, drive: Drive, run: VehicleRun, starts: ArrayLike) -> Ramps:
+        """Run the first module through the simulated outages that outages at `starts` ask for.
+
+        Parameters
+        ----------
+        drive : Drive
+        run : VehicleRun
+            The second module: `run_vehicle_filter` with GPS at all times.
+        starts : array_like of int, (outages,)
+            Epochs at which real outages begin. Nothing after them is used for them.
+
+        Returns
+        -------
+        Ramps
+        """
+        last = len(run.epochs) - 1
+        if self.restart == "aligned":
+            first = np.asarray(starts) - self.tau
+        else:
+            pace = self.tau if self.restart == "successive" else self.spacing
+            first = np.arange(self.phase, int(np.max(starts)), pace)
+        # a ramp may be cut where the drive ends: it is replayed only as far as pairs are used
+        first = first[(first >= 0) & (first + self.tau <= last)]
+        if not len(first):
+            raise ParameterError("starts", np.asarray(starts).tolist(), f"{self.tau} epochs later")
+        ramps = replay(drive, self.settings, run, first, self.tau, aiding=self.aiding)
+        second = np.moveaxis(run.position, 2, 1)[ramps.epochs, ramps.which]
+        difference = _east_north(np.moveaxis(ramps.first, 2, 1) - second, second)
+        if self.frame == "body":
+            difference = _turn(difference, yaw(ramps.states.attitude))
+        steps = slice(1, None)  # at the start both modules know the same
+        shape = ramps.epochs[steps].shape
+        elapsed = np.arange(1, self.tau + 1) * drive.interval
+        return Ramps(
+            epoch=ramps.epochs[steps].ravel(),
+            run=np.broadcast_to(ramps.which, shape).ravel(),
+            ramp=np.broadcast_to(ramps.epochs[0], shape).ravel(),
+            elapsed=np.broadcast_to(elapsed[:, None], shape).ravel(),
+            motion=sensed_motion(drive)[ramps.epochs, :, ramps.which][steps].reshape(-1, 3),
+            difference=difference[steps].reshape(-1, 2),
+        )
+
+    def bridge(
+        self,
+        drive: Drive,
+        run: VehicleRun,
+        starts: ArrayLike,
+        steps: int,
+        *,
+        ramps: Ramps | None = None,
+        branch: VehicleRun | None = None,
+    ) -> Bridge:
+        """Navigate through outages.
+
+        Parameters
+        ----------
+        drive, run, starts
+            As for `simulate_outages`. Each outage begins after the epoch of its start.
+        steps : int
+            Length of the outages (epochs).
+        ramps : Ramps, optional
+            From `simulate_outages`, for methods that share them.
+        branch : VehicleRun, optional
+            From `replay`, likewise.
+
+        Returns
+        -------
+        Bridge
+
+        Raises
+        ------
+        ParameterError
+            If an outage has fewer than two pairs before it.
+        """
+        starts = np.asarray(starts)
+        pairs = self.simulate_outages(drive, run, starts) if ramps is None else ramps
+        if branch is None:
+            branch = replay(drive, self.settings, run, starts, steps, aiding=self.aiding)
+        motion = sensed_motion(drive)[branch.epochs, :, branch.which]
+        elapsed = np.arange(steps + 1) * drive.interval
+        predicted = np.zeros((steps + 1, len(branch.which), 2))
+        machines = []
+        for b, (which, start) in enumerate(zip(branch.which, branch.epochs[0], strict=True)):
+            machine = self.train(pairs, int(which), int(start))
+            found = machine.predict(self.inputs(motion[:, b], elapsed))
+            predicted[:, b] = found - found[0] if self.anchored else found
+            machines.append(machine)
+        # at its start the outage has not begun
+        predicted[0] = 0.0
+        if self.frame == "body":
+            predicted = _turn(predicted, yaw(branch.states.attitude))
+        first = np.moveaxis(branch.first, 2, 1).copy()
+        first[0] = branch.states.position[0]
+        size = metres(first)
+        first[..., 1] -= predicted[..., 0] / size[..., 1]
+        first[..., 0] -= predicted[..., 1] / size[..., 0]
+        return Bridge(branch, np.moveaxis(first, 1, 2), np.moveaxis(predicted, 1, 2), machines)
+
+    def train(self, pairs: Ramps, which: int, start: int) -> Machine:
+        """Return the regressor, trained on the latest pairs of a run at an outage's start."""
+        chosen = (pairs.run == which) & (pairs.epoch <= start) & (pairs.epoch > start - self.window)
+        if self.restart == "aligned":
+            chosen &= pairs.ramp == start - self.tau
+        rows = np.flatnonzero(chosen)
+        rows = rows[np.argsort(pairs.epoch[rows], kind="stable")]
+        if len(rows) < 2:
+            raise ParameterError("starts", start, "one with two or more pairs before it")
+        X, y = self.inputs(pairs.motion[rows], pairs.elapsed[rows]), pairs.difference[rows]
+        scaling: Literal["standard", "none"] = "standard" if self.scaled else "none"
+        return Machine.fit(self.regressor, X, y, Scale.of(X, scaling), Scale.of(y, scaling))
+
+    def inputs(self, motion: Array, elapsed: Array) -> Array:
+        """Return the inputs of P3 (39), (pairs, inputs), or those of them that are asked for."""
+        parts = [motion] if self.motion else []
+        return np.hstack([*parts, elapsed[:, None]] if self.timed else parts)
+
+
+def sensed_motion(drive: Drive) -> Array:
+    """Return forward and lateral specific force and yaw rate, (epochs, 3, runs); P3 (39).
+
+    Means over the interval that ends at the epoch, as the IMU tells them (m/s^2, m/s^2, rad/s); at
+    the first epoch those of the second.
+    """
+    turns, pushes = drive.increments
+    means = np.stack(
+        [pushes[..., 0].sum(-1), pushes[..., 1].sum(-1), turns[..., 2].sum(-1)], axis=-1
+    )
+    rates = np.moveaxis(means, 0, 2) / drive.interval
+    return np.concatenate([rates[:1], rates])
+
+
+def _east_north(difference: Array, position: Array) -> Array:
+    """Return a difference of positions (..., 3) as east and north (..., 2), m."""
+    scaled = difference * metres(position)
+    return np.stack([scaled[..., 1], scaled[..., 0]], axis=-1)
+
+
+def _turn(vector: Array, heading: Array) -> Array:
+    """Return east and north as forward and right, or forward and right as east and north."""
+    sine, cosine = np.sin(heading), np.cos(heading)
+    a, b = vector[..., 0], vector[..., 1]
+    return np.stack([a * sine + b * cosine, a * cosine - b * sine], axis=-1)

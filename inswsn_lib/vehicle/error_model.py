@@ -1,0 +1,227 @@
+r"""The error model of a strapdown INS with fifteen states, and what aids it (P3 3.1, 3.2).
+
+The text of P3 at hand has lost its equations; what stands here is the standard form that its words
+describe (Titterton and Weston 2004; Groves 2013), in the frame east, north, up. Errors are what the
+INS computes less the truth; the attitude error :math:`\varphi` turns the true frame into the
+computed one, :math:`C' = (I - [\varphi\times])\,C`.
+
+The state is :math:`x = (\delta L, \delta\lambda, \delta h, \delta v_E, \delta v_N, \delta v_U,
+\varphi_E, \varphi_N, \varphi_U, \nabla_x, \nabla_y, \nabla_z, \varepsilon_x, \varepsilon_y,
+\varepsilon_z)`: latitude and longitude (rad), height (m), velocity (m/s), attitude (rad), the
+accelerometers' biases (m/s^2) and the gyros' drifts (rad/s) in the body frame.
+
+All functions take stacks: a leading shape ``...`` that is the same for every argument.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from pyins import earth
+
+Array = NDArray[np.float64]
+
+#: How many states P3 has
+STATES = 15
+POSITION, VELOCITY, ATTITUDE = slice(0, 3), slice(3, 6), slice(6, 9)
+ACCELEROMETER_BIAS, GYRO_DRIFT = slice(9, 12), slice(12, 15)
+
+#: North-east-down to east-north-up and back: it is its own inverse
+TURN = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+
+
+def skew(vector: Array) -> Array:
+    r"""Return :math:`[v\times]`, (..., 3, 3), of vectors (..., 3)."""
+    x, y, z = np.moveaxis(vector, -1, 0)
+    result = np.zeros((*vector.shape[:-1], 3, 3))
+    result[..., 0, 1], result[..., 0, 2], result[..., 1, 2] = -z, y, -x
+    result[..., 1, 0], result[..., 2, 0], result[..., 2, 1] = z, -y, x
+    return result
+
+
+def radii(position: Array) -> tuple[Array, Array]:
+    r"""Return the radii of curvature with the height, :math:`R_M + h` and :math:`R_N + h` (m).
+
+    Parameters
+    ----------
+    position : ndarray, (..., 3)
+        Latitude, longitude (rad) and height (m).
+    """
+    square = 1 - earth.E2 * np.sin(position[..., 0]) ** 2
+    transverse = earth.A / np.sqrt(square)
+    meridian = transverse * (1 - earth.E2) / square
+    return meridian + position[..., 2], transverse + position[..., 2]
+
+
+def metres(position: Array) -> Array:
+    r"""Return the metres of a radian north and east and of a metre up, (..., 3).
+
+    They take a small difference of positions, in the order latitude, longitude, height, to metres.
+    """
+    meridian, transverse = radii(position)
+    return np.stack(
+        [meridian, transverse * np.cos(position[..., 0]), np.ones_like(meridian)], axis=-1
+    )
+
+
+def earth_rate(position: Array) -> Array:
+    r""":math:`\omega_{ie} = \Omega\,(0, \cos L, \sin L)`, (..., 3), rad/s."""
+    latitude = position[..., 0]
+    zero = np.zeros_like(latitude)
+    return earth.RATE * np.stack([zero, np.cos(latitude), np.sin(latitude)], axis=-1)
+
+
+def transport_rate(position: Array, velocity: Array) -> Array:
+    r""":math:`\omega_{en} = (-v_N/(R_M+h),\ v_E/(R_N+h),\ v_E\tan L/(R_N+h))`, (..., 3), rad/s."""
+    meridian, transverse = radii(position)
+    east, north = velocity[..., 0], velocity[..., 1]
+    tangent = np.tan(position[..., 0])
+    return np.stack([-north / meridian, east / transverse, east * tangent / transverse], axis=-1)
+
+
+def error_dynamics(position: Array, velocity: Array, attitude: Array, force: Array) -> Array:
+    r"""Return F of P3 (3), :math:`\dot x = F x + G w`, (..., 15, 15).
+
+    By blocks, with :math:`f` the specific force in the navigation frame,
+
+    .. math::
+        \delta\dot L &= \frac{\delta v_N}{R_M+h} - \frac{v_N\,\delta h}{(R_M+h)^2}, \qquad
+        \delta\dot\lambda = \frac{\delta v_E}{(R_N+h)\cos L}
+            + \frac{v_E \tan L\,\delta L}{(R_N+h)\cos L}
+            - \frac{v_E\,\delta h}{(R_N+h)^2\cos L}, \qquad \delta\dot h = \delta v_U, \\
+        \delta\dot v &= f\times\varphi + C\nabla - (2\omega_{ie}+\omega_{en})\times\delta v
+            - (2\delta\omega_{ie}+\delta\omega_{en})\times v + \delta g, \\
+        \dot\varphi &= -(\omega_{ie}+\omega_{en})\times\varphi
+            + \delta\omega_{ie} + \delta\omega_{en} - C\varepsilon, \qquad
+        \dot\nabla = 0, \quad \dot\varepsilon = 0 ,
+
+    and :math:`\delta g = (0, 0, 2 g\,\delta h / R)`. The change of the radii and of gravity with
+    latitude is left out, as is usual.
+
+    Parameters
+    ----------
+    position : ndarray, (..., 3)
+        Latitude, longitude (rad) and height (m).
+    velocity : ndarray, (..., 3)
+        East, north, up (m/s).
+    attitude : ndarray, (..., 3, 3)
+        Body to east-north-up.
+    force : ndarray, (..., 3)
+        Specific force, east, north, up (m/s^2).
+    """
+    latitude = position[..., 0]
+    meridian, transverse = radii(position)
+    east, north = velocity[..., 0], velocity[..., 1]
+    sine, cosine, tangent = np.sin(latitude), np.cos(latitude), np.tan(latitude)
+    rate, transport = earth_rate(position), transport_rate(position, velocity)
+
+    # what errors of position and velocity do to the two rates
+    rate_by_position = np.zeros((*latitude.shape, 3, 3))
+    rate_by_position[..., 1, 0] = -earth.RATE * sine
+    rate_by_position[..., 2, 0] = earth.RATE * cosine
+    transport_by_position = np.zeros_like(rate_by_position)
+    transport_by_position[..., 0, 2] = north / meridian**2
+    transport_by_position[..., 1, 2] = -east / transverse**2
+    transport_by_position[..., 2, 0] = east / (transverse * cosine**2)
+    transport_by_position[..., 2, 2] = -east * tangent / transverse**2
+    transport_by_velocity = np.zeros_like(rate_by_position)
+    transport_by_velocity[..., 0, 1] = -1 / meridian
+    transport_by_velocity[..., 1, 0] = 1 / transverse
+    transport_by_velocity[..., 2, 0] = tangent / transverse
+
+    F = np.zeros((*latitude.shape, STATES, STATES))
+    F[..., 0, 2], F[..., 0, 4] = -north / meridian**2, 1 / meridian
+    F[..., 1, 0] = east * tangent / (transverse * cosine)
+    F[..., 1, 2] = -east / (transverse**2 * cosine)
+    F[..., 1, 3] = 1 / (transverse * cosine)
+    F[..., 2, 5] = 1.0
+
+    across = skew(velocity)
+    F[..., VELOCITY, POSITION] = across @ (2 * rate_by_position + transport_by_position)
+    gravity = earth.gravity(np.rad2deg(latitude), 0.0)
+    F[..., 5, 2] += 2 * gravity / earth.A
+    F[..., VELOCITY, VELOCITY] = across @ transport_by_velocity - skew(2 * rate + transport)
+    F[..., VELOCITY, ATTITUDE] = skew(force)
+    F[..., VELOCITY, ACCELEROMETER_BIAS] = attitude
+
+    F[..., ATTITUDE, POSITION] = rate_by_position + transport_by_position
+    F[..., ATTITUDE, VELOCITY] = transport_by_velocity
+    F[..., ATTITUDE, ATTITUDE] = -skew(rate + transport)
+    F[..., ATTITUDE, GYRO_DRIFT] = -attitude
+    return F
+
+
+def noise_input(attitude: Array) -> Array:
+    r"""Return G of P3 (3), (..., 15, 12).
+
+    The twelve noises are those of the accelerometers (3), of the gyros (3), and what drives the
+    biases (3) and the drifts (3).
+    """
+    G = np.zeros((*attitude.shape[:-2], STATES, 12))
+    G[..., VELOCITY, 0:3] = attitude
+    G[..., ATTITUDE, 3:6] = -attitude
+    G[..., ACCELEROMETER_BIAS, 6:9] = np.eye(3)
+    G[..., GYRO_DRIFT, 9:12] = np.eye(3)
+    return G
+
+
+def discretise(F: Array, density: Array, step: float) -> tuple[Array, Array]:
+    r"""Return the transition and the process covariance of a short step (P3 (4)).
+
+    .. math::
+        \Phi = I + F T + \tfrac12 F^2 T^2, \qquad
+        Q = \tfrac T2 \bigl( \Phi\,S\,\Phi' + S \bigr)
+
+    Parameters
+    ----------
+    F : ndarray, (..., n, n)
+        1/s.
+    density : ndarray, (..., n, n)
+        :math:`S = G q G'`, the power density of the noise.
+    step : float
+        T (s).
+
+    Returns
+    -------
+    transition, covariance : ndarray, (..., n, n)
+    """
+    scaled = F * step
+    transition = np.eye(F.shape[-1]) + scaled + 0.5 * scaled @ scaled
+    carried = transition @ density @ np.swapaxes(transition, -1, -2)
+    return transition, 0.5 * step * (carried + density)
+
+
+def yaw(attitude: Array) -> Array:
+    r"""Return the yaw :math:`\psi = \mathrm{atan2}(c_E, c_N)` (rad), clockwise from north."""
+    return np.asarray(np.arctan2(attitude[..., 0, 0], attitude[..., 1, 0]))
+
+
+def compass_row(attitude: Array) -> Array:
+    r"""Return the row of the compass (P3 (12), (13)), (..., 1, 15).
+
+    With c the body's forward axis, :math:`\delta\psi = [-c_E c_U/d,\ -c_N c_U/d,\ 1]\,\varphi`,
+    :math:`d = c_E^2 + c_N^2`.
+    """
+    east, north, up = np.moveaxis(attitude[..., :, 0], -1, 0)
+    d = east**2 + north**2
+    row = np.zeros((*attitude.shape[:-2], 1, STATES))
+    row[..., 0, ATTITUDE] = np.stack([-east * up / d, -north * up / d, np.ones_like(d)], axis=-1)
+    return row
+
+
+def lateral_row(attitude: Array, velocity: Array) -> Array:
+    r"""Return the row of the lateral velocity (P3 (18)), (..., 1, 15).
+
+    With r the second row of :math:`C_n^b`,
+    :math:`\delta v_y = r\,\delta v - r\,[v\times]\,\varphi`.
+    """
+    r = attitude[..., None, :, 1]
+    row = np.zeros((*attitude.shape[:-2], 1, STATES))
+    row[..., VELOCITY] = r
+    row[..., ATTITUDE] = -r @ skew(velocity)
+    return row
+
+
+def gps_rows() -> Array:
+    """Return the rows of GPS position and velocity (P3 (20)), (6, 15)."""
+    return np.eye(6, STATES)
