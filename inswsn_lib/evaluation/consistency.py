@@ -18,7 +18,7 @@ def normalised_squares(errors: ArrayLike, covariances: ArrayLike) -> Array:
     ----------
     errors : array_like, (steps, n, runs)
         Errors or innovations; NaN where a component is missing.
-    covariances : array_like, (n, n) or (steps, n, n)
+    covariances : array_like, (n, n), (steps, n, n) or (steps, n, n, runs)
         What the filter says of them; positive definite.
 
     Returns
@@ -35,11 +35,17 @@ def normalised_squares(errors: ArrayLike, covariances: ArrayLike) -> Array:
     """
     e = np.asarray(errors, dtype=float)
     S = np.asarray(covariances, dtype=float)
+    if e.ndim == 3 and S.shape == (e.shape[0], e.shape[1], *e.shape[1:]):
+        # each run has covariances of its own: every step of every run is a step of one run
+        steps, n, runs = e.shape
+        single = np.moveaxis(e, 2, 1).reshape(-1, n, 1)
+        own = np.moveaxis(S, 3, 1).reshape(-1, n, n)
+        return normalised_squares(single, own).reshape(steps, runs)
     if e.ndim != 3 or S.shape not in ((e.shape[1],) * 2, (e.shape[0], e.shape[1], e.shape[1])):
         raise ParameterError(
             "errors and covariances",
             (e.shape, S.shape),
-            "(steps, n, runs) and (n, n) or (steps, n, n)",
+            "(steps, n, runs) and (n, n), (steps, n, n) or (steps, n, n, runs)",
         )
     whole = np.broadcast_to(S, (e.shape[0], *S.shape[-2:]))
     squares = np.full((e.shape[0], e.shape[2]), np.nan)

@@ -7,6 +7,7 @@ from inswsn_lib.navigation.hybrid import (
     observable_inputs,
 )
 from inswsn_lib.navigation.recordings import INS, REFERENCE, TIME, WSN, Recording, read_recording
+from inswsn_lib.navigation.trials import FILTERS, OutageTrials, outage_size, run_outages
 from inswsn_lib.navigation.vehicle_hybrid import (
     Bridge,
     Machine,
@@ -16,6 +17,7 @@ from inswsn_lib.navigation.vehicle_hybrid import (
 )
 
 __all__ = [
+    "FILTERS",
     "INS",
     "REFERENCE",
     "TIME",
@@ -24,11 +26,14 @@ __all__ = [
     "HybridNavigator",
     "HybridRun",
     "Machine",
+    "OutageTrials",
     "Ramps",
     "Recording",
     "VehicleHybrid",
     "fit_many",
     "observable_inputs",
+    "outage_size",
     "read_recording",
+    "run_outages",
     "sensed_motion",
 ]

@@ -31,8 +31,8 @@ class Ramps:
     elapsed : ndarray, (pairs,)
         Time since then (s).
     motion : ndarray, (pairs, 3)
-        Forward and lateral specific force (m/s^2) and yaw rate (rad/s), as the IMU tells them, means
-        over the interval that ends at the epoch.
+        Forward and lateral specific force (m/s^2) and yaw rate (rad/s), as the IMU tells them,
+        means over the interval that ends at the epoch.
     difference : ndarray, (pairs, 2)
         Position of the first module, after compass and lateral velocity, less that of the second,
         after GPS: P3 (38), east and north (m), or forward and right.
@@ -73,7 +73,8 @@ class Machine:
     def predict(self, X: Array) -> Array:
         """Return the targets of inputs (rows, inputs), in their own units."""
         with config_context(assume_finite=True):
-            return self.targets.back(np.asarray(self.regressor.predict(self.inputs.there(X))))
+            found: Array = np.asarray(self.regressor.predict(self.inputs.there(X)), dtype=float)
+            return self.targets.back(found)
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,6 +178,14 @@ class VehicleHybrid:
         self.window, self.frame = window, frame
         self.motion, self.timed, self.scaled, self.anchored = motion, timed, scaled, anchored
 
+    @property
+    def pairs_key(self) -> tuple[object, ...]:
+        """What two hybrids share if they learn from the same pairs."""
+        return (
+            *(self.settings, self.aiding, self.tau, self.restart),
+            *(self.phase, self.spacing, self.frame),
+        )
+
     def simulate_outages(self, drive: Drive, run: VehicleRun, starts: ArrayLike) -> Ramps:
         """Run the first module through the simulated outages that outages at `starts` ask for.
 
@@ -256,7 +265,7 @@ class VehicleHybrid:
         if branch is None:
             branch = replay(drive, self.settings, run, starts, steps, aiding=self.aiding)
         motion = sensed_motion(drive)[branch.epochs, :, branch.which]
-        elapsed = np.arange(steps + 1) * drive.interval
+        elapsed: Array = np.arange(steps + 1, dtype=float) * drive.interval
         predicted = np.zeros((steps + 1, len(branch.which), 2))
         machines = []
         for b, (which, start) in enumerate(zip(branch.which, branch.epochs[0], strict=True)):

@@ -17,17 +17,20 @@ from inswsn_lib.vehicle.filter import (
     VehicleRun,
     align,
     horizontal_error,
+    navigation_error,
     position_error,
     replay,
     run_vehicle_filter,
     sequential_update,
 )
+from inswsn_lib.vehicle.mounting import Mounting, estimate_mounting
 from inswsn_lib.vehicle.strapdown import VehicleState, integrate_strapdown
 
 __all__ = [
     "STATES",
     "Drive",
     "FilterSettings",
+    "Mounting",
     "Place",
     "Reference",
     "VehicleRun",
@@ -36,11 +39,13 @@ __all__ = [
     "compass_row",
     "discretise",
     "error_dynamics",
+    "estimate_mounting",
     "gps_rows",
     "horizontal_error",
     "integrate_strapdown",
     "lateral_row",
     "metres",
+    "navigation_error",
     "noise_input",
     "position_error",
     "replay",

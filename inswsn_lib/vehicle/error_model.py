@@ -48,8 +48,8 @@ def radii(position: Array) -> tuple[Array, Array]:
         Latitude, longitude (rad) and height (m).
     """
     square = 1 - earth.E2 * np.sin(position[..., 0]) ** 2
-    transverse = earth.A / np.sqrt(square)
-    meridian = transverse * (1 - earth.E2) / square
+    transverse: Array = earth.A / np.sqrt(square)
+    meridian: Array = transverse * (1 - earth.E2) / square
     return meridian + position[..., 2], transverse + position[..., 2]
 
 
@@ -68,7 +68,7 @@ def earth_rate(position: Array) -> Array:
     r""":math:`\omega_{ie} = \Omega\,(0, \cos L, \sin L)`, (..., 3), rad/s."""
     latitude = position[..., 0]
     zero = np.zeros_like(latitude)
-    return earth.RATE * np.stack([zero, np.cos(latitude), np.sin(latitude)], axis=-1)
+    return np.asarray(earth.RATE * np.stack([zero, np.cos(latitude), np.sin(latitude)], axis=-1))
 
 
 def transport_rate(position: Array, velocity: Array) -> Array:

@@ -9,6 +9,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pyins import earth
+from scipy.spatial.transform import Rotation
 
 from inswsn_lib.errors import ParameterError
 from inswsn_lib.simulation.settings import Setting
@@ -220,6 +221,31 @@ def horizontal_error(run: VehicleRun, drive: Drive, position: Array | None = Non
     """Return the horizontal distance from the reference (m), (steps, runs); P3 Section 5."""
     error = position_error(run, drive, position)
     return np.asarray(np.hypot(error[:, 0], error[:, 1]))
+
+
+def navigation_error(run: VehicleRun, drive: Drive) -> Array:
+    r"""Return the errors of the first nine states, (steps, 9, runs), of a drive of known attitude.
+
+    What is left of them after all updates: position (rad, rad, m), velocity (m/s), and the attitude
+    error :math:`\varphi` of :math:`C' = (I - [\varphi\times])\,C` (rad).
+
+    Raises
+    ------
+    ParameterError
+        If the reference has no attitude.
+    """
+    true = drive.reference
+    if true.attitude is None:
+        raise ParameterError("drive", "a recording", "one whose attitude is known")
+    states = run.states
+    turned = states.attitude @ np.swapaxes(true.attitude[run.epochs], -1, -2)
+    phi = -Rotation.from_matrix(turned.reshape(-1, 3, 3)).as_rotvec().reshape(*turned.shape[:-1])
+    parts = [
+        states.position - true.position[run.epochs],
+        states.velocity - true.velocity[run.epochs],
+        phi,
+    ]
+    return np.moveaxis(np.concatenate(parts, axis=-1) - states.error[..., :9], 1, 2)
 
 
 def run_vehicle_filter(

@@ -269,7 +269,7 @@ def plan_route(settings: Mapping[str, Setting], route: int = 0) -> Route:
         _fill(planner, start, planner.draw(limits.cruise_speed))
         _PLACES[name](planner)
         if planner.clock < start + _LENGTH:
-            planner.hold_until(start + _LENGTH, name)
+            planner.hold_until(start + _LENGTH)
     _fill(planner, int(limits.duration), 0.0)
     columns = np.array(planner.pieces)
     return Route(
@@ -329,18 +329,20 @@ class _Planner:
         """Go straight on at the present speed, or stand."""
         self._add(seconds, (0.0, 0.0), (0.0, 0.0))
 
-    def hold_until(self, time: float, name: str) -> None:
+    def hold_until(self, time: float) -> None:
         """Go straight on until a time; refuse a time that has passed."""
         if self.clock > time + _ROUNDING:
             raise InswsnError(
-                f"The settings of the route leave too little time before or at the place {name}."
+                "With these settings of the route a manoeuvre takes too long:"
+                f" it should be over after {time:.1f} s and is after {self.clock:.1f} s."
             )
         self.hold(max(time - self.clock, 0.0))
 
-    def change_speed(self, to: float) -> None:
-        """Brake or accelerate, within the limits of acceleration and jerk."""
+    def change_speed(self, to: float, gently: bool = False) -> None:
+        """Brake or accelerate, within the limits of acceleration and jerk, or at the least."""
         change = to - self.speed
-        most = self.draw(self.limits.acceleration if change > 0 else self.limits.deceleration)
+        between = self.limits.acceleration if change > 0 else self.limits.deceleration
+        most = between[0] if gently else self.draw(between)
         size, ramp, plateau = _pulse(abs(change), most, self.limits.jerk)
         a = float(np.copysign(size, change))
         for span, pair in ((ramp, (0.0, a)), (plateau, (a, a)), (ramp, (a, 0.0))):
@@ -389,17 +391,17 @@ def _square_turn(planner: _Planner) -> None:
     trial.change_speed(trial.draw(limits.turn_speed))
     braked = trial.clock
     trial.turn(trial.side() * np.radians(trial.draw((86, 94))), trial.draw(limits.turn_lateral))
-    planner.hold_until(middle - (trial.clock + braked) / 2 + planner.clock, "90-degree turn")
+    planner.hold_until(middle - (trial.clock + braked) / 2 + planner.clock)
     planner.join(trial)
     planner.change_speed(cruise)
 
 
 def _long_straight(planner: _Planner) -> None:
     """Go straight on, a little faster and slower."""
-    cruise = planner.speed
+    (least, most), cruise = planner.limits.cruise_speed, planner.speed
     for _ in range(2):
         planner.hold(planner.draw((8, 14)))
-        planner.change_speed(cruise + planner.draw((-1.5, 1.5)))
+        planner.change_speed(planner.draw((max(cruise - 1.5, least), min(cruise + 1.5, most))))
 
 
 def _stop_and_start(planner: _Planner) -> None:
@@ -508,19 +510,19 @@ def _fill(planner: _Planner, until: int, speed: float) -> None:
         planner.change_speed(planner.draw(planner.limits.cruise_speed))
     fits = True
     while fits:
-        planner_was_at = planner.clock
+        before = planner.clock
         for k in planner.rng.permutation(len(_BETWEEN)):
             trial = planner.trial()
             trial.hold(trial.draw((2, 8)))
             _BETWEEN[k](trial)
             reached = trial.trial()
-            reached.change_speed(speed)
+            reached.change_speed(speed, gently=True)  # so that what is drawn later is in time
             if reached.clock <= until:
                 planner.join(trial)
                 break
-        fits = planner.clock > planner_was_at
+        fits = planner.clock > before
     planner.change_speed(speed)
-    planner.hold_until(until, f"at {until} s")
+    planner.hold_until(until)
 
 
 def _place_starts(duration: int, rng: np.random.Generator) -> list[int]:
@@ -535,9 +537,7 @@ def _waves(limits: RouteLimits, rng: np.random.Generator) -> Array:
     """Draw the waves of the road: amplitude (rad), wavenumber (rad/m) and phase (rad)."""
     wavelength = rng.uniform(*limits.grade_wavelength, _WAVES)
     amplitude = np.full(_WAVES, limits.grade * np.sqrt(2 / _WAVES))
-    return np.stack(
-        [amplitude, 2 * np.pi / wavelength, rng.uniform(-np.pi, np.pi, _WAVES)], axis=1
-    )
+    return np.stack([amplitude, 2 * np.pi / wavelength, rng.uniform(-np.pi, np.pi, _WAVES)], axis=1)
 
 
 def from_settings(
@@ -573,7 +573,9 @@ def from_settings(
 
 def _checked(name: str, value: Any, pair: bool, allowed: Range) -> Any:
     """Return a number or a pair in order; refuse others."""
-    words = f"{'two numbers in order' if pair else 'a number'} from {allowed[0]:g} to {allowed[1]:g}"
+    words = (
+        f"{'two numbers in order' if pair else 'a number'} from {allowed[0]:g} to {allowed[1]:g}"
+    )
     try:
         numbers = np.asarray(value)
     except ValueError:  # lists of unequal length

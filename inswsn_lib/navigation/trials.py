@@ -1,0 +1,154 @@
+"""Outages in a drive, and every method through each of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from inswsn_lib.errors import ParameterError
+from inswsn_lib.navigation.vehicle_hybrid import Bridge, Ramps, VehicleHybrid
+from inswsn_lib.vehicle import (
+    Drive,
+    FilterSettings,
+    VehicleRun,
+    horizontal_error,
+    replay,
+    run_vehicle_filter,
+)
+
+Array = NDArray[np.float64]
+
+#: The three filters without learning: no compass and lateral constraint at any time; both until the
+#: outage begins; both through the outage as well
+FILTERS = ("never", "until", "through")
+
+
+@dataclass(frozen=True, eq=False)
+class OutageTrials:
+    """What each method did in each outage.
+
+    Attributes
+    ----------
+    starts : ndarray of int, (outages,)
+        The last epoch with GPS.
+    errors : dict of str to ndarray, (steps + 1, outages, runs)
+        Horizontal distance from the reference (m), by method; at step 0 the outage begins.
+    positions : dict of str to ndarray, (steps + 1, 3, outages, runs)
+        Latitude, longitude (rad), height (m), by method.
+    unaided, aided : VehicleRun
+        The filters with GPS at all times, without and with compass and lateral constraint.
+    branches : dict of str to VehicleRun
+        The filters through the outages, outages x runs.
+    ramps : dict of str to Ramps
+        What each hybrid learned from.
+    bridges : dict of str to Bridge
+        What each hybrid did.
+    """
+
+    starts: NDArray[np.intp]
+    errors: dict[str, Array]
+    positions: dict[str, Array]
+    unaided: VehicleRun
+    aided: VehicleRun
+    branches: dict[str, VehicleRun]
+    ramps: dict[str, Ramps]
+    bridges: dict[str, Bridge]
+
+
+def run_outages(
+    drive: Drive,
+    settings: FilterSettings,
+    starts: ArrayLike,
+    steps: int,
+    hybrids: Mapping[str, VehicleHybrid] | None = None,
+) -> OutageTrials:
+    """Take GPS away at several places, one at a time, and navigate on by every method.
+
+    The filters of `FILTERS` always take part. An outage does not touch the others: each is a replay
+    of the drive with GPS up to its own start.
+
+    Parameters
+    ----------
+    drive : Drive
+    settings : FilterSettings
+        Of the filters of `FILTERS`.
+    starts : array_like of int, (outages,)
+        The last epochs with GPS.
+    steps : int
+        Length of the outages (epochs).
+    hybrids : mapping of str to VehicleHybrid, optional
+        By name. Those with equal settings share what they learn from.
+
+    Raises
+    ------
+    ParameterError
+        If an outage leaves the drive, or a hybrid has the name of a filter.
+    """
+    begin = np.atleast_1d(np.asarray(starts, dtype=np.intp))
+    hybrids = hybrids or {}
+    for name in hybrids:
+        if name in FILTERS:
+            raise ParameterError("hybrids", name, f"not one of {', '.join(FILTERS)}")
+    last = int(begin.max())
+    bases = {
+        aiding: run_vehicle_filter(drive, settings, aiding=aiding, last=last)
+        for aiding in (False, True)
+    }
+    branches = {
+        name: replay(drive, settings, bases[before], begin, steps, aiding=within)
+        for name, before, within in zip(
+            FILTERS, (False, True, True), (False, False, True), strict=True
+        )
+    }
+    positions = {name: branch.position for name, branch in branches.items()}
+    shared: dict[tuple[object, ...], Ramps] = {}
+    learned, bridges = {}, {}
+    for name, hybrid in hybrids.items():
+        base = bases[hybrid.aiding]
+        branch = branches["through" if hybrid.aiding else "never"]
+        key = hybrid.pairs_key
+        if key not in shared:
+            shared[key] = hybrid.simulate_outages(drive, base, begin)
+        learned[name] = shared[key]
+        same = hybrid.settings == settings
+        bridges[name] = hybrid.bridge(
+            drive, base, begin, steps, ramps=shared[key], branch=branch if same else None
+        )
+        positions[name] = bridges[name].position
+    errors = {
+        name: horizontal_error(branches["through"], drive, position)
+        for name, position in positions.items()
+    }
+    shape = (steps + 1, len(begin), drive.runs)
+    return OutageTrials(
+        starts=begin,
+        errors={name: error.reshape(shape) for name, error in errors.items()},
+        positions={
+            name: position.reshape(steps + 1, 3, *shape[1:]) for name, position in positions.items()
+        },
+        unaided=bases[False],
+        aided=bases[True],
+        branches=branches,
+        ramps=learned,
+        bridges=bridges,
+    )
+
+
+def outage_size(errors: Array, first: int = 1, last: int | None = None) -> tuple[Array, Array]:
+    """Return RMS and maximum of errors over a part of the outages, each (...).
+
+    Parameters
+    ----------
+    errors : ndarray, (steps + 1, ...)
+        Horizontal errors (m); step 0 is the last with GPS and does not count.
+    first, last : int
+        The steps, both included. Default: the whole outage.
+    """
+    end = len(errors) - 1 if last is None else last
+    if not 1 <= first <= end < len(errors):
+        raise ParameterError("last", last, f"from {first} to {len(errors) - 1}")
+    part = errors[first : end + 1]
+    return np.sqrt(np.mean(part**2, axis=0)), part.max(axis=0)

@@ -1,0 +1,71 @@
+"""How an IMU is turned in its vehicle, from what a filter without the constraint found."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inswsn_lib.errors import ParameterError
+from inswsn_lib.vehicle.filter import VehicleRun
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Mounting:
+    """The vehicle's axes in those of the IMU.
+
+    Attributes
+    ----------
+    yaw, pitch : ndarray, (runs,)
+        Of the vehicle's forward axis in the IMU's axes (rad): to the right, and up.
+    rotation : ndarray, (runs, 3, 3)
+        Takes vectors from the IMU's axes to the vehicle's, forward, right, down.
+    epochs : ndarray of int, (runs,)
+        How many epochs told.
+    """
+
+    yaw: Array
+    pitch: Array
+    rotation: Array
+    epochs: NDArray[np.intp]
+
+
+def estimate_mounting(run: VehicleRun, until: int, *, slowest: float = 5.0) -> Mounting:
+    r"""Estimate the mounting from the direction in which the vehicle moves in the IMU's axes.
+
+    A vehicle moves forward: its velocity in the IMU's axes, :math:`C_n^b v`, points along the
+    vehicle's forward axis. Sums over epochs weigh each with its speed; side slip in turns to the
+    left and to the right cancels. The turn about the forward axis cannot be seen so, and is left
+    as it is.
+
+    Parameters
+    ----------
+    run : VehicleRun
+        From `run_vehicle_filter` without compass and lateral constraint, which would hide it.
+    until : int
+        The last epoch that is used.
+    slowest : float
+        Slower than this (m/s) does not count.
+
+    Raises
+    ------
+    ParameterError
+        If the vehicle has not moved that fast by then.
+    """
+    states = run.states[: until + 1]
+    velocity = np.moveaxis(run.velocity, 2, 1)[: until + 1]
+    body = np.einsum("krij,kri->krj", states.attitude, velocity)
+    fast = np.linalg.norm(velocity, axis=-1) > slowest
+    if not fast.any(axis=0).all():
+        raise ParameterError("until", until, f"an epoch after motion faster than {slowest} m/s")
+    x, y, z = np.moveaxis((body * fast[..., None]).sum(axis=0), -1, 0)
+    turn, rise = np.arctan2(y, x), np.arctan2(-z, np.hypot(x, y))
+    forward = np.stack(
+        [np.cos(rise) * np.cos(turn), np.cos(rise) * np.sin(turn), -np.sin(rise)], axis=-1
+    )
+    right = np.stack([-np.sin(turn), np.cos(turn), np.zeros_like(turn)], axis=-1)
+    rotation = np.stack([forward, right, np.cross(forward, right)], axis=1)
+    return Mounting(turn, rise, rotation, fast.sum(axis=0))
