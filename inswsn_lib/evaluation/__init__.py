@@ -5,6 +5,7 @@ from inswsn_lib.evaluation.drift import MOTIONS, DriftBound, Motion, drift_bound
 from inswsn_lib.evaluation.hypotheses import WITHIN, Score, score_hypothesis
 from inswsn_lib.evaluation.metrics import (
     Spread,
+    cluster_interval,
     largest_error,
     mean_absolute_error,
     root_mean_square_error,
@@ -25,6 +26,7 @@ __all__ = [
     "Score",
     "Spread",
     "Tuning",
+    "cluster_interval",
     "drift_bound",
     "fit_noise",
     "largest_error",

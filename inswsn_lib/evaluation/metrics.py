@@ -88,3 +88,48 @@ def spread(values: ArrayLike) -> Spread:
         raise ParameterError("values", f"of shape {array.shape}", "(components, 40 or more runs)")
     low, median, high = np.quantile(array, [0.025, 0.5, 0.975], axis=1)
     return Spread(median, low, high)
+
+
+def cluster_interval(
+    values: ArrayLike, clusters: ArrayLike, *, seed: int, resamples: int = 2000
+) -> tuple[float, float, float]:
+    """Return the mean of values and a 95 % interval of it that knows of clusters.
+
+    Values of one cluster, such as outages at one place, are not independent. The bootstrap draws
+    whole clusters with replacement (Davison and Hinkley 1997, Section 3.8) and takes the 2.5 % and
+    97.5 % quantiles of the mean.
+
+    Parameters
+    ----------
+    values : array_like, (n,)
+    clusters : array_like, (n,)
+        The cluster of each value.
+    seed : int
+        Of the draws.
+    resamples : int
+        How many.
+
+    Returns
+    -------
+    mean, low, high : float
+
+    Raises
+    ------
+    ParameterError
+        If shapes do not fit, a value is not finite, or there are fewer than five clusters.
+    """
+    array, labels = np.asarray(values, dtype=float), np.asarray(clusters)
+    if array.ndim != 1 or labels.shape != array.shape or not np.isfinite(array).all():
+        raise ParameterError(
+            "values", f"of shape {array.shape}", f"finite, (n,), with clusters {labels.shape}"
+        )
+    names, which = np.unique(labels, return_inverse=True)
+    if len(names) < 5:
+        raise ParameterError("clusters", f"{len(names)} of them", "5 or more")
+    sums, counts = np.bincount(which, weights=array), np.bincount(which)
+    drawn = np.random.default_rng(seed).integers(len(names), size=(resamples, len(names)))
+    means = sums[drawn].sum(axis=1) / counts[drawn].sum(axis=1)
+    low, high = np.quantile(means, [0.025, 0.975])
+    mean = float(array.mean())
+    # the mean itself lies within, but for a bootstrap that is very skew
+    return mean, min(float(low), mean), max(float(high), mean)

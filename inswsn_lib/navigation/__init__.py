@@ -6,8 +6,15 @@ from inswsn_lib.navigation.hybrid import (
     fit_many,
     observable_inputs,
 )
+from inswsn_lib.navigation.recorded_trials import RecordedTrials, read_trials, run_recorded_outages
 from inswsn_lib.navigation.recordings import INS, REFERENCE, TIME, WSN, Recording, read_recording
-from inswsn_lib.navigation.trials import FILTERS, OutageTrials, outage_size, run_outages
+from inswsn_lib.navigation.trials import (
+    FILTERS,
+    OutageTrials,
+    outage_size,
+    p3_hybrids,
+    run_outages,
+)
 from inswsn_lib.navigation.vehicle_hybrid import (
     Bridge,
     Machine,
@@ -28,12 +35,16 @@ __all__ = [
     "Machine",
     "OutageTrials",
     "Ramps",
+    "RecordedTrials",
     "Recording",
     "VehicleHybrid",
     "fit_many",
     "observable_inputs",
     "outage_size",
+    "p3_hybrids",
     "read_recording",
+    "read_trials",
     "run_outages",
+    "run_recorded_outages",
     "sensed_motion",
 ]

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from sklearn.linear_model import LinearRegression
 
 from inswsn_lib.errors import ParameterError
+from inswsn_lib.learning import HoldRegressor, RBFNetworkRegressor, SelectedLSSVM
 from inswsn_lib.navigation.vehicle_hybrid import Bridge, Ramps, VehicleHybrid
 from inswsn_lib.vehicle import (
     Drive,
@@ -26,6 +29,30 @@ Array = NDArray[np.float64]
 FILTERS = ("never", "until", "through")
 
 
+def p3_hybrids(settings: FilterSettings, **options: Any) -> dict[str, VehicleHybrid]:
+    """Return P3's hybrid and what it is compared with, by name.
+
+    ``lssvm``, P3's proposed method, with kernel width and regularisation of least leave-one-out
+    error; ``rbf``, the network with the numbers that P3 prints for newrb (Section 5.2), on inputs
+    and targets as they are, since its spread and goal are in their units; ``no time``, the LS-SVM
+    without the time since the outage; ``linear``, a linear fit; ``hold``, the last difference held.
+
+    Parameters
+    ----------
+    settings : FilterSettings
+    **options
+        Of `VehicleHybrid`, for all of them.
+    """
+    network = RBFNetworkRegressor(spread=3.0, goal=0.01, max_neurons=40)
+    return {
+        "lssvm": VehicleHybrid(settings, SelectedLSSVM(), **options),
+        "rbf": VehicleHybrid(settings, network, **({"scaled": False} | options)),
+        "no time": VehicleHybrid(settings, SelectedLSSVM(), **({"timed": False} | options)),
+        "linear": VehicleHybrid(settings, LinearRegression(), **options),
+        "hold": VehicleHybrid(settings, HoldRegressor(), **options),
+    }
+
+
 @dataclass(frozen=True, eq=False)
 class OutageTrials:
     """What each method did in each outage.
@@ -38,7 +65,7 @@ class OutageTrials:
         Horizontal distance from the reference (m), by method; at step 0 the outage begins.
     positions : dict of str to ndarray, (steps + 1, 3, outages, runs)
         Latitude, longitude (rad), height (m), by method.
-    unaided, aided : VehicleRun
+    bases : dict of bool to VehicleRun
         The filters with GPS at all times, without and with compass and lateral constraint.
     branches : dict of str to VehicleRun
         The filters through the outages, outages x runs.
@@ -51,8 +78,7 @@ class OutageTrials:
     starts: NDArray[np.intp]
     errors: dict[str, Array]
     positions: dict[str, Array]
-    unaided: VehicleRun
-    aided: VehicleRun
+    bases: dict[bool, VehicleRun]
     branches: dict[str, VehicleRun]
     ramps: dict[str, Ramps]
     bridges: dict[str, Bridge]
@@ -64,6 +90,8 @@ def run_outages(
     starts: ArrayLike,
     steps: int,
     hybrids: Mapping[str, VehicleHybrid] | None = None,
+    *,
+    filters: Sequence[str] = FILTERS,
 ) -> OutageTrials:
     """Take GPS away at several places, one at a time, and navigate on by every method.
 
@@ -81,6 +109,8 @@ def run_outages(
         Length of the outages (epochs).
     hybrids : mapping of str to VehicleHybrid, optional
         By name. Those with equal settings share what they learn from.
+    filters : sequence of str
+        Which of `FILTERS` take part.
 
     Raises
     ------
@@ -93,22 +123,24 @@ def run_outages(
         if name in FILTERS:
             raise ParameterError("hybrids", name, f"not one of {', '.join(FILTERS)}")
     last = int(begin.max())
+    if not filters or not set(filters) <= set(FILTERS):
+        raise ParameterError("filters", list(filters), f"some of {', '.join(FILTERS)}")
+    needed = {name != "never" for name in filters} | {h.aiding for h in hybrids.values()}
     bases = {
-        aiding: run_vehicle_filter(drive, settings, aiding=aiding, last=last)
-        for aiding in (False, True)
+        aiding: run_vehicle_filter(drive, settings, aiding=aiding, last=last) for aiding in needed
     }
     branches = {
-        name: replay(drive, settings, bases[before], begin, steps, aiding=within)
-        for name, before, within in zip(
-            FILTERS, (False, True, True), (False, False, True), strict=True
+        name: replay(
+            drive, settings, bases[name != "never"], begin, steps, aiding=name == "through"
         )
+        for name in filters
     }
     positions = {name: branch.position for name, branch in branches.items()}
     shared: dict[tuple[object, ...], Ramps] = {}
     learned, bridges = {}, {}
     for name, hybrid in hybrids.items():
         base = bases[hybrid.aiding]
-        branch = branches["through" if hybrid.aiding else "never"]
+        branch = branches.get("through" if hybrid.aiding else "never")
         key = hybrid.pairs_key
         if key not in shared:
             shared[key] = hybrid.simulate_outages(drive, base, begin)
@@ -118,9 +150,9 @@ def run_outages(
             drive, base, begin, steps, ramps=shared[key], branch=branch if same else None
         )
         positions[name] = bridges[name].position
+    any_branch = next(iter(branches.values()))
     errors = {
-        name: horizontal_error(branches["through"], drive, position)
-        for name, position in positions.items()
+        name: horizontal_error(any_branch, drive, position) for name, position in positions.items()
     }
     shape = (steps + 1, len(begin), drive.runs)
     return OutageTrials(
@@ -129,8 +161,7 @@ def run_outages(
         positions={
             name: position.reshape(steps + 1, 3, *shape[1:]) for name, position in positions.items()
         },
-        unaided=bases[False],
-        aided=bases[True],
+        bases=bases,
         branches=branches,
         ramps=learned,
         bridges=bridges,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -52,7 +53,8 @@ class Machine:
 
     Attributes
     ----------
-    regressor : scikit-learn regressor
+    regressor : scikit-learn regressor or None
+        None predicts zero.
     inputs, targets : Scale
     pairs : int
         How many trained it.
@@ -72,6 +74,8 @@ class Machine:
 
     def predict(self, X: Array) -> Array:
         """Return the targets of inputs (rows, inputs), in their own units."""
+        if self.regressor is None:
+            return np.zeros((len(X), self.targets.size.size))
         with config_context(assume_finite=True):
             found: Array = np.asarray(self.regressor.predict(self.inputs.there(X)), dtype=float)
             return self.targets.back(found)
@@ -139,6 +143,12 @@ class VehicleHybrid:
         trained on.
     anchored : bool
         Whether the prediction for the moment at which the outage begins is taken off.
+    past : int
+        If more than 0, the regressor has to prove itself: it, and the `rivals`, are trained as for
+        an outage at each of the last `past` simulated ones and predict the whole of it; the one
+        with the least squared error is used, or none if predicting zero is better than all.
+    rivals : sequence of scikit-learn regressors
+        See `past`.
     """
 
     def __init__(
@@ -157,9 +167,12 @@ class VehicleHybrid:
         timed: bool = True,
         scaled: bool = True,
         anchored: bool = False,
+        past: int = 0,
+        rivals: Sequence[Any] = (),
     ) -> None:
         for name, value, low in (
             ("tau", tau, 1), ("phase", phase, 0), ("spacing", spacing, 1), ("window", window, 2),
+            ("past", past, 0),
         ):  # fmt: skip
             if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < low:
                 raise ParameterError(name, value, f"a whole number, {low} or more")
@@ -171,9 +184,11 @@ class VehicleHybrid:
                 raise ParameterError(name, word, f"one of {', '.join(words)}")
         if not motion and not timed:
             raise ParameterError("timed", timed, "true where motion is no input")
-        if not all(hasattr(regressor, name) for name in ("fit", "predict", "get_params")):
-            raise ParameterError("regressor", regressor, "a scikit-learn regressor")
+        for machine in (regressor, *rivals):
+            if not all(hasattr(machine, name) for name in ("fit", "predict", "get_params")):
+                raise ParameterError("regressor", machine, "a scikit-learn regressor")
         self.settings, self.regressor, self.aiding = settings, regressor, aiding
+        self.past, self.rivals = past, tuple(rivals)
         self.tau, self.restart, self.phase, self.spacing = tau, restart, phase, spacing
         self.window, self.frame = window, frame
         self.motion, self.timed, self.scaled, self.anchored = motion, timed, scaled, anchored
@@ -286,6 +301,52 @@ class VehicleHybrid:
 
     def train(self, pairs: Ramps, which: int, start: int) -> Machine:
         """Return the regressor, trained on the latest pairs of a run at an outage's start."""
+        if not self.past:
+            return self._trained(self.regressor, pairs, which, start)
+        own = pairs.run == which
+        # a ramp has to be over, and to have a window before it
+        begun = np.unique(pairs.ramp[own & (pairs.ramp + self.tau <= start)])
+        begun = begun[begun >= self.window][-self.past :]
+        scores = []
+        for regressor in (self.regressor, *self.rivals):
+            trials = [self.predict_ramp(pairs, which, int(b), regressor) for b in begun]
+            scores.append(sum(float(np.sum((found - true) ** 2)) for found, true in trials))
+        nothing = sum(
+            float(np.sum(pairs.difference[own & (pairs.ramp == begin)] ** 2)) for begin in begun
+        )
+        best = int(np.argmin(scores))
+        if scores[best] >= nothing:
+            return Machine(
+                None, Scale.of(np.zeros((1, 1)), "none"), Scale.of(np.zeros((1, 2)), "none"), 0
+            )
+        return self._trained((self.regressor, *self.rivals)[best], pairs, which, start)
+
+    def predict_ramp(
+        self, pairs: Ramps, which: int, begin: int, regressor: Any = None
+    ) -> tuple[Array, Array]:
+        """Return what a regressor, trained before a simulated outage, says of it, and what came.
+
+        Parameters
+        ----------
+        pairs : Ramps
+        which : int
+            The run.
+        begin : int
+            The epoch at which the simulated outage began.
+        regressor : scikit-learn regressor, optional
+            Default: that of the hybrid.
+
+        Returns
+        -------
+        predicted, difference : ndarray, (steps, 2)
+            m.
+        """
+        machine = self._trained(regressor or self.regressor, pairs, which, begin)
+        rows = np.flatnonzero((pairs.run == which) & (pairs.ramp == begin))
+        found = machine.predict(self.inputs(pairs.motion[rows], pairs.elapsed[rows]))
+        return found, pairs.difference[rows]
+
+    def _trained(self, regressor: Any, pairs: Ramps, which: int, start: int) -> Machine:
         chosen = (pairs.run == which) & (pairs.epoch <= start) & (pairs.epoch > start - self.window)
         if self.restart == "aligned":
             chosen &= pairs.ramp == start - self.tau
@@ -295,7 +356,7 @@ class VehicleHybrid:
             raise ParameterError("starts", start, "one with two or more pairs before it")
         X, y = self.inputs(pairs.motion[rows], pairs.elapsed[rows]), pairs.difference[rows]
         scaling: Literal["standard", "none"] = "standard" if self.scaled else "none"
-        return Machine.fit(self.regressor, X, y, Scale.of(X, scaling), Scale.of(y, scaling))
+        return Machine.fit(regressor, X, y, Scale.of(X, scaling), Scale.of(y, scaling))
 
     def inputs(self, motion: Array, elapsed: Array) -> Array:
         """Return the inputs of P3 (39), (pairs, inputs), or those of them that are asked for."""

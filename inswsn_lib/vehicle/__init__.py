@@ -24,26 +24,39 @@ from inswsn_lib.vehicle.filter import (
     sequential_update,
 )
 from inswsn_lib.vehicle.mounting import Mounting, estimate_mounting
+from inswsn_lib.vehicle.recorded import (
+    DATA_VARIABLE,
+    DriveUnavailableError,
+    RecordedDrive,
+    emulate_sensors,
+    load_drive,
+)
+from inswsn_lib.vehicle.simulated import simulate_drive, simulate_sensors, true_motion
 from inswsn_lib.vehicle.strapdown import VehicleState, integrate_strapdown
 
 __all__ = [
+    "DATA_VARIABLE",
     "STATES",
     "Drive",
+    "DriveUnavailableError",
     "FilterSettings",
     "Mounting",
     "Place",
+    "RecordedDrive",
     "Reference",
     "VehicleRun",
     "VehicleState",
     "align",
     "compass_row",
     "discretise",
+    "emulate_sensors",
     "error_dynamics",
     "estimate_mounting",
     "gps_rows",
     "horizontal_error",
     "integrate_strapdown",
     "lateral_row",
+    "load_drive",
     "metres",
     "navigation_error",
     "noise_input",
@@ -51,5 +64,8 @@ __all__ = [
     "replay",
     "run_vehicle_filter",
     "sequential_update",
+    "simulate_drive",
+    "simulate_sensors",
+    "true_motion",
     "yaw",
 ]

@@ -381,11 +381,16 @@ def _arrivals_line(path: Path, tag: Path, device: Array, arrival: Array) -> Arra
     middle = device.mean()
     slope, offset = np.polyfit(device - middle, arrival, 1)
     line = np.asarray(offset + slope * (device - middle))
-    stray = float(np.abs(arrival - line).max())
-    if abs(slope - 1) > _CLOCKS or stray > _STRAY:
+    stray = np.abs(arrival - line)
+    what = ""
+    if abs(slope - 1) > _CLOCKS:
+        what = f"goes {1 / slope:.3g} times as fast"
+    elif stray.max() > _STRAY:
+        what = f"is {stray.max():.2g} s off in row {int(np.argmax(stray)) + 2}"
+    if what:
         raise InswsnError(
-            f"{path}: {_IMU_COLUMNS[6]} is not the time of {tag}: it goes {1 / slope:.4g} times as "
-            f"fast, and is up to {stray:.2g} s off a line; it may be in ms, of one recording."
+            f"{path}: {_IMU_COLUMNS[6]} {what}, by the arrivals in {tag}; both may be of one "
+            "recording, without a gap, the device's time in ms."
         )
     return line
 
@@ -535,7 +540,8 @@ def _rows_a_second(time: Array) -> int:
 
 
 def _rms(values: Array) -> float:
-    return float(np.sqrt(np.mean(values**2)))
+    """Return the root mean square of numbers (n,), or of the lengths of vectors (n, m)."""
+    return float(np.sqrt(np.sum(values**2) / len(values)))
 
 
 def resample(imu: ImuRecording, track: Track) -> RecordedDrive:
@@ -780,11 +786,11 @@ def _mount(increments: Array, rotation: Array | None, runs: int) -> Array:
 
 
 def _displace(position: Array, metres: Array) -> Array:
-    """Move (latitude, longitude, height), (epochs, 3), by metres east, north, up."""
+    """Move (latitude, longitude, height), (epochs, 3), by metres north, east, up."""
     latitude, _, height = position.T
     north, _, east = earth.principal_radii(np.rad2deg(latitude), height)
     sizes = np.column_stack([1 / north, 1 / east, np.ones_like(height)])
-    return np.asarray(position[:, :, None] + metres[:, [1, 0, 2]] * sizes[:, :, None])
+    return np.asarray(position[:, :, None] + metres * sizes[:, :, None])
 
 
 def _held_course(velocity: Array, hold_below: float) -> Array:

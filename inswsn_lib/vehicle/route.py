@@ -36,6 +36,7 @@ _LENGTH = 52  # s: so that outages of 50 s, and a window's rounding, stay within
 _TURN_MIDDLE = 20.0  # s after the start of a 90-degree turn's place
 _BEND_RAMP = 3.0  # s from one curvature to the next of a continuous curve
 _STEEPEST = 1.875  # the largest slope of the step S
+_SHORTEST = 0.8  # s: of a flank; the springs of a car follow nothing that is quicker
 _WAVES = 5
 _ROUNDING = 1e-9  # s
 
@@ -373,13 +374,14 @@ class _Planner:
 def _pulse(total: float, most: float, steepest: float) -> tuple[float, float, float]:
     """Return height, ramp and plateau of a pulse with smooth flanks of a given integral.
 
-    The height is `most`, or less where the integral is too small to reach it at a slope that
-    `steepest` limits.
+    The height is `most`, or less where the integral is too small to reach it with flanks that are
+    not steeper than `steepest`, nor shorter than a car can follow.
     """
-    height = min(most, float(np.sqrt(total * steepest / _STEEPEST)))
-    if height == 0.0:
+    if total == 0.0:
         return 0.0, 0.0, 0.0
-    ramp = _STEEPEST * height / steepest
+    height = min(most, float(np.sqrt(total * steepest / _STEEPEST)))
+    ramp = max(_STEEPEST * height / steepest, _SHORTEST)
+    height = min(height, total / ramp)
     return height, ramp, max(total / height - ramp, 0.0)
 
 

@@ -1,0 +1,162 @@
+"""Outages in the recorded drive, each in a replay of its own, and keeping what came of them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from inswsn_lib.errors import InswsnError
+from inswsn_lib.files import write_whole
+from inswsn_lib.navigation.trials import run_outages
+from inswsn_lib.navigation.vehicle_hybrid import VehicleHybrid
+from inswsn_lib.vehicle import (
+    FilterSettings,
+    RecordedDrive,
+    emulate_sensors,
+    estimate_mounting,
+    metres,
+    run_vehicle_filter,
+)
+
+Array = NDArray[np.float64]
+Hybrids = Callable[[FilterSettings], Mapping[str, VehicleHybrid]]
+
+_FORM = 1
+_DIGITS = 3  # millimetres
+
+
+@dataclass(frozen=True, eq=False)
+class RecordedTrials:
+    """What each method did in each outage of the recorded drive.
+
+    Attributes
+    ----------
+    starts : ndarray of int, (outages,)
+        The last epochs with GPS.
+    errors : dict of str to ndarray, (steps + 1, outages, runs)
+        Horizontal distance from RTK (m), by method.
+    tracks : dict of str to ndarray, (steps + 1, 2, outages)
+        East and north of the first epoch of the drive (m), by method, in the first run.
+    reference : ndarray, (epochs, 2)
+        RTK, likewise.
+    speed : ndarray, (epochs,)
+        Over ground (m/s).
+    mounting : ndarray, (2, outages, runs)
+        Yaw and pitch of the car's forward axis in the IMU's axes, as estimated before each outage
+        (rad).
+    """
+
+    starts: NDArray[np.intp]
+    errors: dict[str, Array]
+    tracks: dict[str, Array]
+    reference: Array
+    speed: Array
+    mounting: Array
+
+    def write(self, path: Path, **facts: Any) -> None:
+        """Keep the trials in a file, to millimetres, with facts about where they come from."""
+        content = {
+            "form": _FORM,
+            "facts": facts,
+            "starts": self.starts.tolist(),
+            "errors": {name: np.round(e, _DIGITS).tolist() for name, e in self.errors.items()},
+            "tracks": {name: np.round(t, _DIGITS).tolist() for name, t in self.tracks.items()},
+            "reference": np.round(self.reference, _DIGITS).tolist(),
+            "speed": np.round(self.speed, _DIGITS).tolist(),
+            "mounting": np.round(self.mounting, 6).tolist(),
+        }
+        write_whole(path, json.dumps(content, separators=(",", ":")) + "\n")
+
+
+def read_trials(path: Path) -> tuple[RecordedTrials, dict[str, Any]]:
+    """Return trials that were kept, and the facts about them.
+
+    Raises
+    ------
+    InswsnError
+        If the file is not one of `RecordedTrials.write`.
+    """
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+        if content["form"] != _FORM:
+            raise InswsnError(f"{path} has the form {content['form']}; it may be {_FORM}.")
+        errors, tracks = (
+            {method: np.array(x) for method, x in content[name].items()}
+            for name in ("errors", "tracks")
+        )
+        trials = RecordedTrials(
+            starts=np.array(content["starts"], dtype=np.intp),
+            errors=errors,
+            tracks=tracks,
+            reference=np.array(content["reference"]),
+            speed=np.array(content["speed"]),
+            mounting=np.array(content["mounting"]),
+        )
+        return trials, dict(content["facts"])
+    except FileNotFoundError:
+        raise InswsnError(f"There is no file {path}.") from None
+    except (KeyError, TypeError, AttributeError, json.JSONDecodeError):
+        raise InswsnError(f"{path} does not hold the trials of a recorded drive.") from None
+
+
+def run_recorded_outages(
+    recorded: RecordedDrive,
+    settings: FilterSettings,
+    starts: ArrayLike,
+    steps: int,
+    hybrids: Hybrids,
+    *,
+    runs: int,
+    seed: int,
+) -> RecordedTrials:
+    """Take GPS away in the recorded drive, each outage in a replay of its own.
+
+    The IMU's mounting is estimated anew for each outage, from data before it alone: a filter with
+    GPS and without compass and lateral constraint runs over the drive, and the direction of motion
+    in the IMU's axes up to the outage tells (`estimate_mounting`).
+
+    Parameters
+    ----------
+    recorded : RecordedDrive
+    settings : FilterSettings
+    starts : array_like of int, (outages,)
+        The last epochs with GPS.
+    steps : int
+        Length of the outages (epochs).
+    hybrids : callable
+        Takes the settings and returns the hybrids by name, for example `p3_hybrids`.
+    runs : int
+        Draws of the noise of the emulated GPS and compass.
+    seed : int
+        Of these draws.
+    """
+    begin = np.atleast_1d(np.asarray(starts, dtype=np.intp))
+    raw = emulate_sensors(recorded, runs=runs, seed=seed)
+    free = run_vehicle_filter(raw, settings, aiding=False, last=int(begin.max()))
+    errors: dict[str, list[Array]] = {}
+    tracks: dict[str, list[Array]] = {}
+    mountings = []
+    origin, size = recorded.position[0], metres(recorded.position[0])
+    for start in begin:
+        mounting = estimate_mounting(free, int(start))
+        mountings.append([mounting.yaw, mounting.pitch])
+        drive = emulate_sensors(recorded, runs=runs, seed=seed, mounting=mounting.rotation)
+        trials = run_outages(drive, settings, [start], steps, hybrids(settings))
+        for name, error in trials.errors.items():
+            errors.setdefault(name, []).append(error[:, 0])
+            moved = (trials.positions[name][:, :, 0, 0] - origin) * size
+            tracks.setdefault(name, []).append(moved[:, [1, 0]])
+    return RecordedTrials(
+        starts=begin,
+        errors={name: np.stack(parts, axis=1) for name, parts in errors.items()},
+        tracks={name: np.stack(parts, axis=2) for name, parts in tracks.items()},
+        reference=((recorded.position - origin) * size)[:, [1, 0]],
+        speed=np.hypot(recorded.velocity[:, 0], recorded.velocity[:, 1]),
+        mounting=np.moveaxis(np.array(mountings), 1, 0),
+    )

@@ -1,0 +1,125 @@
+"""A small drive made with the simulator of pyins, independent of this library's own.
+
+The car stands for two seconds, speeds up, and winds through curves; it never slides sideways.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from pyins import sim, strapdown, transform
+
+from inswsn_lib.vehicle import Drive, FilterSettings, Place, Reference
+
+#: North-east-down to east-north-up
+TURN = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+THETA, DV = ["theta_x", "theta_y", "theta_z"], ["dv_x", "dv_y", "dv_z"]
+PERIOD = 0.01
+ACCEL_NOISE, GYRO_NOISE = 0.01, np.deg2rad(0.05)
+ACCEL_BIAS, GYRO_BIAS = 0.05, np.deg2rad(0.1)
+COMPASS, GPS_POSITION, GPS_VELOCITY = np.deg2rad(0.15), 3.0, 0.05
+
+#: What a filter is told that knows how the drives below were made
+KNOWN = FilterSettings(
+    accelerometer_noise=ACCEL_NOISE, gyro_noise=GYRO_NOISE,
+    accelerometer_walk=1e-6, gyro_walk=1e-8,
+    # epoch 0 serves twice, to align and to update: a wide prior keeps it from counting twice
+    position=300.0, velocity=1.0, tilt=np.deg2rad(2), yaw=np.deg2rad(5),
+    accelerometer_bias=ACCEL_BIAS, gyro_drift=GYRO_BIAS,
+    compass=COMPASS, lateral=0.05, gps_position=GPS_POSITION, gps_velocity=GPS_VELOCITY,
+)  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Made:
+    """What was driven: the trajectory (north-east-down, degrees) and increments without error."""
+
+    trajectory: pd.DataFrame
+    increments: pd.DataFrame
+
+
+@cache
+def driven(duration: int, mounting: float = 0.0) -> Made:
+    """Return the drive; the IMU's forward axis is `mounting` (rad) left of the car's."""
+    time = np.arange(duration * 100 + 1) * PERIOD
+    begun = np.clip(time - 2, 0, None)
+    speed = 10 * (1 - np.exp(-(begun**2) / 50)) + 2 * np.sin(begun / 7) * (1 - np.exp(-begun / 5))
+    heading = 0.5 + 1.2 * np.sin(begun / 11) * (1 - np.exp(-begun / 5)) + begun / 60
+    pitch = 0.02 * np.sin(begun / 13)
+    forward = np.stack(
+        [np.cos(pitch) * np.cos(heading), np.cos(pitch) * np.sin(heading), -np.sin(pitch)], axis=-1
+    )
+    # the axes of the IMU: those of the car, turned to the left about its down axis
+    car = transform.mat_from_rph(np.rad2deg(np.stack([0 * pitch, pitch, heading], axis=-1)))
+    rph = transform.mat_to_rph(car @ transform.mat_from_rph([0, 0, -np.rad2deg(mounting)]))
+    trajectory, imu = sim.generate_imu(
+        time, [50.0, 60.0, 100.0], rph, speed[:, None] * forward, "increment"
+    )
+    return Made(trajectory, strapdown.compute_increments_from_imu(imu, "increment"))
+
+
+def make_drive(
+    duration: int = 60,
+    runs: int = 1,
+    *,
+    seed: int = 0,
+    mounting: float = 0.0,
+    compass_bias: float = 0.0,
+    compass_noise: float = COMPASS,
+    errors: float = 1.0,
+) -> Drive:
+    """Return a drive with sensors: `errors` scales noise and biases of the IMU."""
+    rng = np.random.default_rng(seed)
+    made = driven(duration, mounting)
+    epochs = made.trajectory.iloc[::100]
+    size = (3, runs)
+    gyro_bias = errors * rng.normal(0, GYRO_BIAS, size)
+    accel_bias = errors * rng.normal(0, ACCEL_BIAS, size)
+    samples = len(made.increments)
+    root = np.sqrt(PERIOD)
+    theta = made.increments[THETA].to_numpy()[:, :, None] + gyro_bias * PERIOD
+    dv = made.increments[DV].to_numpy()[:, :, None] + accel_bias * PERIOD
+    theta = theta + errors * rng.normal(0, GYRO_NOISE * root, (samples, *size))
+    dv = dv + errors * rng.normal(0, ACCEL_NOISE * root, (samples, *size))
+
+    position = np.column_stack([np.deg2rad(epochs.lat), np.deg2rad(epochs.lon), epochs.alt])
+    velocity = epochs[["VN", "VE", "VD"]].to_numpy() @ TURN
+    attitude = TURN @ transform.mat_from_rph(epochs[["roll", "pitch", "heading"]])
+    gps = transform.perturb_lla(
+        np.repeat(epochs[["lat", "lon", "alt"]].to_numpy(), runs, axis=0),
+        rng.normal(0, GPS_POSITION, (len(epochs) * runs, 3)),
+    ).reshape(len(epochs), runs, 3)
+    gps[..., :2] = np.deg2rad(gps[..., :2])
+    yaw = np.deg2rad(epochs.heading.to_numpy())[:, None] + mounting
+    compass = yaw + compass_bias + rng.normal(0, compass_noise, (len(epochs), runs))
+    return Drive(
+        time=np.arange(len(epochs)) * 1.0,
+        period=PERIOD,
+        rotation_increments=theta,
+        velocity_increments=dv,
+        gps_position=np.moveaxis(gps, 1, 2),
+        gps_velocity=velocity[:, :, None] + rng.normal(0, GPS_VELOCITY, (len(epochs), *size)),
+        compass=np.angle(np.exp(1j * compass)),
+        reference=Reference(position, velocity, attitude, gyro_bias, accel_bias),
+        places=(Place("middle", len(epochs) // 2),),
+        origin="simulated",
+    )
+
+
+def only(drive: Drive, runs: Sequence[int]) -> Drive:
+    """Return some runs of a drive."""
+    take = list(runs)
+    return changed(drive, **{name: getattr(drive, name)[..., take] for name in SENSORS})
+
+
+def changed(drive: Drive, **values: Any) -> Drive:
+    """Return the drive with other data."""
+    return replace(drive, **values)
+
+
+SENSORS = ("rotation_increments", "velocity_increments", "gps_position", "gps_velocity", "compass")
