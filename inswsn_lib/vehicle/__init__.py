@@ -1,5 +1,6 @@
 """The vehicle of P3: its error model, its filter, and drives, made and recorded."""
 
+from inswsn_lib.vehicle.differences import numeric_dynamics, numeric_rows, row_difference
 from inswsn_lib.vehicle.drive import Drive, Place, Reference
 from inswsn_lib.vehicle.error_model import (
     STATES,
@@ -60,8 +61,11 @@ __all__ = [
     "metres",
     "navigation_error",
     "noise_input",
+    "numeric_dynamics",
+    "numeric_rows",
     "position_error",
     "replay",
+    "row_difference",
     "run_vehicle_filter",
     "sequential_update",
     "simulate_drive",
