@@ -36,6 +36,7 @@ calibrate: environment ## fit the simulated INS to the INS-only cells and write 
 bench: environment ## speed against peers, as ratios; writes data/benchmarks*.yaml, for the book
 	@$(RUN) benchmarks/throughput.py
 	@$(RUN) benchmarks/fusion.py
+	@$(RUN) benchmarks/vehicle.py
 
 lock: environment ## compile environment.in to environment.lock
 	@$(INSWSN) lock

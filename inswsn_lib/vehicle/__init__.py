@@ -1,5 +1,6 @@
 """The vehicle of P3: its error model, its filter, and drives, made and recorded."""
 
+from inswsn_lib.vehicle.calibration import calibrate_inertial_noise
 from inswsn_lib.vehicle.differences import numeric_dynamics, numeric_rows, row_difference
 from inswsn_lib.vehicle.drive import Drive, Place, Reference
 from inswsn_lib.vehicle.error_model import (
@@ -25,6 +26,7 @@ from inswsn_lib.vehicle.filter import (
     sequential_update,
 )
 from inswsn_lib.vehicle.mounting import Mounting, estimate_mounting
+from inswsn_lib.vehicle.pyins_filter import PeerRun, run_pyins_filter
 from inswsn_lib.vehicle.recorded import (
     DATA_VARIABLE,
     DriveUnavailableError,
@@ -42,12 +44,14 @@ __all__ = [
     "DriveUnavailableError",
     "FilterSettings",
     "Mounting",
+    "PeerRun",
     "Place",
     "RecordedDrive",
     "Reference",
     "VehicleRun",
     "VehicleState",
     "align",
+    "calibrate_inertial_noise",
     "compass_row",
     "discretise",
     "emulate_sensors",
@@ -66,6 +70,7 @@ __all__ = [
     "position_error",
     "replay",
     "row_difference",
+    "run_pyins_filter",
     "run_vehicle_filter",
     "sequential_update",
     "simulate_drive",

@@ -6,9 +6,9 @@ import numpy as np
 import pandas as pd
 from pyins import filters, inertial_sensor, measurements, transform
 from pyins.util import LLA_COLS, RPH_COLS, TRAJECTORY_COLS, VEL_COLS, Bunch
+from vehicle.made_drive import DV, PERIOD, THETA, TURN
 
 from inswsn_lib.vehicle import Drive, FilterSettings, align
-from vehicle.made_drive import DV, PERIOD, THETA, TURN
 
 
 class Compass(measurements.Measurement):

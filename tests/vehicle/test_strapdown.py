@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from pyins import earth, strapdown, transform
 from pyins.util import TRAJECTORY_COLS
 from scipy.spatial.transform import Rotation
+from vehicle.made_drive import DV, PERIOD, THETA, TURN, driven
 
 from inswsn_lib.vehicle import VehicleState, integrate_strapdown, metres
-from vehicle.made_drive import DV, PERIOD, THETA, TURN, driven
 
 
 def state(position: np.ndarray, velocity: np.ndarray, attitude: np.ndarray) -> VehicleState:
