@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -10,6 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 from inswsn_lib.errors import ParameterError
 
 Array = NDArray[np.float64]
+
+_FEWEST_CLUSTERS = 5
 
 
 def mean_absolute_error(errors: ArrayLike) -> Array:
@@ -91,13 +93,18 @@ def spread(values: ArrayLike) -> Spread:
 
 
 def cluster_interval(
-    values: ArrayLike, clusters: ArrayLike, *, seed: int, resamples: int = 2000
+    values: ArrayLike,
+    clusters: ArrayLike,
+    *,
+    seed: int,
+    statistic: Literal["mean", "median"] = "mean",
+    resamples: int = 2000,
 ) -> tuple[float, float, float]:
-    """Return the mean of values and a 95 % interval of it that knows of clusters.
+    """Return the mean or median of values and a 95 % interval of it that knows of clusters.
 
     Values of one cluster, such as outages at one place, are not independent. The bootstrap draws
     whole clusters with replacement (Davison and Hinkley 1997, Section 3.8) and takes the 2.5 % and
-    97.5 % quantiles of the mean.
+    97.5 % quantiles of the statistic.
 
     Parameters
     ----------
@@ -106,12 +113,13 @@ def cluster_interval(
         The cluster of each value.
     seed : int
         Of the draws.
+    statistic : {"mean", "median"}
     resamples : int
         How many.
 
     Returns
     -------
-    mean, low, high : float
+    statistic, low, high : float
 
     Raises
     ------
@@ -123,13 +131,19 @@ def cluster_interval(
         raise ParameterError(
             "values", f"of shape {array.shape}", f"finite, (n,), with clusters {labels.shape}"
         )
+    if statistic not in ("mean", "median"):
+        raise ParameterError("statistic", statistic, "mean or median")
     names, which = np.unique(labels, return_inverse=True)
-    if len(names) < 5:
-        raise ParameterError("clusters", f"{len(names)} of them", "5 or more")
-    sums, counts = np.bincount(which, weights=array), np.bincount(which)
+    if len(names) < _FEWEST_CLUSTERS:
+        raise ParameterError("clusters", f"{len(names)} of them", f"{_FEWEST_CLUSTERS} or more")
     drawn = np.random.default_rng(seed).integers(len(names), size=(resamples, len(names)))
-    means = sums[drawn].sum(axis=1) / counts[drawn].sum(axis=1)
-    low, high = np.quantile(means, [0.025, 0.975])
-    mean = float(array.mean())
-    # the mean itself lies within, but for a bootstrap that is very skew
-    return mean, min(float(low), mean), max(float(high), mean)
+    if statistic == "mean":
+        sums, counts = np.bincount(which, weights=array), np.bincount(which)
+        found, whole = sums[drawn].sum(axis=1) / counts[drawn].sum(axis=1), float(array.mean())
+    else:
+        groups = [array[which == i] for i in range(len(names))]
+        found = np.array([np.median(np.concatenate([groups[i] for i in row])) for row in drawn])
+        whole = float(np.median(array))
+    low, high = np.quantile(found, [0.025, 0.975])
+    # the statistic itself lies within, but for a bootstrap that is very skew
+    return whole, min(float(low), whole), max(float(high), whole)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any, Literal
 
 import numpy as np
@@ -222,18 +222,28 @@ class VehicleHybrid:
         else:
             pace = self.tau if self.restart == "successive" else self.spacing
             first = np.arange(self.phase, int(np.max(starts)), pace)
-        # a ramp may be cut where the drive ends: it is replayed only as far as pairs are used
-        first = first[(first >= 0) & (first + self.tau <= last)]
+        first = first[(first >= 0) & (first < last)]
         if not len(first):
             raise ParameterError("starts", np.asarray(starts).tolist(), f"{self.tau} epochs later")
-        ramps = replay(drive, self.settings, run, first, self.tau, aiding=self.aiding)
+        # where the run ends, the simulated outage that is under way ends with it
+        lengths = np.minimum(self.tau, last - first)
+        parts = [
+            self._ramps_of(drive, run, first[lengths == length], int(length))
+            for length in np.unique(lengths)
+        ]
+        names = [field.name for field in fields(Ramps)]
+        return Ramps(**{n: np.concatenate([getattr(part, n) for part in parts]) for n in names})
+
+    def _ramps_of(self, drive: Drive, run: VehicleRun, first: Integers, length: int) -> Ramps:
+        """Return the pairs of simulated outages of one length."""
+        ramps = replay(drive, self.settings, run, first, length, aiding=self.aiding)
         second = np.moveaxis(run.position, 2, 1)[ramps.epochs, ramps.which]
         difference = _east_north(np.moveaxis(ramps.first, 2, 1) - second, second)
         if self.frame == "body":
             difference = _turn(difference, yaw(ramps.states.attitude))
         steps = slice(1, None)  # at the start both modules know the same
         shape = ramps.epochs[steps].shape
-        elapsed = np.arange(1, self.tau + 1) * drive.interval
+        elapsed = np.arange(1, length + 1) * drive.interval
         return Ramps(
             epoch=ramps.epochs[steps].ravel(),
             run=np.broadcast_to(ramps.which, shape).ravel(),

@@ -169,7 +169,7 @@ def discretise(F: Array, density: Array, step: float) -> tuple[Array, Array]:
     r"""Return the transition and the process covariance of a short step (P3 (4)).
 
     .. math::
-        \Phi = I + F T + \tfrac12 F^2 T^2, \qquad
+        \Phi = I + F T + \tfrac12 F^2 T^2 + \tfrac16 F^3 T^3, \qquad
         Q = \tfrac T2 \bigl( \Phi\,S\,\Phi' + S \bigr)
 
     Parameters
@@ -186,7 +186,8 @@ def discretise(F: Array, density: Array, step: float) -> tuple[Array, Array]:
     transition, covariance : ndarray, (..., n, n)
     """
     scaled = F * step
-    transition = np.eye(F.shape[-1]) + scaled + 0.5 * scaled @ scaled
+    square = scaled @ scaled
+    transition = np.eye(F.shape[-1]) + scaled + square / 2 + square @ scaled / 6
     carried = transition @ density @ np.swapaxes(transition, -1, -2)
     return transition, 0.5 * step * (carried + density)
 

@@ -21,6 +21,7 @@ QUICK: dict[str, dict[str, Value]] = {
     "02": {"runs": 40, "other_runs": 40, "velocity_source": "window"},
     "03": {"runs": 40, "tuning_runs": 4, "networks": 40},
     "04": {"runs": 64, "other_runs": 40, "speed": 6.0, "most_clusters": 8},
+    "05": {"routes": 5, "draws": 2, "sweep_draws": 2, "recorded_draws": 2},
     "90": {"wsn_position_noise": 0.3},
 }
 
