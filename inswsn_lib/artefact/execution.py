@@ -27,7 +27,7 @@ from inswsn_lib.artefact.notebooks import (
 from inswsn_lib.artefact.progress import Progress
 from inswsn_lib.artefact.project import Chapter, Project
 from inswsn_lib.artefact.provenance import available_cores, provenance, source_facts
-from inswsn_lib.checkout import RESULTS_VARIABLE, ROOT_VARIABLE
+from inswsn_lib.checkout import DATA_VARIABLE, RESULTS_VARIABLE, ROOT_VARIABLE
 from inswsn_lib.claims import Results, read_results
 from inswsn_lib.errors import BuildError, InswsnError, ParameterError
 from inswsn_lib.parameters import Value
@@ -300,6 +300,8 @@ def _environment(project: Project, folder: Path) -> dict[str, str]:
     threads = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
     personal = ("PYTHONPATH", "PYTHONSTARTUP", "MATPLOTLIBRC", "MPLBACKEND")
     kept = {name: value for name, value in os.environ.items() if name not in personal}
+    if kept.get(DATA_VARIABLE):  # a kernel has a working folder of its own
+        kept[DATA_VARIABLE] = str(Path(kept[DATA_VARIABLE]).absolute())
     return kept | {
         **dict.fromkeys(threads, "1"),
         "PYTHONHASHSEED": "0",

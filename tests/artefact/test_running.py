@@ -11,6 +11,7 @@ from conftest import MiniProject, run_command
 from rich.console import Console
 
 from inswsn_lib.artefact.running import gather_parameters, show_comparison
+from inswsn_lib.checkout import DATA_VARIABLE
 from inswsn_lib.claims import ChapterRecord, Quantity, Results, read_results
 from inswsn_lib.errors import InswsnError, ParameterError
 from inswsn_lib.parameters import chapter_schema, read_schema
@@ -263,6 +264,20 @@ def test_what_a_chapter_writes_for_its_reader_is_in_the_run(
     done = run_command(mini.root, "run", "00", "--out", str(tmp_path / "out"))
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "out" / "note.csv").read_text() == "a,b\n"
+
+
+def test_a_chapter_is_told_where_recorded_data_are(
+    mini: MiniProject, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # named from where the command is run; the kernel works in a folder of its own
+    monkeypatch.setenv(DATA_VARIABLE, "recorded")
+    mini.chapter(
+        "```{code-cell} ipython3\nimport os\n"
+        f"record.write_file('told.txt', os.environ['{DATA_VARIABLE}'])\n```"
+    )
+    done = run_command(mini.root, "run", "00", "--out", str(tmp_path / "out"))
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "out" / "told.txt").read_text() == str(mini.root / "recorded")
 
 
 def test_a_file_that_a_parameter_names(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
