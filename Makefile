@@ -8,6 +8,9 @@ INSWSN := $(RUN) -m inswsn_lib
 FRESH  ?=
 JOBS   ?=
 PORT   ?= 8000
+# processes that run tests; each computes with one thread. One that has no tests left takes half of those that
+# wait for the other: files take too unlike a time to be dealt out whole, and their fixtures cost little twice.
+WORKERS ?= 2
 
 book: environment ## execute every chapter and render the book to _build/html (FRESH=1 ignores the cache)
 	@$(INSWSN) book $(if $(FRESH),--fresh) $(if $(JOBS),--jobs $(JOBS))
@@ -19,7 +22,7 @@ test: environment ## lint, types, and all tests
 	$(VENV)/bin/lint-imports
 	$(INSWSN) lock --check
 	$(INSWSN) notebooks --check
-	$(RUN) -m pytest
+	$(RUN) -m pytest -n $(WORKERS) --dist worksteal
 
 serve: book ## open the built book in a browser
 	@$(INSWSN) serve --port $(PORT)

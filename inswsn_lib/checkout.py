@@ -11,6 +11,8 @@ from inswsn_lib.errors import InswsnError
 ROOT_VARIABLE = "INSWSN_ROOT"
 #: Set by the executor: the folder that results files go to, instead of ``results/``.
 RESULTS_VARIABLE = "INSWSN_RESULTS"
+#: Set by a user: a local folder with recorded data, ``<owner>__<repo>/<commit>/<path>`` in it.
+DATA_VARIABLE = "INSWSN_DATA"
 
 _MARKERS = ("_config.yml", "environment.lock", "chapters", "data")
 
@@ -47,6 +49,15 @@ def find_root(start: Path | None = None) -> Path:
     raise InswsnError(
         f"{start} is not in a checkout of inswsn: go into one, or name it with --root."
     )
+
+
+def data_mirror() -> Path | None:
+    """Return the local folder with recorded data; None if none is named or it is not there."""
+    named = os.environ.get(DATA_VARIABLE)
+    if not named:
+        return None
+    folder = Path(named).absolute()
+    return folder if folder.is_dir() else None
 
 
 def results_folder(root: Path) -> Path:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 import subprocess
@@ -10,7 +11,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from filelock import FileLock
 from hypothesis import settings
+
+# Before numpy is imported: one thread a process, as when the book is built. Workers that run tests
+# side by side would else have more threads than there are cores.
+os.environ.update({f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL", "NUMBA")})
 
 from inswsn_lib.artefact.project import Project
 
@@ -96,6 +102,11 @@ MINI_CLAIMS_PAGE = """\
 """
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Put long tests first, so that no worker runs one at the end while the other has none."""
+    items.sort(key=lambda item: item.get_closest_marker("long") is None)
+
+
 @pytest.fixture(scope="session")
 def root() -> Path:
     """The checkout under test."""
@@ -109,11 +120,29 @@ def project(root: Path) -> Project:
 
 
 @pytest.fixture(scope="session")
-def built_site(project: Project) -> Path:
-    """The book built from the present sources, by the command that a user calls."""
-    done = run_command(project.root, "book")
-    assert done.returncode == 0, done.stdout + done.stderr
+def built_site(project: Project, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The book built from the present sources, by the command that a user calls.
+
+    Workers of pytest-xdist have one session each; the first that asks builds for all of them.
+    """
+    build_once(project.root, shared_folder(tmp_path_factory) / "book.json")
     return project.site
+
+
+def shared_folder(factory: pytest.TempPathFactory) -> Path:
+    """Return a new folder for this run of tests, the same one in every worker."""
+    own = factory.getbasetemp()
+    return own.parent if "PYTEST_XDIST_WORKER" in os.environ else own
+
+
+def build_once(root: Path, told: Path) -> None:
+    """Build a book in the first worker that asks; the others wait, and read how it went."""
+    with FileLock(told.with_suffix(".lock")):
+        if not told.is_file():
+            done = run_command(root, "book", timeout=1800)
+            told.write_text(json.dumps([done.returncode, done.stdout + done.stderr]))
+    status, said = json.loads(told.read_text())
+    assert status == 0, said
 
 
 def run_command(
@@ -147,7 +176,29 @@ class MiniProject(Project):
 @pytest.fixture
 def mini(tmp_path: Path) -> MiniProject:
     """A small project, in order, that a test may break."""
-    folder = tmp_path / "mini"
+    return make_mini(tmp_path / "mini")
+
+
+@pytest.fixture
+def built(built_mini: Path, tmp_path: Path) -> MiniProject:
+    """The small project after a first, good build."""
+    shutil.copytree(built_mini, tmp_path / "mini")
+    return MiniProject(tmp_path / "mini")
+
+
+@pytest.fixture(scope="session")
+def built_mini(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A small project that is built once and copied; nothing changes it."""
+    folder = shared_folder(tmp_path_factory) / "built-mini"
+    with FileLock(folder.with_suffix(".made")):
+        if not folder.exists():
+            make_mini(folder)
+    build_once(folder, folder.with_suffix(".json"))
+    return folder
+
+
+def make_mini(folder: Path) -> MiniProject:
+    """Write a small project."""
     for name in ("book", "chapters", "data/papers"):
         (folder / name).mkdir(parents=True)
     for name in (

@@ -10,6 +10,7 @@ from pathlib import Path
 from types import ModuleType
 
 import pytest
+from threadpoolctl import threadpool_info
 
 from inswsn_lib import (
     claims,
@@ -63,6 +64,12 @@ def test_no_path_of_a_machine_and_no_registry_host(tracked: list[Path], root: Pa
 def test_nothing_heavy_is_kept(tracked: list[Path], root: Path) -> None:
     heavy = [p.relative_to(root).as_posix() for p in tracked if p.stat().st_size > 400_000]
     assert heavy == []
+
+
+def test_the_tests_compute_with_one_thread_a_process() -> None:
+    """The library is imported, and with it numpy and scipy."""
+    threads = {entry["num_threads"] for entry in threadpool_info()}
+    assert threads == {1}
 
 
 def test_the_first_screen_of_the_readme_has_the_two_commands(root: Path) -> None:

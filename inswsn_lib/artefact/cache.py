@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from inswsn_lib.artefact.project import Chapter, Project
+from inswsn_lib.checkout import data_mirror
 from inswsn_lib.claims import Results, data_digest, read_results, write_results
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.files import file_digest, tree_digest, write_whole
@@ -41,9 +42,11 @@ class Executed:
 def chapter_key(project: Project, chapter: Chapter, parameters: dict[str, Any]) -> str:
     """Return the digest of what a chapter is made from, but for the data it reads.
 
-    It covers the chapter's source, the library, the locks, the parameters, and Python's version.
-    The data files are known once the chapter has run: they stand in its results with their
-    digests, and `lookup` checks them.
+    It covers the chapter's source, the library, the locks, the parameters, Python's version, and
+    whether there is a local folder with recorded data, not which one or what is in it: a chapter
+    executed without recorded data is due once they can be had, and the other way round. The
+    project's own data files are known once the chapter has run: they stand in its results with
+    their digests, and `lookup` checks them.
     """
     facts = {
         "form": _FORM,
@@ -53,6 +56,7 @@ def chapter_key(project: Project, chapter: Chapter, parameters: dict[str, Any]) 
         "locks": tree_digest(project.root, project.locks),
         "parameters": parameters,
         "python": sys.version_info[:3],
+        "recorded data": data_mirror() is not None,
     }
     return sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import subprocess
 import sys
@@ -27,7 +28,8 @@ from inswsn_lib.artefact.notebooks import (
 from inswsn_lib.artefact.progress import Progress
 from inswsn_lib.artefact.project import Chapter, Project
 from inswsn_lib.artefact.provenance import available_cores, provenance, source_facts
-from inswsn_lib.checkout import RESULTS_VARIABLE, ROOT_VARIABLE
+from inswsn_lib.artefact.publishing import reference_results
+from inswsn_lib.checkout import DATA_VARIABLE, RESULTS_VARIABLE, ROOT_VARIABLE
 from inswsn_lib.claims import Results, read_results
 from inswsn_lib.errors import BuildError, InswsnError, ParameterError
 from inswsn_lib.parameters import Value
@@ -97,7 +99,7 @@ def execute_chapters(
     fresh: bool = False,
     jobs: int | None = None,
 ) -> list[Executed]:
-    """Execute every chapter that the cache does not hold.
+    """Execute every chapter that the cache does not hold, those that take long first.
 
     Parameters
     ----------
@@ -136,7 +138,8 @@ def execute_chapters(
     workers = _Workers()
     with ThreadPoolExecutor(max_workers=jobs or available_cores()) as pool:
         pending: set[Future[Executed]] = {
-            pool.submit(_execute, project, chapter, progress, workers) for chapter in due
+            pool.submit(_execute, project, chapter, progress, workers)
+            for chapter in longest_first(project, due)
         }
         try:
             while pending:
@@ -152,6 +155,32 @@ def execute_chapters(
             workers.stop()
             raise
     return [found[chapter.name] for chapter in chapters]
+
+
+def longest_first(project: Project, chapters: Sequence[Chapter]) -> list[Chapter]:
+    """Return chapters in the order in which they keep all workers busy to the end.
+
+    A chapter takes as long as its published run took. One without a published run comes first:
+    it may take long.
+
+    Parameters
+    ----------
+    project : Project
+        The checkout.
+    chapters : sequence of Chapter
+        The chapters.
+
+    Returns
+    -------
+    list of Chapter
+        Those that take equally long in the order given.
+    """
+
+    def seconds(chapter: Chapter) -> float:
+        run = reference_results(project, chapter).provenance
+        return math.inf if run is None else run.seconds
+
+    return sorted(chapters, key=seconds, reverse=True)
 
 
 def together(errors: list[BaseException]) -> BaseException:
@@ -297,11 +326,13 @@ def recording_cells(executed: Any) -> dict[str, str]:
 
 def _environment(project: Project, folder: Path) -> dict[str, str]:
     """Return the environment of a worker: one thread a chapter, and nothing left to chance."""
-    threads = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+    threads = ("OMP", "OPENBLAS", "MKL", "NUMBA")
     personal = ("PYTHONPATH", "PYTHONSTARTUP", "MATPLOTLIBRC", "MPLBACKEND")
     kept = {name: value for name, value in os.environ.items() if name not in personal}
+    if kept.get(DATA_VARIABLE):  # a kernel has a working folder of its own
+        kept[DATA_VARIABLE] = str(Path(kept[DATA_VARIABLE]).absolute())
     return kept | {
-        **dict.fromkeys(threads, "1"),
+        **{f"{name}_NUM_THREADS": "1" for name in threads},
         "PYTHONHASHSEED": "0",
         "PYTHONUNBUFFERED": "1",
         "PYDEVD_DISABLE_FILE_VALIDATION": "1",

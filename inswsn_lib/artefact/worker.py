@@ -21,6 +21,10 @@ from papermill.exceptions import PapermillExecutionError
 
 from inswsn_lib.artefact.provenance import machine_facts
 
+# What Jupyter says of a kernel that ends before its first cell. Its ports are chosen before it
+# starts, so one that starts at the same moment may have taken them; then it is worth another try.
+_NO_START = "Kernel died before replying to kernel_info"
+
 
 def _tell(**event: Any) -> None:
     print(json.dumps(event), flush=True)
@@ -42,20 +46,29 @@ class ReportingEngine(NBClientEngine):  # type: ignore[misc]  # papermill has no
         return super().execute_managed_notebook(nb_man, kernel_name, **options)
 
 
+def _execute(source: Path, target: Path, parameters: dict[str, Any], folder: Path) -> None:
+    papermill_engines.register("reporting", ReportingEngine)
+    papermill.execute_notebook(
+        str(source),
+        str(target),
+        parameters=parameters,
+        engine_name="reporting",
+        kernel_name="python3",
+        cwd=str(folder),
+        progress_bar=False,
+        autosave_cell_every=0,
+    )
+
+
 def run(source: Path, target: Path, parameters: dict[str, Any], folder: Path) -> int:
     """Execute `source` into `target` with its kernel in `folder`; return the exit status."""
-    papermill_engines.register("reporting", ReportingEngine)
     try:
-        papermill.execute_notebook(
-            str(source),
-            str(target),
-            parameters=parameters,
-            engine_name="reporting",
-            kernel_name="python3",
-            cwd=str(folder),
-            progress_bar=False,
-            autosave_cell_every=0,
-        )
+        try:
+            _execute(source, target, parameters, folder)
+        except RuntimeError as error:
+            if str(error) != _NO_START:
+                raise
+            _execute(source, target, parameters, folder)
     except PapermillExecutionError as error:
         _tell(
             failed=f"{error.ename}: {error.evalue}",

@@ -28,14 +28,6 @@ def leftovers(project: MiniProject) -> list[str]:
     return [p.name for p in project.build.iterdir() if p.name.startswith("render-")]
 
 
-@pytest.fixture
-def built(mini: MiniProject) -> MiniProject:
-    """The small project after a first, good build."""
-    done = run_command(mini.root, "book")
-    assert done.returncode == 0, done.stderr
-    return mini
-
-
 def test_a_build_and_the_builds_after_it(mini: MiniProject) -> None:
     done = run_command(mini.root, "book")
     assert done.returncode == 0, done.stderr

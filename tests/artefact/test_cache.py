@@ -10,6 +10,7 @@ import pytest
 
 from inswsn_lib.artefact.cache import chapter_key, lookup, store
 from inswsn_lib.artefact.project import Project
+from inswsn_lib.checkout import DATA_VARIABLE
 from inswsn_lib.claims import Results
 from inswsn_lib.files import file_digest
 
@@ -63,6 +64,34 @@ def test_parameters_change_the_key(mini: Project) -> None:
     (chapter,) = mini.chapters()
     keys = {chapter_key(mini, chapter, p) for p in ({}, {"a": 1}, {"a": 2}, {"b": 1})}
     assert len(keys) == 4
+
+
+def test_whether_there_are_recorded_data_changes_the_key(
+    mini: Project, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (chapter,) = mini.chapters()
+    monkeypatch.delenv(DATA_VARIABLE, raising=False)
+    without = chapter_key(mini, chapter, {})
+    made = Results(chapter="00", parameters={}, data={}, quantities=())
+    store(mini, chapter, without, "{}\n", made)
+    for name in ("first", "second"):
+        (tmp_path / name).mkdir()
+    monkeypatch.setenv(DATA_VARIABLE, str(tmp_path / "first"))
+    had = chapter_key(mini, chapter, {})
+    assert had != without
+    assert lookup(mini, chapter, had) is None  # what was executed without them is not taken
+    # which folder it is and what it holds does not count
+    (tmp_path / "first" / "file").touch()
+    assert chapter_key(mini, chapter, {}) == had
+    monkeypatch.setenv(DATA_VARIABLE, str(tmp_path / "second"))
+    assert chapter_key(mini, chapter, {}) == had
+    # a name of no folder gives no data
+    for name in ("", str(tmp_path / "none"), str(tmp_path / "first" / "file")):
+        monkeypatch.setenv(DATA_VARIABLE, name)
+        assert chapter_key(mini, chapter, {}) == without, name
+    # and what was executed with them is not taken when they are gone
+    store(mini, chapter, had, "{}\n", made)
+    assert lookup(mini, chapter, without) is None
 
 
 def test_times_and_unrelated_files_do_not(mini: Project, library: Path) -> None:

@@ -11,6 +11,7 @@ from conftest import MiniProject, run_command
 from rich.console import Console
 
 from inswsn_lib.artefact.running import gather_parameters, show_comparison
+from inswsn_lib.checkout import DATA_VARIABLE
 from inswsn_lib.claims import ChapterRecord, Quantity, Results, read_results
 from inswsn_lib.errors import InswsnError, ParameterError
 from inswsn_lib.parameters import chapter_schema, read_schema
@@ -26,14 +27,13 @@ def test_chapters_lists_their_parameters(mini: MiniProject) -> None:
     )
 
 
-def test_a_run_and_its_comparison(mini: MiniProject, tmp_path: Path) -> None:
-    assert run_command(mini.root, "book").returncode == 0
-    assert run_command(mini.root, "publish").returncode == 0
-    published = (mini.published / "00.json").read_bytes()
-    built = (mini.results / "00.json").read_bytes()
+def test_a_run_and_its_comparison(built: MiniProject, tmp_path: Path) -> None:
+    assert run_command(built.root, "publish").returncode == 0
+    published = (built.published / "00.json").read_bytes()
+    results = (built.results / "00.json").read_bytes()
 
     out = tmp_path / "out"
-    done = run_command(mini.root, "run", "0", "-p", "scale=3", "--out", str(out), "--html")
+    done = run_command(built.root, "run", "0", "-p", "scale=3", "--out", str(out), "--html")
     assert done.returncode == 0, done.stderr
     lines = done.stdout.splitlines()
     assert lines[0].split() == ["quantity", "published", "run", "this", "run", "change", "unit"]
@@ -51,27 +51,26 @@ def test_a_run_and_its_comparison(mini: MiniProject, tmp_path: Path) -> None:
     assert ">63<" in (out / "html" / "chapters" / "00-mini.html").read_text()
     # the page of claims in the rendered run is of that run
     assert "63 m" in (out / "html" / "claims.html").read_text()
-    assert "42 m" in (mini.site / "claims.html").read_text()
+    assert "42 m" in (built.site / "claims.html").read_text()
     assert "## Provenance" in (out / "00-mini.ipynb").read_text()
     # the published results, the last build and its site are what they were
-    assert (mini.published / "00.json").read_bytes() == published
-    assert (mini.results / "00.json").read_bytes() == built
-    assert ">42<" in (mini.site / "chapters" / "00-mini.html").read_text()
-    assert "book: unchanged" in run_command(mini.root, "book").stderr
+    assert (built.published / "00.json").read_bytes() == published
+    assert (built.results / "00.json").read_bytes() == results
+    assert ">42<" in (built.site / "chapters" / "00-mini.html").read_text()
+    assert "book: unchanged" in run_command(built.root, "book").stderr
 
     # a file of parameters, overridden; the folder of an earlier run may be used again
     file = tmp_path / "params.yml"
     file.write_text("scale: 5\n")
-    assert (
-        run_command(mini.root, "run", "00-mini", "-f", str(file), "--out", str(out)).returncode == 0
-    )
+    done = run_command(built.root, "run", "00-mini", "-f", str(file), "--out", str(out))
+    assert done.returncode == 0
     assert read_results(out / "00.json")["twice"].value == 105
     assert not (out / "html").exists()  # a page of the earlier run would belie this one
     words = ("run", "00", "-f", str(file), "-p", "scale=4")
-    done = run_command(mini.root, *words)
-    (folder,) = (mini.root / "runs").iterdir()
+    done = run_command(built.root, *words)
+    (folder,) = (built.root / "runs").iterdir()
     assert done.stdout.splitlines()[-1] == f"The run is in {folder}"
-    done = run_command(mini.root, "compare", str(out / "00.json"), str(folder / "00.json"))
+    done = run_command(built.root, "compare", str(out / "00.json"), str(folder / "00.json"))
     assert "parameters: scale: 5.0 -> 4.0" in done.stdout
 
 
@@ -145,18 +144,17 @@ def test_html_needs_a_built_book(mini: MiniProject, tmp_path: Path) -> None:
 
 
 def test_a_run_whose_page_cannot_be_rendered_writes_nothing(
-    mini: MiniProject, tmp_path: Path
+    built: MiniProject, tmp_path: Path
 ) -> None:
-    assert run_command(mini.root, "book").returncode == 0
-    mini.page("# Mini\n\nSee {ref}`nowhere`.\n")
+    built.page("# Mini\n\nSee {ref}`nowhere`.\n")
     out = tmp_path / "out"
-    done = run_command(mini.root, "run", "00", "--html", "--out", str(out))
+    done = run_command(built.root, "run", "00", "--html", "--out", str(out))
     assert done.returncode == 1
     assert "undefined label: 'nowhere'" in done.stderr
     assert not out.exists()
     assert [path.name for path in tmp_path.iterdir()] == ["mini"]
-    mini.page()
-    assert run_command(mini.root, "run", "00", "--html", "--out", str(out)).returncode == 0
+    built.page()
+    assert run_command(built.root, "run", "00", "--html", "--out", str(out)).returncode == 0
 
 
 def test_plain_papermill_is_held_to_the_declaration(mini: MiniProject) -> None:
@@ -263,6 +261,20 @@ def test_what_a_chapter_writes_for_its_reader_is_in_the_run(
     done = run_command(mini.root, "run", "00", "--out", str(tmp_path / "out"))
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "out" / "note.csv").read_text() == "a,b\n"
+
+
+def test_a_chapter_is_told_where_recorded_data_are(
+    mini: MiniProject, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # named from where the command is run; the kernel works in a folder of its own
+    monkeypatch.setenv(DATA_VARIABLE, "recorded")
+    mini.chapter(
+        "```{code-cell} ipython3\nimport os\n"
+        f"record.write_file('told.txt', os.environ['{DATA_VARIABLE}'])\n```"
+    )
+    done = run_command(mini.root, "run", "00", "--out", str(tmp_path / "out"))
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "out" / "told.txt").read_text() == str(mini.root / "recorded")
 
 
 def test_a_file_that_a_parameter_names(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 import nbformat
-import papermill
 import pytest
 
+from inswsn_lib.artefact import worker
 from inswsn_lib.artefact.notebooks import read_source
 from inswsn_lib.artefact.project import Project
 from inswsn_lib.checkout import RESULTS_VARIABLE, ROOT_VARIABLE
@@ -30,6 +30,7 @@ def test_every_chapter_is_looked_at(project: Project) -> None:
     assert [chapter.number for chapter in project.chapters()] == sorted(QUICK)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("number", sorted(QUICK))
 def test_it_reads_what_it_says_and_nothing_else(
     number: str, project: Project, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -49,13 +50,10 @@ def test_it_reads_what_it_says_and_nothing_else(
     notebook.cells.insert(0, nbformat.v4.new_code_cell(spy))
     monkeypatch.setenv(ROOT_VARIABLE, str(project.root))
     monkeypatch.setenv(RESULTS_VARIABLE, str(tmp_path / "results"))
+    monkeypatch.setenv("IPYTHONDIR", str(tmp_path / "ipython"))
     nbformat.write(notebook, tmp_path / "in.ipynb")
-    papermill.execute_notebook(
-        str(tmp_path / "in.ipynb"),
-        str(tmp_path / "out.ipynb"),
-        parameters=QUICK[number],
-        progress_bar=False,
-    )
+    source, target = tmp_path / "in.ipynb", tmp_path / "out.ipynb"
+    assert worker.run(source, target, dict(QUICK[number]), tmp_path) == 0
     data = project.root / "data"
     opened = {
         Path(line).resolve().relative_to(project.root).as_posix()

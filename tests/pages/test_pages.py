@@ -39,6 +39,7 @@ def browser(chromium: str) -> Iterator[Browser]:
         "--disable-background-networking",
         "--disable-component-update",
         "--disable-sync",
+        "--disable-smooth-scrolling",  # a click would wait for the end of each scroll
         "--no-first-run",
     ]
     if hasattr(os, "geteuid") and os.geteuid() == 0:
@@ -96,48 +97,61 @@ def test_every_page_of_the_contents_is_there(built_site: Path) -> None:
     assert expected <= set(page_names(built_site))
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_no_error_no_foreign_request_no_broken_image(
-    browser: Browser, served: str, built_site: Path, scheme: str
+@pytest.mark.parametrize(
+    ("scheme", "width", "height"),
+    [("light", 1300, 900), ("dark", 360, 740)],
+    ids=["light and wide", "dark and narrow"],
+)
+def test_every_page(
+    browser: Browser, served: str, built_site: Path, scheme: str, width: int, height: int
 ) -> None:
-    for name in page_names(built_site):
-        seen = visit(browser, served, name, color_scheme=scheme)
-        assert seen.errors == [], name
-        assert seen.foreign == [], name
-        assert seen.failed == [], name
-        theme = seen.page.evaluate("document.documentElement.dataset.theme")
-        assert theme == scheme, name
-        images = seen.page.evaluate(
-            "Array.from(document.images, i => [i.currentSrc, i.naturalWidth > 0, i.alt])"
-        )
-        for source, loaded, alt in images:
-            assert loaded, f"{name}: {source}"
-            assert alt.strip(), f"{name}: {source}"
-        seen.page.close()
-
-
-def test_mathematics_is_rendered(browser: Browser, served: str, built_site: Path) -> None:
+    """All that is asked of every page; each is loaded once, since that takes longest."""
     with_mathematics = []
     for name in page_names(built_site):
-        seen = visit(browser, served, name)
-        asked = seen.page.locator(".math").count()
-        if asked:
+        size = {"width": width, "height": height}
+        seen = visit(browser, served, name, color_scheme=scheme, viewport=size)
+        no_error_no_foreign_request_no_broken_image(seen, name)
+        theme = seen.page.evaluate("document.documentElement.dataset.theme")
+        assert theme == scheme, name
+        if mathematics_is_rendered(seen.page, name):
             with_mathematics.append(name)
-            assert seen.page.locator("mjx-container").count() >= asked, name
-        assert seen.page.locator("mjx-merror, .merror").count() == 0, name
+        # it never scrolls sideways
+        needed = seen.page.evaluate("document.documentElement.scrollWidth")
+        assert needed <= width, f"{name} is {needed} px wide"
+        it_says_what_it_was_built_from(seen.page, name)
         seen.page.close()
     assert "chapters/00-the-published-numbers.html" in with_mathematics
     assert "api.html" in with_mathematics
 
 
-def test_a_narrow_screen_never_scrolls_sideways(
-    browser: Browser, served: str, built_site: Path
-) -> None:
-    for name in page_names(built_site):
-        seen = visit(browser, served, name, viewport={"width": 360, "height": 740})
-        width = seen.page.evaluate("document.documentElement.scrollWidth")
-        assert width <= 360, f"{name} is {width} px wide"
-        seen.page.close()
+def no_error_no_foreign_request_no_broken_image(seen: Visit, name: str) -> None:
+    assert seen.errors == [], name
+    assert seen.foreign == [], name
+    assert seen.failed == [], name
+    images = seen.page.evaluate(
+        "Array.from(document.images, i => [i.currentSrc, i.naturalWidth > 0, i.alt])"
+    )
+    for source, loaded, alt in images:
+        assert loaded, f"{name}: {source}"
+        assert alt.strip(), f"{name}: {source}"
+
+
+def mathematics_is_rendered(page: Page, name: str) -> bool:
+    """Check it, and tell whether there is any."""
+    asked = page.locator(".math").count()
+    assert page.locator("mjx-container").count() >= asked, name
+    assert page.locator("mjx-merror, .merror").count() == 0, name
+    return asked > 0
+
+
+def it_says_what_it_was_built_from(page: Page, name: str) -> None:
+    assert "Built by inswsn" in page.locator(".extra_footer").inner_text(), name
+    if name.startswith("chapters/"):
+        words = page.locator("table.provenance").inner_text()
+        for word in ("parameters", "seed", "commit", "locks", "data", "solvers", "thread"):
+            assert word in words, name
+        for word in ("Python", "cores", " s, ended "):
+            assert word in words, name
 
 
 def shown_claims(page: Page) -> list[str]:
@@ -166,13 +180,17 @@ def test_claims_are_filtered_without_scripts(
     page.close()
 
 
+@pytest.mark.parametrize("scripts", [True, False], ids=["with scripts", "without scripts"])
 def test_a_claim_and_its_cell_lead_to_each_other(
-    browser: Browser, served: str, project: Project
+    browser: Browser, served: str, project: Project, scripts: bool
 ) -> None:
-    page = browser.new_page()
     # one claim of each cell; the inspection of the site has followed all links
-    for entry in {e.cell: e for e in judge_claims(project) if e.cell is not None}.values():
-        page.goto(f"{served}claims.html")
+    entries = {e.cell: e for e in judge_claims(project) if e.cell is not None}
+    if scripts:  # typesetting takes long: one of each chapter
+        entries = {cell[:4]: entry for cell, entry in entries.items()}
+    page = browser.new_page(java_script_enabled=scripts)
+    page.goto(f"{served}claims.html")
+    for entry in entries.values():
         claim = page.locator(f"#{entry.claim.anchor}")
         assert str(entry.verdict) in claim.inner_text()
         claim.get_by_role("link", name=f"cell {entry.cell}").click()
@@ -182,22 +200,6 @@ def test_a_claim_and_its_cell_lead_to_each_other(
             note.locator("summary").click()
         note.get_by_role("link", name=entry.claim.id, exact=True).click()
         page.wait_for_url(f"**/claims.html#{entry.claim.anchor}")
-    page.close()
-
-
-def test_every_page_says_what_it_was_built_from(
-    browser: Browser, served: str, built_site: Path
-) -> None:
-    page = browser.new_page()
-    for name in page_names(built_site):
-        page.goto(served + name)
-        assert "Built by inswsn" in page.locator(".extra_footer").inner_text()
-        if name.startswith("chapters/"):
-            words = page.locator("table.provenance").inner_text()
-            for word in ("parameters", "seed", "commit", "locks", "data", "solvers", "thread"):
-                assert word in words, name
-            for word in ("Python", "cores", " s, ended "):
-                assert word in words, name
     page.close()
 
 
