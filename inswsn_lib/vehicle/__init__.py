@@ -28,7 +28,6 @@ from inswsn_lib.vehicle.filter import (
 from inswsn_lib.vehicle.mounting import Mounting, estimate_mounting
 from inswsn_lib.vehicle.pyins_filter import PeerRun, run_pyins_filter
 from inswsn_lib.vehicle.recorded import (
-    DATA_VARIABLE,
     DriveUnavailableError,
     RecordedDrive,
     emulate_sensors,
@@ -38,7 +37,6 @@ from inswsn_lib.vehicle.simulated import simulate_drive, simulate_sensors, true_
 from inswsn_lib.vehicle.strapdown import VehicleState, integrate_strapdown
 
 __all__ = [
-    "DATA_VARIABLE",
     "STATES",
     "Drive",
     "DriveUnavailableError",

@@ -260,9 +260,9 @@ def run_vehicle_filter(
 ) -> VehicleRun:
     r"""Run the filter over a drive (P3 (22), (23), (28), (29)).
 
-    At each epoch the error is carried on, then updated with compass and lateral velocity
-    (:math:`Z_1`, giving :math:`X_1`), then with GPS position and velocity (:math:`Z_2`, giving
-    :math:`X_2`). A measurement that is NaN is left out.
+    The run begins with `align` at epoch 0. At each epoch after it the error is carried on, then
+    updated with compass and lateral velocity (:math:`Z_1`, giving :math:`X_1`), then with GPS
+    position and velocity (:math:`Z_2`, giving :math:`X_2`). A measurement that is NaN is left out.
 
     Parameters
     ----------
@@ -300,9 +300,8 @@ def run_vehicle_filter(
         heard[begin:stop] = False
     sensed = np.full(end + 1, aiding) & (heard | aided_outages)
     which = np.arange(drive.runs)
-    state = _update(
-        drive, settings, align(drive, settings), which, np.zeros_like(which), heard[0], sensed[0]
-    )
+    # the measurements of epoch 0 made the first state, and do not count again
+    state = align(drive, settings)
     return _advance(drive, settings, state, which, np.zeros_like(which), heard, sensed, feedback)
 
 

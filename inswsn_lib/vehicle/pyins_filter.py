@@ -84,13 +84,13 @@ def run_pyins_filter(
         index=drive.time[0] + drive.period * np.arange(1, samples + 1),
         columns=["dt", *THETA_COLS, *DV_COLS],
     )
-    # a fix belongs to the increment that begins at its epoch
-    epochs = drive.time[: last + 1] + 1e-6
+    # a fix belongs to the increment that begins at its epoch; that of epoch 0 made the start
+    epochs = drive.time[1 : last + 1] + 1e-6
     fixes = pd.DataFrame(
         np.hstack(
             [
-                drive.gps_position[: last + 1, :, run] * _DEGREES,
-                drive.gps_velocity[: last + 1, :, run] @ TURN,
+                drive.gps_position[1 : last + 1, :, run] * _DEGREES,
+                drive.gps_velocity[1 : last + 1, :, run] @ TURN,
             ]
         ),
         index=epochs,

@@ -23,14 +23,13 @@ from pyins import earth
 from pyins.strapdown import compute_increments_from_imu
 from pyins.util import ACCEL_COLS, GYRO_COLS
 
+from inswsn_lib.checkout import DATA_VARIABLE
 from inswsn_lib.errors import InswsnError, ParameterError
 from inswsn_lib.files import file_digest
 from inswsn_lib.vehicle.drive import Drive, Place, Reference
 
 Array = NDArray[np.float64]
 
-#: The environment variable that names a local mirror, <owner>__<repository>/<commit>/<path>
-DATA_VARIABLE = "INSWSN_DATA"
 
 _OWNER, _REPOSITORY = "rtklibexplorer", "GNSS_IMU"
 _COMMIT = "8235ee6c5f349db529bf43ad556a3769b346b5a1"

@@ -22,7 +22,6 @@ from inswsn_lib.files import file_digest
 from inswsn_lib.vehicle import recorded
 from inswsn_lib.vehicle.drive import Place
 from inswsn_lib.vehicle.recorded import (
-    DATA_VARIABLE,
     LATENCY,
     DriveUnavailableError,
     ImuRecording,
