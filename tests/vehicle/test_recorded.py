@@ -17,6 +17,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from inswsn_lib.checkout import DATA_VARIABLE
 from inswsn_lib.errors import InswsnError, ParameterError
 from inswsn_lib.files import file_digest
 from inswsn_lib.vehicle import recorded
