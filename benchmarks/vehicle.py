@@ -5,13 +5,15 @@ second, is run by this library and by `pyins.filters.run_feedback_filter`, from 
 with the same noises; both errors against the truth, and how far their standard deviations are
 apart, are written beside the times. pyins makes one pass: it takes minutes. A refit of the LS-SVM
 that chooses its own parameters is held against one epoch of the filter. The figures go to
-data/benchmarks-vehicle.yaml: `make bench`.
+data/benchmarks-vehicle.yaml: `make bench`. Times are those of the processor, because the pass of
+pyins is too long to be repeated until nothing else disturbs it.
 """
 
 from __future__ import annotations
 
 import time
 import warnings
+from collections.abc import Callable
 from datetime import UTC, datetime
 from functools import partial
 from importlib.metadata import version
@@ -22,7 +24,7 @@ import pandas as pd
 import yaml
 from pyins import filters, inertial_sensor, measurements, sim, strapdown, transform
 from pyins.util import DV_COLS, LLA_COLS, RPH_COLS, THETA_COLS, TRAJECTORY_COLS, VEL_COLS
-from throughput import Row, best_of, row
+from throughput import Row, row
 
 from inswsn_lib.artefact.provenance import machine_facts
 from inswsn_lib.files import write_whole
@@ -42,14 +44,23 @@ OUT = Path(__file__).parent.parent / "data" / "benchmarks-vehicle.yaml"
 DURATION, PERIOD, RUNS = 1800, 0.01, 8
 #: North-east-down to east-north-up
 TURN = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
-# position: epoch 0 serves twice, to align and to update
 SETTINGS = FilterSettings(
     accelerometer_noise=0.01, gyro_noise=float(np.deg2rad(0.05)),
     accelerometer_walk=1e-5, gyro_walk=1e-7,
-    position=300.0, velocity=1.0, tilt=float(np.deg2rad(2)), yaw=float(np.deg2rad(5)),
+    position=3.0, velocity=0.05, tilt=float(np.deg2rad(2)), yaw=float(np.deg2rad(5)),
     accelerometer_bias=0.05, gyro_drift=float(np.deg2rad(0.1)),
     compass=float(np.deg2rad(0.15)), lateral=0.05, gps_position=3.0, gps_velocity=0.05,
 )  # fmt: skip
+
+
+def least(work: Callable[[], object], repeats: int) -> float:
+    """Return the least processor time of several repetitions, s."""
+    times = []
+    for _ in range(repeats):
+        began = time.process_time()
+        work()
+        times.append(time.process_time() - began)
+    return min(times)
 
 
 def trajectory() -> tuple[pd.DataFrame, pd.DataFrame]:
@@ -132,6 +143,8 @@ def by_pyins(drive: Drive) -> tuple[float, pd.DataFrame, pd.DataFrame]:
             SETTINGS.gps_velocity,
         ),
     ]
+    for measurement in heard:
+        measurement.data = measurement.data.iloc[1:]  # epoch 0 made the first state
     gyro = inertial_sensor.EstimationModel(
         SETTINGS.gyro_drift, SETTINGS.gyro_noise, SETTINGS.gyro_walk
     )
@@ -146,7 +159,7 @@ def by_pyins(drive: Drive) -> tuple[float, pd.DataFrame, pd.DataFrame]:
         )  # fmt: skip
 
     run(increments.iloc[:300])  # compiles its loop
-    began = time.process_time()  # of one pass: what else the machine does must not count
+    began = time.process_time()
     found = run(increments)
     taken = time.process_time() - began
     within = epochs[:-1]  # it ends before the last update
@@ -185,7 +198,7 @@ def refit(epoch: float) -> Row:
     rng = np.random.default_rng(8)
     X, y = rng.standard_normal((40, 4)), rng.standard_normal((40, 2))
     machine = SelectedLSSVM()
-    taken = best_of(lambda: machine.fit(X, y), 20)
+    taken = least(lambda: machine.fit(X, y), 20)
     trials = machine.selection_.trials
     return row(
         "05",
@@ -203,14 +216,13 @@ def main() -> None:
     alone = first_run(drive)
     run_vehicle_filter(alone, SETTINGS, last=3)  # compiles the loop of pyins
     ours = run_vehicle_filter(alone, SETTINGS, aiding=False)
-    single = best_of(partial(run_vehicle_filter, alone, SETTINGS, aiding=False), 3)
+    single = least(partial(run_vehicle_filter, alone, SETTINGS, aiding=False), 3)
     fine = FilterSettings(**{**vars(SETTINGS), "substeps": 10})
-    tenth = best_of(partial(run_vehicle_filter, alone, fine, aiding=False), 3)
-    together = best_of(partial(run_vehicle_filter, drive, SETTINGS, aiding=False), 2)
+    tenth = least(partial(run_vehicle_filter, alone, fine, aiding=False), 3)
+    together = least(partial(run_vehicle_filter, drive, SETTINGS, aiding=False), 2)
     taken, track, sd = by_pyins(alone)
     accuracy = compare(alone, ours, track, sd)
-    peer = f"pyins' run_feedback_filter, time_step 0.1 s ({taken:.0f} s of processor time)"
-    peer += "; theirs over ours"
+    peer = f"pyins' run_feedback_filter, time_step 0.1 s ({taken:.0f} s); theirs over ours"
     drove = f"{DURATION // 60} minutes at {1 / PERIOD:.0f} Hz"
     rows = [
         row("05", f"vehicle filter, {drove}, one run ({single:.2g} s)", peer, taken / single, 10),

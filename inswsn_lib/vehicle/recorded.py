@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import logging
 import os
+import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -17,7 +18,6 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-import pooch
 from numpy.typing import NDArray
 from pyins import earth
 from pyins.strapdown import compute_increments_from_imu
@@ -27,6 +27,11 @@ from inswsn_lib.checkout import DATA_VARIABLE
 from inswsn_lib.errors import InswsnError, ParameterError
 from inswsn_lib.files import file_digest
 from inswsn_lib.vehicle.drive import Drive, Place, Reference
+
+with warnings.catch_warnings():
+    # pooch imports tqdm, which in a notebook without widgets warns on stderr
+    warnings.simplefilter("ignore")
+    import pooch
 
 Array = NDArray[np.float64]
 

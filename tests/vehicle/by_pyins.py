@@ -66,8 +66,10 @@ def run_by_pyins(
             pd.DataFrame(drive.gps_velocity[..., 0] @ TURN, time, VEL_COLS), settings.gps_velocity
         ),
     ]
+    for measurement in heard:
+        measurement.data = measurement.data.iloc[1:]  # epoch 0 made the first state
     if aiding:
-        compass = pd.DataFrame({"yaw": drive.compass[:, 0]}, time)
+        compass = pd.DataFrame({"yaw": drive.compass[1:, 0]}, time[1:])
         heard = [Compass(compass, settings.compass), Sideways(compass, settings.lateral), *heard]
     return filters.run_feedback_filter(
         pva, settings.position, settings.velocity,

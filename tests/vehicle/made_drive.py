@@ -28,8 +28,7 @@ COMPASS, GPS_POSITION, GPS_VELOCITY = np.deg2rad(0.15), 3.0, 0.05
 KNOWN = FilterSettings(
     accelerometer_noise=ACCEL_NOISE, gyro_noise=GYRO_NOISE,
     accelerometer_walk=1e-6, gyro_walk=1e-8,
-    # epoch 0 serves twice, to align and to update: a wide prior keeps it from counting twice
-    position=300.0, velocity=1.0, tilt=np.deg2rad(2), yaw=np.deg2rad(5),
+    position=GPS_POSITION, velocity=GPS_VELOCITY, tilt=np.deg2rad(2), yaw=np.deg2rad(5),
     accelerometer_bias=ACCEL_BIAS, gyro_drift=GYRO_BIAS,
     compass=COMPASS, lateral=0.05, gps_position=GPS_POSITION, gps_velocity=GPS_VELOCITY,
 )  # fmt: skip

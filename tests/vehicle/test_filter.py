@@ -221,6 +221,18 @@ def test_its_errors_are_as_large_as_it_says(epoch: int) -> None:
     assert low < total < high
 
 
+def test_the_first_fix_counts_once() -> None:
+    """It makes the first state: the position is as good as a fix, not as two."""
+    drive, run = many()
+    x = errors_of(run, drive, 0)[:, :3] * metres(drive.reference.position[0])
+    low, high = chi2.ppf([5e-4, 1 - 5e-4], x.size)
+    assert low < ((x / KNOWN.gps_position) ** 2).sum() < high  # so it is drawn
+    for epoch in (0, 1, 2):
+        P = run.states.covariance[epoch][:, :3, :3]
+        total = normalised(errors_of(run, drive, epoch)[:, :3], P).sum()
+        assert low < total < high
+
+
 def test_its_innovations_are_as_large_as_it_says() -> None:
     """GPS, epochs 10 to 120: white by theory, so their squares add; wrong once in 1000 times."""
     _, run = many()
@@ -609,6 +621,13 @@ def test_it_is_aligned_by_weight_and_compass() -> None:
     assert np.array_equal(begun.position[0], drive.gps_position[0, :, 0])
     assert not begun.velocity.any()
     assert not begun.error.any()
+    run = run_vehicle_filter(standing, KNOWN)
+    assert all(
+        np.array_equal(getattr(run.states[0], f.name), getattr(begun, f.name))
+        for f in fields(VehicleState)
+    )
+    assert np.isnan(run.innovations[0]).all()
+    assert np.array_equal(run.first[0], begun.position.T)
 
 
 # --- what cannot be ---
