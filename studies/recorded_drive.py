@@ -23,6 +23,7 @@ from inswsn_lib.vehicle import FilterSettings, calibrate_inertial_noise, load_dr
 
 ROOT = Path(__file__).parent.parent
 SEED, DRAWS, STEPS = 2015, 4, 50
+TAU, WINDOW = 40, 40
 STARTS = np.arange(120, 460, 30)
 ROWS = (40, 120)
 
@@ -39,7 +40,13 @@ def main() -> None:
     )
     settings, levels = calibrate_inertial_noise(recorded, beliefs, ROWS, runs=DRAWS, seed=SEED)
     trials = run_recorded_outages(
-        recorded, settings, STARTS, STEPS, p3_hybrids, runs=DRAWS, seed=SEED
+        recorded,
+        settings,
+        STARTS,
+        STEPS,
+        lambda told: p3_hybrids(told, tau=TAU, window=WINDOW),
+        runs=DRAWS,
+        seed=SEED,
     )
     commit, clean = repository_state(ROOT)
     trials.write(
@@ -49,6 +56,9 @@ def main() -> None:
         clean=clean,
         seed=SEED,
         draws=DRAWS,
+        lateral=settings.lateral,
+        tau=TAU,
+        window=WINDOW,
         level=settings.gyro_noise / beliefs.gyro_noise,
         levels={f"{level:g}": round(mean, 4) for level, mean in levels.items()},
     )

@@ -79,12 +79,17 @@ def _parsed(page: Path) -> BeautifulSoup:
     return _parsed_at(page, page.stat().st_mtime_ns)
 
 
-def _names(page: Path) -> set[str]:
+def _names(page: Path) -> frozenset[str]:
     """Return all that a fragment may name on a page."""
+    return _names_at(page, page.stat().st_mtime_ns)
+
+
+@cache
+def _names_at(page: Path, changed: int) -> frozenset[str]:
     found = {""}
-    for tag in _parsed(page).find_all(True):
+    for tag in _parsed_at(page, changed).find_all(True):
         assert isinstance(tag, Tag)
         for attribute in ("id", "name"):
             if isinstance(value := tag.get(attribute), str):
                 found.add(value)
-    return found
+    return frozenset(found)

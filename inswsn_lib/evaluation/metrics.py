@@ -133,6 +133,8 @@ def cluster_interval(
         )
     if statistic not in ("mean", "median"):
         raise ParameterError("statistic", statistic, "mean or median")
+    if resamples < 1:
+        raise ParameterError("resamples", resamples, "1 or more")
     names, which = np.unique(labels, return_inverse=True)
     if len(names) < _FEWEST_CLUSTERS:
         raise ParameterError("clusters", f"{len(names)} of them", f"{_FEWEST_CLUSTERS} or more")

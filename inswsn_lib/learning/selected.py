@@ -75,7 +75,7 @@ class HoldRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):  # type: i
     def fit(self, X: ArrayLike, y: ArrayLike) -> Self:
         """Keep the last of the targets (n,) or (n, outputs)."""
         _, y = validate_data(self, X, y, multi_output=True, y_numeric=True, dtype=np.float64)
-        self.last_: Any = np.asarray(y, dtype=np.float64)[-1]
+        self.last_: Any = np.array(y, dtype=np.float64)[-1]
         return self
 
     def predict(self, X: ArrayLike) -> Array:

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.files import write_whole
-from inswsn_lib.navigation.trials import run_outages
+from inswsn_lib.navigation.trials import as_starts, run_outages
 from inswsn_lib.navigation.vehicle_hybrid import VehicleHybrid
 from inswsn_lib.vehicle import (
     FilterSettings,
@@ -87,21 +87,23 @@ def read_trials(path: Path) -> tuple[RecordedTrials, dict[str, Any]]:
         if content["form"] != _FORM:
             raise InswsnError(f"{path} has the form {content['form']}; it may be {_FORM}.")
         errors, tracks = (
-            {method: np.array(x) for method, x in content[name].items()}
+            {method: np.array(x, dtype=float) for method, x in content[name].items()}
             for name in ("errors", "tracks")
         )
         trials = RecordedTrials(
             starts=np.array(content["starts"], dtype=np.intp),
             errors=errors,
             tracks=tracks,
-            reference=np.array(content["reference"]),
-            speed=np.array(content["speed"]),
-            mounting=np.array(content["mounting"]),
+            reference=np.array(content["reference"], dtype=float),
+            speed=np.array(content["speed"], dtype=float),
+            mounting=np.array(content["mounting"], dtype=float),
         )
         return trials, dict(content["facts"])
     except FileNotFoundError:
         raise InswsnError(f"There is no file {path}.") from None
-    except (KeyError, TypeError, AttributeError, json.JSONDecodeError):
+    except InswsnError:
+        raise
+    except (KeyError, TypeError, AttributeError, ValueError, OSError):
         raise InswsnError(f"{path} does not hold the trials of a recorded drive.") from None
 
 
@@ -136,7 +138,7 @@ def run_recorded_outages(
     seed : int
         Of these draws.
     """
-    begin = np.atleast_1d(np.asarray(starts, dtype=np.intp))
+    begin = as_starts(starts)
     raw = emulate_sensors(recorded, runs=runs, seed=seed)
     free = run_vehicle_filter(raw, settings, aiding=False, last=int(begin.max()))
     errors: dict[str, list[Array]] = {}

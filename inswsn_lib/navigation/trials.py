@@ -115,13 +115,15 @@ def run_outages(
     Raises
     ------
     ParameterError
-        If an outage leaves the drive, or a hybrid has the name of a filter.
+        If an outage leaves the drive, or a hybrid has the name of a filter or other settings.
     """
-    begin = np.atleast_1d(np.asarray(starts, dtype=np.intp))
+    begin = as_starts(starts)
     hybrids = hybrids or {}
-    for name in hybrids:
+    for name, hybrid in hybrids.items():
         if name in FILTERS:
             raise ParameterError("hybrids", name, f"not one of {', '.join(FILTERS)}")
+        if hybrid.settings != settings:
+            raise ParameterError("hybrids", name, "of the same settings as the filters")
     last = int(begin.max())
     if not filters or not set(filters) <= set(FILTERS):
         raise ParameterError("filters", list(filters), f"some of {', '.join(FILTERS)}")
@@ -145,10 +147,7 @@ def run_outages(
         if key not in shared:
             shared[key] = hybrid.simulate_outages(drive, base, begin)
         learned[name] = shared[key]
-        same = hybrid.settings == settings
-        bridges[name] = hybrid.bridge(
-            drive, base, begin, steps, ramps=shared[key], branch=branch if same else None
-        )
+        bridges[name] = hybrid.bridge(drive, base, begin, steps, ramps=shared[key], branch=branch)
         positions[name] = bridges[name].position
     any_branch = next(iter(branches.values()))
     errors = {
@@ -168,6 +167,16 @@ def run_outages(
     )
 
 
+def as_starts(starts: ArrayLike) -> NDArray[np.intp]:
+    """Return epochs at which outages begin, (outages,); refuse what is no whole number."""
+    begin = np.atleast_1d(np.asarray(starts))
+    if begin.dtype.kind not in "iu" or begin.ndim != 1 or not begin.size:
+        raise ParameterError(
+            "starts", f"{begin.dtype} of shape {begin.shape}", "one or more whole numbers"
+        )
+    return begin.astype(np.intp)
+
+
 def outage_size(errors: Array, first: int = 1, last: int | None = None) -> tuple[Array, Array]:
     """Return RMS and maximum of errors over a part of the outages, each (...).
 
@@ -179,7 +188,9 @@ def outage_size(errors: Array, first: int = 1, last: int | None = None) -> tuple
         The steps, both included. Default: the whole outage.
     """
     end = len(errors) - 1 if last is None else last
-    if not 1 <= first <= end < len(errors):
+    if not 1 <= first < len(errors):
+        raise ParameterError("first", first, f"from 1 to {len(errors) - 1}")
+    if not first <= end < len(errors):
         raise ParameterError("last", last, f"from {first} to {len(errors) - 1}")
     part = errors[first : end + 1]
     return np.sqrt(np.mean(part**2, axis=0)), part.max(axis=0)

@@ -182,6 +182,8 @@ class VehicleHybrid:
         ):
             if word not in words:
                 raise ParameterError(name, word, f"one of {', '.join(words)}")
+        if past and (anchored or restart == "aligned"):
+            raise ParameterError("past", past, "0 where ramps are aligned or predictions anchored")
         if not motion and not timed:
             raise ParameterError("timed", timed, "true where motion is no input")
         for machine in (regressor, *rivals):
@@ -217,8 +219,10 @@ class VehicleHybrid:
         Ramps
         """
         last = len(run.epochs) - 1
+        if np.max(starts) > last:
+            raise ParameterError("starts", np.asarray(starts).tolist(), f"{last} at most")
         if self.restart == "aligned":
-            first = np.asarray(starts) - self.tau
+            first = np.unique(starts) - self.tau
         else:
             pace = self.tau if self.restart == "successive" else self.spacing
             first = np.arange(self.phase, int(np.max(starts)), pace)
@@ -316,7 +320,7 @@ class VehicleHybrid:
         own = pairs.run == which
         # a ramp has to be over, and to have a window before it
         begun = np.unique(pairs.ramp[own & (pairs.ramp + self.tau <= start)])
-        begun = begun[begun >= self.window][-self.past :]
+        begun = begun[begun >= self.phase + self.window][-self.past :]
         scores = []
         for regressor in (self.regressor, *self.rivals):
             trials = [self.predict_ramp(pairs, which, int(b), regressor) for b in begun]
@@ -351,8 +355,12 @@ class VehicleHybrid:
         predicted, difference : ndarray, (steps, 2)
             m.
         """
-        machine = self._trained(regressor or self.regressor, pairs, which, begin)
         rows = np.flatnonzero((pairs.run == which) & (pairs.ramp == begin))
+        if not len(rows):
+            raise ParameterError("begin", begin, "the start of a simulated outage")
+        machine = self._trained(
+            self.regressor if regressor is None else regressor, pairs, which, begin
+        )
         found = machine.predict(self.inputs(pairs.motion[rows], pairs.elapsed[rows]))
         return found, pairs.difference[rows]
 

@@ -30,26 +30,22 @@ from inswsn_lib.vehicle.pyins_filter import PeerRun, run_pyins_filter
 from inswsn_lib.vehicle.recorded import (
     DriveUnavailableError,
     RecordedDrive,
-    Track,
     emulate_sensors,
     load_drive,
 )
-from inswsn_lib.vehicle.simulated import Truth, simulate_drive, simulate_sensors, true_motion
-from inswsn_lib.vehicle.strapdown import Flight, VehicleState, integrate_strapdown
+from inswsn_lib.vehicle.simulated import simulate_drive, simulate_sensors, true_motion
+from inswsn_lib.vehicle.strapdown import VehicleState, integrate_strapdown
 
 __all__ = [
     "STATES",
     "Drive",
     "DriveUnavailableError",
     "FilterSettings",
-    "Flight",
     "Mounting",
     "PeerRun",
     "Place",
     "RecordedDrive",
     "Reference",
-    "Track",
-    "Truth",
     "VehicleRun",
     "VehicleState",
     "align",

@@ -55,10 +55,12 @@ def calibrate_inertial_noise(
         If the rows are not within the drive, or there is no candidate.
     """
     first, last = rows
-    if not 0 < first < last < len(recorded.time):
-        raise ParameterError("rows", rows, f"two epochs in order, within 1 to {len(recorded.time)}")
-    if not levels:
-        raise ParameterError("levels", levels, "one or more")
+    end = len(recorded.time) - 1
+    whole = all(isinstance(row, int | np.integer) for row in rows)
+    if not whole or not 0 < first < last <= end:
+        raise ParameterError("rows", rows, f"two epochs in order, within 1 to {end}")
+    if not levels or not all(0 < level < np.inf for level in levels):
+        raise ParameterError("levels", levels, "one or more positive numbers")
     drive = emulate_sensors(recorded, runs=runs, seed=seed)
     means = {}
     for level in levels:

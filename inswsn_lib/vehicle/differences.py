@@ -122,5 +122,5 @@ def row_difference(found: Array, expected: Array, position: Array) -> float:
     """
     scaled = (found - expected) / state_sizes(position)
     size = np.abs(expected / state_sizes(position)).max(axis=1)
-    there = size > 0
-    return float((np.abs(scaled).max(axis=1)[there] / size[there]).max())
+    # where nothing is expected, the difference itself
+    return float((np.abs(scaled).max(axis=1) / np.where(size > 0, size, 1.0)).max())

@@ -114,6 +114,15 @@ class Drive:
         for name in ("rotation_increments", "velocity_increments"):
             if not np.isfinite(getattr(self, name)).all():
                 raise ParameterError(name, "not finite", "finite: an INS has no gaps")
+        steps = np.diff(self.time)
+        even = np.allclose(steps, self.interval, rtol=0, atol=1e-6 * self.interval)
+        if not even or abs(self.interval / self.period - self.samples_per_epoch) > 1e-6:
+            raise ParameterError(
+                "time", "uneven", "even, with a whole number of IMU samples a step"
+            )
+        for name in ("gps_position", "gps_velocity", "compass"):
+            if np.isinf(getattr(self, name)).any():
+                raise ParameterError(name, "infinite", "finite, or NaN where missing")
         for place in self.places:
             if not 0 <= place.start < epochs:
                 raise ParameterError("places", place, f"one that starts at 0 to {epochs - 1}")

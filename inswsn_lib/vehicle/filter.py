@@ -101,9 +101,14 @@ class FilterSettings:
         whole = isinstance(self.substeps, int | np.integer) and not isinstance(self.substeps, bool)
         if not whole or self.substeps < 1:
             raise ParameterError("substeps", self.substeps, "a whole number, 1 or more")
+        if not isinstance(self.extra, tuple):
+            raise ParameterError("extra", self.extra, "a tuple of names")
         for field in fields(self):
             value = getattr(self, field.name)
-            if field.name not in ("extra", "substeps") and not 0 < value < np.inf:
+            if field.name in ("extra", "substeps"):
+                continue
+            number = isinstance(value, int | float | np.number) and not isinstance(value, bool)
+            if not number or not 0 < value < np.inf:
                 raise ParameterError(field.name, value, "positive and finite")
 
     @classmethod
@@ -149,7 +154,17 @@ class FilterSettings:
         for name, size in self._extra_sizes().items():
             first = self.column(name)
             sizes[:, first : first + EXTRA_STATES[name]] = size
-        return np.asarray(sizes[:, :, None] ** 2 * np.eye(self.states))
+        P = np.asarray(sizes[:, :, None] ** 2 * np.eye(self.states))
+        # position and yaw are those of GPS and compass, whose errors they share
+        turns = np.zeros((len(position), self.states, self.states)) + np.eye(self.states)
+        for name in self.extra:
+            i = self.column(name)
+            if name == "gps":
+                north, east = metres(position)[:, :2].T
+                turns[:, 1, i], turns[:, 0, i + 1] = 1 / east, 1 / north
+            else:
+                turns[:, 8, i] = 1.0
+        return np.asarray(turns @ P @ np.swapaxes(turns, 1, 2))
 
     def _extra_sizes(self) -> dict[str, float]:
         sizes = {
@@ -291,10 +306,15 @@ def run_vehicle_filter(
         If an outage or `last` is not within the drive.
     """
     end = len(drive.time) - 1 if last is None else last
+    if not isinstance(end, int | np.integer):
+        raise ParameterError("last", last, "a whole number")
     if not 1 <= end < len(drive.time):
         raise ParameterError("last", last, f"from 1 to {len(drive.time) - 1}")
     heard = np.ones(end + 1, dtype=bool)
-    for begin, stop in outages:
+    for outage in outages:
+        if np.shape(outage) != (2,) or np.asarray(outage).dtype.kind not in "iu":
+            raise ParameterError("outages", outages, "pairs of whole numbers")
+        begin, stop = outage
         if not 0 <= begin < stop <= len(drive.time):
             raise ParameterError("outages", (begin, stop), f"within 0 to {len(drive.time)}")
         heard[begin:stop] = False
@@ -348,8 +368,19 @@ def replay(
     """
     begin = np.asarray(starts)
     runs = len(run.which)
-    if begin.dtype.kind not in "iu" or begin.ndim not in (1, 2) or not begin.size:
-        raise ParameterError("starts", f"{begin.dtype} of shape {begin.shape}", "whole numbers")
+    if run.epochs[0].any():
+        raise ParameterError("run", "a replay", "a run from epoch 0")
+    if run.states.error.shape[-1] != settings.states:
+        raise ParameterError("settings", settings.extra, "those that the run was made with")
+    shaped = begin.ndim in (1, 2) and begin.size and begin.shape[1:] in ((), (1,), (runs,))
+    if begin.dtype.kind not in "iu" or not shaped:
+        raise ParameterError(
+            "starts",
+            f"{begin.dtype} of shape {begin.shape}",
+            f"whole numbers, one a branch or one for each of its {runs} runs",
+        )
+    if isinstance(steps, bool) or not isinstance(steps, int | np.integer) or steps < 0:
+        raise ParameterError("steps", steps, "a whole number, 0 or more")
     begin = np.broadcast_to(begin.reshape(len(begin), -1), (len(begin), runs))
     if begin.min() < 0 or begin.max() >= len(run.epochs) or begin.max() + steps >= len(drive.time):
         raise ParameterError(
@@ -419,7 +450,7 @@ def sequential_update(
     z : ndarray, (runs, m)
         INS less sensor.
     H : ndarray, (runs, m, n)
-    R : ndarray, (m,)
+    R : ndarray, (m,) or (runs, m)
         Variances.
     used : ndarray of bool, (runs, m)
         A measurement that is not used has no effect.
@@ -430,14 +461,15 @@ def sequential_update(
         The last two are those of all measurements, used or not.
     """
     innovation = z - (H @ x[..., None])[..., 0]
-    covariance = H @ P @ np.swapaxes(H, 1, 2) + np.diag(R)
+    noise = R[..., None] * np.eye(R.shape[-1])
+    covariance = H @ P @ np.swapaxes(H, 1, 2) + noise
     rows = H * used[..., None]
     PH = P @ np.swapaxes(rows, 1, 2)
-    S = rows @ PH + np.diag(R)
+    S = rows @ PH + noise
     K = np.swapaxes(np.linalg.solve(S, np.swapaxes(PH, 1, 2)), 1, 2)
     x = x + (K @ np.where(used, innovation, 0.0)[..., None])[..., 0]
     keep = np.eye(P.shape[-1]) - K @ rows
-    P = keep @ P @ np.swapaxes(keep, 1, 2) + (K * R) @ np.swapaxes(K, 1, 2)
+    P = keep @ P @ np.swapaxes(keep, 1, 2) + (K * R[..., None, :]) @ np.swapaxes(K, 1, 2)
     return x, P, innovation, covariance
 
 
@@ -454,7 +486,7 @@ class _Updated:
 def _advance(
     drive: Drive,
     settings: FilterSettings,
-    start: VehicleState | _Updated,
+    state: VehicleState,
     which: NDArray[np.intp],
     begin: NDArray[np.intp],
     heard: Mask,
@@ -463,11 +495,13 @@ def _advance(
 ) -> VehicleRun:
     """Go on from a start for as many epochs as `heard` and `sensed` tell of."""
     runs = len(which)
-    if not isinstance(start, _Updated):
-        none = np.full((runs, 8), np.nan)
-        first = start.position - start.error[:, POSITION]
-        start = _Updated(start, first, none, np.zeros((runs, 8, 8)))
-    state = start.state.corrected() if feedback else start.state
+    first = state.position - state.error[:, POSITION]
+    start = _Updated(state, first, np.full((runs, 8), np.nan), np.zeros((runs, 8, 8)))
+    if settings.substeps > drive.samples_per_epoch:
+        raise ParameterError("substeps", settings.substeps, f"up to {drive.samples_per_epoch}")
+    if "gps" in settings.extra and settings.gps_time < drive.interval:
+        raise ParameterError("gps_time", settings.gps_time, f"{drive.interval} or more")
+    state = state.corrected() if feedback else state
     kept = [replace(start, state=state)]
     turns, pushes = drive.increments
     for k in range(1, len(heard)):
@@ -577,8 +611,8 @@ def _update(
     first = state.position - x[:, POSITION]
     z2, H2 = _gps_measurements(drive, settings, state, which, epoch)
     used2 = ~np.isnan(z2) & heard
-    R2 = np.concatenate([(settings.gps_position / metres(state.position[0])) ** 2,
-                         np.full(3, settings.gps_velocity**2)])  # fmt: skip
+    R2 = np.full(z2.shape, settings.gps_velocity**2)
+    R2[:, :3] = (settings.gps_position / metres(state.position)) ** 2
     x, P, nu2, S2 = sequential_update(x, P, np.where(np.isnan(z2), 0.0, z2), H2, R2, used2)
     covariances = np.zeros((len(which), 8, 8))
     covariances[:, :2, :2], covariances[:, 2:, 2:] = S1, S2

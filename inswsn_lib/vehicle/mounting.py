@@ -55,6 +55,9 @@ def estimate_mounting(run: VehicleRun, until: int, *, slowest: float = 5.0) -> M
     ParameterError
         If the vehicle has not moved that fast by then.
     """
+    whole = isinstance(until, int | np.integer) and not isinstance(until, bool)
+    if not whole or not 0 <= until < len(run.epochs):
+        raise ParameterError("until", until, f"an epoch from 0 to {len(run.epochs) - 1}")
     states = run.states[: until + 1]
     velocity = np.moveaxis(run.velocity, 2, 1)[: until + 1]
     body = np.einsum("krij,kri->krj", states.attitude, velocity)

@@ -30,12 +30,6 @@ YAW, PITCH = np.deg2rad([6.0, -2.5])
 STARTS, STEPS = (90, 110), 12
 
 
-#: What `read_trials` lets through as it comes, where one sentence is due
-TRACEBACK = pytest.mark.xfail(
-    strict=True, raises=(ValueError, OSError), reason="read_trials does not catch it yet"
-)
-
-
 # --- the file ---
 
 
@@ -146,10 +140,10 @@ def test_a_file_that_lacks_something(tmp_path: Path, name: str) -> None:
         ("starts", None),
         ("errors", [1]),
         ("facts", 3),
-        pytest.param("starts", ["a"], marks=TRACEBACK),
-        pytest.param("errors", {"never": [[1], [1, 2]]}, marks=TRACEBACK),
-        pytest.param("reference", [[1, 2], [1]], marks=TRACEBACK),
-        pytest.param("facts", "ab", marks=TRACEBACK),
+        ("starts", ["a"]),
+        ("errors", {"never": [[1], [1, 2]]}),
+        ("reference", [[1, 2], [1]]),
+        ("facts", "ab"),
     ],
 )
 def test_a_file_with_something_else_inside(tmp_path: Path, name: str, value: Any) -> None:
@@ -159,14 +153,12 @@ def test_a_file_with_something_else_inside(tmp_path: Path, name: str, value: Any
     assert "does not hold the trials" in said(path)
 
 
-@TRACEBACK
 def test_a_file_that_is_not_text(tmp_path: Path) -> None:
     path = tmp_path / "trials.json"
     path.write_bytes(b"\xff\xfe\x00{")
     assert "does not hold the trials" in said(path)
 
 
-@TRACEBACK
 def test_a_folder(tmp_path: Path) -> None:
     said(tmp_path)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -178,6 +179,19 @@ def test_a_hybrid_may_not_be_called_as_a_filter(name: str) -> None:
         run_outages(driven(), KNOWN, [40], 5, {name: hybrids()["linear"]})
 
 
+def test_a_hybrid_may_not_have_other_settings_than_the_filters() -> None:
+    """Its simulated outages would begin with what another filter knew."""
+    other = VehicleHybrid(replace(KNOWN, lateral=1.0), LinearRegression(), **SHORT)
+    with pytest.raises(ParameterError, match=r"linear.*of the same settings"):
+        run_outages(driven(), KNOWN, [40], 5, {"linear": other})
+
+
+@pytest.mark.parametrize("starts", [[40.0], [], [[40, 50]], ["40"], [True]])
+def test_starts_that_are_no_whole_numbers(starts: Any) -> None:
+    with pytest.raises(ParameterError, match=r"starts.*whole numbers"):
+        run_outages(driven(), KNOWN, starts, 5)
+
+
 @pytest.mark.parametrize("filters", [(), ("always",), ("never", "sometimes")])
 def test_filters_that_are_none(filters: tuple[str, ...]) -> None:
     with pytest.raises(ParameterError, match="some of never, until, through"):
@@ -254,7 +268,7 @@ def test_an_error_that_grows_by_a_line(slope: float, data: st.DataObject) -> Non
     assert largest[0] == pytest.approx(slope * last)
 
 
-@given(arrays(float, (13, 3), elements=st.floats(0, 1e3)))
+@given(arrays(float, (13, 3), elements=st.just(0.0) | st.floats(1e-6, 1e3)))
 def test_the_largest_is_no_less_than_the_rms_and_no_more_than_its_share_allows(
     errors: Array,
 ) -> None:
@@ -268,7 +282,7 @@ def test_the_largest_is_no_less_than_the_rms_and_no_more_than_its_share_allows(
 
 @pytest.mark.parametrize(("first", "last"), [(0, 3), (3, 2), (1, 11), (11, None), (-1, 5), (2, 0)])
 def test_a_part_that_is_none(first: int, last: int | None) -> None:
-    with pytest.raises(ParameterError, match="last"):
+    with pytest.raises(ParameterError, match=r"first|last"):
         outage_size(np.zeros((11, 2)), first, last)
 
 
@@ -389,15 +403,34 @@ def test_only_the_last_ramps_are_judged() -> None:
 
 
 def test_what_comes_after_the_start_does_not_judge() -> None:
-    """Nor a ramp that is under way: it would need differences of the outage."""
+    """Nor a ramp that is under way: it would need differences of the outage.
+
+    One ramp of the other sign among three: four times its square against three.
+    """
     slopes = np.ones((1, 12))
     slopes[0, 8:] = [-1, 1, -1, 1]
-    machine = proving(past=6).train(made_ramps(slopes), 0, 85)
-    assert machine.regressor is not None
+    ramps = made_ramps(slopes)
+    assert proving(past=3).train(ramps, 0, 80).regressor is not None
+    assert proving(past=3).train(ramps, 0, 89).regressor is not None
+    assert proving(past=3).train(ramps, 0, 90).regressor is None
 
 
 def test_who_has_nothing_to_prove_itself_on_predicts_zero() -> None:
     assert proving().train(made_ramps(np.ones((1, 3))), 0, 9).regressor is None
+
+
+def test_the_first_ramp_of_all_has_nothing_before_it_and_is_not_judged() -> None:
+    ramps = made_ramps(np.ones((1, 10)))
+    later = replace(ramps, epoch=ramps.epoch + 60, ramp=ramps.ramp + 60)
+    assert proving(past=10, phase=60).train(later, 0, 160).regressor is not None
+
+
+@pytest.mark.parametrize("options", [{"restart": "aligned"}, {"anchored": True}])
+def test_who_has_no_past_ramps_of_the_same_kind_cannot_prove_itself(
+    options: dict[str, Any],
+) -> None:
+    with pytest.raises(ParameterError, match="past"):
+        proving(**options)
 
 
 def test_the_best_of_the_rivals_is_taken() -> None:

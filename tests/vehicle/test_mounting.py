@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 
 def forward_axis(yaw: ArrayLike, pitch: ArrayLike) -> Array:
     """Return a unit vector, turned to the right and then up, in axes forward, right, down."""
-    yaw, pitch = np.asarray(yaw), np.asarray(pitch)
+    yaw, pitch = np.broadcast_arrays(yaw, pitch)
     return np.stack(
         [np.cos(pitch) * np.cos(yaw), np.cos(pitch) * np.sin(yaw), -np.sin(pitch)], axis=-1
     )
