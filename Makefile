@@ -36,6 +36,9 @@ publish: environment ## make the last build's results the reference in data/publ
 calibrate: environment ## fit the simulated INS to the INS-only cells and write data/scenarios/p1-inertial*.yaml
 	@$(RUN) studies/calibrate_imu.py
 
+studies: environment ## run P3's methods on the recorded drive again and keep what comes of it in data/recorded
+	@$(RUN) studies/recorded_drive.py
+
 bench: environment ## speed against peers, as ratios; writes data/benchmarks*.yaml, for the book
 	@$(RUN) benchmarks/throughput.py
 	@$(RUN) benchmarks/fusion.py
@@ -73,4 +76,4 @@ help: ## list the targets
 
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
-.PHONY: book test serve notebooks publish calibrate bench lock format environment clean help
+.PHONY: book test serve notebooks publish calibrate studies bench lock format environment clean help

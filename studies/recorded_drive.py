@@ -1,8 +1,8 @@
-"""Run P3's methods through the outages of the recorded drive and keep what comes of it.
+"""Run P3's methods through the outages of the recorded drive and keep it: `make studies`.
 
 Chapter 05 runs the same on each build where the recording can be had. Where it cannot, the chapter
-shows what this script kept in data/recorded/p3-drive.json, and says so. Run it from the root of
-the checkout; the recording is fetched, or comes from the mirror that INSWSN_DATA names.
+shows what this script kept in data/recorded/p3-drive.json, and says so. The recording is fetched,
+or comes from the mirror that INSWSN_DATA names.
 
 The filter's inertial noises are calibrated on the epochs 40 s to 120 s alone, which lie before the
 first outage; the mounting of the IMU is estimated anew for each outage, from data before it.

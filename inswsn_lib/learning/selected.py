@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 
 #: Candidates of `SelectedLSSVM`, for inputs of unit deviation
 SIGMAS = tuple(float(s) for s in np.geomspace(0.125, 64.0, 10))
-ETAS = tuple(float(e) for e in np.geomspace(1e-2, 1e6, 9))
+ETAS = tuple(float(e) for e in np.geomspace(1e-2, 1e2, 9))
 
 
 class SelectedLSSVM(MultiOutputMixin, RegressorMixin, BaseEstimator):  # type: ignore[misc]

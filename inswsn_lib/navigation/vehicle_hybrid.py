@@ -307,7 +307,7 @@ class VehicleHybrid:
         if self.frame == "body":
             predicted = _turn(predicted, yaw(branch.states.attitude))
         first = np.moveaxis(branch.first, 2, 1).copy()
-        first[0] = branch.states.position[0]
+        first[0] = branch.position[0].T
         size = metres(first)
         first[..., 1] -= predicted[..., 0] / size[..., 1]
         first[..., 0] -= predicted[..., 1] / size[..., 0]

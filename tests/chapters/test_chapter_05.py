@@ -623,12 +623,12 @@ def test_a_ramp_by_hand(results: Results, page: str) -> None:
     assert f"at best {best:.3f} times" in page
 
 
-def test_wheels_take_most_of_the_error_away(page: str) -> None:
-    found = re.search(r"error at 40 s: ([0-9.]+) m, with velocity ([0-9.]+) m", page)
+def test_a_radar_takes_most_of_the_error_away(page: str) -> None:
+    found = re.search(r"error at 40 s: ([0-9.]+) m, with a radar ([0-9.]+) m", page)
     assert found is not None
-    plain, wheels = float(found[1]), float(found[2])
+    plain, radar = float(found[1]), float(found[2])
     # 0.1 m/s, independent each second, would be 0.6 m over 40 s; the start has half a metre
-    assert wheels < min(0.5 * plain, 2.0)
+    assert radar < min(0.5 * plain, 2.0)
 
 
 # claims
@@ -726,14 +726,17 @@ def test_the_printed_numbers_are_those_of_the_paper(judged: dict[str, Judged], r
 
 
 def test_single_drives_hold_nearly_every_number_that_is_printed(judged: dict[str, Judged]) -> None:
-    """All but the gain of 76 % over RBF: the 95 % of our drives reach around what P3 prints."""
-    outside = []
+    """Of 23 all but three at most, and those of KF all."""
+    outside, count = set(), 0
     for id_, entry in judged.items():
         if not id_.startswith("P3-N-"):
             continue
         assert entry.quantity is not None
         assert entry.quantity.interval is not None
         low, high = entry.quantity.interval
+        count += 1
         if not low <= float(entry.claim.value or "nan") <= high:
-            outside.append(id_)
-    assert outside == ["P3-N-i76-sim"]
+            outside.add(id_)
+    assert count == 23
+    assert len(outside) <= 3
+    assert not [id_ for id_ in outside if id_.startswith("P3-N-kf")]
