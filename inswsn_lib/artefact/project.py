@@ -10,6 +10,7 @@ import inswsn_lib
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.files import tree_digest
 
+_EXECUTING = ("execution.py", "worker.py")
 _CHAPTER_NAME = re.compile(r"^\d\d-[a-z0-9]+(-[a-z0-9]+)*$")
 
 
@@ -89,6 +90,17 @@ class Project:
     def library_digest(self) -> str:
         """Return the digest of the library's source files."""
         return tree_digest(self.library, self.library.rglob("*.py"))
+
+    def computing_digest(self) -> str:
+        """Return the digest of the source files that a chapter may compute with.
+
+        They are all rooms but `artefact`, which no chapter imports, and of that room the two
+        modules that execute chapters.
+        """
+        own = self.library / "artefact"
+        files = [path for path in self.library.rglob("*.py") if own not in path.parents]
+        files += [path for path in own.glob("*.py") if path.name in _EXECUTING]
+        return tree_digest(self.library, files)
 
     def chapters(self) -> list[Chapter]:
         """Return the chapters in the order of their numbers.

@@ -20,6 +20,9 @@ def library(mini: Project, monkeypatch: pytest.MonkeyPatch) -> Path:
     path = mini.root / "inswsn_lib" / "a.py"
     path.parent.mkdir()
     path.write_text("x = 1\n")
+    (path.parent / "artefact").mkdir()
+    for name in ("worker.py", "rendering.py"):
+        (path.parent / "artefact" / name).write_text("x = 1\n")
     monkeypatch.setattr(Project, "library", path.parent)
     return path
 
@@ -39,10 +42,11 @@ def append(name: str) -> Callable[[Path], None]:
         append("environment.lock"),
         append("environment-torch.lock"),
         append("inswsn_lib/a.py"),
+        append("inswsn_lib/artefact/worker.py"),
         lambda root: (root / "inswsn_lib" / "b.py").write_text(""),
         lambda root: (root / "inswsn_lib" / "a.py").rename(root / "inswsn_lib" / "c.py"),
     ],
-    ids=["source", "lock", "torch lock", "library", "new module", "renamed module"],
+    ids=["source", "lock", "torch lock", "library", "worker", "new module", "renamed module"],
 )
 def test_a_change_of_content_changes_the_key(
     mini: Project, library: Path, change: Callable[[Path], None]
@@ -100,6 +104,8 @@ def test_times_and_unrelated_files_do_not(mini: Project, library: Path) -> None:
     os.utime(library, (0, 0))
     os.utime(chapter.source, (0, 0))
     (mini.root / "README.md").write_text("unrelated")
+    # the command line and the pages may change without any chapter being due
+    (library.parent / "artefact" / "rendering.py").write_text("x = 2\n")
     (mini.root / "data" / "papers" / "other.txt").write_text("unrelated")
     assert chapter_key(mini, chapter, {}) == before
 
