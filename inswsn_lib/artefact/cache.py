@@ -42,8 +42,8 @@ class Executed:
 def chapter_key(project: Project, chapter: Chapter, parameters: dict[str, Any]) -> str:
     """Return the digest of what a chapter is made from, but for the data it reads.
 
-    It covers the chapter's source, the library but for what of `artefact` does not execute chapters,
-    the locks, the parameters, Python's version, and
+    It covers the chapter's source, the library but for what of `artefact` does not execute
+    chapters, the locks, the parameters, Python's version, and
     whether there is a local folder with recorded data, not which one or what is in it: a chapter
     executed without recorded data is due once they can be had, and the other way round. The
     project's own data files are known once the chapter has run: they stand in its results with

@@ -16,9 +16,10 @@ from typing import Any
 import nbformat
 
 from inswsn_lib.artefact.cache import Executed
+from inswsn_lib.artefact.generated import generated_texts
 from inswsn_lib.artefact.inspection import inspect_site
 from inswsn_lib.artefact.notebooks import notebook_text
-from inswsn_lib.artefact.pages import claims_counts, claims_list, with_links_and_provenance
+from inswsn_lib.artefact.pages import with_links_and_provenance
 from inswsn_lib.artefact.progress import Progress
 from inswsn_lib.artefact.project import Chapter, Project
 from inswsn_lib.artefact.site_footer import FOOTER_VARIABLE, footer_text
@@ -29,11 +30,10 @@ from inswsn_lib.claims import (
     claims_of,
     load_claims,
     read_results,
-    verdicts,
     write_results,
 )
 from inswsn_lib.errors import BuildError, InswsnError
-from inswsn_lib.files import read_yaml, tree_digest, write_whole
+from inswsn_lib.files import read_yaml, text_digest, tree_digest, write_whole
 
 _KEY_FILE = ".inswsn-key"
 # as Sphinx writes them: "place: WARNING: what", or the word first
@@ -125,7 +125,7 @@ def render_run(
         write_whole(source / "chapters" / f"{chapter.name}.ipynb", text)
         others = [read_results(path) for path in sorted((source / "generated").glob("*.json"))]
         shown = [results if other.chapter == results.chapter else other for other in others]
-        _place_results(source, shown, claims)
+        _place_results(project, source, shown)
         _run_jupyter_book(project, source, stage).rename(target)
 
 
@@ -145,8 +145,10 @@ def _site_key(project: Project, chapters: Sequence[Executed]) -> str:
     made = {book / "chapters", book / "generated"}
     pages = [path for path in book.rglob("*") if path.is_file() and not made & set(path.parents)]
     sources = [*pages, *project.locks, project.root / "_config.yml", project.root / LEDGER]
+    made_texts = generated_texts(project, [executed.results for executed in chapters])
     facts = [tree_digest(project.root, sources), project.library_digest(), footer_text(project)]
     facts += [sha256(executed.notebook.read_bytes()).hexdigest() for executed in chapters]
+    facts += [f"{name} {text_digest(text)}" for name, text in sorted(made_texts.items())]
     return sha256("\n".join(facts).encode()).hexdigest()
 
 
@@ -163,7 +165,7 @@ def _place(project: Project, chapters: Sequence[Executed]) -> None:
     _clear(book / "chapters", keep=set(texts))
     for path, text in texts.items():
         write_whole(path, text)
-    _place_results(book, [executed.results for executed in chapters], claims)
+    _place_results(project, book, [executed.results for executed in chapters])
 
 
 def _clear(folder: Path, keep: set[Path]) -> None:
@@ -179,14 +181,10 @@ def _page_text(notebook: Any, results: Results, claims: Sequence[Claim]) -> str:
     return notebook_text(with_links_and_provenance(with_captions(notebook), results, decided))
 
 
-def _place_results(book: Path, results: Sequence[Results], claims: Sequence[Claim]) -> None:
-    """Write the page of claims and the results files that it rests on."""
+def _place_results(project: Project, book: Path, results: Sequence[Results]) -> None:
+    """Write the texts that pages include, and the results files that they rest on."""
     made = book / "generated"
-    judged = verdicts(claims, results)
-    texts = {
-        made / "claims-counts.md": claims_counts(judged),
-        made / "claims-list.md": claims_list(judged),
-    }
+    texts = {made / name: text for name, text in generated_texts(project, results).items()}
     files = {made / f"{result.chapter}.json": result for result in results}
     _clear(made, keep={*files, *texts})
     for path, text in texts.items():
