@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from inswsn_lib.artefact.about import load_about
+from inswsn_lib.artefact.launching import launch_text
 from inswsn_lib.artefact.pages import claims_counts, claims_list
 from inswsn_lib.artefact.project import Project
+from inswsn_lib.artefact.status import status_text
 from inswsn_lib.claims import LEDGER, Results, load_claims, verdicts
 
 
@@ -25,7 +28,11 @@ def generated_texts(project: Project, results: Sequence[Results]) -> dict[str, s
         If a source cannot be read.
     """
     judged = verdicts(load_claims(project.root / LEDGER), results)
+    chapters = project.chapters()
+    names = {chapter.number: chapter.name for chapter in chapters}
     return {
         "claims-counts.md": claims_counts(judged),
         "claims-list.md": claims_list(judged),
+        "launch.md": launch_text(load_about(project.root), chapters),
+        "status.md": status_text(results, judged, names),
     }
