@@ -129,8 +129,8 @@ on your machine, and not among the packages of Binder's server. A terminal there
 the image, which takes many minutes; later ones start from it.
 
 A session has little memory and a share of a processor: expect several times the run times on the
-page {doc}`status`, and give the long chapters smaller parameters. What you change there is lost when
-the session ends.
+page {doc}`status`, and give the long chapters smaller parameters. What you change there is lost
+when the session ends.
 """
 
 _COLAB_TEXT = """\
