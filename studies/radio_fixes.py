@@ -76,11 +76,16 @@ def fix(anchors: Array, ranges: Array, start: Array) -> Array:
     return np.asarray(least_squares(residual, start).x)
 
 
-def main() -> None:
-    """Fix, compare and write."""
-    files = recording()
-    anchors = {int(row[0]): row[1:4] for row in files["anchor.txt"]}
-    pose, uwb = files["imu_pose.txt"], files["uwb.txt"]
+def measure(anchor: Array, pose: Array, uwb: Array) -> dict[str, float]:
+    """Return how good ranges and fixes are, by name.
+
+    Parameters
+    ----------
+    anchor, pose, uwb : ndarray
+        The columns of the three files: number and position (m); time (s), position (m) and
+        attitude (quaternion); row, time (s), anchor and range (m).
+    """
+    anchors = {int(row[0]): row[1:4] for row in anchor}
     uwb = uwb[(uwb[:, 1] >= pose[0, 0]) & (uwb[:, 1] <= pose[-1, 0])]
     nodes = np.array([anchors[int(i)] for i in uwb[:, 2]])
     truth = tag_positions(pose, uwb[:, 1])
@@ -94,31 +99,37 @@ def main() -> None:
             continue
         errors.append(fix(nodes[rows], uwb[rows, 3], middle) - truth[rows].mean(axis=0))
     horizontal = np.hypot(*np.array(errors)[:, :2].T)
-    commit, clean = repository_state(ROOT)
-    kept = {
-        "form": 1,
-        "facts": {
-            "made": datetime.datetime.now(datetime.UTC).date().isoformat(),
-            "commit": commit,
-            "clean": clean,
-            "source": f"{OWNER}/{NAME} at {COMMIT}, {FOLDER}",
-            "digests": DIGESTS,
-            "interval": INTERVAL,
-        },
+    median = np.median(range_error)
+    found = {
         "anchors": len(anchors),
         "ranges": len(uwb),
-        "seconds": round(float(np.ptp(uwb[:, 1])), 1),
-        "range_median_error": round(float(np.median(range_error)), 4),
-        "range_deviation": round(
-            float(1.4826 * np.median(np.abs(range_error - np.median(range_error)))), 4
-        ),
-        "range_beyond_half_metre": round(float(np.mean(np.abs(range_error) > 0.5)), 5),
-        "fixes": len(errors),
+        "seconds": np.ptp(uwb[:, 1]),
+        "range_median_error": median,
+        # of a normal distribution with the same median absolute deviation
+        "range_deviation": 1.4826 * np.median(np.abs(range_error - median)),
+        "range_beyond_half_metre": np.mean(np.abs(range_error) > 0.5),
         "intervals": len(np.unique(epoch)),
-        "horizontal_rms": round(float(np.sqrt(np.mean(horizontal**2))), 4),
-        "horizontal_median": round(float(np.median(horizontal)), 4),
-        "horizontal_95": round(float(np.quantile(horizontal, 0.95)), 4),
+        "fixes": len(errors),
+        "horizontal_rms": np.sqrt(np.mean(horizontal**2)),
+        "horizontal_median": np.median(horizontal),
+        "horizontal_95": np.quantile(horizontal, 0.95),
     }
+    return {name: round(float(value), 4) for name, value in found.items()}
+
+
+def main() -> None:
+    """Fix, compare and write."""
+    files = recording()
+    commit, clean = repository_state(ROOT)
+    facts = {
+        "made": datetime.datetime.now(datetime.UTC).date().isoformat(),
+        "commit": commit,
+        "clean": clean,
+        "source": f"{OWNER}/{NAME} at {COMMIT}, {FOLDER}",
+        "digests": DIGESTS,
+        "interval": INTERVAL,
+    }
+    kept = {"form": 1, "facts": facts} | measure(*(files[name] for name in DIGESTS))
     write_whole(ROOT / "data/recorded/uwb-fixes.json", json.dumps(kept, indent=1) + "\n")
 
 

@@ -20,7 +20,8 @@ _DRAWN = {"00", "02", "03", "04", "05"}
 _CAPTION = (
     "Left of the line the paper's method has less error than its rival, right of it more. On equal "
     "terms means that both get the same measurements and the same budget of tuning; the learners "
-    "of P1 get the best input that exists in an outage, and P3's filter keeps its aids in both cases."
+    "of P1 get the best input that exists in an outage, and P3's filter keeps its aids in both "
+    "cases."
 )
 _HEAD = re.compile(
     r"\*\*You need\*\*\s+(?P<need>.*?)\.\s+\*\*Reading time\*\*\s+(?P<minutes>\d+)\s+minutes?\.",
