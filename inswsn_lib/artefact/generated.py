@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from inswsn_lib.artefact.about import load_about
+from inswsn_lib.artefact.front import front_texts
 from inswsn_lib.artefact.launching import launch_text
 from inswsn_lib.artefact.pages import claims_counts, claims_list
 from inswsn_lib.artefact.project import Project
@@ -35,4 +36,5 @@ def generated_texts(project: Project, results: Sequence[Results]) -> dict[str, s
         "claims-list.md": claims_list(judged),
         "launch.md": launch_text(load_about(project.root), chapters),
         "status.md": status_text(results, judged, names),
+        **front_texts(project, results, judged),
     }
