@@ -81,7 +81,11 @@ def launch_text(about: About, chapters: Sequence[Chapter]) -> str:
     services = list(next(iter(addresses.values())))
     lines = [
         f"The links open the notebooks of version {about.version}, tag `{release_tag(about)}` of "
-        f"[the repository]({about.repository}).",
+        f"[the repository]({about.repository}). This gives a checkout of it:",
+        "",
+        "```bash",
+        f"git clone --branch {release_tag(about)} {about.repository}",
+        "```",
         "",
         "```{list-table} Where each chapter can be opened.",
         ":name: tbl-launch",

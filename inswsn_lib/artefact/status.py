@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from inswsn_lib.claims import Judged, Provenance, Results, Verdict
 
 _HASH = 12  # digits of a commit that are shown
+_SPACE = "\N{NO-BREAK SPACE}"  # between a number and its unit
 
 
 def status_text(
@@ -42,7 +43,7 @@ def _runs(results: Sequence[Results], judged: Sequence[Judged], names: Mapping[s
         rows.append(
             [
                 f"{{doc}}`{result.chapter} <chapters/{names[result.chapter]}>`",
-                "unknown" if made is None else f"{made.seconds:g} s",
+                "unknown" if made is None else f"{made.seconds:.1f}{_SPACE}s",
                 "unknown" if made is None else made.finished,
                 _commit(made),
                 str(len(result.quantities)),
@@ -134,7 +135,8 @@ def _commit(made: Provenance | None) -> str:
 
 def _duration(seconds: float) -> str:
     minutes, rest = divmod(round(seconds), 60)
-    return f"{minutes} min {rest} s" if minutes else f"{rest} s"
+    parts = [f"{minutes}{_SPACE}min"] if minutes else []
+    return _SPACE.join([*parts, f"{rest}{_SPACE}s"])
 
 
 def _table(name: str, caption: str, rows: Sequence[Sequence[str]]) -> str:

@@ -73,7 +73,7 @@ def rows(text: str, name: str) -> list[list[str]]:
     (table,) = (part for part in text.split("```\n") if f":name: {name}\n" in part + "\n")
     body = table.split("\n\n", 2)[-1] if table.startswith("\n") else table.split("\n\n", 1)[1]
     return [
-        [cell[4:].strip() for cell in row.splitlines()]
+        [cell[4:].strip().replace("\N{NO-BREAK SPACE}", " ") for cell in row.splitlines()]
         for row in re.split(r"^(?=\* -)", body.replace("```", ""), flags=re.M)
         if row.strip()
     ]
