@@ -18,10 +18,10 @@ _POST_BUILD = """\
 # Made by `make lock`; do not edit. Called by repo2docker in the repository's folder, once the image
 # has its Python, of the version in runtime.txt, and its notebook server.
 set -euo pipefail
+export PIP_NO_CACHE_DIR=1  # a cache would stay in the image
 make environment PYTHON="$NB_PYTHON_PREFIX/bin/python"
 # notebooks name the kernel python3; from here on it is the environment from the locks
 .venv/bin/python -m ipykernel install --prefix "$NB_PYTHON_PREFIX" --name python3
-.venv/bin/python -m pip cache purge
 """
 
 
