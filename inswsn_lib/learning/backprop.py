@@ -68,6 +68,19 @@ class BackpropRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):  # typ
         Mean squared error on the training samples, in scaled units.
     steps_ : ndarray, (networks,)
         Steps until each was done.
+
+    Examples
+    --------
+    Four neurons learn a parabola from 21 points; the two networks differ only in where they began:
+
+    >>> import numpy as np
+    >>> from inswsn_lib.learning import BackpropRegressor
+    >>> X = np.linspace(-1, 1, 21)[:, None]
+    >>> network = BackpropRegressor(hidden=4, networks=2).fit(X, X[:, 0] ** 2)
+    >>> network.predict([[0.5], [0.9]]).round(2).tolist()
+    [0.25, 0.81]
+    >>> network.predict_each([[0.5]]).shape, network.weights_.shape  # 4 + 4 + 4 + 1 parameters
+    ((2, 1), (2, 13))
     """
 
     def __init__(

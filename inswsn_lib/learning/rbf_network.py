@@ -46,6 +46,20 @@ class RBFNetworkRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):  # t
     bias_ : float or ndarray, (outputs,)
     errors_ : ndarray, (neurons + 1,)
         Mean squared error with none, one, two ... neurons.
+
+    Examples
+    --------
+    A bump of one neuron's shape takes one neuron, in its middle and as high as it is:
+
+    >>> import numpy as np
+    >>> from inswsn_lib.learning import RBFNetworkRegressor
+    >>> X = np.arange(-3.0, 4.0)[:, None]
+    >>> bump = 5 * 0.5 ** X[:, 0] ** 2  # one half of 5 at the spread, 1
+    >>> network = RBFNetworkRegressor(spread=1.0, goal=1e-12).fit(X, bump)
+    >>> network.centres_.tolist(), network.weights_.round(6).tolist()
+    ([[0.0]], [5.0])
+    >>> print(f"{network.predict([[0.5]])[0] / 5:.4f} {0.5**0.25:.4f}")
+    0.8409 0.8409
     """
 
     def __init__(

@@ -19,6 +19,19 @@ class Scale:
     Attributes
     ----------
     middle, size : ndarray, (columns,) or (columns, runs)
+
+    Examples
+    --------
+    Columns of very different size come to [-1, 1] and back; one that does not vary is only moved.
+
+    >>> import numpy as np
+    >>> from inswsn_lib.learning.scaling import Scale
+    >>> values = np.array([[0.0, 1000.0, 7.0], [1.0, 2000.0, 7.0], [2.0, 3000.0, 7.0]])
+    >>> scale = Scale.of(values, "range")
+    >>> scale.there(values).tolist()
+    [[-1.0, -1.0, 0.0], [0.0, 0.0, 0.0], [1.0, 1.0, 0.0]]
+    >>> bool((scale.back(scale.there(values)) == values).all())
+    True
     """
 
     middle: Array

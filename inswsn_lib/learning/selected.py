@@ -36,6 +36,19 @@ class SelectedLSSVM(MultiOutputMixin, RegressorMixin, BaseEstimator):  # type: i
         The scores of all pairs.
     machine_ : LSSVMRegressor
         What was trained.
+
+    Examples
+    --------
+    It finds by itself that a smooth curve wants a wide kernel and little regularisation:
+
+    >>> import numpy as np
+    >>> from inswsn_lib.learning import SelectedLSSVM
+    >>> X = np.linspace(0, 6, 25)[:, None]
+    >>> machine = SelectedLSSVM(sigmas=(0.05, 1.0), etas=(0.1, 1000.0)).fit(X, np.sin(X[:, 0]))
+    >>> machine.selection_.sigma, machine.selection_.eta
+    (1.0, 1000.0)
+    >>> bool(abs(machine.predict([[1.6]])[0] - np.sin(1.6)) < 0.01)
+    True
     """
 
     def __init__(self, sigmas: tuple[float, ...] = SIGMAS, etas: tuple[float, ...] = ETAS) -> None:
@@ -70,6 +83,15 @@ class HoldRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):  # type: i
     Attributes
     ----------
     last_ : float or ndarray, (outputs,)
+
+    Examples
+    --------
+    The least that a method has to beat:
+
+    >>> from inswsn_lib.learning import HoldRegressor
+    >>> held = HoldRegressor().fit([[0.0], [1.0], [2.0]], [[5.0, 0.0], [6.0, 0.0], [7.0, 1.0]])
+    >>> held.predict([[3.0], [100.0]]).tolist()
+    [[7.0, 1.0], [7.0, 1.0]]
     """
 
     def fit(self, X: ArrayLike, y: ArrayLike) -> Self:
