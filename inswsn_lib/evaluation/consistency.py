@@ -102,8 +102,9 @@ def mean_bounds(count: int, degrees: int, probability: float = 0.95) -> tuple[fl
 
     Examples
     --------
-    One square of one component is a squared standard normal number, so that its bounds are squares of
-    that number's quantiles; the more squares are averaged, the nearer the bounds come to their mean.
+    One square of one component is a squared standard normal number, so that its bounds are squares
+    of that number's quantiles; the more squares are averaged, the nearer the bounds come to their
+    mean.
 
     >>> from inswsn_lib.evaluation import mean_bounds
     >>> print("{:.3f} {:.3f}".format(*mean_bounds(1, 1)))

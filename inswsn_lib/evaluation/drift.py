@@ -93,7 +93,8 @@ class DriftBound:
 
     Examples
     --------
-    The motion that attains the bound of `drift_bound` obeys P1 (2.1), and its means are in the ratio:
+    The motion that attains the bound of `drift_bound` obeys P1 (2.1), and its means are in the
+    ratio:
 
     >>> import numpy as np
     >>> from inswsn_lib.evaluation import MOTIONS, drift_bound
@@ -159,8 +160,8 @@ def drift_bound(motion: Motion, samples: int) -> DriftBound:
     Examples
     --------
     A velocity error that is linear and of one sign does least to the position if it begins at zero:
-    with :math:`v_k = k` the ratio is :math:`(n - 2)/3n`. For one that is quadratic the bound tends to
-    :math:`(3 - \sqrt 3)/6`, by the nodes of Gauss and Legendre.
+    with :math:`v_k = k` the ratio is :math:`(n - 2)/3n`. For one that is quadratic the bound tends
+    to :math:`(3 - \sqrt 3)/6`, by the nodes of Gauss and Legendre.
 
     >>> from inswsn_lib.evaluation import MOTIONS, drift_bound
     >>> linear, quadratic = (drift_bound(motion, 100) for motion in MOTIONS[:2])

@@ -30,7 +30,8 @@ class Score:
 
     Examples
     --------
-    Two cells are met; a hypothesis with two free numbers could meet any two cells, and explains none.
+    Two cells are met; a hypothesis with two free numbers could meet any two cells, and explains
+    none.
 
     >>> from inswsn_lib.evaluation import score_hypothesis
     >>> fitted = score_hypothesis("fitted", rebuilt=[1.0, 2.0], printed=[1.0, 2.0], free=2)

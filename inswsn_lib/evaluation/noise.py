@@ -26,7 +26,8 @@ class NoiseFit(NamedTuple):
 
     Examples
     --------
-    It unpacks into Q, R and P_0. Here the model leaves nothing over, and all measurements are exact:
+    It unpacks into Q, R and P_0. Here the model leaves nothing over, and all measurements are
+    exact:
 
     >>> import numpy as np
     >>> from inswsn_lib.evaluation import fit_noise

@@ -58,8 +58,8 @@ class LSSVMRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):  # type: 
 
     Examples
     --------
-    A kernel far wider than the data makes a straight line, a narrow one falls back to the bias b away
-    from them:
+    A kernel far wider than the data makes a straight line, a narrow one falls back to the bias b
+    away from them:
 
     >>> import numpy as np
     >>> from inswsn_lib.learning import LSSVMRegressor

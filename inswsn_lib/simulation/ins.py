@@ -128,8 +128,8 @@ def simulate_ins(motion: Motion, errors: InertialErrors, noise: ArrayLike | None
     Examples
     --------
     An error of the heading does nothing on a straight leg at constant speed, where there is no
-    acceleration that it could turn. Through a corner from east to north at 10 m/s the velocity changes
-    by (-10, 10) m/s; turned by 0.01 rad, this leaves an error of -0.1 m/s along each axis.
+    acceleration that it could turn. Through a corner from east to north at 10 m/s the velocity
+    changes by (-10, 10) m/s; turned by 0.01 rad, this leaves an error of -0.1 m/s along each axis.
 
     >>> import numpy as np
     >>> from inswsn_lib.simulation import InertialErrors, Path, simulate_ins

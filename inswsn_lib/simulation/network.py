@@ -185,8 +185,8 @@ def multilaterate(nodes: Array, ranges: Array) -> Array:
 
     Examples
     --------
-    Three nodes and the distances from (3, 4); in a second run a range is lost, and two do not make a
-    fix.
+    Three nodes and the distances from (3, 4); in a second run a range is lost, and two do not make
+    a fix.
 
     >>> import numpy as np
     >>> from inswsn_lib.simulation import multilaterate
@@ -301,8 +301,8 @@ def velocity_slopes(positions: Array, period: float, fixes: int) -> Array:
 
     Examples
     --------
-    Fixes along a parabola, :math:`x = t^2`: the slope of three fixes is the velocity 2t of the middle
-    one, one period late.
+    Fixes along a parabola, :math:`x = t^2`: the slope of three fixes is the velocity 2t of the
+    middle one, one period late.
 
     >>> import numpy as np
     >>> from inswsn_lib.simulation import velocity_slopes

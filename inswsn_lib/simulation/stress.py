@@ -98,8 +98,8 @@ def drifting(
 
     Examples
     --------
-    An acceleration that wanders much more slowly than the run is long is a bias: after the time t the
-    position is off by t/2 times what the velocity is off by.
+    An acceleration that wanders much more slowly than the run is long is a bias: after the time t
+    the position is off by t/2 times what the velocity is off by.
 
     >>> import numpy as np
     >>> from inswsn_lib.simulation import drifting

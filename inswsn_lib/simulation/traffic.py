@@ -41,7 +41,7 @@ class Traffic:
 
     Examples
     --------
-    Where no cluster has a fix nothing is sent, and each way of working has one number for each step:
+    One count for each step of the scene; a message holds one number or more:
 
     >>> from inswsn_lib.checkout import find_root
     >>> from inswsn_lib.simulation import ClusterScene, count_traffic, load_scenario, with_values
@@ -50,7 +50,7 @@ class Traffic:
     >>> traffic = count_traffic(scene)["local estimates"]
     >>> len(traffic.transmissions) == len(traffic.numbers) == len(scene.motion.time)
     True
-    >>> bool((traffic.numbers >= traffic.transmissions).all())  # a message has a number or more
+    >>> bool((traffic.numbers >= traffic.transmissions).all())
     True
     """
 

@@ -29,8 +29,8 @@ class Motion:
 
     Examples
     --------
-    Round a corner from east to north at 10 m/s on an arc of 20 m, the heading grows by half a radian a
-    second:
+    Round a corner from east to north at 10 m/s on an arc of 20 m, the heading grows by half a
+    radian a second:
 
     >>> from inswsn_lib.simulation import Path
     >>> path = Path.through([(0, 0), (100, 0), (100, 100)], radius=20)
