@@ -112,6 +112,18 @@ class BackpropRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):  # typ
     def fit(self, X: ArrayLike, y: ArrayLike) -> Self:
         """Train on inputs (n, inputs) and targets (n,) or (n, outputs).
 
+        Parameters
+        ----------
+        X : array_like, (n, inputs)
+            Inputs.
+        y : array_like, (n,) or (n, outputs)
+            Targets.
+
+        Returns
+        -------
+        BackpropRegressor
+            Itself, fitted.
+
         Raises
         ------
         ParameterError
@@ -148,6 +160,18 @@ class BackpropRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):  # typ
         ParameterError
             If there are not as many inputs as targets and numbers, or the data sets are not of one
             shape.
+
+        Examples
+        --------
+        One data set and its negative, with networks that begin alike:
+
+        >>> import numpy as np
+        >>> from inswsn_lib.learning import BackpropRegressor
+        >>> X = np.linspace(-1, 1, 21)[:, None]
+        >>> y = X[:, 0] ** 2
+        >>> up, down = BackpropRegressor(hidden=4).fit_many([X, X], [y, -y], numbers=[0, 0])
+        >>> [round(float(machine.predict([[0.9]])[0]), 2) for machine in (up, down)]
+        [0.81, -0.81]
         """
         self._check_parameters()
         numbers = range(len(Xs)) if numbers is None else numbers
@@ -205,7 +229,17 @@ class BackpropRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):  # typ
         self.steps_: NDArray[np.int64] = steps
 
     def predict_each(self, X: ArrayLike) -> Array:
-        """Return the prediction of every network, (networks, n) or (networks, n, outputs)."""
+        """Return the prediction of every network, (networks, n) or (networks, n, outputs).
+
+        Parameters
+        ----------
+        X : array_like, (n, inputs)
+            Inputs.
+
+        Returns
+        -------
+        ndarray, (networks, n) or (networks, n, outputs)
+        """
         check_is_fitted(self)
         inputs = validate_data(self, X, reset=False, dtype=np.float64)
         with _one_thread():
@@ -215,7 +249,17 @@ class BackpropRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):  # typ
         return out[:, :, 0] if self._flat else out
 
     def predict(self, X: ArrayLike) -> Array:
-        """Return the mean prediction of the networks, (n,) or (n, outputs)."""
+        """Return the mean prediction of the networks, (n,) or (n, outputs).
+
+        Parameters
+        ----------
+        X : array_like, (n, inputs)
+            Inputs.
+
+        Returns
+        -------
+        ndarray, (n,) or (n, outputs)
+        """
         return np.asarray(self.predict_each(X).mean(axis=0))
 
     def _train(self, work: _Work, start: torch.Tensor) -> tuple[torch.Tensor, NDArray[np.int64]]:

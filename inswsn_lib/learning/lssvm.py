@@ -93,6 +93,18 @@ class LSSVMRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):  # type: 
     def fit(self, X: ArrayLike, y: ArrayLike) -> Self:
         """Fit the machine to inputs (n, inputs) and targets (n,) or (n, outputs).
 
+        Parameters
+        ----------
+        X : array_like, (n, inputs)
+            Inputs.
+        y : array_like, (n,) or (n, outputs)
+            Targets.
+
+        Returns
+        -------
+        LSSVMRegressor
+            Itself, fitted.
+
         Raises
         ------
         ParameterError
@@ -126,7 +138,17 @@ class LSSVMRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):  # type: 
         return self
 
     def predict(self, X: ArrayLike) -> Array:
-        """Return the predictions for inputs (n, inputs): (n,) or (n, outputs)."""
+        """Return the predictions for inputs (n, inputs): (n,) or (n, outputs).
+
+        Parameters
+        ----------
+        X : array_like, (n, inputs)
+            Inputs.
+
+        Returns
+        -------
+        ndarray, (n,) or (n, outputs)
+        """
         check_is_fitted(self)
         inputs = validate_data(self, X, reset=False, dtype=np.float64)
         K = kernel_matrix(inputs, self.X_fit_, self.kernel, self.sigma, self.degree)

@@ -72,6 +72,18 @@ class RBFNetworkRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):  # t
     def fit(self, X: ArrayLike, y: ArrayLike) -> Self:
         """Grow the network on inputs (n, inputs) and targets (n,) or (n, outputs).
 
+        Parameters
+        ----------
+        X : array_like, (n, inputs)
+            Inputs.
+        y : array_like, (n,) or (n, outputs)
+            Targets.
+
+        Returns
+        -------
+        RBFNetworkRegressor
+            Itself, fitted.
+
         Raises
         ------
         ParameterError
@@ -91,7 +103,17 @@ class RBFNetworkRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):  # t
         return self
 
     def predict(self, X: ArrayLike) -> Array:
-        """Return the predictions for inputs (n, inputs): (n,) or (n, outputs)."""
+        """Return the predictions for inputs (n, inputs): (n,) or (n, outputs).
+
+        Parameters
+        ----------
+        X : array_like, (n, inputs)
+            Inputs.
+
+        Returns
+        -------
+        ndarray, (n,) or (n, outputs)
+        """
         check_is_fitted(self)
         inputs = validate_data(self, X, reset=False, dtype=np.float64)
         return np.asarray(self._neurons(inputs, self.centres_) @ self.weights_ + self.bias_)

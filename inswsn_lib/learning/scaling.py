@@ -39,7 +39,19 @@ class Scale:
 
     @classmethod
     def of(cls, values: Array, scaling: Scaling) -> Scale:
-        """Return the map of values, (rows, columns) or (rows, columns, runs), to a scaling."""
+        """Return the map of values, (rows, columns) or (rows, columns, runs), to a scaling.
+
+        Parameters
+        ----------
+        values : ndarray, (rows, columns) or (rows, columns, runs)
+            Each run has a map of its own.
+        scaling : {"none", "range", "standard"}
+            Nothing; to [-1, 1]; to mean 0 and deviation 1.
+
+        Returns
+        -------
+        Scale
+        """
         if scaling == "none":
             return cls(np.zeros(values.shape[1:]), np.ones(values.shape[1:]))
         low, high = values.min(axis=0), values.max(axis=0)

@@ -58,6 +58,18 @@ class SelectedLSSVM(MultiOutputMixin, RegressorMixin, BaseEstimator):  # type: i
     def fit(self, X: ArrayLike, y: ArrayLike) -> Self:
         """Choose and fit, on inputs (n, inputs) and targets (n,) or (n, outputs).
 
+        Parameters
+        ----------
+        X : array_like, (n, inputs)
+            Inputs.
+        y : array_like, (n,) or (n, outputs)
+            Targets.
+
+        Returns
+        -------
+        SelectedLSSVM
+            Itself, fitted.
+
         Raises
         ------
         ParameterError
@@ -72,7 +84,17 @@ class SelectedLSSVM(MultiOutputMixin, RegressorMixin, BaseEstimator):  # type: i
         return self
 
     def predict(self, X: ArrayLike) -> Array:
-        """Return the predictions for inputs (n, inputs): (n,) or (n, outputs)."""
+        """Return the predictions for inputs (n, inputs): (n,) or (n, outputs).
+
+        Parameters
+        ----------
+        X : array_like, (n, inputs)
+            Inputs.
+
+        Returns
+        -------
+        ndarray, (n,) or (n, outputs)
+        """
         check_is_fitted(self)
         return self.machine_.predict(validate_data(self, X, reset=False, dtype=np.float64))
 
@@ -95,13 +117,41 @@ class HoldRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):  # type: i
     """
 
     def fit(self, X: ArrayLike, y: ArrayLike) -> Self:
-        """Keep the last of the targets (n,) or (n, outputs)."""
+        """Keep the last of the targets (n,) or (n, outputs).
+
+        Parameters
+        ----------
+        X : array_like, (n, inputs)
+            Inputs; only how many there are of them matters.
+        y : array_like, (n,) or (n, outputs)
+            Targets.
+
+        Returns
+        -------
+        HoldRegressor
+            Itself, fitted.
+
+        Raises
+        ------
+        ValueError
+            If the data are not such arrays, or not finite.
+        """
         _, y = validate_data(self, X, y, multi_output=True, y_numeric=True, dtype=np.float64)
         self.last_: Any = np.array(y, dtype=np.float64)[-1]
         return self
 
     def predict(self, X: ArrayLike) -> Array:
-        """Return it for every row of inputs: (n,) or (n, outputs)."""
+        """Return it for every row of inputs: (n,) or (n, outputs).
+
+        Parameters
+        ----------
+        X : array_like, (n, inputs)
+            Inputs.
+
+        Returns
+        -------
+        ndarray, (n,) or (n, outputs)
+        """
         check_is_fitted(self)
         rows = len(validate_data(self, X, reset=False, dtype=np.float64))
         return np.repeat(np.asarray(self.last_)[None], rows, axis=0)

@@ -37,7 +37,7 @@ class HybridRun:
     >>> from sklearn.linear_model import LinearRegression
     >>> from inswsn_lib.navigation import HybridNavigator
     >>> heard = np.where(np.arange(30) < 20, 1.0, np.nan).reshape(30, 1, 1)
-    >>> run = HybridNavigator(lambda y: np.nan_to_num(y), LinearRegression()).run(
+    >>> run = HybridNavigator(np.nan_to_num, LinearRegression()).run(
     ...     heard, inputs=np.arange(30.0)[:, None]
     ... )
     >>> run.estimates.shape, int(run.predicting.sum()), run.fits
@@ -89,8 +89,8 @@ class HybridNavigator:
     Raises
     ------
     ParameterError
-        If a number is not whole or too small, the filter is no function, or the regressor is not one
-        of scikit-learn.
+        If a number is not whole or too small, the filter is no function, or the regressor is not
+        one of scikit-learn.
 
     Examples
     --------
@@ -102,7 +102,7 @@ class HybridNavigator:
     >>> from inswsn_lib.navigation import HybridNavigator
     >>> steps = np.arange(30.0)
     >>> measured = np.where(steps < 20, 0.5 * steps, np.nan)[:, None, None]  # (steps, 1, one run)
-    >>> navigator = HybridNavigator(lambda y: np.nan_to_num(y), LinearRegression())
+    >>> navigator = HybridNavigator(np.nan_to_num, LinearRegression())
     >>> run = navigator.run(measured, inputs=steps[:, None])
     >>> run.estimates[[19, 20, 29], 0, 0].round(6).tolist()
     [9.5, 10.0, 14.5]
@@ -157,6 +157,21 @@ class HybridNavigator:
             If a shape does not fit, an input is infinite, there is no input at all, the filter's
             estimates are not finite where it is to train, or the regressor cannot be trained, or
             predicts another shape or what is not finite.
+
+        Examples
+        --------
+        With feedback there need be no other input. The regressor learns each estimate from the one
+        before it, here that they grow by 0.5, and goes on from the last of the filter and then from
+        its own:
+
+        >>> import numpy as np
+        >>> from sklearn.linear_model import LinearRegression
+        >>> from inswsn_lib.navigation import HybridNavigator
+        >>> steps = np.arange(30.0)
+        >>> measured = np.where(steps < 20, 0.5 * steps, np.nan)[:, None, None]
+        >>> navigator = HybridNavigator(np.nan_to_num, LinearRegression(), feedback=True)
+        >>> navigator.run(measured).estimates[[19, 20, 29], 0, 0].round(6).tolist()
+        [9.5, 10.0, 14.5]
         """
         y = np.asarray(measurements, dtype=float)
         if y.ndim != 3:

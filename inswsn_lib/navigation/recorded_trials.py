@@ -73,7 +73,15 @@ class RecordedTrials:
     mounting: Array
 
     def write(self, path: Path, **facts: Any) -> None:
-        """Keep the trials in a file, to millimetres, with facts about where they come from."""
+        """Keep the trials in a file, to millimetres, with facts about where they come from.
+
+        Parameters
+        ----------
+        path : Path
+            JSON; written whole or not at all.
+        **facts
+            What JSON can hold, by name.
+        """
         content = {
             "form": _FORM,
             "facts": facts,

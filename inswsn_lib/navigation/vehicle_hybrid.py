@@ -103,13 +103,37 @@ class Machine:
 
     @classmethod
     def fit(cls, regressor: Any, X: Array, y: Array, inputs: Scale, targets: Scale) -> Machine:
-        """Train a clone."""
+        """Train a clone.
+
+        Parameters
+        ----------
+        regressor : scikit-learn regressor
+            Left as it is.
+        X, y : ndarray, (rows, inputs) and (rows, outputs)
+            In their own units.
+        inputs, targets : Scale
+            Of X and of y.
+
+        Returns
+        -------
+        Machine
+        """
         with config_context(assume_finite=True):
             trained = clone(regressor).fit(inputs.there(X), targets.there(y))
         return cls(trained, inputs, targets, len(X))
 
     def predict(self, X: Array) -> Array:
-        """Return the targets of inputs (rows, inputs), in their own units."""
+        """Return the targets of inputs (rows, inputs), in their own units.
+
+        Parameters
+        ----------
+        X : ndarray, (rows, inputs)
+            In the inputs' own units.
+
+        Returns
+        -------
+        ndarray, (rows, outputs)
+        """
         if self.regressor is None:
             return np.zeros((len(X), self.targets.size.size))
         with config_context(assume_finite=True):
@@ -302,6 +326,12 @@ class VehicleHybrid:
         Returns
         -------
         Ramps
+            One pair for each epoch of each simulated outage and each run.
+
+        Raises
+        ------
+        ParameterError
+            If a start is not in the run, or there is no simulated outage before one.
         """
         last = len(run.epochs) - 1
         if np.max(starts) > last:
@@ -399,7 +429,26 @@ class VehicleHybrid:
         return Bridge(branch, np.moveaxis(first, 1, 2), np.moveaxis(predicted, 1, 2), machines)
 
     def train(self, pairs: Ramps, which: int, start: int) -> Machine:
-        """Return the regressor, trained on the latest pairs of a run at an outage's start."""
+        """Return the regressor, trained on the latest pairs of a run at an outage's start.
+
+        Parameters
+        ----------
+        pairs : Ramps
+            From `simulate_outages`.
+        which : int
+            The run.
+        start : int
+            The epoch at which the outage begins; no pair after it is used.
+
+        Returns
+        -------
+        Machine
+
+        Raises
+        ------
+        ParameterError
+            If there are fewer than two pairs.
+        """
         if not self.past:
             return self._trained(self.regressor, pairs, which, start)
         own = pairs.run == which
@@ -439,6 +488,11 @@ class VehicleHybrid:
         -------
         predicted, difference : ndarray, (steps, 2)
             m.
+
+        Raises
+        ------
+        ParameterError
+            If no simulated outage of the run began there, or fewer than two pairs are before it.
         """
         rows = np.flatnonzero((pairs.run == which) & (pairs.ramp == begin))
         if not len(rows):
@@ -462,7 +516,19 @@ class VehicleHybrid:
         return Machine.fit(regressor, X, y, Scale.of(X, scaling), Scale.of(y, scaling))
 
     def inputs(self, motion: Array, elapsed: Array) -> Array:
-        """Return the inputs of P3 (39), (pairs, inputs), or those of them that are asked for."""
+        """Return the inputs of P3 (39), (pairs, inputs), or those of them that are asked for.
+
+        Parameters
+        ----------
+        motion : ndarray, (pairs, 3)
+            From `sensed_motion`.
+        elapsed : ndarray, (pairs,)
+            Time since the outage began (s).
+
+        Returns
+        -------
+        ndarray, (pairs, inputs)
+        """
         parts = [motion] if self.motion else []
         return np.hstack([*parts, elapsed[:, None]] if self.timed else parts)
 

@@ -109,6 +109,10 @@ class ClusterScene:
         settings : mapping of str to Setting
             From `load_scenario`.
 
+        Returns
+        -------
+        ClusterScene
+
         Raises
         ------
         InswsnError
@@ -246,6 +250,11 @@ class ClusterScene:
         ----------
         length : float
             The margin that counts as full, m.
+
+        Returns
+        -------
+        ndarray, (clusters, steps)
+            From 0 to 1.
 
         Raises
         ------

@@ -163,6 +163,10 @@ class Scene:
         inertial : InertialErrors, optional
             The errors of the INS, in place of those of the settings.
 
+        Returns
+        -------
+        Scene
+
         Raises
         ------
         InswsnError

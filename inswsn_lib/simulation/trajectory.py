@@ -90,6 +90,11 @@ class Path:
         radius : float
             Of the arcs, m.
 
+        Returns
+        -------
+        Path
+            A straight leg, then an arc and a leg for each corner.
+
         Raises
         ------
         ParameterError
@@ -128,6 +133,11 @@ class Path:
             m/s.
         time : array_like, (steps,)
             s since the start. After the end of the path the motion goes straight on.
+
+        Returns
+        -------
+        Motion
+            At these times.
 
         Raises
         ------

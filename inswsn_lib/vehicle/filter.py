@@ -132,6 +132,17 @@ class FilterSettings:
     def from_settings(cls, settings: Mapping[str, Setting], **changes: Any) -> Self:
         """Take the settings whose names begin with ``filter_``; `changes` replace some.
 
+        Parameters
+        ----------
+        settings : mapping of str to Setting
+            From `load_scenario`.
+        **changes
+            Values by the names of the attributes, in place of those of the settings.
+
+        Returns
+        -------
+        FilterSettings
+
         Raises
         ------
         ParameterError
@@ -156,12 +167,33 @@ class FilterSettings:
         return STATES + sum(EXTRA_STATES[name] for name in self.extra)
 
     def column(self, name: str) -> int:
-        """Return the first state of an extra."""
+        """Return the first state of an extra.
+
+        Parameters
+        ----------
+        name : str
+            One of `extra`.
+
+        Returns
+        -------
+        int
+            Counted from 0.
+        """
         before = self.extra[: self.extra.index(name)]
         return STATES + sum(EXTRA_STATES[other] for other in before)
 
     def initial_covariance(self, position: Array) -> Array:
-        """Return P at the start, (runs, n, n), for positions (runs, 3)."""
+        """Return P at the start, (runs, n, n), for positions (runs, 3).
+
+        Parameters
+        ----------
+        position : ndarray, (runs, 3)
+            Latitude, longitude (rad), height (m): position errors are angles.
+
+        Returns
+        -------
+        ndarray, (runs, n, n)
+        """
         sizes = np.zeros((len(position), self.states))
         sizes[:, POSITION] = self.position / metres(position)
         sizes[:, VELOCITY] = self.velocity

@@ -82,7 +82,13 @@ class VehicleState:
         return replace(self, **{f.name: getattr(self, f.name)[index] for f in fields(self)})
 
     def corrected(self) -> Self:
-        r"""Return the state with its error fed back, :math:`C = e^{[\varphi\times]} C'`."""
+        r"""Return the state with its error fed back, :math:`C = e^{[\varphi\times]} C'`.
+
+        Returns
+        -------
+        VehicleState
+            With the error of P3's fifteen states zero; extra states and the covariance stay.
+        """
         x = self.error
         turns = Rotation.from_rotvec(x[..., ATTITUDE].reshape(-1, 3)).as_matrix()
         error = x.copy()
