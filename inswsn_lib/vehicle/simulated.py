@@ -274,8 +274,8 @@ def true_motion(settings: Mapping[str, Setting], route: int = 0) -> Truth:
     >>> truth = true_motion(with_values(scenario, imu_period=0.1))
     >>> bool(np.abs(truth.reference.velocity[:10]).max() < 1e-6)
     True
-    >>> print(f"{np.linalg.norm(truth.velocity[:, 0]) / truth.period:.2f} m/s^2")
-    9.79 m/s^2
+    >>> print(f"{np.linalg.norm(truth.velocity[:, 0]) / truth.period:.1f} m/s^2")
+    9.8 m/s^2
     """
     planned = plan_route(settings, route)
     return follow_route(planned, settings, route)
