@@ -194,7 +194,8 @@ def run_recorded_outages(
     Raises
     ------
     ParameterError
-        If an outage leaves the drive, or the car has not moved before one.
+        If an outage leaves the drive, or the car has not been faster than 5 m/s before one: then
+        nothing tells the mounting.
 
     Examples
     --------

@@ -187,11 +187,11 @@ class VehicleHybrid:
     r"""A vehicle's filter and a regressor that corrects it through GPS outages (P3 Section 2).
 
     In *update mode* two filter modules run. The second has GPS at all times. The first is put into
-    simulated outages of `tau` seconds: each begins with what the second knows, and goes on with
+    simulated outages of `tau` epochs: each begins with what the second knows, and goes on with
     compass and lateral velocity alone. The difference of their positions (P3 (38)) is the target of
     a regressor, its input (P3 (39)) the forward and lateral specific force, the yaw rate, and the
     time since the simulated outage began. In *prediction mode* the regressor, trained on the latest
-    `window` seconds, is subtracted from the position of the filter that runs through the outage.
+    `window` epochs, is subtracted from the position of the filter that runs through the outage.
 
     P3 compares position *errors* :math:`X_1, X_2`; here the two modules correct INS of their own,
     so their positions are compared, which is the same difference.

@@ -96,8 +96,8 @@ def estimate_mounting(run: VehicleRun, until: int, *, slowest: float = 5.0) -> M
     >>> turned = with_values(scenario, imu_period=0.1, mounting_yaw=np.radians(6.0))
     >>> drive = simulate_drive(turned, runs=2, seed=0)
     >>> settings = FilterSettings.from_settings(scenario, yaw=0.2)
-    >>> run = run_vehicle_filter(drive, settings, aiding=False, last=400)
-    >>> found = np.degrees(estimate_mounting(run, 400).yaw)
+    >>> run = run_vehicle_filter(drive, settings, aiding=False, last=150)
+    >>> found = np.degrees(estimate_mounting(run, 150).yaw)
     >>> bool(np.abs(found + 6.0).max() < 1.5)
     True
     """
