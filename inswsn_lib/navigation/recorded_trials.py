@@ -53,7 +53,7 @@ class RecordedTrials:
 
     Examples
     --------
-    What the book's last run on the recorded drive left in the repository:
+    What ``studies/recorded_drive.py`` kept of the recorded drive:
 
     >>> from inswsn_lib.checkout import find_root
     >>> from inswsn_lib.navigation import read_trials
