@@ -55,9 +55,13 @@ def interval(text: Printed) -> Interval:
 
     Examples
     --------
+    The trailing zero of 0.50 says that it is known ten times better than 0.5:
+
     >>> from inswsn_lib.papers import bounds, interval
-    >>> bounds(interval("0.5"))
-    (0.45, 0.55)
+    >>> for text in ("0.5", "0.50"):
+    ...     print("{:.3f} to {:.3f}".format(*bounds(interval(text))))
+    0.450 to 0.550
+    0.495 to 0.505
     """
     value = _decimal(text)
     exponent = value.as_tuple().exponent
