@@ -50,6 +50,8 @@ class ChapterRecord:
     >>> from inswsn_lib.claims import ChapterRecord
     >>> from inswsn_lib.parameters import chapter_schema
     >>> record = ChapterRecord("00", chapter_schema(find_root(), "00").defaults)
+    >>> record.data("papers/p1-table2.csv").name  # and the build knows that the chapter reads it
+    'p1-table2.csv'
     >>> quantity = record.quantity(
     ...     "error.kf",
     ...     2.9,
@@ -62,6 +64,8 @@ class ChapterRecord:
     >>> record.holds("The error is below 3 m.", quantity.value < 3)
     >>> record.results()["error.kf"].value, record.results().sentences
     (2.9, {'The error is below 3 m.': True})
+    >>> list(record.results().data)
+    ['data/papers/p1-table2.csv']
     """
 
     def __init__(
