@@ -211,7 +211,13 @@ def notebooks(root: Path | None, check: bool) -> None:
 
 
 @cli.command()
-@click.option("--port", type=click.IntRange(0, 65535), default=8000, show_default=True)
+@click.option(
+    "--port",
+    type=click.IntRange(0, 65535),
+    default=8000,
+    show_default=True,
+    help="Where to serve; 0 for any free port.",
+)
 @click.option("--browser/--no-browser", default=True, help="Open the book in the browser.")
 @click.pass_obj
 def serve(root: Path | None, port: int, browser: bool) -> None:

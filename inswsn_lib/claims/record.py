@@ -41,6 +41,31 @@ class ChapterRecord:
         If there is no checkout or no such chapter in it, or a declared parameter is not recorded.
     ParameterError
         If a parameter is not declared in the chapter's parameters cell, or may not have its value.
+
+    Examples
+    --------
+    What a cell of a chapter does. A plain interpreter prints what makes a number known to the text:
+
+    >>> from inswsn_lib.checkout import find_root
+    >>> from inswsn_lib.claims import ChapterRecord
+    >>> from inswsn_lib.parameters import chapter_schema
+    >>> record = ChapterRecord("00", chapter_schema(find_root(), "00").defaults)
+    >>> record.data("papers/p1-table2.csv").name  # and the build knows that the chapter reads it
+    'p1-table2.csv'
+    >>> quantity = record.quantity(
+    ...     "error.kf",
+    ...     2.9,
+    ...     "m",
+    ...     how="The mean absolute error.",
+    ...     basis="simulation",
+    ...     tolerance=0.01,
+    ... )
+    {'application/papermill.record/text/plain': '2.9'}
+    >>> record.holds("The error is below 3 m.", quantity.value < 3)
+    >>> record.results()["error.kf"].value, record.results().sentences
+    (2.9, {'The error is below 3 m.': True})
+    >>> list(record.results().data)
+    ['data/papers/p1-table2.csv']
     """
 
     def __init__(
@@ -72,6 +97,11 @@ class ChapterRecord:
         name : str
             Path below ``data/`` with forward slashes, for example ``"papers/p1.yaml"``, or the
             absolute path of a reader's own file.
+
+        Returns
+        -------
+        Path
+            Where the file is.
 
         Raises
         ------
@@ -113,6 +143,11 @@ class ChapterRecord:
             What that is. Default: the rounding interval for a number computed from printed cells,
             else a confidence interval.
 
+        Returns
+        -------
+        Quantity
+            What has been recorded.
+
         Raises
         ------
         InswsnError
@@ -147,7 +182,15 @@ class ChapterRecord:
         return quantity
 
     def say(self, name: str, text: str) -> None:
-        """Make a computed word known to the text as ``{glue:text}`name```, without recording it."""
+        """Make a computed word known to the text as ``{glue:text}`name```, without recording it.
+
+        Parameters
+        ----------
+        name : str
+            By which the text calls it.
+        text : str
+            The word.
+        """
         if type(text) is not str:
             raise InswsnError(f"The word {name!r} is {text!r}; it may be a text.")
         _glue(name, text)
@@ -241,7 +284,13 @@ class ChapterRecord:
         write_whole(results_folder(self._root) / name, text)
 
     def results(self) -> Results:
-        """Return what has been recorded so far."""
+        """Return what has been recorded so far.
+
+        Returns
+        -------
+        Results
+            Without provenance, which the executor adds.
+        """
         return Results(
             chapter=self._chapter,
             parameters=self._parameters,
@@ -252,7 +301,13 @@ class ChapterRecord:
         )
 
     def write(self) -> Results:
-        """Write the results file ``NN.json``, whole or not at all, and return what it holds."""
+        """Write the results file ``NN.json``, whole or not at all, and return what it holds.
+
+        Returns
+        -------
+        Results
+            What the file holds.
+        """
         results = self.results()
         write_results(results, results_folder(self._root) / f"{self._chapter}.json")
         return results
