@@ -21,6 +21,7 @@ test: environment ## lint, types, and all tests
 	$(RUN) -m mypy
 	$(VENV)/bin/lint-imports
 	$(INSWSN) lock --check
+	$(INSWSN) binder --check
 	$(INSWSN) notebooks --check
 	$(RUN) -m pytest -n $(WORKERS) --dist worksteal
 
@@ -45,8 +46,33 @@ bench: environment ## speed against peers, as ratios; writes data/benchmarks*.ya
 	@$(RUN) benchmarks/fusion.py
 	@$(RUN) benchmarks/vehicle.py
 
-lock: environment ## compile environment.in to environment.lock
+lock: environment ## compile environment.in to environment.lock, and write binder/
 	@$(INSWSN) lock
+	@$(INSWSN) binder
+
+upgrade: environment ## the same with the newest versions that environment.in allows
+	@$(INSWSN) lock --upgrade
+	@$(INSWSN) binder
+
+# TAG is left to the shell, which takes it as it is: a name from outside may hold anything
+tag: environment ## tell whether TAG=v1.0.0 names this version
+	@$(INSWSN) tag "$$TAG"
+
+assets: environment ## gather the files of a release in _build/release, after make book and make archive
+	@$(INSWSN) assets
+
+release: ## publish _build/release as release TAG=v1.0.0 on the public host, by its command gh
+	@.ci/release
+
+report: ## say in an issue on the public host that the weekly run failed, by its command gh
+	@.ci/report
+
+# The package fetches the linter from the public host while it is installed; so it is not in the lock.
+actionlint: ## check the workflow files by actionlint, installed into _build; needs the public host
+	@test -n "$(PYTHON)" || { echo "Python 3.11 is needed, and no python was found." >&2; exit 2; }
+	@$(PYTHON) -m venv _build/actionlint
+	@_build/actionlint/bin/python -m pip install --quiet --disable-pip-version-check --require-hashes -r .ci/actionlint.txt
+	_build/actionlint/bin/actionlint -color
 
 format: environment ## put the code into the one format
 	$(RUN) -m ruff check --fix .
@@ -77,4 +103,4 @@ help: ## list the targets
 
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
-.PHONY: book test serve notebooks publish calibrate studies bench lock format environment clean help
+.PHONY: book test serve notebooks publish calibrate studies bench lock upgrade tag assets release report actionlint format environment clean help

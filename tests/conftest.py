@@ -218,6 +218,7 @@ def make_mini(folder: Path) -> MiniProject:
     )
     (folder / "book" / "claims.md").write_text(MINI_CLAIMS_PAGE, encoding="utf-8")
     (folder / "data" / "claims.yaml").write_text(MINI_LEDGER, encoding="utf-8")
+    shutil.copy(ROOT / "data" / "about.yaml", folder / "data")
     (folder / "data" / "papers" / "number.txt").write_text("21", encoding="utf-8")
     made = MiniProject(folder)
     made.chapter()

@@ -240,19 +240,56 @@ def serve(root: Path | None, port: int, browser: bool) -> None:
 
 @cli.command()
 @click.option("--check", is_flag=True, help="Only tell whether the locks fit; uses no network.")
+@click.option("--upgrade", is_flag=True, help="Take the newest versions that are allowed.")
 @click.pass_obj
-def lock(root: Path | None, check: bool) -> None:
+def lock(root: Path | None, check: bool, upgrade: bool) -> None:
     """Compile environment.in to environment.lock."""
     from inswsn_lib.artefact.environment import compile_locks, lock_problems
 
     project = _project(root)
     if not check:
-        compile_locks(project)
+        compile_locks(project, upgrade=upgrade)
     problems = lock_problems(project)
     for problem in problems:
         click.echo(problem, err=True)
     if problems:
         raise InswsnError("The lock is stale; compile it with `make lock`.")
+
+
+@cli.command()
+@click.option("--check", is_flag=True, help="Only tell whether the files are up to date.")
+@click.pass_obj
+def binder(root: Path | None, check: bool) -> None:
+    """Write the files from which Binder makes its image."""
+    from inswsn_lib.artefact.binder import stale_binder_files, write_binder_files
+
+    project = _project(root)
+    if check:
+        stale = stale_binder_files(project)
+        if stale:
+            raise InswsnError(f"{', '.join(stale)}: out of date; write it with `make lock`.")
+        return
+    for name in write_binder_files(project):
+        click.echo(f"wrote {name}")
+
+
+@cli.command()
+@click.argument("name", metavar="TAG")
+@click.pass_obj
+def tag(root: Path | None, name: str) -> None:
+    """Tell whether TAG names this version, and whether CHANGELOG.md speaks of it."""
+    from inswsn_lib.artefact.release import check_tag
+
+    check_tag(_project(root), name)
+
+
+@cli.command()
+@click.pass_obj
+def assets(root: Path | None) -> None:
+    """Gather what is attached to a release: archive, executed notebooks, notes."""
+    from inswsn_lib.artefact.release import gather_assets
+
+    click.echo(f"The files are in {gather_assets(_project(root))}")
 
 
 @cli.command()

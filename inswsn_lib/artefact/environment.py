@@ -17,6 +17,9 @@ from inswsn_lib.artefact.project import Project
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.files import file_digest, text_digest, write_whole
 
+#: The Python that the locks are for.
+PYTHON = "3.11"
+
 _TORCH_INDEX = "https://download.pytorch.org/whl/cpu"
 _TORCH_HEADER = f"""\
 # torch, apart from all else: its CPU wheel for Linux on x86-64 lives on an index of its own, and an
@@ -70,10 +73,17 @@ def lock_problems(project: Project) -> list[str]:
     return problems
 
 
-def compile_locks(project: Project) -> None:
+def compile_locks(project: Project, *, upgrade: bool = False) -> None:
     """Compile environment.in and environment-torch.in to their locks, hashes and all.
 
     Versions that are in the locks stay unless the requirements exclude them.
+
+    Parameters
+    ----------
+    project : Project
+        The checkout.
+    upgrade : bool
+        Take the newest versions that the requirements allow instead.
 
     Raises
     ------
@@ -84,7 +94,7 @@ def compile_locks(project: Project) -> None:
     with tempfile.TemporaryDirectory() as name:
         new = Path(name) / "environment.lock"
         old = root / "environment.lock"
-        if old.is_file():
+        if old.is_file() and not upgrade:
             pinned = old.read_text(encoding="utf-8").splitlines(keepends=True)
             new.write_text("".join(pinned[1:]), encoding="utf-8")
         _run([*_uv(), "environment.in", "-o", str(new)], root)
@@ -102,7 +112,7 @@ def _seal(body: str) -> str:
 def _uv() -> list[str]:
     return [
         *(sys.executable, "-m", "uv", "pip", "compile", "--quiet", "--universal"),
-        *("--python-version", "3.11", "--generate-hashes", "--no-header"),
+        *("--python-version", PYTHON, "--generate-hashes", "--no-header"),
     ]
 
 
@@ -116,7 +126,7 @@ def _torch_lock(root: Path) -> str:
                 *(sys.executable, "-m", "pip", "download", "--quiet", "--no-deps", "--dest", name),
                 *("--only-binary", ":all:", "--extra-index-url", _TORCH_INDEX),
                 # the wheel for Linux, wherever the lock is compiled
-                *("--platform", "manylinux_2_28_x86_64", "--python-version", "3.11"),
+                *("--platform", "manylinux_2_28_x86_64", "--python-version", PYTHON),
                 f"torch=={version}+cpu",
             ],
             root,

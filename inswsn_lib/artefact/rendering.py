@@ -18,6 +18,7 @@ import nbformat
 from inswsn_lib.artefact.cache import Executed
 from inswsn_lib.artefact.generated import generated_texts
 from inswsn_lib.artefact.inspection import inspect_site
+from inswsn_lib.artefact.launch_links import LAUNCH_VARIABLE, launch_setting
 from inswsn_lib.artefact.notebooks import notebook_text
 from inswsn_lib.artefact.pages import with_links_and_provenance
 from inswsn_lib.artefact.progress import Progress
@@ -240,7 +241,8 @@ def _run_jupyter_book(project: Project, source: Path, stage: Path) -> Path:
     done = subprocess.run(
         command,
         cwd=project.root,
-        env=os.environ | {FOOTER_VARIABLE: footer_text(project)},
+        env=os.environ
+        | {FOOTER_VARIABLE: footer_text(project), LAUNCH_VARIABLE: launch_setting(project)},
         capture_output=True,
         text=True,
         stdin=subprocess.DEVNULL,
