@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from inswsn_lib.artefact.about import load_about
+from inswsn_lib.artefact.citation import citation_page, verdict_page
 from inswsn_lib.artefact.pages import claims_counts, claims_list
 from inswsn_lib.artefact.project import Project
 from inswsn_lib.claims import LEDGER, Results, load_claims, verdicts
@@ -25,7 +27,10 @@ def generated_texts(project: Project, results: Sequence[Results]) -> dict[str, s
         If a source cannot be read.
     """
     judged = verdicts(load_claims(project.root / LEDGER), results)
+    about = load_about(project.root)
     return {
+        "citation.md": citation_page(about),
+        "citation-verdict.md": verdict_page(about, judged),
         "claims-counts.md": claims_counts(judged),
         "claims-list.md": claims_list(judged),
     }
