@@ -45,6 +45,7 @@ calibrate: environment ## fit the simulated INS to the INS-only cells and write 
 
 studies: environment ## run P3's methods on the recorded drive again and keep what comes of it in data/recorded
 	@$(RUN) studies/recorded_drive.py
+	@$(RUN) studies/radio_fixes.py
 
 bench: environment ## speed against peers, as ratios; writes data/benchmarks*.yaml, for the book
 	@$(RUN) benchmarks/throughput.py

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from inswsn_lib.artefact.about import load_about
 from inswsn_lib.artefact.citation import citation_page, verdict_page
+from inswsn_lib.artefact.front import front_texts
 from inswsn_lib.artefact.pages import claims_counts, claims_list
 from inswsn_lib.artefact.project import Project
 from inswsn_lib.claims import LEDGER, Results, load_claims, verdicts
@@ -33,4 +34,5 @@ def generated_texts(project: Project, results: Sequence[Results]) -> dict[str, s
         "citation-verdict.md": verdict_page(about, judged),
         "claims-counts.md": claims_counts(judged),
         "claims-list.md": claims_list(judged),
+        **front_texts(project, results, judged),
     }

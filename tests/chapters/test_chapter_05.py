@@ -305,6 +305,12 @@ def test_an_ins_without_errors_stays_on_the_route(
         assert ends[1] > 5
 
 
+def test_gps_and_sins_alone_beat_the_fixes_they_are_given(results: Results) -> None:
+    """A mean over many fixes cannot be worse than one fix, nor as good as with the aids."""
+    fix = np.sqrt(2) * 3.0  # P3: 3 m a component
+    assert results["reference.rms"].value / fix < results["reference.share"].value < 1
+
+
 def test_the_reference_filter_is_as_good_as_the_page_says(
     results: Results, drive: Drive, aided: VehicleRun
 ) -> None:
