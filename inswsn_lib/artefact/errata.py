@@ -8,6 +8,7 @@ not bear one of them out is refused. The numbers of the texts come from the resu
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
@@ -19,8 +20,8 @@ from inswsn_lib.artefact.evidence import (
     Findings,
     Prose,
     anchor,
-    claim_link,
     cite,
+    claim_link,
     read_entries,
 )
 from inswsn_lib.claims import PAPERS
@@ -141,7 +142,7 @@ class Errata(Entry):
 
     @model_validator(mode="after")
     def _ids_are_unique(self) -> Self:
-        ids = [entry.id for entry in (*self.errata, *self.slips)]
+        ids = [entry.id for entry in self.errata] + [slip.id for slip in self.slips]
         twice = sorted({identity for identity in ids if ids.count(identity) > 1})
         if twice:
             raise ValueError(f"the ids {', '.join(twice)} are used twice")
@@ -189,7 +190,7 @@ def errata_page(errata: Errata, findings: Findings, *, strict: bool = True) -> s
         if own or slips:
             parts.append(f"(errata-{paper.lower()})=\n## {paper}\n\n{cite(paper)}.\n")
         for entry in own:
-            parts.append(_named(entry.id, lambda entry=entry: _section(entry, findings, strict)))
+            parts.append(_named(entry.id, partial(_section, entry, findings, strict)))
         if slips:
             parts.append(_slips(paper, slips, findings, strict))
     return "\n".join(parts)
@@ -262,7 +263,7 @@ def _slips(paper: str, slips: list[Slip], findings: Findings, strict: bool) -> s
     lines += [f"```{{list-table}}\n:header-rows: 1\n:name: tbl-slips-{paper.lower()}\n"]
     lines += ["* -\n  - place\n  - printed\n  - meant"]
     for slip in slips:
-        lines.append(_named(slip.id, lambda slip=slip: _slip(slip, findings, strict)))
+        lines.append(_named(slip.id, partial(_slip, slip, findings, strict)))
     return "\n".join([*lines, "```\n"])
 
 

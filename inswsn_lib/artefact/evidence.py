@@ -1,8 +1,8 @@
 """What results must say for a written text to stand, and the numbers that they put into it.
 
 The pages of errata and of rival readings are written by hand, but for their numbers and for their
-right to be there: a text holds placeholders such as ``{01:cost.position.percent:.0f}`` and names the
-evidence on which it rests.
+right to be there: a text holds placeholders such as ``{01:cost.position.percent:.0f}`` and names
+the evidence on which it rests.
 """
 
 from __future__ import annotations
@@ -171,8 +171,9 @@ class Findings:
         Parameters
         ----------
         text : str
-            With ``{01:name:.2f}`` for a number, ``{01:name:.0%}`` for a share in per cent, and
-            ``{claim:P1-P-T}`` for a claim with its verdict.
+            With ``{01:name:.2f}`` for a number, ``{01:name@low:.2f}`` and ``@high`` for the ends of
+            its interval, ``{01:name:.0%}`` for a share in per cent, and ``{claim:P1-P-T}`` for a
+            claim with its verdict.
 
         Raises
         ------
@@ -190,12 +191,24 @@ class Findings:
             raise InswsnError(
                 f"{match[0]} is no placeholder; it may be {{01:name:.2f}} or {{claim:P1-P-T}}."
             )
-        quantity = self.quantity(where, name)
+        quantity, end = self._part(where, name)
+        value = quantity.value
+        if end is not None:
+            if quantity.interval is None:
+                raise InswsnError(f"{match[0]} asks for an interval, and there is none.")
+            value = quantity.interval[end]
         try:
-            shown = format(quantity.value, form or "g")
+            shown = format(value, form or "g")
         except ValueError:
             raise InswsnError(f"{match[0]} has a format that does not fit a number.") from None
         return f"**{shown.replace('%', ' %').replace('-', '−')}**"
+
+    def _part(self, chapter: str, name: str) -> tuple[Quantity, int | None]:
+        """Return a quantity, and which end of its interval is meant: 0, 1 or none."""
+        base, _, end = name.partition("@")
+        if end not in ("", "low", "high"):
+            raise InswsnError(f"@{end} is no end of an interval; it may be @low or @high.")
+        return self.quantity(chapter, base), {"low": 0, "high": 1}.get(end)
 
     def numbers(self, *texts: str) -> list[tuple[str, Quantity]]:
         """Return the quantities that texts show, each once, with its chapter."""
@@ -203,7 +216,8 @@ class Findings:
         for text in texts:
             for where, name, _ in _PLACEHOLDER.findall(text):
                 if where != "claim":
-                    found[where, name] = self.quantity(where, name)
+                    quantity, _ = self._part(where, name)
+                    found[where, quantity.name] = quantity
         return [(chapter, quantity) for (chapter, _), quantity in found.items()]
 
     def basis(self, evidence: Sequence[Evidence], *texts: str) -> str:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from inswsn_lib.artefact.front import front_texts
 from inswsn_lib.artefact.pages import claims_counts, claims_list
 from inswsn_lib.artefact.project import Project
+from inswsn_lib.artefact.review import review_texts
 from inswsn_lib.claims import LEDGER, Results, load_claims, verdicts
 
 
@@ -30,4 +31,5 @@ def generated_texts(project: Project, results: Sequence[Results]) -> dict[str, s
         "claims-counts.md": claims_counts(judged),
         "claims-list.md": claims_list(judged),
         **front_texts(project, results, judged),
+        **review_texts(project, results, judged),
     }
