@@ -14,7 +14,7 @@ from typing import Annotated, Literal, Self, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
-from inswsn_lib.claims.results import Name
+from inswsn_lib.claims.results import Name, quantity_digest, read_results
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.files import file_digest, read_yaml, text_digest
 from inswsn_lib.parameters import Value
@@ -351,19 +351,20 @@ def claims_digest(path: Path, chapter: str) -> str:
 
 
 def data_digest(root: Path, name: str) -> str | None:
-    """Return the SHA-256 of a file that a chapter reads, or of its part of the ledger.
+    """Return the SHA-256 of a file that a chapter reads, or of the part of it that it reads.
 
     Parameters
     ----------
     root : Path
         The checkout.
     name : str
-        A path below it, or ``data/claims.yaml#NN`` for the claims that chapter NN decides.
+        A path below it, or ``data/claims.yaml#NN`` for the claims that chapter NN decides, or
+        ``data/published/NN.json#name`` for one quantity of the reference results.
 
     Returns
     -------
     str or None
-        None if there is no such file, or the ledger cannot be read.
+        None if there is no such file or part, or it cannot be read.
 
     Examples
     --------
@@ -378,14 +379,16 @@ def data_digest(root: Path, name: str) -> str | None:
     >>> data_digest(root, "data/absent.csv") is None
     True
     """
-    path, _, chapter = name.partition("#")
+    path, _, part = name.partition("#")
     if not (root / path).is_file():
         return None
-    if not chapter:
+    if not part:
         return file_digest(root / path)
     try:
-        return claims_digest(root / path, chapter)
-    except InswsnError:
+        if path == LEDGER:
+            return claims_digest(root / path, part)
+        return quantity_digest(read_results(root / path)[part])
+    except (InswsnError, KeyError):
         return None
 
 

@@ -11,7 +11,14 @@ from pydantic import ValidationError
 
 from inswsn_lib.checkout import find_root, results_folder
 from inswsn_lib.claims.ledger import LEDGER, claims_digest, claims_of, load_claims
-from inswsn_lib.claims.results import IntervalKind, Quantity, Results, write_results
+from inswsn_lib.claims.results import (
+    IntervalKind,
+    Quantity,
+    Results,
+    quantity_digest,
+    read_results,
+    write_results,
+)
 from inswsn_lib.claims.verdicts import Judged, verdicts
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.files import file_digest, write_whole
@@ -116,6 +123,32 @@ class ChapterRecord:
             raise InswsnError(f"There is no file {key}.")
         self._data[key] = file_digest(path)
         return path
+
+    def reference(self, chapter: str, name: str) -> Quantity:
+        """Return a quantity of the reference results and note that this chapter reads it.
+
+        The build executes the chapter again when the reference says something else of this
+        quantity; other quantities, and what the reference was made with, make no chapter due.
+
+        Parameters
+        ----------
+        chapter : str
+            The number of the chapter whose reference results are read, two digits.
+        name : str
+            The quantity.
+
+        Raises
+        ------
+        InswsnError
+            If there are no reference results of that chapter, or they lack the quantity.
+        """
+        key = f"data/published/{chapter}.json"
+        try:
+            found = read_results(self._root / key)[name]
+        except KeyError:
+            raise InswsnError(f"{key} has no quantity {name!r}.") from None
+        self._data[f"{key}#{name}"] = quantity_digest(found)
+        return found
 
     def quantity(
         self,

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from inswsn_lib.errors import InswsnError
-from inswsn_lib.files import write_whole
+from inswsn_lib.files import text_digest, write_whole
 
 Name = Annotated[str, Field(pattern=r"^[a-z0-9]+([._-][a-z0-9]+)*$", max_length=80)]
 Digest = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
@@ -226,6 +226,11 @@ class Results(_Record):
         Results
         """
         return self.model_copy(update={"provenance": None})
+
+
+def quantity_digest(quantity: Quantity) -> str:
+    """Return the SHA-256 of all that a results file says of one quantity."""
+    return text_digest(quantity.model_dump_json())
 
 
 def write_results(results: Results, path: Path) -> None:

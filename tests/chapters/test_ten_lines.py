@@ -153,7 +153,7 @@ def test_the_chapter_that_the_page_names(
     reference = read_results(project.published / f"{chapter}.json")
     assert left[number] == pytest.approx([reference[name].value for name in names], **tolerance)
     text = "".join(cell.source for cell in cells(project.root, number))
-    assert f'record.data("published/{chapter}.json")' in text
+    assert f'record.reference("{chapter}", ' in text
     assert f"<chapter-{chapter}" in text
 
 
