@@ -23,7 +23,8 @@ def test_the_printed_side_of_the_picture_by_hand(root: Path, published: dict[str
     with (root / "data/papers/p1-table2.csv").open(encoding="utf-8") as file:
         table = {row.pop("method"): row for row in csv.DictReader(file)}
     kf, hf = (
-        sum(float(table[method][c]) for c in ("rx1", "rx2", "ry1", "ry2")) for method in ("KF", "HF")
+        sum(float(table[method][c]) for c in ("rx1", "rx2", "ry1", "ry2"))
+        for method in ("KF", "HF")
     )
     assert printed[0] == pytest.approx(hf / kf)
     # P2, Section 3: 50 and 40 % in position, 90 and 83 % in velocity; P3: more than 56 %
