@@ -37,7 +37,7 @@ def _spdx(text: str) -> str:
     except InvalidLicenseExpression:
         raise ValueError("it may be the SPDX name of a licence, such as CC-BY-4.0") from None
     if known != text:
-        raise ValueError(f"SPDX writes it {known}")
+        raise ValueError(f"it may be written {known}, as SPDX does")
     return text
 
 
@@ -49,6 +49,12 @@ def _line(text: str) -> str:
     if not text or text != text.strip() or not text.isprintable() or _FORBIDDEN & set(text):
         raise ValueError("it may be one line without spaces at its ends and without { } \\ $ ^ ~")
     return text
+
+
+def _once(several: tuple[Any, ...]) -> tuple[Any, ...]:
+    if len(set(several)) < len(several):
+        raise ValueError("it may name each one once")
+    return several
 
 
 Words = Annotated[str, AfterValidator(_line)]
@@ -132,8 +138,8 @@ class About(BaseModel):
     title: Words
     abstract: Words
     released: Annotated[str, Field(pattern=r"^\d{4}-\d\d-\d\d$"), AfterValidator(_day)]
-    authors: tuple[Author, ...] = Field(min_length=1)
-    keywords: tuple[Words, ...] = Field(min_length=1)
+    authors: Annotated[tuple[Author, ...], Field(min_length=1), AfterValidator(_once)]
+    keywords: Annotated[tuple[Words, ...], Field(min_length=1), AfterValidator(_once)]
     papers: dict[str, str]
     repository: str | None = Field(pattern=r"^https://[\w.-]+/[\w.-]+/[\w.-]*[\w-]$")
     doi: str | None = Field(pattern=r"^10\.\d{4,9}/\S+$")

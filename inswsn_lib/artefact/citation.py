@@ -52,10 +52,10 @@ def require_citations(project: Project) -> None:
     """Raise `InswsnError` if a kept file differs from what it is made from."""
     differing = differing_citations(project)
     if differing:
-        verb = "differs" if len(differing) == 1 else "differ"
+        one = len(differing) == 1
         raise InswsnError(
-            f"{' and '.join(differing)} {verb} from what data/about.yaml says; "
-            "write it again: make citation."
+            f"{' and '.join(differing)} {'differs' if one else 'differ'} from what "
+            f"data/about.yaml says; write {'it' if one else 'them'} again: make citation."
         )
 
 

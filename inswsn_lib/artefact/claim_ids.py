@@ -108,6 +108,8 @@ def read_verdicts(path: Path) -> dict[str, str]:
     """
     try:
         entries = json.loads(path.read_text(encoding="utf-8"))
+        if not isinstance(entries, list):
+            raise TypeError
         return {str(entry["id"]): str(entry["verdict"]) for entry in entries}
     except (ValueError, TypeError, KeyError, RecursionError):
         raise InswsnError(

@@ -23,7 +23,7 @@ class _Entry(BaseModel):
 
 
 class Recording(_Entry):
-    """Recorded data that chapters read and that are never kept here.
+    """Recorded data that chapters or studies read and that are never kept here.
 
     Attributes
     ----------
@@ -203,10 +203,11 @@ def _article_line(article: Article, third_party: ThirdParty) -> str:
 def _recording_line(recording: Recording) -> str:
     results = ", ".join(f"`{name}`" for name in recording.results)
     licence = recording.licence or "no licence"
+    readers = ["a study", *(f"chapter {number}" for number in recording.chapters)]
     return (
         f"- **{recording.name}**: {recording.what}. By {recording.holder}, <{recording.address}>. "
-        f"Stated: {licence}, in {recording.stated}. Read by chapter "
-        f"{', '.join(recording.chapters)}; computed from it: {results}."
+        f"Stated: {licence}, in {recording.stated}. Read by {' and '.join(readers)}; computed "
+        f"from it: {results}."
     )
 
 
