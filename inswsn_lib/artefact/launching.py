@@ -152,7 +152,7 @@ digits or, where a solver or a random generator has changed, by more. The last c
 writes `../results/NN.json`. With `02` in the place of `NN`,
 
 ```text
-!inswsn compare ../data/published/02.json ../results/02.json
+!cd .. && python -m inswsn_lib compare data/published/02.json results/02.json
 ```
 
 shows each number beside the published one and names the verdicts that differ. Where the numbers

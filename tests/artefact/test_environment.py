@@ -5,12 +5,14 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from importlib import metadata
+from pathlib import Path
 
 import pytest
 from conftest import MiniProject, run_command
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
+from inswsn_lib.artefact import environment
 from inswsn_lib.artefact.environment import lock_problems
 from inswsn_lib.artefact.project import Project
 
@@ -75,6 +77,26 @@ def test_a_stale_lock_is_told_by_name(
     assert done.returncode == 2
     assert said in done.stderr
     assert done.stderr.strip().endswith("The lock is stale; compile it with `make lock`.")
+
+
+@pytest.mark.parametrize(("upgrade", "kept"), [(False, True), (True, False)])
+def test_versions_stay_unless_newer_ones_are_asked_for(
+    mini: MiniProject, monkeypatch: pytest.MonkeyPatch, upgrade: bool, kept: bool
+) -> None:
+    """The compiler keeps the versions that stand in the file it is to write."""
+    found = []
+
+    def compiler(command: list[str], _: Path) -> None:
+        if "environment.in" in command:
+            new = Path(command[command.index("-o") + 1])
+            found.append(new.is_file() and "numpy==" in new.read_text())
+            new.write_text("numpy==9.9\n")
+
+    monkeypatch.setattr(environment, "_run", compiler)
+    monkeypatch.setattr(environment, "_torch_lock", lambda _: "torch==9.9\n")
+    environment.compile_locks(mini, upgrade=upgrade)
+    assert found == [kept]
+    assert (mini.root / "environment.lock").read_text().endswith("\nnumpy==9.9\n")
 
 
 def test_a_missing_lock(mini: MiniProject) -> None:

@@ -137,6 +137,19 @@ def test_the_cell_for_colab_does_what_it_says(project: Project, tmp_path: Path) 
     assert (folder / ".." / "pyproject.toml").is_file()
 
 
+def test_the_comparison_that_the_page_gives_for_colab(project: Project) -> None:
+    """It runs by the library of the checkout, whatever pip has installed beside it."""
+    text = launch_text(about_at(project.root, REPOSITORY), project.chapters())
+    found = re.search(r"^!cd \.\. && python (.*) results/02\.json$", text, re.MULTILINE)
+    assert found is not None
+    words = [*found[1].split(), "data/published/02.json"]
+    done = subprocess.run(
+        [sys.executable, *words], cwd=project.root, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert re.search(r"^0 of [1-9]\d* quantities changed", done.stdout, re.MULTILINE)
+
+
 def test_what_the_library_imports_is_installed_with_it(root: Path) -> None:
     """Elsewhere than in the locked environment, as in Colab, pyproject.toml says what is needed."""
     import_names = {"scikit-learn": "sklearn", "pyyaml": "yaml", "python-ins": "pyins"}
