@@ -296,15 +296,12 @@ _ALGEBRA = (
     "against an independent program; no data of the authors bear on them. Where the entry on the "
     "page of claims states an assumption, evidence against that would count as well."
 )
-_ASSUMED = (
-    "Evidence against the assumption that the claim's entry states, or the authors' data and "
-    "settings, with which the same computation would be made again."
-)
 _DATA = (
-    "The authors' data and settings, with which the same computation would be made again; or "
-    "another tolerance, of which the claim's entry gives the reason."
+    "An error in our computation; or data and settings, of the authors or of others, with which "
+    "the same computation would come out otherwise. Where the entry on the page of claims states "
+    "an assumption, evidence against that would count as well."
 )
-_RULES = (_PRINT, _ALGEBRA, _ASSUMED, _DATA, _NOTHING)
+_RULES = (_PRINT, _ALGEBRA, _DATA, _NOTHING)
 
 
 def _rule(entry: Judged) -> str:
@@ -316,10 +313,7 @@ def _rule(entry: Judged) -> str:
         return _NOTHING
     if entry.quantity is not None and entry.quantity.basis == "printed":
         return _PRINT
-    exact = entry.quantity and (entry.quantity.interval, entry.quantity.runs) == (None, 1)
-    if claim.kind == "formula" or exact:
-        return _ALGEBRA
-    return _ASSUMED if claim.assumption else _DATA
+    return _ALGEBRA if claim.kind == "formula" else _DATA
 
 
 def _named(identity: str, make: Callable[[], str]) -> str:
