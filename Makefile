@@ -23,6 +23,7 @@ test: environment ## lint, types, and all tests
 	$(INSWSN) lock --check
 	$(INSWSN) binder --check
 	$(INSWSN) notebooks --check
+	$(INSWSN) citation --check
 	$(RUN) -m pytest -n $(WORKERS) --dist worksteal
 
 serve: book ## open the built book in a browser
@@ -33,6 +34,12 @@ notebooks: environment ## write the .ipynb twins of chapters/*.md
 
 publish: environment ## make the last build's results the reference in data/published, after showing what changes
 	@$(INSWSN) publish
+
+citation: environment ## write CITATION.cff, .zenodo.json and THIRD-PARTY.md from data/about.yaml
+	@$(INSWSN) citation
+
+archive: book ## make one zip of the release that opens offline, in _build
+	@$(INSWSN) archive
 
 calibrate: environment ## fit the simulated INS to the INS-only cells and write data/scenarios/p1-inertial*.yaml
 	@$(RUN) studies/calibrate_imu.py
@@ -103,4 +110,4 @@ help: ## list the targets
 
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
-.PHONY: book test serve notebooks publish calibrate studies bench lock upgrade tag assets release report actionlint format environment clean help
+.PHONY: book test serve notebooks publish citation archive calibrate studies bench lock upgrade tag assets release report actionlint format environment clean help

@@ -18,7 +18,28 @@ _MARKERS = ("_config.yml", "environment.lock", "chapters", "data")
 
 
 def is_checkout(folder: Path) -> bool:
-    """Tell whether `folder` is the root of a checkout of this project."""
+    """Tell whether `folder` is the root of a checkout of this project.
+
+    Parameters
+    ----------
+    folder : Path
+        The folder.
+
+    Returns
+    -------
+    bool
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> from inswsn_lib.checkout import find_root, is_checkout
+    >>> is_checkout(find_root())
+    True
+    >>> with TemporaryDirectory() as folder:
+    ...     is_checkout(Path(folder))
+    False
+    """
     return all((folder / marker).exists() for marker in _MARKERS)
 
 
@@ -39,6 +60,15 @@ def find_root(start: Path | None = None) -> Path:
     ------
     InswsnError
         If neither `start` nor a folder above it is a checkout.
+
+    Examples
+    --------
+    From anywhere in a checkout:
+
+    >>> from inswsn_lib.checkout import find_root
+    >>> root = find_root()
+    >>> find_root(root / "data" / "papers") == root
+    True
     """
     if start is None:
         start = Path(os.environ.get(ROOT_VARIABLE) or Path.cwd())
@@ -52,7 +82,22 @@ def find_root(start: Path | None = None) -> Path:
 
 
 def data_mirror() -> Path | None:
-    """Return the local folder with recorded data; None if none is named or it is not there."""
+    """Return the local folder with recorded data; None if none is named or it is not there.
+
+    Returns
+    -------
+    Path or None
+        What ``INSWSN_DATA`` names, absolute.
+
+    Examples
+    --------
+    >>> import os
+    >>> from unittest.mock import patch
+    >>> from inswsn_lib.checkout import DATA_VARIABLE, data_mirror
+    >>> with patch.dict(os.environ, {DATA_VARIABLE: ""}):
+    ...     data_mirror() is None
+    True
+    """
     named = os.environ.get(DATA_VARIABLE)
     if not named:
         return None
@@ -61,5 +106,26 @@ def data_mirror() -> Path | None:
 
 
 def results_folder(root: Path) -> Path:
-    """Return the folder that this run's results files go to."""
+    """Return the folder that this run's results files go to.
+
+    Parameters
+    ----------
+    root : Path
+        The checkout.
+
+    Returns
+    -------
+    Path
+        What ``INSWSN_RESULTS`` names, else ``results`` in the checkout.
+
+    Examples
+    --------
+    >>> import os
+    >>> from pathlib import Path
+    >>> from unittest.mock import patch
+    >>> from inswsn_lib.checkout import RESULTS_VARIABLE, results_folder
+    >>> with patch.dict(os.environ, {RESULTS_VARIABLE: ""}):
+    ...     results_folder(Path("checkout")).as_posix()
+    'checkout/results'
+    """
     return Path(os.environ.get(RESULTS_VARIABLE) or root / "results")

@@ -10,6 +10,17 @@ class InswsnError(ValueError):
     """Something the user asked for cannot be done; the message is one sentence.
 
     The command line prints the message and ends with exit status 2.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from inswsn_lib.errors import InswsnError
+    >>> from inswsn_lib.files import read_yaml
+    >>> try:
+    ...     read_yaml(Path("absent.yaml"))
+    ... except InswsnError as error:
+    ...     print(error)
+    There is no absent.yaml.
     """
 
 
@@ -17,6 +28,14 @@ class BuildError(RuntimeError):
     """The book cannot be built as it is; the message says where and why, at the length it needs.
 
     The command line prints the message and ends with exit status 1.
+
+    Examples
+    --------
+    >>> from inswsn_lib.errors import BuildError
+    >>> raise BuildError("chapters/00-the-published-numbers.md: a sentence does not hold.")
+    Traceback (most recent call last):
+        ...
+    inswsn_lib.errors.BuildError: chapters/00-the-published-numbers.md: a sentence does not hold.
     """
 
 
@@ -31,6 +50,14 @@ class ParameterError(InswsnError):
         What it was.
     expected : str
         What it may be, as the end of the sentence "it may be ...".
+
+    Examples
+    --------
+    >>> from inswsn_lib.errors import ParameterError
+    >>> raise ParameterError("gamma", -1.0, "positive")
+    Traceback (most recent call last):
+        ...
+    inswsn_lib.errors.ParameterError: gamma is -1.0; it may be positive.
     """
 
     def __init__(self, name: str, got: object, expected: str) -> None:

@@ -29,6 +29,16 @@ def write_whole(path: Path, text: str) -> None:
     ------
     OSError
         If the folder cannot be written. Nothing is left behind.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> from inswsn_lib.files import write_whole
+    >>> with TemporaryDirectory() as folder:
+    ...     write_whole(Path(folder) / "new" / "name.txt", "whole")
+    ...     [path.name for path in (Path(folder) / "new").iterdir()]
+    ['name.txt']
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
@@ -75,10 +85,40 @@ _Loader.add_implicit_resolver(
 def read_yaml(path: Path) -> Any:
     """Read a YAML file.
 
+    Parameters
+    ----------
+    path : Path
+        The file, UTF-8.
+
+    Returns
+    -------
+    object
+        Mappings, lists, texts, numbers, truth values and None; a date is a text.
+
     Raises
     ------
     InswsnError
         If there is no such file, it is not YAML, or a key is repeated; the sentence says where.
+
+    Examples
+    --------
+    A number in powers of ten is a number, and a repeated key is refused:
+
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> from inswsn_lib.errors import InswsnError
+    >>> from inswsn_lib.files import read_yaml, write_whole
+    >>> with TemporaryDirectory() as folder:
+    ...     path = Path(folder) / "values.yaml"
+    ...     write_whole(path, "{gamma: 1e-1, steps: 100}")
+    ...     read_yaml(path)
+    ...     write_whole(path, "{gamma: 1, gamma: 2}")
+    ...     try:
+    ...         read_yaml(path)
+    ...     except InswsnError as error:
+    ...         "the key gamma is repeated" in str(error)
+    {'gamma': 0.1, 'steps': 100}
+    True
     """
     try:
         return yaml.load(path.read_text(encoding="utf-8"), Loader=_Loader)
@@ -94,12 +134,48 @@ def read_yaml(path: Path) -> Any:
 
 
 def text_digest(text: str) -> str:
-    """Return the SHA-256 of a text's UTF-8 bytes as 64 hexadecimal digits."""
+    """Return the SHA-256 of a text's UTF-8 bytes as 64 hexadecimal digits.
+
+    Parameters
+    ----------
+    text : str
+        The text.
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> from inswsn_lib.files import text_digest
+    >>> text_digest("abc")[:16]  # the example of FIPS 180-2
+    'ba7816bf8f01cfea'
+    """
     return hashlib.sha256(text.encode("utf-8")).hexdigest()
 
 
 def file_digest(path: Path) -> str:
-    """Return the SHA-256 of a file's bytes as 64 hexadecimal digits."""
+    """Return the SHA-256 of a file's bytes as 64 hexadecimal digits.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> from inswsn_lib.files import file_digest, text_digest, write_whole
+    >>> with TemporaryDirectory() as folder:
+    ...     write_whole(Path(folder) / "abc.txt", "abc")
+    ...     file_digest(Path(folder) / "abc.txt") == text_digest("abc")
+    True
+    """
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
@@ -112,6 +188,25 @@ def tree_digest(root: Path, paths: Iterable[Path]) -> str:
         Folder that the names are relative to.
     paths : iterable of Path
         The files, in any order.
+
+    Returns
+    -------
+    str
+        64 hexadecimal digits.
+
+    Examples
+    --------
+    The same content below another name has another digest; the folder itself has no part in it:
+
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> from inswsn_lib.files import tree_digest, write_whole
+    >>> def digest(name):
+    ...     with TemporaryDirectory() as folder:
+    ...         write_whole(Path(folder) / name, "abc")
+    ...         return tree_digest(Path(folder), Path(folder).iterdir())
+    >>> digest("a.txt") == digest("a.txt"), digest("a.txt") == digest("b.txt")
+    (True, False)
     """
     digest = hashlib.sha256()
     for path in sorted(set(paths)):

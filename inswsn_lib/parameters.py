@@ -59,6 +59,13 @@ class Parameter:
         What it may be: ``"any"``, comparisons of ``value``, or ``"one of a, b"``.
     meaning : str
         What it is, one or more sentences.
+
+    Examples
+    --------
+    >>> from inswsn_lib.parameters import Parameter
+    >>> steps = Parameter("steps", "int", 100, "periods", "1 <= value <= 500", "Periods to run.")
+    >>> steps.allowed
+    'a whole number with 1 <= value <= 500'
     """
 
     name: str
@@ -91,10 +98,28 @@ class Parameter:
             What somebody set it to. A whole number is taken for a ``float``, and nothing else is
             converted.
 
+        Returns
+        -------
+        bool, int, float or str
+            The value.
+
         Raises
         ------
         ParameterError
             If it has another type, is not finite, or breaks the rule.
+
+        Examples
+        --------
+        A whole number is taken for a float, and nothing else is converted:
+
+        >>> from inswsn_lib.parameters import Parameter
+        >>> level = Parameter("level", "float", 2.0, "1", "value > 1", "The bound.")
+        >>> level.check(3)
+        3.0
+        >>> level.check("3")
+        Traceback (most recent call last):
+            ...
+        inswsn_lib.errors.ParameterError: level is '3'; it may be a number with value > 1.
         """
         if self.kind == "float" and type(value) is int:
             try:
@@ -113,10 +138,31 @@ class Parameter:
     def read(self, text: str) -> Value:
         """Return the value that a text stands for, as on a command line.
 
+        Parameters
+        ----------
+        text : str
+            The text; spaces around it do not count.
+
+        Returns
+        -------
+        bool, int, float or str
+            The value, checked.
+
         Raises
         ------
         ParameterError
             If the text is not one of this type, or breaks the rule.
+
+        Examples
+        --------
+        >>> from inswsn_lib.parameters import Parameter
+        >>> level = Parameter("level", "float", 2.0, "1", "value > 1", "The bound.")
+        >>> level.read("1e1")
+        10.0
+        >>> level.read("1")
+        Traceback (most recent call last):
+            ...
+        inswsn_lib.errors.ParameterError: level is 1.0; it may be a number with value > 1.
         """
         try:
             value = _READERS[self.kind](text.strip())
@@ -147,6 +193,14 @@ class Schema:
     ----------
     parameters : tuple of Parameter
         The declared parameters.
+
+    Examples
+    --------
+    >>> from inswsn_lib.checkout import find_root
+    >>> from inswsn_lib.parameters import chapter_schema
+    >>> schema = chapter_schema(find_root(), "00")
+    >>> schema["about_points"].unit, schema["about_points"].default
+    ('points', 2.5)
     """
 
     parameters: tuple[Parameter, ...]
@@ -178,10 +232,25 @@ class Schema:
         values : mapping of str to object
             Values by name.
 
+        Returns
+        -------
+        dict of str to bool, int, float or str
+            In the order of the cell.
+
         Raises
         ------
         ParameterError
             If a name is not declared or a value may not be.
+
+        Examples
+        --------
+        What is not given is what the published run has:
+
+        >>> from inswsn_lib.parameters import Parameter, Schema
+        >>> level = Parameter("level", "float", 2.0, "1", "value > 1", "The bound.")
+        >>> steps = Parameter("steps", "int", 100, "periods", "value >= 1", "Periods to run.")
+        >>> Schema((level, steps)).check({"steps": 7})
+        {'level': 2.0, 'steps': 7}
         """
         return self.defaults | {name: self[name].check(value) for name, value in values.items()}
 
@@ -205,6 +274,13 @@ def chapter_schema(root: Path, number: str) -> Schema:
     ------
     InswsnError
         If there is no such chapter, or its parameters cell is not one.
+
+    Examples
+    --------
+    >>> from inswsn_lib.checkout import find_root
+    >>> from inswsn_lib.parameters import chapter_schema
+    >>> sorted(chapter_schema(find_root(), "00").defaults)
+    ['about_points', 'outage_samples', 'training_samples']
     """
     sources = sorted((root / "chapters").glob(f"{number}-*.md"))
     if not sources:
@@ -222,10 +298,27 @@ def notebook_schema(notebook: Any, name: str) -> Schema:
     name : str
         The name of its file, for an error.
 
+    Returns
+    -------
+    Schema
+        The declared parameters.
+
     Raises
     ------
     InswsnError
         If it has not exactly one such cell, or the cell holds anything but declarations.
+
+    Examples
+    --------
+    >>> from nbformat.v4 import new_code_cell, new_notebook
+    >>> from inswsn_lib.parameters import notebook_schema
+    >>> source = '''
+    ... # Periods to run.
+    ... steps: int = 100  # periods; value > 0
+    ... '''
+    >>> cell = new_code_cell(source, metadata={"tags": ["parameters"]})
+    >>> notebook_schema(new_notebook(cells=[cell]), "00-mine.md").defaults
+    {'steps': 100}
     """
     tagged = [cell for cell in notebook.cells if "parameters" in cell.metadata.get("tags", [])]
     if len(tagged) != 1:
@@ -252,6 +345,20 @@ def read_schema(cell: str) -> Schema:
     ------
     InswsnError
         If a line is not a declaration, or a default breaks its own rule.
+
+    Examples
+    --------
+    >>> from inswsn_lib.parameters import read_schema
+    >>> schema = read_schema('''
+    ... # Which filter runs.
+    ... method: str = "robust"  # 1; one of plain, robust
+    ... ''')
+    >>> schema["method"].allowed
+    'one of plain, robust'
+    >>> schema.check({"method": "best"})
+    Traceback (most recent call last):
+        ...
+    inswsn_lib.errors.ParameterError: method is 'best'; it may be one of plain, robust.
     """
     comments = {
         token.start[0]: token.string.lstrip("#").strip()

@@ -33,11 +33,27 @@ def load_regressor(name: str, text: str) -> Any:
     text : str
         ``package.module:Class``; the module is installed or lies in the working folder.
 
+    Returns
+    -------
+    object
+        A scikit-learn regressor, not fitted.
+
     Raises
     ------
     ParameterError
         If the text has another form, there is no such module or class, it cannot be made without
         arguments, or the trial fails.
+
+    Examples
+    --------
+    >>> from inswsn_lib.plugins import load_regressor
+    >>> machine = load_regressor("machine", "sklearn.linear_model:LinearRegression")
+    >>> print(machine)
+    LinearRegression()
+    >>> load_regressor("machine", "LinearRegression")  # doctest: +ELLIPSIS
+    Traceback (most recent call last):
+        ...
+    inswsn_lib.errors.ParameterError: machine is 'LinearRegression'; it may be package.module:...
     """
     if not _FORM.fullmatch(text):
         raise ParameterError(name, text, ALLOWED)

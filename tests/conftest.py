@@ -208,10 +208,12 @@ def make_mini(folder: Path) -> MiniProject:
         "environment.lock",
         "environment-torch.in",
         "environment-torch.lock",
+        "data/about.yaml",
+        "data/third-party.yaml",
+        "book/references.bib",
     ):
         shutil.copy(ROOT / name, folder / name)
     shutil.copytree(ROOT / "book" / "_static", folder / "book" / "_static")
-    (folder / "book" / "references.bib").write_text("", encoding="utf-8")
     (folder / "book" / "_toc.yml").write_text(
         "format: jb-book\nroot: index\nchapters:\n  - file: chapters/00-mini\n  - file: claims\n",
         encoding="utf-8",

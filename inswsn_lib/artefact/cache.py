@@ -78,6 +78,25 @@ def lookup(project: Project, chapter: Chapter, key: str) -> Executed | None:
     return Executed(chapter, notebook, results)
 
 
+def built_as_now(project: Project, chapter: Chapter) -> Executed:
+    """Return the executed chapter for the present sources and the default parameters.
+
+    It comes from the cache and not from ``results/``, where a run with other parameters may have
+    written.
+
+    Raises
+    ------
+    InswsnError
+        If the chapter has not been built as it is now.
+    """
+    entry = lookup(project, chapter, chapter_key(project, chapter, {}))
+    if entry is None:
+        raise InswsnError(
+            f"Chapter {chapter.number} has not been built as it is now; build it first: make book."
+        )
+    return entry
+
+
 def store(
     project: Project, chapter: Chapter, key: str, notebook: str, results: Results
 ) -> Executed:

@@ -153,6 +153,11 @@ def compare(root: Path | None, before: Path, after: Path) -> None:
     type=click.Path(exists=True, file_okay=False, path_type=Path),
     help="A folder of results files that go before the reference, data/published.",
 )
+@click.option(
+    "--against",
+    type=click.Path(exists=True, dir_okay=False, path_type=Path),
+    help="Print the verdicts that differ from those in a file that --json wrote before.",
+)
 @click.pass_obj
 def claims(
     root: Path | None,
@@ -161,12 +166,12 @@ def claims(
     verdict: str | None,
     as_json: bool,
     results: Path | None,
+    against: Path | None,
 ) -> None:
     """Print what the papers claim and what became of it."""
-    import json
-
     from rich.console import Console
 
+    from inswsn_lib.artefact.claim_ids import changed_verdicts, read_verdicts, verdicts_text
     from inswsn_lib.artefact.judging import judge_claims, select_claims, show_claims
     from inswsn_lib.claims import KINDS, PAPERS, Verdict
 
@@ -180,10 +185,13 @@ def claims(
             raise ParameterError(f"--{name}", word, "one of " + ", ".join(words))
     project = _project(root)
     judged = judge_claims(project, results)
+    if against is not None:
+        for change in changed_verdicts(read_verdicts(against), judged):
+            click.echo(change)
+        return
     selected = select_claims(judged, paper=paper, kind=kind, verdict=verdict)
     if as_json:
-        listing = [entry.as_json() for entry in selected]
-        click.echo(json.dumps(listing, indent=1, ensure_ascii=False, allow_nan=False))
+        click.echo(verdicts_text(selected))
         return
     show_claims(selected, Console(width=None if sys.stdout.isatty() else 150))
 
@@ -211,7 +219,13 @@ def notebooks(root: Path | None, check: bool) -> None:
 
 
 @cli.command()
-@click.option("--port", type=click.IntRange(0, 65535), default=8000, show_default=True)
+@click.option(
+    "--port",
+    type=click.IntRange(0, 65535),
+    default=8000,
+    show_default=True,
+    help="Where to serve; 0 for any free port.",
+)
 @click.option("--browser/--no-browser", default=True, help="Open the book in the browser.")
 @click.pass_obj
 def serve(root: Path | None, port: int, browser: bool) -> None:
@@ -291,6 +305,7 @@ def assets(root: Path | None) -> None:
 @click.pass_obj
 def publish(root: Path | None, check: bool) -> None:
     """Make the results of the last build the reference results."""
+    from inswsn_lib.artefact.claim_ids import CLAIM_IDS, lost_ids, new_ids, publish_ids
     from inswsn_lib.artefact.publishing import differences, orphan_references
     from inswsn_lib.artefact.publishing import publish as publish_results
 
@@ -303,9 +318,45 @@ def publish(root: Path | None, check: bool) -> None:
             click.echo(f"! {difference.number} {condition}")
     for name in orphan_references(project):
         click.echo(f"! data/published/{name} belongs to no chapter; remove it.")
+    for name in lost_ids(project):
+        click.echo(f"! the claim {name} has been published, and the ledger has it no more.")
+    if added := new_ids(project):
+        click.echo(f"  {len(added)} claims that have not been published, from {added[0]} on")
     if not check:
+        if publish_ids(project):
+            click.echo(f"wrote {CLAIM_IDS}")
         for number in publish_results(project):
             click.echo(f"wrote data/published/{number}.json")
+
+
+@cli.command()
+@click.option("--check", is_flag=True, help="Only tell whether the files are up to date.")
+@click.pass_obj
+def citation(root: Path | None, check: bool) -> None:
+    """Write CITATION.cff, .zenodo.json and THIRD-PARTY.md from data/about.yaml."""
+    from inswsn_lib.artefact.citation import require_citations, write_citations
+
+    project = _project(root)
+    if check:
+        require_citations(project)
+        return
+    for name in write_citations(project):
+        click.echo(f"wrote {name}")
+
+
+@cli.command()
+@click.option(
+    "--output",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="The file to write. Default: _build/inswsn-<version>.zip.",
+)
+@click.pass_obj
+def archive(root: Path | None, output: Path | None) -> None:
+    """Write one zip of the built release."""
+    from inswsn_lib.artefact.archiving import write_archive
+
+    written = write_archive(_project(root), output)
+    click.echo(f"wrote {written} ({written.stat().st_size / 1e6:.1f} MB)")
 
 
 def _stop(number: int, _: object) -> None:

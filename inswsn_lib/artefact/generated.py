@@ -5,10 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from inswsn_lib.artefact.about import load_about
+from inswsn_lib.artefact.citation import citation_page, verdict_page
+from inswsn_lib.artefact.commands import commands_text
 from inswsn_lib.artefact.front import front_texts
 from inswsn_lib.artefact.launching import launch_text
 from inswsn_lib.artefact.pages import claims_counts, claims_list
 from inswsn_lib.artefact.project import Project
+from inswsn_lib.artefact.review import review_texts
 from inswsn_lib.artefact.status import status_text
 from inswsn_lib.claims import LEDGER, Results, load_claims, verdicts
 
@@ -29,12 +32,17 @@ def generated_texts(project: Project, results: Sequence[Results]) -> dict[str, s
         If a source cannot be read.
     """
     judged = verdicts(load_claims(project.root / LEDGER), results)
+    about = load_about(project.root)
     chapters = project.chapters()
     names = {chapter.number: chapter.name for chapter in chapters}
     return {
+        "citation.md": citation_page(about),
+        "citation-verdict.md": verdict_page(about, judged),
         "claims-counts.md": claims_counts(judged),
         "claims-list.md": claims_list(judged),
-        "launch.md": launch_text(load_about(project.root), chapters),
+        "commands.md": commands_text(),
+        "launch.md": launch_text(about, chapters),
         "status.md": status_text(results, judged, names),
         **front_texts(project, results, judged),
+        **review_texts(project, results, judged),
     }

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from inswsn_lib.artefact.cache import chapter_key, lookup
+from inswsn_lib.artefact.cache import built_as_now
 from inswsn_lib.artefact.project import Chapter, Project
 from inswsn_lib.claims import (
     Change,
@@ -52,7 +52,7 @@ def differences(project: Project) -> list[Difference]:
     """
     found = []
     for chapter in project.chapters():
-        before, after = reference_results(project, chapter), _built(project, chapter)
+        before, after = reference_results(project, chapter), built_as_now(project, chapter).results
         found.append(
             Difference(chapter.number, compare(before, after), compare_conditions(before, after))
         )
@@ -75,7 +75,7 @@ def publish(project: Project) -> list[str]:
     OSError
         If ``data/published`` cannot be written.
     """
-    built = [(chapter, _built(project, chapter)) for chapter in project.chapters()]
+    built = [(chapter, built_as_now(project, chapter).results) for chapter in project.chapters()]
     changed = [
         (chapter, results)
         for chapter, results in built
@@ -90,16 +90,6 @@ def _is_newer(built: Results, reference: Results) -> bool:
     """Tell whether results differ, or are the same from a clean tree and the reference is not."""
     clean = [bool(r.provenance and r.provenance.clean) for r in (built, reference)]
     return built.found() != reference.found() or clean == [True, False]
-
-
-def _built(project: Project, chapter: Chapter) -> Results:
-    # from the cache and not from results/, where a run with other parameters may have written
-    entry = lookup(project, chapter, chapter_key(project, chapter, {}))
-    if entry is None:
-        raise InswsnError(
-            f"Chapter {chapter.number} has not been built as it is now; build it first: make book."
-        )
-    return entry.results
 
 
 def reference_results(project: Project, chapter: Chapter) -> Results:

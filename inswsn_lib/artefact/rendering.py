@@ -75,8 +75,7 @@ def render_book(
     """
     _check_pages(project, chapters)
     key = _site_key(project, chapters)
-    key_file = project.site / _KEY_FILE
-    if not fresh and key_file.is_file() and key_file.read_text(encoding="utf-8") == key:
+    if not fresh and _kept_key(project) == key:
         progress.say("book: unchanged")
         return
     progress.say("book: rendering")
@@ -89,6 +88,29 @@ def render_book(
             raise RenderingError("Something changed while the book was rendered; build it again.")
         write_whole(site / _KEY_FILE, key)
         swap_folder(site, project.site)
+
+
+def require_current_site(project: Project, chapters: Sequence[Executed]) -> None:
+    """Raise `InswsnError` if there is no site, or it was rendered from something else.
+
+    Parameters
+    ----------
+    project : Project
+        The checkout.
+    chapters : sequence of Executed
+        The executed chapters, all of them.
+    """
+    if not (project.site / "index.html").is_file():
+        raise InswsnError(f"There is no built book in {project.site}; build it first: make book.")
+    if _kept_key(project) != _site_key(project, chapters):
+        raise InswsnError(
+            f"The built book in {project.site} is not up to date; build it again: make book."
+        )
+
+
+def _kept_key(project: Project) -> str | None:
+    path = project.site / _KEY_FILE
+    return path.read_text(encoding="utf-8") if path.is_file() else None
 
 
 def render_run(

@@ -14,7 +14,7 @@ from typing import Annotated, Literal, Self, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
-from inswsn_lib.claims.results import Name
+from inswsn_lib.claims.results import Name, quantity_digest, read_results
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.files import file_digest, read_yaml, text_digest
 from inswsn_lib.parameters import Value
@@ -49,6 +49,13 @@ class QuantityCheck(_Entry):
         The chapter that records it, two digits.
     quantity : str
         Its name there.
+
+    Examples
+    --------
+    >>> from inswsn_lib.claims import QuantityCheck
+    >>> check = QuantityCheck(chapter="00", quantity="period.area1")
+    >>> check.chapter, check.quantity
+    ('00', 'period.area1')
     """
 
     chapter: Annotated[str, Field(pattern=r"^\d\d$")]
@@ -64,6 +71,15 @@ class MissingCheck(_Entry):
         Names in the ledger's list of what is missing.
     reasons : tuple of str
         What that list says of them; filled in when the ledger is read.
+
+    Examples
+    --------
+    >>> from inswsn_lib.checkout import find_root
+    >>> from inswsn_lib.claims import LEDGER, MissingCheck, load_claims
+    >>> claims = load_claims(find_root() / LEDGER)
+    >>> missing = [claim for claim in claims if isinstance(claim.check, MissingCheck)]
+    >>> all(len(claim.check.reasons) == len(claim.check.needs) for claim in missing)
+    True
     """
 
     needs: Annotated[tuple[Name, ...], Field(min_length=1)]
@@ -98,6 +114,17 @@ class Claim(_Entry):
         Why this check and this tolerance.
     assumption : str, optional
         What has to be assumed for the check to speak of the claim.
+
+    Examples
+    --------
+    >>> from inswsn_lib.checkout import find_root
+    >>> from inswsn_lib.claims import LEDGER, load_claims
+    >>> claims = {claim.id: claim for claim in load_claims(find_root() / LEDGER)}
+    >>> claim = claims["P1-P-T"]  # the sampling period of P1, printed as 1 s
+    >>> claim.value, claim.unit, claim.tolerance, claim.chapter
+    ('1', 's', 'digits', '00')
+    >>> claim.published({})
+    (0.5, 1.5)
     """
 
     id: Annotated[str, Field(pattern=r"^P[123](-[A-Za-z0-9.]+)+$", max_length=40)]
@@ -180,6 +207,11 @@ class Claim(_Entry):
         ----------
         parameters : dict
             The parameters of the run; one of them may be the tolerance.
+
+        Returns
+        -------
+        low, high : float
+            In the unit of the claim; infinite where it is a bound on one side.
 
         Raises
         ------
@@ -269,6 +301,14 @@ def load_claims(path: Path) -> tuple[Claim, ...]:
     InswsnError
         If there is no such file or it does not fit the schema; the sentence says where. A field
         for a verdict does not fit.
+
+    Examples
+    --------
+    >>> from inswsn_lib.checkout import find_root
+    >>> from inswsn_lib.claims import LEDGER, PAPERS, load_claims
+    >>> claims = load_claims(find_root() / LEDGER)
+    >>> {claim.paper for claim in claims} == set(PAPERS)
+    True
     """
     content = read_yaml(path)
     try:
@@ -292,6 +332,14 @@ def claims_of(claims: Iterable[Claim], chapter: str) -> list[Claim]:
     -------
     list of Claim
         In the order of the ledger.
+
+    Examples
+    --------
+    >>> from inswsn_lib.checkout import find_root
+    >>> from inswsn_lib.claims import LEDGER, claims_of, load_claims
+    >>> claims = load_claims(find_root() / LEDGER)
+    >>> {claim.chapter for claim in claims_of(claims, "00")}
+    {'00'}
     """
     return [claim for claim in claims if claim.chapter == chapter]
 
@@ -303,28 +351,44 @@ def claims_digest(path: Path, chapter: str) -> str:
 
 
 def data_digest(root: Path, name: str) -> str | None:
-    """Return the SHA-256 of a file that a chapter reads, or of its part of the ledger.
+    """Return the SHA-256 of a file that a chapter reads, or of the part of it that it reads.
 
     Parameters
     ----------
     root : Path
         The checkout.
     name : str
-        A path below it, or ``data/claims.yaml#NN`` for the claims that chapter NN decides.
+        A path below it, or ``data/claims.yaml#NN`` for the claims that chapter NN decides, or
+        ``data/published/NN.json#name`` for one quantity of the reference results.
 
     Returns
     -------
     str or None
-        None if there is no such file, or the ledger cannot be read.
+        None if there is no such file or part, or it cannot be read.
+
+    Examples
+    --------
+    What the ledger says of the claims of each chapter has a digest of its own, so that an edit
+    makes no other chapter due:
+
+    >>> from inswsn_lib.checkout import find_root
+    >>> from inswsn_lib.claims import data_digest
+    >>> root = find_root()
+    >>> data_digest(root, "data/claims.yaml#00") == data_digest(root, "data/claims.yaml#01")
+    False
+    >>> data_digest(root, "data/absent.csv") is None
+    True
     """
-    path, _, chapter = name.partition("#")
+    path, _, part = name.partition("#")
     if not (root / path).is_file():
         return None
-    if not chapter:
+    if not part:
         return file_digest(root / path)
     try:
-        return claims_digest(root / path, chapter)
-    except InswsnError:
+        if path == LEDGER:
+            return claims_digest(root / path, part)
+        return quantity_digest(read_results(root / path)[part])
+    except (InswsnError, KeyError):
         return None
 
 

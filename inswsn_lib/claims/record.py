@@ -11,7 +11,14 @@ from pydantic import ValidationError
 
 from inswsn_lib.checkout import find_root, results_folder
 from inswsn_lib.claims.ledger import LEDGER, claims_digest, claims_of, load_claims
-from inswsn_lib.claims.results import IntervalKind, Quantity, Results, write_results
+from inswsn_lib.claims.results import (
+    IntervalKind,
+    Quantity,
+    Results,
+    quantity_digest,
+    read_results,
+    write_results,
+)
 from inswsn_lib.claims.verdicts import Judged, verdicts
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.files import file_digest, write_whole
@@ -41,6 +48,31 @@ class ChapterRecord:
         If there is no checkout or no such chapter in it, or a declared parameter is not recorded.
     ParameterError
         If a parameter is not declared in the chapter's parameters cell, or may not have its value.
+
+    Examples
+    --------
+    What a cell of a chapter does. A plain interpreter prints what makes a number known to the text:
+
+    >>> from inswsn_lib.checkout import find_root
+    >>> from inswsn_lib.claims import ChapterRecord
+    >>> from inswsn_lib.parameters import chapter_schema
+    >>> record = ChapterRecord("00", chapter_schema(find_root(), "00").defaults)
+    >>> record.data("papers/p1-table2.csv").name  # and the build knows that the chapter reads it
+    'p1-table2.csv'
+    >>> quantity = record.quantity(
+    ...     "error.kf",
+    ...     2.9,
+    ...     "m",
+    ...     how="The mean absolute error.",
+    ...     basis="simulation",
+    ...     tolerance=0.01,
+    ... )
+    {'application/papermill.record/text/plain': '2.9'}
+    >>> record.holds("The error is below 3 m.", quantity.value < 3)
+    >>> record.results()["error.kf"].value, record.results().sentences
+    (2.9, {'The error is below 3 m.': True})
+    >>> list(record.results().data)
+    ['data/papers/p1-table2.csv']
     """
 
     def __init__(
@@ -73,6 +105,11 @@ class ChapterRecord:
             Path below ``data/`` with forward slashes, for example ``"papers/p1.yaml"``, or the
             absolute path of a reader's own file.
 
+        Returns
+        -------
+        Path
+            Where the file is.
+
         Raises
         ------
         InswsnError
@@ -86,6 +123,32 @@ class ChapterRecord:
             raise InswsnError(f"There is no file {key}.")
         self._data[key] = file_digest(path)
         return path
+
+    def reference(self, chapter: str, name: str) -> Quantity:
+        """Return a quantity of the reference results and note that this chapter reads it.
+
+        The build executes the chapter again when the reference says something else of this
+        quantity; other quantities, and what the reference was made with, make no chapter due.
+
+        Parameters
+        ----------
+        chapter : str
+            The number of the chapter whose reference results are read, two digits.
+        name : str
+            The quantity.
+
+        Raises
+        ------
+        InswsnError
+            If there are no reference results of that chapter, or they lack the quantity.
+        """
+        key = f"data/published/{chapter}.json"
+        try:
+            found = read_results(self._root / key)[name]
+        except KeyError:
+            raise InswsnError(f"{key} has no quantity {name!r}.") from None
+        self._data[f"{key}#{name}"] = quantity_digest(found)
+        return found
 
     def quantity(
         self,
@@ -112,6 +175,11 @@ class ChapterRecord:
         interval_kind : {"rounding", "confidence 95 %", "runs 95 %"}, optional
             What that is. Default: the rounding interval for a number computed from printed cells,
             else a confidence interval.
+
+        Returns
+        -------
+        Quantity
+            What has been recorded.
 
         Raises
         ------
@@ -147,7 +215,15 @@ class ChapterRecord:
         return quantity
 
     def say(self, name: str, text: str) -> None:
-        """Make a computed word known to the text as ``{glue:text}`name```, without recording it."""
+        """Make a computed word known to the text as ``{glue:text}`name```, without recording it.
+
+        Parameters
+        ----------
+        name : str
+            By which the text calls it.
+        text : str
+            The word.
+        """
         if type(text) is not str:
             raise InswsnError(f"The word {name!r} is {text!r}; it may be a text.")
         _glue(name, text)
@@ -241,7 +317,13 @@ class ChapterRecord:
         write_whole(results_folder(self._root) / name, text)
 
     def results(self) -> Results:
-        """Return what has been recorded so far."""
+        """Return what has been recorded so far.
+
+        Returns
+        -------
+        Results
+            Without provenance, which the executor adds.
+        """
         return Results(
             chapter=self._chapter,
             parameters=self._parameters,
@@ -252,7 +334,13 @@ class ChapterRecord:
         )
 
     def write(self) -> Results:
-        """Write the results file ``NN.json``, whole or not at all, and return what it holds."""
+        """Write the results file ``NN.json``, whole or not at all, and return what it holds.
+
+        Returns
+        -------
+        Results
+            What the file holds.
+        """
         results = self.results()
         write_results(results, results_folder(self._root) / f"{self._chapter}.json")
         return results

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from inswsn_lib.errors import InswsnError
-from inswsn_lib.files import write_whole
+from inswsn_lib.files import text_digest, write_whole
 
 Name = Annotated[str, Field(pattern=r"^[a-z0-9]+([._-][a-z0-9]+)*$", max_length=80)]
 Digest = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
@@ -53,6 +53,30 @@ class Quantity(_Record):
         How it was obtained, one sentence.
     tolerance : float
         How far a fresh build may be from the reference results, absolute, in `unit`.
+
+    Examples
+    --------
+    An interval that does not hold the value is refused; pydantic's error says so:
+
+    >>> from inswsn_lib.claims import Quantity
+    >>> quantity = Quantity(
+    ...     name="error.kf",
+    ...     value=2.9,
+    ...     unit="m",
+    ...     interval=(2.7, 3.1),
+    ...     interval_kind="confidence 95 %",
+    ...     runs=200,
+    ...     basis="simulation",
+    ...     how="The mean absolute error of all runs.",
+    ...     tolerance=0.01,
+    ... )
+    >>> quantity.role
+    'found'
+    >>> try:
+    ...     Quantity(**quantity.model_dump() | {"value": 4.0})
+    ... except ValueError as error:
+    ...     print("does not hold the value 4.0" in str(error))
+    True
     """
 
     name: Name
@@ -101,6 +125,14 @@ class Provenance(_Record):
         The linear algebra libraries, each with its version and number of threads.
     packages : dict of str to str
         The versions of the packages that compute.
+
+    Examples
+    --------
+    >>> from inswsn_lib.checkout import find_root
+    >>> from inswsn_lib.claims import read_results
+    >>> provenance = read_results(find_root() / "data/published/00.json").provenance
+    >>> provenance.seconds > 0, sorted(provenance.sources)
+    (True, ['chapter', 'library', 'locks'])
     """
 
     version: str
@@ -142,6 +174,16 @@ class Results(_Record):
         The cell that recorded each quantity.
     provenance : Provenance, optional
         What the run was made with.
+
+    Examples
+    --------
+    >>> from inswsn_lib.checkout import find_root
+    >>> from inswsn_lib.claims import read_results
+    >>> results = read_results(find_root() / "data/published/00.json")
+    >>> results.chapter, results["table1.position.rows-own"].unit
+    ('00', 'rows')
+    >>> results.found().provenance is None
+    True
     """
 
     schema_version: Literal[2] = SCHEMA_VERSION
@@ -177,8 +219,18 @@ class Results(_Record):
         raise KeyError(name)
 
     def found(self) -> Self:
-        """Return it without its provenance: what a run on another machine finds as well."""
+        """Return it without its provenance: what a run on another machine finds as well.
+
+        Returns
+        -------
+        Results
+        """
         return self.model_copy(update={"provenance": None})
+
+
+def quantity_digest(quantity: Quantity) -> str:
+    """Return the SHA-256 of all that a results file says of one quantity."""
+    return text_digest(quantity.model_dump_json())
 
 
 def write_results(results: Results, path: Path) -> None:
@@ -195,6 +247,17 @@ def write_results(results: Results, path: Path) -> None:
     ------
     OSError
         If the folder cannot be written.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> from inswsn_lib.claims import Results, read_results, write_results
+    >>> results = Results(chapter="00", parameters={"steps": 100}, data={}, quantities=())
+    >>> with TemporaryDirectory() as folder:
+    ...     write_results(results, Path(folder) / "00.json")
+    ...     read_results(Path(folder) / "00.json") == results
+    True
     """
     write_whole(path, results.model_dump_json(indent=1) + "\n")
 
@@ -207,10 +270,22 @@ def read_results(path: Path) -> Results:
     path : Path
         The file.
 
+    Returns
+    -------
+    Results
+        Those of an older version are raised to this one.
+
     Raises
     ------
     InswsnError
         If there is no such file, or it does not fit the schema; the sentence says where.
+
+    Examples
+    --------
+    >>> from inswsn_lib.checkout import find_root
+    >>> from inswsn_lib.claims import read_results
+    >>> read_results(find_root() / "data/published/00.json").parameters["about_points"]
+    2.5
     """
     try:
         content = json.loads(path.read_text(encoding="utf-8"))

@@ -32,6 +32,17 @@ def normalised_squares(errors: ArrayLike, covariances: ArrayLike) -> Array:
     ------
     ParameterError
         If shapes do not fit or a covariance is not positive definite.
+
+    Examples
+    --------
+    An error of three and four, where the filter says five each, is as large as expected of two
+    components together: its square is 1, the mean of a chi-square distribution is 2.
+
+    >>> import numpy as np
+    >>> from inswsn_lib.evaluation import normalised_squares
+    >>> errors = np.array([[[3.0], [4.0]], [[3.0], [np.nan]]])  # two steps, two components, one run
+    >>> print(normalised_squares(errors, 25 * np.eye(2)).round(2).ravel())
+    [1.   0.36]
     """
     e = np.asarray(errors, dtype=float)
     S = np.asarray(covariances, dtype=float)
@@ -78,10 +89,28 @@ def mean_bounds(count: int, degrees: int, probability: float = 0.95) -> tuple[fl
     probability : float
         Of the interval, equal tails.
 
+    Returns
+    -------
+    low, high : float
+        Quantiles of the chi-square distribution with count times degrees degrees of freedom, over
+        the count (Bar-Shalom, Li and Kirubarajan 2001, Section 5.4).
+
     Raises
     ------
     ParameterError
         If a number is not positive, or the probability not between 0 and 1.
+
+    Examples
+    --------
+    One square of one component is a squared standard normal number, so that its bounds are squares
+    of that number's quantiles; the more squares are averaged, the nearer the bounds come to their
+    mean.
+
+    >>> from inswsn_lib.evaluation import mean_bounds
+    >>> print("{:.3f} {:.3f}".format(*mean_bounds(1, 1)))
+    0.001 5.024
+    >>> print("{:.2f} {:.2f}".format(*mean_bounds(10_000, 4)))
+    3.94 4.06
     """
     for name, number in (("count", count), ("degrees", degrees)):
         if number < 1:

@@ -27,6 +27,16 @@ class Score:
         Numbers that were chosen with these cells in view.
     ratios : ndarray, (cells,)
         Rebuilt over printed.
+
+    Examples
+    --------
+    Two cells are met; a hypothesis with two free numbers could meet any two cells, and explains
+    none.
+
+    >>> from inswsn_lib.evaluation import score_hypothesis
+    >>> fitted = score_hypothesis("fitted", rebuilt=[1.0, 2.0], printed=[1.0, 2.0], free=2)
+    >>> fitted.met, fitted.explained
+    (2, False)
     """
 
     name: str
@@ -66,10 +76,24 @@ def score_hypothesis(name: str, rebuilt: ArrayLike, printed: ArrayLike, free: in
     free : int
         Numbers that were chosen with these cells in view.
 
+    Returns
+    -------
+    Score
+        The ratios of rebuilt to printed, and what they say.
+
     Raises
     ------
     ParameterError
         If the cells do not pair, a cell is not positive, or `free` is negative.
+
+    Examples
+    --------
+    >>> from inswsn_lib.evaluation import score_hypothesis
+    >>> score = score_hypothesis("metres", rebuilt=[1.0, 2.1, 2.9], printed=[1.0, 2.0, 3.0], free=1)
+    >>> score.met, score.explained, round(score.worst, 2)
+    (3, True, 1.05)
+    >>> score_hypothesis("feet", [3.28, 6.9, 9.5], [1.0, 2.0, 3.0], free=1).met
+    0
     """
     a, b = np.asarray(rebuilt, dtype=float), np.asarray(printed, dtype=float)
     if a.ndim != 1 or a.shape != b.shape or a.size == 0:

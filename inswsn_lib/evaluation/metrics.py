@@ -25,6 +25,14 @@ def mean_absolute_error(errors: ArrayLike) -> Array:
     Returns
     -------
     ndarray, (components, runs)
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from inswsn_lib.evaluation import mean_absolute_error
+    >>> errors = np.array([3.0, -4.0, np.nan]).reshape(3, 1, 1)  # the last step has no fix
+    >>> mean_absolute_error(errors).tolist()
+    [[3.5]]
     """
     return np.asarray(np.nanmean(np.abs(np.asarray(errors, dtype=float)), axis=0))
 
@@ -40,6 +48,15 @@ def root_mean_square_error(errors: ArrayLike) -> Array:
     Returns
     -------
     ndarray, (components, runs)
+
+    Examples
+    --------
+    It weighs large errors more than the mean of the absolute error, which here is 4:
+
+    >>> import numpy as np
+    >>> from inswsn_lib.evaluation import root_mean_square_error
+    >>> root_mean_square_error(np.array([1.0, -7.0]).reshape(2, 1, 1)).tolist()
+    [[5.0]]
     """
     return np.asarray(np.sqrt(np.nanmean(np.square(np.asarray(errors, dtype=float)), axis=0)))
 
@@ -55,6 +72,13 @@ def largest_error(errors: ArrayLike) -> Array:
     Returns
     -------
     ndarray, (components, runs)
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from inswsn_lib.evaluation import largest_error
+    >>> largest_error(np.array([3.0, -4.0, np.nan]).reshape(3, 1, 1)).tolist()
+    [[4.0]]
     """
     return np.asarray(np.nanmax(np.abs(np.asarray(errors, dtype=float)), axis=0))
 
@@ -66,6 +90,16 @@ class Spread(NamedTuple):
     ----------
     median, low, high : ndarray, (components,)
         low and high are the quantiles 2.5 % and 97.5 %.
+
+    Examples
+    --------
+    It unpacks into median, low and high:
+
+    >>> import numpy as np
+    >>> from inswsn_lib.evaluation import spread
+    >>> median, low, high = spread(np.arange(41.0)[None])  # one component, 41 runs
+    >>> [float(x[0].round(6)) for x in (median, low, high)]
+    [20.0, 1.0, 39.0]
     """
 
     median: Array
@@ -80,10 +114,25 @@ def spread(values: ArrayLike) -> Spread:
     ----------
     values : array_like, (components, runs)
 
+    Returns
+    -------
+    Spread
+        Median and the quantiles 2.5 % and 97.5 %, each (components,), in the units of the values.
+
     Raises
     ------
     ParameterError
         If there are fewer than 40 runs: their 2.5 % quantile is not among them.
+
+    Examples
+    --------
+    Of standard normal numbers 95 % are within 1.96 to either side of zero:
+
+    >>> import numpy as np
+    >>> from inswsn_lib.evaluation import spread
+    >>> found = spread(np.random.default_rng(0).standard_normal((1, 200_000)))
+    >>> print(f"{found.high[0]:.1f}, {-found.low[0]:.1f}")
+    2.0, 2.0
     """
     array = np.asarray(values, dtype=float)
     if array.ndim != 2 or array.shape[1] < 40:
@@ -125,6 +174,20 @@ def cluster_interval(
     ------
     ParameterError
         If shapes do not fit, a value is not finite, or there are fewer than five clusters.
+
+    Examples
+    --------
+    A hundred copies of each value are no new knowledge: the interval is that of the five values.
+
+    >>> import numpy as np
+    >>> from inswsn_lib.evaluation import cluster_interval
+    >>> values = [1.0, 2.0, 3.0, 4.0, 5.0]
+    >>> few = cluster_interval(values, range(5), seed=0)
+    >>> many = cluster_interval(np.repeat(values, 100), np.repeat(range(5), 100), seed=0)
+    >>> bool(np.allclose(few, many))
+    True
+    >>> [round(x, 2) for x in cluster_interval([2.0] * 10, [0, 1, 2, 3, 4] * 2, seed=0)]
+    [2.0, 2.0, 2.0]
     """
     array, labels = np.asarray(values, dtype=float), np.asarray(clusters)
     if array.ndim != 1 or labels.shape != array.shape or not np.isfinite(array).all():

@@ -41,6 +41,18 @@ def monte_carlo(simulate: Simulation, runs: int, seed: int) -> dict[str, Array]:
     ------
     ParameterError
         If there is no run, or the seed is negative.
+
+    Examples
+    --------
+    A run is the same however many runs there are:
+
+    >>> import numpy as np
+    >>> from inswsn_lib.evaluation import monte_carlo
+    >>> def simulate(rng, runs):
+    ...     return {"error": rng.standard_normal((3, 2, runs))}
+    >>> few, many = (monte_carlo(simulate, runs, seed=0)["error"] for runs in (5, 100))
+    >>> few.shape, many.shape, bool((few == many[..., :5]).all())
+    ((3, 2, 5), (3, 2, 100), True)
     """
     if runs < 1:
         raise ParameterError("runs", runs, "1 or more")

@@ -23,6 +23,18 @@ class NoiseFit(NamedTuple):
         R, of the errors of the measurements.
     initial : ndarray, (n, n)
         P_0, of the state at the first step.
+
+    Examples
+    --------
+    It unpacks into Q, R and P_0. Here the model leaves nothing over, and all measurements are
+    exact:
+
+    >>> import numpy as np
+    >>> from inswsn_lib.evaluation import fit_noise
+    >>> states = np.ones((4, 1, 1))  # four steps of one state that stays, one run
+    >>> Q, R, P0 = fit_noise([[1.0]], states, np.zeros((4, 1, 1)))
+    >>> Q.tolist(), R.tolist(), P0.tolist()
+    ([[0.0]], [[0.0]], [[1.0]])
     """
 
     process: Array
@@ -60,6 +72,18 @@ def fit_noise(A: ArrayLike, states: ArrayLike, measurement_errors: ArrayLike) ->
     ParameterError
         If shapes do not fit, a number is infinite, a state is missing, there is no run, or no
         measurement is complete.
+
+    Examples
+    --------
+    A state that takes steps of one to either side, from zero, and measurements that are off by two:
+
+    >>> import numpy as np
+    >>> from inswsn_lib.evaluation import fit_noise
+    >>> states = np.array([0.0, 1.0, 0.0, -1.0, 0.0]).reshape(5, 1, 1)
+    >>> errors = np.array([2.0, -2.0, np.nan, 2.0, -2.0]).reshape(5, 1, 1)
+    >>> fit = fit_noise([[1.0]], states, errors)
+    >>> fit.process.tolist(), fit.measurement.tolist(), fit.initial.tolist()
+    ([[1.0]], [[4.0]], [[0.0]])
     """
     x, v = np.asarray(states, dtype=float), np.asarray(measurement_errors, dtype=float)
     transition = np.asarray(A, dtype=float)

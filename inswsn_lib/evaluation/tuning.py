@@ -21,6 +21,15 @@ class Tuning:
         The numbers tried.
     losses : tuple of float
         What each of them cost, in the units of the loss.
+
+    Examples
+    --------
+    >>> from inswsn_lib.evaluation import tune
+    >>> tuning = tune("parabola", [0.0, 1.0, 3.0], lambda x: (x - 2) ** 2)
+    >>> tuning.losses  # the second and the third cost the same: the first of them is the best
+    (4.0, 1.0, 1.0)
+    >>> tuning.best, tuning.loss, tuning.trials
+    (1.0, 1.0, 3)
     """
 
     name: str
@@ -64,6 +73,16 @@ def tune(name: str, candidates: Sequence[float], loss: Callable[[float], float])
     ------
     ParameterError
         If there is no candidate, or one or its loss is not a finite number.
+
+    Examples
+    --------
+    >>> from inswsn_lib.evaluation import tune
+    >>> tune("parabola", range(6), lambda x: (x - 2) ** 2 + 0.5).best
+    2.0
+    >>> tune("a hole", [1.0, 0.0], lambda x: 1 / x if x else float("inf"))
+    Traceback (most recent call last):
+        ...
+    inswsn_lib.errors.ParameterError: loss is 'inf at 0'; it may be finite.
     """
     numbers = tuple(float(number) for number in candidates)
     if not numbers or not all(map(math.isfinite, numbers)):
@@ -90,6 +109,17 @@ class PatternSearch:
         What each of them cost, in the units of the loss.
     settled : bool
         Whether all neighbours of the best were tried: it lies at no edge.
+
+    Examples
+    --------
+    A search that ends before it has settled says so:
+
+    >>> from inswsn_lib.evaluation import search_pattern
+    >>> search = search_pattern("slope", [1.0], [2.0], lambda x: 1 / x, most=4)
+    >>> search.points
+    ((1.0,), (2.0,), (0.5,), (4.0,))
+    >>> search.best, search.settled
+    ((4.0,), False)
     """
 
     name: str
@@ -148,6 +178,18 @@ def search_pattern(
     ParameterError
         If start and ratios do not pair, a number is not positive and finite, a ratio is not above
         1, there is no trial, or a loss is not a number or at the start not finite.
+
+    Examples
+    --------
+    From (1, 1) by factors of two to the least of a bowl at (4, 1/2):
+
+    >>> from math import log
+    >>> from inswsn_lib.evaluation import search_pattern
+    >>> def bowl(x, y):
+    ...     return log(x / 4) ** 2 + log(y / 0.5) ** 2
+    >>> search = search_pattern("bowl", [1.0, 1.0], [2.0, 2.0], bowl)
+    >>> search.best, round(search.loss, 6), search.settled
+    ((4.0, 0.5), 0.0, True)
     """
     origin, steps = [float(x) for x in start], [float(r) for r in ratios]
     if len(origin) != len(steps) or not origin:

@@ -118,6 +118,25 @@ def run_distributed(
         where they must be, a pattern is no tuple of bools or occurs and has no weights, margins
         are outside [0, 1] or make the weights singular, a delay is negative, the hand-over is none
         of those above, or A^-1 is needed and does not exist.
+
+    Examples
+    --------
+    Two clusters with deadbeat gains and equal weights measure a random walk at 2 m and at 4 m. Then
+    the second no longer hears it. With "restart" its weight goes to the first, as the weights by
+    pattern say; as P2 prints it, the centre goes on with half of the 4 m that the second had:
+
+    >>> import numpy as np
+    >>> from inswsn_lib.filters import run_distributed
+    >>> from inswsn_lib.models import ErrorModel
+    >>> model = ErrorModel(A=[[1]], B=[[1]], C=[[1]], D=[[1]], L=[[1]], E=[[0]], period=1.0)
+    >>> filters = [(model, np.array([[1.0]]))] * 2
+    >>> y = np.array([[2.0, 2.0, 2.0], [4.0, np.nan, np.nan]]).reshape(2, 3, 1, 1)
+    >>> half = [[[0.5]], [[0.5]]]
+    >>> weights = {(True, True): half, (True, False): [[[1.0]], [[0.0]]]}
+    >>> run_distributed(filters, y, weights=weights).ravel().tolist()
+    [0.0, 3.0, 2.0]
+    >>> run_distributed(filters, y, weights=half, handover="constant").ravel().tolist()
+    [0.0, 3.0, 3.0]
     """
     if not is_one_of(handover, get_args(Handover)):
         raise ParameterError("handover", handover, '"restart", "constant" or "fading"')
@@ -173,6 +192,14 @@ def patterns_of(
     ------
     ParameterError
         See `run_distributed`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from inswsn_lib.filters import patterns_of
+    >>> y = np.array([[2.0, 2.0, np.nan], [4.0, np.nan, np.nan]]).reshape(2, 3, 1, 1)
+    >>> patterns_of(y)
+    [(True, False), (True, True)]
     """
     y = _few_clusters(checked_clusters(measurements))
     heard = np.asarray((~np.isnan(y)).any(axis=2))
@@ -215,6 +242,21 @@ def handover_weights(
     ParameterError
         If a pattern is no tuple of N bools or none of them is true, the designs do not fit
         together, or noise, structure or margin is none that `inswsn_lib.lmi.design_fusion` takes.
+
+    Examples
+    --------
+    Two equal clusters share the weight, and one that hears the node alone has all of it:
+
+    >>> from inswsn_lib.filters import handover_weights
+    >>> from inswsn_lib.lmi import design_filter
+    >>> from inswsn_lib.models import ErrorModel
+    >>> model = ErrorModel(A=[[1]], B=[[1]], C=[[1]], D=[[1]], L=[[1]], E=[[0]], period=1.0)
+    >>> designs = [design_filter(model)] * 2
+    >>> weights = handover_weights(designs, [(True, True), (False, True)])
+    >>> for pattern, M in weights.items():
+    ...     print(pattern, [f"{abs(weight):.3f}" for weight in M.ravel()])
+    (True, True) ['0.500', '0.500']
+    (False, True) ['0.000', '1.000']
     """
     A, C, _ = _locals(designs)
     check_options(noise, structure, margin)
@@ -275,6 +317,24 @@ def run_switched(
         If a shape does not fit, something is not numbers, a measurement is infinite, there are
         more than 62 clusters, the transitions differ, a pattern is no tuple of bools or occurs and
         has no design, or A^-1 is needed and does not exist.
+
+    Examples
+    --------
+    A filter for two clusters and one for the first alone, with gains that carry the mean of what
+    is measured to the next step:
+
+    >>> import numpy as np
+    >>> from inswsn_lib.filters import run_switched
+    >>> from inswsn_lib.models import ErrorModel
+    >>> one = ErrorModel(A=[[1]], B=[[1]], C=[[1]], D=[[1]], L=[[1]], E=[[0]], period=1.0)
+    >>> two = ErrorModel(A=[[1]], B=[[1]], C=[[1], [1]], D=np.eye(2), L=[[1]], E=[[0]], period=1.0)
+    >>> filters = {
+    ...     (True, True): (two, np.array([[0.5, 0.5]])),
+    ...     (True, False): (one, np.array([[1.0]])),
+    ... }
+    >>> y = np.array([[2.0, 5.0, 2.0], [4.0, np.nan, 2.0]]).reshape(2, 3, 1, 1)
+    >>> run_switched(filters, y).ravel().tolist()
+    [0.0, 3.0, 5.0]
     """
     y = _few_clusters(checked_clusters(measurements))
     clusters, steps, outputs, runs = y.shape

@@ -279,6 +279,21 @@ def run_federated(
         measures more than 62 components, a covariance is not one, P_0 or R is singular, A and Q
         let a predicted covariance be singular, the shares are negative or do not add up to 1, or
         reset or interval is none of those above.
+
+    Examples
+    --------
+    Two clusters of variance 2 that measure the same are one sensor of variance 1. Reset in each
+    step, the federated filter is the Kalman filter of that sensor:
+
+    >>> import numpy as np
+    >>> from inswsn_lib.filters import run_federated, run_kalman
+    >>> from inswsn_lib.models import ErrorModel
+    >>> model = ErrorModel(A=[[1]], B=[[1]], C=[[1]], D=[[1]], L=[[1]], E=[[0]], period=1.0)
+    >>> y = np.array([1.0, 5.0, 2.0]).reshape(3, 1, 1)
+    >>> R = [[[2.0]], [[2.0]]]
+    >>> fused = run_federated(model, [y, y], measurement_covariance=R, initial_covariance=[[1.0]])
+    >>> bool(np.allclose(fused, run_kalman(model, y, initial_covariance=[[1.0]])))
+    True
     """
     y = checked_clusters(measurements, len(model.C))
     clusters, steps, outputs, runs = y.shape
@@ -336,6 +351,23 @@ def federated_covariance(
     ------
     ParameterError
         See `run_federated`.
+
+    Examples
+    --------
+    Of two clusters of variance 2 the second falls silent at step 1. With a reset in each step what
+    the filter claims is the covariance of a Kalman filter, 1/2 and then 6/7:
+
+    >>> from inswsn_lib.filters import federated_covariance
+    >>> from inswsn_lib.models import ErrorModel
+    >>> model = ErrorModel(A=[[1]], B=[[1]], C=[[1]], D=[[1]], L=[[1]], E=[[0]], period=1.0)
+    >>> covariance = federated_covariance(
+    ...     model,
+    ...     [[True, True], [True, False]],
+    ...     measurement_covariance=[[[2.0]], [[2.0]]],
+    ...     initial_covariance=[[1.0]],
+    ... )
+    >>> covariance.ravel().round(4).tolist()
+    [0.5, 0.8571]
     """
     may_be = "bool of shape (steps, N)"
     mask = as_bools("available", available, may_be)

@@ -16,10 +16,28 @@ Array = NDArray[np.float64]
 def deadbeat_gain(model: ErrorModel) -> Array:
     """Return B_f = A C^-1, with which A_f = 0: the filter carries the last measurement one step.
 
+    Parameters
+    ----------
+    model : ErrorModel
+        A and C.
+
+    Returns
+    -------
+    ndarray, (n, n)
+        B_f.
+
     Raises
     ------
     ParameterError
         If C is not square and invertible.
+
+    Examples
+    --------
+    >>> from inswsn_lib.filters import deadbeat_gain
+    >>> from inswsn_lib.models import ErrorModel
+    >>> model = ErrorModel(A=[[1]], B=[[1]], C=[[2]], D=[[1]], L=[[1]], E=[[0]], period=1.0)
+    >>> deadbeat_gain(model).tolist()
+    [[0.5]]
     """
     if model.C.shape[0] != model.C.shape[1] or np.linalg.matrix_rank(model.C) < len(model.C):
         raise ParameterError("C", f"of shape {model.C.shape}", "square and invertible")
@@ -57,6 +75,18 @@ def run_hinfinity(
     ------
     ParameterError
         If a shape does not fit, a measurement is infinite, or A^-1 is needed and does not exist.
+
+    Examples
+    --------
+    With the deadbeat gain of a random walk, each prediction is the measurement of the step before:
+
+    >>> import numpy as np
+    >>> from inswsn_lib.filters import deadbeat_gain, run_hinfinity
+    >>> from inswsn_lib.models import ErrorModel
+    >>> model = ErrorModel(A=[[1]], B=[[1]], C=[[1]], D=[[1]], L=[[1]], E=[[0]], period=1.0)
+    >>> measured = np.array([3.0, 1.0, 4.0]).reshape(3, 1, 1)
+    >>> run_hinfinity((model, deadbeat_gain(model)), measured).ravel().tolist()
+    [0.0, 3.0, 1.0]
     """
     model, gain = (design.model, design.gain) if isinstance(design, FilterDesign) else design
     shape = len(model.A), len(model.C)

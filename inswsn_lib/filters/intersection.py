@@ -73,6 +73,16 @@ def intersect(
         If a shape does not fit, something is not numbers or not finite, a covariance is not
         symmetric and positive definite, or the weights are negative, do not add up to 1, or have
         an unknown name.
+
+    Examples
+    --------
+    Two estimates, 0 m and 2 m, of variance 1. They may have made the same error, so the variance of
+    their mean is not taken for 1/2:
+
+    >>> from inswsn_lib.filters import intersect
+    >>> state, covariance = intersect([[[0.0]], [[2.0]]], [[[1.0]], [[1.0]]])
+    >>> state.item(), covariance.item()
+    (1.0, 1.0)
     """
     x = as_floats("estimates", estimates, "finite, (N, n, runs)")
     if x.ndim != 3 or not len(x) or not np.isfinite(x).all():
@@ -182,6 +192,21 @@ def run_fused_locals(
         If a shape does not fit, something is not numbers, a measurement is infinite, a cluster
         measures more than 62 components, a covariance is not one, P_0 or R is singular, A and Q
         let a predicted covariance be singular, or the rule is unknown.
+
+    Examples
+    --------
+    Two clusters that measure the same with the same variance are fused to what one of them knows:
+
+    >>> import numpy as np
+    >>> from inswsn_lib.filters import run_fused_locals, run_kalman
+    >>> from inswsn_lib.models import ErrorModel
+    >>> model = ErrorModel(A=[[1]], B=[[1]], C=[[1]], D=[[1]], L=[[1]], E=[[0]], period=1.0)
+    >>> y = np.array([1.0, 5.0, 2.0]).reshape(3, 1, 1)
+    >>> R = [[[1.0]], [[1.0]]]
+    >>> P0 = [[1.0]]
+    >>> fused = run_fused_locals(model, [y, y], measurement_covariance=R, initial_covariance=P0)
+    >>> bool(np.allclose(fused, run_kalman(model, y, initial_covariance=P0)))
+    True
     """
     if not is_one_of(rule, get_args(Rule)):
         raise ParameterError("rule", rule, '"intersection" or "best"')

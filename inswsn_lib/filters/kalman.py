@@ -32,6 +32,21 @@ class KalmanDesign:
         Covariance after it.
     innovation : ndarray, (steps, m, m)
         Covariance of the innovation, C P C' + R, of all components, measured or not.
+
+    Examples
+    --------
+    With the variance 1 of the process noise, of the measurement noise and of the first error, the
+    gains of a random walk are ratios of Fibonacci numbers, 1/2, 3/5 and 8/13:
+
+    >>> import numpy as np
+    >>> from inswsn_lib.filters import design_kalman
+    >>> from inswsn_lib.models import ErrorModel
+    >>> model = ErrorModel(A=[[1]], B=[[1]], C=[[1]], D=[[1]], L=[[1]], E=[[0]], period=1.0)
+    >>> design = design_kalman(model, np.full((3, 1), True), initial_covariance=[[1.0]])
+    >>> design.gains.ravel().round(4).tolist()
+    [0.5, 0.6, 0.6154]
+    >>> design.predicted.ravel().round(4).tolist()
+    [1.0, 1.5, 1.6]
     """
 
     gains: Array
@@ -70,11 +85,29 @@ def design_kalman(
     measurement_covariance : array_like, (m, m) or (steps, m, m), optional
         R.
 
+    Returns
+    -------
+    KalmanDesign
+        Gains and covariances of each step.
+
     Raises
     ------
     ParameterError
         If a shape does not fit, a covariance is not symmetric and positive semidefinite, or an
         innovation covariance is singular.
+
+    Examples
+    --------
+    Where the second measurement is missing, its gain is zero and the covariance grows by Q:
+
+    >>> from inswsn_lib.filters import design_kalman
+    >>> from inswsn_lib.models import ErrorModel
+    >>> model = ErrorModel(A=[[1]], B=[[1]], C=[[1]], D=[[1]], L=[[1]], E=[[0]], period=1.0)
+    >>> design = design_kalman(model, [[True], [False], [True]], initial_covariance=[[1.0]])
+    >>> design.gains.ravel().round(4).tolist()
+    [0.5, 0.0, 0.7143]
+    >>> design.filtered.ravel().round(4).tolist()
+    [0.5, 1.5, 0.7143]
     """
     outputs = model.C.shape[0]
     mask = np.asarray(available)
@@ -171,6 +204,19 @@ def run_kalman(
     ParameterError
         If a shape does not fit, a measurement is infinite, or a covariance is refused by
         `design_kalman`.
+
+    Examples
+    --------
+    A random walk that is measured at 1 m, is not measured, and is measured at 1 m again:
+
+    >>> import numpy as np
+    >>> from inswsn_lib.filters import run_kalman
+    >>> from inswsn_lib.models import ErrorModel
+    >>> model = ErrorModel(A=[[1]], B=[[1]], C=[[1]], D=[[1]], L=[[1]], E=[[0]], period=1.0)
+    >>> measured = np.array([1.0, np.nan, 1.0]).reshape(3, 1, 1)
+    >>> estimates = run_kalman(model, measured, initial_covariance=[[1.0]])
+    >>> estimates.ravel().round(4).tolist()
+    [0.5, 0.5, 0.8571]
     """
     outputs, states = model.C.shape
     y = checked_measurements(measurements, outputs)

@@ -40,10 +40,28 @@ def gating(probability: float = 0.999, patience: int = 5) -> Policy:
     patience : int
         Rejections on end after which measurements are taken all the same.
 
+    Returns
+    -------
+    callable
+        The policy, for `run_robust`.
+
     Raises
     ------
     ParameterError
         If the probability is not between 0 and 1, or the patience is negative.
+
+    Examples
+    --------
+    Five measurements of zero, and one that is off by a thousand times the noise and is dropped:
+
+    >>> import numpy as np
+    >>> from inswsn_lib.filters import gating, run_robust
+    >>> from inswsn_lib.models import ErrorModel
+    >>> model = ErrorModel(A=[[1]], B=[[1]], C=[[1]], D=[[1]], L=[[1]], E=[[0]], period=1.0)
+    >>> measured = np.array([0.0, 0.0, 0.0, 1000.0, 0.0, 0.0]).reshape(6, 1, 1)
+    >>> estimates = run_robust(model, measured, gating(), initial_covariance=[[1.0]])
+    >>> float(abs(estimates).max())
+    0.0
     """
     if not 0 < probability < 1:
         raise ParameterError("probability", probability, "between 0 and 1")
@@ -80,10 +98,29 @@ def huber(threshold: float = 1.345) -> Policy:
     threshold : float
         In standard deviations; 1.345 keeps 95 % of the efficiency for Gaussian noise.
 
+    Returns
+    -------
+    callable
+        The policy, for `run_robust`.
+
     Raises
     ------
     ParameterError
         If the threshold is not positive.
+
+    Examples
+    --------
+    One measurement of a thousand: the estimate moves by a bounded step, not by half of it:
+
+    >>> from inswsn_lib.filters import huber, run_robust
+    >>> from inswsn_lib.models import ErrorModel
+    >>> model = ErrorModel(A=[[1]], B=[[1]], C=[[1]], D=[[1]], L=[[1]], E=[[0]], period=1.0)
+    >>> for size in (1.0, 1000.0, 2000.0):
+    ...     estimates = run_robust(model, [[[size]]], huber(), initial_covariance=[[1.0]])
+    ...     print(f"{size:6.0f} {estimates.item():.3f}")
+         1 0.500
+      1000 0.951
+      2000 0.951
     """
     if not threshold > 0:
         raise ParameterError("threshold", threshold, "positive")
@@ -115,10 +152,30 @@ def adaptive(forgetting: float = 0.95) -> Policy:
     forgetting : float
         Weight of the past, between 0 and 1.
 
+    Returns
+    -------
+    callable
+        The policy, for `run_robust`.
+
     Raises
     ------
     ParameterError
         If it is not between 0 and 1.
+
+    Examples
+    --------
+    The model says that the noise has the variance 1, and the measurements jump by 20 m. The filter
+    learns that they are worth little, and follows them less than a Kalman filter does:
+
+    >>> import numpy as np
+    >>> from inswsn_lib.filters import adaptive, run_kalman, run_robust
+    >>> from inswsn_lib.models import ErrorModel
+    >>> model = ErrorModel(A=[[1]], B=[[1]], C=[[1]], D=[[1]], L=[[1]], E=[[0]], period=1.0)
+    >>> jumping = np.tile([10.0, -10.0], 50).reshape(100, 1, 1)
+    >>> learnt = run_robust(model, jumping, adaptive(), initial_covariance=[[1.0]])
+    >>> modelled = run_kalman(model, jumping, initial_covariance=[[1.0]])
+    >>> print(f"{abs(learnt[-1]).item():.1f} m, {abs(modelled[-1]).item():.1f} m")
+    0.5 m, 4.5 m
     """
     if not 0 < forgetting < 1:
         raise ParameterError("forgetting", forgetting, "between 0 and 1")
@@ -173,6 +230,22 @@ def run_robust(
     ------
     ParameterError
         If a shape does not fit, or a measurement is infinite.
+
+    Examples
+    --------
+    A policy is any function of R and the number of runs. One that changes nothing gives the Kalman
+    filter:
+
+    >>> import numpy as np
+    >>> from inswsn_lib.filters import run_kalman, run_robust
+    >>> from inswsn_lib.models import ErrorModel
+    >>> model = ErrorModel(A=[[1]], B=[[1]], C=[[1]], D=[[1]], L=[[1]], E=[[0]], period=1.0)
+    >>> def plain(R, runs):
+    ...     return lambda innovation, prior, there: (np.broadcast_to(R, prior.shape), there)
+    >>> measured = np.array([1.0, 5.0, 2.0]).reshape(3, 1, 1)
+    >>> robust = run_robust(model, measured, plain, initial_covariance=[[1.0]])
+    >>> bool(np.allclose(robust, run_kalman(model, measured, initial_covariance=[[1.0]])))
+    True
     """
     y = checked_measurements(measurements, model.C.shape[0])
     runs, n = y.shape[2], model.C.shape[1]

@@ -41,6 +41,17 @@ def predictor_gain(model: ErrorModel) -> Array:
     ParameterError
         If there is no steady state: a mode that is not stable is not measured, or a mode on the
         unit circle has no process noise.
+
+    Examples
+    --------
+    For a random walk with noises of unit variance, the Riccati equation is :math:`P^2 = P + 1`.
+    So P is the golden ratio, and the gain :math:`P / (P + 1) = 1 / P`:
+
+    >>> from inswsn_lib.filters import predictor_gain
+    >>> from inswsn_lib.models import ErrorModel
+    >>> model = ErrorModel(A=[[1]], B=[[1]], C=[[1]], D=[[1]], L=[[1]], E=[[0]], period=1.0)
+    >>> print(f"{predictor_gain(model).item():.4f}")
+    0.6180
     """
     R = model.measurement_covariance
     gain = None
@@ -77,6 +88,20 @@ def steady_error(model: ErrorModel, gain: ArrayLike) -> float:
     ------
     ParameterError
         If the gain has another shape, or an entry that is not finite.
+
+    Examples
+    --------
+    The error of the Kalman predictor of a random walk is the root of the golden ratio. Of all gains
+    it has the least; the deadbeat gain 1 has :math:`\sqrt 2`:
+
+    >>> from inswsn_lib.filters import predictor_gain, steady_error
+    >>> from inswsn_lib.models import ErrorModel
+    >>> model = ErrorModel(A=[[1]], B=[[1]], C=[[1]], D=[[1]], L=[[1]], E=[[0]], period=1.0)
+    >>> for gain in (predictor_gain(model), [[1.0]], [[0.0]]):
+    ...     print(f"{steady_error(model, gain):.4f}")
+    1.2720
+    1.4142
+    inf
     """
     B_f = np.asarray(gain, dtype=float)
     if B_f.shape != (len(model.A), len(model.C)) or not np.isfinite(B_f).all():

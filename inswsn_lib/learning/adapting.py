@@ -19,6 +19,21 @@ def as_multi_output(regressor: Any) -> Any:
     ----------
     regressor : scikit-learn regressor
         Left as it is.
+
+    Returns
+    -------
+    scikit-learn regressor
+        The one that was given, or scikit-learn's ``MultiOutputRegressor`` around it.
+
+    Examples
+    --------
+    A linear fit takes any number of outputs; scikit-learn's support vector machine takes one.
+
+    >>> from sklearn.linear_model import LinearRegression
+    >>> from sklearn.svm import SVR
+    >>> from inswsn_lib.learning import as_multi_output
+    >>> [type(as_multi_output(r)).__name__ for r in (LinearRegression(), SVR())]
+    ['LinearRegression', 'MultiOutputRegressor']
     """
     X = np.random.default_rng(0).normal(size=(12, 3))
     with suppress(Exception):

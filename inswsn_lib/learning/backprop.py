@@ -68,6 +68,19 @@ class BackpropRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):  # typ
         Mean squared error on the training samples, in scaled units.
     steps_ : ndarray, (networks,)
         Steps until each was done.
+
+    Examples
+    --------
+    Four neurons learn a parabola from 21 points; the two networks differ only in where they began:
+
+    >>> import numpy as np
+    >>> from inswsn_lib.learning import BackpropRegressor
+    >>> X = np.linspace(-1, 1, 21)[:, None]
+    >>> network = BackpropRegressor(hidden=4, networks=2).fit(X, X[:, 0] ** 2)
+    >>> network.predict([[0.5], [0.9]]).round(2).tolist()
+    [0.25, 0.81]
+    >>> network.predict_each([[0.5]]).shape, network.weights_.shape  # 4 + 4 + 4 + 1 parameters
+    ((2, 1), (2, 13))
     """
 
     def __init__(
@@ -98,6 +111,18 @@ class BackpropRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):  # typ
 
     def fit(self, X: ArrayLike, y: ArrayLike) -> Self:
         """Train on inputs (n, inputs) and targets (n,) or (n, outputs).
+
+        Parameters
+        ----------
+        X : array_like, (n, inputs)
+            Inputs.
+        y : array_like, (n,) or (n, outputs)
+            Targets.
+
+        Returns
+        -------
+        BackpropRegressor
+            Itself, fitted.
 
         Raises
         ------
@@ -135,6 +160,18 @@ class BackpropRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):  # typ
         ParameterError
             If there are not as many inputs as targets and numbers, or the data sets are not of one
             shape.
+
+        Examples
+        --------
+        One data set and its negative, with networks that begin alike:
+
+        >>> import numpy as np
+        >>> from inswsn_lib.learning import BackpropRegressor
+        >>> X = np.linspace(-1, 1, 21)[:, None]
+        >>> y = X[:, 0] ** 2
+        >>> up, down = BackpropRegressor(hidden=4).fit_many([X, X], [y, -y], numbers=[0, 0])
+        >>> [round(float(machine.predict([[0.9]])[0]), 2) for machine in (up, down)]
+        [0.81, -0.81]
         """
         self._check_parameters()
         numbers = range(len(Xs)) if numbers is None else numbers
@@ -192,7 +229,17 @@ class BackpropRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):  # typ
         self.steps_: NDArray[np.int64] = steps
 
     def predict_each(self, X: ArrayLike) -> Array:
-        """Return the prediction of every network, (networks, n) or (networks, n, outputs)."""
+        """Return the prediction of every network, (networks, n) or (networks, n, outputs).
+
+        Parameters
+        ----------
+        X : array_like, (n, inputs)
+            Inputs.
+
+        Returns
+        -------
+        ndarray, (networks, n) or (networks, n, outputs)
+        """
         check_is_fitted(self)
         inputs = validate_data(self, X, reset=False, dtype=np.float64)
         with _one_thread():
@@ -202,7 +249,17 @@ class BackpropRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):  # typ
         return out[:, :, 0] if self._flat else out
 
     def predict(self, X: ArrayLike) -> Array:
-        """Return the mean prediction of the networks, (n,) or (n, outputs)."""
+        """Return the mean prediction of the networks, (n,) or (n, outputs).
+
+        Parameters
+        ----------
+        X : array_like, (n, inputs)
+            Inputs.
+
+        Returns
+        -------
+        ndarray, (n,) or (n, outputs)
+        """
         return np.asarray(self.predict_each(X).mean(axis=0))
 
     def _train(self, work: _Work, start: torch.Tensor) -> tuple[torch.Tensor, NDArray[np.int64]]:

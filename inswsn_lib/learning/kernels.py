@@ -22,6 +22,32 @@ def kernel_matrix(X: Array, Z: Array, kernel: Kernel, sigma: float, degree: int)
         \exp(-|x - z|^2 / 2\sigma^2), \qquad x'z, \qquad (1 + x'z/\sigma^2)^d
 
     for the radial (P1 3.9), the linear and the polynomial kernel.
+
+    Parameters
+    ----------
+    X, Z : ndarray, (rows, inputs)
+        Inputs.
+    kernel : {"rbf", "linear", "polynomial"}
+    sigma : float
+        Kernel width; the linear kernel has none.
+    degree : int
+        d, of the polynomial kernel.
+
+    Returns
+    -------
+    ndarray, (len(X), len(Z))
+
+    Examples
+    --------
+    The radial kernel has fallen to one half at :math:`\sqrt{2 \ln 2}` widths:
+
+    >>> import numpy as np
+    >>> from inswsn_lib.learning.kernels import kernel_matrix
+    >>> X, Z = np.array([[0.0]]), np.array([[0.0], [2.0 * np.sqrt(2 * np.log(2))]])
+    >>> kernel_matrix(X, Z, "rbf", 2.0, 1).round(6).tolist()
+    [[1.0, 0.5]]
+    >>> kernel_matrix(np.array([[1.0, 2.0]]), np.array([[3.0, 4.0]]), "linear", 1.0, 1).tolist()
+    [[11.0]]
     """
     if kernel == "rbf":
         K = cdist(X, Z, "sqeuclidean")

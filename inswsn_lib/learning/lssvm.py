@@ -55,6 +55,31 @@ class LSSVMRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):  # type: 
         b.
     X_fit_ : ndarray, (n, inputs)
         The training inputs.
+
+    Examples
+    --------
+    A kernel far wider than the data makes a straight line, a narrow one falls back to the bias b
+    away from them:
+
+    >>> import numpy as np
+    >>> from inswsn_lib.learning import LSSVMRegressor
+    >>> X = np.arange(6.0)[:, None]
+    >>> wide = LSSVMRegressor(sigma=1000.0, eta=1e9).fit(X, 2 * X[:, 0] + 1)
+    >>> print(f"{wide.predict([[10.0]])[0]:.1f}")
+    21.0
+    >>> narrow = LSSVMRegressor(sigma=0.1, eta=1e8).fit(X, 2 * X[:, 0] + 1)
+    >>> print(f"{narrow.predict([[10.0]])[0]:.2f} {narrow.bias_:.2f}")
+    6.00 6.00
+
+    By the optimality conditions the multipliers are :math:`\eta` times the errors, and add up to
+    nothing:
+
+    >>> y = np.array([0.0, 1.0, 0.0, 1.0, 0.0, 1.0])
+    >>> machine = LSSVMRegressor(sigma=1.0, eta=2.0).fit(X, y)
+    >>> bool(np.allclose(machine.alpha_, 2.0 * (y - machine.predict(X))))
+    True
+    >>> bool(abs(machine.alpha_.sum()) < 1e-12)
+    True
     """
 
     def __init__(
@@ -67,6 +92,18 @@ class LSSVMRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):  # type: 
 
     def fit(self, X: ArrayLike, y: ArrayLike) -> Self:
         """Fit the machine to inputs (n, inputs) and targets (n,) or (n, outputs).
+
+        Parameters
+        ----------
+        X : array_like, (n, inputs)
+            Inputs.
+        y : array_like, (n,) or (n, outputs)
+            Targets.
+
+        Returns
+        -------
+        LSSVMRegressor
+            Itself, fitted.
 
         Raises
         ------
@@ -101,7 +138,17 @@ class LSSVMRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):  # type: 
         return self
 
     def predict(self, X: ArrayLike) -> Array:
-        """Return the predictions for inputs (n, inputs): (n,) or (n, outputs)."""
+        """Return the predictions for inputs (n, inputs): (n,) or (n, outputs).
+
+        Parameters
+        ----------
+        X : array_like, (n, inputs)
+            Inputs.
+
+        Returns
+        -------
+        ndarray, (n,) or (n, outputs)
+        """
         check_is_fitted(self)
         inputs = validate_data(self, X, reset=False, dtype=np.float64)
         K = kernel_matrix(inputs, self.X_fit_, self.kernel, self.sigma, self.degree)

@@ -46,6 +46,20 @@ class RBFNetworkRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):  # t
     bias_ : float or ndarray, (outputs,)
     errors_ : ndarray, (neurons + 1,)
         Mean squared error with none, one, two ... neurons.
+
+    Examples
+    --------
+    A bump of one neuron's shape takes one neuron, in its middle and as high as it is:
+
+    >>> import numpy as np
+    >>> from inswsn_lib.learning import RBFNetworkRegressor
+    >>> X = np.arange(-3.0, 4.0)[:, None]
+    >>> bump = 5 * 0.5 ** X[:, 0] ** 2  # one half of 5 at the spread, 1
+    >>> network = RBFNetworkRegressor(spread=1.0, goal=1e-12).fit(X, bump)
+    >>> network.centres_.tolist(), network.weights_.round(6).tolist()
+    ([[0.0]], [5.0])
+    >>> print(f"{network.predict([[0.5]])[0] / 5:.4f} {0.5**0.25:.4f}")
+    0.8409 0.8409
     """
 
     def __init__(
@@ -57,6 +71,18 @@ class RBFNetworkRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):  # t
 
     def fit(self, X: ArrayLike, y: ArrayLike) -> Self:
         """Grow the network on inputs (n, inputs) and targets (n,) or (n, outputs).
+
+        Parameters
+        ----------
+        X : array_like, (n, inputs)
+            Inputs.
+        y : array_like, (n,) or (n, outputs)
+            Targets.
+
+        Returns
+        -------
+        RBFNetworkRegressor
+            Itself, fitted.
 
         Raises
         ------
@@ -77,7 +103,17 @@ class RBFNetworkRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):  # t
         return self
 
     def predict(self, X: ArrayLike) -> Array:
-        """Return the predictions for inputs (n, inputs): (n,) or (n, outputs)."""
+        """Return the predictions for inputs (n, inputs): (n,) or (n, outputs).
+
+        Parameters
+        ----------
+        X : array_like, (n, inputs)
+            Inputs.
+
+        Returns
+        -------
+        ndarray, (n,) or (n, outputs)
+        """
         check_is_fitted(self)
         inputs = validate_data(self, X, reset=False, dtype=np.float64)
         return np.asarray(self._neurons(inputs, self.centres_) @ self.weights_ + self.bias_)

@@ -19,6 +19,19 @@ class Scale:
     Attributes
     ----------
     middle, size : ndarray, (columns,) or (columns, runs)
+
+    Examples
+    --------
+    Columns of very different size come to [-1, 1] and back; one that does not vary is only moved.
+
+    >>> import numpy as np
+    >>> from inswsn_lib.learning.scaling import Scale
+    >>> values = np.array([[0.0, 1000.0, 7.0], [1.0, 2000.0, 7.0], [2.0, 3000.0, 7.0]])
+    >>> scale = Scale.of(values, "range")
+    >>> scale.there(values).tolist()
+    [[-1.0, -1.0, 0.0], [0.0, 0.0, 0.0], [1.0, 1.0, 0.0]]
+    >>> bool((scale.back(scale.there(values)) == values).all())
+    True
     """
 
     middle: Array
@@ -26,7 +39,19 @@ class Scale:
 
     @classmethod
     def of(cls, values: Array, scaling: Scaling) -> Scale:
-        """Return the map of values, (rows, columns) or (rows, columns, runs), to a scaling."""
+        """Return the map of values, (rows, columns) or (rows, columns, runs), to a scaling.
+
+        Parameters
+        ----------
+        values : ndarray, (rows, columns) or (rows, columns, runs)
+            Each run has a map of its own.
+        scaling : {"none", "range", "standard"}
+            Nothing; to [-1, 1]; to mean 0 and deviation 1.
+
+        Returns
+        -------
+        Scale
+        """
         if scaling == "none":
             return cls(np.zeros(values.shape[1:]), np.ones(values.shape[1:]))
         low, high = values.min(axis=0), values.max(axis=0)

@@ -36,6 +36,19 @@ class SelectedLSSVM(MultiOutputMixin, RegressorMixin, BaseEstimator):  # type: i
         The scores of all pairs.
     machine_ : LSSVMRegressor
         What was trained.
+
+    Examples
+    --------
+    It finds by itself that a smooth curve wants a wide kernel and little regularisation:
+
+    >>> import numpy as np
+    >>> from inswsn_lib.learning import SelectedLSSVM
+    >>> X = np.linspace(0, 6, 25)[:, None]
+    >>> machine = SelectedLSSVM(sigmas=(0.05, 1.0), etas=(0.1, 1000.0)).fit(X, np.sin(X[:, 0]))
+    >>> machine.selection_.sigma, machine.selection_.eta
+    (1.0, 1000.0)
+    >>> bool(abs(machine.predict([[1.6]])[0] - np.sin(1.6)) < 0.01)
+    True
     """
 
     def __init__(self, sigmas: tuple[float, ...] = SIGMAS, etas: tuple[float, ...] = ETAS) -> None:
@@ -44,6 +57,18 @@ class SelectedLSSVM(MultiOutputMixin, RegressorMixin, BaseEstimator):  # type: i
 
     def fit(self, X: ArrayLike, y: ArrayLike) -> Self:
         """Choose and fit, on inputs (n, inputs) and targets (n,) or (n, outputs).
+
+        Parameters
+        ----------
+        X : array_like, (n, inputs)
+            Inputs.
+        y : array_like, (n,) or (n, outputs)
+            Targets.
+
+        Returns
+        -------
+        SelectedLSSVM
+            Itself, fitted.
 
         Raises
         ------
@@ -59,7 +84,17 @@ class SelectedLSSVM(MultiOutputMixin, RegressorMixin, BaseEstimator):  # type: i
         return self
 
     def predict(self, X: ArrayLike) -> Array:
-        """Return the predictions for inputs (n, inputs): (n,) or (n, outputs)."""
+        """Return the predictions for inputs (n, inputs): (n,) or (n, outputs).
+
+        Parameters
+        ----------
+        X : array_like, (n, inputs)
+            Inputs.
+
+        Returns
+        -------
+        ndarray, (n,) or (n, outputs)
+        """
         check_is_fitted(self)
         return self.machine_.predict(validate_data(self, X, reset=False, dtype=np.float64))
 
@@ -70,16 +105,53 @@ class HoldRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):  # type: i
     Attributes
     ----------
     last_ : float or ndarray, (outputs,)
+
+    Examples
+    --------
+    The least that a method has to beat:
+
+    >>> from inswsn_lib.learning import HoldRegressor
+    >>> held = HoldRegressor().fit([[0.0], [1.0], [2.0]], [[5.0, 0.0], [6.0, 0.0], [7.0, 1.0]])
+    >>> held.predict([[3.0], [100.0]]).tolist()
+    [[7.0, 1.0], [7.0, 1.0]]
     """
 
     def fit(self, X: ArrayLike, y: ArrayLike) -> Self:
-        """Keep the last of the targets (n,) or (n, outputs)."""
+        """Keep the last of the targets (n,) or (n, outputs).
+
+        Parameters
+        ----------
+        X : array_like, (n, inputs)
+            Inputs; only how many there are of them matters.
+        y : array_like, (n,) or (n, outputs)
+            Targets.
+
+        Returns
+        -------
+        HoldRegressor
+            Itself, fitted.
+
+        Raises
+        ------
+        ValueError
+            If the data are not such arrays, or not finite.
+        """
         _, y = validate_data(self, X, y, multi_output=True, y_numeric=True, dtype=np.float64)
         self.last_: Any = np.array(y, dtype=np.float64)[-1]
         return self
 
     def predict(self, X: ArrayLike) -> Array:
-        """Return it for every row of inputs: (n,) or (n, outputs)."""
+        """Return it for every row of inputs: (n,) or (n, outputs).
+
+        Parameters
+        ----------
+        X : array_like, (n, inputs)
+            Inputs.
+
+        Returns
+        -------
+        ndarray, (n,) or (n, outputs)
+        """
         check_is_fitted(self)
         rows = len(validate_data(self, X, reset=False, dtype=np.float64))
         return np.repeat(np.asarray(self.last_)[None], rows, axis=0)

@@ -33,6 +33,17 @@ class Selection:
         The pair with the least error; of equals the first.
     trials : int
         How many pairs were tried.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from inswsn_lib.learning import select_lssvm
+    >>> X = np.linspace(0, 6, 25)[:, None]
+    >>> found = select_lssvm(X, np.sin(X), sigmas=[0.05, 1.0, 50.0], etas=[1.0, 100.0])
+    >>> found.errors.shape, found.by_output.shape, found.trials
+    ((3, 2), (3, 2, 1), 6)
+    >>> found.sigma, found.eta, bool(found.errors.min() == found.errors[1, 1])
+    (1.0, 100.0, True)
     """
 
     sigmas: Array
@@ -82,6 +93,11 @@ def select_lssvm(
     kernel, degree
         As for `LSSVMRegressor`.
 
+    Returns
+    -------
+    Selection
+        All scores, and the pair with the least.
+
     Raises
     ------
     ParameterError
@@ -89,6 +105,22 @@ def select_lssvm(
         to score.
     ValueError
         If the data are not such arrays, or not finite.
+
+    Examples
+    --------
+    Points of a sine are told from their neighbours by a kernel as wide as its bends, not by one
+    narrower than their distance; P1's way of scoring, on the samples after the first ones, needs
+    extrapolation, at which all are bad:
+
+    >>> import numpy as np
+    >>> from inswsn_lib.learning import select_lssvm
+    >>> X = np.linspace(0, 6, 25)[:, None]
+    >>> y = np.sin(X[:, 0])
+    >>> left_out = select_lssvm(X, y, sigmas=[0.05, 1.0], etas=[100.0])
+    >>> left_out.sigma, bool(left_out.errors.min() < 0.05)
+    (1.0, True)
+    >>> bool(select_lssvm(X, y, [0.05, 1.0], [100.0], trained_on=12).errors.min() > 0.3)
+    True
     """
     inputs, y = check_X_y(X, y, multi_output=True, y_numeric=True, dtype=np.float64)
     targets = np.asarray(y, dtype=np.float64).reshape(len(inputs), -1)
@@ -134,6 +166,24 @@ def leave_one_out(
         Regularisations.
     kernel, degree
         As for `LSSVMRegressor`.
+
+    Returns
+    -------
+    ndarray, (etas, n, outputs)
+        Target less prediction of the machine that was trained on all other samples.
+
+    Examples
+    --------
+    It is what training without the sample gives, for the price of one decomposition:
+
+    >>> import numpy as np
+    >>> from inswsn_lib.learning import LSSVMRegressor, leave_one_out
+    >>> X = np.linspace(0, 6, 9)[:, None]
+    >>> y = np.sin(X)
+    >>> residuals = leave_one_out(X, y, 1.0, np.array([10.0]))
+    >>> others = LSSVMRegressor(sigma=1.0, eta=10.0).fit(X[1:], y[1:, 0])
+    >>> bool(np.isclose(residuals[0, 0, 0], y[0, 0] - others.predict(X[:1])[0]))
+    True
     """
     values, V = eigh(kernel_matrix(X, X, kernel, sigma, degree), check_finite=False)
     d = 1 / (np.maximum(values, 0)[:, None] + 1 / etas)  # (n, etas)

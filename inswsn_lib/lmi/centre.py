@@ -50,6 +50,16 @@ def central_gain(model: ErrorModel, level: float, form: Form = "exact") -> Array
         not find it.
     ParameterError
         If the level is not positive and at most 1e100, or there is no such form.
+
+    Examples
+    --------
+    Without measurement noise the gain is the deadbeat one, at whatever level:
+
+    >>> from inswsn_lib.lmi import central_gain
+    >>> from inswsn_lib.models import ErrorModel
+    >>> model = ErrorModel(A=[[1]], B=[[1]], C=[[1]], D=[[0]], L=[[1]], E=[[0]], period=1.0)
+    >>> print(f"{central_gain(model, level=2.0).item():.3f}")
+    1.000
     """
     if form not in ("exact", "printed"):
         raise ParameterError("form", form, 'one of "exact", "printed"')

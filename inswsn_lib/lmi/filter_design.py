@@ -38,7 +38,23 @@ _LARGEST = 1e9  # margin; far above it the least bound is lost in rounding
 
 
 class InfeasibleDesignError(InswsnError):
-    """No filter satisfies the inequality, or none could be certified; the message says which."""
+    """No filter satisfies the inequality, or none could be certified; the message says which.
+
+    Examples
+    --------
+    A filter that takes nothing from the measurements cannot follow a random walk:
+
+    >>> import numpy as np
+    >>> from inswsn_lib.lmi import InfeasibleDesignError, certify
+    >>> from inswsn_lib.models import ErrorModel
+    >>> model = ErrorModel(A=[[1]], B=[[1]], C=[[1]], D=[[1]], L=[[1]], E=[[0]], period=1.0)
+    >>> P, gain = np.array([[1.1]]), np.array([[0.0]])
+    >>> try:
+    ...     certify(model, P, gain, level=2.0, form="exact")
+    ... except InfeasibleDesignError as error:
+    ...     print(str(error).partition(":")[0])
+    The design does not pass its certificate
+    """
 
 
 @dataclass(frozen=True)
@@ -57,6 +73,16 @@ class Certificate:
     stochastic : bool
         Whether a gain below the design level is confirmed with the jitter as (2.11) has it: by the
         Riccati iteration, or by the norm if there is no jitter.
+
+    Examples
+    --------
+    >>> from inswsn_lib.lmi import design_filter
+    >>> from inswsn_lib.models import ErrorModel
+    >>> model = ErrorModel(A=[[1]], B=[[1]], C=[[1]], D=[[1]], L=[[1]], E=[[0]], period=1.0)
+    >>> design = design_filter(model)
+    >>> certificate = design.certificate
+    >>> certificate.norm <= design.level * (1 + 1e-6), certificate.stochastic
+    (True, True)
     """
 
     largest_eigenvalue: float
@@ -92,6 +118,15 @@ class FilterDesign:
         since A_f would have to contain E times a number that nobody knows.
     status : str
         What the solver said.
+
+    Examples
+    --------
+    >>> from inswsn_lib.lmi import design_filter
+    >>> from inswsn_lib.models import ErrorModel
+    >>> model = ErrorModel(A=[[1]], B=[[1]], C=[[1]], D=[[1]], L=[[1]], E=[[0]], period=1.0)
+    >>> design = design_filter(model, margin=0.05)
+    >>> print(f"{design.gamma:.3f} {design.level:.3f} {design.gain.item():.2f} {design.buildable}")
+    1.414 1.485 0.94 True
     """
 
     model: ErrorModel
@@ -129,6 +164,26 @@ def inequality(model: ErrorModel, P: Any, Q: Any, squared: Any, form: Form) -> l
         The bound squared.
     form : {"exact", "printed"}
         Which inequality.
+
+    Returns
+    -------
+    list of lists of arrays or cvxpy expressions
+        The rows of blocks, for ``numpy.block`` or ``cvxpy.bmat``.
+
+    Examples
+    --------
+    P1 (2.15) as printed has one block row more than the bounded real lemma:
+
+    >>> import numpy as np
+    >>> from inswsn_lib.lmi import inequality, negative_definite
+    >>> from inswsn_lib.models import ErrorModel
+    >>> model = ErrorModel(A=[[1]], B=[[1]], C=[[1]], D=[[1]], L=[[1]], E=[[0]], period=1.0)
+    >>> P, Q = np.array([[1.1]]), np.array([[1.1]])  # the gain Q / P is 1
+    >>> for form in ("exact", "printed"):
+    ...     matrix = np.block(inequality(model, P, Q, 1.6**2, form))
+    ...     print(matrix.shape, negative_definite(matrix))
+    (5, 5) True
+    (6, 6) True
     """
     return _blocks(
         model.A, model.B, model.C, model.D, model.L.T @ model.L, model.E, P, Q, squared, form
@@ -205,6 +260,21 @@ def design_filter(
     ParameterError
         If there is no such form or solver, the margin is not positive and at most 1e9, or B or L is
         zero.
+
+    Examples
+    --------
+    The least worst case of a random walk with noises of unit size is :math:`\sqrt 2`, at the gain
+    1. A large margin leaves the Kalman predictor, whose gain is one over the golden ratio:
+
+    >>> from inswsn_lib.lmi import design_filter
+    >>> from inswsn_lib.models import ErrorModel
+    >>> model = ErrorModel(A=[[1]], B=[[1]], C=[[1]], D=[[1]], L=[[1]], E=[[0]], period=1.0)
+    >>> for margin in (0.0001, 0.01, 1000.0):
+    ...     design = design_filter(model, margin=margin)
+    ...     print(f"{design.gamma:.3f} {design.gain.item():.2f}")
+    1.414 1.00
+    1.414 0.99
+    1.414 0.62
     """
     if not 0 < margin <= _LARGEST:
         raise ParameterError("margin", margin, f"positive, at most {_LARGEST:g}")
@@ -282,6 +352,15 @@ def minimise_gamma(
         If no solution is found.
     ParameterError
         If there is no such form or solver.
+
+    Examples
+    --------
+    >>> from inswsn_lib.lmi import minimise_gamma
+    >>> from inswsn_lib.models import ErrorModel
+    >>> model = ErrorModel(A=[[1]], B=[[1]], C=[[1]], D=[[1]], L=[[1]], E=[[0]], period=1.0)
+    >>> gamma, gain = minimise_gamma(model)
+    >>> print(f"{gamma:.3f} {gain.item():.2f}")
+    1.414 1.00
     """
     gamma, _, P, Q = _checked_problems(model, form, solver).smallest_gamma(model)
     return gamma, np.asarray(np.linalg.solve(P, Q))
@@ -303,6 +382,11 @@ def certify(model: ErrorModel, P: Array, gain: Array, level: float, form: Form) 
     form : {"exact", "printed"}
         The inequality.
 
+    Returns
+    -------
+    Certificate
+        Of a gain that has passed all checks.
+
     Raises
     ------
     InfeasibleDesignError
@@ -311,6 +395,19 @@ def certify(model: ErrorModel, P: Array, gain: Array, level: float, form: Form) 
         Riccati iteration, is not below the level.
     ParameterError
         If P or the gain has another shape or is not finite, or the level is not positive.
+
+    Examples
+    --------
+    With the gain 1 a random walk's error is :math:`e^+ = w - v`, and P need only be above 1:
+
+    >>> import numpy as np
+    >>> from inswsn_lib.lmi import certify
+    >>> from inswsn_lib.models import ErrorModel
+    >>> model = ErrorModel(A=[[1]], B=[[1]], C=[[1]], D=[[1]], L=[[1]], E=[[0]], period=1.0)
+    >>> P, gain = np.array([[1.1]]), np.array([[1.0]])
+    >>> certificate = certify(model, P, gain, level=1.6, form="exact")
+    >>> print(f"{certificate.norm:.4f}", certificate.largest_eigenvalue < 0)
+    1.4142 True
     """
     n, m = len(model.A), len(model.C)
     for name, matrix, shape in (("P", P, (n, n)), ("gain", gain, (n, m))):

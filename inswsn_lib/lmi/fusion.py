@@ -71,6 +71,16 @@ class FusionCertificate:
         The largest entry of the sum of the weights less the identity.
     norm : float
         H-infinity norm of the fused error with these weights, from its frequency response.
+
+    Examples
+    --------
+    >>> from inswsn_lib.lmi import design_filter, design_fusion
+    >>> from inswsn_lib.models import ErrorModel
+    >>> model = ErrorModel(A=[[1]], B=[[1]], C=[[1]], D=[[1]], L=[[1]], E=[[0]], period=1.0)
+    >>> fusion = design_fusion([design_filter(model)] * 2)
+    >>> certificate = fusion.certificate
+    >>> certificate.norm <= fusion.level * (1 + 1e-6), certificate.weights_sum_error < 1e-9
+    (True, True)
     """
 
     largest_eigenvalue: float
@@ -102,6 +112,15 @@ class FusionDesign:
         See there.
     status : str
         What the solver said: "Solved", or "AlmostSolved" if it did not reach its full accuracy.
+
+    Examples
+    --------
+    >>> from inswsn_lib.lmi import design_filter, design_fusion
+    >>> from inswsn_lib.models import ErrorModel
+    >>> model = ErrorModel(A=[[1]], B=[[1]], C=[[1]], D=[[1]], L=[[1]], E=[[0]], period=1.0)
+    >>> fusion = design_fusion([design_filter(model)] * 2, structure="block")
+    >>> fusion.weights.shape, fusion.P.shape, fusion.structure
+    ((2, 1, 1), (2, 1, 1), 'block')
     """
 
     designs: tuple[FilterDesign, ...]
@@ -251,6 +270,19 @@ def design_fusion(
     ParameterError
         If the designs are none, differ in A, B or L, or have a jitter; if there is no such noise or
         structure; or the margin is not positive and at most 1e9.
+
+    Examples
+    --------
+    Two clusters with the gain 1 and noises of unit size: half of each leaves the common process
+    noise and half of the variance of the measurements, so that :math:`\gamma = \sqrt{3/2}`:
+
+    >>> from inswsn_lib.lmi import design_filter, design_fusion
+    >>> from inswsn_lib.models import ErrorModel
+    >>> model = ErrorModel(A=[[1]], B=[[1]], C=[[1]], D=[[1]], L=[[1]], E=[[0]], period=1.0)
+    >>> designs = [design_filter(model, margin=1e-4)] * 2
+    >>> fusion = design_fusion(designs)
+    >>> print(f"{fusion.gamma:.3f}", [f"{weight:.2f}" for weight in fusion.weights.ravel()])
+    1.225 ['0.50', '0.50']
     """
     local = _checked_designs(designs)
     check_options(noise, structure, margin)
@@ -332,6 +364,18 @@ def fusion_system(
     ParameterError
         If the designs do not fit together, there is no such noise, or the weights have another
         shape or are not finite.
+
+    Examples
+    --------
+    >>> from inswsn_lib.lmi import design_filter, fusion_system
+    >>> from inswsn_lib.models import ErrorModel
+    >>> model = ErrorModel(A=[[1]], B=[[1]], C=[[1]], D=[[1]], L=[[1]], E=[[0]], period=1.0)
+    >>> designs = [design_filter(model)] * 2
+    >>> A, K, L = fusion_system(designs, [[[0.25]], [[0.75]]])
+    >>> A.shape, K.shape  # the noises are w, xi_1 and xi_2
+    ((2, 2), (2, 3))
+    >>> L.tolist()
+    [[0.25, 0.75]]
     """
     local = _checked_designs(designs)
     _checked_noise(noise)
@@ -364,6 +408,19 @@ def fusion_gain(
     ------
     ParameterError
         As `fusion_system`.
+
+    Examples
+    --------
+    The worst case of one cluster alone, and of the mean of two:
+
+    >>> from inswsn_lib.lmi import design_filter, fusion_gain
+    >>> from inswsn_lib.models import ErrorModel
+    >>> model = ErrorModel(A=[[1]], B=[[1]], C=[[1]], D=[[1]], L=[[1]], E=[[0]], period=1.0)
+    >>> designs = [design_filter(model, margin=1e-4)] * 2
+    >>> print(f"{fusion_gain(designs, [[[1.0]], [[0.0]]]):.3f}")
+    1.414
+    >>> print(f"{fusion_gain(designs, [[[0.5]], [[0.5]]]):.3f}")
+    1.225
     """
     local = _checked_designs(designs)
     if len(local) * len(local[0].A_f) <= _LARGEST_STACK:
@@ -403,6 +460,20 @@ def tied_level(designs: Sequence[FilterDesign], noise: Noise = "independent") ->
         If there is no such level, which certified designs rule out.
     ParameterError
         If the designs do not fit together, or there is no such noise.
+
+    Examples
+    --------
+    Tied to the local solutions, the fusion of two clusters promises no more than each has alone,
+    :math:`\sqrt 2`. With P free the level of two with noises of their own is 1:
+
+    >>> from inswsn_lib.lmi import design_filter, design_fusion, tied_level
+    >>> from inswsn_lib.models import ErrorModel
+    >>> model = ErrorModel(A=[[1]], B=[[1]], C=[[1]], D=[[1]], L=[[1]], E=[[0]], period=1.0)
+    >>> designs = [design_filter(model, margin=1e-4)] * 2
+    >>> print(f"{tied_level(designs):.2f}")
+    1.41
+    >>> print(f"{design_fusion(designs, noise='independent').gamma:.2f}")
+    1.00
     """
     local = _checked_designs(designs)
     _checked_noise(noise)

@@ -41,6 +41,17 @@ class WorstCase:
         s_0, of unit length.
     feedback : ndarray, (steps - 1, p, n)
         :math:`s_k = F_k x_k` for k = 1, 2, ...
+
+    Examples
+    --------
+    From a disturbance of one, the feedback makes the second: their ratio is the one of the right
+    singular vector of the map of two steps, the golden ratio less 1:
+
+    >>> from inswsn_lib.lmi import worst_disturbance
+    >>> one, zero = [[1.0]], [[0.0]]
+    >>> worst = worst_disturbance(one, zero, one, one, steps=2)
+    >>> print(f"{worst.gain:.4f}, {worst.feedback.item():.4f}")
+    1.6180, 0.6180
     """
 
     gain: float
@@ -80,10 +91,27 @@ def finite_horizon_gain(
     relative : float
         Relative accuracy.
 
+    Returns
+    -------
+    float
+        The gain, from above.
+
     Raises
     ------
     ParameterError
         If a shape does not fit, an entry is not finite, or there is no step.
+
+    Examples
+    --------
+    A sum of disturbances, over one step and over two. Over two the map is [[1, 0], [1, 1]], whose
+    norm is the golden ratio:
+
+    >>> from inswsn_lib.lmi import finite_horizon_gain
+    >>> one, zero = [[1.0]], [[0.0]]
+    >>> for steps in (1, 2):
+    ...     print(f"{finite_horizon_gain(one, zero, one, one, steps):.4f}")
+    1.0000
+    1.6180
     """
     A, B, L = checked_system(A, B, L)
     E = multipliers(E, len(A))
@@ -123,10 +151,26 @@ def enumerated_gain(A: ArrayLike, E: ArrayLike, B: ArrayLike, L: ArrayLike, step
     steps : int
         N, from 1 to 8: the map has about :math:`2^N p` columns.
 
+    Returns
+    -------
+    float
+        The gain, the root of a quotient of energies.
+
     Raises
     ------
     ParameterError
         If a shape does not fit, or the number of steps is not in that range.
+
+    Examples
+    --------
+    The recursion and the enumeration agree:
+
+    >>> from inswsn_lib.lmi import enumerated_gain, finite_horizon_gain
+    >>> one, half = [[1.0]], [[0.5]]
+    >>> for gain in (enumerated_gain, finite_horizon_gain):
+    ...     print(f"{gain(one, half, one, one, 6):.6f}")
+    5.116001
+    5.116001
     """
     A, B, L = checked_system(A, B, L)
     stack = multipliers(E, len(A))
@@ -166,10 +210,29 @@ def worst_disturbance(
     steps : int
         N, 1 or more.
 
+    Returns
+    -------
+    WorstCase
+        The gain, and the disturbance that attains it.
+
     Raises
     ------
     ParameterError
         As `finite_horizon_gain`.
+
+    Examples
+    --------
+    Played back, the disturbance attains the gain:
+
+    >>> import numpy as np
+    >>> from inswsn_lib.lmi import worst_disturbance
+    >>> worst = worst_disturbance([[1.0]], [[0.0]], [[1.0]], [[1.0]], steps=2)
+    >>> s0 = worst.first.item()
+    >>> x1 = s0
+    >>> s1 = worst.feedback.item() * x1
+    >>> x2 = x1 + s1
+    >>> print(f"{np.hypot(x1, x2) / np.hypot(s0, s1):.4f}, {worst.gain:.4f}")
+    1.6180, 1.6180
     """
     gain = finite_horizon_gain(A, E, B, L, steps)
     A, B, L = checked_system(A, B, L)
@@ -237,6 +300,19 @@ def buildable_system(model: ErrorModel, gain: ArrayLike) -> tuple[Array, Array, 
     ------
     ParameterError
         If the gain has another shape, or an entry that is not finite.
+
+    Examples
+    --------
+    The jitter of :math:`\beta E` drives the error through the state, in the right half of E:
+
+    >>> from inswsn_lib.lmi import buildable_system
+    >>> from inswsn_lib.models import ErrorModel
+    >>> model = ErrorModel(A=[[0.9]], B=[[1]], C=[[1]], D=[[1]], L=[[1]], E=[[0.1]], period=1.0)
+    >>> A, E, B, L = buildable_system(model, [[0.5]])
+    >>> A.round(3).tolist()
+    [[0.4, 0.0], [0.0, 0.9]]
+    >>> E.tolist()
+    [[0.0, 0.1], [0.0, 0.1]]
     """
     B_f, n = matrix_of("gain", gain), len(model.A)
     if B_f.shape != (n, len(model.C)):

@@ -41,6 +41,17 @@ def printed_steps(
     ------
     ParameterError
         If a shape does not fit, an entry is not finite, or P is not symmetric.
+
+    Examples
+    --------
+    A system without jitter, A = 1/2 and B = L = 1, whose norm is 2. P = 2 and the level 3 satisfy
+    (2.18), and do not satisfy (2.19), which P1 says is equivalent:
+
+    >>> from inswsn_lib.lmi import negative_definite, printed_steps
+    >>> one = [[1.0]]
+    >>> steps = printed_steps([[0.5]], one, [[0.0]], one, P=[[2.0]], gamma=3.0)
+    >>> {name: negative_definite(matrix) for name, matrix in steps.items()}
+    {'2.16': True, '2.18': True, '2.19': False, '2.20': False, '2.21': False}
     """
     A, B, L = checked_system(A, B, L)
     E, P = (np.asarray(matrix, dtype=float) for matrix in (E, P))
@@ -77,5 +88,21 @@ def printed_steps(
 
 
 def negative_definite(matrix: ArrayLike) -> bool:
-    """Tell whether a symmetric matrix is negative definite, by its largest eigenvalue."""
+    """Tell whether a symmetric matrix is negative definite, by its largest eigenvalue.
+
+    Parameters
+    ----------
+    matrix : array_like, (n, n)
+        A symmetric matrix; only its lower triangle is read.
+
+    Returns
+    -------
+    bool
+
+    Examples
+    --------
+    >>> from inswsn_lib.lmi import negative_definite
+    >>> negative_definite([[-2.0, 1.0], [1.0, -2.0]]), negative_definite([[-1.0, 2.0], [2.0, -1.0]])
+    (True, False)
+    """
     return bool(np.linalg.eigvalsh(np.asarray(matrix, dtype=float)).max() < 0)

@@ -50,6 +50,22 @@ def riccati_filter(model: ErrorModel, gamma: float) -> Array | None:
     ParameterError
         If the model has a jitter, D has not full row rank, a mode on the unit circle has no
         process noise, or gamma is not positive and at most 1e100.
+
+    Examples
+    --------
+    No predictor of a random walk, with noises of unit size, has a gain below :math:`\sqrt 2`. At a
+    large level the gain is that of the Kalman predictor, one over the golden ratio:
+
+    >>> from inswsn_lib.lmi import riccati_filter
+    >>> from inswsn_lib.models import ErrorModel
+    >>> model = ErrorModel(A=[[1]], B=[[1]], C=[[1]], D=[[1]], L=[[1]], E=[[0]], period=1.0)
+    >>> riccati_filter(model, 1.41) is None
+    True
+    >>> for gamma in (1.42, 2.0, 1000.0):
+    ...     print(f"{riccati_filter(model, gamma).item():.4f}")
+    0.9946
+    0.7583
+    0.6180
     """
     _check(model)
     if not 0 < gamma <= _LARGEST:
@@ -73,7 +89,7 @@ def riccati_filter(model: ErrorModel, gamma: float) -> Array | None:
 
 
 def riccati_gamma(model: ErrorModel, relative: float = 1e-8) -> float:
-    """Return the least worst-case gain of a filter by bisection on `riccati_filter`.
+    r"""Return the least worst-case gain of a filter by bisection on `riccati_filter`.
 
     Parameters
     ----------
@@ -91,6 +107,19 @@ def riccati_gamma(model: ErrorModel, relative: float = 1e-8) -> float:
     ------
     ParameterError
         As `riccati_filter`.
+
+    Examples
+    --------
+    With a gain k up to a, the gain of :math:`e^+ = (a - k) e + w - k v` is
+    :math:`\sqrt{1 + k^2} / (1 - a + k)`, and its least value :math:`\sqrt{1 + a^2}`, at k = a:
+
+    >>> from inswsn_lib.lmi import riccati_gamma
+    >>> from inswsn_lib.models import ErrorModel
+    >>> for a in (1.0, 0.75):
+    ...     model = ErrorModel(A=[[a]], B=[[1]], C=[[1]], D=[[1]], L=[[1]], E=[[0]], period=1.0)
+    ...     print(f"{riccati_gamma(model):.4f}")
+    1.4142
+    1.2500
     """
     _check(model)
     checked_relative(relative)

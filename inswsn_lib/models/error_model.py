@@ -48,6 +48,26 @@ class ErrorModel:
     ------
     ParameterError
         If the period is not positive, an entry is not finite, or shapes do not fit together.
+
+    Examples
+    --------
+    A velocity error of 1 m/s becomes a position error of 1 m in a period of 1 s:
+
+    >>> import numpy as np
+    >>> from inswsn_lib.models import ErrorModel
+    >>> model = ErrorModel(
+    ...     A=np.array([[1.0, 1.0], [0.0, 1.0]]),
+    ...     B=np.eye(2),
+    ...     C=np.array([[1.0, 0.0]]),
+    ...     D=np.array([[2.0]]),
+    ...     L=np.eye(2),
+    ...     E=np.zeros((2, 2)),
+    ...     period=1.0,
+    ... )
+    >>> (model.A @ [0.0, 1.0]).tolist()
+    [1.0, 1.0]
+    >>> model.measurement_covariance.tolist()
+    [[4.0]]
     """
 
     A: Array
@@ -92,10 +112,20 @@ class ErrorModel:
         factor : float
             Above 0, at most 1.
 
+        Returns
+        -------
+        ErrorModel
+
         Raises
         ------
         ParameterError
             If it is not.
+
+        Examples
+        --------
+        >>> from inswsn_lib.models import ErrorModel
+        >>> ErrorModel.p1(period=1.0).contracted(0.5).A[0].tolist()
+        [0.5, 0.0, 0.5, 0.0]
         """
         if not 0 < factor <= 1:
             raise ParameterError("factor", factor, "above 0, at most 1")
@@ -114,10 +144,22 @@ class ErrorModel:
         measurement : array_like, (m, m)
             R, the covariance of the measurement noise.
 
+        Returns
+        -------
+        ErrorModel
+
         Raises
         ------
         ParameterError
             If one has another shape, or is not symmetric and positive semidefinite.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from inswsn_lib.models import ErrorModel
+        >>> model = ErrorModel.p1(period=1.0).with_covariances(4 * np.eye(4), 9 * np.eye(4))
+        >>> float(model.B[0, 0]), float(model.D[0, 0])
+        (2.0, 3.0)
         """
         B = _root("process", process, len(self.A))
         D = _root("measurement", measurement, len(self.C))
@@ -152,10 +194,26 @@ class ErrorModel:
         L : array_like, (l, 4), optional
             Default: the identity.
 
+        Returns
+        -------
+        ErrorModel
+            With n = m = p = q = 4.
+
         Raises
         ------
         ParameterError
             If the period is not positive, or another number is negative or not finite.
+
+        Examples
+        --------
+        The period enters A, and its jitter enters E in the same places:
+
+        >>> from inswsn_lib.models import ErrorModel
+        >>> model = ErrorModel.p1(period=0.5, jitter=0.01, measurement_noise=(2.0, 0.1))
+        >>> model.A[0].tolist(), model.E[0].tolist()
+        ([1.0, 0.0, 0.5, 0.0], [0.0, 0.0, 0.01, 0.0])
+        >>> model.D.diagonal().tolist()
+        [2.0, 2.0, 0.1, 0.1]
         """
         numbers: dict[str, tuple[float, ...]] = {
             "jitter": (jitter,),
@@ -194,10 +252,21 @@ class ErrorModel:
         period, process_noise, measurement_noise, L
             See `p1`.
 
+        Returns
+        -------
+        ErrorModel
+            With n = m = p = q = 4 and E = 0.
+
         Raises
         ------
         ParameterError
             As `p1`.
+
+        Examples
+        --------
+        >>> from inswsn_lib.models import ErrorModel
+        >>> bool(ErrorModel.p2(period=1.0).E.any())
+        False
         """
         return cls.p1(period, process_noise=process_noise, measurement_noise=measurement_noise, L=L)
 

@@ -30,6 +30,18 @@ class HybridRun:
         Whether the step was in predictor mode.
     fits : int
         How many times a regressor was trained.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from sklearn.linear_model import LinearRegression
+    >>> from inswsn_lib.navigation import HybridNavigator
+    >>> heard = np.where(np.arange(30) < 20, 1.0, np.nan).reshape(30, 1, 1)
+    >>> run = HybridNavigator(np.nan_to_num, LinearRegression()).run(
+    ...     heard, inputs=np.arange(30.0)[:, None]
+    ... )
+    >>> run.estimates.shape, int(run.predicting.sum()), run.fits
+    ((30, 1, 1), 10, 1)
     """
 
     estimates: Array
@@ -73,6 +85,29 @@ class HybridNavigator:
     patience : int
         Steps without measurement, after the last one, that are still the filter's: what a network
         that is slower than the INS leaves between fixes.
+
+    Raises
+    ------
+    ParameterError
+        If a number is not whole or too small, the filter is no function, or the regressor is not
+        one of scikit-learn.
+
+    Examples
+    --------
+    A drift of 0.5 m a step; the network is silent from step 20 on. The filter, here one that only
+    copies, has nothing to say then, and a linear fit of its estimates over time goes on:
+
+    >>> import numpy as np
+    >>> from sklearn.linear_model import LinearRegression
+    >>> from inswsn_lib.navigation import HybridNavigator
+    >>> steps = np.arange(30.0)
+    >>> measured = np.where(steps < 20, 0.5 * steps, np.nan)[:, None, None]  # (steps, 1, one run)
+    >>> navigator = HybridNavigator(np.nan_to_num, LinearRegression())
+    >>> run = navigator.run(measured, inputs=steps[:, None])
+    >>> run.estimates[[19, 20, 29], 0, 0].round(6).tolist()
+    [9.5, 10.0, 14.5]
+    >>> run.predicting[[19, 20, 29], 0].tolist()
+    [False, True, True]
     """
 
     def __init__(
@@ -122,6 +157,21 @@ class HybridNavigator:
             If a shape does not fit, an input is infinite, there is no input at all, the filter's
             estimates are not finite where it is to train, or the regressor cannot be trained, or
             predicts another shape or what is not finite.
+
+        Examples
+        --------
+        With feedback there need be no other input. The regressor learns each estimate from the one
+        before it, here that they grow by 0.5, and goes on from the last of the filter and then from
+        its own:
+
+        >>> import numpy as np
+        >>> from sklearn.linear_model import LinearRegression
+        >>> from inswsn_lib.navigation import HybridNavigator
+        >>> steps = np.arange(30.0)
+        >>> measured = np.where(steps < 20, 0.5 * steps, np.nan)[:, None, None]
+        >>> navigator = HybridNavigator(np.nan_to_num, LinearRegression(), feedback=True)
+        >>> navigator.run(measured).estimates[[19, 20, 29], 0, 0].round(6).tolist()
+        [9.5, 10.0, 14.5]
         """
         y = np.asarray(measurements, dtype=float)
         if y.ndim != 3:
@@ -239,6 +289,19 @@ def fit_many(
     ------
     ParameterError
         If a fit fails.
+
+    Examples
+    --------
+    The regressor that is given stays as it is:
+
+    >>> import numpy as np
+    >>> from sklearn.linear_model import LinearRegression
+    >>> from inswsn_lib.navigation import fit_many
+    >>> X = np.arange(5.0)[:, None]
+    >>> given = LinearRegression()
+    >>> machines = fit_many(given, [X, X], [2 * X, 3 * X])
+    >>> [round(machine.coef_.item(), 6) for machine in machines], hasattr(given, "coef_")
+    ([2.0, 3.0], False)
     """
     if hasattr(regressor, "fit_many"):
         return list(regressor.fit_many(Xs, ys, numbers))
@@ -273,6 +336,20 @@ def observable_inputs(time: ArrayLike, ins: ArrayLike) -> dict[str, Array]:
     ------
     ParameterError
         If a shape does not fit, or time does not increase.
+
+    Examples
+    --------
+    An INS that speeds up by 2 m/s^2 along x:
+
+    >>> import numpy as np
+    >>> from inswsn_lib.navigation import observable_inputs
+    >>> time = np.array([10.0, 10.5, 11.0])
+    >>> ins = np.stack([(time - 10) ** 2, 0 * time, 2 * (time - 10), 0 * time], axis=1)[:, :, None]
+    >>> inputs = observable_inputs(time, ins)
+    >>> {name: x.shape for name, x in inputs.items()}
+    {'time': (3, 1, 1), 'motion': (3, 4, 1), 'inertial': (3, 3, 1)}
+    >>> inputs["inertial"][:, :, 0].tolist()  # time, and the acceleration along x and y
+    [[0.0, nan, nan], [0.5, 2.0, 0.0], [1.0, 2.0, 0.0]]
     """
     t, x = np.asarray(time, dtype=float), np.asarray(ins, dtype=float)
     if x.ndim != 3 or x.shape[1] != 4 or len(x) < 2:

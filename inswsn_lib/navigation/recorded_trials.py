@@ -50,6 +50,19 @@ class RecordedTrials:
     mounting : ndarray, (2, outages, runs)
         Yaw and pitch of the car's forward axis in the IMU's axes, as estimated before each outage
         (rad).
+
+    Examples
+    --------
+    What ``studies/recorded_drive.py`` kept of the recorded drive:
+
+    >>> from inswsn_lib.checkout import find_root
+    >>> from inswsn_lib.navigation import read_trials
+    >>> trials, facts = read_trials(find_root() / "data/recorded/p3-drive.json")
+    >>> steps, outages, runs = trials.errors["never"].shape
+    >>> len(trials.starts) == outages, trials.mounting.shape == (2, outages, runs)
+    (True, True)
+    >>> trials.tracks["never"].shape == (steps, 2, outages)
+    True
     """
 
     starts: NDArray[np.intp]
@@ -60,7 +73,15 @@ class RecordedTrials:
     mounting: Array
 
     def write(self, path: Path, **facts: Any) -> None:
-        """Keep the trials in a file, to millimetres, with facts about where they come from."""
+        """Keep the trials in a file, to millimetres, with facts about where they come from.
+
+        Parameters
+        ----------
+        path : Path
+            JSON; written whole or not at all.
+        **facts
+            What JSON can hold, by name.
+        """
         content = {
             "form": _FORM,
             "facts": facts,
@@ -77,10 +98,38 @@ class RecordedTrials:
 def read_trials(path: Path) -> tuple[RecordedTrials, dict[str, Any]]:
     """Return trials that were kept, and the facts about them.
 
+    Parameters
+    ----------
+    path : Path
+        From `RecordedTrials.write`.
+
+    Returns
+    -------
+    trials : RecordedTrials
+        To millimetres.
+    facts : dict of str to object
+
     Raises
     ------
     InswsnError
         If the file is not one of `RecordedTrials.write`.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> import numpy as np
+    >>> from inswsn_lib.navigation import RecordedTrials, read_trials
+    >>> trials = RecordedTrials(
+    ...     starts=np.array([7]), errors={"hold": np.array([[[0.0]], [[1.23456]]])},
+    ...     tracks={"hold": np.zeros((2, 2, 1))}, reference=np.zeros((9, 2)), speed=np.zeros(9),
+    ...     mounting=np.zeros((2, 1, 1)),
+    ... )
+    >>> with TemporaryDirectory() as folder:
+    ...     trials.write(Path(folder, "trials.json"), level=2.0)
+    ...     found, facts = read_trials(Path(folder, "trials.json"))
+    >>> facts, found.starts.tolist(), found.errors["hold"].ravel().tolist()
+    ({'level': 2.0}, [7], [0.0, 1.235])
     """
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
@@ -137,6 +186,45 @@ def run_recorded_outages(
         Draws of the noise of the emulated GPS and compass.
     seed : int
         Of these draws.
+
+    Returns
+    -------
+    RecordedTrials
+
+    Raises
+    ------
+    ParameterError
+        If an outage leaves the drive, or the car has not been faster than 5 m/s before one: then
+        nothing tells the mounting.
+
+    Examples
+    --------
+    A recording of the same form, made from a simulated drive, and one outage of ten seconds in its
+    first turn:
+
+    >>> import numpy as np
+    >>> from inswsn_lib.checkout import find_root
+    >>> from inswsn_lib.learning import HoldRegressor
+    >>> from inswsn_lib.navigation import VehicleHybrid, run_recorded_outages
+    >>> from inswsn_lib.simulation import load_scenario, with_values
+    >>> from inswsn_lib.vehicle import FilterSettings, RecordedDrive, simulate_drive
+    >>> from inswsn_lib.vehicle.recorded import Track
+    >>> scenario = load_scenario(find_root() / "data/scenarios/p3.yaml")
+    >>> drive = simulate_drive(with_values(scenario, imu_period=0.1), runs=1, seed=0)
+    >>> true = drive.reference
+    >>> track = Track(drive.time, true.position, true.velocity, np.ones(len(drive.time), int))
+    >>> recorded = RecordedDrive(
+    ...     0.0, drive.time, drive.period, drive.rotation_increments[..., 0],
+    ...     drive.velocity_increments[..., 0], true.position, true.velocity, track,
+    ... )
+    >>> trials = run_recorded_outages(
+    ...     recorded, FilterSettings.from_settings(scenario), [drive.places[0].start], 10,
+    ...     lambda settings: {"hold": VehicleHybrid(settings, HoldRegressor())}, runs=2, seed=0,
+    ... )
+    >>> list(trials.errors), trials.errors["hold"].shape
+    (['never', 'until', 'through', 'hold'], (11, 1, 2))
+    >>> bool(np.degrees(np.abs(trials.mounting)).max() < 3)  # the IMU is not turned in this car
+    True
     """
     begin = as_starts(starts)
     raw = emulate_sensors(recorded, runs=runs, seed=seed)

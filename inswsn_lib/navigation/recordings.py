@@ -67,6 +67,20 @@ class Recording:
         The same of a reference, if the file has one.
     jitter : float
         Standard deviation of the time stamps from the grid, s.
+
+    Examples
+    --------
+    A network that is heard every second step is not silent; for seven steps it is.
+
+    >>> import numpy as np
+    >>> from inswsn_lib.navigation import Recording
+    >>> wsn = np.ones((16, 4))
+    >>> wsn[1::2] = wsn[8:13] = np.nan
+    >>> recording = Recording(0.1 * np.arange(16), 0.1, np.full((16, 4), 3.0), wsn, None, 0.0)
+    >>> recording.outages
+    [(7, 14)]
+    >>> recording.measurements.shape, recording.measurements[:3, 0, 0].tolist()
+    ((16, 4, 1), [2.0, nan, 2.0])
     """
 
     time: Array
@@ -85,8 +99,8 @@ class Recording:
     def outages(self) -> list[tuple[int, int]]:
         """The outages: first step, and the step after the last.
 
-        An outage is a run of steps without any measurement that is longer than 2.5 times the
-        median distance of measurements: a network that is slower than the INS is not silent.
+        An outage is a run of steps without any measurement around which measurements are more than
+        2.5 times their median distance apart: a network that is slower than the INS is not silent.
         """
         missing = np.isnan(self.wsn).all(axis=1)
         edges = np.flatnonzero(np.diff(np.concatenate([[False], missing, [False]]).astype(int)))
@@ -107,6 +121,11 @@ def read_recording(path: Path) -> Recording:
     path : Path
         The file.
 
+    Returns
+    -------
+    Recording
+        On an even grid, with NaN in its gaps.
+
     Raises
     ------
     InswsnError
@@ -115,6 +134,28 @@ def read_recording(path: Path) -> Recording:
         something that is no number; an INS cell is empty; time stamps repeat, go back, jump, or
         are not even to a fifth of a period; there is no position fix at all, or the first is 10 km
         or more from the INS; or columns contradict one another as a wrong unit makes them.
+
+    Examples
+    --------
+    The recording that comes with the book, in which two rows are missing and the network is silent
+    for 12 s and for 8 s; and one that says nothing of the network:
+
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> from inswsn_lib.checkout import find_root
+    >>> from inswsn_lib.errors import InswsnError
+    >>> from inswsn_lib.navigation import INS, TIME, read_recording
+    >>> recording = read_recording(find_root() / "data/examples/ins-wsn.csv")
+    >>> recording.measurements.shape, round(recording.period, 2), recording.outages
+    ((301, 4, 1), 0.2, [(37, 39), (100, 160), (230, 270)])
+    >>> with TemporaryDirectory() as folder:
+    ...     path = Path(folder, "ins.csv")
+    ...     _ = path.write_text(",".join([TIME, *INS]))
+    ...     try:
+    ...         read_recording(path)
+    ...     except InswsnError as error:
+    ...         print(str(error).split("ins.csv ")[1])
+    has no column wsn_x_m; it has time_s, ins_x_m, ins_y_m, ins_vx_mps, ins_vy_mps.
     """
     table = _read_table(path)
     time = _check_time(path, table[TIME].to_numpy())

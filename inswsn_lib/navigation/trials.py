@@ -42,6 +42,23 @@ def p3_hybrids(settings: FilterSettings, **options: Any) -> dict[str, VehicleHyb
     settings : FilterSettings
     **options
         Of `VehicleHybrid`, for all of them.
+
+    Returns
+    -------
+    dict of str to VehicleHybrid
+
+    Examples
+    --------
+    >>> from inswsn_lib.checkout import find_root
+    >>> from inswsn_lib.navigation import p3_hybrids
+    >>> from inswsn_lib.simulation import load_scenario
+    >>> from inswsn_lib.vehicle import FilterSettings
+    >>> scenario = load_scenario(find_root() / "data/scenarios/p3.yaml")
+    >>> hybrids = p3_hybrids(FilterSettings.from_settings(scenario), window=60)
+    >>> list(hybrids)
+    ['lssvm', 'rbf', 'no time', 'linear', 'hold']
+    >>> hybrids["rbf"].scaled, hybrids["no time"].timed, hybrids["hold"].window
+    (False, False, 60)
     """
     network = RBFNetworkRegressor(spread=3.0, goal=0.01, max_neurons=40)
     return {
@@ -73,6 +90,20 @@ class OutageTrials:
         What each hybrid learned from.
     bridges : dict of str to Bridge
         What each hybrid did.
+
+    Examples
+    --------
+    >>> from inswsn_lib.checkout import find_root
+    >>> from inswsn_lib.navigation import run_outages
+    >>> from inswsn_lib.simulation import load_scenario, with_values
+    >>> from inswsn_lib.vehicle import FilterSettings, simulate_drive
+    >>> scenario = load_scenario(find_root() / "data/scenarios/p3.yaml")
+    >>> drive = simulate_drive(with_values(scenario, imu_period=0.1), runs=2, seed=0)
+    >>> trials = run_outages(drive, FilterSettings.from_settings(scenario), [30, 50, 70], 5)
+    >>> trials.errors["until"].shape, trials.positions["until"].shape
+    ((6, 3, 2), (6, 3, 3, 2))
+    >>> bool((trials.errors["until"][0] == trials.errors["through"][0]).all())  # it has not begun
+    True
     """
 
     starts: NDArray[np.intp]
@@ -112,10 +143,33 @@ def run_outages(
     filters : sequence of str
         Which of `FILTERS` take part.
 
+    Returns
+    -------
+    OutageTrials
+
     Raises
     ------
     ParameterError
         If an outage leaves the drive, or a hybrid has the name of a filter or other settings.
+
+    Examples
+    --------
+    Forty seconds without GPS in the first turn of P3's drive: compass and lateral velocity bound
+    the error, and the hybrid learns on top of them.
+
+    >>> from inswsn_lib.checkout import find_root
+    >>> from inswsn_lib.learning import HoldRegressor
+    >>> from inswsn_lib.navigation import VehicleHybrid, outage_size, run_outages
+    >>> from inswsn_lib.simulation import load_scenario, with_values
+    >>> from inswsn_lib.vehicle import FilterSettings, simulate_drive
+    >>> scenario = load_scenario(find_root() / "data/scenarios/p3.yaml")
+    >>> settings = FilterSettings.from_settings(scenario)
+    >>> drive = simulate_drive(with_values(scenario, imu_period=0.1), runs=4, seed=0)
+    >>> hybrids = {"hold": VehicleHybrid(settings, HoldRegressor())}
+    >>> trials = run_outages(drive, settings, [drive.places[0].start], 40, hybrids)
+    >>> mean = {name: outage_size(error)[0].mean() for name, error in trials.errors.items()}
+    >>> list(mean), bool(mean["through"] < mean["never"] / 2)
+    (['never', 'until', 'through', 'hold'], True)
     """
     begin = as_starts(starts)
     hybrids = hybrids or {}
@@ -186,6 +240,24 @@ def outage_size(errors: Array, first: int = 1, last: int | None = None) -> tuple
         Horizontal errors (m); step 0 is the last with GPS and does not count.
     first, last : int
         The steps, both included. Default: the whole outage.
+
+    Returns
+    -------
+    rms, largest : ndarray, (...)
+        m.
+
+    Raises
+    ------
+    ParameterError
+        If a step is not within the outage.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from inswsn_lib.navigation import outage_size
+    >>> rms, largest = outage_size(np.array([9.0, 1.0, 7.0]))  # step 0 still has GPS
+    >>> float(rms), float(largest)
+    (5.0, 7.0)
     """
     end = len(errors) - 1 if last is None else last
     if not 1 <= first < len(errors):

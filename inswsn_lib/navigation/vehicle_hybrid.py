@@ -37,6 +37,27 @@ class Ramps:
     difference : ndarray, (pairs, 2)
         Position of the first module, after compass and lateral velocity, less that of the second,
         after GPS: P3 (38), east and north (m), or forward and right.
+
+    Examples
+    --------
+    From epoch 20 on one simulated outage after the other, ten seconds each, before a real one at
+    40:
+
+    >>> from inswsn_lib.checkout import find_root
+    >>> from inswsn_lib.learning import HoldRegressor
+    >>> from inswsn_lib.navigation import VehicleHybrid
+    >>> from inswsn_lib.simulation import load_scenario, with_values
+    >>> from inswsn_lib.vehicle import FilterSettings, run_vehicle_filter, simulate_drive
+    >>> scenario = load_scenario(find_root() / "data/scenarios/p3.yaml")
+    >>> settings = FilterSettings.from_settings(scenario)
+    >>> drive = simulate_drive(with_values(scenario, imu_period=0.1), runs=1, seed=0)
+    >>> run = run_vehicle_filter(drive, settings, last=40)
+    >>> hybrid = VehicleHybrid(settings, HoldRegressor(), tau=10, phase=20)
+    >>> ramps = hybrid.simulate_outages(drive, run, [40])
+    >>> ramps.ramp.tolist() == [20, 30] * 10, ramps.elapsed[:4].tolist()
+    (True, [1.0, 1.0, 2.0, 2.0])
+    >>> ramps.motion.shape, ramps.difference.shape
+    ((20, 3), (20, 2))
     """
 
     epoch: Integers
@@ -58,6 +79,21 @@ class Machine:
     inputs, targets : Scale
     pairs : int
         How many trained it.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from sklearn.linear_model import LinearRegression
+    >>> from inswsn_lib.learning.scaling import Scale
+    >>> from inswsn_lib.navigation import Machine
+    >>> X = np.arange(10.0)[:, None]
+    >>> y = np.hstack([2 * X, 5 - X])
+    >>> units = Scale.of(X, "standard"), Scale.of(y, "standard")
+    >>> machine = Machine.fit(LinearRegression(), X, y, *units)
+    >>> machine.pairs, machine.predict(np.array([[20.0]])).round(6).tolist()
+    (10, [[40.0, -15.0]])
+    >>> Machine(None, *units, pairs=0).predict(X[:1]).tolist()
+    [[0.0, 0.0]]
     """
 
     regressor: Any
@@ -67,13 +103,37 @@ class Machine:
 
     @classmethod
     def fit(cls, regressor: Any, X: Array, y: Array, inputs: Scale, targets: Scale) -> Machine:
-        """Train a clone."""
+        """Train a clone.
+
+        Parameters
+        ----------
+        regressor : scikit-learn regressor
+            Left as it is.
+        X, y : ndarray, (rows, inputs) and (rows, outputs)
+            In their own units.
+        inputs, targets : Scale
+            Of X and of y.
+
+        Returns
+        -------
+        Machine
+        """
         with config_context(assume_finite=True):
             trained = clone(regressor).fit(inputs.there(X), targets.there(y))
         return cls(trained, inputs, targets, len(X))
 
     def predict(self, X: Array) -> Array:
-        """Return the targets of inputs (rows, inputs), in their own units."""
+        """Return the targets of inputs (rows, inputs), in their own units.
+
+        Parameters
+        ----------
+        X : ndarray, (rows, inputs)
+            In the inputs' own units.
+
+        Returns
+        -------
+        ndarray, (rows, outputs)
+        """
         if self.regressor is None:
             return np.zeros((len(X), self.targets.size.size))
         with config_context(assume_finite=True):
@@ -95,6 +155,26 @@ class Bridge:
         East and north (m).
     machines : list
         The regressor of each outage, as it was trained last.
+
+    Examples
+    --------
+    What was predicted is what the position is moved by:
+
+    >>> import numpy as np
+    >>> from inswsn_lib.checkout import find_root
+    >>> from inswsn_lib.learning import HoldRegressor
+    >>> from inswsn_lib.navigation import VehicleHybrid
+    >>> from inswsn_lib.simulation import load_scenario, with_values
+    >>> from inswsn_lib.vehicle import FilterSettings, metres, run_vehicle_filter, simulate_drive
+    >>> scenario = load_scenario(find_root() / "data/scenarios/p3.yaml")
+    >>> settings = FilterSettings.from_settings(scenario)
+    >>> drive = simulate_drive(with_values(scenario, imu_period=0.1), runs=1, seed=0)
+    >>> run = run_vehicle_filter(drive, settings, last=60)
+    >>> bridge = VehicleHybrid(settings, HoldRegressor(), tau=20).bridge(drive, run, [60], 10)
+    >>> before, after = bridge.branch.first[10, :, 0], bridge.position[10, :, 0]
+    >>> moved = (before - after) * metres(before)  # north, east, up
+    >>> bool(np.allclose(moved[[1, 0]], bridge.predicted[10, :, 0], atol=1e-6))
+    True
     """
 
     branch: VehicleRun
@@ -107,11 +187,11 @@ class VehicleHybrid:
     r"""A vehicle's filter and a regressor that corrects it through GPS outages (P3 Section 2).
 
     In *update mode* two filter modules run. The second has GPS at all times. The first is put into
-    simulated outages of `tau` seconds: each begins with what the second knows, and goes on with
+    simulated outages of `tau` epochs: each begins with what the second knows, and goes on with
     compass and lateral velocity alone. The difference of their positions (P3 (38)) is the target of
     a regressor, its input (P3 (39)) the forward and lateral specific force, the yaw rate, and the
     time since the simulated outage began. In *prediction mode* the regressor, trained on the latest
-    `window` seconds, is subtracted from the position of the filter that runs through the outage.
+    `window` epochs, is subtracted from the position of the filter that runs through the outage.
 
     P3 compares position *errors* :math:`X_1, X_2`; here the two modules correct INS of their own,
     so their positions are compared, which is the same difference.
@@ -149,6 +229,35 @@ class VehicleHybrid:
         with the least squared error is used, or none if predicting zero is better than all.
     rivals : sequence of scikit-learn regressors
         See `past`.
+
+    Raises
+    ------
+    ParameterError
+        If a number is not whole or too small, a word is not one of those above, options exclude one
+        another, or a regressor is not one of scikit-learn.
+
+    Examples
+    --------
+    Ten seconds without GPS after a minute's drive. A regressor that has learned from the outages
+    that were simulated before predicts how far the filter without GPS goes astray:
+
+    >>> from inswsn_lib.checkout import find_root
+    >>> from inswsn_lib.learning import LSSVMRegressor
+    >>> from inswsn_lib.navigation import VehicleHybrid
+    >>> from inswsn_lib.simulation import load_scenario, with_values
+    >>> from inswsn_lib.vehicle import FilterSettings, run_vehicle_filter, simulate_drive
+    >>> scenario = load_scenario(find_root() / "data/scenarios/p3.yaml")
+    >>> settings = FilterSettings.from_settings(scenario)
+    >>> drive = simulate_drive(with_values(scenario, imu_period=0.1), runs=2, seed=0)
+    >>> run = run_vehicle_filter(drive, settings, last=60)
+    >>> hybrid = VehicleHybrid(settings, LSSVMRegressor(sigma=2.0, eta=10.0), tau=20, window=40)
+    >>> bridge = hybrid.bridge(drive, run, [60], 10)
+    >>> bridge.position.shape, bridge.machines[0].pairs  # the latest 40 s, one pair a second
+    ((11, 3, 2), 40)
+    >>> hybrid.bridge(drive, run, [0], 10)
+    Traceback (most recent call last):
+        ...
+    inswsn_lib.errors.ParameterError: starts is [0]; it may be 20 epochs later.
     """
 
     def __init__(
@@ -217,6 +326,12 @@ class VehicleHybrid:
         Returns
         -------
         Ramps
+            One pair for each epoch of each simulated outage and each run.
+
+        Raises
+        ------
+        ParameterError
+            If a start is not in the run, or there is no simulated outage before one.
         """
         last = len(run.epochs) - 1
         if np.max(starts) > last:
@@ -314,7 +429,26 @@ class VehicleHybrid:
         return Bridge(branch, np.moveaxis(first, 1, 2), np.moveaxis(predicted, 1, 2), machines)
 
     def train(self, pairs: Ramps, which: int, start: int) -> Machine:
-        """Return the regressor, trained on the latest pairs of a run at an outage's start."""
+        """Return the regressor, trained on the latest pairs of a run at an outage's start.
+
+        Parameters
+        ----------
+        pairs : Ramps
+            From `simulate_outages`.
+        which : int
+            The run.
+        start : int
+            The epoch at which the outage begins; no pair after it is used.
+
+        Returns
+        -------
+        Machine
+
+        Raises
+        ------
+        ParameterError
+            If there are fewer than two pairs.
+        """
         if not self.past:
             return self._trained(self.regressor, pairs, which, start)
         own = pairs.run == which
@@ -354,6 +488,11 @@ class VehicleHybrid:
         -------
         predicted, difference : ndarray, (steps, 2)
             m.
+
+        Raises
+        ------
+        ParameterError
+            If no simulated outage of the run began there, or fewer than two pairs are before it.
         """
         rows = np.flatnonzero((pairs.run == which) & (pairs.ramp == begin))
         if not len(rows):
@@ -377,7 +516,19 @@ class VehicleHybrid:
         return Machine.fit(regressor, X, y, Scale.of(X, scaling), Scale.of(y, scaling))
 
     def inputs(self, motion: Array, elapsed: Array) -> Array:
-        """Return the inputs of P3 (39), (pairs, inputs), or those of them that are asked for."""
+        """Return the inputs of P3 (39), (pairs, inputs), or those of them that are asked for.
+
+        Parameters
+        ----------
+        motion : ndarray, (pairs, 3)
+            From `sensed_motion`.
+        elapsed : ndarray, (pairs,)
+            Time since the outage began (s).
+
+        Returns
+        -------
+        ndarray, (pairs, inputs)
+        """
         parts = [motion] if self.motion else []
         return np.hstack([*parts, elapsed[:, None]] if self.timed else parts)
 
@@ -387,6 +538,33 @@ def sensed_motion(drive: Drive) -> Array:
 
     Means over the interval that ends at the epoch, as the IMU tells them (m/s^2, m/s^2, rad/s); at
     the first epoch those of the second.
+
+    Parameters
+    ----------
+    drive : Drive
+
+    Returns
+    -------
+    ndarray, (epochs, 3, runs)
+
+    Examples
+    --------
+    A parked car whose nose is up feels a part of the reaction to gravity forward; the IMU has 10
+    Hz:
+
+    >>> import numpy as np
+    >>> from inswsn_lib.navigation import sensed_motion
+    >>> from inswsn_lib.vehicle import Drive, Reference
+    >>> pushes = np.zeros((20, 3, 1))
+    >>> pushes[:, 0], pushes[:, 2] = 0.5 * 0.1, -9.8 * 0.1
+    >>> drive = Drive(
+    ...     time=np.arange(3.0), period=0.1, rotation_increments=0 * pushes,
+    ...     velocity_increments=pushes, gps_position=np.zeros((3, 3, 1)),
+    ...     gps_velocity=np.zeros((3, 3, 1)), compass=np.zeros((3, 1)), places=(),
+    ...     reference=Reference(np.zeros((3, 3)), np.zeros((3, 3))), origin="simulated",
+    ... )
+    >>> sensed_motion(drive)[:, :, 0].round(6).tolist()
+    [[0.5, 0.0, 0.0], [0.5, 0.0, 0.0], [0.5, 0.0, 0.0]]
     """
     turns, pushes = drive.increments
     means = np.stack(

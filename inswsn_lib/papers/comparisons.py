@@ -37,6 +37,17 @@ def reductions(table: pd.DataFrame, better: str, worse: str) -> dict[str, Derive
     -------
     dict of str to Derived
         Per cent, by column.
+
+    Examples
+    --------
+    By how much the filter of P1 lowers the error of the Kalman filter, per cent:
+
+    >>> from inswsn_lib.checkout import find_root
+    >>> from inswsn_lib.papers import read_table, reductions
+    >>> table2 = read_table(find_root() / "data/papers/p1-table2.csv", index="method")
+    >>> found = reductions(table2, "HF", "KF")
+    >>> print(f"{found['rx1'].value:.1f}, {found['vx1'].value:.1f}")
+    86.7, 60.8
     """
     return {
         column: derive(reduction, _cell(table, better, column), _cell(table, worse, column))
@@ -57,6 +68,20 @@ def pooled_reductions(
         The two rows.
     areas : str
         The areas to pool: ``"1"``, ``"2"`` or ``"12"``.
+
+    Returns
+    -------
+    dict of str to mpmath.iv.mpf
+        Per cent, by component.
+
+    Examples
+    --------
+    >>> from inswsn_lib.checkout import find_root
+    >>> from inswsn_lib.papers import pooled_reductions, read_table
+    >>> table2 = read_table(find_root() / "data/papers/p1-table2.csv", index="method")
+    >>> pooled = pooled_reductions(table2, "HF", "KF", areas="12")
+    >>> {axis: round(float(cell.mid), 1) for axis, cell in pooled.items()}
+    {'rx': 95.1, 'ry': 90.8, 'vx': 64.1, 'vy': 86.9}
     """
 
     def total(method: str, axis: str) -> Interval:
@@ -83,6 +108,19 @@ def supported(
     -------
     DataFrame
         One row a pair, one column a choice of areas: how many statements agree.
+
+    Examples
+    --------
+    P1 says by how much its filter lowers the four errors of the Kalman filter, in the first area.
+    How many of the four can its Table 2 give, in each area and in both pooled?
+
+    >>> from inswsn_lib.checkout import find_root
+    >>> from inswsn_lib.papers import about, read_numbers, read_table, supported
+    >>> table2 = read_table(find_root() / "data/papers/p1-table2.csv", index="method")
+    >>> text = read_numbers(find_root() / "data/papers/p1.yaml")["text"]
+    >>> stated = {axis: about(number, 2.5) for axis, number in text["hf_vs_kf"].items()}
+    >>> supported(table2, stated, [("HF", "KF")]).to_dict("index")
+    {'KF to HF': {'No. 1': 1, 'No. 2': 0, 'both': 0}}
     """
     counts = {
         f"{worse} to {better}": [
@@ -107,6 +145,22 @@ def ordered_columns(table: pd.DataFrame, *methods: str) -> list[str]:
         A printed table: one row a method, the columns of `COLUMNS`.
     *methods : str
         Rows, the smallest error first. "Certainly" means: whatever the rounding hides.
+
+    Returns
+    -------
+    list of str
+        In the order of `COLUMNS`.
+
+    Examples
+    --------
+    In all 8 columns of P1's Table 2 the filter is better than the Kalman filter, and that better
+    than the INS alone:
+
+    >>> from inswsn_lib.checkout import find_root
+    >>> from inswsn_lib.papers import ordered_columns, read_table
+    >>> table2 = read_table(find_root() / "data/papers/p1-table2.csv", index="method")
+    >>> len(ordered_columns(table2, "HF", "KF", "INS-only"))
+    8
     """
     return [
         column
@@ -134,6 +188,14 @@ def orders_below(
     -------
     list of tuple of str
         Each order as the names of the fragments.
+
+    Examples
+    --------
+    Two pieces of a row of three cells; only with b first does each cell stay below its limit:
+
+    >>> from inswsn_lib.papers import orders_below
+    >>> orders_below({"a": ["1.0", "8.0"], "b": ["2.0"]}, ["3.0", "3.0", "9.0"])
+    [('b', 'a')]
     """
     return [
         order

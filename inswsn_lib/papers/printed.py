@@ -55,8 +55,13 @@ def interval(text: Printed) -> Interval:
 
     Examples
     --------
-    >>> bounds(interval("0.5"))
-    (0.45, 0.55)
+    The trailing zero of 0.50 says that it is known ten times better than 0.5:
+
+    >>> from inswsn_lib.papers import bounds, interval
+    >>> for text in ("0.5", "0.50"):
+    ...     print("{:.3f} to {:.3f}".format(*bounds(interval(text))))
+    0.450 to 0.550
+    0.495 to 0.505
     """
     value = _decimal(text)
     exponent = value.as_tuple().exponent
@@ -75,10 +80,23 @@ def about(text: Printed, half_width: float) -> Interval:
     half_width : float
         Half the width of the interval, in the unit of the number; at least 0.
 
+    Returns
+    -------
+    mpmath.iv.mpf
+        The value less and plus the half width.
+
     Raises
     ------
     ParameterError
         If `text` is not a number or `half_width` is negative or not finite.
+
+    Examples
+    --------
+    P1's "about 85 %", if it speaks in multiples of 5 %, stands for 82.5 % to 87.5 %:
+
+    >>> from inswsn_lib.papers import about, bounds
+    >>> bounds(about("85", 2.5))
+    (82.5, 87.5)
     """
     if not 0 <= half_width < float("inf"):
         raise ParameterError("half_width", half_width, "a finite number of at least 0")
@@ -96,6 +114,17 @@ class Derived:
         What the printed digits themselves give.
     interval : interval
         All that values within their rounding can give.
+
+    Examples
+    --------
+    P1 prints the errors 0.3881 m and 2.9170 m. Whatever the rounding hides, 86.7 % are saved:
+
+    >>> from inswsn_lib.papers import derive, reduction
+    >>> found = derive(reduction, "0.3881", "2.9170")
+    >>> print(f"{found.value:.2f}")
+    86.70
+    >>> print("{:.3f} to {:.3f}".format(*found.limits))
+    86.693 to 86.697
     """
 
     value: float
@@ -117,17 +146,42 @@ def derive(function: Callable[..., Interval], *texts: Printed) -> Derived:
     *texts : str
         Printed numbers.
 
+    Returns
+    -------
+    Derived
+        The value from the digits, and the interval from their rounding.
+
     Examples
     --------
-    >>> derive(reduction, "14.77", "28.54").value  # doctest: +ELLIPSIS
-    48.248...
+    From 1.00 to 0.50 is a reduction by 50 %, and by less or more for all that rounds to the two:
+
+    >>> from inswsn_lib.papers import derive, reduction
+    >>> found = derive(reduction, "0.50", "1.00")
+    >>> print(f"{found.value:.2f}, {found.limits[0]:.2f} to {found.limits[1]:.2f}")
+    50.00, 49.25 to 50.75
     """
     exact = function(*(iv.mpf(str(_decimal(text))) for text in texts))
     return Derived(float(exact.mid), function(*map(interval, texts)))
 
 
 def bounds(x: Interval) -> tuple[float, float]:
-    """Return the lower and upper end of an interval as floats."""
+    """Return the lower and upper end of an interval as floats.
+
+    Parameters
+    ----------
+    x : interval
+        The interval.
+
+    Returns
+    -------
+    low, high : float
+
+    Examples
+    --------
+    >>> from inswsn_lib.papers import bounds, span
+    >>> bounds(span(0.25, 0.5))
+    (0.25, 0.5)
+    """
     return float(x.a), float(x.b)
 
 
@@ -140,6 +194,21 @@ def admits(x: Interval, text: Printed) -> bool:
         The interval, in the unit of the number.
     text : str
         The number as printed.
+
+    Returns
+    -------
+    bool
+
+    Examples
+    --------
+    A third is printed as 0.33. The mean of 0.1 and 0.2 may be printed as either, but not as 0.3:
+
+    >>> from inswsn_lib.papers import admits, interval, mean, span
+    >>> admits(span(1 / 3, 1 / 3), "0.33")
+    True
+    >>> both = mean(interval("0.1"), interval("0.2"))
+    >>> [text for text in ("0.1", "0.2", "0.3") if admits(both, text)]
+    ['0.1', '0.2']
     """
     return intersects(x, interval(text))
 
@@ -151,6 +220,16 @@ def intersects(x: Interval, y: Interval) -> bool:
     ----------
     x, y : interval
         Two intervals in one unit.
+
+    Returns
+    -------
+    bool
+
+    Examples
+    --------
+    >>> from inswsn_lib.papers import intersects, span
+    >>> intersects(span(0, 1), span(1, 2)), intersects(span(0, 1), span(1.5, 2))
+    (True, False)
     """
     return bool(x.a <= y.b) and bool(y.a <= x.b)
 
@@ -163,10 +242,21 @@ def span(low: float, high: float) -> Interval:
     low, high : float
         Its ends.
 
+    Returns
+    -------
+    mpmath.iv.mpf
+        The interval, in the unit of its ends.
+
     Raises
     ------
     ParameterError
         If `low` is above `high`.
+
+    Examples
+    --------
+    >>> from inswsn_lib.papers import bounds, span
+    >>> bounds(span(0, 1) - span(0, 1))  # two values from it need not be the same
+    (-1.0, 1.0)
     """
     if not low <= high:
         raise ParameterError("low", low, f"a number of at most high, {high}")
@@ -181,10 +271,23 @@ def meet(x: Interval, y: Interval) -> Interval:
     x, y : interval
         Two intervals in one unit.
 
+    Returns
+    -------
+    mpmath.iv.mpf
+        In the same unit.
+
     Raises
     ------
     ParameterError
         If they have none.
+
+    Examples
+    --------
+    Two measurements of one number leave what both allow:
+
+    >>> from inswsn_lib.papers import bounds, meet, span
+    >>> bounds(meet(span(0, 2), span(1, 3)))
+    (1.0, 2.0)
     """
     if not intersects(x, y):
         raise ParameterError("y", bounds(y), f"an interval that meets {bounds(x)}")
@@ -194,10 +297,26 @@ def meet(x: Interval, y: Interval) -> Interval:
 def root(x: Interval) -> Interval:
     """Return the interval of the square roots of the values in an interval.
 
+    Parameters
+    ----------
+    x : interval
+        The interval.
+
+    Returns
+    -------
+    mpmath.iv.mpf
+        In the root of its unit.
+
     Raises
     ------
     ParameterError
         If `x` holds a negative value.
+
+    Examples
+    --------
+    >>> from inswsn_lib.papers import bounds, root, span
+    >>> bounds(root(span(4, 9)))
+    (2.0, 3.0)
     """
     if x.a < 0:
         raise ParameterError("x", bounds(x), "an interval without negative values")
@@ -207,10 +326,29 @@ def root(x: Interval) -> Interval:
 def mean(*cells: Interval) -> Interval:
     """Return the interval of the arithmetic mean of independent values in `cells`.
 
+    Parameters
+    ----------
+    *cells : interval
+        Intervals in one unit.
+
+    Returns
+    -------
+    mpmath.iv.mpf
+        In the same unit.
+
     Raises
     ------
     ParameterError
         If there are no cells.
+
+    Examples
+    --------
+    The mean of 0.1 and 0.2, each within its rounding, is 0.15 within half a unit of the last digit:
+
+    >>> from inswsn_lib.papers import interval, mean
+    >>> found = mean(interval("0.1"), interval("0.2"))
+    >>> print(f"{float(found.a):.2f} to {float(found.b):.2f}")
+    0.10 to 0.20
     """
     if not cells:
         raise ParameterError("cells", cells, "at least one interval")
@@ -225,10 +363,23 @@ def reduction(after: Interval, before: Interval) -> Interval:
     after, before : interval
         Two errors in one unit, independent of each other.
 
+    Returns
+    -------
+    mpmath.iv.mpf
+        Per cent; negative where the error has grown.
+
     Raises
     ------
     ParameterError
         If `before` may be zero.
+
+    Examples
+    --------
+    From between 10 m and 20 m down to 5 m:
+
+    >>> from inswsn_lib.papers import bounds, reduction, span
+    >>> bounds(reduction(span(5, 5), span(10, 20)))
+    (50.0, 75.0)
     """
     if before.a <= 0 <= before.b:
         raise ParameterError("before", bounds(before), "an interval without zero")
@@ -247,6 +398,21 @@ def interval_matrix(rows: Sequence[Sequence[Printed]], factor: Printed = "1") ->
         The entries as printed.
     factor : str
         The power of ten printed before the matrix, for example ``"1e-11"``.
+
+    Returns
+    -------
+    list of lists of mpmath.iv.mpf
+        The rows.
+
+    Examples
+    --------
+    The 1 and the 0 of a structural matrix are exact, and 0.5 is what rounds to it:
+
+    >>> from inswsn_lib.papers import interval_matrix
+    >>> for row in interval_matrix([["1", "0"], ["0", "0.5"]]):
+    ...     print([f"{float(entry.a):.2f} to {float(entry.b):.2f}" for entry in row])
+    ['1.00 to 1.00', '0.00 to 0.00']
+    ['0.00 to 0.00', '0.45 to 0.55']
     """
     scale = iv.mpf(str(_decimal(factor, "factor")))
 

@@ -28,6 +28,13 @@ class Reading:
         A few words for the reader.
     compute : callable
         Takes nothing, returns the column as a list of intervals.
+
+    Examples
+    --------
+    >>> from inswsn_lib.papers import Reading, shifted_mean
+    >>> own = Reading("mean of the row's own cells", lambda: shifted_mean(["1.0"], ["3.0"], 0))
+    >>> [f"{float(cell.a):.2f} to {float(cell.b):.2f}" for cell in own.compute()]
+    ['1.95 to 2.05']
     """
 
     name: str
@@ -45,10 +52,24 @@ def shifted_mean(x: Sequence[Printed], y: Sequence[Printed], shift: int) -> list
         The row offset :math:`s` of the second column. Rows outside the table are blank, and a
         blank counts as exactly zero, as it does in a spreadsheet formula.
 
+    Returns
+    -------
+    list of mpmath.iv.mpf
+        One a row.
+
     Raises
     ------
     ParameterError
         If the columns differ in length.
+
+    Examples
+    --------
+    The second column one row too low: row 1 takes the 4, and the last row takes a blank:
+
+    >>> from inswsn_lib.papers import shifted_mean
+    >>> column = shifted_mean(["1.0", "2.0"], ["9.0", "4.0"], 1)
+    >>> [round(float(cell.mid), 3) for cell in column]
+    [2.5, 1.0]
     """
     if len(x) != len(y):
         raise ParameterError("y", len(y), f"a column of {len(x)} rows, as many as x has")
@@ -75,6 +96,14 @@ def offset_scores(
     -------
     dict of int to int
         By offset, from minus to plus the number of rows less one; see `shifted_mean`.
+
+    Examples
+    --------
+    The printed means are those of the column moved by one row:
+
+    >>> from inswsn_lib.papers import offset_scores
+    >>> offset_scores(["1.0", "2.0"], ["9.0", "4.0"], ["2.5", "1.0"])
+    {-1: 0, 0: 0, 1: 2}
     """
     rows = len(x)
     return {
@@ -101,6 +130,15 @@ def chance_assignments(
     -------
     admitting, all : int
         The ways that admit every printed mean :math:`(x_i + y_j)/2`, and all ways.
+
+    Examples
+    --------
+    Two cells and a blank can be handed out to two rows in six ways. One of them explains both
+    means:
+
+    >>> from inswsn_lib.papers import chance_assignments
+    >>> chance_assignments(["1.0", "2.0"], ["9.0", "4.0"], ["2.5", "1.0"])
+    (1, 6)
     """
     candidates = [*map(interval, y), iv.mpf(0)]
     fitting = [
@@ -127,10 +165,21 @@ def rows_admitted(computed: Sequence[Interval], printed: Sequence[Printed]) -> l
     printed : sequence of str
         What the paper prints.
 
+    Returns
+    -------
+    list of bool
+        One a row.
+
     Raises
     ------
     ParameterError
         If the columns differ in length.
+
+    Examples
+    --------
+    >>> from inswsn_lib.papers import rows_admitted, shifted_mean
+    >>> rows_admitted(shifted_mean(["1.0", "2.0"], ["9.0", "4.0"], 0), ["5.0", "1.0"])
+    [True, False]
     """
     if len(computed) != len(printed):
         raise ParameterError("computed", len(computed), f"a column of {len(printed)} rows")
@@ -151,6 +200,17 @@ def score(readings: Iterable[Reading], printed: Sequence[Printed]) -> pd.DataFra
     -------
     DataFrame
         One row a reading, in the order given: ``reading``, ``cells met``, ``of``.
+
+    Examples
+    --------
+    >>> from inswsn_lib.papers import Reading, score, shifted_mean
+    >>> x, y, printed = ["1.0", "2.0"], ["9.0", "4.0"], ["2.5", "1.0"]
+    >>> own = Reading("own row", lambda: shifted_mean(x, y, 0))
+    >>> following = Reading("next row", lambda: shifted_mean(x, y, 1))
+    >>> print(score([own, following], printed).to_string(index=False))
+     reading  cells met  of
+     own row          0   2
+    next row          2   2
     """
     rows = [
         (reading.name, sum(rows_admitted(reading.compute(), printed)), len(printed))

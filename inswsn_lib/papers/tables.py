@@ -30,6 +30,16 @@ def read_table(path: Path, index: str) -> pd.DataFrame:
     ------
     InswsnError
         If the file has no such column, a name twice, or a blank cell.
+
+    Examples
+    --------
+    >>> from inswsn_lib.checkout import find_root
+    >>> from inswsn_lib.papers import read_table
+    >>> table = read_table(find_root() / "data/papers/p1-table2.csv", index="method")
+    >>> table.loc["HF", "rx1"]
+    '0.3881'
+    >>> list(table.index)
+    ['INS-only', 'KF', 'HF']
     """
     frame = pd.read_csv(path, dtype=str, keep_default_na=False)
     if index not in frame.columns:
@@ -46,10 +56,28 @@ def read_table(path: Path, index: str) -> pd.DataFrame:
 def read_numbers(path: Path) -> dict[str, Any]:
     """Read the printed numbers of a paper's text from YAML, each a string exactly as printed.
 
+    Parameters
+    ----------
+    path : Path
+        The file, such as ``data/papers/p1.yaml``.
+
+    Returns
+    -------
+    dict
+        As nested as the file.
+
     Raises
     ------
     InswsnError
         If the file holds a number that is not a string, which would lose its digits.
+
+    Examples
+    --------
+    >>> from inswsn_lib.checkout import find_root
+    >>> from inswsn_lib.papers import read_numbers
+    >>> numbers = read_numbers(find_root() / "data/papers/p1.yaml")
+    >>> numbers["text"]["sampling_period"]  # in s, a text with the digits as printed
+    '1'
     """
     content = read_yaml(path)
     _refuse_numbers(content, path.name)

@@ -67,6 +67,15 @@ def figure(
     -------
     fig : Figure
     axes : Axes or ndarray of Axes
+
+    Examples
+    --------
+    >>> from matplotlib import pyplot as plt
+    >>> from inswsn_lib.plotting import figure
+    >>> fig, axes = figure(1, 2, height=2.5, sharey=True)
+    >>> fig.get_size_inches().tolist(), len(axes)
+    ([7.2, 2.5], 2)
+    >>> plt.close(fig)
     """
     mpl.rcParams.update(_STYLE)
     fig, axes = plt.subplots(rows, columns, figsize=(7.2, height), **options)
@@ -82,6 +91,16 @@ def percent_axis(axes: Axes, which: str = "x") -> None:
         The axes, with values in per cent.
     which : {"x", "y"}
         The axis.
+
+    Examples
+    --------
+    >>> from matplotlib import pyplot as plt
+    >>> from inswsn_lib.plotting import figure, percent_axis
+    >>> fig, axes = figure()
+    >>> percent_axis(axes, "y")
+    >>> axes.yaxis.get_major_formatter()(25)
+    '25%'
+    >>> plt.close(fig)
     """
     axis = axes.xaxis if which == "x" else axes.yaxis
     axis.set_major_formatter(mpl.ticker.PercentFormatter(decimals=0))
@@ -105,6 +124,23 @@ def show_figure(fig: Figure, *, name: str, caption: str, alt: str) -> None:
     ------
     ParameterError
         If the name, the caption or the alternative text is empty.
+
+    Examples
+    --------
+    In a notebook the figure is shown; a plain interpreter prints what is sent to it, and a missing
+    caption or alternative text is refused:
+
+    >>> from inswsn_lib.plotting import figure, show_figure
+    >>> fig, axes = figure()
+    >>> line = axes.plot([0, 1], [0, 2])
+    >>> show_figure(fig, name="fig-line", caption="A line.", alt=" ")
+    Traceback (most recent call last):
+        ...
+    inswsn_lib.errors.ParameterError: alt is ' '; it may be a text that is not empty.
+    >>> show_figure(  # doctest: +ELLIPSIS
+    ...     fig, name="fig-line", caption="A line.", alt="A line from 0 to 2."
+    ... )
+    {'image/svg+xml': ...<svg..., 'text/plain': 'A line from 0 to 2.'}
     """
     for field, text in (("name", name), ("caption", caption), ("alt", alt)):
         if not text.strip():

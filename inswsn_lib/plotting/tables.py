@@ -10,7 +10,23 @@ from inswsn_lib.parameters import Schema
 
 
 def tick(held: bool) -> str:
-    """Return "yes" or "no" for a table cell: words, since a colour alone tells nobody."""
+    """Return "yes" or "no" for a table cell: words, since a colour alone tells nobody.
+
+    Parameters
+    ----------
+    held : bool
+        Whether it holds.
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> from inswsn_lib.plotting import tick
+    >>> tick(0.3 < 0.5), tick(0.5 < 0.3)
+    ('yes', 'no')
+    """
     return "yes" if held else "no"
 
 
@@ -23,6 +39,17 @@ def show_parameters(schema: Schema, *, name: str) -> None:
         The parameters, as ``ChapterRecord.schema`` has them.
     name : str
         The label that ``{numref}`` uses, for example ``"tbl-00-parameters"``.
+
+    Examples
+    --------
+    >>> from inswsn_lib.parameters import read_schema
+    >>> from inswsn_lib.plotting import show_parameters
+    >>> schema = read_schema('''
+    ... # Periods to run.
+    ... steps: int = 100  # periods; value > 0
+    ... ''')
+    >>> show_parameters(schema, name="tbl-parameters")  # doctest: +ELLIPSIS
+    {'text/markdown': ...`steps`...Periods to run...a whole number with value > 0...}
     """
     rows = [
         (
@@ -56,6 +83,16 @@ def show_table(frame: pd.DataFrame, *, name: str, caption: str) -> None:
     ------
     ParameterError
         If the caption or a cell has more than one line.
+
+    Examples
+    --------
+    In a notebook the table is shown; a plain interpreter prints what is sent to it:
+
+    >>> import pandas as pd
+    >>> from inswsn_lib.plotting import show_table
+    >>> frame = pd.DataFrame({"error, m": ["0.3881"]}, index=pd.Index(["HF"], name="method"))
+    >>> show_table(frame, name="tbl-errors", caption="Errors.")  # doctest: +ELLIPSIS
+    {'text/markdown': '```{list-table} Errors...* - method...error, m...* - HF...0.3881...}
     """
     cells = [[str(frame.index.name or ""), *map(str, frame.columns)]]
     cells += [

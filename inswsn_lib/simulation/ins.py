@@ -35,6 +35,16 @@ class InertialErrors:
         Errors at the start in the frame of the scene, m and m/s.
     heading : float
         Error at the start, rad.
+
+    Examples
+    --------
+    A bias b of the accelerometer along a straight path moves the INS by :math:`b t^2 / 2`:
+
+    >>> from inswsn_lib.simulation import InertialErrors, Path, simulate_ins
+    >>> motion = Path.through([(0, 0), (100, 0)], radius=1).drive(2.0, [0, 5, 10])
+    >>> found = simulate_ins(motion, InertialErrors(accelerometer_bias=(0.1, 0.0)))
+    >>> (found[:, 0, 0] - motion.position[:, 0]).round(6).tolist()
+    [0.0, 1.25, 5.0]
     """
 
     accelerometer_bias: tuple[float, float] = (0.0, 0.0)
@@ -63,6 +73,22 @@ def true_increments(motion: Motion) -> tuple[Array, Array]:
         and to the left.
     angle : ndarray, (steps,)
         The change of heading, rad.
+
+    Examples
+    --------
+    On an arc at 10 m/s and 1 rad/s an accelerometer along the vehicle tells nothing, and one across
+    it the centripetal acceleration, 10 m/s^2, less what the chord of 0.1 rad is shorter:
+
+    >>> import numpy as np
+    >>> from inswsn_lib.simulation import Motion, true_increments
+    >>> t = np.array([0.0, 0.1, 0.2])
+    >>> on_circle = 10 * np.stack([np.sin(t), 1 - np.cos(t)], axis=1)
+    >>> motion = Motion(t, on_circle, 10 * np.stack([np.cos(t), np.sin(t)], axis=1), t, np.ones(3))
+    >>> velocity, angle = true_increments(motion)
+    >>> angle.round(6).tolist(), np.abs(velocity[:, 0]).round(6).tolist()
+    ([0.1, 0.1], [0.0, 0.0])
+    >>> print(f"{velocity[0, 1]:.4f} {20 * np.sin(0.05):.4f}")
+    0.9996 0.9996
     """
     change = np.diff(motion.velocity, axis=0)
     middle = (motion.heading[1:] + motion.heading[:-1]) / 2
@@ -98,6 +124,23 @@ def simulate_ins(motion: Motion, errors: InertialErrors, noise: ArrayLike | None
     ------
     ParameterError
         If the noise does not fit the motion.
+
+    Examples
+    --------
+    An error of the heading does nothing on a straight leg at constant speed, where there is no
+    acceleration that it could turn. Through a corner from east to north at 10 m/s the velocity
+    changes by (-10, 10) m/s; turned by 0.01 rad, this leaves an error of -0.1 m/s along each axis.
+
+    >>> import numpy as np
+    >>> from inswsn_lib.simulation import InertialErrors, Path, simulate_ins
+    >>> path = Path.through([(0, 0), (100, 0), (100, 100)], radius=20)
+    >>> motion = path.drive(10.0, np.arange(0, 18, 0.1))
+    >>> found = simulate_ins(motion, InertialErrors(heading=0.01))
+    >>> error = found[:, 2:, 0] - motion.velocity
+    >>> bool(np.abs(error[:80]).max() < 1e-9)  # the arc begins after 8 s
+    True
+    >>> error[-1].round(2).tolist()
+    [-0.1, -0.1]
     """
     velocity, angle = true_increments(motion)
     dt = np.diff(motion.time)

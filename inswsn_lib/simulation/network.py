@@ -35,6 +35,12 @@ def node_grid(corner: ArrayLike, size: tuple[float, float], spacing: float) -> A
     ------
     ParameterError
         If the spacing is not positive.
+
+    Examples
+    --------
+    >>> from inswsn_lib.simulation import node_grid
+    >>> node_grid((0.0, 10.0), size=(10, 5), spacing=5).tolist()
+    [[0.0, 10.0], [5.0, 10.0], [10.0, 10.0], [0.0, 15.0], [5.0, 15.0], [10.0, 15.0]]
     """
     if not spacing > 0:
         raise ParameterError("spacing", spacing, "positive")
@@ -59,6 +65,18 @@ class Ranging:
         Probability that a range is an outlier.
     outlier_scale : float
         Mean excess of an outlier, m: it is late, never early (exponential).
+
+    Examples
+    --------
+    Outliers are late, never early, by 3 m in the mean if the scale is 3 m:
+
+    >>> import numpy as np
+    >>> from inswsn_lib.simulation import Ranging, measure_ranges
+    >>> late = Ranging(reach=10.0, noise=0.0, outlier=1.0, outlier_scale=3.0)
+    >>> rng = np.random.default_rng(0)
+    >>> excess = measure_ranges(np.array([[3.0, 4.0]]), np.zeros(2), late, rng, runs=100_000) - 5.0
+    >>> bool(excess.min() >= 0), round(float(excess.mean()), 1)
+    (True, 3.0)
     """
 
     reach: float
@@ -83,6 +101,14 @@ def nodes_heard(nodes: Array, position: Array, reach: float) -> Array:
     Returns
     -------
     ndarray, (heard, 2)
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from inswsn_lib.simulation import nodes_heard
+    >>> nodes = np.array([[3.0, 4.0], [6.0, 8.0], [30.0, 40.0]])  # 5, 10 and 50 m from the origin
+    >>> nodes_heard(nodes, np.zeros(2), reach=10.0).tolist()
+    [[3.0, 4.0], [6.0, 8.0]]
     """
     return np.asarray(nodes[np.hypot(*(nodes - position).T) <= reach])
 
@@ -109,6 +135,20 @@ def measure_ranges(
     -------
     ndarray, (heard, runs)
         m; NaN where lost.
+
+    Examples
+    --------
+    Without noise they are distances; with noise, its standard deviation is that of `Ranging`.
+
+    >>> import numpy as np
+    >>> from inswsn_lib.simulation import Ranging, measure_ranges
+    >>> nodes, position = np.array([[0.0, 0.0], [3.0, 0.0]]), np.array([3.0, 4.0])
+    >>> rng = np.random.default_rng(0)
+    >>> measure_ranges(nodes, position, Ranging(reach=10.0, noise=0.0), rng, runs=1).tolist()
+    [[5.0], [4.0]]
+    >>> noisy = measure_ranges(nodes, position, Ranging(reach=10.0, noise=0.2), rng, runs=50_000)
+    >>> noisy.std(axis=1).round(1).tolist()
+    [0.2, 0.2]
     """
     distances = np.hypot(*(nodes - position).T)[:, None]
     shape = (len(nodes), runs)
@@ -142,6 +182,19 @@ def multilaterate(nodes: Array, ranges: Array) -> Array:
         m; NaN where fewer than three ranges are there, or the nodes lie almost on a line. The cost
         never rises, so that an outlier cannot send a fix to infinity; with gross outliers it may be
         a local minimum.
+
+    Examples
+    --------
+    Three nodes and the distances from (3, 4); in a second run a range is lost, and two do not make
+    a fix.
+
+    >>> import numpy as np
+    >>> from inswsn_lib.simulation import multilaterate
+    >>> nodes = np.array([[0.0, 0.0], [3.0, 0.0], [0.0, 4.0]])
+    >>> ranges = np.array([[5.0, 5.0], [4.0, 4.0], [3.0, np.nan]])
+    >>> print(multilaterate(nodes, ranges).round(6).T)
+    [[ 3.  4.]
+     [nan nan]]
     """
     there = ~np.isnan(ranges)
     r = np.where(there, ranges, 0.0)
@@ -200,6 +253,18 @@ def position_covariance(nodes: Array, position: Array, noise: float) -> Array:
     ------
     ParameterError
         If the nodes are fewer than two or in a line with the position, or one is at it.
+
+    Examples
+    --------
+    Two nodes in directions at right angles tell each coordinate by one range; four, by two each:
+
+    >>> import numpy as np
+    >>> from inswsn_lib.simulation import position_covariance
+    >>> nodes = np.array([[10.0, 0.0], [0.0, 10.0], [-10.0, 0.0], [0.0, -10.0]])
+    >>> position_covariance(nodes[:2], np.zeros(2), noise=0.2).round(6).diagonal().tolist()
+    [0.04, 0.04]
+    >>> position_covariance(nodes, np.zeros(2), noise=0.2).round(6).diagonal().tolist()
+    [0.02, 0.02]
     """
     away = position - nodes
     distance = np.hypot(*away.T)[:, None]
@@ -233,6 +298,18 @@ def velocity_slopes(positions: Array, period: float, fixes: int) -> Array:
     ------
     ParameterError
         If there are fewer than two fixes in a window.
+
+    Examples
+    --------
+    Fixes along a parabola, :math:`x = t^2`: the slope of three fixes is the velocity 2t of the
+    middle one, one period late.
+
+    >>> import numpy as np
+    >>> from inswsn_lib.simulation import velocity_slopes
+    >>> t = np.arange(5.0)
+    >>> fixes = np.stack([t**2, 3 * t], axis=1)[:, :, None]
+    >>> velocity_slopes(fixes, period=1.0, fixes=3)[:, :, 0].round(6).tolist()
+    [[nan, nan], [nan, nan], [2.0, 3.0], [4.0, 3.0], [6.0, 3.0]]
     """
     if fixes < 2:
         raise ParameterError("velocity_fixes", fixes, "2 or more")

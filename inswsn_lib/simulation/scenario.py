@@ -49,6 +49,15 @@ class Window:
     period : float
         s.
     samples : int
+
+    Examples
+    --------
+    Where one window ends the next one begins:
+
+    >>> from inswsn_lib.simulation import Window
+    >>> area = Window(start=10.0, period=0.5, samples=4)
+    >>> area.times.tolist(), area.end
+    ([10.0, 10.5, 11.0, 11.5], 12.0)
     """
 
     start: float
@@ -102,6 +111,24 @@ class Scene:
         The INS.
     inertial_interval : float
         Sampling interval of the inertial sensors, s.
+
+    Examples
+    --------
+    P1's scene, with the errors of the INS that fit its INS-only cells:
+
+    >>> import numpy as np
+    >>> from inswsn_lib.checkout import find_root
+    >>> from inswsn_lib.simulation import Scene, load_scenario
+    >>> folder = find_root() / "data/scenarios"
+    >>> settings = load_scenario(folder / "p1.yaml") | load_scenario(folder / "p1-inertial.yaml")
+    >>> scene = Scene.from_settings(settings)
+    >>> {name: window.samples for name, window in scene.windows.items()}
+    {'area1': 100, 'outage1': 50, 'area2': 100, 'outage2': 50}
+    >>> len(scene.nodes["area1"])  # 150 m a side, 5 m apart, edges included: 31 by 31
+    961
+    >>> errors = scene.simulate(np.random.default_rng(0), runs=2)
+    >>> errors["wsn.area1"].shape, errors["ins.outage1"].shape
+    ((100, 4, 2), (50, 4, 2))
     """
 
     size: tuple[float, float]
@@ -135,6 +162,10 @@ class Scene:
             From `load_scenario`; files may be joined by ``|``.
         inertial : InertialErrors, optional
             The errors of the INS, in place of those of the settings.
+
+        Returns
+        -------
+        Scene
 
         Raises
         ------

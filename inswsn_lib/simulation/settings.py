@@ -28,6 +28,20 @@ class Setting(BaseModel):
         us.
     why : str
         The place in the paper, or the reason.
+
+    Examples
+    --------
+    Every number says where it comes from; one that does not is refused.
+
+    >>> from pydantic import ValidationError
+    >>> from inswsn_lib.simulation import Setting
+    >>> Setting(value=0.2, unit="m", source="paper", why="Section 3.").value
+    0.2
+    >>> try:
+    ...     Setting(value=0.2, unit="m", source="guessed", why="It looks right.")
+    ... except ValidationError as error:
+    ...     print(error.errors()[0]["loc"])
+    ('source',)
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -46,10 +60,27 @@ def load_scenario(path: FilePath) -> dict[str, Setting]:
     path : Path
         YAML: names, each with value, unit, source and why.
 
+    Returns
+    -------
+    dict of str to Setting
+        By name, in the order of the file.
+
     Raises
     ------
     InswsnError
         If there is no such file, or an entry is not complete.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> from inswsn_lib.simulation import load_scenario
+    >>> with TemporaryDirectory() as folder:
+    ...     path = Path(folder, "small.yaml")
+    ...     _ = path.write_text("reach: {value: 12, unit: m, source: paper, why: Section 3.}")
+    ...     settings = load_scenario(path)
+    >>> settings["reach"].value, settings["reach"].unit, settings["reach"].source
+    (12.0, 'm', 'paper')
     """
     content = read_yaml(path)
     if not isinstance(content, dict):
@@ -84,6 +115,17 @@ def with_values(settings: Mapping[str, Setting], /, **values: Any) -> dict[str, 
     ------
     ParameterError
         If there is no setting of a name, or a value is not of one of these kinds.
+
+    Examples
+    --------
+    What is changed is no longer the paper's:
+
+    >>> from inswsn_lib.checkout import find_root
+    >>> from inswsn_lib.simulation import load_scenario, with_values
+    >>> settings = load_scenario(find_root() / "data/scenarios/p2.yaml")
+    >>> changed = with_values(settings, reach=20, spacing=7)  # the spacing is 7 m already
+    >>> [(changed[name].value, changed[name].source) for name in ("reach", "spacing")]
+    [(20.0, 'assumed'), (7.0, 'paper')]
     """
     changed = dict(settings)
     for name, given in values.items():

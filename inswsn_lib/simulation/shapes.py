@@ -58,6 +58,20 @@ def shaped_drift(
     ------
     ParameterError
         If there is no such shape, a number is not positive and finite, or the runs are not whole.
+
+    Examples
+    --------
+    A steady velocity error moves the position error evenly, an accelerating one does not:
+
+    >>> import numpy as np
+    >>> from inswsn_lib.simulation import SHAPES, shaped_drift
+    >>> t = np.array([0.0, 10.0, 20.0])
+    >>> for shape in SHAPES[:2]:
+    ...     drift = shaped_drift(shape, t, np.random.default_rng(0), runs=3)
+    ...     moved = np.diff(drift[:, :2], axis=0)
+    ...     print(shape, drift.shape, bool(np.allclose(moved[0], moved[1])))
+    steady (3, 4, 3) True
+    accelerating (3, 4, 3) False
     """
     if shape not in SHAPES:
         raise ParameterError("shape", shape, f"one of {', '.join(SHAPES)}")

@@ -39,6 +39,17 @@ def heavy_tailed(errors: ArrayLike, degrees: float, rng: np.random.Generator) ->
     ParameterError
         If `degrees` is not above 2, where the variance is infinite, or not finite, or the errors
         have another shape.
+
+    Examples
+    --------
+    One factor a step and run, whose square is :math:`\nu / (\nu - 2)` in the mean: 1.2 for twelve
+    degrees of freedom.
+
+    >>> import numpy as np
+    >>> from inswsn_lib.simulation import heavy_tailed
+    >>> found = heavy_tailed(np.ones((1000, 2, 100)), 12, np.random.default_rng(0))
+    >>> bool((found[:, 0] == found[:, 1]).all()), round(float(np.mean(found**2)), 1)
+    (True, 1.2)
     """
     if not 2 < degrees < np.inf:
         raise ParameterError("degrees", degrees, "above 2 and finite")
@@ -84,6 +95,18 @@ def drifting(
     ParameterError
         If the period or the correlation time is not positive, the deviation is negative, one of
         them is not finite, or the errors have another shape.
+
+    Examples
+    --------
+    An acceleration that wanders much more slowly than the run is long is a bias: after the time t
+    the position is off by t/2 times what the velocity is off by.
+
+    >>> import numpy as np
+    >>> from inswsn_lib.simulation import drifting
+    >>> rng = np.random.default_rng(0)
+    >>> found = drifting(np.zeros((11, 4, 1)), 1.0, rng, deviation=0.1, correlation_time=1e12)
+    >>> (found[10, :2] / found[10, 2:]).round(3).ravel().tolist()
+    [5.0, 5.0]
     """
     for name, value in (("period", period), ("correlation_time", correlation_time)):
         if not 0 < value < np.inf:
@@ -123,6 +146,15 @@ def losing(errors: ArrayLike, share: float, rng: np.random.Generator) -> Array:
     ------
     ParameterError
         If the share is not between 0 and 1, or the errors have another shape.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from inswsn_lib.simulation import losing
+    >>> found = losing(np.zeros((1000, 2, 100)), 0.3, np.random.default_rng(0))
+    >>> lost = np.isnan(found)
+    >>> round(float(lost.mean()), 1), bool((lost[:, 0] == lost[:, 1]).all())
+    (0.3, True)
     """
     if not 0 <= share <= 1:
         raise ParameterError("share", share, "between 0 and 1")

@@ -26,6 +26,17 @@ class Motion:
         Of the velocity, radians from x towards y, continuous.
     yaw_rate : ndarray, (steps,)
         rad/s.
+
+    Examples
+    --------
+    Round a corner from east to north at 10 m/s on an arc of 20 m, the heading grows by half a
+    radian a second:
+
+    >>> from inswsn_lib.simulation import Path
+    >>> path = Path.through([(0, 0), (100, 0), (100, 100)], radius=20)
+    >>> motion = path.drive(10.0, [0.0, 9.0])  # the arc begins after 8 s
+    >>> motion.yaw_rate.tolist(), motion.heading.round(6).tolist()
+    ([0.0, 0.5], [0.0, 0.5])
     """
 
     time: Array
@@ -37,7 +48,7 @@ class Motion:
 
 @dataclass(frozen=True, eq=False)
 class Path:
-    """Straight legs and arcs, one after the other.
+    r"""Straight legs and arcs, one after the other.
 
     Attributes
     ----------
@@ -49,6 +60,18 @@ class Path:
         m.
     heading : float
         At the start, radians.
+
+    Examples
+    --------
+    An arc cuts the corner: of 200 m it leaves :math:`200 - (2 - \pi/2)\,r`.
+
+    >>> from math import pi
+    >>> from inswsn_lib.simulation import Path
+    >>> path = Path.through([(0, 0), (100, 0), (100, 100)], radius=20)
+    >>> print(f"{path.length:.3f} {200 - (2 - pi / 2) * 20:.3f}")
+    191.416 191.416
+    >>> path.drive(10.0, [path.length / 10.0]).position.round(6).tolist()
+    [[100.0, 100.0]]
     """
 
     lengths: Array
@@ -66,6 +89,11 @@ class Path:
             m; the first and the last are met, the others are corners.
         radius : float
             Of the arcs, m.
+
+        Returns
+        -------
+        Path
+            A straight leg, then an arc and a leg for each corner.
 
         Raises
         ------
@@ -105,6 +133,11 @@ class Path:
             m/s.
         time : array_like, (steps,)
             s since the start. After the end of the path the motion goes straight on.
+
+        Returns
+        -------
+        Motion
+            At these times.
 
         Raises
         ------

@@ -53,6 +53,36 @@ def calibrate_inertial_noise(
     ------
     ParameterError
         If the rows are not within the drive, or there is no candidate.
+
+    Examples
+    --------
+    A recording in which the IMU is as noisy as the filter believes, and one three times as noisy;
+    both are made here from a simulated drive:
+
+    >>> import numpy as np
+    >>> from inswsn_lib.checkout import find_root
+    >>> from inswsn_lib.simulation import load_scenario, with_values
+    >>> from inswsn_lib.vehicle import (
+    ...     FilterSettings, RecordedDrive, calibrate_inertial_noise, simulate_drive
+    ... )
+    >>> from inswsn_lib.vehicle.recorded import Track
+    >>> scenario = load_scenario(find_root() / "data/scenarios/p3.yaml")
+    >>> settings = FilterSettings.from_settings(scenario)
+    >>> for times in (1, 3):
+    ...     noises = {n: times * scenario[n].value for n in ("gyro_noise", "accelerometer_noise")}
+    ...     drive = simulate_drive(with_values(scenario, imu_period=0.1, **noises), runs=1, seed=0)
+    ...     true = drive.reference
+    ...     track = Track(drive.time, true.position, true.velocity, np.ones(len(drive.time), int))
+    ...     recorded = RecordedDrive(
+    ...         0.0, drive.time, drive.period, drive.rotation_increments[..., 0],
+    ...         drive.velocity_increments[..., 0], true.position, true.velocity, track,
+    ...     )
+    ...     louder, means = calibrate_inertial_noise(
+    ...         recorded, settings, (20, 100), runs=2, seed=0, levels=(1.0, 3.0)
+    ...     )
+    ...     print(times, round(louder.gyro_noise / settings.gyro_noise, 3))
+    1 1.0
+    3 3.0
     """
     first, last = rows
     end = len(recorded.time) - 1

@@ -48,6 +48,26 @@ def numeric_dynamics(
         Body to east-north-up.
     force, rate : ndarray, (3,)
         Specific force and angular rate, body axes (m/s^2, rad/s).
+
+    Returns
+    -------
+    ndarray, (15, 15)
+        1/s, and units of the states.
+
+    Examples
+    --------
+    It agrees with `error_dynamics`, with which it shares no line, but for what that leaves out:
+
+    >>> import numpy as np
+    >>> from inswsn_lib.vehicle import error_dynamics, numeric_dynamics, row_difference
+    >>> position = np.array([0.56, 2.07, 20.0])
+    >>> velocity = np.array([3.0, 12.0, 0.2])
+    >>> attitude = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])  # level, north
+    >>> force = np.array([0.5, 1.0, -9.8])  # forward, right, down
+    >>> found = numeric_dynamics(position, velocity, attitude, force, np.array([0.0, 0.0, 0.1]))
+    >>> expected = error_dynamics(position, velocity, attitude, attitude @ force)
+    >>> bool(row_difference(found, expected, position) < 0.01)
+    True
     """
     # the dynamics do not know the longitude, and near zero its rounding is smaller
     position = position * np.array([1.0, 0.0, 1.0])
@@ -99,6 +119,29 @@ def numeric_rows(position: Array, velocity: Array, attitude: Array) -> Array:
 
     The yaw is that of a vector in the horizontal plane, the lateral velocity the second component
     in the body, both as a navigation computer has them; see `numeric_dynamics` for the arguments.
+
+    Parameters
+    ----------
+    position, velocity, attitude : ndarray, (3,), (3,), (3, 3)
+        As for `numeric_dynamics`.
+
+    Returns
+    -------
+    ndarray, (8, 15)
+        The compass, the lateral velocity, three of GPS position and three of GPS velocity.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from inswsn_lib.vehicle import (
+    ...     compass_row, gps_rows, lateral_row, numeric_rows, row_difference
+    ... )
+    >>> position = np.array([0.56, 2.07, 20.0])
+    >>> velocity = np.array([3.0, 12.0, 0.2])
+    >>> attitude = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])  # level, north
+    >>> expected = np.vstack([compass_row(attitude), lateral_row(attitude, velocity), gps_rows()])
+    >>> bool(row_difference(numeric_rows(position, velocity, attitude), expected, position) < 1e-3)
+    True
     """
     sizes = _SIZES / state_sizes(position)
     errors = np.concatenate([np.diag(sizes), -np.diag(sizes)])
@@ -119,6 +162,21 @@ def row_difference(found: Array, expected: Array, position: Array) -> float:
         In P3's units; columns are compared in metres.
     position : ndarray, (3,)
         Where, for the metres of a radian.
+
+    Returns
+    -------
+    float
+        The share, 1.
+
+    Examples
+    --------
+    An error of one per cent in the largest entry of a row:
+
+    >>> import numpy as np
+    >>> from inswsn_lib.vehicle import gps_rows, row_difference
+    >>> position = np.array([0.56, 2.07, 20.0])
+    >>> round(row_difference(1.01 * gps_rows(), gps_rows(), position), 6)
+    0.01
     """
     scaled = (found - expected) / state_sizes(position)
     size = np.abs(expected / state_sizes(position)).max(axis=1)

@@ -28,6 +28,16 @@ class Reference:
         Body (forward, right, down) to east-north-up; None where it is not known, as in a recording.
     gyro_bias, accelerometer_bias : ndarray, (3, runs), optional
         Of each run, at the end of the drive, body axes (rad/s, m/s^2); None in a recording.
+
+    Examples
+    --------
+    A recording knows no attitude and no biases:
+
+    >>> import numpy as np
+    >>> from inswsn_lib.vehicle import Reference
+    >>> parked = Reference(position=np.array([[0.56, 2.07, 20.0]] * 3), velocity=np.zeros((3, 3)))
+    >>> parked.attitude is None, parked.gyro_bias is None
+    (True, True)
     """
 
     position: Array
@@ -47,6 +57,13 @@ class Place:
         A few words that a table can show.
     start : int
         The epoch of the last GPS measurement before the outage.
+
+    Examples
+    --------
+    >>> from inswsn_lib.vehicle import Place
+    >>> tunnel = Place("tunnel", start=120)
+    >>> f"GPS is last heard at epoch {tunnel.start}, then comes the {tunnel.name}."
+    'GPS is last heard at epoch 120, then comes the tunnel.'
     """
 
     name: str
@@ -84,6 +101,31 @@ class Drive:
         Where outages are to begin.
     origin : {"simulated", "recorded"}
         In a recorded drive the IMU is recorded, GPS and compass are emulated from the reference.
+
+    Raises
+    ------
+    ParameterError
+        If shapes do not fit, an increment is not finite, a measurement is infinite, time is not
+        even, samples do not fill the epochs, or a place is not in the drive.
+
+    Examples
+    --------
+    A car parked on the equator, heading north, for two seconds, with an IMU at 10 Hz: the
+    accelerometers tell the reaction to gravity, the gyros the rate of the earth.
+
+    >>> import numpy as np
+    >>> from pyins import earth
+    >>> from inswsn_lib.vehicle import Drive, Reference
+    >>> still = Reference(position=np.zeros((3, 3)), velocity=np.zeros((3, 3)))
+    >>> turns, pushes = np.zeros((2, 20, 3, 1))  # samples, axes, runs
+    >>> turns[:, 0], pushes[:, 2] = earth.RATE * 0.1, -earth.gravity(0.0, 0.0) * 0.1
+    >>> drive = Drive(
+    ...     time=np.arange(3.0), period=0.1, rotation_increments=turns, velocity_increments=pushes,
+    ...     gps_position=np.zeros((3, 3, 1)), gps_velocity=np.zeros((3, 3, 1)),
+    ...     compass=np.zeros((3, 1)), reference=still, places=(), origin="simulated",
+    ... )
+    >>> drive.interval, drive.samples_per_epoch, drive.runs, drive.increments[0].shape
+    (1.0, 10, 1, (1, 2, 10, 3))
     """
 
     time: Array

@@ -57,6 +57,29 @@ def metres(position: Array) -> Array:
     r"""Return the metres of a radian north and east and of a metre up, (..., 3).
 
     They take a small difference of positions, in the order latitude, longitude, height, to metres.
+
+    Parameters
+    ----------
+    position : ndarray, (..., 3)
+        Latitude, longitude (rad) and height (m).
+
+    Returns
+    -------
+    ndarray, (..., 3)
+        m/rad, m/rad and 1.
+
+    Examples
+    --------
+    A minute of latitude is a nautical mile (1852 m) at 45 degrees; on the equator a minute of
+    longitude is a geographical one (1855 m).
+
+    >>> import numpy as np
+    >>> from inswsn_lib.vehicle import metres
+    >>> minute = np.radians(1 / 60)
+    >>> print(f"{metres(np.array([np.pi / 4, 0.0, 0.0]))[0] * minute:.1f} m")
+    1852.2 m
+    >>> print(f"{metres(np.zeros(3))[1] * minute:.1f} m")
+    1855.3 m
     """
     meridian, transverse = radii(position)
     return np.stack(
@@ -108,6 +131,26 @@ def error_dynamics(position: Array, velocity: Array, attitude: Array, force: Arr
         Body to east-north-up.
     force : ndarray, (..., 3)
         Specific force, east, north, up (m/s^2).
+
+    Returns
+    -------
+    ndarray, (..., 15, 15)
+        1/s, and units of the states.
+
+    Examples
+    --------
+    A tilt about north makes the INS fall towards east with g, and moving east makes it turn about
+    north, over the radius of the earth: an oscillation with Schuler's period,
+    :math:`2\pi\sqrt{R/g}`.
+
+    >>> import numpy as np
+    >>> from inswsn_lib.vehicle import error_dynamics
+    >>> level = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])  # heading north
+    >>> F = error_dynamics(np.zeros(3), np.zeros(3), level, np.array([0.0, 0.0, 9.78]))
+    >>> float(F[3, 7])  # velocity east by attitude about north
+    -9.78
+    >>> print(f"{2 * np.pi / np.sqrt(-F[3, 7] * F[7, 3]) / 60:.1f} min")
+    84.6 min
     """
     latitude = position[..., 0]
     meridian, transverse = radii(position)
@@ -156,6 +199,27 @@ def noise_input(attitude: Array) -> Array:
 
     The twelve noises are those of the accelerometers (3), of the gyros (3), and what drives the
     biases (3) and the drifts (3).
+
+    Parameters
+    ----------
+    attitude : ndarray, (..., 3, 3)
+        Body to east-north-up.
+
+    Returns
+    -------
+    ndarray, (..., 15, 12)
+
+    Examples
+    --------
+    Heading north, the noise of the forward accelerometer drives the velocity north, and that of the
+    gyro about the forward axis the attitude about north, with the other sign:
+
+    >>> import numpy as np
+    >>> from inswsn_lib.vehicle import noise_input
+    >>> level = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+    >>> G = noise_input(level)
+    >>> G.shape, float(G[4, 0]), float(G[7, 3])
+    ((15, 12), 1.0, -1.0)
     """
     G = np.zeros((*attitude.shape[:-2], STATES, 12))
     G[..., VELOCITY, 0:3] = attitude
@@ -184,6 +248,24 @@ def discretise(F: Array, density: Array, step: float) -> tuple[Array, Array]:
     Returns
     -------
     transition, covariance : ndarray, (..., n, n)
+
+    Examples
+    --------
+    White noise that is integrated twice. The transition is exact; the trapezoid gives the variance
+    of the first state as 1/2 where it is 1/3, which is why steps are short.
+
+    >>> import numpy as np
+    >>> from inswsn_lib.vehicle import discretise
+    >>> F, density = np.array([[0.0, 1.0], [0.0, 0.0]]), np.diag([0.0, 1.0])
+    >>> transition, covariance = discretise(F, density, 1.0)
+    >>> transition.tolist(), covariance.tolist()
+    ([[1.0, 1.0], [0.0, 1.0]], [[0.5, 0.5], [0.5, 1.0]])
+    >>> _, in_ten = discretise(F, density, 0.1)
+    >>> step, total = np.array([[1.0, 0.1], [0.0, 1.0]]), np.zeros((2, 2))
+    >>> for _ in range(10):
+    ...     total = step @ total @ step.T + in_ten
+    >>> print(f"{total[0, 0]:.3f}")
+    0.335
     """
     scaled = F * step
     square = scaled @ scaled
@@ -193,7 +275,28 @@ def discretise(F: Array, density: Array, step: float) -> tuple[Array, Array]:
 
 
 def yaw(attitude: Array) -> Array:
-    r"""Return the yaw :math:`\psi = \mathrm{atan2}(c_E, c_N)` (rad), clockwise from north."""
+    r"""Return the yaw :math:`\psi = \mathrm{atan2}(c_E, c_N)` (rad), clockwise from north.
+
+    Parameters
+    ----------
+    attitude : ndarray, (..., 3, 3)
+        Body (forward, right, down) to east-north-up.
+
+    Returns
+    -------
+    ndarray, (...)
+        In (-pi, pi].
+
+    Examples
+    --------
+    Its columns are the body's axes; here forward is east, right is south, and down is down.
+
+    >>> import numpy as np
+    >>> from inswsn_lib.vehicle import yaw
+    >>> eastward = np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, -1.0]])
+    >>> float(np.degrees(yaw(eastward)))
+    90.0
+    """
     return np.asarray(np.arctan2(attitude[..., 0, 0], attitude[..., 1, 0]))
 
 
@@ -202,6 +305,26 @@ def compass_row(attitude: Array) -> Array:
 
     With c the body's forward axis, :math:`\delta\psi = [-c_E c_U/d,\ -c_N c_U/d,\ 1]\,\varphi`,
     :math:`d = c_E^2 + c_N^2`.
+
+    Parameters
+    ----------
+    attitude : ndarray, (..., 3, 3)
+        Body to east-north-up.
+
+    Returns
+    -------
+    ndarray, (..., 1, 15)
+        rad per unit of the states.
+
+    Examples
+    --------
+    A level car's compass sees the error about the vertical alone:
+
+    >>> import numpy as np
+    >>> from inswsn_lib.vehicle import compass_row
+    >>> level = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+    >>> np.flatnonzero(compass_row(level)).tolist(), float(compass_row(level)[0, 8])
+    ([8], 1.0)
     """
     east, north, up = np.moveaxis(attitude[..., :, 0], -1, 0)
     d = east**2 + north**2
@@ -215,6 +338,30 @@ def lateral_row(attitude: Array, velocity: Array) -> Array:
 
     With r the second row of :math:`C_n^b`,
     :math:`\delta v_y = r\,\delta v - r\,[v\times]\,\varphi`.
+
+    Parameters
+    ----------
+    attitude : ndarray, (..., 3, 3)
+        Body to east-north-up.
+    velocity : ndarray, (..., 3)
+        East, north, up (m/s).
+
+    Returns
+    -------
+    ndarray, (..., 1, 15)
+        m/s per unit of the states.
+
+    Examples
+    --------
+    A car that heads north at 10 m/s: an error of the velocity east is all lateral, and the sensor
+    sees the attitude about the vertical by the speed.
+
+    >>> import numpy as np
+    >>> from inswsn_lib.vehicle import lateral_row
+    >>> level = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+    >>> row = lateral_row(level, np.array([0.0, 10.0, 0.0]))[0]
+    >>> {int(i): float(row[i]) for i in np.flatnonzero(row)}
+    {3: 1.0, 8: -10.0}
     """
     r = attitude[..., None, :, 1]
     row = np.zeros((*attitude.shape[:-2], 1, STATES))
@@ -224,5 +371,17 @@ def lateral_row(attitude: Array, velocity: Array) -> Array:
 
 
 def gps_rows() -> Array:
-    """Return the rows of GPS position and velocity (P3 (20)), (6, 15)."""
+    """Return the rows of GPS position and velocity (P3 (20)), (6, 15).
+
+    Returns
+    -------
+    ndarray, (6, 15)
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from inswsn_lib.vehicle import gps_rows
+    >>> (gps_rows() @ np.arange(15.0)).tolist()  # the first six states
+    [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]
+    """
     return np.eye(6, STATES)

@@ -68,6 +68,23 @@ class FilterSettings:
         Their standard deviations (rad, rad, m).
     gps_time : float
         The correlation time of the last (s).
+
+    Raises
+    ------
+    ParameterError
+        If a number is not positive and finite, the steps are not whole, or an extra is not known.
+
+    Examples
+    --------
+    >>> from inswsn_lib.checkout import find_root
+    >>> from inswsn_lib.simulation import load_scenario
+    >>> from inswsn_lib.vehicle import FilterSettings
+    >>> scenario = load_scenario(find_root() / "data/scenarios/p3.yaml")
+    >>> settings = FilterSettings.from_settings(scenario)
+    >>> settings.gps_position, settings.states
+    (3.0, 15)
+    >>> FilterSettings.from_settings(scenario, extra=("compass", "gps")).states
+    18
     """
 
     accelerometer_noise: float
@@ -115,6 +132,17 @@ class FilterSettings:
     def from_settings(cls, settings: Mapping[str, Setting], **changes: Any) -> Self:
         """Take the settings whose names begin with ``filter_``; `changes` replace some.
 
+        Parameters
+        ----------
+        settings : mapping of str to Setting
+            From `load_scenario`.
+        **changes
+            Values by the names of the attributes, in place of those of the settings.
+
+        Returns
+        -------
+        FilterSettings
+
         Raises
         ------
         ParameterError
@@ -139,12 +167,33 @@ class FilterSettings:
         return STATES + sum(EXTRA_STATES[name] for name in self.extra)
 
     def column(self, name: str) -> int:
-        """Return the first state of an extra."""
+        """Return the first state of an extra.
+
+        Parameters
+        ----------
+        name : str
+            One of `extra`.
+
+        Returns
+        -------
+        int
+            Counted from 0.
+        """
         before = self.extra[: self.extra.index(name)]
         return STATES + sum(EXTRA_STATES[other] for other in before)
 
     def initial_covariance(self, position: Array) -> Array:
-        """Return P at the start, (runs, n, n), for positions (runs, 3)."""
+        """Return P at the start, (runs, n, n), for positions (runs, 3).
+
+        Parameters
+        ----------
+        position : ndarray, (runs, 3)
+            Latitude, longitude (rad), height (m): position errors are angles.
+
+        Returns
+        -------
+        ndarray, (runs, n, n)
+        """
         sizes = np.zeros((len(position), self.states))
         sizes[:, POSITION] = self.position / metres(position)
         sizes[:, VELOCITY] = self.velocity
@@ -193,6 +242,17 @@ class VehicleRun:
         less sensor; NaN where not used.
     innovation_covariances : ndarray, (steps, 8, 8, runs)
         Of the first two and of the last six, each before its own update; zero between the two.
+
+    Examples
+    --------
+    >>> from inswsn_lib.checkout import find_root
+    >>> from inswsn_lib.simulation import load_scenario, with_values
+    >>> from inswsn_lib.vehicle import FilterSettings, run_vehicle_filter, simulate_drive
+    >>> scenario = load_scenario(find_root() / "data/scenarios/p3.yaml")
+    >>> drive = simulate_drive(with_values(scenario, imu_period=0.1), runs=2, seed=0)
+    >>> run = run_vehicle_filter(drive, FilterSettings.from_settings(scenario), last=5)
+    >>> run.position.shape, run.innovations.shape, run.states.attitude.shape
+    ((6, 3, 2), (6, 8, 2), (6, 2, 3, 3))
     """
 
     epochs: NDArray[np.intp]
@@ -225,6 +285,29 @@ def position_error(run: VehicleRun, drive: Drive, position: Array | None = None)
         What it was run on.
     position : ndarray, (steps, 3, runs), optional
         Default: that after all updates.
+
+    Returns
+    -------
+    ndarray, (steps, 3, runs)
+        m.
+
+    Examples
+    --------
+    A position that is 4 m east and 3 m north of the reference:
+
+    >>> import numpy as np
+    >>> from inswsn_lib.checkout import find_root
+    >>> from inswsn_lib.simulation import load_scenario, with_values
+    >>> from inswsn_lib.vehicle import (
+    ...     FilterSettings, metres, position_error, run_vehicle_filter, simulate_drive
+    ... )
+    >>> scenario = load_scenario(find_root() / "data/scenarios/p3.yaml")
+    >>> drive = simulate_drive(with_values(scenario, imu_period=0.1), runs=1, seed=0)
+    >>> run = run_vehicle_filter(drive, FilterSettings.from_settings(scenario), last=1)
+    >>> true = drive.reference.position[:2]
+    >>> moved = true + np.array([3.0, 4.0, 0.0]) / metres(true)  # latitude, longitude, height
+    >>> position_error(run, drive, moved[:, :, None])[1, :, 0].round(6).tolist()
+    [4.0, 3.0, 0.0]
     """
     found = np.moveaxis(run.position if position is None else position, 2, 1)
     true = drive.reference.position[run.epochs]
@@ -233,7 +316,36 @@ def position_error(run: VehicleRun, drive: Drive, position: Array | None = None)
 
 
 def horizontal_error(run: VehicleRun, drive: Drive, position: Array | None = None) -> Array:
-    """Return the horizontal distance from the reference (m), (steps, runs); P3 Section 5."""
+    """Return the horizontal distance from the reference (m), (steps, runs); P3 Section 5.
+
+    Parameters
+    ----------
+    run, drive, position
+        As for `position_error`.
+
+    Returns
+    -------
+    ndarray, (steps, runs)
+        m.
+
+    Examples
+    --------
+    A position that is 4 m east and 3 m north of the reference:
+
+    >>> import numpy as np
+    >>> from inswsn_lib.checkout import find_root
+    >>> from inswsn_lib.simulation import load_scenario, with_values
+    >>> from inswsn_lib.vehicle import (
+    ...     FilterSettings, horizontal_error, metres, run_vehicle_filter, simulate_drive
+    ... )
+    >>> scenario = load_scenario(find_root() / "data/scenarios/p3.yaml")
+    >>> drive = simulate_drive(with_values(scenario, imu_period=0.1), runs=1, seed=0)
+    >>> run = run_vehicle_filter(drive, FilterSettings.from_settings(scenario), last=1)
+    >>> true = drive.reference.position[:2]
+    >>> moved = true + np.array([3.0, 4.0, 0.0]) / metres(true)  # latitude, longitude, height
+    >>> horizontal_error(run, drive, moved[:, :, None]).round(6).tolist()
+    [[5.0], [5.0]]
+    """
     error = position_error(run, drive, position)
     return np.asarray(np.hypot(error[:, 0], error[:, 1]))
 
@@ -244,10 +356,37 @@ def navigation_error(run: VehicleRun, drive: Drive) -> Array:
     What is left of them after all updates: position (rad, rad, m), velocity (m/s), and the attitude
     error :math:`\varphi` of :math:`C' = (I - [\varphi\times])\,C` (rad).
 
+    Parameters
+    ----------
+    run : VehicleRun
+    drive : Drive
+        What it was run on.
+
+    Returns
+    -------
+    ndarray, (steps, 9, runs)
+
     Raises
     ------
     ParameterError
         If the reference has no attitude.
+
+    Examples
+    --------
+    After 100 s with all aids the attitude is known to better than a degree about each axis:
+
+    >>> import numpy as np
+    >>> from inswsn_lib.checkout import find_root
+    >>> from inswsn_lib.simulation import load_scenario, with_values
+    >>> from inswsn_lib.vehicle import (
+    ...     FilterSettings, navigation_error, run_vehicle_filter, simulate_drive
+    ... )
+    >>> scenario = load_scenario(find_root() / "data/scenarios/p3.yaml")
+    >>> drive = simulate_drive(with_values(scenario, imu_period=0.1), runs=2, seed=0)
+    >>> run = run_vehicle_filter(drive, FilterSettings.from_settings(scenario), last=100)
+    >>> error = navigation_error(run, drive)
+    >>> error.shape, bool(np.degrees(np.abs(error[100, 6:])).max() < 1)
+    ((101, 9, 2), True)
     """
     true = drive.reference
     if true.attitude is None:
@@ -304,6 +443,28 @@ def run_vehicle_filter(
     ------
     ParameterError
         If an outage or `last` is not within the drive.
+
+    Examples
+    --------
+    Forty seconds without GPS in a turn, with compass and lateral velocity and without them:
+
+    >>> from inswsn_lib.checkout import find_root
+    >>> from inswsn_lib.simulation import load_scenario, with_values
+    >>> from inswsn_lib.vehicle import (
+    ...     FilterSettings, horizontal_error, run_vehicle_filter, simulate_drive
+    ... )
+    >>> scenario = load_scenario(find_root() / "data/scenarios/p3.yaml")
+    >>> settings = FilterSettings.from_settings(scenario)
+    >>> drive = simulate_drive(with_values(scenario, imu_period=0.1), runs=4, seed=0)
+    >>> start = drive.places[0].start
+    >>> outage, end = (start + 1, start + 41), start + 40
+    >>> aided, alone = (
+    ...     run_vehicle_filter(drive, settings, aiding=aiding, outages=[outage], last=end)
+    ...     for aiding in (True, False)
+    ... )
+    >>> far = [horizontal_error(run, drive)[end].mean() for run in (aided, alone)]
+    >>> bool(far[0] < far[1] / 3)
+    True
     """
     end = len(drive.time) - 1 if last is None else last
     if not isinstance(end, int | np.integer):
@@ -365,6 +526,25 @@ def replay(
     ------
     ParameterError
         If a branch would begin or end outside the run.
+
+    Examples
+    --------
+    A branch with an outage is the run that has it:
+
+    >>> import numpy as np
+    >>> from inswsn_lib.checkout import find_root
+    >>> from inswsn_lib.simulation import load_scenario, with_values
+    >>> from inswsn_lib.vehicle import FilterSettings, replay, run_vehicle_filter, simulate_drive
+    >>> scenario = load_scenario(find_root() / "data/scenarios/p3.yaml")
+    >>> settings = FilterSettings.from_settings(scenario)
+    >>> drive = simulate_drive(with_values(scenario, imu_period=0.1), runs=1, seed=0)
+    >>> run = run_vehicle_filter(drive, settings, last=30)
+    >>> branches = replay(drive, settings, run, [20, 25], 10, aiding=True)
+    >>> branches.epochs[0].tolist(), branches.epochs[-1].tolist()
+    ([20, 25], [30, 35])
+    >>> whole = run_vehicle_filter(drive, settings, outages=[(21, 31)], last=30)
+    >>> bool(np.allclose(branches.position[:, :, 0], whole.position[20:, :, 0], rtol=0, atol=1e-9))
+    True
     """
     begin = np.asarray(starts)
     runs = len(run.which)
@@ -400,10 +580,45 @@ def align(drive: Drive, settings: FilterSettings) -> VehicleState:
     Roll and pitch come from the mean specific force over the first interval (Groves 2013, Section
     5.6), yaw from the first compass measurement, position from the first GPS fix, velocity is zero.
 
+    Parameters
+    ----------
+    drive : Drive
+    settings : FilterSettings
+        For the covariance.
+
+    Returns
+    -------
+    VehicleState
+        Leading shape (runs,).
+
     Raises
     ------
     ParameterError
         If the first epoch lacks GPS or compass.
+
+    Examples
+    --------
+    An accelerometer that tells 0.1 m/s^2 more across the car tilts the levelled INS by that over g:
+
+    >>> import numpy as np
+    >>> from inswsn_lib.checkout import find_root
+    >>> from inswsn_lib.simulation import load_scenario
+    >>> from inswsn_lib.vehicle import Drive, FilterSettings, Reference, align, yaw
+    >>> pushes = np.zeros((10, 3, 1))
+    >>> pushes[:, 1], pushes[:, 2] = 0.1 * 0.1, -9.8 * 0.1  # right and down, 10 Hz
+    >>> drive = Drive(
+    ...     time=np.arange(2.0), period=0.1, rotation_increments=0 * pushes,
+    ...     velocity_increments=pushes, gps_position=np.zeros((2, 3, 1)),
+    ...     gps_velocity=np.zeros((2, 3, 1)), compass=np.full((2, 1), np.pi / 2), places=(),
+    ...     reference=Reference(np.zeros((2, 3)), np.zeros((2, 3))), origin="simulated",
+    ... )
+    >>> scenario = load_scenario(find_root() / "data/scenarios/p3.yaml")
+    >>> state = align(drive, FilterSettings.from_settings(scenario))
+    >>> print(f"{float(np.degrees(yaw(state.attitude)[0])):.1f} degrees")
+    90.0 degrees
+    >>> right = state.attitude[0, :, 1]
+    >>> print(f"{right[2]:.4f} {0.1 / 9.8:.4f}")  # how far the right side is up
+    0.0102 0.0102
     """
     position, heading = drive.gps_position[0].T, drive.compass[0]
     if np.isnan(position).any() or np.isnan(heading).any():
@@ -459,6 +674,21 @@ def sequential_update(
     -------
     x, P, innovation, covariance : ndarray
         The last two are those of all measurements, used or not.
+
+    Examples
+    --------
+    A scalar by hand: as uncertain as the measurement, the estimate goes half of the way, and keeps
+    half of its variance; a measurement that is not used changes nothing.
+
+    >>> import numpy as np
+    >>> from inswsn_lib.vehicle import sequential_update
+    >>> x, P, H = np.zeros((2, 1)), np.full((2, 1, 1), 4.0), np.ones((2, 1, 1))  # two runs
+    >>> z, used = np.array([[2.0], [2.0]]), np.array([[True], [False]])
+    >>> x, P, innovation, covariance = sequential_update(x, P, z, H, np.array([4.0]), used)
+    >>> x.ravel().tolist(), P.ravel().tolist()
+    ([1.0, 0.0], [2.0, 4.0])
+    >>> innovation.ravel().tolist(), covariance.ravel().tolist()
+    ([2.0, 2.0], [8.0, 8.0])
     """
     innovation = z - (H @ x[..., None])[..., 0]
     noise = R[..., None] * np.eye(R.shape[-1])

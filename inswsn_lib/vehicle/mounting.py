@@ -25,6 +25,27 @@ class Mounting:
         Takes vectors from the IMU's axes to the vehicle's, forward, right, down.
     epochs : ndarray of int, (runs,)
         How many epochs told.
+
+    Examples
+    --------
+    The rotation takes the vehicle's forward axis, in the IMU's axes, to (1, 0, 0):
+
+    >>> import numpy as np
+    >>> from inswsn_lib.checkout import find_root
+    >>> from inswsn_lib.simulation import load_scenario, with_values
+    >>> from inswsn_lib.vehicle import (
+    ...     FilterSettings, estimate_mounting, run_vehicle_filter, simulate_drive
+    ... )
+    >>> scenario = load_scenario(find_root() / "data/scenarios/p3.yaml")
+    >>> drive = simulate_drive(with_values(scenario, imu_period=0.1), runs=1, seed=0)
+    >>> settings = FilterSettings.from_settings(scenario)
+    >>> mounting = estimate_mounting(run_vehicle_filter(drive, settings, aiding=False, last=80), 80)
+    >>> level = np.cos(mounting.pitch)
+    >>> forward = np.stack(
+    ...     [level * np.cos(mounting.yaw), level * np.sin(mounting.yaw), -np.sin(mounting.pitch)]
+    ... )
+    >>> np.abs(mounting.rotation[0] @ forward).round(6).ravel().tolist()
+    [1.0, 0.0, 0.0]
     """
 
     yaw: Array
@@ -50,10 +71,35 @@ def estimate_mounting(run: VehicleRun, until: int, *, slowest: float = 5.0) -> M
     slowest : float
         Slower than this (m/s) does not count.
 
+    Returns
+    -------
+    Mounting
+        Of each run.
+
     Raises
     ------
     ParameterError
         If the vehicle has not moved that fast by then.
+
+    Examples
+    --------
+    The IMU is turned by six degrees to the right, so that the car's forward axis is to the left of
+    its own:
+
+    >>> import numpy as np
+    >>> from inswsn_lib.checkout import find_root
+    >>> from inswsn_lib.simulation import load_scenario, with_values
+    >>> from inswsn_lib.vehicle import (
+    ...     FilterSettings, estimate_mounting, run_vehicle_filter, simulate_drive
+    ... )
+    >>> scenario = load_scenario(find_root() / "data/scenarios/p3.yaml")
+    >>> turned = with_values(scenario, imu_period=0.1, mounting_yaw=np.radians(6.0))
+    >>> drive = simulate_drive(turned, runs=2, seed=0)
+    >>> settings = FilterSettings.from_settings(scenario, yaw=0.2)
+    >>> run = run_vehicle_filter(drive, settings, aiding=False, last=150)
+    >>> found = np.degrees(estimate_mounting(run, 150).yaw)
+    >>> bool(np.abs(found + 6.0).max() < 1.5)
+    True
     """
     whole = isinstance(until, int | np.integer) and not isinstance(until, bool)
     if not whole or not 0 <= until < len(run.epochs):

@@ -97,7 +97,25 @@ _LIKENESS = 0.8
 
 
 class DriveUnavailableError(InswsnError):
-    """The files of the recorded drive cannot be had: no network, and no local mirror."""
+    """The files of the recorded drive cannot be had: no network, and no local mirror.
+
+    Examples
+    --------
+    It is raised as well where the cache cannot be written, here because a file is in its place:
+
+    >>> import os
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> from unittest.mock import patch
+    >>> from inswsn_lib.vehicle import DriveUnavailableError, load_drive
+    >>> with TemporaryDirectory() as folder, patch.dict(os.environ, {"INSWSN_DATA": ""}):
+    ...     _ = Path(folder, "taken").write_text("")
+    ...     try:
+    ...         load_drive(cache=Path(folder, "taken"))
+    ...     except DriveUnavailableError as error:
+    ...         print("without the drive:", type(error).__mro__[1].__name__)
+    without the drive: InswsnError
+    """
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,6 +151,17 @@ class Track:
         East, north, up (m/s).
     quality : ndarray of int, (rows,)
         Q of RTKLIB: 1 with whole-number ambiguities, 2 with real ones, more for less.
+
+    Examples
+    --------
+    Speed and course follow from the velocity:
+
+    >>> import numpy as np
+    >>> from inswsn_lib.vehicle.recorded import Track
+    >>> velocity = np.array([[3.0, 4.0, 0.0], [5.0, 0.0, 0.0]])  # east, north, up
+    >>> track = Track(np.array([0.0, 0.25]), np.zeros((2, 3)), velocity, np.array([1, 2]))
+    >>> track.speed.tolist(), np.degrees(track.course).round(1).tolist()
+    ([5.0, 5.0], [36.9, 90.0])
     """
 
     time: Array
@@ -176,6 +205,23 @@ class RecordedDrive:
         RTK east, north, up (m/s).
     track : Track
         The whole RTK solution from the first epoch to the last.
+
+    Examples
+    --------
+    One of the same form can be made: a car that is parked, with an IMU that is at rest.
+
+    >>> import numpy as np
+    >>> from inswsn_lib.vehicle import RecordedDrive
+    >>> from inswsn_lib.vehicle.recorded import Track
+    >>> position, velocity = np.zeros((3, 3)), np.zeros((3, 3))
+    >>> track = Track(np.arange(3.0), position, velocity, quality=np.array([1, 1, 2]))
+    >>> parked = RecordedDrive(
+    ...     start=1.4e9, time=np.arange(3.0), period=0.01, rotation_increments=np.zeros((200, 3)),
+    ...     velocity_increments=np.tile([0.0, 0.0, -0.0978], (200, 1)), position=position,
+    ...     velocity=velocity, track=track,
+    ... )
+    >>> round(parked.fixed_share, 2)
+    0.67
     """
 
     start: float
@@ -201,12 +247,31 @@ def load_drive(cache: Path | None = None) -> RecordedDrive:
     cache : Path, optional
         As in `fetch_drive`.
 
+    Returns
+    -------
+    RecordedDrive
+        At 100 Hz and 1 Hz.
+
     Raises
     ------
     DriveUnavailableError
         If the files cannot be fetched.
     InswsnError
         If a local mirror lacks a file or has a wrong one.
+
+    Examples
+    --------
+    The recorded data are not part of the project. A mirror that is named and is not there is
+    refused:
+
+    >>> import os
+    >>> from unittest.mock import patch
+    >>> from inswsn_lib.vehicle import load_drive
+    >>> with patch.dict(os.environ, {"INSWSN_DATA": "no-such-folder"}):
+    ...     load_drive()  # doctest: +ELLIPSIS
+    Traceback (most recent call last):
+        ...
+    inswsn_lib.errors.InswsnError: INSWSN_DATA is 'no-such-folder', which is not a folder; ...
     """
     files = fetch_drive(cache)
     return resample(read_imu(files[_IMU], files[_TAG]), read_positions(files[_POSITIONS]))
@@ -732,6 +797,29 @@ def emulate_sensors(
     ParameterError
         If a number may not be what it is, `mounting` is no rotation, a place is not in the drive,
         or the car is never as fast as `hold_below`.
+
+    Examples
+    --------
+    A recording of a car on its way north at 10 m/s; without noise the compass is the course, and
+    GPS is RTK.
+
+    >>> import numpy as np
+    >>> from inswsn_lib.vehicle import RecordedDrive, emulate_sensors, metres
+    >>> from inswsn_lib.vehicle.recorded import Track
+    >>> velocity = np.tile([0.0, 10.0, 0.0], (3, 1))
+    >>> position = np.outer([0.0, 10.0, 20.0], [1 / metres(np.zeros(3))[0], 0.0, 0.0])
+    >>> still = np.zeros((20, 3))
+    >>> track = Track(np.arange(3.0), position, velocity, np.ones(3, int))
+    >>> recorded = RecordedDrive(
+    ...     0.0, np.arange(3.0), 0.1, still, still + [0.0, 0.0, -0.98], position, velocity, track
+    ... )
+    >>> exact = emulate_sensors(
+    ...     recorded, runs=2, seed=0, gps_position_sd=0.0, gps_velocity_sd=0.0, compass_sd=0.0
+    ... )
+    >>> exact.runs, exact.origin, exact.compass[:, 0].tolist()
+    (2, 'recorded', [0.0, 0.0, 0.0])
+    >>> bool((exact.gps_position[:, :, 0] == recorded.position).all())
+    True
     """
     _check_whole("runs", runs, 1)
     _check_whole("seed", seed, 0)

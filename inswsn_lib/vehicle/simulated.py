@@ -168,6 +168,16 @@ class Truth:
     reference : Reference
         At the epochs; no biases.
     places : tuple of Place
+
+    Examples
+    --------
+    >>> from inswsn_lib.checkout import find_root
+    >>> from inswsn_lib.simulation import load_scenario, with_values
+    >>> from inswsn_lib.vehicle import true_motion
+    >>> scenario = load_scenario(find_root() / "data/scenarios/p3.yaml")
+    >>> truth = true_motion(with_values(scenario, imu_period=0.1))
+    >>> truth.rotation.shape  # ten samples in each of 1500 s, and the one before the start
+    (3, 15001)
     """
 
     route: int
@@ -196,12 +206,34 @@ def simulate_drive(
     route : int
         The seed of the route.
 
+    Returns
+    -------
+    Drive
+        With the truth as its reference.
+
     Raises
     ------
     InswsnError
         If a setting is missing, or the route cannot be.
     ParameterError
         If a setting, the number of runs or a seed may not be what it is.
+
+    Examples
+    --------
+    P3's drive of 25 minutes, here with an IMU at 10 Hz:
+
+    >>> import numpy as np
+    >>> from inswsn_lib.checkout import find_root
+    >>> from inswsn_lib.simulation import load_scenario, with_values
+    >>> from inswsn_lib.vehicle import metres, simulate_drive
+    >>> scenario = load_scenario(find_root() / "data/scenarios/p3.yaml")
+    >>> drive = simulate_drive(with_values(scenario, imu_period=0.1), runs=4, seed=0)
+    >>> drive.time[-1].item(), drive.samples_per_epoch, drive.runs, len(drive.places)
+    (1500.0, 10, 4, 8)
+    >>> true = drive.reference.position[:, :, None]
+    >>> error = (drive.gps_position - true) * metres(drive.reference.position)[:, :, None]
+    >>> print(f"{error.std():.0f} m")  # of each axis, as P3 says
+    3 m
     """
     return simulate_sensors(true_motion(settings, route), settings, runs=runs, seed=seed)
 
@@ -218,12 +250,32 @@ def true_motion(settings: Mapping[str, Setting], route: int = 0) -> Truth:
     route : int
         The seed of the route.
 
+    Returns
+    -------
+    Truth
+        The motion, and what ideal sensors integrate.
+
     Raises
     ------
     InswsnError
         If a setting is missing, or the route cannot be.
     ParameterError
         If a setting or the seed may not be what it is.
+
+    Examples
+    --------
+    The vehicle stands at the start, and ideal accelerometers then tell the reaction to gravity:
+
+    >>> import numpy as np
+    >>> from inswsn_lib.checkout import find_root
+    >>> from inswsn_lib.simulation import load_scenario, with_values
+    >>> from inswsn_lib.vehicle import true_motion
+    >>> scenario = load_scenario(find_root() / "data/scenarios/p3.yaml")
+    >>> truth = true_motion(with_values(scenario, imu_period=0.1))
+    >>> bool(np.abs(truth.reference.velocity[:10]).max() < 1e-6)
+    True
+    >>> print(f"{np.linalg.norm(truth.velocity[:, 0]) / truth.period:.1f} m/s^2")
+    9.8 m/s^2
     """
     planned = plan_route(settings, route)
     return follow_route(planned, settings, route)
@@ -304,6 +356,23 @@ def simulate_sensors(
         If a setting is missing.
     ParameterError
         If a setting, the number of runs or the seed may not be what it is.
+
+    Examples
+    --------
+    A run is the same however many runs there are:
+
+    >>> from inswsn_lib.checkout import find_root
+    >>> from inswsn_lib.simulation import load_scenario, with_values
+    >>> from inswsn_lib.vehicle import simulate_sensors, true_motion
+    >>> scenario = with_values(
+    ...     load_scenario(find_root() / "data/scenarios/p3.yaml"), imu_period=0.1
+    ... )
+    >>> truth = true_motion(scenario)
+    >>> one, three = (simulate_sensors(truth, scenario, runs=runs, seed=0) for runs in (1, 3))
+    >>> bool((one.gps_position == three.gps_position[..., :1]).all())
+    True
+    >>> bool((three.compass[:, 0] == three.compass[:, 1]).any())
+    False
     """
     errors = from_settings(SensorErrors, settings, _ALLOWED)
     whole("runs", runs, 1)

@@ -47,6 +47,26 @@ class VehicleState:
         beyond P3's fifteen in closed loop.
     covariance : ndarray, (..., n, n)
         Of the error.
+
+    Examples
+    --------
+    An error of 2 m/s in the velocity north is estimated; fed back, it is taken off and known to be
+    zero:
+
+    >>> import numpy as np
+    >>> from inswsn_lib.vehicle import STATES, VehicleState
+    >>> error = np.zeros((1, STATES))
+    >>> error[0, 4] = 2.0
+    >>> zero = np.zeros((1, 3))
+    >>> level = np.array([[[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]]])
+    >>> state = VehicleState(
+    ...     position=zero, velocity=zero + [0.0, 12.0, 0.0], attitude=level,
+    ...     accelerometer_bias=zero, gyro_drift=zero, error=error,
+    ...     covariance=np.zeros((1, STATES, STATES)),
+    ... )
+    >>> fed_back = state.corrected()
+    >>> fed_back.velocity[0].tolist(), bool(fed_back.error.any())
+    ([0.0, 10.0, 0.0], False)
     """
 
     position: Array
@@ -62,7 +82,13 @@ class VehicleState:
         return replace(self, **{f.name: getattr(self, f.name)[index] for f in fields(self)})
 
     def corrected(self) -> Self:
-        r"""Return the state with its error fed back, :math:`C = e^{[\varphi\times]} C'`."""
+        r"""Return the state with its error fed back, :math:`C = e^{[\varphi\times]} C'`.
+
+        Returns
+        -------
+        VehicleState
+            With the error of P3's fifteen states zero; extra states and the covariance stay.
+        """
         x = self.error
         turns = Rotation.from_rotvec(x[..., ATTITUDE].reshape(-1, 3)).as_matrix()
         error = x.copy()
@@ -87,6 +113,22 @@ class Flight:
     position, velocity : ndarray, (runs, samples + 1, 3)
         As in `VehicleState`; the first is where the interval begins.
     attitude : ndarray, (runs, samples + 1, 3, 3)
+
+    Examples
+    --------
+    An IMU that feels nothing falls: :math:`g t^2/2` in a second.
+
+    >>> import numpy as np
+    >>> from inswsn_lib.vehicle import STATES, VehicleState, integrate_strapdown
+    >>> zero, nothing = np.zeros((1, 3)), np.zeros((1, 100, 3))
+    >>> level = np.array([[[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]]])
+    >>> errors = np.zeros((1, STATES)), np.zeros((1, STATES, STATES))
+    >>> state = VehicleState(zero, zero, level, zero, zero, *errors)
+    >>> flight = integrate_strapdown(state, nothing, nothing, 0.01)
+    >>> flight.position.shape  # runs, samples and the start, latitude to height
+    (1, 101, 3)
+    >>> print(f"{flight.position[0, -1, 2]:.2f} m")
+    -4.89 m
     """
 
     position: Array
@@ -107,6 +149,33 @@ def integrate_strapdown(
         Increments as in `Drive` (rad, m/s).
     period : float
         s.
+
+    Returns
+    -------
+    Flight
+        At the end of every sample.
+
+    Examples
+    --------
+    At rest on the equator, heading north: the gyros tell the rate of the earth, the accelerometers
+    the reaction to gravity, and ten seconds later the INS is where it was. A bias of 0.01 m/s^2
+    forward that nobody takes off moves it north by :math:`b t^2/2`, half a metre.
+
+    >>> import numpy as np
+    >>> from pyins import earth
+    >>> from inswsn_lib.vehicle import STATES, VehicleState, integrate_strapdown, metres
+    >>> level = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+    >>> zero = np.zeros((2, 3))  # two runs
+    >>> state = VehicleState(
+    ...     zero, zero, np.stack([level] * 2), zero, zero,
+    ...     np.zeros((2, STATES)), np.zeros((2, STATES, STATES)),
+    ... )
+    >>> turns, pushes = np.zeros((2, 2, 1000, 3))
+    >>> turns[..., 0], pushes[..., 2] = earth.RATE * 0.01, -earth.gravity(0.0, 0.0) * 0.01
+    >>> pushes[1, :, 0] = 0.01 * 0.01
+    >>> flight = integrate_strapdown(state, turns, pushes, 0.01)
+    >>> np.abs(flight.position[:, -1] * metres(zero)).round(3).tolist()
+    [[0.0, 0.0, 0.0], [0.5, 0.0, 0.0]]
     """
     runs, samples = rotations.shape[:2]
     lla, velocity = np.empty((2, runs, samples + 1, 3))

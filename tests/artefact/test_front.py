@@ -22,9 +22,8 @@ def test_the_printed_side_of_the_picture_by_hand(root: Path, published: dict[str
     printed = [row.printed for row in contests(root, published)]
     with (root / "data/papers/p1-table2.csv").open(encoding="utf-8") as file:
         table = {row.pop("method"): row for row in csv.DictReader(file)}
-    kf, hf = (
-        sum(float(table[method][c]) for c in ("rx1", "rx2", "ry1", "ry2")) for method in ("KF", "HF")
-    )
+    positions = ("rx1", "rx2", "ry1", "ry2")
+    kf, hf = (sum(float(table[method][c]) for c in positions) for method in ("KF", "HF"))
     assert printed[0] == pytest.approx(hf / kf)
     # P2, Section 3: 50 and 40 % in position, 90 and 83 % in velocity; P3: more than 56 %
     assert printed[2] == pytest.approx((0.5 * 0.6) ** 0.5)

@@ -22,6 +22,11 @@ QUICK: dict[str, dict[str, Value]] = {
     "03": {"runs": 40, "tuning_runs": 4, "networks": 40},
     "04": {"runs": 64, "other_runs": 40, "speed": 6.0, "most_clusters": 8},
     "05": {"routes": 5, "draws": 2, "sweep_draws": 2, "recorded_draws": 2},
+    "61": {"tolerance": 1.0},
+    "62": {"tolerance": 0.01},
+    "63": {"tolerance": 5.0},
+    "64": {"tolerance": 0.01},
+    "65": {"tolerance": 0.1},
     "90": {"wsn_position_noise": 0.3},
 }
 

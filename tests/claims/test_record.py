@@ -9,7 +9,14 @@ import pytest
 from conftest import MiniProject
 
 from inswsn_lib.checkout import RESULTS_VARIABLE, ROOT_VARIABLE
-from inswsn_lib.claims import ChapterRecord, read_results
+from inswsn_lib.claims import (
+    ChapterRecord,
+    Quantity,
+    Results,
+    data_digest,
+    read_results,
+    write_results,
+)
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.files import file_digest
 
@@ -43,6 +50,39 @@ def test_it_writes_what_it_read_and_found(record: ChapterRecord, tmp_path: Path)
     assert written["x"].interval_kind == "rounding"
     assert written["y"].interval_kind == "confidence 95 %"
     assert written["y"].runs == 200
+
+
+def test_a_reference_quantity_is_noted_by_what_is_said_of_it(
+    record: ChapterRecord, mini: MiniProject
+) -> None:
+    def publish(value: float, other: float = 0.0, **changes: object) -> None:
+        fields = {"unit": "m", "how": "Made for a test.", "basis": "printed", "tolerance": 0.5}
+        quantities = tuple(
+            Quantity(name=n, value=v, **fields)  # type: ignore[arg-type]
+            for n, v in (("twice", value), ("other", other))
+        )
+        made = Results(chapter="07", parameters={}, data={}, quantities=quantities)
+        write_results(made.model_copy(update=changes), mini.published / "07.json")
+
+    key = "data/published/07.json#twice"
+    with pytest.raises(InswsnError, match=r"no results file"):
+        record.reference("07", "twice")
+    assert data_digest(mini.root, key) is None
+    publish(42.0)
+    assert record.reference("07", "twice").value == 42.0
+    with pytest.raises(InswsnError, match=r"07\.json has no quantity 'thrice'"):
+        record.reference("07", "thrice")
+    noted = record.results().data
+    assert list(noted) == [key]
+    assert data_digest(mini.root, key) == noted[key]
+    assert data_digest(mini.root, "data/published/07.json#thrice") is None
+    # another quantity, or another run, is no change of this one
+    publish(42.0, other=1.0, sentences={"It rains.": True})
+    assert data_digest(mini.root, key) == noted[key]
+    publish(42.4)
+    assert data_digest(mini.root, key) not in (noted[key], None)
+    (mini.published / "07.json").write_text("{")
+    assert data_digest(mini.root, key) is None
 
 
 def test_a_quantity_is_glued_for_the_text(record: ChapterRecord, displayed: list) -> None:

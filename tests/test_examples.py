@@ -1,0 +1,143 @@
+"""Every public name has an example, and every example of the library gives what it says."""
+
+from __future__ import annotations
+
+import doctest
+import importlib
+import inspect
+import pkgutil
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from types import ModuleType
+
+import matplotlib as mpl
+import pytest
+from matplotlib import pyplot as plt
+
+import inswsn_lib
+from inswsn_lib.checkout import DATA_VARIABLE, RESULTS_VARIABLE, ROOT_VARIABLE
+
+# The rooms whose public names are listed in __all__, and the modules below them
+ROOMS = (
+    "claims",
+    "evaluation",
+    "filters",
+    "learning",
+    "lmi",
+    "models",
+    "navigation",
+    "papers",
+    "plotting",
+    "simulation",
+    "vehicle",
+)
+MODULES = ("checkout", "errors", "files", "parameters", "plugins")
+
+#: Functions and classes of a room that need no example, each with the reason
+EXEMPT = {
+    "papers.Printed": "a name for str, without a docstring of its own",
+}
+
+LIBRARY = Path(inswsn_lib.__file__).parent
+MODULES_WITH_EXAMPLES = sorted(
+    ".".join(path.relative_to(LIBRARY.parent).with_suffix("").parts)
+    for path in LIBRARY.rglob("*.py")
+    if ">>> " in path.read_text(encoding="utf-8")
+)
+
+
+def public_names(name: str) -> dict[str, object]:
+    """Return what a room lists, or what a module defines, without a leading underscore."""
+    module = importlib.import_module(f"inswsn_lib.{name}")
+    listed = getattr(module, "__all__", None)
+    if listed is not None:
+        return {f"{name}.{word}": getattr(module, word) for word in listed}
+    return {
+        f"{name}.{word}": value
+        for word, value in vars(module).items()
+        if not word.startswith("_") and getattr(value, "__module__", None) == module.__name__
+    }
+
+
+def described(value: object) -> bool:
+    """Tell whether a value can have a docstring of its own: a class or a function."""
+    return inspect.isclass(value) or inspect.isroutine(value)
+
+
+@pytest.mark.parametrize("name", [*ROOMS, *MODULES])
+def test_every_public_name_has_an_example(name: str) -> None:
+    without = [
+        word
+        for word, value in public_names(name).items()
+        if described(value)
+        and word not in EXEMPT
+        and "Examples\n--------\n" not in (inspect.getdoc(value) or "")
+    ]
+    assert not without, ", ".join(without)
+
+
+@pytest.mark.parametrize("name", [*ROOMS, *MODULES])
+def test_every_example_runs_something(name: str) -> None:
+    """A section of prose alone would pass for an example."""
+    parser = doctest.DocTestParser()
+    empty = []
+    for word, value in public_names(name).items():
+        _, _, section = (inspect.getdoc(value) or "").partition("Examples\n--------\n")
+        if section and not any(example.want for example in parser.get_examples(section)):
+            empty.append(word)
+    assert not empty, ", ".join(empty)
+
+
+def test_what_is_exempt_is_public_and_no_more_than_needed() -> None:
+    names = {word: value for room in ROOMS for word, value in public_names(room).items()}
+    assert set(EXEMPT) <= set(names)
+    assert all("Examples\n--------\n" not in (inspect.getdoc(names[word]) or "") for word in EXEMPT)
+
+
+def test_the_rooms_are_all_packages_but_the_artefact() -> None:
+    packages = {found.name for found in pkgutil.iter_modules(inswsn_lib.__path__) if found.ispkg}
+    assert packages - {"artefact"} == set(ROOMS)
+
+
+@pytest.fixture
+def _as_a_reader(root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """The checkout is found, nothing recorded is, and what an example changes is taken back."""
+    monkeypatch.setenv(ROOT_VARIABLE, str(root))
+    monkeypatch.setenv(RESULTS_VARIABLE, str(tmp_path))
+    monkeypatch.delenv(DATA_VARIABLE, raising=False)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    with mpl.rc_context():
+        yield
+    assert plt.get_fignums() == [], "an example leaves a figure open"
+
+
+def examples_of(module: ModuleType) -> list[doctest.DocTest]:
+    """Return the examples of a module, each to be run with no name defined but what it imports."""
+    finder = doctest.DocTestFinder(exclude_empty=True)
+    return [test for test in finder.find(module, globs={"__name__": "__main__"}) if test.examples]
+
+
+@pytest.mark.parametrize("name", MODULES_WITH_EXAMPLES)
+@pytest.mark.usefixtures("_as_a_reader")
+def test_the_examples_give_what_they_say(name: str) -> None:
+    told: list[str] = []
+    runner = doctest.DocTestRunner(verbose=False)
+    for test in examples_of(importlib.import_module(name)):
+        runner.run(test, out=told.append)
+    assert runner.failures == 0, "".join(told)
+
+
+def test_a_wrong_example_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also one that leans on a name of its module, which a reader does not have."""
+    (tmp_path / "wrong_examples.py").write_text(
+        '"""Two wrong examples.\n\n>>> 1 + 1\n3\n>>> word\n\'here\'\n"""\n\nword = "here"\n',
+        encoding="utf-8",
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    runner = doctest.DocTestRunner(verbose=False)
+    for test in examples_of(importlib.import_module("wrong_examples")):
+        runner.run(test, out=lambda _: None)
+    monkeypatch.delitem(sys.modules, "wrong_examples")
+    assert runner.failures == 2
