@@ -108,7 +108,8 @@ def cff_text(about: About, articles: list[Article]) -> str:
     if about.doi is not None:
         archived = {"type": "doi", "value": about.doi, "description": "The archived release."}
         content |= {"doi": about.doi, "identifiers": [archived]}
-    content["references"] = [_cff_reference(article) for article in articles]
+    if articles:
+        content["references"] = [_cff_reference(article) for article in articles]
     text: str = yaml.safe_dump(content, sort_keys=False, allow_unicode=True, width=110)
     return f"# {_MADE}\n{text}"
 

@@ -237,11 +237,13 @@ def _describe_run(
     chapter, results = executed.chapter, executed.results
     number, title = chapter.number, described.titles[chapter.number]
     licences = [{"@id": _spdx(name)} for name in vars(described.about.licences).values()]
-    source = _file(crate, f"chapters/{chapter.name}.md", title, _MARKDOWN)
-    source._jsonld["@type"] = ["File", "SoftwareSourceCode"]
-    source["programmingLanguage"] = "Python"
-    source["license"] = licences
-    source["softwareRequirements"] = {"@id": "#inswsn"}
+    code = {
+        "@type": ["File", "SoftwareSourceCode"],
+        "programmingLanguage": "Python",
+        "license": licences,
+        "softwareRequirements": {"@id": "#inswsn"},
+    }
+    source = _file(crate, f"chapters/{chapter.name}.md", title, _MARKDOWN, **code)
     notebook = _file(
         crate, f"executed/{chapter.name}.ipynb", f"{title}, executed", _NOTEBOOK, license=licences
     )

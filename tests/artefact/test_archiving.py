@@ -168,7 +168,7 @@ def test_it_holds_sources_site_notebooks_results_and_verdicts(
     assert results.parameters == {"scale": 2.0}
     assert results.provenance is not None
     (verdict, other) = json.loads((unpacked / "verdicts.json").read_text(encoding="utf-8"))
-    assert (verdict["id"], verdict["verdict"]) == ("P1-M-twice", "contradicted by the paper itself")
+    assert (verdict["id"], verdict["verdict"]) == ("P1-M-twice", "reproduced")
     assert other["verdict"] == "cannot be tested"
     assert "nightingale" in (unpacked / "site" / "index.html").read_text(encoding="utf-8")
     for name in ("environment.lock", "environment-torch.lock", "LICENSE", "CITATION.cff"):

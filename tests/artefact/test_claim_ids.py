@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -62,12 +63,12 @@ def test_verdicts_are_compared_with_those_of_another_version(
     same = run_command(built.root, "claims", "--against", str(before))
     assert (same.returncode, same.stdout) == (0, "")
     entries = json.loads(before.read_text(encoding="utf-8"))
-    entries[0]["verdict"] = "reproduced"
+    entries[0]["verdict"] = "not reproduced"
     entries[1]["id"] = "P2-M-gone"
     before.write_text(json.dumps(entries), encoding="utf-8")
     done = run_command(built.root, "claims", "--against", str(before))
     assert done.stdout.splitlines() == [
-        "P1-M-twice: reproduced -> @VERDICT@",
+        "P1-M-twice: not reproduced -> reproduced",
         "P2-M-lost: not there -> cannot be tested",
         "P2-M-gone: cannot be tested -> not there",
     ]
@@ -87,9 +88,9 @@ def test_any_bytes_are_verdicts_or_one_sentence(
 ) -> None:
     path = tmp_path_factory.mktemp("any") / "verdicts.json"
     path.write_bytes(content)
+    said = ""
     try:
-        read = read_verdicts(path)
+        read_verdicts(path)
     except InswsnError as error:
-        assert "\n" not in str(error)
-    else:
-        assert isinstance(read, dict)
+        said = str(error)
+    assert said == "" or re.fullmatch(r".*verdicts\.json holds no verdicts; .+\.", said)

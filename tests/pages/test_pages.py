@@ -89,6 +89,7 @@ def test_every_page_of_the_contents_is_there(built_site: Path) -> None:
         "chapters/00-the-published-numbers.html",
         "chapters/90-your-own-data.html",
         "claims.html",
+        "cite.html",
         "notation.html",
         "reproduce.html",
         "api.html",
