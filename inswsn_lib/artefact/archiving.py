@@ -81,10 +81,11 @@ def write_archive(project: Project, target: Path | None = None) -> Path:
     require_citations(project)
     _require_ids_published(project)
     executed = [built_as_now(project, chapter) for chapter in project.chapters()]
-    require_current_site(project, executed)
     third_party = load_third_party(project.root)
-    files, texts = _files(project, executed), _texts(project, executed, third_party)
+    files = _files(project, executed)
     _refuse_recordings(third_party, files)
+    require_current_site(project, executed)
+    texts = _texts(project, executed, third_party)
     described = Described(
         about=about,
         articles=read_articles(project.root, about),

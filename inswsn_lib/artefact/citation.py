@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import codecs
 import json
+import textwrap
 from html import escape
 from typing import Any
 
@@ -259,7 +260,7 @@ def plain_text(about: About, part: str = "") -> str:
 
 def citation_page(about: About) -> str:
     """Return the citation of the whole as MyST Markdown: plain text, and BibTeX."""
-    return _block("text", plain_text(about)) + "\n" + _block("bibtex", bibtex_text(about))
+    return _lines(plain_text(about)) + "\n" + _block("bibtex", bibtex_text(about))
 
 
 def verdict_page(about: About, judged: list[Judged]) -> str:
@@ -284,13 +285,19 @@ def verdict_page(about: About, judged: list[Judged]) -> str:
             f"The claim [{claim.id}](#{claim.anchor}) stands in {claim.place} of {claim.paper}:",
             f"{claim.says} Its verdict in version {about.version} is *{example.verdict}*.",
             "",
-            _block("text", plain_text(about, f"{said[:1].upper()}{said[1:]}, {place}")),
+            _lines(plain_text(about, f"{said[:1].upper()}{said[1:]}, {place}")),
             _block(
                 "bibtex",
                 bibtex_text(about, key=f"inswsn-{claim.id}", note=f", {said}, {place}"),
             ),
         ]
     )
+
+
+def _lines(text: str) -> str:
+    # as wide as the page shows it without scrolling
+    wrapped = textwrap.wrap(text, 72, break_long_words=False, break_on_hyphens=False)
+    return _block("text", "\n".join(wrapped))
 
 
 def _block(language: str, text: str) -> str:
