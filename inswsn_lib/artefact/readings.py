@@ -326,6 +326,7 @@ def _named(identity: str, make: Callable[[], str]) -> str:
 
 def _overview(readings: Readings) -> str:
     lines = [
+        "(readings-overview)=\n## The places and what is taken\n",
         "```{list-table} Places that admit more than one reading.",
         ":name: tbl-readings",
         ":header-rows: 1",
