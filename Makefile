@@ -36,8 +36,9 @@ publish: environment ## make the last build's results the reference in data/publ
 calibrate: environment ## fit the simulated INS to the INS-only cells and write data/scenarios/p1-inertial*.yaml
 	@$(RUN) studies/calibrate_imu.py
 
-studies: environment ## run P3's methods on the recorded drive again and keep what comes of it in data/recorded
+studies: environment ## run the long studies again: P3's methods on the recorded drive, and the sensitivity to the assumptions
 	@$(RUN) studies/recorded_drive.py
+	@$(RUN) studies/sensitivity.py
 
 bench: environment ## speed against peers, as ratios; writes data/benchmarks*.yaml, for the book
 	@$(RUN) benchmarks/throughput.py
