@@ -86,7 +86,7 @@ def run_all(
     working = Working(project.build / "sensitivity.jsonl")
     runs = [working.find(cell, cell_key(project, cell)) for cell in cells]
     due = [cell for cell, run in zip(cells, runs, strict=True) if run is None]
-    due.sort(key=lambda cell: ("/" in cell.id, -SECONDS.get(cell.chapter, 9)))
+    due.sort(key=lambda cell: (_second(assumptions, cell), -SECONDS.get(cell.chapter, 9)))
     progress.say(f"sensitivity: {len(due)} of {len(cells)} runs to be made")
     with ThreadPoolExecutor(max_workers=jobs) as pool:
         pending = [
@@ -105,6 +105,12 @@ def run_all(
                 future.cancel()
             raise
     return [run for run in runs if run is not None]
+
+
+def _second(assumptions: Assumptions, cell: Cell) -> int:
+    """Return 0 for an unchanged run, 1 for a first alternative, 2 for a second: what comes first."""
+    firsts = {f"{e.id}/{e.alternatives[0].id}" for e in assumptions.assumptions if e.alternatives}
+    return 0 if cell.change is None else 1 if cell.id in firsts else 2
 
 
 class Quiet(Progress):

@@ -116,10 +116,13 @@ class Reduced(_Entry):
     seeds : tuple of int
         Other seeds for which the unchanged chapter is run, to tell what is chance; none for a
         chapter without chance.
+    skips : tuple of str
+        Titles of sections that are left out: no headline and no verdict rests on them.
     """
 
     parameters: dict[str, Value]
     seeds: tuple[int, ...]
+    skips: tuple[Text, ...] = ()
 
 
 class Chosen(_Entry):

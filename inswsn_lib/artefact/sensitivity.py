@@ -54,12 +54,15 @@ class Cell:
         All that differ from the published run.
     change : Alternative or None
         What is changed beside parameters.
+    skips : tuple of str
+        Titles of sections of the chapter that are left out.
     """
 
     id: str
     chapter: str
     parameters: dict[str, Value] = field(default_factory=dict)
     change: Alternative | None = None
+    skips: tuple[str, ...] = ()
 
 
 class Run(BaseModel):
@@ -188,6 +191,7 @@ def cells_of(assumptions: Assumptions, only: Iterable[str] = ()) -> list[Cell]:
             chapter,
             assumptions.reduced[chapter].parameters | other.parameters.get(chapter, {}),
             other,
+            assumptions.reduced[chapter].skips,
         )
         for entry in entries
         for other in entry.alternatives
@@ -197,10 +201,11 @@ def cells_of(assumptions: Assumptions, only: Iterable[str] = ()) -> list[Cell]:
     unchanged = []
     for chapter, reduced in assumptions.reduced.items():
         if chapter in chapters:
-            unchanged.append(Cell(BASELINE, chapter, dict(reduced.parameters)))
+            runs: dict[str, dict[str, Value]] = {BASELINE: {}}
+            runs |= {f"seed-{seed}": {"seed": seed} for seed in reduced.seeds}
             unchanged += [
-                Cell(f"seed-{seed}", chapter, reduced.parameters | {"seed": seed})
-                for seed in reduced.seeds
+                Cell(name, chapter, reduced.parameters | chance, skips=reduced.skips)
+                for name, chance in runs.items()
             ]
     return unchanged + changed
 
@@ -217,6 +222,7 @@ def cell_key(project: Project, cell: Cell) -> str:
         "recorded": data_mirror() is not None,
         "parameters": cell.parameters,
         "change": None if cell.change is None else _what_changes(cell.change),
+        "skips": cell.skips,
     }
     return text_digest(json.dumps(facts, sort_keys=True))
 
@@ -244,7 +250,7 @@ def run_cell(
     """
     chapter, key = find_chapter(project, cell.chapter), cell_key(project, cell)
     bare = Run(id=cell.id, chapter=cell.chapter, parameters=cell.parameters, seconds=0, key=key)
-    with changed_checkout(project, cell.change) as other:
+    with changed_checkout(project, cell) as other:
         try:
             _, results, _ = execute_once(
                 other, Chapter(chapter.name, other.root / "chapters" / chapter.source.name),
@@ -292,15 +298,15 @@ def _sentence(said: str, root: Path) -> str:
 
 
 @contextmanager
-def changed_checkout(project: Project, change: Alternative | None) -> Iterator[Project]:
-    """Make a folder that is the checkout but for one change, and take it away again.
+def changed_checkout(project: Project, cell: Cell) -> Iterator[Project]:
+    """Make a folder that is the checkout but for what a cell changes, and take it away again.
 
     Parameters
     ----------
     project : Project
         The checkout; files that stay as they are, are linked to.
-    change : Alternative or None
-        Scenarios and sources that are changed.
+    cell : Cell
+        What is changed in scenarios and sources, and which sections are left out.
 
     Yields
     ------
@@ -310,7 +316,8 @@ def changed_checkout(project: Project, change: Alternative | None) -> Iterator[P
     Raises
     ------
     InswsnError
-        If a passage that is to be replaced does not stand in its chapter exactly once.
+        If a passage that is to be replaced does not stand in its chapter exactly once, or a chapter
+        has no section of that title.
     """
     with tempfile.TemporaryDirectory(prefix="inswsn-sensitivity-") as name:
         root = Path(name).resolve()
@@ -322,9 +329,10 @@ def changed_checkout(project: Project, change: Alternative | None) -> Iterator[P
             for path in (project.root / folder).iterdir():
                 if path.name != "scenarios":
                     (root / folder / path.name).symlink_to(path)
-        if change is not None:
-            _change_scenarios(root, change)
-            _change_sources(root, change)
+        if cell.change is not None:
+            _change_scenarios(root, cell.change)
+            _change_sources(root, cell.change)
+        _leave_out(next((root / "chapters").glob(f"{cell.chapter}-*.md")), cell.skips)
         yield Project(root)
 
 
@@ -352,6 +360,18 @@ def _change_sources(root: Path, change: Alternative) -> None:
                 f"The passage that {change.id} replaces does not stand in {path.name} exactly once."
             )
         _replace(path, source.replace(edit.old, edit.new))
+
+
+def _leave_out(path: Path, titles: Iterable[str]) -> None:
+    source = path.read_text(encoding="utf-8")
+    for title in titles:
+        # to the next heading of the same rank; a label before that heading goes, too
+        source, found = re.subn(
+            rf"^## {re.escape(title)}\n.*?(?=^## |\Z)", "", source, flags=re.MULTILINE | re.DOTALL
+        )
+        if found != 1:
+            raise InswsnError(f"{path.name} has no section {title!r}, or more than one.")
+    _replace(path, source)
 
 
 def _replace(path: Path, text: str) -> None:
