@@ -20,7 +20,7 @@ import sys
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from pathlib import Path
 
-from inswsn_lib import __version__
+from inswsn_lib.artefact.about import load_about
 from inswsn_lib.artefact.assumptions import (
     ASSUMPTIONS,
     Assumptions,
@@ -30,18 +30,14 @@ from inswsn_lib.artefact.assumptions import (
 from inswsn_lib.artefact.progress import Progress
 from inswsn_lib.artefact.project import Project
 from inswsn_lib.artefact.provenance import machine_facts, repository_state
-from inswsn_lib.artefact.sensitivity import (
+from inswsn_lib.artefact.sensitivity import Cell, Working, cell_key, cells_of, run_cell
+from inswsn_lib.artefact.study import (
     SENSITIVITY,
-    Cell,
     Made,
     Run,
     Study,
-    Working,
-    cell_key,
-    cells_of,
     merged,
     read_study,
-    run_cell,
     write_study,
 )
 from inswsn_lib.checkout import data_mirror
@@ -49,7 +45,7 @@ from inswsn_lib.errors import InswsnError
 from inswsn_lib.files import file_digest, tree_digest
 
 ROOT = Path(__file__).parent.parent
-SECONDS = {"05": 5, "04": 4, "03": 3, "01": 2, "02": 1, "00": 0}  # which chapters take longest
+QUICKEST = ("00", "02", "01", "03", "05", "04")  # what comes first, so that much is there early
 
 
 def made_from(project: Project, assumptions: Assumptions) -> Made:
@@ -57,7 +53,7 @@ def made_from(project: Project, assumptions: Assumptions) -> Made:
     machine = machine_facts()
     commit, clean = repository_state(project.root)
     return Made(
-        version=__version__,
+        version=load_about(project.root).version,  # that of the checkout
         day=datetime.datetime.now(datetime.UTC).date().isoformat(),
         commit=commit,
         clean=clean,
@@ -86,7 +82,7 @@ def run_all(
     working = Working(project.build / "sensitivity.jsonl")
     runs = [working.find(cell, cell_key(project, cell)) for cell in cells]
     due = [cell for cell, run in zip(cells, runs, strict=True) if run is None]
-    due.sort(key=lambda cell: (_second(assumptions, cell), -SECONDS.get(cell.chapter, 9)))
+    due.sort(key=lambda cell: (_second(assumptions, cell), QUICKEST.index(cell.chapter)))
     progress.say(f"sensitivity: {len(due)} of {len(cells)} runs to be made")
     with ThreadPoolExecutor(max_workers=jobs) as pool:
         pending = [
@@ -108,7 +104,7 @@ def run_all(
 
 
 def _second(assumptions: Assumptions, cell: Cell) -> int:
-    """Return 0 for an unchanged run, 1 for a first alternative, 2 for a second: what comes first."""
+    """Return 0 for an unchanged run, 1 for a first alternative, 2 for a second; 0 comes first."""
     firsts = {f"{e.id}/{e.alternatives[0].id}" for e in assumptions.assumptions if e.alternatives}
     return 0 if cell.change is None else 1 if cell.id in firsts else 2
 

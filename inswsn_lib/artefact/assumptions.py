@@ -385,7 +385,8 @@ def load_assumptions(root: Path) -> Assumptions:
         first = error.errors()[0]
         place = _place(content, first["loc"])
         said = first["msg"].removeprefix("Value error, ")
-        raise InswsnError(f"{path}: {place}{said[:1].lower()}{said[1:]}.") from None
+        said = said if said.startswith("P") else said[:1].lower() + said[1:]  # an id stays
+        raise InswsnError(f"{path}: {place}{said}.") from None
 
 
 def _place(content: dict[str, Any], location: tuple[int | str, ...]) -> str:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from scipy.stats import t as student
 
 from inswsn_lib.artefact.assumptions import Assumption, Assumptions, Headline, Within, quotient
-from inswsn_lib.artefact.sensitivity import BASELINE, Run, Study
+from inswsn_lib.artefact.study import BASELINE, Run, Study
 from inswsn_lib.claims import Results
 
 #: From here on a change counts as one that moves a result, as a share of it.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from inswsn_lib.artefact.assumption_pages import assumption_texts
 from inswsn_lib.artefact.pages import claims_counts, claims_list
 from inswsn_lib.artefact.project import Project
 from inswsn_lib.claims import LEDGER, Results, load_claims, verdicts
@@ -28,4 +29,5 @@ def generated_texts(project: Project, results: Sequence[Results]) -> dict[str, s
     return {
         "claims-counts.md": claims_counts(judged),
         "claims-list.md": claims_list(judged),
+        **assumption_texts(project, results),
     }
