@@ -7,6 +7,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 
 from matplotlib import pyplot as plt
+from matplotlib.ticker import LogLocator, NullLocator
 
 from inswsn_lib.artefact.assumptions import (
     ASSUMPTIONS,
@@ -31,6 +32,7 @@ FIGURE = "assumptions-tornado.svg"
 
 _BARS = 6  # a panel of the figure
 _PLAIN = 2.0  # a change to this factor is written as one
+_WIDE = 5  # a panel of the figure that spans more has a logarithmic axis
 _FINE = 10  # per cent, below which a change is written to a tenth
 
 
@@ -84,6 +86,11 @@ def link(entry: Assumption) -> str:
     return f"[{entry.id}](#{entry.anchor})"
 
 
+def chapter_link(chapter: str) -> str:
+    """Return a link to a chapter."""
+    return f"{{ref}}`chapter {chapter} <chapter-{chapter}>`"
+
+
 def _list_table(
     title: str, name: str, rows: Iterable[Sequence[str]], options: Sequence[str] = ()
 ) -> str:
@@ -117,6 +124,7 @@ def unsaid_table(project: Project, assumptions: Assumptions, paper: str) -> str:
         if entry.paper == paper:
             first = f"({entry.anchor})=\n**{link(entry)}** {entry.unsaid}\n\n*One would look in:* "
             first += f"{entry.place}. *What the print says of it:* {entry.bounds}"
+            first += "".join(f"\n\n*Rerun with* {o.set}: {o.why}" for o in entry.alternatives)
             if entry.varied:
                 first += f"\n\n*Reruns:* {entry.varied}"
             for i, choice in enumerate(entry.chosen):
@@ -148,8 +156,10 @@ def _choice(
     assert choice.parameter is not None
     parameter = schemas[choice.chapter][choice.parameter]
     value = _quantity(parameter.default, parameter.unit)
-    where = f"`{choice.parameter}` = {value}, a parameter of chapter {choice.chapter}"
-    return [where, "parameter", parameter.meaning]
+    where = f"`{choice.parameter}` = {value}, {chapter_link(choice.chapter)}"
+    worded = any(other.text for other in entry.chosen)
+    reason = "" if worded or entry.why is None else f" {entry.why}"
+    return [where, "parameter", parameter.meaning + reason]
 
 
 def _quantity(value: object, unit: str) -> str:
@@ -171,7 +181,8 @@ def headlines_table(assumptions: Assumptions, results: Mapping[str, Results]) ->
     for headline in assumptions.headlines:
         value = headline.value(results[headline.chapter])
         edge = "–" if headline.turns is None else f"{headline.turns:g}"
-        rows.append([headline.chapter, headline.short, headline.says, f"{value:.3g}", edge])
+        chapter = f"{{ref}}`{headline.chapter} <chapter-{headline.chapter}>`"
+        rows.append([chapter, headline.short, headline.says, f"{value:.3g}", edge])
     return _list_table(
         "The results that the study watches. Beyond the last column a conclusion would be another "
         "one.",
@@ -465,8 +476,11 @@ def figure_svg(tables: Mapping[str, Sequence[Row]]) -> str:
             ax.axvspan(low, high, color=COLOURS["published"], alpha=0.15, lw=0)
         ax.barh(places, [r - 1 for r in ratios], left=1, color=colours, height=0.65)
         ax.axvline(1, color=COLOURS["published"], lw=1)
-        if max(ratios) / min(ratios) > 5:
+        if max(ratios) / min(ratios) > _WIDE:
             ax.set_xscale("log")
+            ax.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+            ax.xaxis.set_major_formatter("{x:g}")
+            ax.xaxis.set_minor_locator(NullLocator())
         ax.set_yticks(places, [name for name, _ in found], fontsize=8.5)
         ax.set_title(
             f"chapter {first.headline.chapter}, {first.headline.short}", loc="left", fontsize=9.5
