@@ -44,9 +44,10 @@ archive: book ## make one zip of the release that opens offline, in _build
 calibrate: environment ## fit the simulated INS to the INS-only cells and write data/scenarios/p1-inertial*.yaml
 	@$(RUN) studies/calibrate_imu.py
 
-studies: environment ## run P3's methods on the recorded drive again and keep what comes of it in data/recorded
+studies: environment ## run the long studies again: the recorded drive, fixes by radio, sensitivity to the assumptions
 	@$(RUN) studies/recorded_drive.py
 	@$(RUN) studies/radio_fixes.py
+	@$(RUN) studies/sensitivity.py
 
 bench: environment ## speed against peers, as ratios; writes data/benchmarks*.yaml, for the book
 	@$(RUN) benchmarks/throughput.py

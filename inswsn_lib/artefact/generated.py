@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from inswsn_lib.artefact.about import load_about
+from inswsn_lib.artefact.assumption_pages import assumption_texts
 from inswsn_lib.artefact.citation import citation_page, verdict_page
 from inswsn_lib.artefact.commands import commands_text
 from inswsn_lib.artefact.front import front_texts
@@ -44,5 +45,6 @@ def generated_texts(project: Project, results: Sequence[Results]) -> dict[str, s
         "launch.md": launch_text(about, chapters),
         "status.md": status_text(results, judged, names),
         **front_texts(project, results, judged),
+        **assumption_texts(project, results),
         **review_texts(project, results, judged),
     }
