@@ -27,9 +27,9 @@ from inswsn_lib.artefact.citation import (
     verdict_page,
     zenodo_text,
 )
-from inswsn_lib.artefact.judging import judge_claims
 from inswsn_lib.artefact.project import Project
 from inswsn_lib.artefact.references import read_articles
+from inswsn_lib.claims import LEDGER, claims_of, load_claims, read_results, verdicts
 from inswsn_lib.errors import InswsnError
 
 ORCID = "https://orcid.org/0000-0002-1825-0097"
@@ -247,7 +247,8 @@ def test_the_plain_citation_names_all(about: About) -> None:
 
 
 def test_a_verdict_is_cited_as_it_is_computed(project: Project, about: About) -> None:
-    judged = judge_claims(project)
+    decided = claims_of(load_claims(project.root / LEDGER), "00")
+    judged = verdicts(decided, [read_results(project.published / "00.json")])
     page = verdict_page(about, judged)
     example = next(entry for entry in judged if entry.quantity is not None)
     assert f"claim {example.claim.id}: {example.verdict}" in page
