@@ -89,6 +89,7 @@ def test_percentages_by_plain_arithmetic(
 ) -> None:
     """From the JSON alone: each change that the page shows is after over before, less one."""
     text = assumption_texts(project, list(published.values()))["assumptions-reruns.md"]
+    text = text.replace("\N{NO-BREAK SPACE}", " ")
     runs = json.loads((project.root / SENSITIVITY).read_text())["runs"]
     before = {run["chapter"]: run["headlines"] for run in runs if run["id"] == "baseline"}
     alternatives = {

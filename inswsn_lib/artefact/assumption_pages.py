@@ -18,9 +18,9 @@ from inswsn_lib.artefact.assumptions import (
     load_assumptions,
     load_settings,
 )
-from inswsn_lib.artefact.effects import MOVES, Effect, Reading, Row, readings_of, rows_of
+from inswsn_lib.artefact.effects import MOVES, Effect, Reading, Row, band_of, readings_of, rows_of
 from inswsn_lib.artefact.project import Project
-from inswsn_lib.artefact.study import BASELINE, SENSITIVITY, Study, read_study
+from inswsn_lib.artefact.study import BASELINE, SENSITIVITY, Run, Study, read_study
 from inswsn_lib.claims import LEDGER, PAPERS, Claim, Results, load_claims
 from inswsn_lib.files import file_digest, tree_digest
 from inswsn_lib.parameters import Schema, chapter_schema
@@ -213,6 +213,7 @@ def rerun_table(assumptions: Assumptions, study: Study, chapter: str, rows: Sequ
         values = [f"{baseline.headlines[h.key]:.3g}" if h.key in baseline.headlines else "–"
                   for h in headlines]  # fmt: skip
         table.append(["*unchanged*", "", *values, ""])
+        table.append(["*chance*", "", *(_chance(study, baseline, h) for h in headlines), ""])
     table += [_rerun_cells(row, headlines) for row in rows]
     return _list_table(
         f"Chapter {chapter}: change of each result when one assumption changes. Bold: beyond what "
@@ -222,6 +223,14 @@ def rerun_table(assumptions: Assumptions, study: Study, chapter: str, rows: Sequ
         table,
         (":class: assumptions",),
     )
+
+
+def _chance(study: Study, baseline: Run, headline: Headline) -> str:
+    """Return the band of chance in per cent of the unchanged value."""
+    values = [run.headlines.get(headline.key) for run in study.seeds(baseline.chapter)]
+    band = band_of([value for value in values if value is not None])
+    value = baseline.headlines.get(headline.key)
+    return f"±\N{NO-BREAK SPACE}{100 * band / abs(value):.2g}\N{NO-BREAK SPACE}%" if value else "–"
 
 
 def _rerun_cells(row: Row, headlines: Sequence[Headline]) -> list[str]:
@@ -238,7 +247,8 @@ def _shown(effect: Effect) -> str:
     text = change_text(effect.before, effect.after)
     if effect.beyond:
         text = f"**{text}**"
-    return f"{text} ⇄" if effect.turns else text
+    text = f"{text} ⇄" if effect.turns else text
+    return text.replace(" ", "\N{NO-BREAK SPACE}")
 
 
 def change_text(before: float, after: float) -> str:

@@ -444,10 +444,12 @@ def test_the_tables_of_a_small_study() -> None:
     assert rows[0].set == "3"
     assert rows[0].size == pytest.approx(0.5)
     assert rows[0].flipped == {"A": "not reproduced"}, "B is not decided with another seed, too"
-    table = rerun_table(small(), study, "00", rows)
+    table = rerun_table(small(), study, "00", rows).replace("\N{NO-BREAK SPACE}", " ")
     assert "- **+50 %** ⇄" in table
     assert "10: It is too large." in table
     assert "seed 1" in table
+    # 41.9, 42 and 42.1: deviation 0.1, and Student's t for 2 degrees of freedom is 4.303
+    assert f"- ± {100 * 4.303 * math.sqrt(2) * 0.1 / 42:.2g} %" in table
     results = Results(
         chapter="00", parameters={}, data={},
         quantities=tuple(
