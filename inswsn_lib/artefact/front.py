@@ -12,16 +12,15 @@ from typing import Any
 
 from inswsn_lib.artefact.about import ABOUT, load_about
 from inswsn_lib.artefact.project import Chapter, Project
-from inswsn_lib.claims import Judged, Results, count_verdicts
+from inswsn_lib.claims import Judged, Results, Verdict, count_verdicts
 from inswsn_lib.files import read_yaml
 
 # the chapters whose results the picture draws
 _DRAWN = {"00", "02", "03", "04", "05"}
 _CAPTION = (
-    "Left of the line the paper's method has less error than its rival, right of it more. On equal "
-    "terms means that both get the same measurements and the same budget of tuning; the learners "
-    "of P1 get the best input that exists in an outage, and P3's filter keeps its aids in both "
-    "cases."
+    "Left of the line the paper's method is better than its rival, right of it worse. On equal "
+    "terms: both get the same measurements and the same tuning; P1's learners get the best input "
+    "that exists in an outage, P3's filter keeps its aids with and without the LS-SVM."
 )
 _HEAD = re.compile(
     r"\*\*You need\*\*\s+(?P<need>.*?)\.\s+\*\*Reading time\*\*\s+(?P<minutes>\d+)\s+minutes?\.",
@@ -111,7 +110,8 @@ def front_picture(rows: Sequence[Contest]) -> tuple[str, str]:
     """Draw the comparisons; return the SVG and its alternative text."""
     from inswsn_lib.plotting import COLOURS, figure  # noqa: PLC0415  # a list needs no figure
 
-    fig, axes = figure(height=3.6)
+    fig, axes = figure(height=3.9)
+    fig.set_size_inches(4.9, 3.9)  # beside the text, where its letters are as large as the text's
     places = range(len(rows) - 1, -1, -1)
     for place, row in zip(places, rows, strict=True):
         axes.plot([row.printed, row.rebuilt], [place, place], "-", color="#bbbbbb", lw=1, zorder=1)
@@ -142,8 +142,8 @@ def front_picture(rows: Sequence[Contest]) -> tuple[str, str]:
     axes.set_xticks([0.05, 0.1, 0.2, 0.5, 1, 2, 4], ["1/20", "1/10", "1/5", "1/2", "1", "2", "4"])
     axes.minorticks_off()
     axes.set_yticks(list(places), [row.label for row in rows])
-    axes.set_xlabel("error of the paper's method over its rival's (right of 1 the rival is better)")
-    fig.legend(loc="outside upper right", ncols=3)
+    axes.set_xlabel("error of the paper's method over its rival's")
+    fig.legend(loc="outside upper right", ncols=3, fontsize=9, columnspacing=1, handletextpad=0.2)
     return _svg(fig), _alternative(rows)
 
 
@@ -207,17 +207,15 @@ def front_texts(
 
 def _verdicts(judged: Sequence[Judged]) -> str:
     counts = count_verdicts(judged)
-    headline = sum(count for verdict, count in counts.items() if verdict.counts)
-    lines = [
-        f"Of **{len(judged)} claims**, {headline} are put to the test:",
-        "",
-        *(f"- **{n}** {v}" for v, n in counts.items() if v.counts),
-        "",
-        "The others are "
-        + " or ".join(f"{v} ({n})" for v, n in counts.items() if not v.counts)
-        + ".",
-    ]
-    return "\n".join(lines) + "\n"
+    tested = {v: n for v, n in counts.items() if v.counts and v is not Verdict.UNTESTABLE}
+    others = {v: n for v, n in counts.items() if v not in tested}
+    return (
+        f"**{len(judged)} claims**, of which {sum(tested.values())} are put to the test: "
+        + ", ".join(f"**{n}** {v}" for v, n in tested.items())
+        + ". The others: "
+        + ", ".join(f"{n} {v}" for v, n in others.items())
+        + ".\n"
+    )
 
 
 def _chapters(project: Project, results: Mapping[str, Results]) -> str:
