@@ -335,7 +335,8 @@ def summary(
     turning |= {reading.entry.id for reading in readings if reading.turns}
     flipping = {row.entry.id for row in made if row.flipped}
     tried = {row.entry.id for row in made} | {reading.entry.id for reading in readings}
-    still = tried - moving - turning - flipping
+    waiting = {row.entry.id for row in reruns if row.run is None}
+    still = tried - moving - turning - flipping - waiting
     untried = [e for e in assumptions.assumptions if e.id not in tried and not e.seeds]
     lines = [
         f"The papers leave {len(assumptions.assumptions)} things unsaid that this book had to "
@@ -353,6 +354,9 @@ def summary(
     if untried:
         names = _named(assumptions, {entry.id for entry in untried})
         lines.append(f"- **Neither rerun nor reading varies** {names}; the entries say why.")
+    if waiting:
+        names = _named(assumptions, waiting)
+        lines.append(f"- **Not all reruns have been made yet** of {names}.")
     turned = [
         f"{link(row.entry)}, {row.set}: {effect.headline.says} "
         f"(chapter {effect.headline.chapter}), {effect.before:.3g} → {effect.after:.3g}"

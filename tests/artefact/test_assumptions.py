@@ -474,7 +474,12 @@ def test_the_tables_of_a_small_study() -> None:
 
 def test_a_rerun_that_was_not_made_is_told() -> None:
     study = study_of(*UNCHANGED)
-    assert "not run" in rerun_table(small(), study, "00", rows_of(small(), study, "00"))
+    rows = rows_of(small(), study, "00")
+    assert "not run" in rerun_table(small(), study, "00", rows)
+    told = summary(small(), {"00": rows}, [])
+    assert "0 reruns" in told
+    waiting = next(line for line in told.splitlines() if "have been made yet" in line)
+    assert "P1-M-scale" in waiting
 
 
 def test_a_checkout_without_the_list_has_no_texts(mini: MiniProject) -> None:
