@@ -236,7 +236,7 @@ def rerun_table(assumptions: Assumptions, study: Study, chapter: str, rows: Sequ
     table += [_rerun_cells(row, headlines) for row in rows]
     return _list_table(
         f"Chapter {chapter}: change of each result when one assumption changes. Bold: beyond what "
-        "another seed does. ⇄: the conclusion turns. Last column: verdicts that no unchanged run "
+        "another seed does. ⇄: with it the conclusion turns. Last column: verdicts that no unchanged run "
         "has.",
         f"tbl-assumptions-{chapter}",
         table,
@@ -266,7 +266,7 @@ def _shown(effect: Effect) -> str:
     text = change_text(effect.before, effect.after)
     if effect.beyond:
         text = f"**{text}**"
-    text = f"{text} ⇄" if effect.turns else text
+    text = f"{text} ⇄" if effect.turns and effect.beyond else text
     return text.replace(" ", "\N{NO-BREAK SPACE}")
 
 
