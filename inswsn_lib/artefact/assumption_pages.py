@@ -236,8 +236,8 @@ def rerun_table(assumptions: Assumptions, study: Study, chapter: str, rows: Sequ
     table += [_rerun_cells(row, headlines) for row in rows]
     return _list_table(
         f"Chapter {chapter}: change of each result when one assumption changes. Bold: beyond what "
-        "another seed does. ⇄: with it the conclusion turns. Last column: verdicts that no unchanged "
-        "run has.",
+        "another seed does. ⇄: with it the conclusion turns. Last column: verdicts that no "
+        "unchanged run has.",
         f"tbl-assumptions-{chapter}",
         table,
         (":class: assumptions",),
