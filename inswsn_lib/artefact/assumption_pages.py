@@ -337,7 +337,11 @@ def summary(
     tried = {row.entry.id for row in made} | {reading.entry.id for reading in readings}
     waiting = {row.entry.id for row in reruns if row.run is None}
     still = tried - moving - turning - flipping - waiting
-    untried = [e for e in assumptions.assumptions if e.id not in tried and not e.seeds]
+    untried = [
+        entry
+        for entry in assumptions.assumptions
+        if not (entry.alternatives or entry.within or entry.seeds)
+    ]
     lines = [
         f"The papers leave {len(assumptions.assumptions)} things unsaid that this book had to "
         f"settle: {counts}. {len(made)} reruns with one of them changed were made"
