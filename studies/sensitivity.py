@@ -45,7 +45,6 @@ from inswsn_lib.errors import InswsnError
 from inswsn_lib.files import file_digest, tree_digest
 
 ROOT = Path(__file__).parent.parent
-QUICKEST = ("00", "02", "01", "03", "05", "04")  # what comes first, so that much is there early
 
 
 def made_from(project: Project, assumptions: Assumptions) -> Made:
@@ -82,7 +81,7 @@ def run_all(
     working = Working(project.build / "sensitivity.jsonl")
     runs = [working.find(cell, cell_key(project, cell)) for cell in cells]
     due = [cell for cell, run in zip(cells, runs, strict=True) if run is None]
-    due.sort(key=lambda cell: (_second(assumptions, cell), QUICKEST.index(cell.chapter)))
+    due = sorted(due, key=lambda cell: (_second(assumptions, cell), _rank(due, cell)))
     progress.say(f"sensitivity: {len(due)} of {len(cells)} runs to be made")
     with ThreadPoolExecutor(max_workers=jobs) as pool:
         pending = [
@@ -107,6 +106,11 @@ def _second(assumptions: Assumptions, cell: Cell) -> int:
     """Return 0 for an unchanged run, 1 for a first alternative, 2 for a second; 0 comes first."""
     firsts = {f"{e.id}/{e.alternatives[0].id}" for e in assumptions.assumptions if e.alternatives}
     return 0 if cell.change is None else 1 if cell.id in firsts else 2
+
+
+def _rank(cells: list[Cell], cell: Cell) -> int:
+    """Return the place of a cell among those of its chapter, so that chapters take turns."""
+    return [other for other in cells if other.chapter == cell.chapter].index(cell)
 
 
 class Quiet(Progress):

@@ -65,7 +65,7 @@ def assumption_texts(project: Project, results: Sequence[Results]) -> dict[str, 
     readings = readings_of(assumptions, by_chapter)
     return {
         **{
-            f"assumptions-{paper.lower()}.md": unsaid_table(project, assumptions, paper)
+            f"assumptions-{paper.lower()}.md": unsaid_list(project, assumptions, paper)
             for paper in PAPERS
         },
         "assumptions-headlines.md": headlines_table(assumptions, by_chapter),
@@ -107,8 +107,8 @@ def _list_table(
 # What is unsaid, and what was chosen
 
 
-def unsaid_table(project: Project, assumptions: Assumptions, paper: str) -> str:
-    """Return the table of what a paper leaves unsaid, with the choices and their reasons.
+def unsaid_list(project: Project, assumptions: Assumptions, paper: str) -> str:
+    """Return what a paper leaves unsaid, each with the choices and their reasons in a table.
 
     Parameters
     ----------
@@ -119,23 +119,42 @@ def unsaid_table(project: Project, assumptions: Assumptions, paper: str) -> str:
     """
     settings = load_settings(project.root)
     schemas = {chapter: chapter_schema(project.root, chapter) for chapter in assumptions.reduced}
-    rows = [["unsaid", "chosen", "source", "why"]]
+    blocks = []
     for entry in assumptions.assumptions:
         if entry.paper == paper:
-            first = f"({entry.anchor})=\n**{link(entry)}** {entry.unsaid}\n\n*One would look in:* "
-            first += f"{entry.place}. *What the print says of it:* {entry.bounds}"
-            first += "".join(f"\n\n*Rerun with* {o.set}: {o.why}" for o in entry.alternatives)
-            if entry.varied:
-                first += f"\n\n*Reruns:* {entry.varied}"
-            for i, choice in enumerate(entry.chosen):
-                told = _choice(choice, entry, settings, schemas)
-                rows.append([first if i == 0 else "", *told])
-    return _list_table(
-        f"What {paper} leaves unsaid, and what stands in its place.",
-        f"tbl-assumptions-{paper.lower()}",
-        rows,
-        (":widths: 40 22 10 28", ":class: assumptions"),
-    )
+            choices = [_choice(choice, entry, settings, schemas) for choice in entry.chosen]
+            blocks.append(_entry_text(entry) + "\n" + _choices_table(choices))
+    return "\n".join(blocks)
+
+
+def _entry_text(entry: Assumption) -> str:
+    """Return what is unsaid, where one would look, what bounds it, and how it is varied."""
+    lines = [
+        f"({entry.anchor})=",
+        f"**{link(entry)}** {entry.unsaid}",
+        "",
+        f"*One would look in* {entry.place}. *What the print says of it:* {entry.bounds}",
+        "",
+    ]
+    if entry.alternatives:
+        reruns = " ".join(f"*{other.set}*: {other.why}" for other in entry.alternatives)
+        lines += [f"Reruns with {reruns}", ""]
+    if entry.varied:
+        lines += [f"Reruns: {entry.varied}", ""]
+    return "\n".join(lines)
+
+
+def _choices_table(choices: Sequence[Sequence[str]]) -> str:
+    lines = [
+        "```{list-table}",
+        ":header-rows: 1",
+        ":widths: 34 12 54",
+        ":class: assumptions",
+        "",
+    ]
+    for row in [("chosen", "source", "why"), *choices]:
+        lines += [f"{'* -' if i == 0 else '  -'} {cell}" for i, cell in enumerate(row)]
+    return "\n".join([*lines, "```\n"])
 
 
 def _choice(
@@ -217,8 +236,8 @@ def rerun_table(assumptions: Assumptions, study: Study, chapter: str, rows: Sequ
     table += [_rerun_cells(row, headlines) for row in rows]
     return _list_table(
         f"Chapter {chapter}: change of each result when one assumption changes. Bold: beyond what "
-        "another seed does. ⇄: the conclusion turns. Last column: verdicts that no unchanged run "
-        "has.",
+        "another seed does. ⇄: with it the conclusion turns. Last column: verdicts that no "
+        "unchanged run has.",
         f"tbl-assumptions-{chapter}",
         table,
         (":class: assumptions",),
@@ -247,7 +266,7 @@ def _shown(effect: Effect) -> str:
     text = change_text(effect.before, effect.after)
     if effect.beyond:
         text = f"**{text}**"
-    text = f"{text} ⇄" if effect.turns else text
+    text = f"{text} ⇄" if effect.turns and effect.beyond else text
     return text.replace(" ", "\N{NO-BREAK SPACE}")
 
 
@@ -316,8 +335,13 @@ def summary(
     turning |= {reading.entry.id for reading in readings if reading.turns}
     flipping = {row.entry.id for row in made if row.flipped}
     tried = {row.entry.id for row in made} | {reading.entry.id for reading in readings}
-    still = tried - moving - turning - flipping
-    untried = [e for e in assumptions.assumptions if e.id not in tried and not e.seeds]
+    waiting = {row.entry.id for row in reruns if row.run is None}
+    still = tried - moving - turning - flipping - waiting
+    untried = [
+        entry
+        for entry in assumptions.assumptions
+        if not (entry.alternatives or entry.within or entry.seeds)
+    ]
     lines = [
         f"The papers leave {len(assumptions.assumptions)} things unsaid that this book had to "
         f"settle: {counts}. {len(made)} reruns with one of them changed were made"
@@ -334,6 +358,9 @@ def summary(
     if untried:
         names = _named(assumptions, {entry.id for entry in untried})
         lines.append(f"- **Neither rerun nor reading varies** {names}; the entries say why.")
+    if waiting:
+        names = _named(assumptions, waiting)
+        lines.append(f"- **Not all reruns have been made yet** of {names}.")
     turned = [
         f"{link(row.entry)}, {row.set}: {effect.headline.says} "
         f"(chapter {effect.headline.chapter}), {effect.before:.3g} → {effect.after:.3g}"
@@ -396,7 +423,7 @@ def study_note(project: Project, assumptions: Assumptions, study: Study) -> str:
     """
     made = study.made
     state = {None: "", True: ", without changes", False: ", with changes that were not committed"}
-    commit = "an unknown commit" if made.commit is None else f"commit `{made.commit}`"
+    commit = "an unknown commit" if made.commit is None else f"commit `{made.commit[:12]}`"
     seconds = sum(run.seconds for run in study.runs)
     lines = [
         f"The study was made on {made.day} with inswsn {made.version} at {commit}"

@@ -25,8 +25,9 @@ from inswsn_lib.simulation import Setting, load_scenario
 ASSUMPTIONS = "data/assumptions.yaml"
 #: The scenario files below ``data/scenarios``, each of whose numbers has an entry or is a paper's.
 SCENARIOS = ("p1", "p1-inertial", "p1-inertial-all-cells", "p2", "p3")
-#: Chapters that work on a reader's own recording: their parameters stand for nothing in a paper.
-OWN_DATA = ("90",)
+#: Chapters from this number on retell a result, or work on a reader's own recording: their
+#: parameters stand for nothing that a paper could say.
+RETELLING = "60"
 
 Text = Annotated[str, Field(min_length=3, pattern=r"^[^\n]+$")]
 Chapter = Annotated[str, Field(pattern=r"^\d\d$")]
@@ -426,7 +427,7 @@ def problems_of(project: Project, assumptions: Assumptions) -> list[str]:
     parameters = {
         chapter.number: set(chapter_schema(project.root, chapter.number).defaults)
         for chapter in project.chapters()
-        if chapter.number not in OWN_DATA
+        if chapter.number < RETELLING
     }
     return [
         *_names_that_are_nowhere(assumptions, settings, parameters),

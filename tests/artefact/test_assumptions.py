@@ -282,9 +282,9 @@ def test_a_change_is_made_in_a_copy(project: Project) -> None:
     cells = {cell.id + cell.chapter: cell for cell in cells_of(load_assumptions(project.root))}
     scenarios = project.root / "data/scenarios"
     before = {path.name: path.read_text() for path in scenarios.iterdir()}
-    with changed_checkout(project, cells["P1-M-path/dogleg02"]) as other:
+    with changed_checkout(project, cells["P1-M-path/corner02"]) as other:
         changed = read_yaml(other.root / "data/scenarios/p1.yaml")
-        assert changed["waypoints"]["value"] == [[650, 0], [300, 60], [130, 400]]
+        assert changed["waypoints"]["value"] == [[650, 0], [150, 200], [130, 400]]
         assert changed["waypoints"]["unit"] == "m"
         assert changed["speed"] == read_yaml(scenarios / "p1.yaml")["speed"]
         assert (other.root / "data/scenarios/p2.yaml").read_text() == before["p2.yaml"]
@@ -474,7 +474,12 @@ def test_the_tables_of_a_small_study() -> None:
 
 def test_a_rerun_that_was_not_made_is_told() -> None:
     study = study_of(*UNCHANGED)
-    assert "not run" in rerun_table(small(), study, "00", rows_of(small(), study, "00"))
+    rows = rows_of(small(), study, "00")
+    assert "not run" in rerun_table(small(), study, "00", rows)
+    told = summary(small(), {"00": rows}, [])
+    assert "0 reruns" in told
+    waiting = next(line for line in told.splitlines() if "have been made yet" in line)
+    assert "P1-M-scale" in waiting
 
 
 def test_a_checkout_without_the_list_has_no_texts(mini: MiniProject) -> None:
