@@ -224,6 +224,9 @@ def _entry(entry: Judged) -> str:
             f"*Holds if:* {entry.published_text}. *Found* {basis}: {entry.rebuilt_text}.",
             f"{entry.quantity.how} {entry.reason}",
         ]
+        # the reason of a verdict that an assumption carries names it already
+        if claim.assumption and entry.verdict is not Verdict.ASSUMED:
+            lines.append(f"Assumed: {claim.assumption}")
     else:
         lines.append(entry.reason)
     lines += ["", f"*Check:* {claim.why}{_decided_by(entry)}", "::::", ""]

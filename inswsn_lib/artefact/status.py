@@ -37,7 +37,7 @@ def status_text(
 def _runs(results: Sequence[Results], judged: Sequence[Judged], names: Mapping[str, str]) -> str:
     decided = _decided(judged)
     header = ["chapter", "run time", "executed", "commit", "quantities", "sentences that hold"]
-    rows = [[*header, "claims decided"]]
+    rows = [[*header, "claims treated"]]
     for result in results:
         made = result.provenance
         rows.append(

@@ -29,15 +29,16 @@ def test_the_printed_side_of_the_picture_by_hand(root: Path, published: dict[str
     assert printed[2] == pytest.approx((0.5 * 0.6) ** 0.5)
     assert printed[3] == pytest.approx((0.1 * 0.17) ** 0.5)
     assert printed[4] == pytest.approx(0.44)
+    assert printed[5] is None  # P3 prints no comparison of its filter with and without LS-SVM
 
 
 def test_the_picture_says_its_numbers_and_is_the_same_each_time() -> None:
-    rows = [Contest("A over B,\nposition", 0.1, 1.25), Contest("C over D", 0.5, 2.0, 3.0)]
+    rows = [Contest("A over B,\nposition", 0.1, 1.25), Contest("C over D", None, 2.0, 3.0)]
     svg, alt = front_picture(rows)
     assert svg.startswith("<?xml")
     assert front_picture(rows) == (svg, alt)
     assert "A over B, position: 0.10 printed, 1.25 rebuilt;" in alt
-    assert alt.endswith("C over D: 0.50 printed, 2.00 rebuilt, 3.00 recorded.")
+    assert alt.endswith("C over D: 2.00 rebuilt, 3.00 recorded.")
 
 
 def test_every_chapter_says_what_it_needs_and_how_long_it_takes(root: Path) -> None:
