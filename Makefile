@@ -35,7 +35,7 @@ notebooks: environment ## write the .ipynb twins of chapters/*.md
 publish: environment ## make the last build's results the reference in data/published, after showing what changes
 	@$(INSWSN) publish
 
-citation: environment ## write CITATION.cff, .zenodo.json and THIRD-PARTY.md from data/about.yaml
+citation: environment ## write CITATION.cff, .zenodo.json and THIRD-PARTY.md from what data says of them
 	@$(INSWSN) citation
 
 archive: book ## make one zip of the release that opens offline, in _build
@@ -66,7 +66,7 @@ upgrade: environment ## the same with the newest versions that environment.in al
 tag: environment ## tell whether TAG=v1.0.0 names this version
 	@$(INSWSN) tag "$$TAG"
 
-assets: environment ## gather the files of a release in _build/release, after make book and make archive
+assets: archive ## gather the files of a release in _build/release
 	@$(INSWSN) assets
 
 release: ## publish _build/release as release TAG=v1.0.0 on the public host, by its command gh

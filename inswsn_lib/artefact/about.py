@@ -38,6 +38,8 @@ def _spdx(text: str) -> str:
         raise ValueError("it may be the SPDX name of a licence, such as CC-BY-4.0") from None
     if known != text:
         raise ValueError(f"it may be written {known}, as SPDX does")
+    if " " in text or text.startswith("LicenseRef-"):
+        raise ValueError("it may be the SPDX name of one licence, such as CC-BY-4.0")
     return text
 
 
@@ -48,6 +50,12 @@ _FORBIDDEN = frozenset("{}\\$^~")
 def _line(text: str) -> str:
     if not text or text != text.strip() or not text.isprintable() or _FORBIDDEN & set(text):
         raise ValueError("it may be one line without spaces at its ends and without { } \\ $ ^ ~")
+    return text
+
+
+def _address(text: str | None) -> str | None:
+    if text is not None and (text.endswith(".git") or text.startswith("https://www.")):
+        raise ValueError("it may be written without www. and without .git")
     return text
 
 
@@ -140,9 +148,13 @@ class About(BaseModel):
     released: Annotated[str, Field(pattern=r"^\d{4}-\d\d-\d\d$"), AfterValidator(_day)]
     authors: Annotated[tuple[Author, ...], Field(min_length=1), AfterValidator(_once)]
     keywords: Annotated[tuple[Words, ...], Field(min_length=1), AfterValidator(_once)]
-    papers: dict[str, str]
-    repository: str | None = Field(pattern=r"^https://[\w.-]+/[\w.-]+/[\w.-]*[\w-]$")
-    doi: str | None = Field(pattern=r"^10\.\d{4,9}/\S+$")
+    papers: Annotated[dict[Annotated[str, Field(pattern=r"^P\d$")], Words], Field(min_length=1)]
+    repository: Annotated[
+        str | None,
+        Field(pattern=r"^https://[a-z0-9.-]+/[\w.-]+/[\w.-]*[\w-]$"),
+        AfterValidator(_address),
+    ]
+    doi: str | None = Field(pattern=r"^10\.\d{4,9}/[\w.;()/:-]+$")
     licences: Licences
     version: str
 

@@ -44,7 +44,7 @@ def build_book(
         If a folder cannot be written.
     """
     chapters = project.chapters()
-    with _alone(project):
+    with alone(project):
         _clear_leftovers(project)
         executed = execute_chapters(project, chapters, progress, fresh=fresh, jobs=jobs)
         render_book(project, executed, progress, fresh=fresh)
@@ -60,7 +60,19 @@ def _clear_leftovers(project: Project) -> None:
 
 
 @contextmanager
-def _alone(project: Project) -> Iterator[None]:
+def alone(project: Project) -> Iterator[None]:
+    """Hold the lock of a checkout's build, so that what is read does not change.
+
+    Parameters
+    ----------
+    project : Project
+        The checkout.
+
+    Raises
+    ------
+    InswsnError
+        If another build of this checkout is running.
+    """
     project.build.mkdir(parents=True, exist_ok=True)
     lock = FileLock(project.build / ".lock")
     try:

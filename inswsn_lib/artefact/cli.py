@@ -183,6 +183,10 @@ def claims(
     for name, word, words in options:
         if word is not None and word not in words:
             raise ParameterError(f"--{name}", word, "one of " + ", ".join(words))
+    if against is not None and (as_json or any(word is not None for _, word, _ in options)):
+        raise ParameterError(
+            "--against", str(against), "given without --paper, --kind, --verdict and --json"
+        )
     project = _project(root)
     judged = judge_claims(project, results)
     if against is not None:
@@ -295,9 +299,12 @@ def tag(root: Path | None, name: str) -> None:
 @click.pass_obj
 def assets(root: Path | None) -> None:
     """Gather what is attached to a release: archive, executed notebooks, notes."""
+    from inswsn_lib.artefact.building import alone
     from inswsn_lib.artefact.release import gather_assets
 
-    click.echo(f"The files are in {gather_assets(_project(root))}")
+    project = _project(root)
+    with alone(project):
+        click.echo(f"The files are in {gather_assets(project)}")
 
 
 @cli.command()
@@ -333,7 +340,7 @@ def publish(root: Path | None, check: bool) -> None:
 @click.option("--check", is_flag=True, help="Only tell whether the files are up to date.")
 @click.pass_obj
 def citation(root: Path | None, check: bool) -> None:
-    """Write CITATION.cff, .zenodo.json and THIRD-PARTY.md from data/about.yaml."""
+    """Write CITATION.cff, .zenodo.json and THIRD-PARTY.md from what data/ says of them."""
     from inswsn_lib.artefact.citation import require_citations, write_citations
 
     project = _project(root)
@@ -354,8 +361,13 @@ def citation(root: Path | None, check: bool) -> None:
 def archive(root: Path | None, output: Path | None) -> None:
     """Write one zip of the built release."""
     from inswsn_lib.artefact.archiving import write_archive
+    from inswsn_lib.artefact.building import alone
 
-    written = write_archive(_project(root), output)
+    if output is not None and output.suffix != ".zip":
+        raise ParameterError("--output", str(output), "a file that ends in .zip")
+    project = _project(root)
+    with alone(project):
+        written = write_archive(project, output)
     click.echo(f"wrote {written} ({written.stat().st_size / 1e6:.1f} MB)")
 
 
@@ -381,6 +393,9 @@ def main() -> None:
         sys.exit(2)
     except InswsnError as error:
         click.echo(f"inswsn: {error}", err=True)
+        sys.exit(2)
+    except UnicodeDecodeError as error:
+        click.echo(f"inswsn: a text file of the checkout is not UTF-8: {error.reason}.", err=True)
         sys.exit(2)
     except OSError as error:
         what = f" {error.filename}" if error.filename else ""

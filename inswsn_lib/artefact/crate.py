@@ -256,7 +256,8 @@ def _describe_run(
     )
     read = [
         _file(crate, name, f"Read by chapter {number}", _form(name))
-        for name in sorted(results.data)
+        # what a chapter reads of a part of a file is named file#part
+        for name in sorted({name.partition("#")[0] for name in results.data})
         if name in names
     ]
     based = [
@@ -270,7 +271,12 @@ def _describe_run(
         "@type": "CreateAction",
         "name": f"Run of chapter {number}: {title}",
         "instrument": source,
-        "object": [*_parameters(crate, results), *read, {"@id": "environment.lock"}],
+        "object": [
+            *_parameters(crate, results),
+            *read,
+            {"@id": "environment.lock"},
+            {"@id": "environment-torch.lock"},
+        ],
         "result": [notebook, found],
         "actionStatus": {"@id": "http://schema.org/CompletedActionStatus"},
     }

@@ -13,6 +13,7 @@ from typing import Any
 from inswsn_lib.artefact.about import ABOUT, load_about
 from inswsn_lib.artefact.project import Chapter, Project
 from inswsn_lib.claims import Judged, Results, Verdict, count_verdicts
+from inswsn_lib.errors import InswsnError
 from inswsn_lib.files import read_yaml
 
 # the chapters whose results the picture draws
@@ -63,14 +64,19 @@ def contests(root: Path, results: Mapping[str, Results]) -> list[Contest]:
 
     Raises
     ------
-    KeyError
-        If a chapter or a quantity is not there.
+    InswsnError
+        If a chapter has no such quantity.
     """
     p2 = read_yaml(root / "data/papers/p2.yaml")["results"]
     p3 = read_yaml(root / "data/papers/p3.yaml")
 
     def value(chapter: str, name: str) -> float:
-        return results[chapter][name].value
+        try:
+            return results[chapter][name].value
+        except KeyError:
+            raise InswsnError(
+                f"The front page draws {name} of chapter {chapter}, which records no such quantity."
+            ) from None
 
     def left(per_cent: Sequence[float]) -> float:
         """Return the geometric mean of what reductions leave."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from inswsn_lib.artefact.about import load_about
-from inswsn_lib.artefact.assumption_pages import assumption_texts
 from inswsn_lib.artefact.citation import citation_page, verdict_page
 from inswsn_lib.artefact.commands import commands_text
 from inswsn_lib.artefact.front import front_texts
@@ -32,6 +31,9 @@ def generated_texts(project: Project, results: Sequence[Results]) -> dict[str, s
     InswsnError
         If a source cannot be read.
     """
+    # it draws, and with that loads what most commands do not need
+    from inswsn_lib.artefact.assumption_pages import assumption_texts  # noqa: PLC0415
+
     judged = verdicts(load_claims(project.root / LEDGER), results)
     about = load_about(project.root)
     chapters = project.chapters()

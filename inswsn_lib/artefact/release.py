@@ -11,7 +11,7 @@ from pathlib import Path
 import nbformat
 
 from inswsn_lib.artefact.about import load_about
-from inswsn_lib.artefact.cache import Executed, chapter_key, lookup
+from inswsn_lib.artefact.cache import Executed, built_as_now
 from inswsn_lib.artefact.launching import release_tag
 from inswsn_lib.artefact.notebooks import notebook_text
 from inswsn_lib.artefact.pages import with_links_and_provenance
@@ -89,7 +89,7 @@ def gather_assets(project: Project) -> Path:
     archive = project.build / f"inswsn-{load_about(project.root).version}.zip"
     if not archive.is_file():
         raise InswsnError(f"There is no {archive.name} in {archive.parent}; make it: make archive.")
-    executed = _executed(project)
+    executed = [built_as_now(project, chapter) for chapter in project.chapters()]
     folder = project.build / "release"
     with tempfile.TemporaryDirectory(dir=project.build, prefix="release-") as name:
         made = Path(name) / "release"
@@ -101,19 +101,6 @@ def gather_assets(project: Project) -> Path:
         write_whole(made / NOTES, notes)
         swap_folder(made, folder)
     return folder
-
-
-def _executed(project: Project) -> list[Executed]:
-    found = []
-    for chapter in project.chapters():
-        entry = lookup(project, chapter, chapter_key(project, chapter, {}))
-        if entry is None:
-            raise InswsnError(
-                f"Chapter {chapter.number} has not been built as it is now; "
-                "build it first: make book."
-            )
-        found.append(entry)
-    return found
 
 
 def _asset_text(entry: Executed) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import json
 import re
 from pathlib import Path
 
@@ -11,6 +12,7 @@ import pytest
 from inswsn_lib.artefact.front import Contest, chapter_head, contests, front_picture, front_texts
 from inswsn_lib.artefact.project import Chapter, Project
 from inswsn_lib.claims import LEDGER, Results, load_claims, read_results, verdicts
+from inswsn_lib.errors import InswsnError
 
 
 @pytest.fixture(scope="module")
@@ -30,6 +32,39 @@ def test_the_printed_side_of_the_picture_by_hand(root: Path, published: dict[str
     assert printed[3] == pytest.approx((0.1 * 0.17) ** 0.5)
     assert printed[4] == pytest.approx(0.44)
     assert printed[5] is None  # P3 prints no comparison of its filter with and without LS-SVM
+
+
+def test_the_rebuilt_and_recorded_sides_by_hand(root: Path, published: dict[str, Results]) -> None:
+    """The quantities that the picture should draw, read without the library."""
+
+    def value(chapter: str, name: str) -> float:
+        kept = json.loads((root / "data/published" / f"{chapter}.json").read_text(encoding="utf-8"))
+        return float(next(q["value"] for q in kept["quantities"] if q["name"] == name))
+
+    rows = contests(root, published)
+    position = [value("02", f"fair.{n}.position") for n in ("hf-exact-lmi", "kalman")]
+    learners = [value("03", f"fair.geometric.{n}-motion") for n in ("ls-svm", "bp")]
+    assert [row.rebuilt for row in rows] == pytest.approx(
+        [
+            position[0] / position[1],
+            learners[0] / learners[1],
+            value("04", "fair.dhf-over-fkf.position"),
+            value("04", "fair.dhf-over-fkf.velocity"),
+            value("05", "factor.lssvm-never"),
+            value("05", "methods.lssvm"),
+        ]
+    )
+    # what is left of never aiding, and what the LS-SVM does to it
+    recorded = value("05", "recorded.factor.lssvm")
+    assert [row.recorded for row in rows[:4]] == [None] * 4
+    assert rows[4].recorded == pytest.approx(recorded / value("05", "recorded.factor.never"))
+    assert rows[5].recorded == pytest.approx(recorded)
+
+
+def test_a_quantity_that_is_not_there_is_named(root: Path, published: dict[str, Results]) -> None:
+    lean = published | {"02": published["02"].model_copy(update={"quantities": ()})}
+    with pytest.raises(InswsnError, match=r"draws headline\.published-ratio of chapter 02"):
+        contests(root, lean)
 
 
 def test_the_picture_says_its_numbers_and_is_the_same_each_time() -> None:
