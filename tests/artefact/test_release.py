@@ -55,7 +55,7 @@ def test_nothing_is_gathered_before_it_is_made(versioned: MiniProject) -> None:
     done = run_command(versioned.root, "assets")
     assert done.returncode == 2
     assert "make archive" in done.stderr
-    versioned.build.mkdir()
+    versioned.build.mkdir(exist_ok=True)
     (versioned.build / "inswsn-4.5.6.zip").write_bytes(b"zip")
     done = run_command(versioned.root, "assets")
     assert done.returncode == 2
