@@ -345,7 +345,7 @@ def summary(
     lines = [
         f"The papers leave {len(assumptions.assumptions)} things unsaid that this book had to "
         f"settle: {counts}. {len(made)} reruns with one of them changed were made"
-        + (f"; {len(failed)} ended before their end, which the tables tell" if failed else "")
+        + (f"; {len(failed)} failed, which the tables tell" if failed else "")
         + f", and {len(readings)} other readings are computed by the chapters themselves.",
         "",
         f"- **A conclusion turns** with {_named(assumptions, turning)}.",
