@@ -464,7 +464,7 @@ def test_the_tables_of_a_small_study() -> None:
     assert "3 things unsaid" in told
     assert "2 by P1, 1 by P2, 0 by P3" in told
     assert "2 reruns" in told
-    assert "1 ended before" in told
+    assert "1 failed" in told
     turns = next(line for line in told.splitlines() if "A conclusion turns" in line)
     assert "P1-M-scale" in turns
     svg = figure_svg({"00": rows})
