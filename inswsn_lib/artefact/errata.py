@@ -7,7 +7,6 @@ not bear one of them out is refused. The numbers of the texts come from the resu
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Literal, Self
@@ -22,7 +21,9 @@ from inswsn_lib.artefact.evidence import (
     anchor,
     cite,
     claim_link,
+    named,
     read_entries,
+    refuse_repeated,
 )
 from inswsn_lib.claims import PAPERS
 from inswsn_lib.errors import InswsnError
@@ -143,9 +144,7 @@ class Errata(Entry):
     @model_validator(mode="after")
     def _ids_are_unique(self) -> Self:
         ids = [entry.id for entry in self.errata] + [slip.id for slip in self.slips]
-        twice = sorted({identity for identity in ids if ids.count(identity) > 1})
-        if twice:
-            raise ValueError(f"the ids {', '.join(twice)} are used twice")
+        refuse_repeated(ids)
         return self
 
 
@@ -190,18 +189,10 @@ def errata_page(errata: Errata, findings: Findings, *, strict: bool = True) -> s
         if own or slips:
             parts.append(f"(errata-{paper.lower()})=\n## {paper}\n\n{cite(paper)}.\n")
         for entry in own:
-            parts.append(_named(entry.id, partial(_section, entry, findings, strict)))
+            parts.append(named(ERRATA, entry.id, partial(_section, entry, findings, strict)))
         if slips:
             parts.append(_slips(paper, slips, findings, strict))
     return "\n".join(parts)
-
-
-def _named(identity: str, make: Callable[[], str]) -> str:
-    """Return a text; a sentence about what is wrong in it begins with the erratum's id."""
-    try:
-        return make()
-    except InswsnError as error:
-        raise InswsnError(f"{ERRATA}: {identity}: {error}") from None
 
 
 def _overview(errata: Errata) -> str:
@@ -263,7 +254,7 @@ def _slips(paper: str, slips: list[Slip], findings: Findings, strict: bool) -> s
     lines += [f"```{{list-table}}\n:header-rows: 1\n:name: tbl-slips-{paper.lower()}\n"]
     lines += ["* -\n  - place\n  - printed\n  - meant"]
     for slip in slips:
-        lines.append(_named(slip.id, partial(_slip, slip, findings, strict)))
+        lines.append(named(ERRATA, slip.id, partial(_slip, slip, findings, strict)))
     return "\n".join([*lines, "```\n"])
 
 

@@ -8,7 +8,7 @@ the evidence on which it rests.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Self, TypeVar
 
@@ -308,3 +308,18 @@ def _place(parts: list[str], content: Any, lists: Sequence[str]) -> str:
         name = entry.get("id") if isinstance(entry, dict) else None
         parts[:2] = [str(name or f"{parts[0]} number {parts[1]}")]
     return ": ".join(parts) or "the file"
+
+
+def named(file: str, identity: str, make: Callable[[], str]) -> str:
+    """Return a text; a sentence about what is wrong in it begins with the file and the entry."""
+    try:
+        return make()
+    except InswsnError as error:
+        raise InswsnError(f"{file}: {identity}: {error}") from None
+
+
+def refuse_repeated(ids: Sequence[str]) -> None:
+    """Raise ``ValueError`` if an id is used twice; for the validators of lists of entries."""
+    twice = sorted({identity for identity in ids if ids.count(identity) > 1})
+    if twice:
+        raise ValueError(f"the ids {', '.join(twice)} are used twice")

@@ -8,7 +8,7 @@ that no entry names, by rules on how their verdicts came about.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from fnmatch import fnmatchcase
 from functools import partial
 from pathlib import Path
@@ -24,7 +24,9 @@ from inswsn_lib.artefact.evidence import (
     anchor,
     cite,
     claim_link,
+    named,
     read_entries,
+    refuse_repeated,
 )
 from inswsn_lib.claims import (
     PAPERS,
@@ -163,9 +165,7 @@ class Readings(Entry):
     @model_validator(mode="after")
     def _ids_are_unique(self) -> Self:
         ids = [entry.id for entry in self.questions]
-        twice = sorted({identity for identity in ids if ids.count(identity) > 1})
-        if twice:
-            raise ValueError(f"the ids {', '.join(twice)} are used twice")
+        refuse_repeated(ids)
         return self
 
 
@@ -228,7 +228,7 @@ def computed_page(readings: Readings, findings: Findings, *, strict: bool = True
         lines = [f"### {paper}", ""]
         for number, entry in enumerate(own, 1):
             name = f"computed, {paper}, statement {number}"
-            lines.append(_named(name, partial(_statement, entry, findings, strict)))
+            lines.append(named(READINGS, name, partial(_statement, entry, findings, strict)))
         basis = findings.basis(
             [shown for entry in own for shown in entry.evidence], *(entry.says for entry in own)
         )
@@ -249,7 +249,7 @@ def readings_page(readings: Readings, findings: Findings) -> str:
         own = [entry for entry in readings.questions if entry.paper == paper]
         if own:
             parts.append(f"(readings-{paper.lower()})=\n## {paper}\n\n{cite(paper)}.\n")
-        parts += [_named(entry.id, partial(_section, entry, findings)) for entry in own]
+        parts += [named(READINGS, entry.id, partial(_section, entry, findings)) for entry in own]
     return "\n".join(parts)
 
 
@@ -314,14 +314,6 @@ def _rule(entry: Judged) -> str:
     if entry.quantity is not None and entry.quantity.basis == "printed":
         return _PRINT
     return _ALGEBRA if claim.kind == "formula" else _DATA
-
-
-def _named(identity: str, make: Callable[[], str]) -> str:
-    """Return a text; a sentence about what is wrong in it begins with the entry's name."""
-    try:
-        return make()
-    except InswsnError as error:
-        raise InswsnError(f"{READINGS}: {identity}: {error}") from None
 
 
 def _overview(readings: Readings) -> str:
