@@ -285,6 +285,6 @@ def displayed(monkeypatch: pytest.MonkeyPatch) -> list[tuple[dict[str, str], dic
         assert raw
         outputs.append((data, metadata or {}))
 
-    for module in ("claims.record", "plotting.figures", "plotting.tables"):
+    for module in ("claims.record", "plotting.figures", "plotting.labs", "plotting.tables"):
         monkeypatch.setattr(f"inswsn_lib.{module}.display", display)
     return outputs
