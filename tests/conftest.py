@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from bs4 import BeautifulSoup
 from filelock import FileLock
 from hypothesis import settings
 
@@ -274,6 +275,18 @@ def served(built_site: Path) -> Iterator[str]:
         threading.Thread(target=server.serve_forever, daemon=True).start()
         yield address(server)
         server.shutdown()
+
+
+@pytest.fixture(scope="session")
+def labs(built_site: Path) -> dict[str, Any]:
+    """What each lab of the built book computes from, by its kind, and the page that it is on."""
+    found = {}
+    for page in sorted((built_site / "chapters").glob("7*.html")):
+        section = BeautifulSoup(page.read_text(encoding="utf-8"), "html.parser").select_one(".lab")
+        assert section is not None, page.name
+        content = json.loads(section.script.string)  # type: ignore[union-attr, arg-type]
+        found[str(section["data-lab"])] = content | {"page": f"chapters/{page.name}"}
+    return found
 
 
 @pytest.fixture

@@ -9,6 +9,8 @@
 "use strict";
 
 (() => {
+  if (window.inswsnLabs) return; // included twice
+
   // ---------------------------------------------------------------- numerics
 
   const range = (count) => Array.from({ length: count }, (_, i) => i);
@@ -136,8 +138,10 @@
     const digits = Math.max(0, 2 - Math.floor(Math.log10(Math.abs(Number(text)))));
     return Number(text).toFixed(digits);
   };
-  const percent = (part, whole) => `${shown((100 * part) / whole)} %`;
+  const percent = (part, whole) => `${shown((100 * part) / whole)}\u00a0%`;
   const plain = (value) => String(Number(value.toPrecision(3)));
+
+  const capital = (text) => text[0].toUpperCase() + text.slice(1);
 
   const sliderValue = (slider, place) => (slider.log ? 10 ** place : place);
   /** What a slider says, as its output and to a screen reader: the number and its unit. */
@@ -215,10 +219,10 @@
         rows: order.slice().reverse().map((key) => ({ key, name: long[key], values: m[key] })),
         columns: ["position, m", "velocity, m/s"],
         caption: `Mean absolute error over the area: ${setting}`,
-        sentence: `${setting}: of the network's position error the Kalman filter has ${percent(m.kf[0], m.network[0])}, the H-infinity filter ${percent(m.hf[0], m.network[0])}, the constant gain ${percent(m.constant[0], m.network[0])}.`,
+        sentence: `${capital(setting)}. Of the network's position error the Kalman filter has ${percent(m.kf[0], m.network[0])}, the H-infinity filter ${percent(m.hf[0], m.network[0])}, the constant gain ${percent(m.constant[0], m.network[0])}.`,
         charts: [
-          { title: "Position error", unit: "m", x: time, xLabel: "time in the area (s)", lines: lines(0), ...data.axes.position[state.run], description: `${setting}. Mean absolute position errors: ${numbers(0, "m")}.` },
-          { title: "Velocity error", unit: "m/s", x: time, xLabel: "time in the area (s)", lines: lines(1), ...data.axes.velocity[state.run], description: `${setting}. Mean absolute velocity errors: ${numbers(1, "m/s")}.` },
+          { title: "Position error", unit: "m", x: time, xLabel: "time in the area (s)", lines: lines(0), ...data.axes.position[state.run], description: `${capital(setting)}. Mean absolute position errors: ${numbers(0, "m")}.` },
+          { title: "Velocity error", unit: "m/s", x: time, xLabel: "time in the area (s)", lines: lines(1), ...data.axes.velocity[state.run], description: `${capital(setting)}. Mean absolute velocity errors: ${numbers(1, "m/s")}.` },
           {
             title: "Mean absolute position error against what the filters are told", unit: "m", x: all, xLog: true, xLabel: "assumed over matched Q", mark: state.ratio,
             lines: [flat("network"), flat("constant"), { key: "hf", name: "HF", y: hf }, { key: "kf", name: "KF", y: kf }], ...data.axes.mean[state.run],
@@ -295,10 +299,10 @@
         ],
         columns: ["position, m", "velocity, m/s"],
         caption: `Mean absolute error left in the outage: ${setting}`,
-        sentence: `${setting}: of the position error of the INS the LS-SVM leaves ${percent(m.lssvm[0], m.ins[0])}, the networks ${percent(m.bp[0], m.ins[0])} in the median.`,
+        sentence: `${capital(setting)}. Of the position error of the INS the LS-SVM leaves ${percent(m.lssvm[0], m.ins[0])}, the networks ${percent(m.bp[0], m.ins[0])} in the median.`,
         charts: [
-          { title: "Position error that is left", unit: "m", x: time, xLabel: "time since the area began (s)", lines: lines(found.parts[0]), shade: outage, ...data.axes.position[state.area], description: `${setting}. In the outage: ${words(0, "m")}.` },
-          { title: "Velocity error that is left", unit: "m/s", x: time, xLabel: "time since the area began (s)", lines: lines(found.parts[1]), shade: outage, ...data.axes.velocity[state.area], description: `${setting}. In the outage: ${words(1, "m/s")}.` },
+          { title: "Position error that is left", unit: "m", x: time, xLabel: "time since the area began (s)", lines: lines(found.parts[0]), shade: outage, ...data.axes.position[state.area], description: `${capital(setting)}. In the outage: ${words(0, "m")}.` },
+          { title: "Velocity error that is left", unit: "m/s", x: time, xLabel: "time since the area began (s)", lines: lines(found.parts[1]), shade: outage, ...data.axes.velocity[state.area], description: `${capital(setting)}. In the outage: ${words(1, "m/s")}.` },
           {
             title: "Mean absolute position error in the outage against the kernel width", unit: "m", x: all, xLog: true, xLabel: `kernel width (${unit})`, mark: state.width,
             lines: [
@@ -343,12 +347,14 @@
 
   function ticksOf(chart, width) {
     if (chart.xLog) {
-      return range(Math.round(chart.x.at(-1)) - Math.round(chart.x[0]) + 1)
-        .map((i) => Math.round(chart.x[0]) + i)
+      const decades = Math.round(chart.x.at(-1) - chart.x[0]);
+      const every = width / decades < 36 ? 2 : 1;
+      return range(Math.floor(decades / every) + 1)
+        .map((i) => Math.round(chart.x[0]) + i * every)
         .map((v) => [v, power(v)]);
     }
     const span = chart.x.at(-1) - chart.x[0];
-    const step = [1, 2, 5, 10, 20].find((s) => span / s <= width / 55) ?? 50;
+    const step = [1, 2, 5, 10, 20].find((s) => span / s <= width / 40) ?? 50;
     return range(Math.floor(span / step) + 1).map((i) => [i * step, String(i * step)]);
   }
 
@@ -365,7 +371,7 @@
   }
 
   function drawChart(svg, chart, width) {
-    const height = 210;
+    const height = 240;
     const box = { left: 46, right: width - 62, top: 26, bottom: height - 38 };
     const x = scaleOf("linear", chart.x[0], chart.x.at(-1), box.left, box.right);
     const y = scaleOf(chart.scale, chart.low, chart.high, box.bottom, box.top, chart.linear);
@@ -430,7 +436,8 @@
 
   function sliderField(slider, id, changed) {
     const input = make("input", { type: "range", id, min: slider.low, max: slider.high, step: slider.step, value: slider.start, autocomplete: "off", "data-name": slider.name });
-    const output = make("output", { for: id });
+    // an output is a live region by itself, but the slider says its value already
+    const output = make("output", { for: id, "aria-live": "off" });
     input.addEventListener("input", changed);
     const field = make("div", { class: "lab-control" }, make("label", { for: id }, slider.label), input, output);
     return { field, input, output };
@@ -499,7 +506,7 @@
     function refresh() {
       const now = state();
       sliders.forEach((slider, i) => {
-        const unit = slider.units ? slider.units[now[slider.by]] : slider.unit;
+        const unit = slider.by ? slider.units[now[slider.by]] : slider.unit;
         const text = sliderText(slider, now[slider.name], unit);
         fields[i].output.textContent = text;
         fields[i].input.setAttribute("aria-valuetext", text);
