@@ -323,7 +323,8 @@ def test_charts_are_painted_and_move(lab: Locator) -> None:
 
 
 GEOMETRY = """lab => {
-  const box = e => { const r = e.getBoundingClientRect(); return [r.left, r.right, r.width, r.height]; };
+  const box = e => {
+    const r = e.getBoundingClientRect(); return [r.left, r.right, r.width, r.height]; };
   const all = what => [...lab.querySelectorAll(what)];
   return {
     controls: all('input[type=range], fieldset label, button').map(box),
@@ -404,6 +405,7 @@ def test_without_scripts_and_in_print_there_is_a_still_picture(
 ) -> None:
     bare = browser.new_page(java_script_enabled=False)
     bare.goto(served + labs[kind]["page"], wait_until="domcontentloaded")
+    bare.locator("figure img").first.wait_for()
     assert still(bare, kind) == (True, False)
     bare.close()
     page = opened[kind].page
