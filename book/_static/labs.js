@@ -214,7 +214,7 @@
       const numbers = (i, unit) => order.slice().reverse().map((key) => `${names[key]} ${shown(m[key][i])} ${unit}`).join(", ");
       const flat = (key) => ({ key, name: names[key], y: all.map(() => m[key][0]) });
       const [kf, hf] = sweep(state.run);
-      const setting = `${choices.run}, Q ${told} times the matched one`;
+      const setting = `${choices.run}, ${told === "1" ? "the matched Q" : `${told} times the matched Q`}`;
       return {
         rows: order.slice().reverse().map((key) => ({ key, name: long[key], values: m[key] })),
         columns: ["position, m", "velocity, m/s"],
@@ -528,7 +528,9 @@
       make("div", { class: "lab-controls" }, ...sets, ...fields.map((f) => f.field), reset),
       table, status, charts,
     );
+    const holder = root.closest(".cell_output");
     figure.prepend(root);
+    if (holder && !holder.contains(figure)) holder.hidden = true; // an empty box is left
     figure.classList.add("lab-started");
     root.hidden = false;
     refresh();
