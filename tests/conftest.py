@@ -7,10 +7,13 @@ import os
 import shutil
 import subprocess
 import sys
+import threading
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pytest
+from bs4 import BeautifulSoup
 from filelock import FileLock
 from hypothesis import settings
 
@@ -19,6 +22,10 @@ from hypothesis import settings
 os.environ.update({f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL", "NUMBA")})
 
 from inswsn_lib.artefact.project import Project
+from inswsn_lib.artefact.serving import address, make_server
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser
 
 # the same examples in every run, and no limit of time that a busy machine could miss
 settings.register_profile("inswsn", derandomize=True, deadline=None)
@@ -240,6 +247,48 @@ def chromium() -> str:
     return path
 
 
+@pytest.fixture(scope="session")
+def browser(chromium: str) -> Iterator[Browser]:
+    """One headless Chromium for all tests of pages."""
+    from playwright.sync_api import sync_playwright  # most tests need none
+
+    flags = [
+        "--disable-gpu",
+        "--disable-background-networking",
+        "--disable-component-update",
+        "--disable-sync",
+        "--disable-smooth-scrolling",  # a click would wait for the end of each scroll
+        "--no-first-run",
+    ]
+    if hasattr(os, "geteuid") and os.geteuid() == 0:
+        flags.append("--no-sandbox")  # Chromium has no sandbox for root
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=chromium, args=flags)
+        yield browser
+        browser.close()
+
+
+@pytest.fixture(scope="session")
+def served(built_site: Path) -> Iterator[str]:
+    """The address at which the built book is served."""
+    with make_server(built_site, port=0) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        yield address(server)
+        server.shutdown()
+
+
+@pytest.fixture(scope="session")
+def labs(built_site: Path) -> dict[str, Any]:
+    """What each lab of the built book computes from, by its kind, and the page that it is on."""
+    found = {}
+    for page in sorted((built_site / "chapters").glob("7*.html")):
+        section = BeautifulSoup(page.read_text(encoding="utf-8"), "html.parser").select_one(".lab")
+        assert section is not None, page.name
+        content = json.loads(section.script.string)  # type: ignore[union-attr, arg-type]
+        found[str(section["data-lab"])] = content | {"page": f"chapters/{page.name}"}
+    return found
+
+
 @pytest.fixture
 def displayed(monkeypatch: pytest.MonkeyPatch) -> list[tuple[dict[str, str], dict[str, Any]]]:
     """What a cell would show: the data and metadata of each output, in order."""
@@ -249,6 +298,6 @@ def displayed(monkeypatch: pytest.MonkeyPatch) -> list[tuple[dict[str, str], dic
         assert raw
         outputs.append((data, metadata or {}))
 
-    for module in ("claims.record", "plotting.figures", "plotting.tables"):
+    for module in ("claims.record", "plotting.figures", "plotting.labs", "plotting.tables"):
         monkeypatch.setattr(f"inswsn_lib.{module}.display", display)
     return outputs

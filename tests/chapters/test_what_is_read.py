@@ -27,6 +27,8 @@ QUICK: dict[str, dict[str, Value]] = {
     "63": {"tolerance": 5.0},
     "64": {"tolerance": 0.01},
     "65": {"tolerance": 0.1},
+    "71": {"other_runs": 20},
+    "72": {"networks": 2},
     "90": {"wsn_position_noise": 0.3},
 }
 
