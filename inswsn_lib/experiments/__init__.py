@@ -1,0 +1,15 @@
+"""The Monte Carlo cores of chapters, as functions of declared parameters: what a sweep reruns."""
+
+from inswsn_lib.experiments.experiment import Experiment, Judge, Trial
+from inswsn_lib.experiments.networked import NETWORKED, NetworkedTrial
+from inswsn_lib.experiments.registry import EXPERIMENTS, find_experiment
+
+__all__ = [
+    "EXPERIMENTS",
+    "NETWORKED",
+    "Experiment",
+    "Judge",
+    "NetworkedTrial",
+    "Trial",
+    "find_experiment",
+]
