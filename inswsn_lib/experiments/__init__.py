@@ -3,6 +3,7 @@
 from inswsn_lib.experiments.experiment import Experiment, Judge, Trial
 from inswsn_lib.experiments.networked import NETWORKED, NetworkedTrial
 from inswsn_lib.experiments.registry import EXPERIMENTS, find_experiment
+from inswsn_lib.experiments.summary import draw_summary, leading_methods, tidy_results
 
 __all__ = [
     "EXPERIMENTS",
@@ -11,5 +12,8 @@ __all__ = [
     "Judge",
     "NetworkedTrial",
     "Trial",
+    "draw_summary",
     "find_experiment",
+    "leading_methods",
+    "tidy_results",
 ]

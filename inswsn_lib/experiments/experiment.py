@@ -85,6 +85,8 @@ class Experiment:
     told : frozenset of str
         Parameters that change what the methods are told and not what is drawn: cells of a sweep
         that differ in them alone share their runs.
+    undrawn : frozenset of str
+        Methods that a figure leaves out, since they would dwarf the others.
     files : tuple of str
         The files below ``data/`` that `load` reads.
     load : callable
@@ -134,6 +136,7 @@ class Experiment:
     columns: Mapping[str, str]
     headline: str
     told: frozenset[str] = frozenset()
+    undrawn: frozenset[str] = frozenset()
     files: tuple[str, ...] = ()
     load: Callable[[Path], Any] = field(default=lambda data: None)
 
@@ -141,6 +144,11 @@ class Experiment:
     def quantities(self) -> tuple[str, ...]:
         """The names of the results of a run, ``"method.column"``, in order."""
         return tuple(f"{method}.{column}" for method in self.methods for column in self.columns)
+
+    @property
+    def drawn(self) -> tuple[str, ...]:
+        """The methods that a figure shows, in order."""
+        return tuple(method for method in self.methods if method not in self.undrawn)
 
     def run(self, values: Mapping[str, Value], runs: int, inputs: Any = None) -> dict[str, Array]:
         """Run it in this process.

@@ -258,6 +258,7 @@ NETWORKED = Experiment(
     | {"position": "m", "velocity": "m/s"},
     headline="position",
     told=frozenset({"q_scale"}),
+    undrawn=frozenset({"ins"}),
     files=_FILES,
     load=_load,
 )
