@@ -38,6 +38,7 @@ def run_sweep(
     dask: str | None = None,
     fresh: bool = False,
     block: int = BLOCK,
+    workers: Workers | None = None,
 ) -> Finished:
     """Compute what is not there of a sweep, and write its files.
 
@@ -59,6 +60,8 @@ def run_sweep(
         Drop what is there.
     block : int
         Groups of runs of a task, at most.
+    workers : Workers, optional
+        Who computes, in place of processes of this machine.
 
     Raises
     ------
@@ -83,9 +86,9 @@ def run_sweep(
         where = "nobody: all was there"
         if tasks:
             jobs = min(jobs or available_cores(), len(tasks))
-            with _workers(plan, jobs, dask) as (workers, where):
+            with _workers(plan, jobs, dask, workers) as (hands, where):
                 try:
-                    sweep.work(tasks, workers)
+                    sweep.work(tasks, hands)
                 except KeyboardInterrupt:
                     progress.say(
                         f"What is finished is kept in {store.folder}; the same command goes on."
@@ -102,8 +105,12 @@ def run_sweep(
 
 
 @contextmanager
-def _workers(plan: Plan, jobs: int, dask: str | None) -> Iterator[tuple[Workers, str]]:
-    if dask is None:
+def _workers(
+    plan: Plan, jobs: int, dask: str | None, given: Workers | None
+) -> Iterator[tuple[Workers, str]]:
+    if given is not None:
+        yield given, type(given).__name__
+    elif dask is None:
         with local_workers(jobs) as local:
             yield local, f"{jobs} process{'es' if jobs > 1 else ''} of this machine"
     else:

@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import FormatStrFormatter, LogLocator
 from numpy.typing import NDArray
 
 from inswsn_lib.errors import ParameterError
@@ -22,11 +23,14 @@ from inswsn_lib.plotting import COLOURS, figure
 Array = NDArray[np.float64]
 Cell = Mapping[str, Value]
 
-# in this order a method takes the next colour and style
+# In this order a method takes the next colour and style: as chapter 02 draws network, Kalman filter
+# and H-infinity filters. Lines that are not solid can be told apart without colours.
 _STROKES = tuple(
     (COLOURS[name], style)
-    for style in ("-", "--", ":")
-    for name in ("reproduced", "rival", "rebuilt", "contradicted", "published")
+    for name, style in (
+        *(("reproduced", ":"), ("rival", "-"), ("rebuilt", "-"), ("rebuilt", "--")),
+        *(("contradicted", "-."), ("published", "-"), ("reproduced", "-"), ("rival", "--")),
+    )
 )
 _MOST_PANELS = 12
 _NORMAL_95 = 1.959963984540054
@@ -222,11 +226,13 @@ def _draw_panel(ax: Axes, experiment: Experiment, part: pd.DataFrame, along: str
     values = np.unique(part[along])
     if (part["low"] > 0).all():
         ax.set_yscale("log")
+        ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        ax.yaxis.set_major_formatter(FormatStrFormatter("%g"))
     if values[0] > 0 and values[-1] >= 10 * values[0]:
         ax.set_xscale("log")
     if len(values) <= 6:
         ax.set_xticks(values, [f"{value:g}" for value in values])
-        ax.minorticks_off()
+    ax.minorticks_off()
 
 
 def _told(experiment: Experiment, name: str, value: Value) -> str:
