@@ -22,7 +22,7 @@ from inswsn_lib.artefact.sweep_store import Store
 from inswsn_lib.artefact.sweep_tasks import unpacked
 from inswsn_lib.claims import Results
 from inswsn_lib.errors import ParameterError
-from inswsn_lib.experiments import Experiment, draw_summary, leading_methods, tidy_results
+from inswsn_lib.experiments.summary import draw_summary, leading_methods, tidy_results
 from inswsn_lib.files import write_whole
 from inswsn_lib.parameters import Value
 
@@ -213,8 +213,3 @@ def show_leaders(plan: Plan, finished: Finished, console: Console) -> None:
     console.print(table)
     if len(finished.leaders) > _MOST_ROWS:
         console.print(f"and {len(finished.leaders) - _MOST_ROWS} cells more, in sweep.csv")
-
-
-def methods_of(experiment: Experiment) -> str:
-    """Return what the short names of methods stand for, in one line."""
-    return "; ".join(f"{key}: {words}" for key, words in experiment.methods.items())

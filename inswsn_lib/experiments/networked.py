@@ -84,7 +84,7 @@ class NetworkedTrial:
     At 1 s the node walks, and the area begins at the same place of the path:
 
     >>> from inswsn_lib.checkout import find_root
-    >>> from inswsn_lib.experiments import NETWORKED, NetworkedTrial
+    >>> from inswsn_lib.experiments.networked import NETWORKED, NetworkedTrial
     >>> settings = NETWORKED.load(find_root() / "data")
     >>> trials = {
     ...     period: NetworkedTrial(NETWORKED.schema.check({"period": period}), settings)

@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from inswsn_lib.experiments.experiment import Experiment
-from inswsn_lib.experiments.networked import NETWORKED
 from inswsn_lib.plugins import import_object
 
-#: The experiments of the chapters that have one
-EXPERIMENTS: Mapping[str, Experiment] = {"02": NETWORKED}
+#: Where the experiments of the chapters are, for those that have one
+EXPERIMENTS: Mapping[str, str] = {"02": "inswsn_lib.experiments.networked:NETWORKED"}
 
 _ALLOWED = "the number of a chapter, or package.module:NAME, an inswsn_lib.experiments.Experiment"
 
@@ -40,8 +39,6 @@ def find_experiment(word: str) -> Experiment:
     >>> find_experiment("inswsn_lib.experiments.networked:NETWORKED") is find_experiment("02")
     True
     """
-    if word in EXPERIMENTS:
-        return EXPERIMENTS[word]
-    found = import_object("NAME", word, _ALLOWED, Experiment)
+    found = import_object("NAME", EXPERIMENTS.get(word, word), _ALLOWED, Experiment)
     assert isinstance(found, Experiment)
     return found

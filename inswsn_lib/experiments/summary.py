@@ -63,11 +63,12 @@ def tidy_results(experiment: Experiment, cell: Cell, results: Mapping[str, Array
     Examples
     --------
     >>> import numpy as np
-    >>> from inswsn_lib.experiments import NETWORKED, tidy_results
+    >>> from inswsn_lib.experiments.networked import NETWORKED
+    >>> from inswsn_lib.experiments.summary import tidy_results
     >>> runs = {name: np.arange(101.0) for name in NETWORKED.quantities}
     >>> frame = tidy_results(NETWORKED, {"period": 0.2}, runs)
-    >>> frame.loc[0, ["period", "method", "quantity", "unit", "median", "high"]].tolist()
-    [0.2, 'ins', 'rx1', 'm', 50.0, 97.5]
+    >>> print(*frame.loc[0, ["period", "method", "quantity", "unit", "median", "high"]])
+    0.2 ins rx1 m 50.0 97.5
     """
     rows = []
     for method, (column, unit) in itertools.product(experiment.methods, experiment.columns.items()):
@@ -118,7 +119,8 @@ def leading_methods(
     Two methods that differ by one tenth in every run:
 
     >>> import numpy as np
-    >>> from inswsn_lib.experiments import NETWORKED, leading_methods
+    >>> from inswsn_lib.experiments.networked import NETWORKED
+    >>> from inswsn_lib.experiments.summary import leading_methods
     >>> runs = {name: np.full(100, 3.0) for name in NETWORKED.quantities}
     >>> runs |= {"kf.position": np.full(100, 0.9), "network.position": np.full(100, 1.0)}
     >>> found = leading_methods(NETWORKED, {}, runs)
@@ -169,7 +171,8 @@ def draw_summary(experiment: Experiment, frame: pd.DataFrame, axes: Sequence[str
     >>> import numpy as np
     >>> import pandas as pd
     >>> from matplotlib import pyplot as plt
-    >>> from inswsn_lib.experiments import NETWORKED, draw_summary, tidy_results
+    >>> from inswsn_lib.experiments.networked import NETWORKED
+    >>> from inswsn_lib.experiments.summary import draw_summary, tidy_results
     >>> runs = {name: np.arange(1.0, 102.0) for name in NETWORKED.quantities}
     >>> frame = pd.concat(
     ...     [tidy_results(NETWORKED, {"q_scale": q}, runs) for q in (0.1, 1.0)], ignore_index=True

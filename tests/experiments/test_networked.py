@@ -10,7 +10,7 @@ import pytest
 
 from inswsn_lib.claims import read_results
 from inswsn_lib.errors import ParameterError
-from inswsn_lib.experiments import NETWORKED, NetworkedTrial
+from inswsn_lib.experiments.networked import NETWORKED, NetworkedTrial
 from inswsn_lib.parameters import chapter_schema
 
 # as the chapter calls them

@@ -10,13 +10,8 @@ import pytest
 from matplotlib import pyplot as plt
 
 from inswsn_lib.errors import ParameterError
-from inswsn_lib.experiments import (
-    Experiment,
-    draw_summary,
-    find_experiment,
-    leading_methods,
-    tidy_results,
-)
+from inswsn_lib.experiments import Experiment, find_experiment
+from inswsn_lib.experiments.summary import draw_summary, leading_methods, tidy_results
 from inswsn_lib.parameters import read_schema
 
 SCHEMA = read_schema(
