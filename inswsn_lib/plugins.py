@@ -1,4 +1,4 @@
-"""A reader's own regressor, named by module and class, and tried before anything runs."""
+"""What a reader brings along, named by module and name, and tried before anything runs."""
 
 from __future__ import annotations
 
@@ -19,6 +19,57 @@ MODULES_VARIABLE = "INSWSN_MODULES"
 
 #: What such a parameter may be
 ALLOWED = "package.module:Class, a scikit-learn regressor that needs no arguments"
+
+
+def import_object(name: str, text: str, allowed: str, kind: type) -> Any:
+    """Return the object that a text names by its module and its name in it.
+
+    Parameters
+    ----------
+    name : str
+        The parameter, for an error.
+    text : str
+        ``package.module:Name``; the module is installed or lies in the working folder.
+    allowed : str
+        What the parameter may be, for an error.
+    kind : type
+        What the object is an instance of.
+
+    Returns
+    -------
+    object
+
+    Raises
+    ------
+    ParameterError
+        If the text has another form, or there is no such module or object.
+
+    Examples
+    --------
+    >>> from inswsn_lib.plugins import import_object
+    >>> import_object("number", "math:tau", "module:NAME, a number", float)
+    6.283185307179586
+    >>> import_object("number", "math:cos", "a number", float)  # doctest: +ELLIPSIS
+    Traceback (most recent call last):
+        ...
+    inswsn_lib.errors.ParameterError: number is 'math:cos'; it may be ...
+    """
+    if not _FORM.fullmatch(text):
+        raise ParameterError(name, text, allowed)
+    module_name, _, object_name = text.partition(":")
+    folder = os.environ.get(MODULES_VARIABLE, str(Path.cwd()))
+    if folder not in sys.path:
+        sys.path.append(folder)
+    try:
+        found = getattr(importlib.import_module(module_name), object_name, None)
+    except (Exception, SystemExit) as error:  # a script that ends with sys.exit
+        why = f"importing {module_name} fails: {_short(error)}"
+        raise ParameterError(name, text, f"{allowed}; {why}") from None
+    if not isinstance(found, kind):
+        what = "class" if kind is type else kind.__name__
+        why = f"{module_name} has no {what} {object_name}"
+        raise ParameterError(name, text, f"{allowed}; {why}")
+    return found
 
 
 def load_regressor(name: str, text: str) -> Any:
@@ -55,22 +106,12 @@ def load_regressor(name: str, text: str) -> Any:
         ...
     inswsn_lib.errors.ParameterError: machine is 'LinearRegression'; it may be package.module:...
     """
-    if not _FORM.fullmatch(text):
-        raise ParameterError(name, text, ALLOWED)
+    found = import_object(name, text, ALLOWED, type)
+    class_name = text.partition(":")[2]
 
     def refused(why: str) -> ParameterError:
         return ParameterError(name, text, f"{ALLOWED}; {why}")
 
-    module_name, _, class_name = text.partition(":")
-    folder = os.environ.get(MODULES_VARIABLE, str(Path.cwd()))
-    if folder not in sys.path:
-        sys.path.append(folder)
-    try:
-        found = getattr(importlib.import_module(module_name), class_name, None)
-    except (Exception, SystemExit) as error:  # a script that ends with sys.exit
-        raise refused(f"importing {module_name} fails: {_short(error)}") from None
-    if not isinstance(found, type):
-        raise refused(f"{module_name} has no class {class_name}")
     if not all(hasattr(found, method) for method in ("fit", "predict", "get_params")):
         raise refused(f"{class_name} lacks one of fit, predict and get_params")
     try:

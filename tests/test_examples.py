@@ -22,6 +22,7 @@ from inswsn_lib.checkout import DATA_VARIABLE, RESULTS_VARIABLE, ROOT_VARIABLE
 ROOMS = (
     "claims",
     "evaluation",
+    "experiments",
     "filters",
     "learning",
     "lmi",

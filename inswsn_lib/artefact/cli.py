@@ -122,6 +122,72 @@ def run(
 
 
 @cli.command()
+@click.argument("name")
+@click.option(
+    "--grid",
+    "axes",
+    multiple=True,
+    metavar="NAME=VALUE,VALUE,...",
+    help="An axis: a parameter, and the values that it goes through. One for each axis.",
+)
+@click.option("-p", "settings", multiple=True, metavar="NAME=VALUE", help="Set a parameter.")
+@click.option(
+    "--runs",
+    type=int,
+    help="Runs of each cell. Default: 1000, or what the chapter declares. More of them later "
+    "build on those that are there.",
+)
+@click.option("--jobs", type=click.IntRange(min=1), help="Processes. Default: one a core.")
+@click.option("--dask", metavar="ADDRESS", help="Compute on the Dask cluster of this scheduler.")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    help="The folder of this sweep. Default: one below runs/ named for its grid.",
+)
+@click.option("--fresh", is_flag=True, help="Drop what an earlier sweep has left in the folder.")
+@click.pass_obj
+def sweep(
+    root: Path | None,
+    name: str,
+    axes: tuple[str, ...],
+    settings: tuple[str, ...],
+    runs: int | None,
+    jobs: int | None,
+    dask: str | None,
+    out: Path | None,
+    fresh: bool,
+) -> None:
+    """Rerun a chapter's Monte Carlo at each cell of a grid of parameters.
+
+    NAME is a chapter or, for an experiment of your own, package.module:NAME. The runs of chapter 02
+    go in groups, over processes or a cluster; of every other chapter the notebook is executed once
+    a cell. What is finished is kept, whatever ends the command, and the same command goes on from
+    there; it also tries failed cells again.
+    """
+    from rich.console import Console
+
+    from inswsn_lib.artefact.sweep import run_sweep
+    from inswsn_lib.artefact.sweep_plan import make_plan
+    from inswsn_lib.artefact.sweep_progress import SweepProgress
+    from inswsn_lib.artefact.sweep_results import show_leaders
+
+    project = _project(root)
+    plan = make_plan(project, name, axes, settings, runs)
+    with SweepProgress() as progress:
+        done = run_sweep(project, plan, progress, out=out, jobs=jobs, dask=dask, fresh=fresh)
+    show_leaders(plan, done, Console(width=None if sys.stdout.isatty() else 120))
+    if done.no_figure:
+        click.echo(f"There is no figure: {done.no_figure}")
+    click.echo(f"{done.computed:,} runs computed, {done.kept:,} were there.")
+    click.echo(f"The sweep is in {done.folder}")
+    if done.failed:
+        raise BuildError(
+            f"{len(done.failed)} of {done.cells} cells failed, with the reasons in "
+            f"{done.folder / 'failed.csv'}; the same command tries them again."
+        )
+
+
+@cli.command()
 @click.argument("before", type=click.Path(exists=True, dir_okay=False, path_type=Path))
 @click.argument("after", type=click.Path(exists=True, dir_okay=False, path_type=Path))
 @click.pass_obj

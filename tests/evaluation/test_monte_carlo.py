@@ -29,7 +29,16 @@ def test_seeds_and_groups_have_streams_of_their_own() -> None:
     assert abs(np.corrcoef(a[:, :GROUP].ravel(), a[:, GROUP:].ravel())[0, 1]) < 3.9 / 192**0.5
 
 
-@pytest.mark.parametrize(("runs", "seed"), [(0, 1), (1, -1)])
-def test_what_cannot_be_is_refused(runs: int, seed: int) -> None:
+@pytest.mark.parametrize(("first", "runs"), [(0, 300), (GROUP, 100), (2 * GROUP, 172), (256, 1)])
+def test_a_run_is_the_same_in_whatever_call(first: int, runs: int) -> None:
+    whole, part = monte_carlo(draw, 300, seed=5), monte_carlo(draw, runs, seed=5, first=first)
+    for name, array in part.items():
+        assert np.array_equal(array, whole[name][..., first : first + runs])
+
+
+@pytest.mark.parametrize(
+    ("runs", "seed", "first"), [(0, 1, 0), (1, -1, 0), (1, 1, 1), (1, 1, -GROUP)]
+)
+def test_what_cannot_be_is_refused(runs: int, seed: int, first: int) -> None:
     with pytest.raises(ParameterError):
-        monte_carlo(draw, runs, seed)
+        monte_carlo(draw, runs, seed, first=first)

@@ -1,0 +1,188 @@
+"""Many runs of an experiment over a grid: shared out, kept as they come, and summed up."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator
+from concurrent.futures import FIRST_COMPLETED, Future, wait
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+from inswsn_lib.artefact.project import Project
+from inswsn_lib.artefact.provenance import available_cores
+from inswsn_lib.artefact.sweep_plan import BLOCK, Plan, default_folder
+from inswsn_lib.artefact.sweep_progress import SweepProgress
+from inswsn_lib.artefact.sweep_results import Finished, cell_name, write_results
+from inswsn_lib.artefact.sweep_store import Store
+from inswsn_lib.artefact.sweep_tasks import Outcome, Task, library_state, own_module
+from inswsn_lib.artefact.sweep_workers import (
+    WorkerDiedError,
+    Workers,
+    dask_workers,
+    local_workers,
+)
+from inswsn_lib.errors import ParameterError
+
+#: How often a task is tried in one call
+ATTEMPTS = 3
+
+
+def run_sweep(
+    project: Project,
+    plan: Plan,
+    progress: SweepProgress,
+    *,
+    out: Path | None = None,
+    jobs: int | None = None,
+    dask: str | None = None,
+    fresh: bool = False,
+    block: int = BLOCK,
+    workers: Workers | None = None,
+) -> Finished:
+    """Compute what is not there of a sweep, and write its files.
+
+    Parameters
+    ----------
+    project : Project
+        The checkout.
+    plan : Plan
+        The sweep.
+    progress : SweepProgress
+        Told how it goes.
+    out : Path, optional
+        The folder. Default: one below ``runs/``.
+    jobs : int, optional
+        Processes. Default: one a core.
+    dask : str, optional
+        The address of a scheduler, in place of processes of this machine.
+    fresh : bool
+        Drop what is there.
+    block : int
+        Groups of runs of a task, at most.
+    workers : Workers, optional
+        Who computes, in place of processes of this machine.
+
+    Raises
+    ------
+    ParameterError
+        If the folder is of another kind, or nobody answers at the address.
+    InswsnError
+        If the folder holds a sweep made from something else, or another one runs there.
+    BuildError
+        If the scheduler of a cluster is gone.
+    """
+    if dask is not None and plan.experiment is None:
+        raise ParameterError("--dask", dask, "left out: this chapter is executed as a whole")
+    folder = out or default_folder(project, plan)
+    with Store(folder, plan.made_from, fresh=fresh) as store:
+        done = store.done()
+        wanted = len(plan.grid.places()) * plan.parts
+        kept = sum(part < plan.parts for parts in done.values() for part in parts)
+        store.forget_failures()
+        sweep = _Sweep(plan, store, progress)
+        progress.started(plan.name, kept * plan.runs_of_part, wanted * plan.runs_of_part)
+        tasks = plan.tasks(done, block)
+        where = "nobody: all was there"
+        if tasks:
+            jobs = min(jobs or available_cores(), len(tasks))
+            with _workers(plan, jobs, dask, workers) as (hands, where):
+                try:
+                    sweep.work(tasks, hands)
+                except KeyboardInterrupt:
+                    progress.say(
+                        f"What is finished is kept in {store.folder}; the same command goes on."
+                    )
+                    raise
+        return write_results(
+            project,
+            plan,
+            store,
+            where=where,
+            kept=kept * plan.runs_of_part,
+            computed=sweep.computed * plan.runs_of_part,
+        )
+
+
+@contextmanager
+def _workers(
+    plan: Plan, jobs: int, dask: str | None, given: Workers | None
+) -> Iterator[tuple[Workers, str]]:
+    if given is not None:
+        yield given, type(given).__name__
+    elif dask is None:
+        with local_workers(jobs) as local:
+            yield local, f"{jobs} process{'es' if jobs > 1 else ''} of this machine"
+    else:
+        with dask_workers(dask, own_module(plan.source)) as cluster:
+            yield cluster, f"the Dask cluster at {dask}"
+
+
+class _Sweep:
+    """The loop of a sweep; it knows nothing of who computes."""
+
+    def __init__(self, plan: Plan, store: Store, progress: SweepProgress) -> None:
+        self._plan, self._store, self._progress = plan, store, progress
+        self._names = [cell_name(place) for place in plan.grid.places()]
+        self._failed: set[int] = set()
+        self._left = [plan.parts] * len(self._names)
+        for cell, parts in store.done().items():
+            self._left[cell] -= sum(part < plan.parts for part in parts)
+        self._library = library_state(own_module(plan.source))
+        self.computed = 0
+
+    def work(self, tasks: deque[Task], workers: Workers) -> None:
+        """Share tasks out until none is left; few are under way at a time."""
+        flying: dict[Future[Outcome], Task] = {}
+        while tasks or flying:
+            while tasks and workers.has_room():
+                task = self._still_wanted(tasks.popleft())
+                if task.cells:
+                    flying[workers.submit(self._plan.compute, task)] = task
+            finished, _ = wait(flying, timeout=1.0, return_when=FIRST_COMPLETED)
+            for future in finished:
+                task = flying.pop(future)
+                try:
+                    again = self._taken(task, workers.outcome(future))
+                except WorkerDiedError as death:
+                    again = {cell: str(death) for cell, _ in task.cells}
+                tasks.extendleft(self._tried_again(task, again))
+
+    def _still_wanted(self, task: Task) -> Task:
+        """Return the task without the cells that have failed meanwhile."""
+        return replace(task, cells=tuple(c for c in task.cells if c[0] not in self._failed))
+
+    def _taken(self, task: Task, outcome: Outcome) -> dict[int, str]:
+        """Keep what was computed; return the cells to be tried again, and why."""
+        if outcome.done and outcome.library != self._library:  # a worker that came later
+            reason = f"a worker has another library: {outcome.library}, not {self._library}"
+            return {cell: reason for cell, _ in task.cells}
+        self._store.add(outcome.done)
+        self.computed += len(outcome.done)
+        self._progress.advanced(len(outcome.done) * self._plan.runs_of_part)
+        for cell, reason in outcome.refused.items():
+            self._fail(cell, reason)
+        for cell in {cell for cell, _, _ in outcome.done}:
+            self._left[cell] -= len(task.parts)
+            if not self._left[cell]:
+                left = sum(map(bool, self._left)) - len(self._failed)
+                self._progress.cell(self._names[cell], left)
+        return outcome.failed
+
+    def _tried_again(self, task: Task, reasons: dict[int, str]) -> list[Task]:
+        """Return a task for each cell that may be tried again; the others have failed."""
+        alone = []
+        for cell, values in task.cells:
+            if cell not in reasons or cell in self._failed:
+                continue
+            if task.attempt + 1 < ATTEMPTS:
+                alone.append(replace(task, cells=((cell, values),), attempt=task.attempt + 1))
+            else:
+                self._fail(cell, f"{reasons[cell]} (tried {ATTEMPTS} times)")
+        return alone
+
+    def _fail(self, cell: int, reason: str) -> None:
+        if cell not in self._failed:
+            self._failed.add(cell)
+            self._store.fail(cell, reason)
+            self._progress.failed(self._names[cell], reason)

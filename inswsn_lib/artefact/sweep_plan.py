@@ -1,0 +1,221 @@
+"""What a sweep has to compute: its cells, its groups of runs, and the tasks they make."""
+
+from __future__ import annotations
+
+import platform
+from collections import deque
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from inswsn_lib.artefact.project import Chapter, Project
+from inswsn_lib.artefact.running import find_chapter
+from inswsn_lib.artefact.sweep_grid import Grid, read_grid
+from inswsn_lib.artefact.sweep_store import as_text
+from inswsn_lib.artefact.sweep_tasks import (
+    Task,
+    compute_groups,
+    execute_cell,
+    library_state,
+    own_module,
+)
+from inswsn_lib.artefact.sweep_workers import Compute
+from inswsn_lib.checkout import data_mirror
+from inswsn_lib.errors import ParameterError
+from inswsn_lib.evaluation import GROUP
+from inswsn_lib.experiments import EXPERIMENTS, Experiment, find_experiment
+from inswsn_lib.files import file_digest, text_digest, tree_digest
+from inswsn_lib.parameters import chapter_schema
+
+_FEWEST, _MOST = 40, 10_000_000
+#: Groups of a task: it takes seconds, so that little is lost when it is
+BLOCK = 4
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A sweep that may be run.
+
+    Attributes
+    ----------
+    name : str
+        What its folder is called.
+    source : str
+        As in `Task`.
+    inputs : object
+        As in `Task`.
+    compute : callable
+        What a worker does with a task.
+    experiment : Experiment or None
+        None if a chapter is executed in each cell.
+    grid : Grid
+        The cells.
+    runs : int
+        Runs of a cell.
+    parts : int
+        Groups of a cell.
+    made_from : dict of str to str
+        What the numbers depend on.
+    """
+
+    name: str
+    source: str
+    inputs: Any
+    compute: Compute
+    experiment: Experiment | None
+    grid: Grid
+    runs: int
+    parts: int
+    made_from: Mapping[str, str]
+
+    @property
+    def digest(self) -> str:
+        """What tells this sweep from others."""
+        return text_digest(as_text([self.source, dict(self.made_from)]))
+
+    @property
+    def runs_of_part(self) -> int:
+        """Runs that are done when a group is; of a chapter that is executed, all."""
+        return GROUP if self.experiment else self.runs
+
+    def tasks(self, done: Mapping[int, set[int]], block: int = BLOCK) -> deque[Task]:
+        """Return what is left to do, cells that share their runs together.
+
+        Parameters
+        ----------
+        done : mapping of int to set of int
+            Groups that are there, by cell.
+        block : int
+            Groups of a task, at most.
+        """
+        told = self.experiment.told if self.experiment else frozenset[str]()
+        alike: dict[str, list[tuple[int, Mapping[str, Any]]]] = {}
+        for cell, parameters in enumerate(self.grid.cells()):
+            drawn = {name: value for name, value in parameters.items() if name not in told}
+            alike.setdefault(as_text(drawn), []).append((cell, parameters))
+        tasks: deque[Task] = deque()
+        for cells in alike.values():
+            for first in range(0, self.parts, block):
+                wanted = range(first, min(first + block, self.parts))
+                due: dict[tuple[int, ...], list[tuple[int, Mapping[str, Any]]]] = {}
+                for cell, values in cells:
+                    left = tuple(part for part in wanted if part not in done.get(cell, ()))
+                    if left:
+                        due.setdefault(left, []).append((cell, values))
+                tasks += [
+                    Task(self.digest, self.source, self.inputs, tuple(group), parts)
+                    for parts, group in due.items()
+                ]
+        return tasks
+
+
+def make_plan(
+    project: Project, name: str, axes: Iterable[str], settings: Iterable[str], runs: int | None
+) -> Plan:
+    """Return the sweep that a user asks for.
+
+    Parameters
+    ----------
+    project : Project
+        The checkout.
+    name : str
+        The number or name of a chapter, or ``package.module:NAME`` of a reader's own experiment.
+    axes, settings : iterable of str
+        As in `read_grid`.
+    runs : int, optional
+        Runs of a cell. Default: as the chapter declares, else 1000.
+
+    Raises
+    ------
+    ParameterError
+        If there is no such chapter or experiment, or a parameter may not have its value.
+    InswsnError
+        If a source cannot be read.
+    """
+    data = project.root / "data"
+    chapter = None if ":" in name else find_chapter(project, name)
+    if chapter and chapter.number not in EXPERIMENTS:
+        return _plan_chapter(project, chapter, axes, settings, runs)
+    source = chapter.number if chapter else name
+    experiment = find_experiment(source)
+    grid = read_grid(experiment.schema, axes, settings, data)
+    count = 1000 if runs is None else runs
+    if not _FEWEST <= count <= _MOST:
+        raise ParameterError("--runs", count, f"a whole number from {_FEWEST} to {_MOST}")
+    facts = {
+        "library, Python or numpy": library_state(own_module(source)),
+        "lock": tree_digest(project.root, project.locks),
+        "file below data/": tree_digest(data, [data / name for name in experiment.files]),
+    }
+    return Plan(
+        name=f"sweep-{source.replace(':', '-').replace('.', '-')}",
+        source=source,
+        inputs=experiment.load(data),
+        compute=compute_groups,
+        experiment=experiment,
+        grid=grid,
+        runs=count,
+        parts=-(-count // GROUP),
+        made_from=_with_grid(facts, source, grid),
+    )
+
+
+def _plan_chapter(
+    project: Project,
+    chapter: Chapter,
+    axes: Iterable[str],
+    settings: Iterable[str],
+    runs: int | None,
+) -> Plan:
+    schema, data = chapter_schema(project.root, chapter.number), project.root / "data"
+    settings = tuple(settings)
+    if runs is not None:
+        if "runs" not in schema.defaults:
+            raise ParameterError(
+                "--runs", runs, f"left out: chapter {chapter.number} has no parameter runs"
+            )
+        settings += (f"runs={runs}",)
+    grid = read_grid(schema, axes, settings, data)
+    files = [p for p in data.rglob("*") if p.is_file() and project.published not in p.parents]
+    facts = {
+        "library, Python or numpy": library_state(),
+        "lock": tree_digest(project.root, project.locks),
+        "file below data/": tree_digest(data, files),
+        "text of the chapter": file_digest(chapter.source),
+        "Python": platform.python_version(),
+        "state of recorded data": str(data_mirror() is not None),
+    }
+    return Plan(
+        name=f"sweep-{chapter.number}",
+        source=chapter.name,
+        inputs=project.root,
+        compute=execute_cell,
+        experiment=None,
+        grid=grid,
+        runs=int(grid.values.get("runs", 1)),
+        parts=1,
+        made_from=_with_grid(facts, chapter.name, grid),
+    )
+
+
+def _with_grid(facts: Mapping[str, str], source: str, grid: Grid) -> dict[str, str]:
+    axes = {name: list(values) for name, values in grid.axes.items()}
+    fixed = {name: value for name, value in grid.values.items() if name not in grid.axes}
+    return {
+        **facts,
+        "experiment": source,
+        "grid": as_text(list(axes.items())),
+        "set of parameters": as_text(fixed),
+    }
+
+
+def default_folder(project: Project, plan: Plan) -> Path:
+    """Return the folder of a sweep below ``runs/``, named for its grid and parameters.
+
+    The library has no part in the name: a sweep that was made with another one is found, and
+    refused, rather than begun anew without a word.
+    """
+    names = ("experiment", "grid", "set of parameters")
+    text = as_text([plan.made_from[name] for name in names])
+    return project.root / "runs" / f"{plan.name}-{text_digest(text)[:8]}"

@@ -1,0 +1,228 @@
+"""Who computes the tasks of a sweep: processes of this machine, or the workers of Dask."""
+
+from __future__ import annotations
+
+import contextlib
+import multiprocessing
+import os
+import signal
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import CancelledError, Future, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from multiprocessing.connection import Connection
+from typing import Any, Protocol
+
+from inswsn_lib.artefact.sweep_tasks import (
+    Outcome,
+    Task,
+    carried_environment,
+    library_state,
+)
+from inswsn_lib.errors import BuildError, InswsnError, ParameterError
+
+_CONNECT_SECONDS = 10
+Compute = Callable[[Task], Outcome]
+
+
+class WorkerDiedError(Exception):
+    """The process that computed a task ended before the task did."""
+
+
+class Workers(Protocol):
+    """Where tasks go, whoever computes them."""
+
+    def has_room(self) -> bool:
+        """Tell whether another task may be submitted; few are kept waiting."""
+
+    def submit(self, compute: Compute, task: Task) -> Future[Outcome]:
+        """Begin a task."""
+
+    def outcome(self, future: Future[Outcome]) -> Outcome:
+        """Return what came of a finished task.
+
+        Raises
+        ------
+        WorkerDiedError
+            If its process died.
+        BuildError
+            If there is nobody left to compute.
+        """
+
+
+class _Slot:
+    """One process, and the pipe whose end tells it to end as well."""
+
+    def __init__(self) -> None:
+        self._reader, self._writer = multiprocessing.Pipe(duplex=False)
+        self.pool = ProcessPoolExecutor(
+            1,
+            mp_context=multiprocessing.get_context("spawn"),
+            initializer=_begin,
+            initargs=(self._reader, carried_environment()),
+        )
+
+    def end(self) -> None:
+        self._writer.close()
+        self._reader.close()
+        self.pool.shutdown(wait=False, cancel_futures=True)
+
+
+def _begin(ending: Connection, environment: Mapping[str, str]) -> None:
+    """Prepare a process: an interrupt is for the command, and its end is the end of all."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    os.environ.update(environment)
+
+    def wait() -> None:
+        # also when the command is killed: the kernel closes the other end of the pipe
+        with contextlib.suppress(EOFError, OSError):
+            ending.recv()
+        os._exit(0)
+
+    threading.Thread(target=wait, daemon=True).start()
+
+
+class LocalWorkers:
+    """Processes of this machine, each on its own, so that it is known which task killed one.
+
+    Parameters
+    ----------
+    jobs : int
+        How many.
+    """
+
+    def __init__(self, jobs: int) -> None:
+        self._idle = [_Slot() for _ in range(jobs)]
+        self._busy: dict[Future[Outcome], _Slot] = {}
+
+    def has_room(self) -> bool:
+        """Tell whether a process is idle."""
+        return bool(self._idle)
+
+    def submit(self, compute: Compute, task: Task) -> Future[Outcome]:
+        """Begin a task in the process that has been idle for the shortest time."""
+        slot = self._idle.pop()
+        future = slot.pool.submit(compute, task)
+        self._busy[future] = slot
+        return future
+
+    def outcome(self, future: Future[Outcome]) -> Outcome:
+        """Return what came of a task; a process that died is replaced."""
+        slot = self._busy.pop(future)
+        try:
+            found = future.result()
+        except BrokenProcessPool:
+            slot.end()
+            self._idle.append(_Slot())
+            raise WorkerDiedError("the process that computed it ended") from None
+        self._idle.append(slot)
+        return found
+
+    def stop(self) -> None:
+        """End all processes, whatever they do."""
+        for slot in (*self._idle, *self._busy.values()):
+            slot.end()
+
+
+@contextlib.contextmanager
+def local_workers(jobs: int) -> Iterator[LocalWorkers]:
+    """Have processes of this machine, and end them."""
+    workers = LocalWorkers(jobs)
+    try:
+        yield workers
+    finally:
+        workers.stop()
+
+
+class DaskWorkers:
+    """The workers of a Dask cluster.
+
+    Parameters
+    ----------
+    client : distributed.Client
+        Connected.
+    address : str
+        As the user gave it, for an error.
+    """
+
+    def __init__(self, client: Any, address: str) -> None:
+        self._client, self._address = client, address
+        # the sweep itself tries again, so that it can count
+        self._pool = client.get_executor(pure=False, retries=0)
+        self._flying: set[Future[Outcome]] = set()
+
+    def has_room(self) -> bool:
+        """Tell whether there are fewer than two tasks a thread of the cluster."""
+        threads = sum(self._client.nthreads().values()) if self._client.status == "running" else 0
+        return len(self._flying) < max(2 * threads, 1)
+
+    def submit(self, compute: Compute, task: Task) -> Future[Outcome]:
+        """Begin a task somewhere."""
+        future: Future[Outcome] = self._pool.submit(compute, task)
+        self._flying.add(future)
+        return future
+
+    def outcome(self, future: Future[Outcome]) -> Outcome:
+        """Return what came of a task."""
+        self._flying.discard(future)
+        try:
+            return future.result()
+        except (Exception, CancelledError) as error:  # what a worker raises is in the outcome
+            if self._client.status != "running":
+                raise BuildError(
+                    f"The Dask scheduler at {self._address} is gone; start it again and give the "
+                    "same command: what is finished is kept."
+                ) from None
+            raise WorkerDiedError(f"{type(error).__name__}: {error}"[:300]) from None
+
+
+@contextlib.contextmanager
+def dask_workers(address: str, module: str) -> Iterator[DaskWorkers]:
+    """Have the workers of a cluster.
+
+    Parameters
+    ----------
+    address : str
+        Of its scheduler, as ``tcp://host:8786``.
+    module : str
+        A reader's own module that the workers have to have, or empty.
+
+    Raises
+    ------
+    ParameterError
+        If nobody answers there.
+    InswsnError
+        If there is no worker, or one has another version of the library.
+    """
+    import dask  # noqa: PLC0415  # they take a second to load
+    import distributed  # noqa: PLC0415
+
+    quiet = {"distributed.comm.timeouts.connect": _CONNECT_SECONDS, "logging.distributed": "error"}
+    with dask.config.set(quiet):
+        try:
+            client = distributed.Client(address, timeout=_CONNECT_SECONDS, set_as_default=False)
+        except (OSError, ValueError, ImportError, TypeError) as error:
+            why = (str(error).splitlines() or [type(error).__name__])[0].rstrip(".")
+            raise ParameterError(
+                "--dask", address, f"the address of a Dask scheduler that answers ({why})"
+            ) from None
+        with client:
+            _check_versions(client, address, module)
+            yield DaskWorkers(client, address)
+
+
+def _check_versions(client: Any, address: str, module: str) -> None:
+    if not client.nthreads():
+        raise InswsnError(f"The Dask scheduler at {address} has no worker; start one: dask worker.")
+    own = library_state(module)
+    for worker, found in client.run(library_state, module, on_error="return").items():
+        if isinstance(found, BaseException):
+            raise InswsnError(
+                f"The Dask worker at {worker} cannot load this library: "
+                f"{type(found).__name__}: {found}."
+            )
+        if found != own:
+            raise InswsnError(
+                f"The Dask worker at {worker} has another library, Python or numpy than this "
+                f"command ({found} instead of {own}); install the same checkout there."
+            )

@@ -1,0 +1,654 @@
+"""Sweeps: the same numbers however they are shared out, kept whatever ends the command."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import sqlite3
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from conftest import MiniProject, run_command
+from hypothesis import given
+from hypothesis import strategies as st
+from rich.console import Console
+
+from inswsn_lib.artefact.sweep import ATTEMPTS, run_sweep
+from inswsn_lib.artefact.sweep_grid import read_grid
+from inswsn_lib.artefact.sweep_plan import Plan, make_plan
+from inswsn_lib.artefact.sweep_progress import SweepProgress
+from inswsn_lib.artefact.sweep_results import Finished
+from inswsn_lib.artefact.sweep_store import STORE, Store
+from inswsn_lib.artefact.sweep_tasks import Outcome, Task, unpacked
+from inswsn_lib.artefact.sweep_workers import WorkerDiedError
+from inswsn_lib.errors import InswsnError, ParameterError
+from inswsn_lib.evaluation import GROUP, monte_carlo
+from inswsn_lib.parameters import read_schema
+from inswsn_lib.plugins import MODULES_VARIABLE
+
+# An experiment with every trouble that a cell may have. It leaves a letter for each group that it
+# draws, and its process a file with its number.
+OWN = '''
+import os
+import time
+from pathlib import Path
+
+import numpy as np
+
+from inswsn_lib.errors import ParameterError
+from inswsn_lib.experiments import Experiment
+from inswsn_lib.parameters import read_schema
+
+HERE = Path(__file__).parent
+
+
+def leave(name, text="x"):
+    with (HERE / name).open("a") as stream:
+        stream.write(text)
+    return len((HERE / name).read_text())
+
+
+class Numbers:
+    def __init__(self, values, inputs):
+        self.values = values
+
+    def draw(self, rng, runs):
+        leave("draws")
+        leave(f"process-{os.getpid()}")
+        time.sleep(self.values["pause"])
+        return {"x": self.values["spread"] * rng.standard_normal((5, runs))}
+
+    def judge(self, values):
+        trouble = values["trouble"]
+        if trouble == "refuse":
+            raise ParameterError("told", values["told"], "something else")
+
+        def judged(drawn):
+            if trouble == "raise" or (trouble == "raise-twice" and leave("raised") <= 2):
+                raise RuntimeError("no luck")
+            if trouble == "die" or (trouble == "die-once" and leave("died") <= 1):
+                os._exit(7)
+            mean = abs(drawn["x"].mean(axis=0) - values["told"])
+            if trouble == "nan":
+                mean[3] = np.nan
+            median = abs(np.median(drawn["x"], axis=0) - values["told"])
+            return {"mean.error": mean, "median.error": median}
+
+        return judged
+
+
+EXPERIMENT = Experiment(
+    title="Mean against median",
+    schema=read_schema("""
+# Seed of all random numbers.
+seed: int = 5  # 1; 0 <= value <= 1000
+# Standard deviation of a number.
+spread: float = 1.0  # m; value > 0
+# What is told.
+told: float = 0.0  # m; any
+# What goes wrong.
+trouble: str = "none"  # 1; one of none, refuse, raise, raise-twice, die, die-once, nan
+# How long a group takes.
+pause: float = 0.0  # s; 0 <= value <= 10
+"""),
+    begin=Numbers,
+    methods={"mean": "the mean", "median": "the median"},
+    columns={"error": "m"},
+    headline="error",
+    told=frozenset({"told", "trouble"}),
+)
+'''
+
+
+class Own:
+    """A small checkout, and a folder with a module of one's own."""
+
+    def __init__(self, mini: MiniProject, folder: Path) -> None:
+        self.project, self.folder = mini, folder
+        folder.mkdir()
+        # a name of its own, since workers of pytest import many of them
+        self.module = f"own_{folder.parent.name.replace('-', '_')}"
+        (folder / f"{self.module}.py").write_text(OWN)
+        self.name = f"{self.module}:EXPERIMENT"
+
+    def plan(self, *axes: str, runs: int = 200, settings: tuple[str, ...] = ()) -> Plan:
+        return make_plan(self.project, self.name, axes, settings, runs)
+
+    def run(self, plan: Plan, out: Path, **options: Any) -> Finished:
+        self.said: list[str] = []
+        console = Console(file=open(os.devnull, "w"))  # noqa: PTH123, SIM115
+        return run_sweep(self.project, plan, SweepProgress(console), out=out, **options)
+
+    def draws(self) -> int:
+        """Return how many groups were drawn since the last call."""
+        file = self.folder / "draws"
+        count = len(file.read_text()) if file.exists() else 0
+        file.unlink(missing_ok=True)
+        return count
+
+    def command(self, *words: str, **options: Any) -> subprocess.CompletedProcess[str]:
+        return run_command(self.project.root, "sweep", self.name, *words, **options)
+
+
+@pytest.fixture
+def own(mini: MiniProject, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Own]:
+    monkeypatch.setenv(MODULES_VARIABLE, str(tmp_path / "modules"))
+    monkeypatch.setattr(sys, "path", [*sys.path, str(tmp_path / "modules")])
+    made = Own(mini, tmp_path / "modules")
+    yield made
+    sys.modules.pop(made.module, None)
+
+
+class InThisProcess:
+    """Workers that compute when they are asked; a death is an exception."""
+
+    def __init__(self, tamper: Callable[[Outcome], Outcome] = lambda outcome: outcome) -> None:
+        self._tamper = tamper
+        self.tasks: list[Task] = []
+
+    def has_room(self) -> bool:
+        return True
+
+    def submit(self, compute: Callable[[Task], Outcome], task: Task) -> Future[Outcome]:
+        self.tasks.append(task)
+        future: Future[Outcome] = Future()
+        future.set_result(self._tamper(compute(task)))
+        return future
+
+    def outcome(self, future: Future[Outcome]) -> Outcome:
+        return future.result()
+
+
+def contents(plan: Plan, folder: Path) -> list[dict[str, np.ndarray]]:
+    """Return what the store holds of each cell."""
+    assert plan.experiment is not None
+    with Store(folder, plan.made_from) as store:
+        return [
+            unpacked(plan.experiment, store.read(cell, plan.parts), plan.runs)
+            for cell in range(len(plan.grid.cells()))
+        ]
+
+
+GRID = ("spread=1,2", "told=0,0.5")
+
+
+def in_one_call(plan: Plan) -> list[dict[str, np.ndarray]]:
+    assert plan.experiment is not None
+    return [plan.experiment.run(values, plan.runs) for values in plan.grid.cells()]
+
+
+@pytest.mark.parametrize("block", [1, 2, 3, 100])
+def test_a_sweep_is_one_call_of_monte_carlo_in_any_blocks(
+    own: Own, tmp_path: Path, block: int
+) -> None:
+    plan = own.plan(*GRID, runs=300)
+    done = own.run(plan, tmp_path / "out", block=block, workers=InThisProcess())
+    assert own.draws() == 2 * 5  # cells that differ in what is told share their runs
+    assert (done.computed, done.kept, done.failed) == (4 * 5 * GROUP, 0, {})
+    for found, expected in zip(contents(plan, done.folder), in_one_call(plan), strict=True):
+        assert found.keys() == expected.keys()
+        for name, values in expected.items():
+            assert np.array_equal(found[name], values)
+
+
+def test_a_sweep_is_the_same_in_any_number_of_processes(own: Own, tmp_path: Path) -> None:
+    plan = own.plan(*GRID, runs=300)
+    texts = {}
+    for name, options in {
+        "here": {"workers": InThisProcess()},
+        "one": {"jobs": 1},
+        "three": {"jobs": 3, "block": 1},
+    }.items():
+        own.run(plan, tmp_path / name, **options)
+        texts[name] = (tmp_path / name / "sweep.csv").read_bytes()
+    assert texts["here"] == texts["one"] == texts["three"]
+    assert len(list(own.folder.glob("process-*"))) >= 3
+    table = pd.read_csv(tmp_path / "one" / "sweep.csv")
+    assert list(table.columns) == [
+        "spread", "told", "method", "quantity", "unit", "runs", "mean", "standard_error", "median",
+        "low", "high",
+    ]  # fmt: skip
+    # by hand: the mean of five standard normal numbers is of size sqrt(2 / (5 pi))
+    first = table.iloc[0]
+    assert first["mean"] == pytest.approx(np.sqrt(2 / (5 * np.pi)), abs=4 * first["standard_error"])
+    assert (tmp_path / "one" / "sweep.svg").read_text().startswith("<?xml")
+    facts = json.loads((tmp_path / "one" / "sweep.json").read_text())
+    assert facts["grid"] == {"spread": [1.0, 2.0], "told": [0.0, 0.5]}
+    assert facts["runs"] == 300
+    assert facts["computed by"] == "1 process of this machine"
+
+
+def test_more_runs_build_on_those_that_are_there(own: Own, tmp_path: Path) -> None:
+    own.run(own.plan(*GRID, runs=100), tmp_path / "out", workers=InThisProcess())
+    own.draws()
+    plan = own.plan(*GRID, runs=300)
+    done = own.run(plan, tmp_path / "out", workers=InThisProcess())
+    assert own.draws() == 2 * 3
+    assert (done.kept, done.computed) == (4 * 2 * GROUP, 4 * 3 * GROUP)
+    own.run(plan, tmp_path / "anew", workers=InThisProcess())
+    own.draws()
+    assert (tmp_path / "out" / "sweep.csv").read_text() == (
+        tmp_path / "anew" / "sweep.csv"
+    ).read_text()
+    # fewer again: what is too much is left out, and nothing is computed
+    done = own.run(own.plan(*GRID, runs=100), tmp_path / "out", workers=InThisProcess())
+    assert (own.draws(), done.kept, done.computed) == (0, 4 * 2 * GROUP, 0)
+    assert set(pd.read_csv(tmp_path / "out" / "sweep.csv")["runs"]) == {100}
+
+
+def rows_stored(folder: Path) -> int:
+    """Return how many groups the store holds, while another process writes to it."""
+    if not (folder / STORE).exists():
+        return 0
+    base = sqlite3.connect(f"file:{folder / STORE}?mode=ro", uri=True, timeout=30)
+    try:
+        return int(base.execute("SELECT count(*) FROM done").fetchone()[0])
+    except sqlite3.OperationalError:  # its tables are not made yet
+        return 0
+    finally:
+        base.close()
+
+
+def wait_until(condition: Callable[[], bool], seconds: float = 120) -> None:
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.01)
+
+
+def is_running(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    # one that has ended and that nobody has asked about
+    return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+
+
+@pytest.mark.long
+def test_nothing_is_lost_or_counted_twice_by_a_stop_or_a_kill(own: Own, tmp_path: Path) -> None:
+    out, words = tmp_path / "out", [*GRID]
+    options = ["--runs", "1280", "-p", "pause=0.05", "--jobs", "1"]
+    command = [
+        *(sys.executable, "-m", "inswsn_lib", "--root", str(own.project.root), "sweep", own.name),
+        *(word for axis in words for word in ("--grid", axis)),
+        *options,
+        *("--out", str(out)),
+    ]
+
+    def begun(least: int) -> subprocess.Popen[str]:
+        process = subprocess.Popen(
+            command, cwd=own.folder, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        )
+        wait_until(lambda: rows_stored(out) >= least or process.poll() is not None)
+        assert process.poll() is None
+        return process
+
+    stopped = begun(1)
+    stopped.send_signal(signal.SIGTERM)
+    said = stopped.communicate(timeout=60)[1]
+    assert stopped.returncode == 128 + signal.SIGTERM
+    assert f"What is finished is kept in {out}; the same command goes on.\n" in said
+    assert said.endswith("inswsn: stopped.\n")
+
+    killed = begun(rows_stored(out) + 1)
+    killed.send_signal(signal.SIGKILL)
+    killed.communicate(timeout=60)
+    processes = [int(p.name.partition("-")[2]) for p in own.folder.glob("process-*")]
+    wait_until(lambda: not any(map(is_running, processes)))  # nobody works on for nobody
+    kept = rows_stored(out)
+    total = 4 * 20
+    assert 2 <= kept < total
+    own.draws()
+
+    done = subprocess.run(command, cwd=own.folder, capture_output=True, text=True, check=True)
+    assert f"{(total - kept) * GROUP:,} runs computed, {kept * GROUP:,} were there." in done.stdout
+    # cells that differ in what is told are stored together, and so are drawn once
+    assert own.draws() == (total - kept) // 2
+    plan = own.plan(*GRID, runs=1280, settings=("pause=0.05",))
+    for found, expected in zip(contents(plan, out), in_one_call(quick(plan)), strict=True):
+        for name, values in expected.items():
+            assert np.array_equal(found[name], values)
+    anew = own.run(quick(plan), tmp_path / "anew", workers=InThisProcess())
+    assert (out / "sweep.csv").read_bytes() == (anew.folder / "sweep.csv").read_bytes()
+
+
+def quick(plan: Plan) -> Plan:
+    """Return the same sweep without the pauses, which change no number."""
+    from dataclasses import replace
+
+    return replace(plan, grid=replace(plan.grid, values={**plan.grid.values, "pause": 0.0}))
+
+
+def reasons(folder: Path) -> dict[str, str]:
+    table = pd.read_csv(folder / "failed.csv", keep_default_na=False)  # nan is a trouble
+    return dict(zip(table["trouble"], table["reason"], strict=True))
+
+
+def test_a_cell_that_fails_is_tried_again_reported_and_costs_no_other(
+    own: Own, tmp_path: Path
+) -> None:
+    plan = own.plan("trouble=none,raise,raise-twice,refuse,nan", runs=128)
+    done = own.run(plan, tmp_path / "out", workers=InThisProcess())
+    assert reasons(done.folder) == {
+        "raise": f"RuntimeError: no luck (tried {ATTEMPTS} times)",
+        "refuse": "told is 0.0; it may be something else.",
+        "nan": "mean.error is not finite in 1 of 64 runs.",
+    }
+    assert list(done.failed) == ["trouble=raise", "trouble=refuse", "trouble=nan"]
+    assert (own.folder / "raised").read_text() == "xxxx"  # twice in vain, and one of each group
+    table = pd.read_csv(done.folder / "sweep.csv")
+    assert sorted(set(table["trouble"])) == ["none", "raise-twice"]
+    good = in_one_call(own.plan(runs=128))[0]["mean.error"]
+    for trouble in ("none", "raise-twice"):
+        rows = table[(table["trouble"] == trouble) & (table["method"] == "mean")]
+        assert rows["mean"].tolist() == [good.mean()]
+
+    # the next call tries those that failed, and no other
+    workers = InThisProcess()
+    again = own.run(plan, tmp_path / "out", workers=workers)
+    assert {cell for task in workers.tasks for cell, _ in task.cells} == {1, 3, 4}
+    assert again.computed == 0
+    assert again.kept == 2 * 2 * GROUP
+
+
+def test_a_failed_cell_is_told_on_the_command_line_and_succeeds_later(own: Own) -> None:
+    words = ("--grid", "told=0,1", "-p", "trouble=raise", "--runs", "64", "--jobs", "1")
+    done = own.command(*words)
+    assert done.returncode == 1
+    said = done.stderr.splitlines()
+    assert said[0] == f"told=0.0: failed: RuntimeError: no luck (tried {ATTEMPTS} times)"
+    assert said[-1].startswith("inswsn: 2 of 2 cells failed, with the reasons in ")
+    assert said[-1].endswith("failed.csv; the same command tries them again.")
+    assert "There is no figure: no cell is complete." in done.stdout
+
+
+def test_a_worker_that_dies_costs_its_own_cell_alone(own: Own, tmp_path: Path) -> None:
+    plan = own.plan("trouble=none,die-once,die", runs=64)
+    done = own.run(plan, tmp_path / "out", jobs=2)
+    assert reasons(done.folder) == {
+        "die": f"the process that computed it ended (tried {ATTEMPTS} times)"
+    }
+    table = pd.read_csv(done.folder / "sweep.csv")
+    means = table[table["method"] == "mean"].set_index("trouble")["mean"]
+    assert (
+        means["none"] == means["die-once"] == in_one_call(own.plan(runs=64))[0]["mean.error"].mean()
+    )
+
+
+def test_the_death_of_a_process_is_told_from_what_it_raises(own: Own, tmp_path: Path) -> None:
+    class Mortal(InThisProcess):
+        def outcome(self, future: Future[Outcome]) -> Outcome:
+            if len(self.tasks) == 1:
+                raise WorkerDiedError("gone")
+            return future.result()
+
+    workers = Mortal()
+    done = own.run(own.plan(*GRID, runs=64), tmp_path / "out", workers=workers)
+    assert done.failed == {}
+    # the task of two cells is tried again as two tasks
+    assert [len(task.cells) for task in workers.tasks].count(1) == 2
+
+
+def test_results_of_another_library_are_not_mixed_in(own: Own, tmp_path: Path) -> None:
+    def other(outcome: Outcome) -> Outcome:
+        outcome.library = "another"
+        return outcome
+
+    done = own.run(own.plan(runs=64), tmp_path / "out", workers=InThisProcess(other))
+    assert done.computed == 0
+    assert "a worker has another library: another" in done.failed["the one cell"]
+
+
+@pytest.mark.long
+def test_a_cluster_of_dask_gives_the_same(own: Own, tmp_path: Path) -> None:
+    import dask
+    import distributed
+
+    plan = own.plan(*GRID, runs=300)
+    with (
+        dask.config.set({"distributed.worker.daemon": False}),
+        distributed.LocalCluster(
+            n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None
+        ) as cluster,
+    ):
+        done = own.run(plan, tmp_path / "dask", dask=cluster.scheduler_address, block=1)
+        failing = own.plan("trouble=none,raise,refuse", runs=64)
+        failed = own.run(failing, tmp_path / "failed", dask=cluster.scheduler_address)
+    assert (done.computed, done.failed) == (4 * 5 * GROUP, {})
+    own.run(plan, tmp_path / "here", workers=InThisProcess())
+    assert (tmp_path / "dask" / "sweep.csv").read_bytes() == (
+        tmp_path / "here" / "sweep.csv"
+    ).read_bytes()
+    assert len(list(own.folder.glob("process-*"))) == 3  # two of the cluster, and this one
+    assert list(failed.failed) == ["trouble=raise", "trouble=refuse"]
+
+
+def test_an_address_where_nobody_answers(own: Own, tmp_path: Path) -> None:
+    import socket
+
+    with socket.socket() as taken:  # bound, and not listening: nobody else gets the port
+        taken.bind(("127.0.0.1", 0))
+        address = f"tcp://127.0.0.1:{taken.getsockname()[1]}"
+        with pytest.raises(ParameterError) as refusal:
+            own.run(own.plan(runs=64), tmp_path / "out", dask=address)
+    start = f"--dask is '{address}'; it may be the address of a Dask scheduler that answers ("
+    assert str(refusal.value).startswith(start)
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["--grid", "spread"], "--grid is 'spread'; it may be name=value,value,...."),
+        (
+            ["--grid", "spread=1", "--grid", "spread=2"],
+            "--grid is 'spread=2'; it may be given once for each name: spread is there twice.",
+        ),
+        (
+            ["--grid", "spread=1,2,1.0"],
+            "--grid is 'spread=1,2,1.0'; it may be a list without repetitions: 1.0 is repeated.",
+        ),
+        (["--grid", "spread=0,1"], "spread is 0.0; it may be a number with value > 0."),
+        (["--grid", "spread=1,,2"], "spread is ''; it may be a number with value > 0."),
+        (
+            ["--grid", "other=1"],
+            "parameter is 'other'; it may be one of seed, spread, told, trouble, pause.",
+        ),
+        (["-p", "seed=1.5"], "seed is '1.5'; it may be a whole number with 0 <= value <= 1000."),
+        (
+            ["-p", "spread=1", "--grid", "spread=1,2"],
+            "-p is 'spread=1.0'; it may be left out: --grid varies spread.",
+        ),
+        (["--runs", "39"], "--runs is 39; it may be a whole number from 40 to 10000000."),
+        (
+            ["--grid", "seed=" + ",".join(map(str, range(101))),
+             "--grid", "told=" + ",".join(map(str, range(101)))],
+            "--grid is 'of 10201 cells'; it may be of 10000 cells at most.",
+        ),
+        (
+            ["--out", "data"],
+            "--out is 'data'; it may be a new or empty folder, or one that holds an earlier sweep "
+            "alone.",
+        ),
+    ],
+)  # fmt: skip
+def test_a_sweep_is_refused_before_anything_runs(
+    own: Own, monkeypatch: pytest.MonkeyPatch, words: list[str], sentence: str
+) -> None:
+    from click.testing import CliRunner
+
+    from inswsn_lib.artefact.cli import cli
+
+    monkeypatch.chdir(own.project.root)
+    done = CliRunner().invoke(cli, ["--root", str(own.project.root), "sweep", own.name, *words])
+    assert isinstance(done.exception, InswsnError)  # of which `main` makes status 2
+    assert str(done.exception) == sentence
+    assert not (own.project.root / "runs").exists()
+    assert own.draws() == 0
+
+
+@pytest.mark.parametrize(
+    ("name", "sentence"),
+    [
+        ("07", "NAME is '07'; it may be one of 00."),
+        (
+            "nothing_there:EXPERIMENT",
+            "NAME is 'nothing_there:EXPERIMENT'; it may be the number of a chapter, or "
+            "package.module:NAME, an inswsn_lib.experiments.Experiment; importing nothing_there "
+            "fails: ModuleNotFoundError: No module named 'nothing_there'.",
+        ),
+    ],
+)
+def test_one_sentence_and_status_2(mini: MiniProject, name: str, sentence: str) -> None:
+    done = run_command(mini.root, "sweep", name)
+    assert (done.returncode, done.stderr, done.stdout) == (2, f"inswsn: {sentence}\n", "")
+    assert not (mini.root / "runs").exists()
+
+
+def test_sweeps_of_different_things_are_not_mixed(own: Own, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    own.run(own.plan(*GRID, runs=64), out, workers=InThisProcess())
+    before = (out / "sweep.csv").read_bytes()
+    for plan, what in (
+        (own.plan("spread=1,2", runs=64), "grid"),
+        (own.plan(*GRID, runs=64, settings=("seed=6",)), "set of parameters"),
+    ):
+        with pytest.raises(InswsnError, match=f"was made with another {what}; give another --out"):
+            own.run(plan, out, workers=InThisProcess())
+    (own.folder / f"{own.module}.py").write_text(OWN + "# changed\n")
+    from inswsn_lib.artefact.sweep_tasks import library_state
+
+    library_state.cache_clear()
+    changed = own.plan(*GRID, runs=64)
+    with pytest.raises(InswsnError, match="another library, Python or numpy; give another --out"):
+        own.run(changed, out, workers=InThisProcess())
+    assert (out / "sweep.csv").read_bytes() == before
+    done = own.run(changed, out, workers=InThisProcess(), fresh=True)
+    assert (done.kept, done.computed) == (0, 4 * GROUP)
+
+
+def test_one_sweep_at_a_time_in_a_folder(own: Own, tmp_path: Path) -> None:
+    plan = own.plan(runs=64)
+    with (
+        Store(tmp_path / "out", plan.made_from),
+        pytest.raises(InswsnError, match="Another sweep is running in"),
+    ):
+        Store(tmp_path / "out", plan.made_from)
+    Store(tmp_path / "out", plan.made_from).__exit__(None, None, None)
+
+
+def test_a_store_that_is_none(tmp_path: Path) -> None:
+    (tmp_path / STORE).write_text("This is a text, and longer than the head of a database. " * 40)
+    with pytest.raises(InswsnError, match="is not the store of a sweep"):
+        Store(tmp_path, {"grid": "one"})
+    with Store(tmp_path, {"grid": "one"}, fresh=True) as store:
+        assert store.done() == {}
+
+
+def test_a_group_is_stored_once_and_a_task_whole(tmp_path: Path) -> None:
+    with Store(tmp_path / "out", {"grid": "one"}) as store:
+        store.add([(0, 0, b"a"), (0, 1, b"b")])
+        with pytest.raises(sqlite3.IntegrityError):
+            store.add([(0, 2, b"c"), (0, 1, b"d")])
+        assert store.done() == {0: {0, 1}}
+        assert store.read(0, 2) == [b"a", b"b"]
+        assert store.read(0, 1) == [b"a"]
+
+
+def test_the_notebook_of_a_chapter_without_an_experiment(mini: MiniProject, tmp_path: Path) -> None:
+    mini.chapter(
+        "```{code-cell} ipython3\nif scale == 3: raise ParameterError('scale', 3, 'odd')\n```"
+    )
+    mini.chapter(
+        "```{code-cell} ipython3\n"
+        "from inswsn_lib.errors import ParameterError\n"
+        "if scale == 3:\n    raise ParameterError('scale', scale, 'another')\n```"
+    )
+    out = tmp_path / "out"
+    done = run_command(mini.root, "sweep", "0", "--grid", "scale=1,3,5", "--out", str(out))
+    assert done.returncode == 1
+    assert "scale=3.0: failed: scale is 3.0; it may be another." in done.stderr
+    assert (out / "sweep.csv").read_text() == (
+        "scale,quantity,unit,runs,value,low,high,interval\n"
+        "1.0,twice,m,1,21.0,,,\n"
+        "5.0,twice,m,1,105.0,,,\n"
+    )
+    assert (out / "failed.csv").read_text() == (
+        "scale,reason\n3.0,scale is 3.0; it may be another.\n"
+    )
+    for words, said in (
+        (("--runs", "50"), "--runs is 50; it may be left out: chapter 00 has no parameter runs."),
+        (("--dask", "tcp://h:1"), "it may be left out: this chapter is executed as a whole."),
+    ):
+        refused = run_command(mini.root, "sweep", "00", *words)
+        assert refused.returncode == 2
+        assert said in refused.stderr
+
+
+SCHEMA = read_schema(
+    """
+# A number.
+size: float = 1.0  # m; any
+# A count.
+count: int = 1  # 1; any
+# A switch.
+on: bool = true  # 1; any
+""".replace("true", "True")
+)
+
+
+@given(
+    st.lists(st.floats(allow_nan=False, allow_infinity=False), min_size=1, max_size=6, unique=True),
+    st.lists(st.integers(-(10**9), 10**9), min_size=1, max_size=6, unique=True),
+)
+def test_what_stands_on_an_axis_is_read_as_it_is(sizes: list[float], counts: list[int]) -> None:
+    axes = [f"size={','.join(map(repr, sizes))}", f"count={', '.join(map(str, counts))}"]
+    grid = read_grid(SCHEMA, axes, ["on=false"], Path())
+    assert grid.axes == {"size": tuple(sizes), "count": tuple(counts)}
+    assert len(grid.cells()) == len(sizes) * len(counts)
+    assert grid.cells()[-1] == {"size": sizes[-1], "count": counts[-1], "on": False}
+
+
+@given(
+    parts=st.integers(1, 30),
+    block=st.integers(1, 8),
+    done=st.sets(st.tuples(st.integers(0, 3), st.integers(0, 40))),
+)
+def test_each_group_of_each_cell_is_a_task_once(
+    parts: int, block: int, done: set[tuple[int, int]]
+) -> None:
+    from types import SimpleNamespace
+
+    cells = [{"size": 1.0, "told": t} for t in (1, 2)] + [{"size": 2.0, "told": t} for t in (1, 2)]
+    plan: Any = SimpleNamespace(
+        experiment=SimpleNamespace(told={"told"}),
+        grid=SimpleNamespace(cells=lambda: cells),
+        parts=parts, digest="", source="", inputs=None,
+    )  # fmt: skip
+    held: dict[int, set[int]] = {}
+    for cell, part in done:
+        held.setdefault(cell, set()).add(part)
+    tasks = Plan.tasks(plan, held, block)
+    due = [(cell, part) for task in tasks for cell, _ in task.cells for part in task.parts]
+    assert len(due) == len(set(due))
+    assert set(due) == {(c, p) for c in range(4) for p in range(parts)} - done
+    for task in tasks:
+        assert len({values["size"] for _, values in task.cells}) == 1
+        assert len(task.parts) <= block
+
+
+def test_the_runs_of_monte_carlo_in_parts() -> None:
+    def draw(rng: np.random.Generator, runs: int) -> dict[str, np.ndarray]:
+        return {"x": rng.standard_normal(runs)}
+
+    parts = [monte_carlo(draw, GROUP, 3, first=GROUP * part)["x"] for part in range(4)]
+    assert np.array_equal(np.concatenate(parts), monte_carlo(draw, 4 * GROUP, 3)["x"])
