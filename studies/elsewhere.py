@@ -22,12 +22,12 @@ from __future__ import annotations
 
 import argparse
 import sys
-import threading
 from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 from pathlib import Path
 
 from inswsn_lib.artefact.elsewhere import (
     ELSEWHERE,
+    Cell,
     Variant,
     compared,
     kept_run,
@@ -40,6 +40,7 @@ from inswsn_lib.artefact.elsewhere import (
 from inswsn_lib.artefact.execution import longest_first
 from inswsn_lib.artefact.progress import Progress
 from inswsn_lib.artefact.project import Chapter, Project
+from inswsn_lib.artefact.provenance import repository_state
 from inswsn_lib.artefact.running import find_chapter
 from inswsn_lib.errors import InswsnError, ParameterError
 
@@ -74,32 +75,31 @@ def asked_for(names: list[str], python: str | None) -> list[Variant]:
 def run_all(
     project: Project, todo: list[tuple[Variant, Chapter]], jobs: int, progress: Progress
 ) -> None:
-    """Run what has not been run, and write the study anew after each."""
-    guard = threading.Lock()
+    """Run what has not been run, and put the cells of all into the file."""
+    state = repository_state(project.root)  # before the file is written
 
-    def one(variant: Variant, chapter: Chapter) -> None:
+    def one(variant: Variant, chapter: Chapter) -> Cell:
         ran = kept_run(project, variant, chapter)
         if ran is None:
-            ran = run(project, variant, chapter, Quiet())
+            ran = run(project, variant, chapter, Quiet(), state)
         cell = compared(project, variant, chapter, ran)
-        path = project.root / ELSEWHERE
-        with guard:
-            before = read_elsewhere(path).cells if path.is_file() else ()
-            write_elsewhere(merged([cell], before), path)
         how = f"failed: {cell.failed}" if cell.failed else (
             f"{cell.compared} quantities, {len(cell.beyond)} beyond tolerance, "
             f"{len(cell.overturned)} sentences overturned, {len(cell.flipped)} verdicts flipped, "
             f"{cell.seconds:.0f} s"
         )  # fmt: skip
         progress.say(f"{variant.id}: {chapter.name}: {how}")
+        return cell
 
     with ThreadPoolExecutor(max_workers=jobs) as pool:
         pending = [pool.submit(one, variant, chapter) for variant, chapter in todo]
         done, _ = wait(pending, return_when=FIRST_EXCEPTION)
         for future in pending:
             future.cancel()
-        for future in done:
-            future.result()
+        cells = [future.result() for future in done]
+    path = project.root / ELSEWHERE
+    before = read_elsewhere(path).cells if path.is_file() else ()
+    write_elsewhere(merged(cells, before), path)
 
 
 def main() -> None:

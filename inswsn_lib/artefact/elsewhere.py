@@ -13,6 +13,7 @@ import json
 import math
 import re
 import subprocess
+import time
 from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -26,7 +27,6 @@ from inswsn_lib.artefact.cache import chapter_key
 from inswsn_lib.artefact.execution import ChapterError, Surroundings, execute_once
 from inswsn_lib.artefact.progress import Progress
 from inswsn_lib.artefact.project import Chapter, Project
-from inswsn_lib.artefact.provenance import repository_state
 from inswsn_lib.artefact.publishing import reference_results
 from inswsn_lib.claims import (
     LEDGER,
@@ -325,8 +325,16 @@ def _place(project: Project, variant: Variant, chapter: Chapter) -> Path:
     return project.build / "elsewhere" / variant.id / f"{chapter.number}-{key}.json"
 
 
-def run(project: Project, variant: Variant, chapter: Chapter, progress: Progress) -> Ran:
+def run(
+    project: Project,
+    variant: Variant,
+    chapter: Chapter,
+    progress: Progress,
+    state: tuple[str | None, bool | None],
+) -> Ran:
     """Execute a chapter in a variant, and keep what came of it below ``_build``.
+
+    `state` is that of the checkout when the study began, from `repository_state`.
 
     Raises
     ------
@@ -334,34 +342,30 @@ def run(project: Project, variant: Variant, chapter: Chapter, progress: Progress
         If the machine did not compute as the variant asks, so that the run would tell nothing.
     """
     place = _place(project, variant, chapter)
-    commit, clean = repository_state(project.root)
     made: dict[str, Any] = {
-        "day": datetime.now(UTC).date().isoformat(), "commit": commit, "clean": clean,
+        "day": datetime.now(UTC).date().isoformat(), "commit": state[0], "clean": state[1],
         "sources": {
             "chapter": file_digest(chapter.source),
             "library": project.computing_digest(),
             "locks": tree_digest(project.root, project.locks),
         },
     }  # fmt: skip
-    began = datetime.now(UTC)
+    began = time.monotonic()
     try:
         _, results, _ = execute_once(project, chapter, {}, progress, variant.surroundings)
     except (InswsnError, ChapterError) as failure:
         from inswsn_lib.artefact.provenance import machine_facts  # noqa: PLC0415  # loads numerics
 
         facts = machine_facts()
-        seconds = (datetime.now(UTC) - began).total_seconds()
         ran = Ran(
-            failed=plain_sentence(str(failure), project.root), seconds=round(seconds, 1),
+            failed=plain_sentence(str(failure), project.root), seconds=round(time.monotonic() - began, 1),
             cpu=facts["cpu"], system=facts["system"], **made,
         )  # fmt: skip
     else:
-        facts = results.provenance
-        assert facts is not None
-        _check_machine(variant, chapter, facts.blas)
-        ran = Ran(
-            results=results, seconds=facts.seconds, cpu=facts.cpu, system=facts.system, **made
-        )
+        its = results.provenance
+        assert its is not None
+        _check_machine(variant, chapter, its.blas)
+        ran = Ran(results=results, seconds=its.seconds, cpu=its.cpu, system=its.system, **made)
     place.parent.mkdir(parents=True, exist_ok=True)
     write_whole(place, ran.model_dump_json(indent=1) + "\n")
     return ran
