@@ -358,7 +358,8 @@ def run(
 
         facts = machine_facts()
         ran = Ran(
-            failed=plain_sentence(str(failure), project.root), seconds=round(time.monotonic() - began, 1),
+            failed=plain_sentence(str(failure), project.root),
+            seconds=round(time.monotonic() - began, 1),
             cpu=facts["cpu"], system=facts["system"], **made,
         )  # fmt: skip
     else:
