@@ -49,6 +49,9 @@ studies: environment ## run the long studies again: the recorded drive, fixes by
 	@$(RUN) studies/radio_fixes.py
 	@$(RUN) studies/sensitivity.py
 
+elsewhere: environment ## run every chapter in other surroundings, for the book's table; OTHER=PATH names a second Python
+	@$(RUN) studies/elsewhere.py $(if $(OTHER),--python $(OTHER)) $(if $(JOBS),--jobs $(JOBS))
+
 bench: environment ## speed against peers, as ratios; writes data/benchmarks*.yaml, for the book
 	@$(RUN) benchmarks/throughput.py
 	@$(RUN) benchmarks/fusion.py
@@ -111,4 +114,4 @@ help: ## list the targets
 
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
-.PHONY: book test serve notebooks publish citation archive calibrate studies bench lock upgrade tag assets release report actionlint format environment clean help
+.PHONY: book test serve notebooks publish citation archive calibrate studies elsewhere bench lock upgrade tag assets release report actionlint format environment clean help

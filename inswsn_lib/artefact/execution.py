@@ -36,6 +36,45 @@ from inswsn_lib.parameters import Value
 from inswsn_lib.plugins import MODULES_VARIABLE
 
 _STOP_SECONDS = 10.0
+# Named here again: what executes chapters imports no numerics. A test holds them to be the same.
+SOLVER_VARIABLE = "INSWSN_SOLVER"
+SOLVERS = ("clarabel", "scs")
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """What a chapter is executed in, beside its sources and its environment.
+
+    Attributes
+    ----------
+    python : str
+        The interpreter, a path.
+    threads : int
+        How many threads the linear algebra may use.
+    solver : str
+        Which one convex problems are given to where a design does not name one.
+    variables : mapping of str to str
+        Environment variables that are set on top of all others.
+    """
+
+    python: str = sys.executable
+    threads: int = 1
+    solver: str = SOLVERS[0]
+    variables: Mapping[str, str] = field(default_factory=dict)
+
+
+def chosen_surroundings() -> Surroundings:
+    """Return those of the book, but for the solver that ``INSWSN_SOLVER`` names.
+
+    Raises
+    ------
+    ParameterError
+        If it names none.
+    """
+    solver = os.environ.get(SOLVER_VARIABLE) or SOLVERS[0]
+    if solver not in SOLVERS:
+        raise ParameterError(SOLVER_VARIABLE, solver, 'one of "clarabel", "scs"')
+    return Surroundings(solver=solver)
 
 
 class ChapterError(BuildError):
@@ -193,7 +232,8 @@ def together(errors: list[BaseException]) -> BaseException:
 def _execute(project: Project, chapter: Chapter, progress: Progress, workers: _Workers) -> Executed:
     """Execute a chapter for the book, and keep it if it may stand there."""
     key = chapter_key(project, chapter, {})
-    executed, results, _ = _run(project, chapter, {}, key, progress, workers)
+    # always in the same surroundings: a variable of the caller's must not reach the reference
+    executed, results, _ = _run(project, chapter, {}, key, progress, workers, Surroundings())
     untrue = [sentence for sentence, held in results.sentences.items() if not held]
     if untrue:
         listing = "\n".join(f"  {sentence}" for sentence in untrue)
@@ -209,9 +249,13 @@ def _execute(project: Project, chapter: Chapter, progress: Progress, workers: _W
 
 
 def execute_once(
-    project: Project, chapter: Chapter, parameters: Mapping[str, Value], progress: Progress
+    project: Project,
+    chapter: Chapter,
+    parameters: Mapping[str, Value],
+    progress: Progress,
+    surroundings: Surroundings | None = None,
 ) -> tuple[Any, Results, dict[str, str]]:
-    """Execute one chapter with other parameters, and keep nothing.
+    """Execute one chapter with other parameters or in other surroundings, and keep nothing.
 
     Parameters
     ----------
@@ -223,6 +267,8 @@ def execute_once(
         Checked values of declared parameters.
     progress : Progress
         Told of each cell.
+    surroundings : Surroundings, optional
+        Default: those in which the book is made.
 
     Returns
     -------
@@ -243,7 +289,9 @@ def execute_once(
     workers = _Workers()
     key = chapter_key(project, chapter, dict(parameters))
     try:
-        done = _run(project, chapter, parameters, key, progress, workers)
+        done = _run(
+            project, chapter, parameters, key, progress, workers, surroundings or Surroundings()
+        )
     except ChapterError as failure:
         if failure.refusal is None:
             raise
@@ -262,6 +310,7 @@ def _run(
     key: str,
     progress: Progress,
     workers: _Workers,
+    surroundings: Surroundings,
 ) -> tuple[Any, Results, dict[str, str]]:
     sources = source_facts(project, chapter)
     source = read_source(chapter)
@@ -278,8 +327,8 @@ def _run(
         }
         began = time.monotonic()
         process = workers.start(
-            [sys.executable, "-m", "inswsn_lib.artefact.worker", json.dumps(job)],
-            _environment(project, folder),
+            [surroundings.python, "-m", "inswsn_lib.artefact.worker", json.dumps(job)],
+            _environment(project, folder, surroundings),
         )
         try:
             machine = _follow(chapter, process, progress)
@@ -324,15 +373,16 @@ def recording_cells(executed: Any) -> dict[str, str]:
     }
 
 
-def _environment(project: Project, folder: Path) -> dict[str, str]:
-    """Return the environment of a worker: one thread a chapter, and nothing left to chance."""
+def _environment(project: Project, folder: Path, surroundings: Surroundings) -> dict[str, str]:
+    """Return the environment of a worker: so many threads a chapter, nothing left to chance."""
     threads = ("OMP", "OPENBLAS", "MKL", "NUMBA")
     personal = ("PYTHONPATH", "PYTHONSTARTUP", "MATPLOTLIBRC", "MPLBACKEND")
     kept = {name: value for name, value in os.environ.items() if name not in personal}
     if kept.get(DATA_VARIABLE):  # a kernel has a working folder of its own
         kept[DATA_VARIABLE] = str(Path(kept[DATA_VARIABLE]).absolute())
     return kept | {
-        **{f"{name}_NUM_THREADS": "1" for name in threads},
+        **{f"{name}_NUM_THREADS": str(surroundings.threads) for name in threads},
+        SOLVER_VARIABLE: surroundings.solver,
         "PYTHONHASHSEED": "0",
         "PYTHONUNBUFFERED": "1",
         "PYDEVD_DISABLE_FILE_VALIDATION": "1",
@@ -342,6 +392,7 @@ def _environment(project: Project, folder: Path) -> dict[str, str]:
         RESULTS_VARIABLE: str(folder / "results"),
         # where a reader's own modules lie
         MODULES_VARIABLE: os.environ.get(MODULES_VARIABLE, str(Path.cwd())),
+        **surroundings.variables,
     }
 
 

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from inswsn_lib.artefact.about import load_about
 from inswsn_lib.artefact.citation import citation_page, verdict_page
 from inswsn_lib.artefact.commands import commands_text
+from inswsn_lib.artefact.elsewhere_page import elsewhere_texts
 from inswsn_lib.artefact.front import front_texts
 from inswsn_lib.artefact.launching import launch_text
 from inswsn_lib.artefact.pages import claims_counts, claims_list
@@ -46,6 +47,7 @@ def generated_texts(project: Project, results: Sequence[Results]) -> dict[str, s
         "commands.md": commands_text(),
         "launch.md": launch_text(about, chapters),
         "status.md": status_text(results, judged, names),
+        **elsewhere_texts(project),
         **front_texts(project, results, judged),
         **assumption_texts(project, results),
         **review_texts(project, results, judged),

@@ -54,7 +54,8 @@ def machine_facts() -> dict[str, Any]:
     libraries = {
         f"{entry['internal_api']} {entry.get('version') or '(version unknown)'} "
         f"of {_owner(str(entry['filepath']))}, "
-        f"{entry['num_threads']} thread{'s' if entry['num_threads'] > 1 else ''}"
+        + (f"for {entry['architecture']}, " if entry.get("architecture") else "")
+        + f"{entry['num_threads']} thread{'s' if entry['num_threads'] > 1 else ''}"
         for entry in threadpool_info()
         if entry["user_api"] == "blas"
     }

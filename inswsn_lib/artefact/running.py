@@ -13,7 +13,7 @@ import yaml
 from rich.console import Console
 from rich.table import Table
 
-from inswsn_lib.artefact.execution import execute_once
+from inswsn_lib.artefact.execution import SOLVERS, chosen_surroundings, execute_once
 from inswsn_lib.artefact.notebooks import notebook_text
 from inswsn_lib.artefact.pages import with_links_and_provenance
 from inswsn_lib.artefact.progress import Progress
@@ -188,7 +188,7 @@ def run_chapter(
     Raises
     ------
     ParameterError
-        If `out` is another kind of folder.
+        If `out` is another kind of folder, or ``INSWSN_SOLVER`` names no solver.
     ChapterError, RenderingError
         If a cell raises, or the book cannot be rendered. Then nothing is written.
     InswsnError
@@ -196,12 +196,14 @@ def run_chapter(
     """
     schema = chapter_schema(project.root, chapter.number)
     text = yaml.safe_dump(schema.check(values), sort_keys=False)
-    folder = out or project.root / "runs" / f"{chapter.name}-{text_digest(text)[:8]}"
+    surroundings = chosen_surroundings()
+    suffix = "" if surroundings.solver == SOLVERS[0] else f"-{surroundings.solver}"
+    folder = out or project.root / "runs" / f"{chapter.name}-{text_digest(text)[:8]}{suffix}"
     _check_folder(folder)
     folder = folder.resolve()
     if html:
         require_built(project)
-    executed, results, files = execute_once(project, chapter, values, progress)
+    executed, results, files = execute_once(project, chapter, values, progress, surroundings)
     folder.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=folder.parent, prefix=".run-") as name:
         made = Path(name) / "run"

@@ -4,7 +4,6 @@ from inswsn_lib.lmi.centre import central_gain
 from inswsn_lib.lmi.filter_design import (
     Certificate,
     FilterDesign,
-    InfeasibleDesignError,
     certify,
     design_filter,
     inequality,
@@ -35,6 +34,7 @@ from inswsn_lib.lmi.norms import (
 )
 from inswsn_lib.lmi.proof import negative_definite, printed_steps
 from inswsn_lib.lmi.riccati import riccati_filter, riccati_gamma
+from inswsn_lib.lmi.solvers import InfeasibleDesignError, design_counts
 
 __all__ = [
     "Certificate",
@@ -46,6 +46,7 @@ __all__ = [
     "buildable_system",
     "central_gain",
     "certify",
+    "design_counts",
     "design_filter",
     "design_fusion",
     "enumerated_gain",

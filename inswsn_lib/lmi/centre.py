@@ -9,7 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inswsn_lib.errors import ParameterError
-from inswsn_lib.lmi.filter_design import Form, InfeasibleDesignError, inequality
+from inswsn_lib.lmi.filter_design import Form, inequality
+from inswsn_lib.lmi.solvers import (
+    InfeasibleDesignError,
+    Solver,
+    chosen_solver,
+    cvxpy_options,
+    designed_by,
+)
 from inswsn_lib.models import ErrorModel
 
 Array = NDArray[np.float64]
@@ -17,7 +24,9 @@ Array = NDArray[np.float64]
 _LARGEST = 1e100
 
 
-def central_gain(model: ErrorModel, level: float, form: Form = "exact") -> Array:
+def central_gain(
+    model: ErrorModel, level: float, form: Form = "exact", *, solver: Solver | None = None
+) -> Array:
     r"""Return the gain at the analytic centre of the inequality at a level.
 
     The centre is the pair P, Q that maximises the determinant of the left side of the inequality
@@ -37,6 +46,8 @@ def central_gain(model: ErrorModel, level: float, form: Form = "exact") -> Array
         The bound, above the least one.
     form : {"exact", "printed"}
         The inequality.
+    solver : {"clarabel", "scs"}, optional
+        As for `design_filter`.
 
     Returns
     -------
@@ -49,7 +60,8 @@ def central_gain(model: ErrorModel, level: float, form: Form = "exact") -> Array
         If the inequality has no solution at this level, or it has no centre, or the solver does
         not find it.
     ParameterError
-        If the level is not positive and at most 1e100, or there is no such form.
+        If the level is not positive and at most 1e100, or there is no such form or
+        solver.
 
     Examples
     --------
@@ -65,6 +77,11 @@ def central_gain(model: ErrorModel, level: float, form: Form = "exact") -> Array
         raise ParameterError("form", form, 'one of "exact", "printed"')
     if not 0 < level <= _LARGEST:
         raise ParameterError("level", level, f"positive, at most {_LARGEST:g}")
+    chosen_solver(solver)
+    return designed_by(solver, lambda by, once: _centre(model, level, form, by))
+
+
+def _centre(model: ErrorModel, level: float, form: Form, solver: Solver) -> Array:
     P = cp.Variable(model.A.shape, symmetric=True)
     Q = cp.Variable((len(model.A), len(model.C)))
     matrix = cp.bmat(inequality(model, P, Q, level**2, form))
@@ -72,7 +89,7 @@ def central_gain(model: ErrorModel, level: float, form: Form = "exact") -> Array
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # an inaccurate answer is refused below
         try:
-            problem.solve(solver=cp.CLARABEL)
+            problem.solve(**cvxpy_options(solver))
         except cp.SolverError as error:
             raise InfeasibleDesignError(f"The solver failed at the centre: {error}.") from None
     if problem.status != "optimal" or P.value is None:

@@ -12,49 +12,30 @@ import cvxpy as cp
 import numpy as np
 from numpy.typing import NDArray
 
-from inswsn_lib.errors import InswsnError, ParameterError
+from inswsn_lib.errors import ParameterError
 from inswsn_lib.lmi.norms import (
     hinf_norm,
     mean_square_radius,
     riccati_gain_below,
     spectral_radius,
 )
+from inswsn_lib.lmi.solvers import (
+    InfeasibleDesignError,
+    Solver,
+    chosen_solver,
+    cvxpy_options,
+    designed_by,
+    solver_title,
+)
 from inswsn_lib.models import ErrorModel
 
 Array = NDArray[np.float64]
 Form = Literal["exact", "printed"]
-Solver = Literal["clarabel", "scs"]
-
-_SOLVERS: dict[str, dict[str, Any]] = {
-    "clarabel": {"solver": cp.CLARABEL},
-    # a first-order method: with its own default it stops at 1e-4
-    "scs": {"solver": cp.SCS, "eps_abs": 1e-9, "eps_rel": 1e-9, "max_iters": 20_000},
-}
 
 _KALMAN_STEPS = 40
 # The solver's answer may break the inequality by this share of its largest entry.
 _TOLERANCE = 1e-6
 _LARGEST = 1e9  # margin; far above it the least bound is lost in rounding
-
-
-class InfeasibleDesignError(InswsnError):
-    """No filter satisfies the inequality, or none could be certified; the message says which.
-
-    Examples
-    --------
-    A filter that takes nothing from the measurements cannot follow a random walk:
-
-    >>> import numpy as np
-    >>> from inswsn_lib.lmi import InfeasibleDesignError, certify
-    >>> from inswsn_lib.models import ErrorModel
-    >>> model = ErrorModel(A=[[1]], B=[[1]], C=[[1]], D=[[1]], L=[[1]], E=[[0]], period=1.0)
-    >>> P, gain = np.array([[1.1]]), np.array([[0.0]])
-    >>> try:
-    ...     certify(model, P, gain, level=2.0, form="exact")
-    ... except InfeasibleDesignError as error:
-    ...     print(str(error).partition(":")[0])
-    The design does not pass its certificate
-    """
 
 
 @dataclass(frozen=True)
@@ -118,6 +99,8 @@ class FilterDesign:
         since A_f would have to contain E times a number that nobody knows.
     status : str
         What the solver said.
+    solver : str
+        Its name: "Clarabel" or "SCS".
 
     Examples
     --------
@@ -139,6 +122,7 @@ class FilterDesign:
     certificate: Certificate
     buildable: bool
     status: str
+    solver: str = "Clarabel"
 
 
 def inequality(model: ErrorModel, P: Any, Q: Any, squared: Any, form: Form) -> list[list[Any]]:
@@ -217,7 +201,7 @@ def design_filter(
     form: Form = "exact",
     *,
     margin: float = 0.01,
-    solver: Solver = "clarabel",
+    solver: Solver | None = None,
 ) -> FilterDesign:
     r"""Design the H-infinity filter of a model.
 
@@ -243,9 +227,11 @@ def design_filter(
         The bounded real lemma, or the inequality (2.15) as P1 prints it.
     margin : float
         By which share the bound may be above the smallest one; positive.
-    solver : {"clarabel", "scs"}
+    solver : {"clarabel", "scs"}, optional
         An interior-point method, or a first-order method, which is slower and less accurate and
-        there to check the first.
+        there to check the first. Default: the one that the environment variable ``INSWSN_SOLVER``
+        names, or else "clarabel"; where an answer of SCS that was asked for by the variable is
+        refused, Clarabel is asked.
 
     Returns
     -------
@@ -278,30 +264,39 @@ def design_filter(
     """
     if not 0 < margin <= _LARGEST:
         raise ParameterError("margin", margin, f"positive, at most {_LARGEST:g}")
-    problems = _checked_problems(model, form, solver)
+    _check(form, solver)
     for name in "BL":
         if not getattr(model, name).any():
             raise ParameterError(name, "zero", "a matrix that is not zero")
+    return designed_by(solver, lambda by, once: _designed(model, form, margin, by, once))
+
+
+def _designed(
+    model: ErrorModel, form: Form, margin: float, solver: Solver, once: bool
+) -> FilterDesign:
+    """Return the design by one solver, after one try or several."""
+    problems = _problems(_shape(model), form, solver)
     units = _Units.of(model)
     plain = units.scaled(model)
     failure: InfeasibleDesignError | None = None
     # the first works nearly always; where the solver fails, other states of the same problem help
-    for start in (np.eye(len(model.A)), _inverse_root(units.correlation)):
-        for rounds in (1, 2):
-            try:
-                gamma, status, P, gain = _solve_balanced(problems, plain, margin, start, rounds)
-                P = units.seen**2 * P / np.outer(units.states, units.states)
-                gain = units.states[:, None] * gain / units.outputs
-                gamma *= units.seen
-                level = gamma * (1 + margin)
-                certificate = certify(model, P, gain, level, form)
-            except InfeasibleDesignError as error:
-                failure = failure or error
-                continue
-            return FilterDesign(
-                model, form, gamma, level, gain, np.asarray(model.A - gain @ model.C), P,
-                certificate, buildable=not model.E.any(), status=status,
-            )  # fmt: skip
+    starts = (np.eye(len(model.A)), _inverse_root(units.correlation))
+    tries = [(start, rounds) for start in starts for rounds in (1, 2)]
+    for start, rounds in tries[: 1 if once else None]:
+        try:
+            gamma, status, P, gain = _solve_balanced(problems, plain, margin, start, rounds)
+            P = units.seen**2 * P / np.outer(units.states, units.states)
+            gain = units.states[:, None] * gain / units.outputs
+            gamma *= units.seen
+            level = gamma * (1 + margin)
+            certificate = certify(model, P, gain, level, form)
+        except InfeasibleDesignError as error:
+            failure = failure or error
+            continue
+        return FilterDesign(
+            model, form, gamma, level, gain, np.asarray(model.A - gain @ model.C), P,
+            certificate, not model.E.any(), status, solver_title(solver),
+        )  # fmt: skip
     assert failure is not None
     raise failure
 
@@ -324,7 +319,7 @@ def _solve_balanced(
 
 
 def minimise_gamma(
-    model: ErrorModel, form: Form = "exact", *, solver: Solver = "clarabel"
+    model: ErrorModel, form: Form = "exact", *, solver: Solver | None = None
 ) -> tuple[float, Array]:
     r"""Solve P1 (2.23) as it stands: the least gamma over P and Q, and :math:`B_f = P^{-1} Q`.
 
@@ -337,7 +332,7 @@ def minimise_gamma(
         The model; its units are left as they are.
     form : {"exact", "printed"}
         The inequality.
-    solver : {"clarabel", "scs"}
+    solver : {"clarabel", "scs"}, optional
         As for `design_filter`.
 
     Returns
@@ -362,8 +357,15 @@ def minimise_gamma(
     >>> print(f"{gamma:.3f} {gain.item():.2f}")
     1.414 1.00
     """
-    gamma, _, P, Q = _checked_problems(model, form, solver).smallest_gamma(model)
-    return gamma, np.asarray(np.linalg.solve(P, Q))
+    _check(form, solver)
+
+    def solve(by: Solver, once: bool) -> tuple[float, Array]:
+        gamma, status, P, Q = _problems(_shape(model), form, by).smallest_gamma(model)
+        if once and status != "optimal":  # there is no certificate to tell
+            raise InfeasibleDesignError(f"The solver says {status}.")
+        return gamma, np.asarray(np.linalg.solve(P, Q))
+
+    return designed_by(solver, solve)
 
 
 def certify(model: ErrorModel, P: Array, gain: Array, level: float, form: Form) -> Certificate:
@@ -440,12 +442,10 @@ def certify(model: ErrorModel, P: Array, gain: Array, level: float, form: Form) 
     return Certificate(largest, float(values.min() / values.max()), norm, stochastic)
 
 
-def _checked_problems(model: ErrorModel, form: Form, solver: Solver) -> _Problems:
+def _check(form: Form, solver: Solver | None) -> None:
     if form not in ("exact", "printed"):
         raise ParameterError("form", form, 'one of "exact", "printed"')
-    if not isinstance(solver, str) or solver not in _SOLVERS:
-        raise ParameterError("solver", solver, 'one of "clarabel", "scs"')
-    return _problems(_shape(model), form, solver)
+    chosen_solver(solver)
 
 
 def _shape(model: ErrorModel) -> tuple[int, int, int, int]:
@@ -457,7 +457,7 @@ class _Problems:
 
     def __init__(self, shape: tuple[int, int, int, int], form: Form, solver: Solver) -> None:
         n, p, m, q = shape
-        self._solver = _SOLVERS[solver]
+        self._solver = cvxpy_options(solver)
         self._guard = threading.Lock()  # the problems hold the numbers of one model at a time
         sizes = {"A": (n, n), "B": (n, p), "C": (m, n), "D": (m, q), "LL": (n, n), "E": (n, n)}
         self._numbers = {name: cp.Parameter(size) for name, size in sizes.items()}

@@ -13,9 +13,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from numbers import Real
-from typing import Any, Literal
+from typing import Literal
 
-import clarabel  # type: ignore[import-untyped]
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
@@ -29,8 +28,18 @@ from scipy.linalg import (
 )
 
 from inswsn_lib.errors import ParameterError
-from inswsn_lib.lmi.filter_design import FilterDesign, InfeasibleDesignError
+from inswsn_lib.lmi.filter_design import FilterDesign
 from inswsn_lib.lmi.norms import hinf_norm, spectral_radius
+from inswsn_lib.lmi.solvers import (
+    ALMOST,
+    SOLVED,
+    InfeasibleDesignError,
+    Solver,
+    chosen_solver,
+    designed_by,
+    solve_cones,
+    solver_title,
+)
 
 Array = NDArray[np.float64]
 Noise = Literal["common", "independent"]
@@ -47,7 +56,6 @@ _SMALLEST = 1e-8  # eigenvalues of the matrices that give the units are raised t
 _SEEN = 1e-9  # singular values of L, B and K D below this share of the largest count as zero
 _ROUNDING = 1e-9  # a matrix is positive semidefinite if no eigenvalue is below minus this share
 _BISECTIONS = 60
-_SOLVED = "Solved"  # in the words of the solver
 _SHARE = 10.0  # of a cluster in the sums that the solver is given
 # of the sweep over frequencies: first points, peaks refined, points for each, and how often
 _SWEEP = 512
@@ -112,6 +120,8 @@ class FusionDesign:
         See there.
     status : str
         What the solver said: "Solved", or "AlmostSolved" if it did not reach its full accuracy.
+    solver : str
+        Its name: "Clarabel" or "SCS".
 
     Examples
     --------
@@ -132,6 +142,7 @@ class FusionDesign:
     P: Array
     certificate: FusionCertificate
     status: str
+    solver: str = "Clarabel"
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,6 +215,7 @@ def design_fusion(
     structure: Structure = "full",
     *,
     margin: float = 0.01,
+    solver: Solver | None = None,
 ) -> FusionDesign:
     r"""Design the weights with which local H-infinity filters are fused (P2, theorem 1).
 
@@ -256,6 +268,8 @@ def design_fusion(
         Any symmetric P, or one made of diagonal blocks, one for each cluster.
     margin : float
         By which share the bound may be above the smallest one; positive.
+    solver : {"clarabel", "scs"}, optional
+        As for `design_filter`.
 
     Returns
     -------
@@ -268,8 +282,8 @@ def design_fusion(
         If a local filter is not stable, the solver fails, or its answer does not pass the
         certificate.
     ParameterError
-        If the designs are none, differ in A, B or L, or have a jitter; if there is no such noise or
-        structure; or the margin is not positive and at most 1e9.
+        If the designs are none, differ in A, B or L, or have a jitter; if there is no such noise,
+        structure or solver; or the margin is not positive and at most 1e9.
 
     Examples
     --------
@@ -286,19 +300,34 @@ def design_fusion(
     """
     local = _checked_designs(designs)
     check_options(noise, structure, margin)
+    chosen_solver(solver)
     radius = max(spectral_radius(design.A_f) for design in local)
     if radius >= 1:
         raise InfeasibleDesignError(f"A local filter has the spectral radius {radius:.6g}.")
+    return designed_by(
+        solver, lambda by, once: _designed_in_some_states(local, noise, structure, margin, by, once)
+    )
+
+
+def _designed_in_some_states(
+    local: tuple[FilterDesign, ...],
+    noise: Noise,
+    structure: Structure,
+    margin: float,
+    solver: Solver,
+    once: bool,
+) -> FusionDesign:
+    """Return the design in the first states in which the solver has no difficulties."""
     found: FusionDesign | None = None
     failure: InfeasibleDesignError | None = None
     # the first states work nearly always; where the solver has difficulties, others may help
-    for states in _STATES:
+    for states in _STATES[: 1 if once else None]:
         try:
-            design = _designed(local, noise, structure, margin, states)
+            design = _designed(local, noise, structure, margin, states, solver)
         except InfeasibleDesignError as error:
             failure = failure or error
             continue
-        if design.status == _SOLVED:
+        if design.status == SOLVED:
             return design
         found = found or design
     if found is None:
@@ -328,13 +357,17 @@ def _designed(
     structure: Structure,
     margin: float,
     states: States,
+    solver: Solver,
 ) -> FusionDesign:
     units, parts = _balanced(designs, noise, structure, states)
-    gamma, weights, blocks, status = _solve_in(units, parts, len(designs), margin)
+    gamma, weights, blocks, status = _solve_in(units, parts, len(designs), margin, solver)
     P = blocks[0] if structure == "full" else np.stack(blocks)
     level = gamma * (1 + margin)
     certificate = _certificate(designs, noise, weights, P, level)
-    return FusionDesign(designs, noise, structure, gamma, level, weights, P, certificate, status)
+    return FusionDesign(
+        designs, noise, structure, gamma, level, weights, P, certificate, status,
+        solver_title(solver),
+    )  # fmt: skip
 
 
 def fusion_system(
@@ -612,14 +645,14 @@ def _stacked(systems: list[tuple[Array, Array]], p: int, noise: Noise) -> tuple[
 
 
 def _solve_in(
-    units: _Units, parts: list[_Part], clusters: int, margin: float
+    units: _Units, parts: list[_Part], clusters: int, margin: float, solver: Solver
 ) -> tuple[float, Array, list[Array], str]:
     """Solve both problems; return gamma, the weights, P of each part and the solver's word."""
     scale = _SHARE * clusters
     first = _program(parts, units.L, scale)
     cost = np.zeros(first.A.shape[1])
     cost[0] = 1.0
-    solution, status = _solved(first, cost)
+    solution, status = _solved(first, cost, solver)
     gamma = float(np.sqrt(max(solution[0], 0.0)))
     level = gamma * (1 + margin)
     if not level > 0:
@@ -627,7 +660,7 @@ def _solve_in(
     # with the noise in units of the level, a large margin does no harm
     scaled = [replace(part, K=part.K / level) for part in parts]
     cost = np.concatenate([_variance_bounds(part, len(units.L)) for part in parts])
-    solution, last = _solved(_program(scaled, units.L, scale).at_level_one(), cost)
+    solution, last = _solved(_program(scaled, units.L, scale).at_level_one(), cost, solver)
     Y, P = [], []
     for part, (own, p) in zip(parts, _read(parts, solution, len(units.L)), strict=True):
         back = np.linalg.inv(part.states)
@@ -638,7 +671,10 @@ def _solve_in(
 
 @dataclass(frozen=True, eq=False)
 class _Program:
-    """A convex problem in the form of the solver: A x + s = b, with s in a product of cones.
+    """A convex problem in the form of the solvers: A x + s = b, with s in a product of cones.
+
+    The first `zeros` entries of s are zero; the others are triangles of positive semidefinite
+    matrices with `sizes` rows.
 
     x is `scale` times the unknowns: each cluster has a share of about 1 / N in the sums, and the
     solver is accurate if its numbers are not small.
@@ -646,7 +682,8 @@ class _Program:
 
     A: sparse.csc_matrix
     b: Array
-    cones: list[Any]
+    zeros: int
+    sizes: list[int]
     scale: float
 
     def at_level_one(self) -> _Program:
@@ -659,7 +696,7 @@ def _program(parts: list[_Part], L: Array, scale: float) -> _Program:
     """Return the inequalities of all parts; the unknowns are the level squared, then the parts'."""
     seen = len(L)
     one, shared = np.ones(1), parts[0].shared
-    sums, level_rows, blocks, cones = [], [], [], []
+    sums, level_rows, blocks, sizes = [], [], [], []
     for part in parts:
         unknowns = part.variables(seen)
         sums.append(part.coupling(*unknowns[1:]))
@@ -668,7 +705,7 @@ def _program(parts: list[_Part], L: Array, scale: float) -> _Program:
         )
         none = tuple(np.zeros((1, *kind.shape[1:])) for kind in unknowns)
         level_rows.append(_vector(part.left_side(one, *none)))
-        cones.append(clarabel.PSDTriangleConeT(part.K.shape[0] + part.K.shape[1] + seen))
+        sizes.append(part.K.shape[0] + part.K.shape[1] + seen)
     # the sums: L, the identity, level squared times the identity, and zero
     eye = [np.eye(size)[np.triu_indices(size)] for size in (seen, shared)]
     fixed = np.concatenate([L.ravel(), eye[0], 0 * eye[1], np.zeros(shared * seen)])
@@ -677,28 +714,21 @@ def _program(parts: list[_Part], L: Array, scale: float) -> _Program:
     rest = sparse.vstack([np.vstack(sums).T, sparse.block_diag(blocks)])
     A = sparse.hstack([first, rest], format="csc")
     b = np.concatenate([scale * fixed, np.zeros(A.shape[0] - len(fixed))])
-    return _Program(A, b, [clarabel.ZeroConeT(len(fixed)), *cones], scale)
+    return _Program(A, b, len(fixed), sizes, scale)
 
 
-def _solved(program: _Program, cost: Array) -> tuple[Array, str]:
+def _solved(program: _Program, cost: Array, solver: Solver) -> tuple[Array, str]:
     """Return the unknowns of least cost and the solver's word."""
-    settings = clarabel.DefaultSettings()
-    settings.verbose = False
-    unknowns = program.A.shape[1]
-    solver = clarabel.DefaultSolver(
-        sparse.csc_matrix((unknowns, unknowns)), cost, program.A, program.b, program.cones, settings
-    )
-    solution = solver.solve()
-    status = str(solution.status)
-    if status not in (_SOLVED, "AlmostSolved"):
+    solution, status = solve_cones(program.A, program.b, cost, program.zeros, program.sizes, solver)
+    if status not in (SOLVED, ALMOST):
         raise InfeasibleDesignError(
             f"No solution of the inequality was found: the solver says {status}."
         )
-    return np.asarray(solution.x) / program.scale, status
+    return solution / program.scale, status
 
 
 def _worse(one: str, other: str) -> str:
-    return one if one != _SOLVED else other
+    return one if one != SOLVED else other
 
 
 def _variance_bounds(part: _Part, seen: int) -> Array:
@@ -729,7 +759,7 @@ def _weights(units: _Units, Y: Array, clusters: int) -> Array:
 
 
 def _vector(matrices: Array) -> Array:
-    """Return symmetric matrices (k, s, s) as the columns that the solver takes.
+    """Return symmetric matrices (k, s, s) as the columns that `solve_cones` takes.
 
     They hold the upper triangle, column by column, the entries off the diagonal times root 2.
     """

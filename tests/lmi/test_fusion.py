@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
+import clarabel  # type: ignore[import-untyped]
 import cvxpy as cp
 import numpy as np
 import pytest
@@ -387,14 +388,14 @@ def test_a_wrong_answer_of_the_solver_does_not_pass(
     designs = [cluster(size) for size in (0.5, 1.0)]
     right, weights = fusion._solved, fusion._weights
 
-    def with_lower_level(program: Any, cost: Any) -> Any:
-        answer, status = right(program, cost)
+    def with_lower_level(program: Any, cost: Any, solver: Any) -> Any:
+        answer, status = right(program, cost, solver)
         if cost[0] == 1 and not cost[1:].any():
             answer[0] *= 0.9
         return answer, status
 
-    def with_smaller_p(program: Any, cost: Any) -> Any:
-        answer, status = right(program, cost)
+    def with_smaller_p(program: Any, cost: Any, solver: Any) -> Any:
+        answer, status = right(program, cost, solver)
         halved = np.where(cost != 0, 0.5, 1.0) * answer
         return (answer if cost[0] == 1 and not cost[1:].any() else halved), status
 
@@ -418,14 +419,14 @@ def test_a_wrong_answer_of_the_solver_does_not_pass(
 
 
 def test_a_solver_that_gives_up_is_heard(monkeypatch: pytest.MonkeyPatch) -> None:
-    designs, settings = [cluster()] * 2, fusion.clarabel.DefaultSettings
+    designs, settings = [cluster()] * 2, clarabel.DefaultSettings
 
     def impatient() -> Any:
         found = settings()
         found.max_iter = 2
         return found
 
-    monkeypatch.setattr(fusion.clarabel, "DefaultSettings", impatient)
+    monkeypatch.setattr(clarabel, "DefaultSettings", impatient)
     with pytest.raises(InfeasibleDesignError, match="the solver says MaxIterations"):
         design_fusion(designs)
 
