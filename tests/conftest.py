@@ -7,8 +7,10 @@ import os
 import shutil
 import subprocess
 import sys
+import threading
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pytest
 from filelock import FileLock
@@ -19,6 +21,10 @@ from hypothesis import settings
 os.environ.update({f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL", "NUMBA")})
 
 from inswsn_lib.artefact.project import Project
+from inswsn_lib.artefact.serving import address, make_server
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser
 
 # the same examples in every run, and no limit of time that a busy machine could miss
 settings.register_profile("inswsn", derandomize=True, deadline=None)
@@ -238,6 +244,36 @@ def chromium() -> str:
             pytest.fail(sentence)
         pytest.skip(sentence)
     return path
+
+
+@pytest.fixture(scope="session")
+def browser(chromium: str) -> Iterator[Browser]:
+    """One headless Chromium for all tests of pages."""
+    from playwright.sync_api import sync_playwright  # most tests need none
+
+    flags = [
+        "--disable-gpu",
+        "--disable-background-networking",
+        "--disable-component-update",
+        "--disable-sync",
+        "--disable-smooth-scrolling",  # a click would wait for the end of each scroll
+        "--no-first-run",
+    ]
+    if hasattr(os, "geteuid") and os.geteuid() == 0:
+        flags.append("--no-sandbox")  # Chromium has no sandbox for root
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=chromium, args=flags)
+        yield browser
+        browser.close()
+
+
+@pytest.fixture(scope="session")
+def served(built_site: Path) -> Iterator[str]:
+    """The address at which the built book is served."""
+    with make_server(built_site, port=0) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        yield address(server)
+        server.shutdown()
 
 
 @pytest.fixture

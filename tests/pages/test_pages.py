@@ -2,85 +2,19 @@
 
 from __future__ import annotations
 
-import os
-import threading
-from collections.abc import Iterator
-from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from PIL import Image
-from playwright.sync_api import Browser, Page, sync_playwright
+from playwright.sync_api import Browser, Page
+from visiting import Visit, contrast, page_names, visit
 
 from inswsn_lib.artefact.judging import judge_claims, select_claims
 from inswsn_lib.artefact.project import Project
-from inswsn_lib.artefact.serving import address, make_server
 
 pytestmark = pytest.mark.page
-
-
-@dataclass
-class Visit:
-    """A page as a browser saw it."""
-
-    page: Page
-    foreign: list[str] = field(default_factory=list)
-    failed: list[str] = field(default_factory=list)
-    errors: list[str] = field(default_factory=list)
-
-
-@pytest.fixture(scope="session")
-def browser(chromium: str) -> Iterator[Browser]:
-    flags = [
-        "--disable-gpu",
-        "--disable-background-networking",
-        "--disable-component-update",
-        "--disable-sync",
-        "--disable-smooth-scrolling",  # a click would wait for the end of each scroll
-        "--no-first-run",
-    ]
-    if hasattr(os, "geteuid") and os.geteuid() == 0:
-        flags.append("--no-sandbox")  # Chromium has no sandbox for root
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=chromium, args=flags)
-        yield browser
-        browser.close()
-
-
-@pytest.fixture(scope="session")
-def served(built_site: Path) -> Iterator[str]:
-    with make_server(built_site, port=0) as server:
-        threading.Thread(target=server.serve_forever, daemon=True).start()
-        yield address(server)
-        server.shutdown()
-
-
-def visit(browser: Browser, served: str, name: str, **options: Any) -> Visit:
-    page = browser.new_page(**({"viewport": {"width": 1300, "height": 900}} | options))
-    seen = Visit(page)
-    page.on(
-        "request",
-        lambda r: (
-            None if r.url.startswith((served, "data:", "blob:")) else seen.foreign.append(r.url)
-        ),
-    )
-    page.on("response", lambda r: seen.failed.append(r.url) if r.status >= 400 else None)
-    page.on("console", lambda m: seen.errors.append(m.text) if m.type == "error" else None)
-    page.on("pageerror", lambda error: seen.errors.append(str(error)))
-    page.goto(served + name, wait_until="networkidle")
-    page.evaluate("() => window.MathJax?.startup?.promise")
-    return seen
-
-
-def page_names(site: Path) -> list[str]:
-    return [
-        path.relative_to(site).as_posix()
-        for path in sorted(site.rglob("*.html"))
-        if "_static" not in path.parts
-    ]
 
 
 def test_every_page_of_the_contents_is_there(built_site: Path) -> None:
@@ -217,28 +151,6 @@ def test_chapter_00_shows_its_figures_tables_and_numbers(browser: Browser, serve
     assert "Quantity(" not in text
     assert "<Verdict" not in text
     page.close()
-
-
-def contrast(page: Page, selector: str) -> float:
-    """Return the WCAG contrast of an element's text with the ground of the page's main part."""
-    return page.evaluate(
-        """selector => {
-          const channels = css => css.match(/[\\d.]+/g).map(Number);
-          const element = document.querySelector(selector);
-          let ground = element;
-          while (ground && (channels(getComputedStyle(ground).backgroundColor)[3] ?? 1) === 0)
-            ground = ground.parentElement;
-          const luminance = css => channels(css).slice(0, 3)
-            .map(c => c / 255)
-            .map(c => c <= 0.04045 ? c / 12.92 : ((c + 0.055) / 1.055) ** 2.4)
-            .reduce((sum, c, i) => sum + c * [0.2126, 0.7152, 0.0722][i], 0);
-          const a = luminance(getComputedStyle(element).color);
-          const behind = ground ? getComputedStyle(ground).backgroundColor : "rgb(255,255,255)";
-          const b = luminance(behind);
-          return (Math.max(a, b) + 0.05) / (Math.min(a, b) + 0.05);
-        }""",
-        selector,
-    )
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])

@@ -1,0 +1,72 @@
+"""A page of the built book as a browser sees it; what the tests of pages share.
+
+No ``conftest.py``: many tests import the one at the top of the tests by its name. The fixtures
+``browser`` and ``served`` stand there.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from playwright.sync_api import Browser, Page
+
+
+@dataclass
+class Visit:
+    """A page as a browser saw it."""
+
+    page: Page
+    foreign: list[str] = field(default_factory=list)
+    failed: list[str] = field(default_factory=list)
+    errors: list[str] = field(default_factory=list)
+
+
+def visit(browser: Browser, served: str, name: str, **options: Any) -> Visit:
+    """Open a page, wait for its mathematics, and note what goes wrong on the way."""
+    page = browser.new_page(**({"viewport": {"width": 1300, "height": 900}} | options))
+    seen = Visit(page)
+    page.on(
+        "request",
+        lambda r: (
+            None if r.url.startswith((served, "data:", "blob:")) else seen.foreign.append(r.url)
+        ),
+    )
+    page.on("response", lambda r: seen.failed.append(r.url) if r.status >= 400 else None)
+    page.on("console", lambda m: seen.errors.append(m.text) if m.type == "error" else None)
+    page.on("pageerror", lambda error: seen.errors.append(str(error)))
+    page.goto(served + name, wait_until="networkidle")
+    page.evaluate("() => window.MathJax?.startup?.promise")
+    return seen
+
+
+def page_names(site: Path) -> list[str]:
+    """Return the pages of a site, as paths below it."""
+    return [
+        path.relative_to(site).as_posix()
+        for path in sorted(site.rglob("*.html"))
+        if "_static" not in path.parts
+    ]
+
+
+def contrast(page: Page, selector: str) -> float:
+    """Return the WCAG contrast of an element's text with the ground of the page's main part."""
+    return page.evaluate(
+        """selector => {
+          const channels = css => css.match(/[\\d.]+/g).map(Number);
+          const element = document.querySelector(selector);
+          let ground = element;
+          while (ground && (channels(getComputedStyle(ground).backgroundColor)[3] ?? 1) === 0)
+            ground = ground.parentElement;
+          const luminance = css => channels(css).slice(0, 3)
+            .map(c => c / 255)
+            .map(c => c <= 0.04045 ? c / 12.92 : ((c + 0.055) / 1.055) ** 2.4)
+            .reduce((sum, c, i) => sum + c * [0.2126, 0.7152, 0.0722][i], 0);
+          const a = luminance(getComputedStyle(element).color);
+          const behind = ground ? getComputedStyle(ground).backgroundColor : "rgb(255,255,255)";
+          const b = luminance(behind);
+          return (Math.max(a, b) + 0.05) / (Math.min(a, b) + 0.05);
+        }""",
+        selector,
+    )
