@@ -16,7 +16,8 @@ AXE_TAGS = ("wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa", "best-practi
 _NOT_RUN = frozenset({"deprecated", "experimental"})
 #: The screens on which each page is checked: theme, and width in px.
 SCREENS = (("light", 1300), ("dark", 1300), ("light", 360), ("dark", 360))
-_MADE = ("genindex", "search")  # pages that Sphinx adds to those of the contents
+#: Pages that Sphinx and its extensions add to those of the contents.
+MADE_PAGES = ("genindex", "prf-prf", "py-modindex", "search")
 _RULE = re.compile(r'tags:\[("cat\.[^\]]*)\]')
 _VERSION = re.compile(r"axe v(\d+\.\d+\.\d+)")
 
@@ -54,7 +55,7 @@ def count_rules(script: str) -> int:
 def count_pages(project: Project) -> int:
     """Return how many pages the book has, with those that Sphinx adds."""
     toc = (project.root / "book" / "_toc.yml").read_text(encoding="utf-8")
-    return len(re.findall(r"^\s*-?\s*(?:root|file): ", toc, re.MULTILINE)) + len(_MADE)
+    return len(re.findall(r"^\s*-?\s*(?:root|file): ", toc, re.MULTILINE)) + len(MADE_PAGES)
 
 
 def accessibility_text(project: Project) -> str:

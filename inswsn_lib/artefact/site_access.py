@@ -51,8 +51,10 @@ def accessible(page: str) -> str:
 
 def _table(table: Tag) -> None:
     """Give the headers of a table their scope, and the table a name."""
-    if "genindextable" in (table.get("class") or []):
-        table["role"] = "presentation"
+    if {"genindextable", "indextable"} & set(table.get("class") or []):
+        table["role"] = "presentation"  # an index lays out links
+        for toggler in table.select("img.toggler"):
+            toggler.decompose()  # it folds a list for the mouse alone
         return
     for header in table.find_all("th"):
         if not header.get_text(strip=True) and not header.find("img"):
@@ -61,27 +63,40 @@ def _table(table: Tag) -> None:
         if not header.get("scope"):
             header["scope"] = "col" if header.find_parent("thead") else "row"
     if table.find("caption") is None and not table.get("aria-label"):
-        heading = table.find_previous(_HEADINGS)
-        if heading is not None:
-            table["aria-label"] = _words(heading)
+        above = table.find_previous(_names_what_follows)
+        if isinstance(above, Tag):
+            table["aria-label"] = _words(above)
+
+
+def _names_what_follows(tag: Tag) -> bool:
+    """Tell a heading, or bold words that begin a paragraph as one would."""
+    if tag.name != "strong":
+        return tag.name in _HEADINGS
+    block = tag.parent
+    return (
+        block is not None
+        and block.name == "p"
+        and block.find_parent("table") is None
+        and (next(block.stripped_strings, "") == next(tag.stripped_strings, ""))
+    )
 
 
 def _not_a_header(cell: Tag) -> None:
     # the empty corner of a table heads neither a column nor a row
     cell.name = "td"
-    cell["class"] = [*(cell.get("class") or []), "corner"]
+    cell["class"] = " ".join([*(cell.get("class") or []), "corner"])
 
 
-def _words(heading: Tag) -> str:
-    """Return the text of a heading without the sign of its link."""
-    signs = {id(text) for link in heading.select("a.headerlink") for text in link.strings}
-    return " ".join("".join(t for t in heading.strings if id(t) not in signs).split())
+def _words(above: Tag) -> str:
+    """Return the text of a name without the sign of its link."""
+    signs = {id(text) for link in above.select("a.headerlink") for text in link.strings}
+    return " ".join("".join(t for t in above.strings if id(t) not in signs).split())
 
 
 def _solution(soup: BeautifulSoup, solution: Tag) -> None:
     """Make a folded solution a native disclosure; its title links nowhere, since it opens it."""
     solution.name = "details"
-    solution["class"] = [word for word in solution["class"] if word != "dropdown"]
+    solution["class"] = " ".join(word for word in solution["class"] if word != "dropdown")
     title = solution.find("p", class_="admonition-title")
     if isinstance(title, Tag):
         title.name = "summary"
@@ -100,6 +115,11 @@ def _names(soup: BeautifulSoup) -> None:
     # each has a text that tells what a click does, and changes with it
     for summary in soup.select("details.hide > summary"):
         del summary["aria-label"]
+    for link in soup.select("a.reference.external"):
+        if link.get_text(strip=True) == link.get("href"):
+            link["class"] = " ".join(
+                [*link["class"], "bare"]
+            )  # on paper its address is written once
     for button in soup.select("button.sidebar-toggle"):
         button["aria-label"] = button.get("title") or "Toggle sidebar"
 
