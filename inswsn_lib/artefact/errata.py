@@ -251,8 +251,10 @@ def _claims(names: tuple[str, ...], findings: Findings) -> str:
 
 def _slips(paper: str, slips: list[Slip], findings: Findings, strict: bool) -> str:
     lines = [f"### Slips of {paper}", ""]
-    lines += [f"```{{list-table}}\n:header-rows: 1\n:name: tbl-slips-{paper.lower()}\n"]
-    lines += ["* -\n  - place\n  - printed\n  - meant"]
+    lines += [
+        f"```{{list-table}}\n:header-rows: 1\n:stub-columns: 1\n:name: tbl-slips-{paper.lower()}\n"
+    ]
+    lines += ["* - slip\n  - place\n  - printed\n  - meant"]
     for slip in slips:
         lines.append(named(ERRATA, slip.id, partial(_slip, slip, findings, strict)))
     return "\n".join([*lines, "```\n"])

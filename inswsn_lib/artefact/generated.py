@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from inswsn_lib.artefact.about import load_about
+from inswsn_lib.artefact.accessibility import accessibility_text
 from inswsn_lib.artefact.citation import citation_page, verdict_page
 from inswsn_lib.artefact.commands import commands_text
 from inswsn_lib.artefact.elsewhere_page import elsewhere_texts
@@ -40,6 +41,7 @@ def generated_texts(project: Project, results: Sequence[Results]) -> dict[str, s
     chapters = project.chapters()
     names = {chapter.number: chapter.name for chapter in chapters}
     return {
+        "accessibility.md": accessibility_text(project),
         "citation.md": citation_page(about),
         "citation-verdict.md": verdict_page(about, judged),
         "claims-counts.md": claims_counts(judged),

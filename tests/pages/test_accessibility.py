@@ -1,0 +1,492 @@
+"""Every page for readers who do not see it, have no mouse, or have a small screen.
+
+axe-core looks at each page of the book. What it cannot know is checked beside it: that an
+alternative text holds numbers of the run, that each table has headers and a name, that text never
+needs sideways scrolling, that the keyboard does what the mouse does.
+
+All rules run on each page in the light theme, 1300 px wide. In the dark theme and at the other
+width those rules run whose answer can change with them; the rest would read the same document.
+Before that, coloured code and formulas are thinned: of all tokens of one kind in one kind of box
+one keeps its own element, since the same style rules paint the others; and of each formula after
+the twentieth the drawing, which is hidden from screen readers, is emptied. The longest page has
+60,000 elements before that, and axe would need minutes for it.
+"""
+
+from __future__ import annotations
+
+import ast
+import re
+from io import BytesIO
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import nbformat
+import numpy as np
+import pytest
+from bs4 import BeautifulSoup, Tag
+from PIL import Image
+from playwright.sync_api import Browser, Page
+from visiting import page_names, visit
+
+from inswsn_lib.artefact.accessibility import (
+    AXE_TAGS,
+    MADE_PAGES,
+    SCREENS,
+    accessibility_text,
+    axe_script,
+    axe_version,
+    count_pages,
+    count_rules,
+)
+from inswsn_lib.artefact.project import Project
+from inswsn_lib.plotting import COLOURS
+
+pytestmark = pytest.mark.page
+
+ROOT = Path(__file__).resolve().parents[2]
+ALL_RULES = {"type": "tag", "values": list(AXE_TAGS)}
+COLOUR_RULES = ["color-contrast", "link-in-text-block"]
+WIDTH_RULES = ["scrollable-region-focusable", "target-size"]
+# what is run on each of SCREENS
+RULES: list[dict[str, Any]] = [
+    ALL_RULES,
+    {"type": "rule", "values": COLOUR_RULES},
+    {"type": "rule", "values": WIDTH_RULES},
+    {"type": "rule", "values": [*COLOUR_RULES, *WIDTH_RULES]},
+]
+
+RUN_AXE = """async options => {
+  const found = await axe.run(document, options);
+  return found.violations.flatMap((rule) => rule.nodes.map((node) => {
+    const checks = [...node.any, ...node.all, ...node.none];
+    const why = checks.map((check) => check.message).join(" ");
+    return `${rule.id}: ${node.target.flat().join(" ")}: ${why}`;
+  }));
+}"""
+
+THIN = """() => {
+  const seen = new Set();
+  for (const token of document.querySelectorAll(".highlight span, .sig span, .sig em, code span")) {
+    const box = token.closest(".cell_input, .output, .sig, code, .highlight");
+    const kind = `${box.className}/${token.parentElement.localName}/${token.className}`;
+    if (seen.has(kind)) token.replaceWith(...token.childNodes);
+    else seen.add(kind);
+  }
+  const drawn = [...document.querySelectorAll("mjx-container > mjx-math")];
+  for (const formula of drawn.slice(20)) formula.replaceChildren();
+}"""
+
+# as access.js says it: what scrolls sideways is a tab stop
+REACHABLE = """() => [...document.querySelectorAll(
+    ".bd-content figure, .bd-content pre, .bd-content .pst-scrollable-table-container")]
+  .filter((box) => box.scrollWidth > box.clientWidth + 1)
+  .filter((box) => getComputedStyle(box).overflowX !== "visible")
+  .every((box) => box.tabIndex === 0 && box.getAttribute("aria-label"))"""
+
+
+def listed_pages() -> list[str]:
+    """Return the pages of the table of contents, and those that Sphinx adds."""
+    toc = (ROOT / "book" / "_toc.yml").read_text(encoding="utf-8")
+    names = re.findall(r"^\s*-?\s*(?:root|file): (\S+)", toc, re.MULTILINE)
+    return sorted(f"{name}.html" for name in [*names, *MADE_PAGES])
+
+
+PAGES = listed_pages()
+
+
+def opened(browser: Browser, served: str, name: str, **options: Any) -> Page:
+    """Open a page, and wait until all of it is there and typeset."""
+    page = visit(browser, served, name, **options).page
+    page.wait_for_load_state("load")
+    page.evaluate("() => window.MathJax?.startup?.promise")
+    return page
+
+
+def parsed(built_site: Path, name: str) -> BeautifulSoup:
+    """Return a page without its code, which is most of it and holds none of what is looked for."""
+    text = (built_site / name).read_text(encoding="utf-8")
+    return BeautifulSoup(re.sub(r"<pre>.*?</pre>", "<pre></pre>", text, flags=re.S), "html.parser")
+
+
+def test_each_page_of_the_site_is_looked_at(built_site: Path, project: Project) -> None:
+    assert page_names(built_site) == PAGES
+    assert count_pages(project) == len(PAGES)
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_a_page(browser: Browser, served: str, name: str) -> None:
+    """All that is asked of each page in a browser; it is loaded once, since that takes long."""
+    page = opened(browser, served, name)
+    text_is_read_without_sideways_scrolling(page, name)
+    axe_finds_nothing(page, name)
+    page.close()
+
+
+def axe_finds_nothing(page: Page, name: str) -> None:
+    page.evaluate(THIN)
+    page.evaluate(axe_script())
+    for (theme, width), rules in zip(SCREENS, RULES, strict=True):
+        page.emulate_media(color_scheme=theme)  # type: ignore[arg-type]
+        page.set_viewport_size({"width": width, "height": 900})
+        page.wait_for_function(f"document.documentElement.dataset.theme === '{theme}'")
+        page.wait_for_function(REACHABLE)
+        found = page.evaluate(RUN_AXE, {"runOnly": rules})
+        assert found == [], f"{name}, {theme}, {width} px"
+
+
+def test_axe_finds_what_is_there(browser: Browser) -> None:
+    """A check that finds nothing is worth something only if it can find something."""
+    page = browser.new_page()
+    page.set_content(
+        "<html><title>x</title><main><h1>x</h1><img src='data:,'>"
+        "<p style='color: #999; background: #fff'>pale</p></main></html>"
+    )
+    page.evaluate(axe_script())
+    options = {"runOnly": ALL_RULES}
+    found = {said.split(":")[0] for said in page.evaluate(RUN_AXE, options)}
+    assert {"image-alt", "color-contrast", "html-has-lang"} <= found
+    page.close()
+
+
+def test_the_page_says_what_axe_is_and_how_many_rules_ran(
+    browser: Browser, project: Project
+) -> None:
+    page = browser.new_page()
+    script = axe_script()
+    page.evaluate(script)
+    options = {"runOnly": ALL_RULES}
+    kinds = ("violations", "incomplete", "passes", "inapplicable")
+    found = page.evaluate("options => axe.run(document, options)", options)
+    ran = {rule["id"] for kind in kinds for rule in found[kind]}
+    assert count_rules(script) == len(ran)
+    assert axe_version(script) == page.evaluate("axe.version")
+    page.close()
+    text = accessibility_text(project)
+    for said in (axe_version(script), f"{len(ran)} of its rules", f"the {len(PAGES)} pages"):
+        assert said in text
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_structure(built_site: Path, name: str) -> None:
+    """Headings in order, tables with headers and a name, no id twice, a language, a title."""
+    soup = parsed(built_site, name)
+    main = soup.find("main")
+    assert isinstance(main, Tag)
+    assert soup.html is not None
+    assert soup.html["lang"] == "en"
+    levels = [
+        int(heading.name[1])
+        for heading in main.find_all(re.compile(r"^h[1-6]$"))
+        if heading.find_parent(id="jb-print-docs-body") is None
+    ]
+    assert levels[0] == 1
+    assert levels.count(1) == 1
+    assert all(b <= a + 1 for a, b in pairwise(levels)), levels
+    ids = [tag["id"] for tag in soup.find_all(id=True)]
+    assert len(ids) == len(set(ids))
+    for table in main.find_all("table"):
+        if table.get("role") != "presentation":
+            check_table(table)
+
+
+def check_table(table: Tag) -> None:
+    headers = table.find_all("th")
+    assert headers
+    assert {header.get("scope") for header in headers} <= {"col", "row"}
+    assert all(header.get_text(strip=True) for header in headers)
+    name = table.caption.get_text() if table.caption else table.get("aria-label")
+    assert isinstance(name, str)
+    assert len(name) > 1
+
+
+def test_only_an_index_lays_out_by_a_table(built_site: Path) -> None:
+    laid_out = [
+        name
+        for name in PAGES
+        if parsed(built_site, name).find("table", attrs={"role": "presentation"})
+    ]
+    assert laid_out == ["genindex.html", "prf-prf.html", "py-modindex.html"]
+
+
+def test_titles_tell_the_pages_apart(built_site: Path) -> None:
+    titles = [str(parsed(built_site, name).title) for name in PAGES]
+    assert len(titles) == len(set(titles))
+
+
+# Alternative texts
+
+# figures that show no data
+DIAGRAMS = {"fig-03-modes": "two block diagrams of the hybrid"}
+
+
+def figures(project: Project) -> list[tuple[str, dict[str, str], str]]:
+    """Return chapter, name with alternative text, and all string literals, of each figure."""
+    found = []
+    for path in sorted((project.root / "book" / "chapters").glob("*.ipynb")):
+        notebook = nbformat.read(path, as_version=4)
+        code = "\n".join(cell.source for cell in notebook.cells if cell.cell_type == "code")
+        for cell in notebook.cells:
+            for output in cell.get("outputs", []):
+                if shown := output.get("metadata", {}).get("inswsn"):
+                    found.append((path.stem, dict(shown), code))
+    return found
+
+
+def computed_part(alt: str, code: str) -> str:
+    """Return what is left of an alternative text without what the source spells out."""
+    spelt = {
+        node.value
+        for node in ast.walk(ast.parse(code))
+        if isinstance(node, ast.Constant) and isinstance(node.value, str)
+    }
+    # a label such as "area 1" may be part of it; a lone digit is a key of something
+    for text in sorted(spelt, key=len, reverse=True):
+        if re.search(r"\d", text) and re.search(r"[A-Za-z]", text):
+            alt = alt.replace(text, " … ")
+    return alt
+
+
+def test_figures_have_alternative_texts_with_numbers_of_the_run(
+    built_site: Path, project: Project
+) -> None:
+    shown = figures(project)
+    assert len(shown) > 30
+    for chapter, figure, code in shown:
+        name, alt = figure["name"], figure["alt"]
+        assert len(alt) > 60, f"{chapter}: {name}"
+        if name not in DIAGRAMS:
+            assert re.search(r"\d", computed_part(alt, code)), f"{chapter}: {name}: {alt}"
+    assert {figure["name"] for _, figure, _ in shown} > set(DIAGRAMS)
+
+
+def test_a_text_that_is_typed_in_is_no_number_of_a_run() -> None:
+    code = 'alt = "A map of 700 m."\nother = f"A path of {length:.0f} m."'
+    assert not re.search(r"\d", computed_part("A map of 700 m.", code))
+    assert re.search(r"\d", computed_part("A path of 12 m.", code))
+
+
+def test_every_image_of_a_page_tells_numbers(built_site: Path) -> None:
+    """Those of generated pages too, as the reader gets them."""
+    without = []
+    for name in PAGES:
+        main = parsed(built_site, name).find("main")
+        assert isinstance(main, Tag)
+        for image in main.find_all("img"):
+            figure = image.find_parent("figure")
+            if not re.search(r"\d", str(image.get("alt"))):
+                without.append(figure.get("id") if figure is not None else name)
+    assert without == list(DIAGRAMS)
+
+
+# Contrast of what is not text
+
+
+def luminance(colour: np.ndarray) -> float:
+    """Return the relative luminance of an sRGB colour in [0, 1], by WCAG 2.2."""
+    linear = np.where(colour <= 0.04045, colour / 12.92, ((colour + 0.055) / 1.055) ** 2.4)
+    return float(linear @ [0.2126, 0.7152, 0.0722])
+
+
+def contrast_of(one: np.ndarray, other: np.ndarray) -> float:
+    dark, light = sorted((luminance(one), luminance(other)))
+    return (light + 0.05) / (dark + 0.05)
+
+
+def channels(colour: str) -> np.ndarray:
+    return np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)]) / 255
+
+
+def filtered(colour: np.ndarray) -> np.ndarray:
+    """Return what ``invert(0.9) hue-rotate(180deg)`` makes of a colour (Filter Effects 1)."""
+    inverted = 0.9 + colour * (0.1 - 0.9)
+    parts = np.array([0.213, 0.715, 0.072])
+    # the matrix of the specification at 180 degrees, where the cosine is -1 and the sine is 0
+    turned = (2 * np.outer(np.ones(3), parts) - np.eye(3)) @ inverted
+    return np.clip(turned, 0, 1)
+
+
+@pytest.mark.parametrize("name", COLOURS)
+def test_inks_of_figures_stand_out_in_both_themes(name: str) -> None:
+    ink = channels(COLOURS[name])
+    assert contrast_of(ink, channels("#ffffff")) >= 3
+    assert contrast_of(filtered(ink), channels("#121212")) >= 3
+
+
+@pytest.mark.parametrize("ink", [*COLOURS.values(), "#000000"])
+def test_the_filter_is_what_the_browser_does(browser: Browser, ink: str) -> None:
+    page = browser.new_page(viewport={"width": 20, "height": 20})
+    page.set_content(
+        f"<body style='margin: 0'><div style='width: 20px; height: 20px; background: {ink}; "
+        "filter: invert(0.9) hue-rotate(180deg)'></div>"
+    )
+    painted = Image.open(BytesIO(page.screenshot())).convert("RGB").getpixel((10, 10))
+    np.testing.assert_allclose(np.array(painted) / 255, filtered(channels(ink)), atol=2 / 255)
+    page.close()
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_the_grounds_and_the_marks_of_verdicts(browser: Browser, served: str, scheme: str) -> None:
+    page = opened(browser, served, "claims.html", color_scheme=scheme)
+    ground = rgb(page, "getComputedStyle(document.body).backgroundColor")
+    expected = {"light": "#ffffff", "dark": "#121212"}[scheme]
+    np.testing.assert_allclose(ground, channels(expected), atol=1e-3)
+    for verdict in ("reproduced", "not-reproduced", "contradicted-by-the-paper-itself"):
+        mark = rgb(
+            page,
+            f"getComputedStyle(document.querySelector('.claim.verdict-{verdict}')).borderLeftColor",
+        )
+        assert contrast_of(mark, ground) >= 3, verdict
+    page.close()
+
+
+def rgb(page: Page, expression: str) -> np.ndarray:
+    words = re.findall(r"[\d.]+", page.evaluate(expression))
+    return np.array([float(word) for word in words[:3]]) / 255
+
+
+# Small screens and large letters
+
+# Text that leaves the window, or is in a box that scrolls sideways. Tables, code, formulas on
+# lines of their own and the images of figures may scroll in their boxes; captions may not.
+TEXT_OUTSIDE = """() => {
+  const main = document.querySelector(".bd-article");
+  const wide = document.documentElement.clientWidth;
+  const boxed = "table, pre, mjx-container[display], .math mjx-container, svg, .sr-only";
+  const outside = [];
+  const walker = document.createTreeWalker(main, NodeFilter.SHOW_TEXT);
+  for (let text; (text = walker.nextNode()); ) {
+    const parent = text.parentElement;
+    if (!text.data.trim() || parent.closest("mjx-container, script, style")) continue;
+    if (parent.closest(boxed) && !parent.closest("caption")) continue;
+    const range = document.createRange();
+    range.selectNodeContents(text);
+    for (const box of range.getClientRects())
+      if (box.width > 1 && (box.right > wide + 1 || box.left < -1)) {
+        outside.push(text.data.trim().slice(0, 60));
+        break;
+      }
+    for (let box = parent; box !== main; box = box.parentElement) {
+      if (box.matches("figure, .pst-scrollable-table-container, .cell_output")) continue;
+      const style = getComputedStyle(box);
+      if (style.overflowX !== "visible" && style.display !== "inline"
+          && box.scrollWidth > box.clientWidth + 1) {
+        outside.push(`in a box that scrolls: ${text.data.trim().slice(0, 60)}`);
+        break;
+      }
+    }
+  }
+  for (const formula of main.querySelectorAll("mjx-container:not([display])"))
+    if (!formula.closest("table") && formula.getBoundingClientRect().right > wide + 1)
+      outside.push(`formula: ${formula.parentElement.textContent.trim().slice(0, 60)}`);
+  return outside;
+}"""
+
+# the text spacing of WCAG 2.2, 1.4.12
+SPACED = """
+* { letter-spacing: 0.12em !important; line-height: 1.5 !important;
+  word-spacing: 0.16em !important; }
+p { margin-bottom: 2em !important; }
+mjx-container, mjx-container * { letter-spacing: normal !important; line-height: 0 !important;
+  word-spacing: normal !important; }
+"""
+
+CLIPPED = """() => [...document.querySelectorAll("main *")]
+  .filter((box) => [...box.childNodes].some((n) => n.nodeType === 3 && n.data.trim()))
+  .filter((box) => !box.closest("mjx-container, script, style, noscript, .visually-hidden"))
+  .filter((box) => box.checkVisibility({visibilityProperty: true, opacityProperty: true}))
+  .filter((box) => ["hidden", "clip"].includes(getComputedStyle(box).overflowY))
+  .filter((box) => box.scrollHeight > box.clientHeight + 2)
+  .map((box) => `${box.localName}.${box.className}: ${box.textContent.trim().slice(0, 60)}`)"""
+
+
+def text_is_read_without_sideways_scrolling(page: Page, name: str) -> None:
+    """At 320 px, which is also a window of 1280 px at 400 %; and with text spaced out."""
+    page.set_viewport_size({"width": 320, "height": 800})
+    opened_now = page.evaluate(
+        """() => [...document.querySelectorAll("main details:not([open])")]
+          .map((d) => { d.open = true; return d; }).length"""
+    )
+    assert page.evaluate(TEXT_OUTSIDE) == [], name
+    style = page.add_style_tag(content=SPACED)
+    assert page.evaluate(CLIPPED) == [], name
+    assert page.evaluate(TEXT_OUTSIDE) == [], f"{name}, spaced out"
+    style.evaluate("style => style.remove()")
+    if opened_now:
+        page.evaluate("document.querySelectorAll('main details').forEach(d => { d.open = false; })")
+
+
+# The keyboard
+
+
+def test_the_first_tab_leads_past_the_contents(browser: Browser, served: str) -> None:
+    page = opened(browser, served, "claims.html")
+    page.keyboard.press("Tab")
+    link = page.locator(":focus")
+    assert link.inner_text() == "Skip to main content"
+    assert link.is_visible()
+    page.keyboard.press("Enter")
+    page.wait_for_url("**#main-content")
+    page.keyboard.press("Tab")
+    assert page.evaluate("document.activeElement.closest('main') !== null")
+    page.close()
+
+
+def test_focus_is_seen(browser: Browser, served: str) -> None:
+    """Whatever a tab leads to is outlined, or shadowed as by an outline."""
+    page = opened(browser, served, "chapters/90-your-own-data.html")
+    reached = set()
+    for _ in range(60):
+        page.keyboard.press("Tab")
+        kind, style = page.evaluate(
+            """() => {
+              const at = document.activeElement;
+              const seen = [at, at.querySelector("*") ?? at, at.parentElement];
+              const marks = seen.map((e) => getComputedStyle(e));
+              const marked = marks.some((s) => s.boxShadow !== "none"
+                || (s.outlineStyle !== "none" && s.outlineWidth !== "0px"));
+              return [`${at.localName}.${at.className}`, marked];
+            }"""
+        )
+        assert style, kind
+        reached.add(kind.split(".")[0])
+    assert {"a", "button", "summary"} <= reached
+    page.close()
+
+
+def test_a_solution_opens_by_the_keyboard_and_without_scripts(
+    browser: Browser, served: str
+) -> None:
+    page = browser.new_page(java_script_enabled=False)
+    page.goto(f"{served}chapters/90-your-own-data.html")
+    solution = page.locator("details.solution").first
+    body = solution.locator(".solution-body")
+    assert not body.is_visible()
+    solution.locator("summary").press("Enter")
+    assert body.is_visible()
+    page.close()
+
+
+def test_formulas_in_the_text_are_no_tab_stops(browser: Browser, served: str) -> None:
+    page = opened(browser, served, "notation.html")
+    page.wait_for_function(
+        "document.querySelectorAll('mjx-container:not([display])[tabindex=\"0\"]').length === 0"
+    )
+    # a screen reader has their MathML
+    formulas = page.locator("mjx-container").count()
+    assert page.locator("mjx-container > mjx-assistive-mml > math").count() == formulas > 0
+    page.close()
+
+
+def test_nothing_moves_for_who_has_asked_for_that(browser: Browser, served: str) -> None:
+    page = opened(browser, served, "index.html", reduced_motion="reduce")
+    moving = page.evaluate(
+        """() => [...document.querySelectorAll("*")].filter((e) => {
+          const style = getComputedStyle(e);
+          return [style.transitionDuration, style.animationDuration]
+            .some((d) => d.split(",").some((t) => parseFloat(t) > 0));
+        }).length"""
+    )
+    assert moving == 0
+    assert page.evaluate("getComputedStyle(document.documentElement).scrollBehavior") == "auto"
+    page.close()
