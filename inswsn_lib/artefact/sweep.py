@@ -146,7 +146,7 @@ class _Sweep:
                     again = self._taken(task, workers.outcome(future))
                 except WorkerDiedError as death:
                     again = {cell: str(death) for cell, _ in task.cells}
-                tasks.extendleft(self._tried_again(task, again))
+                tasks.extendleft(reversed(self._tried_again(task, again)))
 
     def _still_wanted(self, task: Task) -> Task:
         """Return the task without the cells that have failed meanwhile."""

@@ -387,8 +387,11 @@ def test_a_worker_that_dies_costs_its_own_cell_alone(own: Own, tmp_path: Path) -
 
 def test_the_death_of_a_process_is_told_from_what_it_raises(own: Own, tmp_path: Path) -> None:
     class Mortal(InThisProcess):
+        died = False
+
         def outcome(self, future: Future[Outcome]) -> Outcome:
-            if len(self.tasks) == 1:
+            if not self.died:
+                self.died = True
                 raise WorkerDiedError("gone")
             return future.result()
 
@@ -519,7 +522,7 @@ def test_sweeps_of_different_things_are_not_mixed(own: Own, tmp_path: Path) -> N
     own.run(own.plan(*GRID, runs=64), out, workers=InThisProcess())
     before = (out / "sweep.csv").read_bytes()
     for plan, what in (
-        (own.plan("spread=1,2", runs=64), "grid"),
+        (own.plan("spread=1,3", "told=0,0.5", runs=64), "grid"),
         (own.plan(*GRID, runs=64, settings=("seed=6",)), "set of parameters"),
     ):
         with pytest.raises(InswsnError, match=f"was made with another {what}; give another --out"):
