@@ -21,6 +21,7 @@ Without --python its cells stay as they were stored, as do all cells that are no
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 from pathlib import Path
@@ -120,6 +121,9 @@ def main() -> None:
             run_all(project, todo, given.jobs, progress)
     except InswsnError as error:
         sys.exit(str(error))
+    except KeyboardInterrupt:
+        # not after the runs that are under way: their workers end when this process is gone
+        os._exit(130)
 
 
 if __name__ == "__main__":

@@ -48,8 +48,8 @@ ELSEWHERE = "data/elsewhere.json"
 AGAIN = "again"
 
 # What a processor of 2008 could do, told to each library that chooses its code by the processor:
-# OpenBLAS, numpy, the C library (exp, sin ...), torch and its MKL. One that is not here, or knows no
-# such variable, goes on as before.
+# OpenBLAS, numpy, the C library (exp, sin ...), torch and its MKL. One that knows no such variable
+# goes on as before.
 _OLDER = {
     "OPENBLAS_CORETYPE": "Prescott",
     "NPY_DISABLE_CPU_FEATURES": "X86_V3 X86_V4 AVX512_ICL AVX512_SPR",

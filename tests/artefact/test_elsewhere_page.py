@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 from conftest import MiniProject
 
+from inswsn_lib.artefact import execution
 from inswsn_lib.artefact.elsewhere import (
     AGAIN,
     ELSEWHERE,
@@ -169,8 +170,16 @@ def test_a_key_knows_the_surroundings(mini: MiniProject, plain: Callable[..., Va
     assert len({run_key(mini, variant, chapter) for variant in made}) == len(made)
 
 
-def test_only_a_run_of_ones_own_listens_to_the_variable(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_only_a_run_of_ones_own_listens_to_the_variable(
+    mini: MiniProject, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("INSWSN_SOLVER", "scs")
+    for surroundings, solver in (
+        (Surroundings(), "clarabel"),
+        (chosen_surroundings(), "scs"),
+    ):
+        told = execution._environment(mini, mini.root, surroundings)
+        assert told["INSWSN_SOLVER"] == solver
     assert chosen_surroundings().solver == "scs"
     assert Surroundings().solver == "clarabel"
     monkeypatch.setenv("INSWSN_SOLVER", "")

@@ -67,14 +67,19 @@ def test_another_python_must_be_one(project: Project) -> None:
         variants("/no/such/python")
 
 
-def test_the_stored_study_has_every_variant_of_every_chapter_it_speaks_of(study: Study) -> None:
-    """But for other Pythons, of which there may be none."""
-    here = {v.id for v in variants()}
-    there = {cell.variant for cell in study.cells}
-    assert here - {"hash-seed"} <= there
+def test_what_has_not_been_run_is_said_not_to_have_been(project: Project, study: Study) -> None:
     assert len({(c.variant, c.chapter) for c in study.cells}) == len(study.cells)
-    for name in here - {"hash-seed"}:
-        assert [cell.chapter for cell in study.of(name)] == study.chapters
+    assert {AGAIN, "threads-2", "older-processor"} <= set(study.variants)
+    texts = elsewhere_texts(project)
+    rows = texts["elsewhere-chapters.md"].split("* - ")[2:]
+    for chapter, row in zip(study.chapters, rows, strict=True):
+        entries = [entry.strip() for entry in row.split("\n  - ")[1:]]
+        for name, entry in zip(study.variants, entries, strict=True):
+            cell = study.cell(name, chapter)
+            ran = cell is not None and cell.failed is None
+            assert entry.startswith("not run") != ran
+    for missing in {c.number for c in project.chapters()} - set(study.chapters):
+        assert f"chapter {missing}" in texts["elsewhere-made.md"].split("Not run elsewhere yet")[1]
 
 
 def test_the_stored_machines_computed_as_asked(study: Study) -> None:
