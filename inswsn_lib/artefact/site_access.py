@@ -112,9 +112,10 @@ def _names(soup: BeautifulSoup) -> None:
     """Name links and buttons by what they do."""
     for link in soup.select("a.headerlink"):
         link["aria-label"] = link.get("title") or "Link to this place"
-    # each has a text that tells what a click does, and changes with it
+    # the name must hold the text that is seen, of which a style shows one of two
     for summary in soup.select("details.hide > summary"):
-        del summary["aria-label"]
+        said = summary.find("p", class_="collapsed")
+        summary["aria-label"] = said.get_text(strip=True) if said else summary.get_text(strip=True)
     for link in soup.select("a.reference.external"):
         if link.get_text(strip=True) == link.get("href"):
             link["class"] = " ".join(
@@ -129,6 +130,9 @@ def _landmarks(soup: BeautifulSoup) -> None:
     for sidebar in soup.select("#pst-primary-sidebar"):
         sidebar["role"] = "complementary"
         sidebar["aria-label"] = "Book"
+    for printed in soup.select("#jb-print-docs-body"):
+        if printed.h1 is not None and not printed.h1.get_text(strip=True):
+            printed.decompose()  # an index has no title there
 
 
 def _ids(soup: BeautifulSoup) -> None:
