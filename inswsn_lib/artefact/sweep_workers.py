@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import logging
 import multiprocessing
 import os
 import signal
@@ -22,6 +23,10 @@ from inswsn_lib.artefact.sweep_tasks import (
 from inswsn_lib.errors import BuildError, InswsnError, ParameterError
 
 _CONNECT_SECONDS = 10
+_CHATTY = (
+    *("distributed", "distributed.client", "distributed.core", "distributed.utils"),
+    *("tornado.application", "asyncio"),
+)
 Compute = Callable[[Task], Outcome]
 
 
@@ -197,8 +202,7 @@ def dask_workers(address: str, module: str) -> Iterator[DaskWorkers]:
     import dask  # noqa: PLC0415  # they take a second to load
     import distributed  # noqa: PLC0415
 
-    quiet = {"distributed.comm.timeouts.connect": _CONNECT_SECONDS, "logging.distributed": "error"}
-    with dask.config.set(quiet):
+    with dask.config.set({"distributed.comm.timeouts.connect": _CONNECT_SECONDS}), _quiet():
         try:
             client = distributed.Client(address, timeout=_CONNECT_SECONDS, set_as_default=False)
         except (OSError, ValueError, ImportError, TypeError) as error:
@@ -209,6 +213,20 @@ def dask_workers(address: str, module: str) -> Iterator[DaskWorkers]:
         with client:
             _check_versions(client, address, module)
             yield DaskWorkers(client, address)
+
+
+@contextlib.contextmanager
+def _quiet() -> Iterator[None]:
+    """Keep the client's tracebacks from the terminal: what they mean is told in a sentence."""
+    loggers = [logging.getLogger(name) for name in _CHATTY]
+    levels = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.setLevel(logging.CRITICAL + 1)
+    try:
+        yield
+    finally:
+        for logger, level in zip(loggers, levels, strict=True):
+            logger.setLevel(level)
 
 
 def _check_versions(client: Any, address: str, module: str) -> None:

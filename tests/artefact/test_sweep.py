@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import signal
@@ -124,9 +125,8 @@ class Own:
         return make_plan(self.project, self.name, axes, settings, runs)
 
     def run(self, plan: Plan, out: Path, **options: Any) -> Finished:
-        self.said: list[str] = []
-        console = Console(file=open(os.devnull, "w"))  # noqa: PTH123, SIM115
-        return run_sweep(self.project, plan, SweepProgress(console), out=out, **options)
+        progress = SweepProgress(Console(file=io.StringIO()))
+        return run_sweep(self.project, plan, progress, out=out, **options)
 
     def draws(self) -> int:
         """Return how many groups were drawn since the last call."""
@@ -202,16 +202,11 @@ def test_a_sweep_is_one_call_of_monte_carlo_in_any_blocks(
 
 def test_a_sweep_is_the_same_in_any_number_of_processes(own: Own, tmp_path: Path) -> None:
     plan = own.plan(*GRID, runs=300)
-    texts = {}
-    for name, options in {
-        "here": {"workers": InThisProcess()},
-        "one": {"jobs": 1},
-        "three": {"jobs": 3, "block": 1},
-    }.items():
-        own.run(plan, tmp_path / name, **options)
-        texts[name] = (tmp_path / name / "sweep.csv").read_bytes()
-    assert texts["here"] == texts["one"] == texts["three"]
-    assert len(list(own.folder.glob("process-*"))) >= 3
+    own.run(plan, tmp_path / "one", workers=InThisProcess())
+    own.run(plan, tmp_path / "two", jobs=2, block=1)
+    tables = [(tmp_path / name / "sweep.csv").read_bytes() for name in ("one", "two")]
+    assert tables[0] == tables[1]
+    assert len(list(own.folder.glob("process-*"))) == 3  # this one, and two others
     table = pd.read_csv(tmp_path / "one" / "sweep.csv")
     assert list(table.columns) == [
         "spread", "told", "method", "quantity", "unit", "runs", "mean", "standard_error", "median",
@@ -221,10 +216,10 @@ def test_a_sweep_is_the_same_in_any_number_of_processes(own: Own, tmp_path: Path
     first = table.iloc[0]
     assert first["mean"] == pytest.approx(np.sqrt(2 / (5 * np.pi)), abs=4 * first["standard_error"])
     assert (tmp_path / "one" / "sweep.svg").read_text().startswith("<?xml")
-    facts = json.loads((tmp_path / "one" / "sweep.json").read_text())
+    facts = json.loads((tmp_path / "two" / "sweep.json").read_text())
     assert facts["grid"] == {"spread": [1.0, 2.0], "told": [0.0, 0.5]}
     assert facts["runs"] == 300
-    assert facts["computed by"] == "1 process of this machine"
+    assert facts["computed by"] == "2 processes of this machine"
 
 
 def test_more_runs_build_on_those_that_are_there(own: Own, tmp_path: Path) -> None:
@@ -499,22 +494,21 @@ def test_a_sweep_is_refused_before_anything_runs(
     assert own.draws() == 0
 
 
-@pytest.mark.parametrize(
-    ("name", "sentence"),
-    [
-        ("07", "NAME is '07'; it may be one of 00."),
-        (
-            "nothing_there:EXPERIMENT",
-            "NAME is 'nothing_there:EXPERIMENT'; it may be the number of a chapter, or "
-            "package.module:NAME, an inswsn_lib.experiments.Experiment; importing nothing_there "
-            "fails: ModuleNotFoundError: No module named 'nothing_there'.",
-        ),
-    ],
-)
-def test_one_sentence_and_status_2(mini: MiniProject, name: str, sentence: str) -> None:
-    done = run_command(mini.root, "sweep", name)
-    assert (done.returncode, done.stderr, done.stdout) == (2, f"inswsn: {sentence}\n", "")
+def test_one_sentence_and_status_2(mini: MiniProject) -> None:
+    done = run_command(mini.root, "sweep", "07", "--grid", "scale=1")
+    said = "inswsn: NAME is '07'; it may be one of 00.\n"
+    assert (done.returncode, done.stderr, done.stdout) == (2, said, "")
     assert not (mini.root / "runs").exists()
+
+
+def test_a_module_that_is_not_there(mini: MiniProject) -> None:
+    with pytest.raises(ParameterError) as refusal:
+        make_plan(mini, "nothing_there:EXPERIMENT", (), (), None)
+    assert str(refusal.value) == (
+        "NAME is 'nothing_there:EXPERIMENT'; it may be the number of a chapter, or "
+        "package.module:NAME, an inswsn_lib.experiments.Experiment; importing nothing_there "
+        "fails: ModuleNotFoundError: No module named 'nothing_there'."
+    )
 
 
 def test_sweeps_of_different_things_are_not_mixed(own: Own, tmp_path: Path) -> None:
@@ -569,32 +563,25 @@ def test_a_group_is_stored_once_and_a_task_whole(tmp_path: Path) -> None:
 
 def test_the_notebook_of_a_chapter_without_an_experiment(mini: MiniProject, tmp_path: Path) -> None:
     mini.chapter(
-        "```{code-cell} ipython3\nif scale == 3: raise ParameterError('scale', 3, 'odd')\n```"
-    )
-    mini.chapter(
         "```{code-cell} ipython3\n"
         "from inswsn_lib.errors import ParameterError\n"
         "if scale == 3:\n    raise ParameterError('scale', scale, 'another')\n```"
     )
     out = tmp_path / "out"
-    done = run_command(mini.root, "sweep", "0", "--grid", "scale=1,3,5", "--out", str(out))
-    assert done.returncode == 1
-    assert "scale=3.0: failed: scale is 3.0; it may be another." in done.stderr
+    console = Console(file=io.StringIO())
+    plan = make_plan(mini, "0", ["scale=1,3"], (), None)
+    done = run_sweep(mini, plan, SweepProgress(console), out=out, jobs=1)
+    assert done.failed == {"scale=3.0": "scale is 3.0; it may be another."}
     assert (out / "sweep.csv").read_text() == (
-        "scale,quantity,unit,runs,value,low,high,interval\n"
-        "1.0,twice,m,1,21.0,,,\n"
-        "5.0,twice,m,1,105.0,,,\n"
+        "scale,quantity,unit,runs,value,low,high,interval\n1.0,twice,m,1,21.0,,,\n"
     )
-    assert (out / "failed.csv").read_text() == (
-        "scale,reason\n3.0,scale is 3.0; it may be another.\n"
-    )
-    for words, said in (
-        (("--runs", "50"), "--runs is 50; it may be left out: chapter 00 has no parameter runs."),
-        (("--dask", "tcp://h:1"), "it may be left out: this chapter is executed as a whole."),
-    ):
-        refused = run_command(mini.root, "sweep", "00", *words)
-        assert refused.returncode == 2
-        assert said in refused.stderr
+    assert (
+        out / "failed.csv"
+    ).read_text() == "scale,reason\n3.0,scale is 3.0; it may be another.\n"
+    with pytest.raises(ParameterError, match="chapter 00 has no parameter runs"):
+        make_plan(mini, "00", (), (), 50)
+    with pytest.raises(ParameterError, match="this chapter is executed as a whole"):
+        run_sweep(mini, plan, SweepProgress(console), out=out, dask="tcp://h:1")
 
 
 SCHEMA = read_schema(
