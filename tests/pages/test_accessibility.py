@@ -117,7 +117,8 @@ def test_each_page_of_the_site_is_looked_at(built_site: Path, project: Project) 
 @pytest.mark.parametrize("name", PAGES)
 def test_a_page(browser: Browser, served: str, name: str) -> None:
     """All that is asked of each page in a browser; it is loaded once, since that takes long."""
-    page = opened(browser, served, name)
+    # a change of theme fades, and a colour on its way is none of the page's
+    page = opened(browser, served, name, reduced_motion="reduce")
     text_is_read_without_sideways_scrolling(page, name)
     axe_finds_nothing(page, name)
     page.close()
@@ -350,7 +351,7 @@ def rgb(page: Page, expression: str) -> np.ndarray:
 # Text that leaves the window, or is in a box that scrolls sideways. Tables, code, formulas on
 # lines of their own and the images of figures may scroll in their boxes; captions may not.
 TEXT_OUTSIDE = """() => {
-  const main = document.querySelector(".bd-article");
+  const main = document.querySelector(".bd-article") ?? document.querySelector("main");
   const wide = document.documentElement.clientWidth;
   const boxed = "table, pre, mjx-container[display], .math mjx-container, svg, .sr-only";
   const outside = [];
