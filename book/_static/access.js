@@ -15,13 +15,23 @@
       document.querySelectorAll(selector).forEach((box) => mark(box, name));
     // Each formula has a menu. The hundreds within the text are no tab stops; those on lines of
     // their own are.
-    for (const formula of document.querySelectorAll("mjx-container:not([display])"))
+    for (const formula of document.querySelectorAll("mjx-container:not([display])")) {
       formula.tabIndex = -1;
+      breaks(formula);
+    }
   }
 
-  function mark(box, name) {
+  // A formula that is wider than its paragraph scrolls as one on a line of its own does.
+  function breaks(formula) {
+    delete formula.dataset.scrolls;
+    const line = formula.parentElement.closest("p, li, dd, dt, td, th, figcaption, caption, div");
+    if (line && formula.scrollWidth > line.clientWidth + 1 && line.clientWidth > 0)
+      mark(formula, "Formula", true);
+  }
+
+  function mark(box, name, always = false) {
     const scrolls =
-      box.scrollWidth > box.clientWidth && getComputedStyle(box).overflowX !== "visible";
+      always || (box.scrollWidth > box.clientWidth && getComputedStyle(box).overflowX !== "visible");
     if (scrolls) {
       box.tabIndex = 0;
       box.dataset.scrolls = "";

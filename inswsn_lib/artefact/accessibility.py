@@ -15,7 +15,7 @@ AXE_TAGS = ("wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa", "best-practi
 #: Rules with one of these are not run unless they are named one by one.
 _NOT_RUN = frozenset({"deprecated", "experimental"})
 #: The screens on which each page is checked: theme, and width in px.
-SCREENS = (("light", 1300), ("dark", 1300), ("light", 360), ("dark", 360))
+SCREENS = (("light", 1300), ("dark", 1300), ("light", 360))
 #: Pages that Sphinx and its extensions add to those of the contents.
 MADE_PAGES = ("genindex", "prf-prf", "py-modindex", "search")
 _RULE = re.compile(r'tags:\[("cat\.[^\]]*)\]')
@@ -72,11 +72,10 @@ def accessibility_text(project: Project) -> str:
         If axe-core is not installed.
     """
     script = axe_script()
-    themes = list(dict.fromkeys(theme for theme, _ in SCREENS))
-    widths = list(dict.fromkeys(f"{width}" for _, width in SCREENS))
     return (
         f"axe-core {axe_version(script)} is run in Chromium on each of the {count_pages(project)} "
-        f"pages, in the {' and the '.join(themes)} theme, {' and '.join(widths)} px wide. "
+        f"pages: all rules in the {SCREENS[0][0]} theme, {SCREENS[0][1]} px wide, those on colours "
+        f"in the {SCREENS[1][0]} theme as well, those on sizes also {SCREENS[2][1]} px wide. "
         f"{count_rules(script)} of its rules are in force: those for WCAG 2.0, 2.1 and 2.2, levels "
         "A and AA, and its advice beyond them. A page on which one is broken fails the test.\n"
     )
