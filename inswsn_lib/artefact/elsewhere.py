@@ -84,8 +84,7 @@ class Variant:
 DESCRIPTIONS = {
     AGAIN: (
         "nothing",
-        "The same again: one thread, Clarabel, the Python of the lock. What moves here is not "
-        "repeatable at all, or was made on another machine.",
+        "The same again: one thread, Clarabel, the Python of the lock.",
     ),
     "threads-2": (
         "two threads",
@@ -232,6 +231,8 @@ class Cell(_Kept):
         Its version.
     blas : tuple of str
         The linear algebra libraries of the run, with their threads and code paths.
+    reference_cpu : str
+        The processor that the reference results were made on.
     day, commit, clean, cpu, system, sources
         See `inswsn_lib.artefact.study.Made`; `sources` has "chapter", "library", "locks" and
         "reference".
@@ -252,6 +253,7 @@ class Cell(_Kept):
     seconds: float
     python: str
     blas: tuple[str, ...] = ()
+    reference_cpu: str = ""
     day: Annotated[str, Field(pattern=r"^\d{4}-\d\d-\d\d$")]
     commit: str | None
     clean: bool | None
@@ -393,10 +395,12 @@ def plain_sentence(said: str, root: Path) -> str:
 def compared(project: Project, variant: Variant, chapter: Chapter, ran: Ran) -> Cell:
     """Hold a run against the reference results of its chapter."""
     reference = reference_results(project, chapter)
+    first = reference.provenance
     common: dict[str, Any] = {
         "variant": variant.id, "chapter": chapter.number, "seconds": ran.seconds,
-        "python": variant.version, "day": ran.day, "commit": ran.commit, "clean": ran.clean,
-        "cpu": ran.cpu, "system": ran.system,
+        "python": variant.version,
+        "reference_cpu": first.cpu if first else "", "day": ran.day,
+        "commit": ran.commit, "clean": ran.clean, "cpu": ran.cpu, "system": ran.system,
         "sources": ran.sources | {"reference": text_digest(reference.found().model_dump_json())},
     }  # fmt: skip
     if ran.results is None:

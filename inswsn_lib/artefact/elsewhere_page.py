@@ -101,7 +101,7 @@ def elsewhere_texts(project: Project) -> dict[str, str]:
     study = read_elsewhere(project.root / ELSEWHERE)
     refuse_unexplained(study, explained)
     return {
-        "elsewhere-summary.md": summary(study),
+        "elsewhere-summary.md": summary(study, len(project.chapters())),
         "elsewhere-variants.md": variants_list(study),
         "elsewhere-table.md": variants_table(study),
         "elsewhere-chapters.md": chapters_table(study),
@@ -148,8 +148,8 @@ def refuse_unexplained(study: Study, explained: Sequence[Explanation]) -> None:
                     )
 
 
-def summary(study: Study) -> str:
-    """Return what came of it all in a few sentences."""
+def summary(study: Study, chapters: int) -> str:
+    """Return what came of it all in a few sentences; the book has so many chapters."""
     ran = [cell for cell in study.cells if cell.failed is None]
     others = [cell for cell in ran if cell.variant != AGAIN]
     total, same = sum(c.compared for c in others), sum(c.identical for c in others)
@@ -158,8 +158,9 @@ def summary(study: Study) -> str:
     overturned = sum(len(cell.overturned) for cell in others)
     parts = [
         f"In {_count(len({c.variant for c in others}), 'way')} of changing the surroundings, "
-        f"{_count(len(others), 'execution')} of {_count(len(study.chapters), 'chapter')} were held "
-        f"against the reference results. Of {total} comparisons of a quantity with its own "
+        f"{_count(len(others), 'execution')} of {len(study.chapters)} of this book's "
+        f"{_count(chapters, 'chapter')} were held against the reference results. "
+        f"Of {total} comparisons of a quantity with its own "
         f"tolerance, {same} agreed to the last bit, {total - same - beyond} moved within the "
         f"tolerance, and **{beyond or 'none'}** went beyond it.",
         f"**{_none(flips, 'verdict')}** of {sum(c.judged for c in others)} changed, and "
@@ -172,6 +173,7 @@ def summary(study: Study) -> str:
         parts.append(
             f"With nothing changed, {sum(c.compared for c in again) - moved} of "
             f"{sum(c.compared for c in again)} quantities came out the same to the last bit."
+            + _processors(again)
         )
     missing = [cell for cell in study.cells if cell.failed is not None]
     if missing:
@@ -180,6 +182,18 @@ def summary(study: Study) -> str:
             "chapters` says why."
         )
     return " ".join(parts) + "\n"
+
+
+def _processors(again: list[Cell]) -> str:
+    """Return a sentence if runs with nothing changed were made on other processors."""
+    pairs = {(cell.reference_cpu, cell.cpu) for cell in again if cell.reference_cpu != cell.cpu}
+    if not pairs:
+        return ""
+    before, now = (" and ".join(sorted(set(names))) for names in zip(*pairs, strict=True))
+    return (
+        f" The reference was made on {before}, and these runs on {now}: nothing else is changed, "
+        "but the machine is another one."
+    )
 
 
 def _count(number: int, word: str) -> str:
@@ -370,7 +384,9 @@ def solvers_list(study: Study) -> str:
         for cell in study.of("scs")
         if (counts := [(n, t) for n, t in cell.solvers.items() if n.endswith(", all designs")])
     ]
-    return "\n".join(lines) + "\n" if lines else "SCS has not been tried.\n"
+    return (
+        "\n".join(lines) + "\n" if lines else "No chapter that was run with SCS designs a filter.\n"
+    )
 
 
 def made_note(project: Project, study: Study) -> str:

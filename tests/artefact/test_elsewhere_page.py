@@ -206,8 +206,11 @@ def test_cells_that_are_run_again_take_the_place_of_the_old(tmp_path: Path) -> N
 
 def test_the_sentences_follow_the_cells() -> None:
     none = Study(cells=(cell(), cell("threads-2", identical=4)))
-    text = summary(none)
-    assert "In 1 way of changing the surroundings, 1 execution of 1 chapter" in text
+    text = summary(none, 3)
+    assert (
+        "In 1 way of changing the surroundings, 1 execution of 1 of this book's 3 chapters were"
+        in text
+    )
     assert "Of 4 comparisons of a quantity with its own tolerance, 4 agreed" in text
     assert "**none** went beyond" in text
     assert "**No verdict** of 1 changed, and **No sentence** of 2" in text
@@ -217,7 +220,7 @@ def test_the_sentences_follow_the_cells() -> None:
         overturned=("One.", "Two."), flipped=(Flipped(claim="P1-X", before="a", after=None),),
     )  # fmt: skip
     some = Study(cells=(cell(), flipped, cell("scs", failed="It broke.", compared=0)))
-    text = summary(some)
+    text = summary(some, 3)
     assert "1 agreed to the last bit, 2 moved within the tolerance, and **1** went beyond" in text
     assert "**One verdict** of 1 changed, and **2 sentences** of 2 that are bound" in text
     assert "1 execution could not be made" in text
