@@ -19,6 +19,7 @@
       formula.tabIndex = -1;
       breaks(formula);
     }
+    document.documentElement.dataset.measured = window.innerWidth;  // for the tests
   }
 
   // A formula that is wider than its paragraph scrolls as one on a line of its own does.

@@ -235,7 +235,7 @@ def variants_table(study: Study) -> str:
     rows = [
         [
             "changed", "chapters", "quantities", "same to the last bit", "beyond tolerance",
-            "farthest, in tolerances", "sentences overturned", "verdicts flipped", "run time",
+            "farthest, in tolerances", "sentences overturned", "verdicts flipped",
         ]
     ]  # fmt: skip
     for name in study.variants:
@@ -250,13 +250,11 @@ def variants_table(study: Study) -> str:
                 _farthest(cells),
                 f"{sum(len(c.overturned) for c in cells)} of {sum(c.sentences for c in cells)}",
                 f"{sum(len(c.flipped) for c in cells)} of {sum(c.judged for c in cells)}",
-                _ratio(study, cells),
             ]
         )
     return list_table(
         "What moves when one thing of the surroundings is changed. A quantity is beyond its "
-        "tolerance if its value or an end of its interval is. The run time is over that of the "
-        "same chapters with nothing changed; the machine had other work as well, so it is rough.",
+        "tolerance if its value or an end of its interval is.",
         "tbl-elsewhere",
         rows,
     )
@@ -281,13 +279,6 @@ def tolerances(moved: Moved) -> str:
     if moved.deviation < _SMALL:
         return f"below {_SMALL:g}"
     return f"{moved.deviation:.2g}"
-
-
-def _ratio(study: Study, cells: Iterable[Cell]) -> str:
-    pairs = [(cell, study.cell(AGAIN, cell.chapter)) for cell in cells]
-    both = [(cell, first) for cell, first in pairs if first is not None and first.failed is None]
-    before = sum(first.seconds for _, first in both)
-    return f"× {sum(cell.seconds for cell, _ in both) / before:.1f}" if before else "–"
 
 
 def chapters_table(study: Study) -> str:

@@ -415,6 +415,7 @@ def text_is_read_without_sideways_scrolling(page: Page, name: str) -> None:
         """() => [...document.querySelectorAll("main details:not([open])")]
           .map((d) => { d.open = true; return d; }).length"""
     )
+    page.wait_for_function("document.documentElement.dataset.measured === '320'")
     assert page.evaluate(TEXT_OUTSIDE) == [], name
     style = page.add_style_tag(content=SPACED)
     assert page.evaluate(CLIPPED) == [], name
