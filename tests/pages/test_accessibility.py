@@ -75,7 +75,8 @@ THIN = """() => {
     else seen.add(kind);
   }
   const leave = (boxes, count) => [...boxes].slice(count).forEach((box) => box.remove());
-  leave(document.querySelectorAll("mjx-container"), 10);
+  // a header that is a formula would be empty without it
+  leave(document.querySelectorAll("mjx-container:not(th mjx-container)"), 10);
   for (const rows of document.querySelectorAll("main tbody")) leave(rows.children, 8);
   for (const kind of new Set([...document.querySelectorAll(".claim")].map((c) => c.className)))
     leave(document.getElementsByClassName(kind), 2);
@@ -365,7 +366,8 @@ TEXT_OUTSIDE = """() => {
   const walker = document.createTreeWalker(main, NodeFilter.SHOW_TEXT);
   for (let text; (text = walker.nextNode()); ) {
     const parent = text.parentElement;
-    if (!text.data.trim() || parent.closest("mjx-container, script, style")) continue;
+    if (!text.data.trim() || parent.closest("mjx-container, script, style, .headerlink"))
+      continue;
     if (parent.closest(boxed) && !parent.closest("caption")) continue;
     const range = document.createRange();
     range.selectNodeContents(text);
