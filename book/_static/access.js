@@ -15,19 +15,20 @@
       document.querySelectorAll(selector).forEach((box) => mark(box, name));
     // Each formula has a menu. The hundreds within the text are no tab stops; those on lines of
     // their own are.
-    for (const formula of document.querySelectorAll("mjx-container:not([display])")) {
-      formula.tabIndex = -1;
-      breaks(formula);
+    // all is written before anything is read: each change between would lay out the page anew
+    const formulas = [...document.querySelectorAll("mjx-container:not([display])")];
+    for (const formula of formulas) {
+      if (formula.tabIndex !== -1) formula.tabIndex = -1;
+      if ("scrolls" in formula.dataset) delete formula.dataset.scrolls;
     }
+    for (const formula of formulas.filter(tooWide)) mark(formula, "Formula", true);
     document.documentElement.dataset.measured = window.innerWidth;  // for the tests
   }
 
   // A formula that is wider than its paragraph scrolls as one on a line of its own does.
-  function breaks(formula) {
-    delete formula.dataset.scrolls;
+  function tooWide(formula) {
     const line = formula.parentElement.closest("p, li, dd, dt, td, th, figcaption, caption, div");
-    if (line && formula.scrollWidth > line.clientWidth + 1 && line.clientWidth > 0)
-      mark(formula, "Formula", true);
+    return line && line.clientWidth > 0 && formula.scrollWidth > line.clientWidth + 1;
   }
 
   function mark(box, name, always = false) {
