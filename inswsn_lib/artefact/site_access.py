@@ -122,7 +122,7 @@ def _names(soup: BeautifulSoup) -> None:
                 [*link["class"], "bare"]
             )  # on paper its address is written once
     for entry in soup.select('[role="doc-biblioentry"]'):
-        del entry["role"]  # it is none for this element any more
+        entry["role"] = "listitem"  # the other is none for this element any more
     for button in soup.select("button.sidebar-toggle"):
         button["aria-label"] = button.get("title") or "Toggle sidebar"
 

@@ -59,7 +59,11 @@ RULES: list[dict[str, Any]] = [
 
 RUN_AXE = """async options => {
   const found = await axe.run(document, options);
-  return found.violations.flatMap((rule) => rule.nodes.map((node) => {
+  // axe does not count a formula as text, though its MathML is read
+  const formula = (rule, node) => rule.id === "empty-table-header"
+    && document.querySelector(node.target.flat()[0])?.querySelector("mjx-container math");
+  return found.violations.flatMap((rule) => rule.nodes
+    .filter((node) => !formula(rule, node)).map((node) => {
     const checks = [...node.any, ...node.all, ...node.none];
     const why = checks.map((check) => check.message).join(" ");
     return `${rule.id}: ${node.target.flat().join(" ")}: ${why}`;
