@@ -21,10 +21,11 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
 from inswsn_lib.artefact.cache import chapter_key
 from inswsn_lib.artefact.execution import ChapterError, Surroundings, execute_once
+from inswsn_lib.artefact.kept import read_kept
 from inswsn_lib.artefact.progress import Progress
 from inswsn_lib.artefact.project import Chapter, Project
 from inswsn_lib.artefact.publishing import reference_results
@@ -488,13 +489,4 @@ def read_elsewhere(path: Path) -> Study:
     InswsnError
         If there is none, or it is not of the form; the sentence says where.
     """
-    try:
-        return Study.model_validate_json(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise InswsnError(f"There is no {path}; make it with make elsewhere.") from None
-    except UnicodeDecodeError:
-        raise InswsnError(f"{path} is not a study: it is not UTF-8.") from None
-    except ValidationError as error:
-        first = error.errors()[0]
-        place = ".".join(map(str, first["loc"])) or "the file"
-        raise InswsnError(f"{path} is not a study: {place}: {first['msg']}.") from None
+    return read_kept(path, Study, "elsewhere")

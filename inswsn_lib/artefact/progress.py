@@ -1,37 +1,36 @@
-"""Progress on the terminal: a bar a chapter, or plain lines where there is no terminal."""
+"""Progress on the terminal: bars, or plain lines where there is no terminal."""
 
 from __future__ import annotations
 
 import time
 from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
 from rich import progress as bars
 from rich.console import Console
 
 
-class Progress:
-    """Shows chapter, cell and elapsed time; used as a context manager, from any thread.
+class Bars:
+    """Bars on a terminal and lines above them; used as a context manager, from any thread.
 
     Parameters
     ----------
     console : rich.console.Console, optional
-        Where to write. Default: standard error.
+        Where to write. Default: standard error. Where it is no terminal there are no bars.
+    columns : rich.progress.ProgressColumn
+        What a bar shows.
+    options
+        Further options of `rich.progress.Progress`.
     """
 
-    def __init__(self, console: Console | None = None) -> None:
+    def __init__(
+        self, console: Console | None, *columns: bars.ProgressColumn, **options: Any
+    ) -> None:
         self._console = console or Console(stderr=True)
         self._live = self._console.is_terminal
         self._bars = bars.Progress(
-            bars.TextColumn("{task.description}"),
-            bars.BarColumn(bar_width=24),
-            bars.TextColumn("cell {task.completed:.0f} of {task.total:.0f}"),
-            bars.TimeElapsedColumn(),
-            console=self._console,
-            disable=not self._live,
+            *columns, console=self._console, disable=not self._live, **options
         )
-        self._tasks: dict[str, bars.TaskID] = {}
-        self._starts: dict[str, float] = {}
 
     def __enter__(self) -> Self:
         self._bars.start()
@@ -48,6 +47,27 @@ class Progress:
     def say(self, text: str) -> None:
         """Write one line, above the bars."""
         self._console.print(text, markup=False, highlight=False, soft_wrap=True)
+
+
+class Progress(Bars):
+    """Shows chapter, cell and elapsed time.
+
+    Parameters
+    ----------
+    console : rich.console.Console, optional
+        Where to write. Default: standard error.
+    """
+
+    def __init__(self, console: Console | None = None) -> None:
+        super().__init__(
+            console,
+            bars.TextColumn("{task.description}"),
+            bars.BarColumn(bar_width=24),
+            bars.TextColumn("cell {task.completed:.0f} of {task.total:.0f}"),
+            bars.TimeElapsedColumn(),
+        )
+        self._tasks: dict[str, bars.TaskID] = {}
+        self._starts: dict[str, float] = {}
 
     def unchanged(self, chapter: str) -> None:
         """Say that a chapter is taken from the cache."""

@@ -6,9 +6,9 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
-from inswsn_lib.errors import InswsnError
+from inswsn_lib.artefact.kept import read_kept
 from inswsn_lib.files import write_whole
 from inswsn_lib.parameters import Value
 
@@ -130,16 +130,7 @@ def read_study(path: Path) -> Study:
     InswsnError
         If there is none, or it is not of the form; the sentence says where.
     """
-    try:
-        return Study.model_validate_json(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise InswsnError(f"There is no {path}; make it with make studies.") from None
-    except UnicodeDecodeError:
-        raise InswsnError(f"{path} is not a study: it is not UTF-8.") from None
-    except ValidationError as error:
-        first = error.errors()[0]
-        place = ".".join(map(str, first["loc"])) or "the file"
-        raise InswsnError(f"{path} is not a study: {place}: {first['msg']}.") from None
+    return read_kept(path, Study, "studies")
 
 
 def merged(runs: Iterable[Run], before: Mapping[tuple[str, str], Run]) -> tuple[Run, ...]:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from types import TracebackType
-from typing import Self
-
 from rich import progress as bars
 from rich.console import Console
 
+from inswsn_lib.artefact.progress import Bars
 
-class SweepProgress:
+
+class SweepProgress(Bars):
     """Shows runs done of all runs, cells that failed, and the time that is left.
 
     Parameters
@@ -19,37 +18,18 @@ class SweepProgress:
     """
 
     def __init__(self, console: Console | None = None) -> None:
-        self._console = console or Console(stderr=True)
-        self._live = self._console.is_terminal
-        self._bars = bars.Progress(
+        super().__init__(
+            console,
             bars.TextColumn("{task.description}"),
             bars.BarColumn(bar_width=20),
             bars.TextColumn("{task.completed:,.0f} of {task.total:,.0f} runs"),
             bars.TextColumn("{task.fields[failed]}"),
             bars.TimeRemainingColumn(),
-            console=self._console,
-            disable=not self._live,
             # a task takes seconds, and the first ones of a cell longer than the others
             speed_estimate_period=120,
         )
         self._bar: bars.TaskID | None = None
         self._failed = 0
-
-    def __enter__(self) -> Self:
-        self._bars.start()
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self._bars.stop()
-
-    def say(self, text: str) -> None:
-        """Write one line, above the bar."""
-        self._console.print(text, markup=False, highlight=False, soft_wrap=True)
 
     def started(self, name: str, done: int, total: int) -> None:
         """Say how many runs are there and how many there will be."""
