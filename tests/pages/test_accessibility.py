@@ -447,25 +447,45 @@ def test_the_first_tab_leads_past_the_contents(browser: Browser, served: str) ->
     page.close()
 
 
-def test_focus_is_seen(browser: Browser, served: str) -> None:
-    """Whatever a tab leads to is outlined, or shadowed as by an outline."""
-    page = opened(browser, served, "chapters/90-your-own-data.html")
+# what is drawn around what has the focus, its only child or its parent; and what was there before
+MARKED = """() => {
+  const at = document.activeElement;
+  const seen = [at, at.querySelector("*") ?? at, at.parentElement];
+  const marks = () => seen.map((e) => getComputedStyle(e)).map((s) => [
+    s.boxShadow, s.outlineStyle === "none" ? "0px" : s.outlineWidth + s.outlineColor]);
+  const focused = marks();
+  at.blur();
+  const plain = marks();
+  at.focus({focusVisible: true, preventScroll: true});
+  return [at.localName, `${at.className}: ${at.textContent.trim().slice(0, 40)}`,
+    focused.some((mark, i) => mark.some((m, j) => m !== plain[i][j]))];
+}"""
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize(
+    ("name", "kinds"),
+    [
+        ("90-your-own-data", {"a", "button", "summary", "pre"}),
+        ("71-two-filters-become-one", {"a", "button", "summary", "input", "mjx-container"}),
+    ],
+)
+def test_focus_is_seen(
+    browser: Browser, served: str, name: str, kinds: set[str], scheme: str
+) -> None:
+    """Whatever a tab leads to gets an outline, or a shadow as an outline, that it had not."""
+    page = opened(
+        browser, served, f"chapters/{name}.html", color_scheme=scheme, reduced_motion="reduce"
+    )
     reached = set()
     for _ in range(60):
         page.keyboard.press("Tab")
-        kind, style = page.evaluate(
-            """() => {
-              const at = document.activeElement;
-              const seen = [at, at.querySelector("*") ?? at, at.parentElement];
-              const marks = seen.map((e) => getComputedStyle(e));
-              const marked = marks.some((s) => s.boxShadow !== "none"
-                || (s.outlineStyle !== "none" && s.outlineWidth !== "0px"));
-              return [`${at.localName}.${at.className}`, marked];
-            }"""
-        )
-        assert style, kind
-        reached.add(kind.split(".")[0])
-    assert {"a", "button", "summary"} <= reached
+        kind, said, marked = page.evaluate(MARKED)
+        if kind == "body":  # after the last one, before the window is left
+            break
+        assert marked, f"{kind} {said}"
+        reached.add(kind)
+    assert kinds <= reached
     page.close()
 
 

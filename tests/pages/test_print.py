@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 from playwright.sync_api import Browser, Page
 from visiting import visit
@@ -122,5 +124,11 @@ def test_a_sheet_is_made(browser: Browser, served: str, tmp_path: Path) -> None:
     page = on_paper(browser, served, "index.html", "dark")
     sheet = tmp_path / "index.pdf"
     page.pdf(path=sheet, format="A4")
-    assert sheet.read_bytes().startswith(b"%PDF")
+    content = sheet.read_bytes()
+    assert content.startswith(b"%PDF")
+    boxes = re.findall(rb"/MediaBox \[([\d. ]+)\]", content)
+    size = np.array([box.split() for box in boxes], dtype=float)[:, 2:]
+    # a point is 1/72 inch; the front page needs more than one sheet, and fewer than ten
+    assert 1 < len(size) < 10
+    np.testing.assert_allclose(size, [[210 / 25.4 * 72, 297 / 25.4 * 72]] * len(size), atol=1)
     page.close()
