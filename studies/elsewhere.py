@@ -16,6 +16,9 @@ A second Python is one in whose environment the locked packages and inswsn are i
     python studies/elsewhere.py --python elsewhere/bin/python
 
 Without --python its cells stay as they were stored, as do all cells that are not asked for.
+
+What a build on another machine has found needs no run here: give its data/published, or a folder of
+its results files, as --results FOLDER.
 """
 
 from __future__ import annotations
@@ -31,6 +34,7 @@ from inswsn_lib.artefact.elsewhere import (
     Cell,
     Variant,
     compared,
+    found_elsewhere,
     kept_run,
     merged,
     read_elsewhere,
@@ -84,23 +88,56 @@ def run_all(
         if ran is None:
             ran = run(project, variant, chapter, Quiet(), state)
         cell = compared(project, variant, chapter, ran)
-        how = f"failed: {cell.failed}" if cell.failed else (
-            f"{cell.compared} quantities, {len(cell.beyond)} beyond tolerance, "
-            f"{len(cell.overturned)} sentences overturned, {len(cell.flipped)} verdicts flipped, "
-            f"{cell.seconds:.0f} s"
-        )  # fmt: skip
-        progress.say(f"{variant.id}: {chapter.name}: {how}")
+        progress.say(said_of(cell, chapter))
         return cell
 
-    with ThreadPoolExecutor(max_workers=jobs) as pool:
+    pool = ThreadPoolExecutor(max_workers=jobs)
+    try:
         pending = [pool.submit(one, variant, chapter) for variant, chapter in todo]
-        done, _ = wait(pending, return_when=FIRST_EXCEPTION)
+        wait(pending, return_when=FIRST_EXCEPTION)
         for future in pending:
             future.cancel()
-        cells = [future.result() for future in done]
+        done, _ = wait(pending)
+        ended = [future for future in done if not future.cancelled()]
+        keep(project, [future.result() for future in ended if not future.exception()])
+        for future in ended:
+            future.result()  # raises what a run raised, after what the others found is kept
+    finally:
+        # an interrupt does not wait for the runs that are under way
+        pool.shutdown(wait=False, cancel_futures=True)
+
+
+def keep(project: Project, cells: list[Cell]) -> None:
+    """Put cells into the file, in the place of those that they replace."""
     path = project.root / ELSEWHERE
     before = read_elsewhere(path).cells if path.is_file() else ()
-    write_elsewhere(merged(cells, before), path)
+    if cells:
+        write_elsewhere(merged(cells, before), path)
+
+
+def file_results(
+    project: Project, folder: Path, chapters: list[Chapter], progress: Progress
+) -> None:
+    """Hold the results of another machine against the reference, and keep what comes of it."""
+    cells = []
+    for chapter in chapters:
+        found = found_elsewhere(folder, chapter)
+        if found is not None:
+            cells.append(compared(project, found[0], chapter, found[1]))
+            progress.say(said_of(cells[-1], chapter))
+    if not cells:
+        raise ParameterError("--results", folder, "a folder with results files, such as 01.json")
+    keep(project, cells)
+
+
+def said_of(cell: Cell, chapter: Chapter) -> str:
+    """Return a line for the terminal."""
+    how = f"failed: {cell.failed}" if cell.failed else (
+        f"{cell.compared} quantities, {len(cell.beyond)} beyond tolerance, "
+        f"{len(cell.overturned)} sentences overturned, {len(cell.flipped)} verdicts flipped, "
+        f"{cell.seconds:.0f} s"
+    )  # fmt: skip
+    return f"{cell.variant}: {chapter.name}: {how}"
 
 
 def main() -> None:
@@ -110,9 +147,14 @@ def main() -> None:
     parser.add_argument("--only", action="append", default=[], metavar="CHAPTER", help="repeatable")
     parser.add_argument("--python", help="another interpreter, in an environment with inswsn")
     parser.add_argument("--jobs", type=int, default=1, help="chapters at once")
+    parser.add_argument("--results", type=Path, help="a folder of results of another machine")
     given = parser.parse_args()
     project = Project(ROOT.resolve())
     try:
+        if given.results is not None:
+            chapters = [find_chapter(project, word) for word in given.only] or project.chapters()
+            file_results(project, given.results, chapters, Progress())
+            return
         chosen = asked_for(given.variant, given.python)
         chapters = [find_chapter(project, word) for word in given.only] or project.chapters()
         todo = [(v, chapter) for v in chosen for chapter in longest_first(project, chapters)]

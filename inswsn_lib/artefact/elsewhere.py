@@ -37,6 +37,7 @@ from inswsn_lib.claims import (
     flipped_verdicts,
     load_claims,
     pair_quantities,
+    read_results,
 )
 from inswsn_lib.errors import InswsnError, ParameterError
 from inswsn_lib.files import file_digest, text_digest, tree_digest, write_whole
@@ -47,6 +48,8 @@ Part = Literal["value", "lower end", "upper end"]
 ELSEWHERE = "data/elsewhere.json"
 #: The variant in which nothing is changed
 AGAIN = "again"
+#: The variant whose results another machine has found, with nothing else changed
+MACHINE = "other-machine"
 
 # What a processor of 2008 could do, told to each library that chooses its code by the processor:
 # OpenBLAS, numpy, the C library (exp, sin ...), torch and its MKL. One that knows no such variable
@@ -87,6 +90,10 @@ DESCRIPTIONS = {
         "nothing",
         "The same again: one thread, Clarabel, the Python of the lock.",
     ),
+    MACHINE: (
+        "another machine",
+        "What a build on another machine found, with another processor and nothing else changed.",
+    ),
     "threads-2": (
         "two threads",
         "Two threads for the linear algebra instead of one, so that sums are formed in another "
@@ -96,7 +103,7 @@ DESCRIPTIONS = {
         "older processor",
         "OpenBLAS, numpy, the C library, torch and MKL are told to use no instructions that came "
         "after 2008 (no AVX, no fused multiply-add): another code path in each of them, as on an "
-        "older machine.",
+        "older machine. OpenBLAS names its path for such processors after one of 1999, Katmai.",
     ),
     "hash-seed": (
         "hash seed",
@@ -124,11 +131,12 @@ def variants(python: str | None = None) -> list[Variant]:
     ----------
     python : str, optional
         The path of another interpreter, in an environment that has the locked packages and inswsn.
+        Its variant stands before SCS, which takes longest.
 
     Raises
     ------
     ParameterError
-        If there is no such interpreter, or it lacks inswsn.
+        If there is no such interpreter, it lacks inswsn, or has another library of that name.
     """
     plain = Surroundings()
     changed = {
@@ -150,7 +158,12 @@ def variants(python: str | None = None) -> list[Variant]:
 
 
 def _version_of(python: str) -> str:
-    ask = "import platform, inswsn_lib; print(platform.python_version())"
+    """Return the version of an interpreter that has this library."""
+    ask = (
+        "import platform\nfrom pathlib import Path\n"
+        "from inswsn_lib.artefact.project import Project\n"
+        "print(platform.python_version(), Project(Path()).computing_digest())"
+    )
     try:
         # from a folder without sources, so that only what is installed there counts
         done = subprocess.run(
@@ -160,7 +173,12 @@ def _version_of(python: str) -> str:
         raise ParameterError(
             "--python", python, "an interpreter in whose environment inswsn is installed"
         ) from None
-    return done.stdout.strip()
+    version, library = done.stdout.split()
+    if library != Project(Path()).computing_digest():
+        raise ParameterError(
+            "--python", python, "an interpreter that has the inswsn of this checkout"
+        )
+    return version
 
 
 class _Kept(BaseModel):
@@ -193,6 +211,11 @@ class Moved(_Kept):
     tolerance: float
     deviation: Annotated[float, Field(ge=0, allow_inf_nan=False)] | None
     other: tuple[str, ...] = ()
+
+    @property
+    def size(self) -> float:
+        """The deviation, infinite if it has no size: to find the farthest."""
+        return math.inf if self.deviation is None else self.deviation
 
 
 class Flipped(_Kept):
@@ -317,11 +340,43 @@ def run_key(project: Project, variant: Variant, chapter: Chapter) -> str:
 
 
 def kept_run(project: Project, variant: Variant, chapter: Chapter) -> Ran | None:
-    """Return the run that an earlier call of `run` kept, if it was made from the same."""
+    """Return the run that an earlier call of `run` kept, if it was made from the same.
+
+    One that failed is made again: what it lacked may be there now.
+    """
     try:
-        return Ran.model_validate_json(_place(project, variant, chapter).read_text("utf-8"))
+        ran = Ran.model_validate_json(_place(project, variant, chapter).read_text("utf-8"))
     except (OSError, ValueError):
         return None
+    return None if ran.failed else ran
+
+
+def found_elsewhere(folder: Path, chapter: Chapter) -> tuple[Variant, Ran] | None:
+    """Return what another machine found of a chapter; None if there is nothing of it.
+
+    Parameters
+    ----------
+    folder : Path
+        Results files of chapters, named as those of the reference.
+    chapter : Chapter
+
+    Raises
+    ------
+    InswsnError
+        If a file is no results file, or does not say what it was made with.
+    """
+    path = folder / f"{chapter.number}.json"
+    if not path.is_file():
+        return None
+    results = read_results(path)
+    its = results.provenance
+    if its is None:
+        raise InswsnError(f"{path} does not say on what machine it was made.")
+    title, what = DESCRIPTIONS[MACHINE]
+    return Variant(MACHINE, title, what, Surroundings(), its.python), Ran(
+        results=results, seconds=its.seconds, day=its.finished[:10], commit=its.commit,
+        clean=its.clean, cpu=its.cpu, system=its.system, sources=its.sources,
+    )  # fmt: skip
 
 
 def _place(project: Project, variant: Variant, chapter: Chapter) -> Path:
@@ -390,7 +445,8 @@ def _check_machine(variant: Variant, chapter: Chapter, blas: Iterable[str]) -> N
 def plain_sentence(said: str, root: Path) -> str:
     """Return the last line of a failure, without the paths and the colours of this machine."""
     plain = re.sub(r"\x1b\[[0-9;]*m", "", said).replace(str(root), "")
-    return [line.strip() for line in plain.splitlines() if line.strip()][-1][:300]
+    lines = [line.strip() for line in plain.splitlines() if line.strip()]
+    return lines[-1][:300] if lines else "It ended without a word."
 
 
 def compared(project: Project, variant: Variant, chapter: Chapter, ran: Ran) -> Cell:
@@ -415,7 +471,7 @@ def compared(project: Project, variant: Variant, chapter: Chapter, ran: Ran) -> 
         compared=len(pairs),
         identical=len(pairs) - len(moved),
         beyond=tuple(moved_by(pair) for pair in pairs if pair.beyond_tolerance),
-        farthest=max(moved, key=_size, default=None),
+        farthest=max(moved, key=lambda one: one.size, default=None),
         sentences=len(ran.results.sentences),
         overturned=tuple(text for text, held in ran.results.sentences.items() if not held),
         judged=len(claims),
@@ -435,12 +491,8 @@ def compared(project: Project, variant: Variant, chapter: Chapter, ran: Ran) -> 
 def _moved(pair: Change) -> bool:
     if pair.before is None or pair.after is None:
         return True
-    fields = ("value", "interval", "interval_kind", "unit", "runs", "basis", "role")
+    fields = ("value", "interval", "interval_kind", "unit", "runs", "basis", "role", "tolerance")
     return any(getattr(pair.before, name) != getattr(pair.after, name) for name in fields)
-
-
-def _size(moved: Moved) -> float:
-    return math.inf if moved.deviation is None else moved.deviation
 
 
 def moved_by(pair: Change) -> Moved:
@@ -458,6 +510,8 @@ def moved_by(pair: Change) -> Moved:
     deviation = 0.0 if distance == 0 else None
     if distance and known.tolerance > 0:
         deviation = distance / known.tolerance
+    if pair.beyond_tolerance and deviation is not None and deviation <= 1:
+        deviation = None  # not a number has moved, but what it is
     return Moved(
         name=pair.name,
         unit=pair.unit,

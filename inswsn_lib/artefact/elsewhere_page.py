@@ -13,6 +13,7 @@ from inswsn_lib.artefact.elsewhere import (
     AGAIN,
     DESCRIPTIONS,
     ELSEWHERE,
+    MACHINE,
     Cell,
     Moved,
     Study,
@@ -99,12 +100,13 @@ def elsewhere_texts(project: Project) -> dict[str, str]:
         project.root / EXPLANATIONS, Explanations, "a list of explanations", ("explanations",)
     ).explanations
     study = read_elsewhere(project.root / ELSEWHERE)
+    chapters = [chapter.number for chapter in project.chapters()]
     refuse_unexplained(study, explained)
     return {
-        "elsewhere-summary.md": summary(study, len(project.chapters())),
+        "elsewhere-summary.md": summary(study, len(chapters)),
         "elsewhere-variants.md": variants_list(study),
-        "elsewhere-table.md": variants_table(study),
-        "elsewhere-chapters.md": chapters_table(study),
+        "elsewhere-table.md": variants_table(study, len(chapters)),
+        "elsewhere-chapters.md": chapters_table(study, chapters),
         "elsewhere-moved.md": moved_list(study, explained),
         "elsewhere-solvers.md": solvers_list(study),
         "elsewhere-made.md": made_note(project, study),
@@ -152,56 +154,60 @@ def summary(study: Study, chapters: int) -> str:
     """Return what came of it all in a few sentences; the book has so many chapters."""
     ran = [cell for cell in study.cells if cell.failed is None]
     others = [cell for cell in ran if cell.variant != AGAIN]
+    ways = len({cell.variant for cell in others})
     total, same = sum(c.compared for c in others), sum(c.identical for c in others)
     beyond = sum(len(cell.beyond) for cell in others)
     flips = sum(len(cell.flipped) for cell in others)
     overturned = sum(len(cell.overturned) for cell in others)
     parts = [
-        f"In {_count(len({c.variant for c in others}), 'way')} of changing the surroundings, "
-        f"{_count(len(others), 'execution')} of {len(study.chapters)} of this book's "
-        f"{_count(chapters, 'chapter')} were held against the reference results. "
+        f"In {_count(ways, 'way')} of changing the surroundings, {_count(len(others), 'execution')}"
+        f" of chapters {_were(len(others))} held against the reference results, of "
+        f"{ways * chapters} that {_count(chapters, 'chapter')} would make. "
         f"Of {total} comparisons of a quantity with its own "
         f"tolerance, {same} agreed to the last bit, {total - same - beyond} moved within the "
         f"tolerance, and **{beyond or 'none'}** went beyond it.",
-        f"**{_none(flips, 'verdict')}** of {sum(c.judged for c in others)} changed, and "
-        f"**{_none(overturned, 'sentence')}** of {sum(c.sentences for c in others)} that are bound "
-        f"to a result {'was' if overturned in (0, 1) else 'were'} overturned.",
+        f"Of {sum(c.judged for c in others)} verdicts, **{flips or 'none'}** changed. Of "
+        f"{sum(c.sentences for c in others)} sentences that are bound to a result, "
+        f"**{overturned or 'none'}** {_were(overturned)} overturned.",
     ]
     again = [cell for cell in ran if cell.variant == AGAIN]
-    moved = sum(cell.compared - cell.identical for cell in again)
     if again:
         parts.append(
-            f"With nothing changed, {sum(c.compared for c in again) - moved} of "
+            f"With nothing changed, {sum(c.identical for c in again)} of "
             f"{sum(c.compared for c in again)} quantities came out the same to the last bit."
             + _processors(again)
         )
     missing = [cell for cell in study.cells if cell.failed is not None]
     if missing:
-        parts.append(
-            f"{_count(len(missing), 'execution')} could not be made; {{numref}}`tbl-elsewhere-"
-            "chapters` says why."
-        )
+        parts.append(f"What could not be run: {_failures(missing)}.")
     return " ".join(parts) + "\n"
 
 
-def _processors(again: list[Cell]) -> str:
-    """Return a sentence if runs with nothing changed were made on other processors."""
-    pairs = {(cell.reference_cpu, cell.cpu) for cell in again if cell.reference_cpu != cell.cpu}
-    if not pairs:
-        return ""
-    before, now = (" and ".join(sorted(set(names))) for names in zip(*pairs, strict=True))
-    return (
-        f" The reference was made on {before}, and these runs on {now}: nothing else is changed, "
-        "but the machine is another one."
+def _were(number: int) -> str:
+    return "was" if number in (0, 1) else "were"
+
+
+def _failures(missing: Iterable[Cell]) -> str:
+    """Return the reasons, each with its chapters."""
+    found: dict[str, list[str]] = {}
+    for cell in missing:
+        found.setdefault(reason(cell), []).append(chapter_link(cell.chapter))
+    return "; ".join(
+        f"{' and '.join(chapters)} ({why.rstrip('.')})" for why, chapters in found.items()
     )
+
+
+def _processors(again: list[Cell]) -> str:
+    """Return a sentence on the processors of the reference and of runs with nothing changed."""
+    pairs = sorted({(cell.reference_cpu, cell.cpu) for cell in again})
+    if all(before == now for before, now in pairs):
+        return ""
+    said = " and ".join(f"{now} (reference: {before})" for before, now in pairs if before != now)
+    return f" Some were made on another processor than the reference: {said}."
 
 
 def _count(number: int, word: str) -> str:
     return f"{number} {word}{'' if number == 1 else 's'}"
-
-
-def _none(number: int, word: str) -> str:
-    return f"{number} {word}s" if number > 1 else f"One {word}" if number else f"No {word}"
 
 
 def title_of(study: Study, variant: str) -> str:
@@ -216,93 +222,107 @@ def _family(variant: str) -> str:
 
 def variants_list(study: Study) -> str:
     """Return what was changed and why, a line for each variant."""
-    lines = [
-        f"- **{title_of(study, name)}** (`{name}`). {DESCRIPTIONS[_family(name)][1]}"
-        + _as_run(study.of(name))
-        for name in study.variants
-    ]
-    return "\n".join(lines) + "\n"
+    usual = _libraries(study.of(AGAIN))
+    lines = [f"Linear algebra, as the runs found it: {usual}, if nothing else is said.", ""]
+    for name in study.variants:
+        found = _libraries(study.of(name))
+        lines.append(
+            f"- **{title_of(study, name)}** (`{name}`). {DESCRIPTIONS[_family(name)][1]}"
+            + (f" Here: {found}." if found not in ("", usual) else "")
+            + (f" {_machines(study.of(name))}." if name == MACHINE else "")
+        )
+    return "\n".join(lines if usual else lines[2:]) + "\n"
 
 
-def _as_run(cells: list[Cell]) -> str:
+def _libraries(cells: list[Cell]) -> str:
     """Return which linear algebra computed, as the runs found it."""
-    found = sorted({library for cell in cells for library in cell.blas})
-    return f" Linear algebra, as the runs found it: {'; '.join(found)}." if found else ""
+    return "; ".join(sorted({library for cell in cells for library in cell.blas}))
 
 
-def variants_table(study: Study) -> str:
-    """Return the table with one row for each variant."""
+def _machines(cells: list[Cell]) -> str:
+    """Return on which processors runs and their references were made."""
+    return "; ".join(
+        sorted({f"The run is from {c.cpu}, the reference from {c.reference_cpu}" for c in cells})
+    )
+
+
+def variants_table(study: Study, chapters: int) -> str:
+    """Return the table with one row for each variant; the book has so many chapters."""
     rows = [
         [
-            "changed", "chapters", "quantities", "same to the last bit", "beyond tolerance",
-            "farthest, in tolerances", "sentences overturned", "verdicts flipped",
+            "changed", "chapters", "verdicts flipped", "sentences overturned", "beyond tolerance",
+            "same to the last bit", "farthest",
         ]
     ]  # fmt: skip
     for name in study.variants:
         cells = [cell for cell in study.of(name) if cell.failed is None]
+        quantities = sum(cell.compared for cell in cells)
         rows.append(
             [
                 title_of(study, name),
-                f"{len(cells)} of {len(study.chapters)}",
-                str(sum(cell.compared for cell in cells)),
-                str(sum(cell.identical for cell in cells)),
-                str(sum(len(cell.beyond) for cell in cells)),
+                f"{len(cells)} of {chapters}",
+                _part(sum(len(c.flipped) for c in cells), sum(c.judged for c in cells)),
+                _part(sum(len(c.overturned) for c in cells), sum(c.sentences for c in cells)),
+                _part(sum(len(c.beyond) for c in cells), quantities),
+                _part(sum(c.identical for c in cells), quantities),
                 _farthest(cells),
-                f"{sum(len(c.overturned) for c in cells)} of {sum(c.sentences for c in cells)}",
-                f"{sum(len(c.flipped) for c in cells)} of {sum(c.judged for c in cells)}",
             ]
         )
     return list_table(
         "What moves when one thing of the surroundings is changed. A quantity is beyond its "
-        "tolerance if its value or an end of its interval is.",
+        "tolerance if its value or an end of its interval is. The last column is the quantity that "
+        "moved most, in its tolerances, and its chapter.",
         "tbl-elsewhere",
         rows,
     )
+
+
+def _part(number: int, whole: int) -> str:
+    return f"{number} of {whole}" if whole else "there are none"
 
 
 def _farthest(cells: Iterable[Cell]) -> str:
     found = [(cell.chapter, cell.farthest) for cell in cells if cell.farthest is not None]
     if not found:
         return "none moved"
-    chapter, moved = max(found, key=lambda pair: _size(pair[1]))
-    return f"{tolerances(moved)} ({chapter_link(chapter)}, `{moved.name}`)"
-
-
-def _size(moved: Moved) -> float:
-    return float("inf") if moved.deviation is None else moved.deviation
+    chapter, moved = max(found, key=lambda pair: pair[1].size)
+    return f"{tolerances(moved)}, {chapter_link(chapter)}"
 
 
 def tolerances(moved: Moved) -> str:
     """Return how far a quantity moved, in tolerances, as a word."""
     if moved.deviation is None:
-        return "not to be measured"
+        return "another quantity"
     if moved.deviation < _SMALL:
         return f"below {_SMALL:g}"
     return f"{moved.deviation:.2g}"
 
 
-def chapters_table(study: Study) -> str:
+def chapters_table(study: Study, chapters: Sequence[str]) -> str:
     """Return the table with one row for each chapter and one column for each variant."""
     names = study.variants
-    rows = [["chapter", *(title_of(study, name) for name in names)]]
-    for chapter in study.chapters:
+    rows = [["chapter", "quantities", *(title_of(study, name) for name in names)]]
+    for chapter in chapters:
         cells = [study.cell(name, chapter) for name in names]
-        rows.append([chapter_link(chapter), *map(_in_short, cells)])
+        counts = sorted({cell.compared for cell in cells if cell and cell.compared})
+        rows.append(
+            [chapter_link(chapter), " or ".join(map(str, counts)) or "–", *map(_in_short, cells)]
+        )
     return list_table(
-        "By chapter: the farthest quantity in tolerances, how many of the quantities are beyond "
-        "their tolerance, and where sentences or verdicts changed, how many.",
+        "By chapter: *same* where every quantity came out the same to the last bit, else how far "
+        "the farthest moved, in its tolerances; and where quantities went beyond their tolerance, "
+        "sentences were overturned or verdicts flipped, how many.",
         "tbl-elsewhere-chapters",
         rows,
     )
 
 
 def _in_short(cell: Cell | None) -> str:
-    if cell is None:
+    if cell is None or cell.failed is not None:
         return "not run"
-    if cell.failed is not None:
-        return f"not run: {reason(cell)}"
-    far = "none moved" if cell.farthest is None else tolerances(cell.farthest)
-    parts = [f"{far}; {len(cell.beyond)} of {cell.compared} beyond"]
+    parts = ["same" if cell.farthest is None else tolerances(cell.farthest)]
+    if cell.beyond:
+        parts.append(f"{len(cell.beyond)} beyond")
     if cell.overturned:
         parts.append(_count(len(cell.overturned), "sentence"))
     if cell.flipped:
@@ -320,7 +340,7 @@ def reason(cell: Cell) -> str:
 
 
 def moved_list(study: Study, explained: Sequence[Explanation]) -> str:
-    """Return all that is not the same, with both values, under the reasons."""
+    """Return all that is not the same, with both values, and the reasons."""
     blocks = []
     for entry in explained:
         rows = [["changed", "quantity", "reference", "here", "in tolerances"]]
@@ -331,20 +351,21 @@ def moved_list(study: Study, explained: Sequence[Explanation]) -> str:
                 if entry.covers(cell, moved.name):
                     rows.append([title, *_row(moved)])
             lines += [
-                f"- {title}: no longer true: {escape_text(text)}"
+                f"- With {title} this sentence does not hold: “{escape_text(text)}”"
                 for text in cell.overturned
                 if entry.covers(cell, text)
             ]
             lines += [
-                f"- {title}: {flip.claim} is {flip.after or 'not judged'}, and was {flip.before}."
+                f"- With {title} {flip.claim} is {flip.after or 'not judged'}, and was "
+                f"{flip.before}."
                 for flip in cell.flipped
                 if entry.covers(cell, flip.claim)
             ]
-        block = [f"**{_capital(chapter_link(entry.chapter))}.** {entry.why.strip()}", "", *lines]
+        block = [f"**{_capital(chapter_link(entry.chapter))}.**", "", *lines, ""]
         if len(rows) > 1:
-            caption = f"Beyond their tolerance in chapter {entry.chapter}: {len(rows) - 1}."
-            block += ["", list_table(caption, f"tbl-elsewhere-{entry.id}", rows)]
-        blocks.append("\n".join(block) + "\n")
+            caption = f"Beyond their tolerance in chapter {entry.chapter}, and how far."
+            block += [list_table(caption, f"tbl-elsewhere-{entry.id}", rows)]
+        blocks.append("\n".join([*block, entry.why.strip()]) + "\n")
     return "\n".join(blocks) or "Nothing: no quantity, no sentence and no verdict.\n"
 
 
@@ -375,9 +396,11 @@ def solvers_list(study: Study) -> str:
         for cell in study.of("scs")
         if (counts := [(n, t) for n, t in cell.solvers.items() if n.endswith(", all designs")])
     ]
-    return (
-        "\n".join(lines) + "\n" if lines else "No chapter that was run with SCS designs a filter.\n"
-    )
+    without = [cell.chapter for cell in study.of("scs") if not cell.failed and not cell.solvers]
+    if without:
+        links = ", ".join(map(chapter_link, without))
+        lines += ["", f"These solve no design, so that SCS changes nothing in them: {links}."]
+    return "\n".join(lines) + "\n"
 
 
 def made_note(project: Project, study: Study) -> str:
@@ -403,7 +426,7 @@ def _commit(commit: str | None) -> str:
 
 
 def _since(project: Project, study: Study) -> str:
-    """Return a sentence on what the cells were not made from any more, and what is missing."""
+    """Return a sentence on what the cells were not made from any more."""
     chapters = {chapter.number: chapter for chapter in project.chapters()}
     library, locks = project.computing_digest(), tree_digest(project.root, project.locks)
     changed = sorted(
@@ -417,13 +440,9 @@ def _since(project: Project, study: Study) -> str:
     words = [f"chapter {number}" for number in changed]
     words += ["the library"] * any(cell.sources["library"] != library for cell in study.cells)
     words += ["the locks"] * any(cell.sources["locks"] != locks for cell in study.cells)
-    said = "Since then, these have changed: " + ", ".join(words) + "." if words else (
-        "Nothing that they were made from has changed since."
-    )  # fmt: skip
-    absent = sorted(set(chapters) - set(study.chapters))
-    if absent:
-        said += " Not run elsewhere yet: " + ", ".join(f"chapter {n}" for n in absent) + "."
-    return said
+    if not words:
+        return "Nothing that they were made from has changed since."
+    return f"Since then, these have changed: {', '.join(words)}."
 
 
 def list_table(caption: str, name: str, rows: Sequence[Sequence[str]]) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -15,12 +16,14 @@ from inswsn_lib.artefact import execution
 from inswsn_lib.artefact.elsewhere import (
     AGAIN,
     ELSEWHERE,
+    MACHINE,
     Cell,
     Flipped,
     Moved,
     Study,
     Variant,
     compared,
+    found_elsewhere,
     kept_run,
     merged,
     moved_by,
@@ -35,10 +38,13 @@ from inswsn_lib.artefact.elsewhere_page import (
     elsewhere_texts,
     reason,
     summary,
+    tolerances,
+    variants_list,
     variants_table,
 )
 from inswsn_lib.artefact.execution import Surroundings, chosen_surroundings
 from inswsn_lib.artefact.progress import Progress
+from inswsn_lib.artefact.project import Project
 from inswsn_lib.claims import Change, Quantity, read_results, write_results
 from inswsn_lib.errors import InswsnError, ParameterError
 
@@ -82,6 +88,16 @@ def test_a_deviation_is_the_farthest_number_in_tolerances(
         before = BASE | {"interval": (0.5, 2.0), "interval_kind": "confidence 95 %"}
     moved = moved_by(Change("a", Quantity(**before), Quantity(**before | changes)))
     assert (moved.part, moved.deviation) == (part, deviation)
+
+
+def test_another_quantity_of_the_same_value_is_beyond_and_has_no_size() -> None:
+    """One that lost its interval is another one, and not the nearest of all."""
+    whole = Quantity(**BASE | {"interval": (0.5, 2.0), "interval_kind": "confidence 95 %"})
+    change = Change("a", whole, Quantity(**BASE))
+    assert change.beyond_tolerance
+    lost = moved_by(change)
+    assert (lost.deviation, lost.size) == (None, math.inf)
+    assert tolerances(lost) == "another quantity"
 
 
 def test_a_deviation_without_a_size() -> None:
@@ -146,6 +162,7 @@ def test_a_chapter_that_fails_is_told_in_one_sentence(
     )
     ran = run(mini, plain(AGAIN), chapter, Progress(), (None, None))
     assert ran.failed == "ModuleNotFoundError: No module named 'no_such_module'"
+    assert kept_run(mini, plain(AGAIN), chapter) is None  # what it lacked may be there now
     failed = compared(mini, plain(AGAIN), chapter, ran)
     assert (failed.compared, failed.failed) == (0, ran.failed)
     assert reason(failed) == "no_such_module for Python 3.11.7 could not be had here"
@@ -207,28 +224,35 @@ def test_cells_that_are_run_again_take_the_place_of_the_old(tmp_path: Path) -> N
 def test_the_sentences_follow_the_cells() -> None:
     none = Study(cells=(cell(), cell("threads-2", identical=4)))
     text = summary(none, 3)
-    assert (
-        "In 1 way of changing the surroundings, 1 execution of 1 of this book's 3 chapters were"
-        in text
-    )
+    assert "In 1 way of changing the surroundings, 1 execution of chapters was held" in text
+    assert "of 3 that 3 chapters would make" in text
     assert "Of 4 comparisons of a quantity with its own tolerance, 4 agreed" in text
     assert "**none** went beyond" in text
-    assert "**No verdict** of 1 changed, and **No sentence** of 2" in text
+    assert "Of 1 verdicts, **none** changed. Of 2 sentences" in text
+    assert "**none** was overturned" in text
     assert "With nothing changed, 3 of 4 quantities" in text
+    assert "another processor" in text  # the cell does not say that of the reference
     flipped = cell(
         "threads-2", identical=1, beyond=(far(),), farthest=far(),
         overturned=("One.", "Two."), flipped=(Flipped(claim="P1-X", before="a", after=None),),
     )  # fmt: skip
-    some = Study(cells=(cell(), flipped, cell("scs", failed="It broke.", compared=0)))
+    some = Study(
+        cells=(cell(reference_cpu="a processor"), flipped, cell("scs", failed="It broke."))
+    )
     text = summary(some, 3)
     assert "1 agreed to the last bit, 2 moved within the tolerance, and **1** went beyond" in text
-    assert "**One verdict** of 1 changed, and **2 sentences** of 2 that are bound" in text
-    assert "1 execution could not be made" in text
-    assert "not run: It broke." in chapters_table(some)
-    assert "3; 1 of 4 beyond, 2 sentences, 1 verdict" in chapters_table(some)
-    row = variants_table(some).split("* - two threads")[1].split("* -")[0]
+    assert "Of 1 verdicts, **1** changed." in text
+    assert "**2** were overturned" in text
+    assert "another processor" not in text
+    assert "What could not be run: {ref}`chapter 00 <chapter-00>` (It broke)." in text
+    rows = chapters_table(some, ["00", "01"]).split("* - ")[2:]
+    assert [re.findall(r"  - (.*)", row) for row in rows] == [
+        ["4", "same", "3, 1 beyond, 2 sentences, 1 verdict", "not run"],
+        ["–", "not run", "not run", "not run"],
+    ]
+    row = variants_table(some, 2).split("* - two threads")[1].split("* -")[0]
     assert re.findall(r"  - (.*)", row) == [
-        "1 of 1", "4", "1", "1", "3 ({ref}`chapter 00 <chapter-00>`, `a`)", "2 of 2", "1 of 1",
+        "1 of 2", "1 of 1", "2 of 2", "1 of 4", "1 of 4", "3, {ref}`chapter 00 <chapter-00>`",
     ]  # fmt: skip
 
 
@@ -260,8 +284,28 @@ def test_what_moves_is_explained_and_what_is_explained_moves(
     text = elsewhere_texts(mini)["elsewhere-moved.md"]
     assert "So it is." in text
     assert "`a`\n  - 1 m\n  - 2.5 m\n  - 3" in text
-    assert "no longer true: A sentence." in text
+    assert "this sentence does not hold: “A sentence.”" in text
     assert "P1-X is contradicted, and was reproduced." in text
+
+
+def test_what_another_machine_found(project: Project, tmp_path: Path) -> None:
+    (chapter,) = (c for c in project.chapters() if c.number == "62")
+    assert found_elsewhere(tmp_path, chapter) is None
+    results = read_results(project.published / "62.json")
+    provenance = results.provenance
+    assert provenance is not None
+    there = provenance.model_copy(update={"cpu": "Another", "python": "3.12.1"})
+    write_results(results.model_copy(update={"provenance": there}), tmp_path / "62.json")
+    found = found_elsewhere(tmp_path, chapter)
+    assert found is not None
+    same = compared(project, found[0], chapter, found[1])
+    assert (same.variant, same.cpu, same.python) == (MACHINE, "Another", "3.12.1")
+    assert same.compared == same.identical == len(results.quantities)
+    assert same.commit == provenance.commit
+    assert "The run is from Another, the reference from" in variants_list(Study(cells=(same,)))
+    write_results(results.model_copy(update={"provenance": None}), tmp_path / "62.json")
+    with pytest.raises(InswsnError, match="does not say on what machine"):
+        found_elsewhere(tmp_path, chapter)
 
 
 def test_a_checkout_without_explanations_has_no_texts(mini: MiniProject) -> None:
