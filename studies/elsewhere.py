@@ -17,8 +17,8 @@ A second Python is one in whose environment the locked packages and inswsn are i
 
 Without --python its cells stay as they were stored, as do all cells that are not asked for.
 
-What a build on another machine has found needs no run here: give its data/published, or a folder of
-its results files, as --results FOLDER.
+What a build of the same chapters on another machine has found needs no run here: give a folder of
+its results files, such as 01.json, as --results FOLDER.
 """
 
 from __future__ import annotations
@@ -118,10 +118,10 @@ def keep(project: Project, cells: list[Cell]) -> None:
 def file_results(
     project: Project, folder: Path, chapters: list[Chapter], progress: Progress
 ) -> None:
-    """Hold the results of another machine against the reference, and keep what comes of it."""
+    """Hold the results of another build against the reference, and keep what comes of it."""
     cells = []
     for chapter in chapters:
-        found = found_elsewhere(folder, chapter)
+        found = found_elsewhere(project, folder, chapter)
         if found is not None:
             cells.append(compared(project, found[0], chapter, found[1]))
             progress.say(said_of(cells[-1], chapter))
@@ -147,7 +147,7 @@ def main() -> None:
     parser.add_argument("--only", action="append", default=[], metavar="CHAPTER", help="repeatable")
     parser.add_argument("--python", help="another interpreter, in an environment with inswsn")
     parser.add_argument("--jobs", type=int, default=1, help="chapters at once")
-    parser.add_argument("--results", type=Path, help="a folder of results of another machine")
+    parser.add_argument("--results", type=Path, help="a folder of what another build found")
     given = parser.parse_args()
     project = Project(ROOT.resolve())
     try:

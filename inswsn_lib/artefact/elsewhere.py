@@ -351,8 +351,10 @@ def kept_run(project: Project, variant: Variant, chapter: Chapter) -> Ran | None
     return None if ran.failed else ran
 
 
-def found_elsewhere(folder: Path, chapter: Chapter) -> tuple[Variant, Ran] | None:
-    """Return what another machine found of a chapter; None if there is nothing of it.
+def found_elsewhere(project: Project, folder: Path, chapter: Chapter) -> tuple[Variant, Ran] | None:
+    """Return what another build found of a chapter; None if there is nothing of it.
+
+    On the processor of the reference nothing was changed; else the machine is another one.
 
     Parameters
     ----------
@@ -363,7 +365,8 @@ def found_elsewhere(folder: Path, chapter: Chapter) -> tuple[Variant, Ran] | Non
     Raises
     ------
     InswsnError
-        If a file is no results file, or does not say what it was made with.
+        If a file is no results file, does not say what it was made with, or was made from another
+        source of the chapter.
     """
     path = folder / f"{chapter.number}.json"
     if not path.is_file():
@@ -372,8 +375,11 @@ def found_elsewhere(folder: Path, chapter: Chapter) -> tuple[Variant, Ran] | Non
     its = results.provenance
     if its is None:
         raise InswsnError(f"{path} does not say on what machine it was made.")
-    title, what = DESCRIPTIONS[MACHINE]
-    return Variant(MACHINE, title, what, Surroundings(), its.python), Ran(
+    if its.sources.get("chapter") != file_digest(chapter.source):
+        raise InswsnError(f"{path} was made from another source of chapter {chapter.number}.")
+    first = reference_results(project, chapter).provenance
+    name = AGAIN if first and first.cpu == its.cpu else MACHINE
+    return Variant(name, *DESCRIPTIONS[name], Surroundings(), its.python), Ran(
         results=results, seconds=its.seconds, day=its.finished[:10], commit=its.commit,
         clean=its.clean, cpu=its.cpu, system=its.system, sources=its.sources,
     )  # fmt: skip

@@ -288,24 +288,32 @@ def test_what_moves_is_explained_and_what_is_explained_moves(
     assert "P1-X is contradicted, and was reproduced." in text
 
 
-def test_what_another_machine_found(project: Project, tmp_path: Path) -> None:
+def test_what_another_build_found(project: Project, tmp_path: Path) -> None:
     (chapter,) = (c for c in project.chapters() if c.number == "62")
-    assert found_elsewhere(tmp_path, chapter) is None
+    assert found_elsewhere(project, tmp_path, chapter) is None
     results = read_results(project.published / "62.json")
     provenance = results.provenance
     assert provenance is not None
     there = provenance.model_copy(update={"cpu": "Another", "python": "3.12.1"})
     write_results(results.model_copy(update={"provenance": there}), tmp_path / "62.json")
-    found = found_elsewhere(tmp_path, chapter)
+    found = found_elsewhere(project, tmp_path, chapter)
     assert found is not None
     same = compared(project, found[0], chapter, found[1])
     assert (same.variant, same.cpu, same.python) == (MACHINE, "Another", "3.12.1")
     assert same.compared == same.identical == len(results.quantities)
     assert same.commit == provenance.commit
     assert "The run is from Another, the reference from" in variants_list(Study(cells=(same,)))
+    write_results(results, tmp_path / "62.json")
+    found = found_elsewhere(project, tmp_path, chapter)
+    assert found is not None
+    assert found[0].id == AGAIN
+    older = provenance.model_copy(update={"sources": provenance.sources | {"chapter": "0" * 64}})
+    write_results(results.model_copy(update={"provenance": older}), tmp_path / "62.json")
+    with pytest.raises(InswsnError, match="another source of chapter 62"):
+        found_elsewhere(project, tmp_path, chapter)
     write_results(results.model_copy(update={"provenance": None}), tmp_path / "62.json")
     with pytest.raises(InswsnError, match="does not say on what machine"):
-        found_elsewhere(tmp_path, chapter)
+        found_elsewhere(project, tmp_path, chapter)
 
 
 def test_a_checkout_without_explanations_has_no_texts(mini: MiniProject) -> None:
