@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 from matplotlib import pyplot as plt
 from matplotlib.ticker import LogLocator, NullLocator
@@ -21,6 +21,7 @@ from inswsn_lib.artefact.assumptions import (
 from inswsn_lib.artefact.effects import MOVES, Effect, Reading, Row, band_of, readings_of, rows_of
 from inswsn_lib.artefact.project import Project
 from inswsn_lib.artefact.study import BASELINE, SENSITIVITY, Run, Study, read_study
+from inswsn_lib.artefact.tables import list_table
 from inswsn_lib.claims import LEDGER, PAPERS, Claim, Results, load_claims
 from inswsn_lib.files import file_digest, tree_digest
 from inswsn_lib.parameters import Schema, chapter_schema
@@ -91,19 +92,6 @@ def chapter_link(chapter: str) -> str:
     return f"{{ref}}`chapter {chapter} <chapter-{chapter}>`"
 
 
-def _list_table(
-    title: str, name: str, rows: Iterable[Sequence[str]], options: Sequence[str] = ()
-) -> str:
-    """Return a table as MyST Markdown; a cell may hold several paragraphs."""
-    lines = [f":::::{{list-table}} {title}", f":name: {name}", ":header-rows: 1", *options, ""]
-    for row in rows:
-        for i, cell in enumerate(row):
-            first, *others = cell.split("\n")
-            lines.append(f"{'* -' if i == 0 else '  -'} {first}".rstrip())
-            lines += [f"    {line}".rstrip() for line in others]
-    return "\n".join([*lines, ":::::\n"])
-
-
 # What is unsaid, and what was chosen
 
 
@@ -145,16 +133,8 @@ def _entry_text(entry: Assumption) -> str:
 
 
 def _choices_table(choices: Sequence[Sequence[str]]) -> str:
-    lines = [
-        "```{list-table}",
-        ":header-rows: 1",
-        ":widths: 34 12 54",
-        ":class: assumptions",
-        "",
-    ]
-    for row in [("chosen", "source", "why"), *choices]:
-        lines += [f"{'* -' if i == 0 else '  -'} {cell}" for i, cell in enumerate(row)]
-    return "\n".join([*lines, "```\n"])
+    head = ("chosen", "source", "why")
+    return list_table("", "", [head, *choices], widths="34 12 54", style="assumptions")
 
 
 def _choice(
@@ -202,7 +182,7 @@ def headlines_table(assumptions: Assumptions, results: Mapping[str, Results]) ->
         edge = "–" if headline.turns is None else f"{headline.turns:g}"
         chapter = f"{{ref}}`{headline.chapter} <chapter-{headline.chapter}>`"
         rows.append([chapter, headline.short, headline.says, f"{value:.3g}", edge])
-    return _list_table(
+    return list_table(
         "The results that the study watches. Beyond the last column a conclusion would be another "
         "one.",
         "tbl-assumptions-headlines",
@@ -234,13 +214,13 @@ def rerun_table(assumptions: Assumptions, study: Study, chapter: str, rows: Sequ
         table.append(["*unchanged*", "", *values, ""])
         table.append(["*chance*", "", *(_chance(study, baseline, h) for h in headlines), ""])
     table += [_rerun_cells(row, headlines) for row in rows]
-    return _list_table(
+    return list_table(
         f"Chapter {chapter}: change of each result when one assumption changes. Bold: beyond what "
         "another seed does. ⇄: with it the conclusion turns. Last column: verdicts that no "
         "unchanged run has.",
         f"tbl-assumptions-{chapter}",
         table,
-        (":class: assumptions",),
+        style="assumptions",
     )
 
 
@@ -299,11 +279,11 @@ def readings_table(readings: Sequence[Reading]) -> str:
              f"chapter {reading.within.chapter}: {reading.says}",
              f"{reading.before:.3g}", f"{reading.after:.3g}", change]
         )  # fmt: skip
-    return _list_table(
+    return list_table(
         "Other readings that the chapters compute in this build, with all runs.",
         "tbl-assumptions-readings",
         rows,
-        (":class: assumptions",),
+        style="assumptions",
     )
 
 
@@ -440,7 +420,7 @@ def study_note(project: Project, assumptions: Assumptions, study: Study) -> str:
         seeds = ", ".join(map(str, reduced.seeds)) or "none: no chance in it"
         rows.append([chapter, settings or "nothing", seeds, ", ".join(reduced.skips) or "nothing"])
     lines.append(
-        _list_table(
+        list_table(
             "How the chapters are run in the study. Left out are sections on which no headline and "
             "no verdict rests.",
             "tbl-assumptions-reduced",

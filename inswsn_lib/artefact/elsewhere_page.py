@@ -28,6 +28,7 @@ from inswsn_lib.artefact.evidence import (
     refuse_repeated,
 )
 from inswsn_lib.artefact.project import Project
+from inswsn_lib.artefact.tables import list_table
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.files import file_digest, tree_digest
 
@@ -443,10 +444,3 @@ def _since(project: Project, study: Study) -> str:
     if not words:
         return "Nothing that they were made from has changed since."
     return f"Since then, these have changed: {', '.join(words)}."
-
-
-def list_table(caption: str, name: str, rows: Sequence[Sequence[str]]) -> str:
-    """Return a table of MyST Markdown whose first row is its head."""
-    lines = [f"```{{list-table}} {caption}", f":name: {name}", ":header-rows: 1", ""]
-    lines += ["* - " + "\n  - ".join(row) for row in rows]
-    return "\n".join([*lines, "```\n"])

@@ -25,6 +25,7 @@ from inswsn_lib.artefact.evidence import (
     read_entries,
     refuse_repeated,
 )
+from inswsn_lib.artefact.tables import list_table
 from inswsn_lib.claims import PAPERS
 from inswsn_lib.errors import InswsnError
 
@@ -196,18 +197,12 @@ def errata_page(errata: Errata, findings: Findings, *, strict: bool = True) -> s
 
 
 def _overview(errata: Errata) -> str:
-    lines = [
-        "```{list-table} Errors found, by paper. A section below derives each.",
-        ":name: tbl-errata",
-        ":header-rows: 1",
-        "",
-        "* - erratum\n  - place\n  - kind\n  - what is wrong\n  - changes a result",
-    ]
+    rows = [("erratum", "place", "kind", "what is wrong", "changes a result")]
     for entry in errata.errata:
         link = f"[{entry.id}](#{entry.anchor})"
-        row = (link, entry.place, entry.kind, entry.title, entry.changes)
-        lines.append("* - " + "\n  - ".join(row))
-    return "\n".join([*lines, "```\n"])
+        rows.append((link, entry.place, entry.kind, entry.title, entry.changes))
+    caption = "Errors found, by paper. A section below derives each."
+    return list_table(caption, "tbl-errata", rows)
 
 
 def _sentence_of_counts(errata: Errata) -> str:
@@ -250,21 +245,18 @@ def _claims(names: tuple[str, ...], findings: Findings) -> str:
 
 
 def _slips(paper: str, slips: list[Slip], findings: Findings, strict: bool) -> str:
-    lines = [f"### Slips of {paper}", ""]
-    lines += [
-        f"```{{list-table}}\n:header-rows: 1\n:stub-columns: 1\n:name: tbl-slips-{paper.lower()}\n"
-    ]
-    lines += ["* - slip\n  - place\n  - printed\n  - meant"]
+    rows = [("slip", "place", "printed", "meant")]
     for slip in slips:
-        lines.append(named(ERRATA, slip.id, partial(_slip, slip, findings, strict)))
-    return "\n".join([*lines, "```\n"])
+        rows.append(named(ERRATA, slip.id, partial(_slip, slip, findings, strict)))
+    table = list_table("", f"tbl-slips-{paper.lower()}", rows, stub_columns=1)
+    return f"### Slips of {paper}\n\n{table}"
 
 
-def _slip(slip: Slip, findings: Findings, strict: bool) -> str:
+def _slip(slip: Slip, findings: Findings, strict: bool) -> tuple[str, str, str, str]:
     failed = [shown for shown in slip.evidence if not findings.holds(shown)]
     if failed and strict:
         raise InswsnError(f"its evidence does not hold: {findings.show(failed[0])}")
     # a raw target, since a label before a table's row is not possible
     name = f'<span id="{slip.anchor}"></span>{slip.id}'
-    texts = (findings.fill(text) for text in (slip.place, slip.printed, slip.meant))
-    return "* - " + "\n  - ".join((name, *texts))
+    place, printed, meant = map(findings.fill, (slip.place, slip.printed, slip.meant))
+    return name, place, printed, meant

@@ -269,6 +269,7 @@ def _number(value: float) -> str:
 
 
 _Model = TypeVar("_Model", bound=BaseModel)
+_Made = TypeVar("_Made")
 
 
 def read_entries(path: Path, model: type[_Model], what: str, lists: Sequence[str]) -> _Model:
@@ -310,8 +311,8 @@ def _place(parts: list[str], content: Any, lists: Sequence[str]) -> str:
     return ": ".join(parts) or "the file"
 
 
-def named(file: str, identity: str, make: Callable[[], str]) -> str:
-    """Return a text; a sentence about what is wrong in it begins with the file and the entry."""
+def named(file: str, identity: str, make: Callable[[], _Made]) -> _Made:
+    """Return what is made; what is wrong in it is told with the file and the entry before it."""
     try:
         return make()
     except InswsnError as error:

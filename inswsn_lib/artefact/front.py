@@ -12,6 +12,7 @@ from typing import Any
 
 from inswsn_lib.artefact.about import ABOUT, load_about
 from inswsn_lib.artefact.project import Chapter, Project
+from inswsn_lib.artefact.tables import list_table
 from inswsn_lib.claims import Judged, Results, Verdict, count_verdicts
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.files import read_yaml
@@ -236,31 +237,26 @@ def _verdicts(judged: Sequence[Judged]) -> str:
 
 
 def _chapters(project: Project, results: Mapping[str, Results]) -> str:
-    lines = [
-        "```{list-table} The chapters, what each asks of you, and how long each takes.",
-        ":header-rows: 1",
-        ":name: tbl-chapters",
-        "",
-        "* - no.",
-        "  - chapter",
-        "  - you need",
-        "  - reading",
-        "  - computing",
-    ]
+    rows = [["no.", "chapter", "you need", "reading", "computing"]]
     for chapter in project.chapters():
         need, minutes = chapter_head(chapter)
         found = results.get(chapter.number)
         made = found.provenance if found else None
-        lines += [
-            f"* - {chapter.number}",
-            f"  - {{doc}}`/chapters/{chapter.name}`",
-            f"  - {need or '–'}",
-            f"  - {f'{minutes} min' if minutes else '–'}",
-            f"  - {f'{made.seconds:.0f} s' if made else '–'}",
-        ]
+        rows.append(
+            [
+                chapter.number,
+                f"{{doc}}`/chapters/{chapter.name}`",
+                need or "–",
+                f"{minutes} min" if minutes else "–",
+                f"{made.seconds:.0f} s" if made else "–",
+            ]
+        )
+    caption = "The chapters, what each asks of you, and how long each takes."
     spent = sum(r.provenance.seconds for r in results.values() if r.provenance) / 60
-    lines += ["```", "", f"All chapters together took {spent:.0f} minutes of computing here."]
-    return "\n".join([*lines, ""])
+    return (
+        list_table(caption, "tbl-chapters", rows)
+        + f"\nAll chapters together took {spent:.0f} minutes of computing here.\n"
+    )
 
 
 def chapter_head(chapter: Chapter) -> tuple[str, int | None]:

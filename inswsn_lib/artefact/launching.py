@@ -7,6 +7,7 @@ from urllib.parse import quote, urlsplit
 
 from inswsn_lib.artefact.about import About
 from inswsn_lib.artefact.project import Chapter
+from inswsn_lib.artefact.tables import list_table
 
 _BINDER = "https://mybinder.org/v2"
 _COLAB = "https://colab.research.google.com/github"
@@ -87,25 +88,17 @@ def launch_text(about: About, chapters: Sequence[Chapter]) -> str:
         f"git clone --branch {release_tag(about)} {about.repository}",
         "```",
         "",
-        "```{list-table} Where each chapter can be opened.",
-        ":name: tbl-launch",
-        ":header-rows: 1",
-        "",
-        *_row(["chapter", *services]),
     ]
+    rows = [["chapter", *services]]
     for chapter, found in addresses.items():
         links = [f"[{chapter.number} on {name}]({found[name]})" for name in services]
-        lines += _row([f"{{doc}}`chapters/{chapter.name}`", *links])
-    lines += ["```", "", _BINDER_TEXT]
+        rows.append([f"{{doc}}`chapters/{chapter.name}`", *links])
+    lines += [list_table("Where each chapter can be opened.", "tbl-launch", rows), _BINDER_TEXT]
     if "Colab" in services:
         lines += [_COLAB_TEXT.replace("@CELL@", colab_cell(about))]
     else:
         lines += ["Colab opens notebooks of github.com alone.\n"]
     return "\n".join(lines)
-
-
-def _row(cells: Sequence[str]) -> list[str]:
-    return [f"{'* -' if i == 0 else '  -'} {cell}" for i, cell in enumerate(cells)]
 
 
 def colab_cell(about: About) -> str:

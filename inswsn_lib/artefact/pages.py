@@ -10,6 +10,7 @@ from typing import Any
 
 import nbformat
 
+from inswsn_lib.artefact.tables import list_table
 from inswsn_lib.claims import (
     KINDS,
     PAPERS,
@@ -107,11 +108,11 @@ def provenance_text(results: Results, made: Provenance) -> str:
         ("machine", f"{made.cpu}, {made.cores} cores, {made.system}"),
         ("run", f"{made.seconds:g} s, ended {made.finished}"),
     ]
-    table = "\n".join(f"* - {name}\n  - {value}" for name, value in rows)
+    table = list_table("", "", rows, header_rows=0, stub_columns=1, style="provenance")
     return (
         "## Provenance\n\nWhat the run on this page was made with. Digests in full are in "
         f"{{download}}`its results file </generated/{results.chapter}.json>`.\n\n"
-        f":::::{{list-table}}\n:class: provenance\n:stub-columns: 1\n\n{table}\n:::::\n"
+        f"{table}"
     )
 
 
@@ -159,16 +160,8 @@ def claims_counts(judged: Sequence[Judged]) -> str:
     ]
     columns = [[int(row[i]) for row in rows] for i in range(1, len(PAPERS) + 2)]
     rows.append(["all", *(str(sum(column)) for column in columns)])
-    lines = [
-        "```{list-table} Verdicts by paper, computed from the results of this build.",
-        ":name: tbl-claims",
-        ":header-rows: 1",
-        ":stub-columns: 1",
-        "",
-    ]
-    for row in [["verdict", *PAPERS, "all"], *rows]:
-        lines += [f"{'* -' if i == 0 else '  -'} {cell}" for i, cell in enumerate(row)]
-    return "\n".join([*lines, "```\n"])
+    caption = "Verdicts by paper, computed from the results of this build."
+    return list_table(caption, "tbl-claims", [["verdict", *PAPERS, "all"], *rows], stub_columns=1)
 
 
 def _filters(judged: Sequence[Judged]) -> str:

@@ -28,6 +28,7 @@ from inswsn_lib.artefact.evidence import (
     read_entries,
     refuse_repeated,
 )
+from inswsn_lib.artefact.tables import list_table
 from inswsn_lib.claims import (
     PAPERS,
     Judged,
@@ -317,19 +318,12 @@ def _rule(entry: Judged) -> str:
 
 
 def _overview(readings: Readings) -> str:
-    lines = [
-        "(readings-overview)=\n## The places and what is taken\n",
-        "```{list-table} Places that admit more than one reading.",
-        ":name: tbl-readings",
-        ":header-rows: 1",
-        "",
-        "* - entry\n  - place\n  - question\n  - taken here",
-    ]
+    rows = [("entry", "place", "question", "taken here")]
     for entry in readings.questions:
         taken = next((reading.name for reading in entry.readings if reading.taken), "none")
-        link = f"[{entry.id}](#{entry.anchor})"
-        lines.append("* - " + "\n  - ".join((link, entry.place, entry.title, taken)))
-    return "\n".join([*lines, "```\n"])
+        rows.append((f"[{entry.id}](#{entry.anchor})", entry.place, entry.title, taken))
+    table = list_table("Places that admit more than one reading.", "tbl-readings", rows)
+    return f"(readings-overview)=\n## The places and what is taken\n\n{table}"
 
 
 def _section(entry: Question, findings: Findings) -> str:

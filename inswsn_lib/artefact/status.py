@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 
+from inswsn_lib.artefact.tables import list_table
 from inswsn_lib.claims import Judged, Provenance, Results, Verdict
 
 _HASH = 12  # digits of a commit that are shown
@@ -64,7 +65,9 @@ def _runs(results: Sequence[Results], judged: Sequence[Judged], names: Mapping[s
             str(sum(decided[result.chapter].total() for result in results)),
         ]
     )
-    return _table("tbl-runs", "The run of each chapter that this book shows.", rows)
+    return list_table(
+        "The run of each chapter that this book shows.", "tbl-runs", rows, stub_columns=1
+    )
 
 
 def _verdicts(results: Sequence[Results], judged: Sequence[Judged]) -> str:
@@ -78,7 +81,9 @@ def _verdicts(results: Sequence[Results], judged: Sequence[Judged]) -> str:
         rows.append([str(verdict), *map(str, cells), str(sum(cells))])
     sums = [decided[chapter].total() for chapter in chapters]
     rows.append(["all", *map(str, sums), str(nowhere.total()), str(sum(sums) + nowhere.total())])
-    return _table("tbl-verdicts", "Verdicts by the chapter that decides the claim.", rows)
+    return list_table(
+        "Verdicts by the chapter that decides the claim.", "tbl-verdicts", rows, stub_columns=1
+    )
 
 
 def _decided(judged: Sequence[Judged]) -> dict[str | None, Counter[Verdict]]:
@@ -108,7 +113,7 @@ def _machines(results: Sequence[Results]) -> str:
                 f"Python {made.python}, {packages}",
             ]
         )
-    return _table("tbl-machines", "What the chapters were computed with.", rows)
+    return list_table("What the chapters were computed with.", "tbl-machines", rows, stub_columns=1)
 
 
 def _computed_with(made: Provenance) -> tuple[object, ...]:
@@ -137,11 +142,3 @@ def _duration(seconds: float) -> str:
     minutes, rest = divmod(round(seconds), 60)
     parts = [f"{minutes}{_SPACE}min"] if minutes else []
     return _SPACE.join([*parts, f"{rest}{_SPACE}s"])
-
-
-def _table(name: str, caption: str, rows: Sequence[Sequence[str]]) -> str:
-    lines = [f"```{{list-table}} {caption}", f":name: {name}", ":header-rows: 1"]
-    lines += [":stub-columns: 1", ""]
-    for row in rows:
-        lines += [f"{'* -' if i == 0 else '  -'} {cell}".rstrip() for i, cell in enumerate(row)]
-    return "\n".join([*lines, "```"])
