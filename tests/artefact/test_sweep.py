@@ -31,7 +31,7 @@ from inswsn_lib.artefact.sweep_results import Finished
 from inswsn_lib.artefact.sweep_store import STORE, Store
 from inswsn_lib.artefact.sweep_tasks import Outcome, Task, unpacked
 from inswsn_lib.artefact.sweep_workers import WorkerDiedError
-from inswsn_lib.errors import InswsnError, ParameterError
+from inswsn_lib.errors import BuildError, InswsnError, ParameterError
 from inswsn_lib.evaluation import GROUP, monte_carlo
 from inswsn_lib.parameters import read_schema
 from inswsn_lib.plugins import MODULES_VARIABLE
@@ -559,6 +559,66 @@ def test_a_group_is_stored_once_and_a_task_whole(tmp_path: Path) -> None:
         assert store.done() == {0: {0, 1}}
         assert store.read(0, 2) == [b"a", b"b"]
         assert store.read(0, 1) == [b"a"]
+
+
+@pytest.mark.parametrize("fresh", [False, True])
+def test_what_a_kill_leaves_of_a_file_is_no_reason_to_refuse_the_folder(
+    own: Own, tmp_path: Path, fresh: bool
+) -> None:
+    out, plan = tmp_path / "out", own.plan(runs=64)
+    own.run(plan, out, workers=InThisProcess())
+    for name in (".sweep.csv.gky3652j", ".failed.csv.a_b3c4d5", "sweep.sqlite-shm"):
+        (out / name).write_text("half")
+    done = own.run(plan, out, workers=InThisProcess(), fresh=fresh)
+    assert done.kept == (0 if fresh else GROUP)
+    assert {path.name for path in out.iterdir()} <= {
+        STORE, "sweep.sqlite-shm", ".lock", "sweep.csv", "sweep.json",
+    }  # fmt: skip
+    (out / ".sweep.csv.gky3652j.bak").write_text("somebody's own")
+    with pytest.raises(ParameterError, match="one that holds an earlier sweep alone"):
+        own.run(plan, out, workers=InThisProcess())
+
+
+def test_a_file_that_is_being_written_is_one_that_may_be_left(tmp_path: Path) -> None:
+    from inswsn_lib.artefact.sweep_store import check_folder
+    from inswsn_lib.files import write_whole
+
+    names: set[str] = set()
+    replace = Path.replace
+
+    def look(path: Path, target: Path) -> Path:
+        names.add(path.name)
+        check_folder(tmp_path)
+        return replace(path, target)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Path, "replace", look)
+        for name in ("sweep.csv", "sweep.svg", "sweep.json", "failed.csv"):
+            write_whole(tmp_path / name, "text")
+    assert len(names) == 4
+
+
+def test_a_full_disk_is_told_and_loses_nothing(tmp_path: Path) -> None:
+    with Store(tmp_path / "out", {"grid": "one"}) as store:
+        store.add([(0, 0, b"a")])
+        (pages,) = store._base.execute("PRAGMA page_count").fetchone()
+        store._base.execute(f"PRAGMA max_page_count = {pages}")
+        with pytest.raises(BuildError) as failure:
+            store.add([(0, 1, b"b" * 100_000)])
+        assert str(failure.value) == (
+            "sweep.sqlite: database or disk is full; what is finished is kept."
+        )
+        assert store.done() == {0: {0}}
+    with Store(tmp_path / "out", {"grid": "one"}) as store:
+        assert store.read(0, 1) == [b"a"]
+
+
+def test_a_database_of_something_else_is_refused(tmp_path: Path) -> None:
+    base = sqlite3.connect(tmp_path / STORE)
+    base.execute("CREATE TABLE other (name TEXT)")
+    base.close()
+    with pytest.raises(InswsnError, match="is not the store of a sweep"):
+        Store(tmp_path, {"grid": "one"})
 
 
 def test_the_notebook_of_a_chapter_without_an_experiment(mini: MiniProject, tmp_path: Path) -> None:
