@@ -15,7 +15,7 @@ from inswsn_lib.artefact.sweep_plan import BLOCK, Plan, default_folder
 from inswsn_lib.artefact.sweep_progress import SweepProgress
 from inswsn_lib.artefact.sweep_results import Finished, cell_name, write_results
 from inswsn_lib.artefact.sweep_store import Store
-from inswsn_lib.artefact.sweep_tasks import Outcome, Task, library_state, own_module
+from inswsn_lib.artefact.sweep_tasks import Outcome, Task, library_state, own_source
 from inswsn_lib.artefact.sweep_workers import (
     WorkerDiedError,
     Workers,
@@ -114,7 +114,7 @@ def _workers(
         with local_workers(jobs) as local:
             yield local, f"{jobs} process{'es' if jobs > 1 else ''} of this machine"
     else:
-        with dask_workers(dask, own_module(plan.source)) as cluster:
+        with dask_workers(dask, own_source(plan.source)) as cluster:
             yield cluster, f"the Dask cluster at {dask}"
 
 
@@ -128,13 +128,18 @@ class _Sweep:
         self._left = [plan.parts] * len(self._names)
         for cell, parts in store.done().items():
             self._left[cell] -= sum(part < plan.parts for part in parts)
-        self._library = library_state(own_module(plan.source))
+        self._library = library_state(own_source(plan.source))
         self.computed = 0
 
     def work(self, tasks: deque[Task], workers: Workers) -> None:
         """Share tasks out until none is left; few are under way at a time."""
         flying: dict[Future[Outcome], Task] = {}
+        told = ""
         while tasks or flying:
+            trouble = workers.look()
+            if trouble and trouble != told:
+                self._progress.say(trouble)
+            told = trouble
             while tasks and workers.has_room():
                 task = self._still_wanted(tasks.popleft())
                 if task.cells:

@@ -15,10 +15,10 @@ from inswsn_lib.artefact.sweep_grid import Grid, read_grid
 from inswsn_lib.artefact.sweep_store import as_text
 from inswsn_lib.artefact.sweep_tasks import (
     Task,
+    code_state,
     compute_groups,
     execute_cell,
-    library_state,
-    own_module,
+    own_source,
 )
 from inswsn_lib.artefact.sweep_workers import Compute
 from inswsn_lib.checkout import data_mirror
@@ -26,6 +26,7 @@ from inswsn_lib.errors import ParameterError
 from inswsn_lib.evaluation import GROUP
 from inswsn_lib.experiments import EXPERIMENTS, Experiment, find_experiment
 from inswsn_lib.files import file_digest, text_digest, tree_digest
+from inswsn_lib.lmi.solvers import chosen_solver
 from inswsn_lib.parameters import chapter_schema
 
 _FEWEST, _MOST = 40, 10_000_000
@@ -129,7 +130,8 @@ def make_plan(
     Raises
     ------
     ParameterError
-        If there is no such chapter or experiment, or a parameter may not have its value.
+        If there is no such chapter or experiment, a parameter may not have its value, or
+        ``INSWSN_SOLVER`` names no solver.
     InswsnError
         If a source cannot be read.
     """
@@ -144,7 +146,8 @@ def make_plan(
     if not _FEWEST <= count <= _MOST:
         raise ParameterError("--runs", count, f"a whole number from {_FEWEST} to {_MOST}")
     facts = {
-        "library, Python or numpy": library_state(own_module(source)),
+        "library, Python or numpy": code_state(own_source(source)),
+        "solver": chosen_solver(),
         "lock": tree_digest(project.root, project.locks),
         "file below data/": tree_digest(data, [data / name for name in experiment.files]),
     }
@@ -179,7 +182,8 @@ def _plan_chapter(
     grid = read_grid(schema, axes, settings, data)
     files = [p for p in data.rglob("*") if p.is_file() and project.published not in p.parents]
     facts = {
-        "library, Python or numpy": library_state(),
+        "library, Python or numpy": code_state(),
+        "solver": chosen_solver(),
         "lock": tree_digest(project.root, project.locks),
         "file below data/": tree_digest(data, files),
         "text of the chapter": file_digest(chapter.source),
