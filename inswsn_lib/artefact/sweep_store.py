@@ -31,10 +31,13 @@ MADE = frozenset(
 # what `inswsn_lib.files.write_whole` writes to until the file is whole; a kill -9 leaves it
 _UNFINISHED = re.compile(r"\.(sweep\.(csv|svg|json)|failed\.csv)\.[a-z0-9_]{8}")
 
+#: Raised when the tables, or what is in them, change their form
+FORM = "1"
 _TABLES = """
 CREATE TABLE made_from (name TEXT PRIMARY KEY, value TEXT NOT NULL) WITHOUT ROWID;
 CREATE TABLE done (cell INTEGER, part INTEGER, content BLOB NOT NULL, PRIMARY KEY (cell, part));
 CREATE TABLE failed (cell INTEGER PRIMARY KEY, reason TEXT NOT NULL);
+CREATE TABLE computed_by (number INTEGER PRIMARY KEY, who TEXT NOT NULL UNIQUE);
 """
 
 
@@ -160,6 +163,18 @@ class Store:
                 "SELECT content FROM done WHERE cell = ? AND part < ? ORDER BY part", (cell, parts)
             )
             return [content for (content,) in rows]
+
+    def note(self, who: str) -> None:
+        """Note who is about to compute."""
+        with _told():
+            self._base.execute("INSERT OR IGNORE INTO computed_by (who) VALUES (?)", (who,))
+
+    def computed_by(self) -> list[str]:
+        """Return who has computed, in any call, in order."""
+        with _told():
+            return [
+                who for (who,) in self._base.execute("SELECT who FROM computed_by ORDER BY number")
+            ]
 
     def fail(self, cell: int, reason: str) -> None:
         """Note why a cell has failed."""

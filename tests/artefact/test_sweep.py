@@ -12,6 +12,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -236,7 +237,11 @@ def test_a_sweep_is_the_same_in_any_number_of_processes(own: Own, tmp_path: Path
     facts = json.loads((tmp_path / "two" / "sweep.json").read_text())
     assert facts["grid"] == {"spread": [1.0, 2.0], "told": [0.0, 0.5]}
     assert facts["runs"] == 300
-    assert facts["computed by"] == "2 processes of this machine"
+    assert facts["computed by"] == ["2 processes of this machine"]
+    # a call that finds all there computes nothing, and takes nobody's place
+    own.run(plan, tmp_path / "two", workers=InThisProcess())
+    facts = json.loads((tmp_path / "two" / "sweep.json").read_text())
+    assert facts["computed by"] == ["2 processes of this machine"]
 
 
 def test_more_runs_build_on_those_that_are_there(own: Own, tmp_path: Path) -> None:
@@ -336,8 +341,6 @@ def test_nothing_is_lost_or_counted_twice_by_a_stop_or_a_kill(own: Own, tmp_path
 
 def quick(plan: Plan) -> Plan:
     """Return the same sweep without the pauses, which change no number."""
-    from dataclasses import replace
-
     return replace(plan, grid=replace(plan.grid, values={**plan.grid.values, "pause": 0.0}))
 
 
@@ -398,7 +401,7 @@ def test_a_worker_that_dies_costs_its_own_cell_alone(own: Own, tmp_path: Path) -
     )
 
 
-def test_the_death_of_a_process_is_told_from_what_it_raises(own: Own, tmp_path: Path) -> None:
+def test_a_task_whose_process_died_is_tried_again_cell_by_cell(own: Own, tmp_path: Path) -> None:
     class Mortal(InThisProcess):
         died = False
 
@@ -462,6 +465,7 @@ def test_an_address_where_nobody_answers(
         address = f"tcp://127.0.0.1:{taken.getsockname()[1]}"
         with pytest.raises(ParameterError) as refusal:
             own.run(own.plan(runs=64), tmp_path / "out", dask=address)
+    assert not (tmp_path / "out").exists()
     start = f"--dask is '{address}'; it may be the address of a Dask scheduler that answers ("
     assert str(refusal.value).startswith(start)
 
@@ -554,6 +558,12 @@ def test_sweeps_of_different_things_are_not_mixed(own: Own, tmp_path: Path) -> N
     assert (done.kept, done.computed) == (0, 4 * GROUP)
 
 
+def test_one_cell_has_no_figure(own: Own, tmp_path: Path) -> None:
+    done = own.run(own.plan(runs=64), tmp_path / "out", workers=InThisProcess())
+    assert done.no_figure == "there is one cell; --grid names an axis."
+    assert not (done.folder / "sweep.svg").exists()
+
+
 def test_one_sweep_at_a_time_in_a_folder(own: Own, tmp_path: Path) -> None:
     plan = own.plan(runs=64)
     with (
@@ -640,6 +650,88 @@ def test_a_database_of_something_else_is_refused(tmp_path: Path) -> None:
     base.close()
     with pytest.raises(InswsnError, match="is not the store of a sweep"):
         Store(tmp_path, {"grid": "one"})
+
+
+MINE = """
+import numpy as np
+from sklearn.base import BaseEstimator, RegressorMixin
+
+class L(RegressorMixin, BaseEstimator):
+    def fit(self, X, y):
+        return self
+
+    def predict(self, X):
+        return np.zeros(len(X))
+"""
+
+
+def test_an_edited_file_or_regressor_of_ones_own_is_another_sweep(own: Own, tmp_path: Path) -> None:
+    source = own.project.root / "chapters" / "00-mini.md"
+    source.write_text(source.read_text().replace("# What the number is", """\
+# A learner.
+learner: str = "sklearn.linear_model:LinearRegression"  # 1; a regressor
+# A table.
+table: str = "papers/number.txt"  # 1; a file
+# What the number is"""))  # fmt: skip
+    module, file = own.folder / f"{own.module}_mine.py", tmp_path / "table.csv"
+    module.write_text(MINE)
+    file.write_text("1")
+
+    def made_from(*axes: str) -> str:
+        settings = (f"table={file}",)
+        return make_plan(own.project, "00", axes, settings, None).made_from[
+            "file or module of your own"
+        ]
+
+    axis = f"learner={own.module}_mine:L,sklearn.linear_model:Ridge"
+    before = made_from(axis)
+    assert json.loads(before).keys() == {
+        str(file), f"{own.module}_mine:L", "sklearn.linear_model:Ridge",
+    }  # fmt: skip
+    file.write_text("2")
+    with_other_file = made_from(axis)
+    module.write_text(MINE + "# edited")
+    assert len({before, with_other_file, made_from(axis)}) == 3
+    sys.modules.pop(f"{own.module}_mine")
+
+
+def test_the_runs_of_a_chapter_are_no_axis(mini: MiniProject) -> None:
+    source = mini.root / "chapters" / "00-mini.md"
+    declared = "# How many.\nruns: int = 7  # runs; value > 0\n# What the number is"
+    source.write_text(source.read_text().replace("# What the number is", declared))
+    with pytest.raises(ParameterError) as refusal:
+        make_plan(mini, "00", ["scale=1,2", "runs=200,400"], (), None)
+    assert str(refusal.value) == (
+        "--grid is 'runs=200,400'; it may be another parameter: runs is a column of sweep.csv "
+        "already; give --runs."
+    )
+    plan = make_plan(mini, "00", ["scale=1,2"], (), 50)
+    assert (plan.runs, plan.runs_of_part, plan.counted) == (50, 1, "cells")
+
+
+def test_progress_on_a_terminal() -> None:
+    console = Console(file=io.StringIO(), force_terminal=True, width=200)
+
+    def shown() -> str:
+        stream = console.file
+        assert isinstance(stream, io.StringIO)
+        progress._bars.refresh()
+        return stream.getvalue().rpartition("sweep-02")[2]
+
+    with SweepProgress(console) as progress:
+        progress.started("sweep-02", 64, 12_800)
+        assert "64 of 12,800 runs" in shown()
+        assert "failed" not in shown()
+        progress.advanced(1_000)
+        progress.cell("told=1", 4)  # the bar tells
+        assert "1,064 of 12,800 runs" in shown()
+        progress.failed("told=2", "no design")
+        progress.failed("told=3", "no design")
+        assert "2 failed" in shown()
+    stream = console.file
+    assert isinstance(stream, io.StringIO)
+    assert "told=3: failed: no design" in stream.getvalue()
+    assert "told=1" not in stream.getvalue()
 
 
 def test_another_solver_is_another_sweep(
