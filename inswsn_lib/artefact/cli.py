@@ -134,8 +134,8 @@ def run(
 @click.option(
     "--runs",
     type=int,
-    help="Runs of each cell. Default: 1000, or what the chapter declares. More of them later "
-    "build on those that are there.",
+    help="Runs of each cell. Default: 1000, or what the chapter declares. Where runs go in groups "
+    "(chapter 02, an experiment of your own), more of them later build on those that are there.",
 )
 @click.option("--jobs", type=click.IntRange(min=1), help="Processes. Default: one a core.")
 @click.option("--dask", metavar="ADDRESS", help="Compute on the Dask cluster of this scheduler.")
@@ -178,7 +178,7 @@ def sweep(
     show_leaders(plan, done, Console(width=None if sys.stdout.isatty() else 120))
     if done.no_figure:
         click.echo(f"There is no figure: {done.no_figure}")
-    click.echo(f"{done.computed:,} runs computed, {done.kept:,} were there.")
+    click.echo(f"{done.computed:,} {plan.counted} computed, {done.kept:,} were there.")
     click.echo(f"The sweep is in {done.folder}")
     if done.failed:
         raise BuildError(

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, wait
-from contextlib import contextmanager
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,8 +13,8 @@ from inswsn_lib.artefact.provenance import available_cores
 from inswsn_lib.artefact.sweep_plan import BLOCK, Plan, default_folder
 from inswsn_lib.artefact.sweep_progress import SweepProgress
 from inswsn_lib.artefact.sweep_results import Finished, cell_name, write_results
-from inswsn_lib.artefact.sweep_store import Store
-from inswsn_lib.artefact.sweep_tasks import Outcome, Task, library_state, own_module
+from inswsn_lib.artefact.sweep_store import Store, check_folder
+from inswsn_lib.artefact.sweep_tasks import Outcome, Task, library_state, own_source
 from inswsn_lib.artefact.sweep_workers import (
     WorkerDiedError,
     Workers,
@@ -75,47 +74,34 @@ def run_sweep(
     if dask is not None and plan.experiment is None:
         raise ParameterError("--dask", dask, "left out: this chapter is executed as a whole")
     folder = out or default_folder(project, plan)
-    with Store(folder, plan.made_from, fresh=fresh) as store:
+    check_folder(folder)
+    with ExitStack() as stack:
+        if dask is not None:  # a wrong address leaves nothing behind
+            workers = stack.enter_context(dask_workers(dask, own_source(plan.source)))
+        store = stack.enter_context(Store(folder, plan.made_from, fresh=fresh))
         done = store.done()
         wanted = len(plan.grid.places()) * plan.parts
         kept = sum(part < plan.parts for parts in done.values() for part in parts)
         store.forget_failures()
         sweep = _Sweep(plan, store, progress)
-        progress.started(plan.name, kept * plan.runs_of_part, wanted * plan.runs_of_part)
+        size = plan.runs_of_part
+        progress.started(plan.name, kept * size, wanted * size, plan.counted)
         tasks = plan.tasks(done, block)
-        where = "nobody: all was there"
         if tasks:
             jobs = min(jobs or available_cores(), len(tasks))
-            with _workers(plan, jobs, dask, workers) as (hands, where):
-                try:
-                    sweep.work(tasks, hands)
-                except KeyboardInterrupt:
-                    progress.say(
-                        f"What is finished is kept in {store.folder}; the same command goes on."
-                    )
-                    raise
-        return write_results(
-            project,
-            plan,
-            store,
-            where=where,
-            kept=kept * plan.runs_of_part,
-            computed=sweep.computed * plan.runs_of_part,
-        )
-
-
-@contextmanager
-def _workers(
-    plan: Plan, jobs: int, dask: str | None, given: Workers | None
-) -> Iterator[tuple[Workers, str]]:
-    if given is not None:
-        yield given, type(given).__name__
-    elif dask is None:
-        with local_workers(jobs) as local:
-            yield local, f"{jobs} process{'es' if jobs > 1 else ''} of this machine"
-    else:
-        with dask_workers(dask, own_module(plan.source)) as cluster:
-            yield cluster, f"the Dask cluster at {dask}"
+            if workers is None:
+                workers = stack.enter_context(local_workers(jobs))
+                store.note(f"{jobs} process{'es' if jobs > 1 else ''} of this machine")
+            else:
+                store.note(f"the Dask cluster at {dask}" if dask else type(workers).__name__)
+            try:
+                sweep.work(tasks, workers)
+            except KeyboardInterrupt:
+                progress.say(
+                    f"What is finished is kept in {store.folder}; the same command goes on."
+                )
+                raise
+        return write_results(project, plan, store, kept=kept * size, computed=sweep.computed * size)
 
 
 class _Sweep:
@@ -128,13 +114,18 @@ class _Sweep:
         self._left = [plan.parts] * len(self._names)
         for cell, parts in store.done().items():
             self._left[cell] -= sum(part < plan.parts for part in parts)
-        self._library = library_state(own_module(plan.source))
+        self._library = library_state(own_source(plan.source))
         self.computed = 0
 
     def work(self, tasks: deque[Task], workers: Workers) -> None:
         """Share tasks out until none is left; few are under way at a time."""
         flying: dict[Future[Outcome], Task] = {}
+        told = ""
         while tasks or flying:
+            trouble = workers.look()
+            if trouble and trouble != told:
+                self._progress.say(trouble)
+            told = trouble
             while tasks and workers.has_room():
                 task = self._still_wanted(tasks.popleft())
                 if task.cells:

@@ -12,13 +12,14 @@ from typing import Any
 from inswsn_lib.artefact.project import Chapter, Project
 from inswsn_lib.artefact.running import find_chapter
 from inswsn_lib.artefact.sweep_grid import Grid, read_grid
-from inswsn_lib.artefact.sweep_store import as_text
+from inswsn_lib.artefact.sweep_store import FORM, as_text
 from inswsn_lib.artefact.sweep_tasks import (
     Task,
+    code_state,
     compute_groups,
     execute_cell,
-    library_state,
-    own_module,
+    module_digest,
+    own_source,
 )
 from inswsn_lib.artefact.sweep_workers import Compute
 from inswsn_lib.checkout import data_mirror
@@ -26,7 +27,8 @@ from inswsn_lib.errors import ParameterError
 from inswsn_lib.evaluation import GROUP
 from inswsn_lib.experiments import EXPERIMENTS, Experiment, find_experiment
 from inswsn_lib.files import file_digest, text_digest, tree_digest
-from inswsn_lib.parameters import chapter_schema
+from inswsn_lib.lmi.solvers import chosen_solver
+from inswsn_lib.parameters import FILE_RULE, REGRESSOR_RULE, Schema, chapter_schema
 
 _FEWEST, _MOST = 40, 10_000_000
 #: Groups of a task: it takes seconds, so that little is lost when it is
@@ -52,7 +54,7 @@ class Plan:
     grid : Grid
         The cells.
     runs : int
-        Runs of a cell.
+        Runs of a cell; of a chapter that is executed its parameter ``runs``, or else 1.
     parts : int
         Groups of a cell.
     made_from : dict of str to str
@@ -76,8 +78,13 @@ class Plan:
 
     @property
     def runs_of_part(self) -> int:
-        """Runs that are done when a group is; of a chapter that is executed, all."""
-        return GROUP if self.experiment else self.runs
+        """How many of what is counted are done when a group is."""
+        return GROUP if self.experiment else 1
+
+    @property
+    def counted(self) -> str:
+        """What is counted: of a chapter that is executed, cells."""
+        return "runs" if self.experiment else "cells"
 
     def tasks(self, done: Mapping[int, set[int]], block: int = BLOCK) -> deque[Task]:
         """Return what is left to do, cells that share their runs together.
@@ -129,7 +136,8 @@ def make_plan(
     Raises
     ------
     ParameterError
-        If there is no such chapter or experiment, or a parameter may not have its value.
+        If there is no such chapter or experiment, a parameter may not have its value, or
+        ``INSWSN_SOLVER`` names no solver.
     InswsnError
         If a source cannot be read.
     """
@@ -144,9 +152,11 @@ def make_plan(
     if not _FEWEST <= count <= _MOST:
         raise ParameterError("--runs", count, f"a whole number from {_FEWEST} to {_MOST}")
     facts = {
-        "library, Python or numpy": library_state(own_module(source)),
+        "library, Python or numpy": code_state(own_source(source)),
+        "solver": chosen_solver(),
         "lock": tree_digest(project.root, project.locks),
         "file below data/": tree_digest(data, [data / name for name in experiment.files]),
+        "file or module of your own": _brought(experiment.schema, grid, data),
     }
     return Plan(
         name=f"sweep-{source.replace(':', '-').replace('.', '-')}",
@@ -169,7 +179,14 @@ def _plan_chapter(
     runs: int | None,
 ) -> Plan:
     schema, data = chapter_schema(project.root, chapter.number), project.root / "data"
-    settings = tuple(settings)
+    settings, axes = tuple(settings), tuple(axes)
+    for axis in axes:
+        if axis.partition("=")[0] == "runs":
+            raise ParameterError(
+                "--grid",
+                axis,
+                "another parameter: runs is a column of sweep.csv already; give --runs",
+            )
     if runs is not None:
         if "runs" not in schema.defaults:
             raise ParameterError(
@@ -179,9 +196,11 @@ def _plan_chapter(
     grid = read_grid(schema, axes, settings, data)
     files = [p for p in data.rglob("*") if p.is_file() and project.published not in p.parents]
     facts = {
-        "library, Python or numpy": library_state(),
+        "library, Python or numpy": code_state(),
+        "solver": chosen_solver(),
         "lock": tree_digest(project.root, project.locks),
         "file below data/": tree_digest(data, files),
+        "file or module of your own": _brought(schema, grid, data),
         "text of the chapter": file_digest(chapter.source),
         "Python": platform.python_version(),
         "state of recorded data": str(data_mirror() is not None),
@@ -199,11 +218,28 @@ def _plan_chapter(
     )
 
 
+def _brought(schema: Schema, grid: Grid, data: Path) -> str:
+    """Return the digests of the files that parameters name, and of the modules of regressors.
+
+    Of a module it is the digest of its own file: of what that imports nothing is known.
+    """
+    digests = {}
+    for parameter in schema.parameters:
+        for value in grid.axes.get(parameter.name, (grid.values[parameter.name],)):
+            word = str(value)
+            if parameter.rule == REGRESSOR_RULE:
+                digests[word] = module_digest(word.partition(":")[0])
+            elif parameter.rule == FILE_RULE and (data / word).is_file():
+                digests[word] = file_digest(data / word)
+    return as_text(digests)
+
+
 def _with_grid(facts: Mapping[str, str], source: str, grid: Grid) -> dict[str, str]:
     axes = {name: list(values) for name, values in grid.axes.items()}
     fixed = {name: value for name, value in grid.values.items() if name not in grid.axes}
     return {
         **facts,
+        "form of the store": FORM,
         "experiment": source,
         "grid": as_text(list(axes.items())),
         "set of parameters": as_text(fixed),

@@ -11,6 +11,8 @@ from inswsn_lib.artefact.progress import Bars
 class SweepProgress(Bars):
     """Shows runs done of all runs, cells that failed, and the time that is left.
 
+    Of a chapter that is executed in each cell it counts cells in place of runs.
+
     Parameters
     ----------
     console : rich.console.Console, optional
@@ -22,7 +24,7 @@ class SweepProgress(Bars):
             console,
             bars.TextColumn("{task.description}"),
             bars.BarColumn(bar_width=20),
-            bars.TextColumn("{task.completed:,.0f} of {task.total:,.0f} runs"),
+            bars.TextColumn("{task.completed:,.0f} of {task.total:,.0f} {task.fields[counted]}"),
             bars.TextColumn("{task.fields[failed]}"),
             bars.TimeRemainingColumn(),
             # a task takes seconds, and the first ones of a cell longer than the others
@@ -31,14 +33,16 @@ class SweepProgress(Bars):
         self._bar: bars.TaskID | None = None
         self._failed = 0
 
-    def started(self, name: str, done: int, total: int) -> None:
-        """Say how many runs are there and how many there will be."""
-        self._bar = self._bars.add_task(name, total=total, completed=done, failed="")
+    def started(self, name: str, done: int, total: int, counted: str = "runs") -> None:
+        """Say how many runs, or what else is counted, are there and how many there will be."""
+        self._bar = self._bars.add_task(
+            name, total=total, completed=done, failed="", counted=counted
+        )
 
-    def advanced(self, runs: int) -> None:
-        """Say that so many more runs are kept."""
+    def advanced(self, count: int) -> None:
+        """Say that so many more are kept."""
         if self._bar is not None:
-            self._bars.advance(self._bar, runs)
+            self._bars.advance(self._bar, count)
 
     def cell(self, name: str, left: int) -> None:
         """Say that a cell is done, and how many are not."""

@@ -44,7 +44,7 @@ class Finished:
     leaders : list of dict
         For each cell which method leads; empty if a chapter was executed in each.
     kept, computed : int
-        Runs that were there, and that this call computed.
+        Runs that were there, and that this call computed; cells, if a chapter was executed in each.
     no_figure : str
         Why there is none, or empty.
     """
@@ -64,7 +64,7 @@ def cell_name(place: Mapping[str, Value]) -> str:
 
 
 def write_results(
-    project: Project, plan: Plan, store: Store, *, where: str, kept: int, computed: int
+    project: Project, plan: Plan, store: Store, *, kept: int, computed: int
 ) -> Finished:
     """Write the files of a sweep, each whole or not at all.
 
@@ -76,10 +76,8 @@ def write_results(
         The sweep.
     store : Store
         What is there of it.
-    where : str
-        Who computed, for the provenance.
     kept, computed : int
-        Runs that were there before this call, and that it computed.
+        As in `Finished`.
     """
     failed = store.failed()
     places = plan.grid.places()
@@ -104,7 +102,7 @@ def write_results(
     else:
         (folder / "failed.csv").unlink(missing_ok=True)
     no_figure = _write_figure(folder / "sweep.svg", plan, table)
-    write_whole(folder / "sweep.json", _provenance(project, plan, where, len(failed)))
+    write_whole(folder / "sweep.json", _provenance(project, plan, store))
     return Finished(
         folder=folder,
         cells=len(places),
@@ -146,6 +144,8 @@ def _write_figure(path: Path, plan: Plan, table: pd.DataFrame) -> str:
         return "a chapter without an experiment of its own says nothing of what to draw."
     if table.empty:
         return "no cell is complete."
+    if not plan.grid.axes:
+        return "there is one cell; --grid names an axis."
     try:
         fig = draw_summary(plan.experiment, table, list(plan.grid.axes))
     except ParameterError as error:
@@ -156,7 +156,7 @@ def _write_figure(path: Path, plan: Plan, table: pd.DataFrame) -> str:
     return ""
 
 
-def _provenance(project: Project, plan: Plan, where: str, failed: int) -> str:
+def _provenance(project: Project, plan: Plan, store: Store) -> str:
     commit, clean = repository_state(project.root)
     facts = {
         "version": __version__,
@@ -169,11 +169,11 @@ def _provenance(project: Project, plan: Plan, where: str, failed: int) -> str:
             name: value for name, value in plan.grid.values.items() if name not in plan.grid.axes
         },
         "runs": plan.runs,
-        "failed cells": failed,
+        "failed cells": len(store.failed()),
         "made from": dict(plan.made_from),
         "digest": plan.digest,
         "finished": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
-        "computed by": where,
+        "computed by": store.computed_by(),
         "machine of the command": machine_facts(),
     }
     return json_text(facts)

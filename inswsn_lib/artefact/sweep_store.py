@@ -8,29 +8,36 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import sqlite3
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
 from typing import Self
 
 from filelock import FileLock, Timeout
 
-from inswsn_lib.errors import InswsnError, ParameterError
+from inswsn_lib.errors import BuildError, InswsnError, ParameterError
 
 STORE = "sweep.sqlite"
 _LOCK = ".lock"
 #: All files that a sweep writes to its folder
 MADE = frozenset(
-    {STORE, f"{STORE}-journal", _LOCK}
+    {STORE, *(f"{STORE}-{kind}" for kind in ("journal", "wal", "shm")), _LOCK}
     | {f"sweep.{kind}" for kind in ("csv", "svg", "json")}
     | {"failed.csv"}
 )
+# what `inswsn_lib.files.write_whole` writes to until the file is whole; a kill -9 leaves it
+_UNFINISHED = re.compile(r"\.(sweep\.(csv|svg|json)|failed\.csv)\.[a-z0-9_]{8}")
 
+#: Raised when the tables, or what is in them, change their form
+FORM = "1"
 _TABLES = """
 CREATE TABLE made_from (name TEXT PRIMARY KEY, value TEXT NOT NULL) WITHOUT ROWID;
 CREATE TABLE done (cell INTEGER, part INTEGER, content BLOB NOT NULL, PRIMARY KEY (cell, part));
 CREATE TABLE failed (cell INTEGER PRIMARY KEY, reason TEXT NOT NULL);
+CREATE TABLE computed_by (number INTEGER PRIMARY KEY, who TEXT NOT NULL UNIQUE);
 """
 
 
@@ -67,6 +74,9 @@ class Store:
                 f"Another sweep is running in {folder}; wait for it, or give another --out."
             ) from None
         try:
+            for path in self.folder.iterdir():
+                if _UNFINISHED.fullmatch(path.name):
+                    path.unlink(missing_ok=True)
             if fresh:
                 for name in MADE - {_LOCK}:
                     (self.folder / name).unlink(missing_ok=True)
@@ -92,6 +102,13 @@ class Store:
             )
         except sqlite3.DatabaseError as error:
             base.close()
+            # an error of the statements says that the database is another one; all other errors of
+            # its operation, such as a full disk, say nothing of what is in it
+            if (
+                isinstance(error, sqlite3.OperationalError)
+                and error.sqlite_errorcode != sqlite3.SQLITE_ERROR
+            ):
+                raise _interrupted(error) from None
             raise InswsnError(
                 f"{self.folder / STORE} is not the store of a sweep ({error}); give another --out, "
                 "or --fresh to begin anew."
@@ -120,8 +137,9 @@ class Store:
     def done(self) -> dict[int, set[int]]:
         """Return the parts that are there, by cell."""
         found: dict[int, set[int]] = {}
-        for cell, part in self._base.execute("SELECT cell, part FROM done"):
-            found.setdefault(cell, set()).add(part)
+        with _told():
+            for cell, part in self._base.execute("SELECT cell, part FROM done"):
+                found.setdefault(cell, set()).add(part)
         return found
 
     def add(self, parts: Iterable[tuple[int, int, bytes]]) -> None:
@@ -131,29 +149,60 @@ class Store:
         ------
         sqlite3.IntegrityError
             If one is there already: nothing is counted twice.
+        BuildError
+            If it cannot be written, such as on a full disk.
         """
-        with self._base:
+        with _told(), self._base:
             self._base.execute("BEGIN")
             self._base.executemany("INSERT INTO done VALUES (?, ?, ?)", parts)
 
     def read(self, cell: int, parts: int) -> list[bytes]:
         """Return the first parts of a cell, in order."""
-        rows = self._base.execute(
-            "SELECT content FROM done WHERE cell = ? AND part < ? ORDER BY part", (cell, parts)
-        )
-        return [content for (content,) in rows]
+        with _told():
+            rows = self._base.execute(
+                "SELECT content FROM done WHERE cell = ? AND part < ? ORDER BY part", (cell, parts)
+            )
+            return [content for (content,) in rows]
+
+    def note(self, who: str) -> None:
+        """Note who is about to compute."""
+        with _told():
+            self._base.execute("INSERT OR IGNORE INTO computed_by (who) VALUES (?)", (who,))
+
+    def computed_by(self) -> list[str]:
+        """Return who has computed, in any call, in order."""
+        with _told():
+            return [
+                who for (who,) in self._base.execute("SELECT who FROM computed_by ORDER BY number")
+            ]
 
     def fail(self, cell: int, reason: str) -> None:
         """Note why a cell has failed."""
-        self._base.execute("INSERT OR REPLACE INTO failed VALUES (?, ?)", (cell, reason))
+        with _told():
+            self._base.execute("INSERT OR REPLACE INTO failed VALUES (?, ?)", (cell, reason))
 
     def forget_failures(self) -> None:
         """Forget which cells have failed, since they are about to be tried again."""
-        self._base.execute("DELETE FROM failed")
+        with _told():
+            self._base.execute("DELETE FROM failed")
 
     def failed(self) -> dict[int, str]:
         """Return why cells have failed, by cell."""
-        return dict(self._base.execute("SELECT cell, reason FROM failed ORDER BY cell"))
+        with _told():
+            return dict(self._base.execute("SELECT cell, reason FROM failed ORDER BY cell"))
+
+
+def _interrupted(error: sqlite3.OperationalError) -> BuildError:
+    return BuildError(f"{STORE}: {error}; what is finished is kept.")
+
+
+@contextmanager
+def _told() -> Iterator[None]:
+    """Tell in a sentence why the store cannot be read or written now."""
+    try:
+        yield
+    except sqlite3.OperationalError as error:
+        raise _interrupted(error) from None
 
 
 def check_folder(folder: Path) -> None:
@@ -165,7 +214,9 @@ def check_folder(folder: Path) -> None:
         If it is one.
     """
     held = {path.name for path in folder.iterdir()} if folder.is_dir() else set()
-    if (folder.exists() and not folder.is_dir()) or not held <= MADE:
+    if (folder.exists() and not folder.is_dir()) or not all(
+        name in MADE or _UNFINISHED.fullmatch(name) for name in held
+    ):
         raise ParameterError(
             "--out", str(folder), "a new or empty folder, or one that holds an earlier sweep alone"
         )

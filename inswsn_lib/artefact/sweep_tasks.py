@@ -7,22 +7,25 @@ import io
 import os
 import platform
 import threading
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from rich.console import Console
 from threadpoolctl import threadpool_limits
 
 from inswsn_lib.artefact.project import Project
 from inswsn_lib.checkout import DATA_VARIABLE
-from inswsn_lib.errors import InswsnError
+from inswsn_lib.errors import InswsnError, ParameterError
 from inswsn_lib.evaluation import GROUP, monte_carlo
 from inswsn_lib.experiments import Experiment, Trial, find_experiment
-from inswsn_lib.files import text_digest
+from inswsn_lib.files import file_digest
+from inswsn_lib.lmi.solvers import chosen_solver
 from inswsn_lib.parameters import Value
 from inswsn_lib.plugins import MODULES_VARIABLE
 
@@ -82,27 +85,73 @@ class Outcome:
 
 
 @cache
-def library_state(module: str = "") -> str:
-    """Return what the numbers of this process depend on, as a text to compare.
+def code_state(source: str = "") -> str:
+    """Return what code this process computes with, as a text to compare.
+
+    It is taken once in a process, since what is imported stays as it was when it was read.
 
     Parameters
     ----------
-    module : str
-        A reader's own module, if the experiment is in one.
+    source : str
+        A reader's own experiment, or empty.
+
+    Raises
+    ------
+    ParameterError
+        If there is no such experiment.
     """
     project = Project(Path())  # its library is the one that runs
-    words = [project.computing_digest()[:16], platform.python_version(), np.__version__]
-    if module:
-        spec = importlib.util.find_spec(module)
-        origin = Path(spec.origin) if spec and spec.origin else None
-        content = origin.read_text(encoding="utf-8") if origin else ""
-        words.append(text_digest(content)[:16])
-    return " ".join(words)
+    words = [
+        f"library {project.computing_digest()[:16]}",
+        f"Python {platform.python_version()}",
+        f"numpy {np.__version__}",
+    ]
+    if source:
+        find_experiment(source)  # puts the folder of a reader's own modules on the path
+        module = source.partition(":")[0]
+        words.append(f"{module} {module_digest(module)[:16]}")
+    return ", ".join(words)
 
 
-def own_module(source: str) -> str:
-    """Return the module of a reader's own experiment, empty for one of the library."""
-    return source.partition(":")[0] if ":" in source else ""
+def module_digest(module: str) -> str:
+    """Return the digest of the file of a module, empty if it has none; its parents are imported."""
+    spec = importlib.util.find_spec(module)
+    origin = Path(spec.origin) if spec and spec.origin else None
+    return file_digest(origin) if origin and origin.is_file() else ""
+
+
+def library_state(source: str = "") -> str:
+    """Return what the numbers of this process depend on: its code, and the solver of designs.
+
+    Parameters
+    ----------
+    source : str
+        As in `code_state`.
+
+    Raises
+    ------
+    ParameterError
+        If there is no such experiment, or ``INSWSN_SOLVER`` names no solver.
+    """
+    return f"{code_state(source)}, solver {chosen_solver()}"
+
+
+def worker_state(source: str) -> tuple[str, str]:
+    """Return the `library_state` of a worker, or empty and why there is none.
+
+    A reason is a text, since a `ParameterError` does not survive the way from another process.
+    """
+    try:
+        return library_state(source), ""
+    except ParameterError as error:
+        missing = error.name == "NAME"
+        advice = f" Set {MODULES_VARIABLE} there to the folder of the module." if missing else ""
+        return "", f"{error}{advice}"
+
+
+def own_source(source: str) -> str:
+    """Return the source if it is a reader's own experiment, empty for one of the library."""
+    return source if ":" in source else ""
 
 
 def compute_groups(task: Task) -> Outcome:
@@ -110,9 +159,11 @@ def compute_groups(task: Task) -> Outcome:
     outcome = Outcome("unknown")
     try:
         experiment = find_experiment(task.source)
-        outcome.library = library_state(own_module(task.source))
-        with threadpool_limits(1):  # the same order of sums on every machine of one kind
-            _compute(task, experiment, outcome)
+        outcome.library = library_state(own_source(task.source))
+        # the same order of sums on every machine of one kind. It holds for the process and is never
+        # taken back: another thread of a worker of Dask may be in the midst of a task
+        threadpool_limits(1)
+        _compute(task, experiment, outcome)
     except InswsnError as refusal:
         outcome.refused = {cell: str(refusal) for cell, _ in task.cells}
     except Exception as error:  # an experiment may raise anything; the others go on
@@ -124,29 +175,40 @@ def _compute(task: Task, experiment: Experiment, outcome: Outcome) -> None:
     prepared = _prepared(task, experiment)
     judges = {}
     for cell, values in task.cells:
-        try:
+        with _troubles_of(cell, outcome):
             judges[cell] = prepared.judge(cell, values)
-        except InswsnError as refusal:
-            outcome.refused[cell] = str(refusal)
-        except Exception as error:
-            outcome.failed[cell] = _short(error)
     contents: dict[int, list[bytes]] = {cell: [] for cell in judges}
     seed = task.cells[0][1]["seed"]
     assert isinstance(seed, int)
     for part in task.parts:
         drawn = monte_carlo(prepared.trial.draw, GROUP, seed, first=GROUP * part)
+        shared = {name: _read_only(values) for name, values in drawn.items()}
         for cell, judge in judges.items():
             if cell in outcome.refused or cell in outcome.failed:
                 continue
-            try:
-                contents[cell].append(_packed(experiment, judge(drawn)))
-            except InswsnError as refusal:
-                outcome.refused[cell] = str(refusal)
-            except Exception as error:
-                outcome.failed[cell] = _short(error)
+            with _troubles_of(cell, outcome):
+                contents[cell].append(_packed(experiment, judge(shared)))
     for cell, content in contents.items():
         if cell not in outcome.refused and cell not in outcome.failed:
             outcome.done += [(cell, *pair) for pair in zip(task.parts, content, strict=True)]
+
+
+@contextmanager
+def _troubles_of(cell: int, outcome: Outcome) -> Iterator[None]:
+    """Note what is raised for a cell: a refusal is final, anything else may be tried again."""
+    try:
+        yield
+    except InswsnError as refusal:
+        outcome.refused[cell] = str(refusal)
+    except Exception as error:  # an experiment may raise anything; the others go on
+        outcome.failed[cell] = _short(error)
+
+
+def _read_only(values: NDArray[Any]) -> NDArray[Any]:
+    """Return a view that refuses to be written to: the judges of all cells are given the same."""
+    view = values.view()
+    view.flags.writeable = False
+    return view
 
 
 def _packed(experiment: Experiment, found: Mapping[str, Any]) -> bytes:
@@ -206,21 +268,20 @@ def _prepared(task: Task, experiment: Experiment) -> _Prepared:
 
 def execute_cell(task: Task) -> Outcome:
     """Execute a chapter with the parameters of a cell; its results file is the content."""
-    from inswsn_lib.artefact.execution import execute_once  # noqa: PLC0415  # papermill is slow
+    from inswsn_lib.artefact.execution import (  # noqa: PLC0415  # papermill is slow
+        chosen_surroundings,
+        execute_once,
+    )
     from inswsn_lib.artefact.progress import Progress  # noqa: PLC0415
 
     outcome = Outcome(library_state())
     ((cell, values),) = task.cells
     project = Project(task.inputs)
-    try:
+    with _troubles_of(cell, outcome):
         chapter = next(c for c in project.chapters() if c.name == task.source)
         quiet = Progress(Console(file=io.StringIO()))
-        _, results, _ = execute_once(project, chapter, values, quiet)
+        _, results, _ = execute_once(project, chapter, values, quiet, chosen_surroundings())
         outcome.done = [(cell, task.parts[0], results.model_dump_json().encode())]
-    except InswsnError as refusal:
-        outcome.refused[cell] = str(refusal)
-    except Exception as error:
-        outcome.failed[cell] = _short(error)
     return outcome
 
 

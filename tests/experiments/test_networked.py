@@ -10,8 +10,12 @@ import pytest
 
 from inswsn_lib.claims import read_results
 from inswsn_lib.errors import ParameterError
+from inswsn_lib.evaluation import fit_noise, mean_absolute_error, monte_carlo
 from inswsn_lib.experiments.networked import NETWORKED, NetworkedTrial
+from inswsn_lib.filters import run_kalman
+from inswsn_lib.models import ErrorModel
 from inswsn_lib.parameters import chapter_schema
+from inswsn_lib.simulation import with_values
 
 # as the chapter calls them
 PUBLISHED = {
@@ -101,6 +105,82 @@ def test_the_noise_that_filters_are_told_is_what_was_put_in(settings: Any) -> No
     # standard deviations of 4000 normal numbers: 1.1 %
     for fitted in trial(settings, velocity_noise=0.3).noise.values():
         assert np.sqrt(np.diag(fitted.measurement)[2:]) == pytest.approx([0.3, 0.3], rel=0.03)
+
+
+def test_a_filter_is_told_q_times_its_scale(settings: Any, drawn: dict[float, Any]) -> None:
+    there = trial(settings)
+    found = there.judge({"q_scale": 4.0})(drawn[0.2])
+    for a, fitted in there.noise.items():
+        ins, network = drawn[0.2][f"ins.area{a}"], drawn[0.2][f"wsn.area{a}"]
+        q, r = (
+            [float(np.sqrt(np.diag(moment)[pair].mean())) for pair in (slice(2), slice(2, 4))]
+            for moment in (fitted.process, fitted.measurement)
+        )
+        # four times the variance is twice the standard deviation
+        told = ErrorModel.p1(
+            there.scene.periods[int(a) - 1],
+            process_noise=(2 * q[0], 2 * q[1]),
+            measurement_noise=(r[0], r[1]),
+        )
+        error = ins - run_kalman(told, ins - network, initial_covariance=1e6 * np.eye(4))
+        for column, means in zip(("rx", "ry", "vx", "vy"), mean_absolute_error(error), strict=True):
+            np.testing.assert_allclose(found[f"kf.{column}{a}"], means, rtol=1e-9)
+
+
+def test_noise_is_fitted_to_runs_that_are_not_judged(settings: Any) -> None:
+    there = trial(settings, seed=7)
+    for seed, same in ((8, True), (7, False)):
+        runs = monte_carlo(there.scene.simulate, 40, seed)
+        model = ErrorModel.p1(there.scene.periods[0])
+        fitted = fit_noise(model.A, runs["ins.area1"], runs["wsn.area1"])
+        assert np.array_equal(there.noise["1"].measurement, fitted.measurement) is same
+
+
+QUIET = {"accelerometer_noise": 0.0, "gyro_noise": 0.0}
+
+
+def test_a_bias_drifts_with_the_time_that_the_path_takes(settings: Any) -> None:
+    none = {name: [0.0, 0.0] for name in ("accelerometer_scale", "velocity", "position")}
+    alone = with_values(settings, **none, gyro_bias=0.0, heading=0.0)
+    errors = {
+        period: trial(alone, period=period, **QUIET).draw(np.random.default_rng(0), 1)
+        for period in (0.05, 0.2, 1.0)
+    }
+    # the heading is the same sample by sample, so a velocity is off in proportion to the time that
+    # has passed, and a position in proportion to its square
+    for period in (0.05, 1.0):
+        ratio = period / 0.2
+        for a in AREAS:
+            found, expected = (errors[p][f"ins.area{a}"] for p in (period, 0.2))
+            assert np.abs(expected).max() > 1
+            np.testing.assert_allclose(found[:, 2:], ratio * expected[:, 2:], rtol=0.01, atol=0.01)
+            np.testing.assert_allclose(
+                found[:, :2], ratio**2 * expected[:, :2], rtol=0.01, atol=0.01
+            )
+
+
+@pytest.mark.parametrize(
+    ("name", "sensor", "columns", "values"),
+    [
+        ("inertial_scale", "ins", slice(4), (0.1, 0.2)),
+        ("range_noise", "wsn", slice(2), (0.05, 0.1)),
+        ("velocity_noise", "wsn", slice(2, 4), (0.1, 0.2)),
+    ],
+)
+def test_small_errors_grow_in_proportion(
+    settings: Any, name: str, sensor: str, columns: slice, values: tuple[float, float]
+) -> None:
+    small, large = (
+        trial(settings, **{**QUIET, name: value}).draw(np.random.default_rng(0), 20)
+        for value in values
+    )
+    for a in AREAS:
+        sizes = [
+            np.abs(drawn[f"{sensor}.area{a}"][:, columns]).mean(axis=(0, 2))
+            for drawn in (small, large)
+        ]
+        # the heading of an INS multiplies its other errors: a tenth at this size
+        np.testing.assert_allclose(sizes[1], 2 * sizes[0], rtol=0.15)
 
 
 def test_means_are_those_of_the_cells(settings: Any, drawn: dict[float, Any]) -> None:
