@@ -471,6 +471,7 @@
   /** Build a lab in its section and put it in the place of the still picture. */
   function start(root) {
     const figure = document.getElementById(root.dataset.figure);
+    if (!figure) throw new Error(`The page has no figure ${root.dataset.figure}.`);
     const { title, sliders, choices, data } = JSON.parse(root.querySelector("script").textContent);
     const named = Object.fromEntries(sliders.map((slider) => [slider.name, slider]));
     const lab = LABS[root.dataset.lab](data, named);
@@ -490,8 +491,7 @@
     }
     const chosen = (now) => Object.fromEntries(choices.map((c) => [c.name, c.options.find(([value]) => value === now[c.name])[1]]));
 
-    function draw() {
-      const width = Math.floor(charts.clientWidth);
+    function draw(width = Math.floor(charts.clientWidth)) {
       if (!width || !last) return;
       while (charts.childElementCount < 2 * last.charts.length) {
         const id = `${root.id}-chart-${charts.childElementCount / 2}`;
@@ -523,6 +523,9 @@
       choices.forEach((choice, i) => { sets[i].querySelector(`[value="${choice.start}"]`).checked = true; });
       refresh();
     });
+    // all is computed and drawn once before the page is changed: if that fails, the picture is there
+    refresh();
+    draw(320);
     root.setAttribute("aria-label", title);
     root.append(
       make("div", { class: "lab-controls" }, ...sets, ...fields.map((f) => f.field), reset),
@@ -533,14 +536,23 @@
     if (holder && !holder.contains(figure)) holder.hidden = true; // an empty box is left
     figure.classList.add("lab-started");
     root.hidden = false;
-    refresh();
-    new ResizeObserver(() => draw()).observe(charts);
+    new ResizeObserver(() => draw()).observe(charts); // which calls it at once
+  }
+
+  /** Start each lab of the page; one that fails leaves its picture, and the others alone. */
+  function startAll() {
+    for (const root of document.querySelectorAll("section.lab[data-lab]")) {
+      try {
+        start(root);
+      } catch (error) {
+        console.error(`The lab ${root.id} does not start.`, error);
+      }
+    }
   }
 
   window.inswsnLabs = {
     cholesky, solveFactored, kalmanGains, runFilter, radialKernel, fitLssvm, predictLssvm, forward, inverse2, meanAbsolute, median, shown, places, gainLab, kernelLab, start,
   };
-  const startAll = () => document.querySelectorAll("section.lab[data-lab]").forEach(start);
   if (document.readyState === "loading") document.addEventListener("DOMContentLoaded", startAll);
   else startAll();
 })();

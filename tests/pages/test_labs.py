@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Callable, Iterator
 from functools import cache
@@ -11,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from bs4 import BeautifulSoup
 from numpy.typing import NDArray
 from PIL import Image
 from playwright.sync_api import Browser, Locator, Page
@@ -432,6 +434,43 @@ def test_it_works_from_a_file(
 def test_the_pages_of_labs_have_no_error_and_ask_nobody(opened: dict[str, Visit]) -> None:
     for seen in opened.values():
         assert (seen.errors, seen.foreign, seen.failed) == ([], [], [])
+
+
+@pytest.mark.parametrize("broken", ["data", "figure", "JSON"])
+def test_a_lab_that_fails_leaves_its_picture_and_the_next_lab_works(
+    browser: Browser, served: str, built_site: Path, labs: dict[str, Any], broken: str
+) -> None:
+    """A page with both labs, of which the first cannot start."""
+    first, second = (
+        BeautifulSoup((built_site / labs[kind]["page"]).read_text(encoding="utf-8"), "html.parser")
+        for kind in KINDS
+    )
+    section = first.select_one("section.lab")
+    assert section is not None
+    if broken == "figure":
+        section["data-figure"] = "fig-that-is-not-there"
+    else:
+        content = json.loads(section.script.string)  # type: ignore[union-attr, arg-type]
+        content["data"]["runs"]["1x"]["designs"] = None
+        section.script.string = "{" if broken == "JSON" else json.dumps(content)  # type: ignore[union-attr]
+    for moved in ("figure#fig-72-lab", "section.lab"):
+        first.select("article section")[-1].append(second.select_one(moved) or "")
+    page = browser.new_page()
+    said: list[str] = []
+    page.on("console", lambda m: said.append(m.text) if m.type == "error" else None)
+    address = served + labs["gain"]["page"]
+    page.route(address, lambda route: route.fulfill(body=str(first), content_type="text/html"))
+    page.goto(address, wait_until="domcontentloaded")
+    other = page.locator("#lab-kernel")
+    other.locator(".lab-numbers td").first.wait_for()
+    assert page.locator("figure#fig-71-lab img").is_visible()
+    assert not page.locator("#lab-gain").is_visible()
+    assert not page.locator("figure#fig-72-lab > img").is_visible()
+    other.locator("input[data-name=width]").press("Home")
+    assert state_of(other)["width"] == -2
+    assert len(other.get_by_role("img").all()) == 3
+    assert any("The lab lab-gain does not start." in text for text in said)
+    page.close()
 
 
 # ---------------------------------------------------------------- the script's functions
