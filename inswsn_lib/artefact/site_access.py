@@ -71,7 +71,7 @@ def _table(table: Tag) -> None:
 def _scope(header: Tag) -> str:
     """Tell what a header heads: a column or a row, or several of them."""
     kind, spans = ("col", "colspan") if header.find_parent("thead") else ("row", "rowspan")
-    return kind + "group" if int(str(header.get(spans, 1))) > 1 else kind
+    return kind + "group" if int(str(header.get(spans, "1"))) > 1 else kind
 
 
 def _names_what_follows(tag: Tag) -> bool:

@@ -210,7 +210,7 @@ def check_table(table: Tag) -> None:
     for header in headers:  # what heads several columns heads their group
         for spans, kind in (("colspan", "col"), ("rowspan", "row")):
             if header.get("scope") in (kind, f"{kind}group"):
-                several = int(str(header.get(spans, 1))) > 1
+                several = int(str(header.get(spans, "1"))) > 1
                 assert header["scope"] == f"{kind}group" * several + kind * (not several)
     assert all(header.get_text(strip=True) for header in headers)
     name = table.caption.get_text() if table.caption else table.get("aria-label")
