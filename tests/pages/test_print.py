@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from playwright.sync_api import Browser, Page
-from visiting import visit
+from visiting import luminance, visit
 
 pytestmark = pytest.mark.page
 
@@ -44,6 +44,15 @@ INKS = """() => Object.fromEntries([...document.querySelectorAll("main *")]
   .filter((e) => [...e.childNodes].some((n) => n.nodeType === 3 && n.data.trim()))
   .map((e) => [getComputedStyle(e).color.match(/[\\d.]+/g).slice(0, 3).join(", "),
     `${e.localName}.${e.className} ${e.textContent.trim().slice(0, 30)}`]))"""
+
+# what is painted behind anything, code too, and one box that has it
+GROUNDS = """() => Object.fromEntries([...document.querySelectorAll("main *")]
+  .filter((e) => e.checkVisibility() && !e.closest("svg, mjx-container"))
+  .map((e) => {
+    const [r, g, b, alpha = 1] = getComputedStyle(e).backgroundColor.match(/[\\d.]+/g).map(Number);
+    const onWhite = [r, g, b].map((c) => alpha * c + (1 - alpha) * 255);
+    return [`rgb(${onWhite.join(", ")})`, `${e.localName}.${e.className}`];
+  }))"""
 
 # headings after which Chromium may part the sheet: what follows begins with a flex box, or is the
 # line that code is left out and may part from its output
@@ -133,6 +142,10 @@ def black_on_white(page: Page) -> None:
     pale = {ink: said for ink, said in inks.items() if max(map(int, ink.split(", "))) > 0x44}
     assert pale == {}
     assert len(inks) > 0
+    dark = {
+        ground: said for ground, said in page.evaluate(GROUNDS).items() if luminance(ground) < 0.8
+    }
+    assert dark == {}
     filters = page.evaluate(
         "[...document.querySelectorAll('main img')].map(i => getComputedStyle(i).filter)"
     )
