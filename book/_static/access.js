@@ -11,18 +11,29 @@
   };
 
   function measure() {
-    for (const [selector, name] of Object.entries(NAMES))
-      document.querySelectorAll(selector).forEach((box) => mark(box, name));
+    // All that was set before is taken back, then all is read, then all is written: a change between
+    // two readings would lay out the page anew.
     // Each formula has a menu. The hundreds within the text are no tab stops; those on lines of
     // their own are.
-    // all is written before anything is read: each change between would lay out the page anew
+    const boxes = Object.entries(NAMES).flatMap(([selector, name]) =>
+      [...document.querySelectorAll(selector)].map((box) => ({ box, name })));
     const formulas = [...document.querySelectorAll("mjx-container:not([display])")];
     for (const formula of formulas) {
       if (formula.tabIndex !== -1) formula.tabIndex = -1;
-      if ("scrolls" in formula.dataset) delete formula.dataset.scrolls;
+      if ("scrolls" in formula.dataset) unmark(formula);
     }
-    for (const formula of formulas.filter(tooWide)) mark(formula, "Formula", true);
+    const found = boxes.map(({ box, name }) => ({ box, name, scrolls: scrollsNow(box) }));
+    const wide = formulas.filter(tooWide);
+    for (const { box, name, scrolls } of found) {
+      if (scrolls) mark(box, name);
+      else if ("scrolls" in box.dataset) unmark(box);
+    }
+    for (const formula of wide) mark(formula, "Formula");
     document.documentElement.dataset.measured = window.innerWidth;  // for the tests
+  }
+
+  function scrollsNow(box) {
+    return box.scrollWidth > box.clientWidth && getComputedStyle(box).overflowX !== "visible";
   }
 
   // A formula that is wider than its paragraph scrolls as one on a line of its own does.
@@ -31,18 +42,29 @@
     return line && line.clientWidth > 0 && formula.scrollWidth > line.clientWidth + 1;
   }
 
-  function mark(box, name, always = false) {
-    const scrolls =
-      always || (box.scrollWidth > box.clientWidth && getComputedStyle(box).overflowX !== "visible");
-    if (scrolls) {
-      box.tabIndex = 0;
-      box.dataset.scrolls = "";
-      if (!box.hasAttribute("role") && box.localName !== "figure") box.setAttribute("role", "group");
-      box.setAttribute("aria-label", `${numbered(box) || name}, scrolls sideways`);
-    } else if ("scrolls" in box.dataset) {
-      for (const attribute of ["role", "aria-label", "data-scrolls"]) box.removeAttribute(attribute);
-      if (box.localName !== "mjx-container") box.removeAttribute("tabindex");
+  // What was set here, so that nothing else is taken away.
+  const given = new WeakMap();
+
+  function mark(box, name) {
+    if (!given.has(box)) {
+      const own = [];
+      if (box.localName !== "figure") own.push("role");
+      own.push("aria-label");
+      given.set(box, own.filter((attribute) => !box.hasAttribute(attribute)));
     }
+    const mine = given.get(box);
+    box.tabIndex = 0;
+    box.dataset.scrolls = "";
+    if (mine.includes("role")) box.setAttribute("role", "group");
+    if (mine.includes("aria-label"))
+      box.setAttribute("aria-label", `${numbered(box) || name}, scrolls sideways`);
+  }
+
+  function unmark(box) {
+    for (const attribute of given.get(box) ?? []) box.removeAttribute(attribute);
+    given.delete(box);
+    delete box.dataset.scrolls;
+    if (box.localName !== "mjx-container") box.removeAttribute("tabindex");
   }
 
   function numbered(box) {

@@ -134,18 +134,29 @@
   /** Three digits that count. */
   const shown = (value) => {
     const text = String(Number(value.toPrecision(3)));
-    if (text.includes("e") || Math.abs(value) >= 1000 || value === 0) return text;
+    if (text.includes("e") || value === 0) return text;
+    if (Math.abs(value) >= 1000) return plain(value);
     const digits = Math.max(0, 2 - Math.floor(Math.log10(Math.abs(Number(text)))));
     return Number(text).toFixed(digits);
   };
-  const percent = (part, whole) => `${shown((100 * part) / whole)}\u00a0%`;
-  const plain = (value) => String(Number(value.toPrecision(3)));
+  /** A part of a whole in percent; of ten times and more, how many times. */
+  const share = (part, whole) =>
+    (part < 10 * whole ? `${shown((100 * part) / whole)}\u00a0% of` : `${plain(part / whole)} times`);
+  /** Three digits, without noughts at the end; thousands are parted by a comma, as in the text. */
+  const PLAIN = new Intl.NumberFormat("en-GB", { maximumSignificantDigits: 3 });
+  const plain = (value) => PLAIN.format(value);
 
   const capital = (text) => text[0].toUpperCase() + text.slice(1);
 
   const sliderValue = (slider, place) => (slider.log ? 10 ** place : place);
   /** What a slider says, as its output and to a screen reader: the number and its unit. */
   const sliderText = (slider, place, unit) => [plain(sliderValue(slider, place)), unit].filter(Boolean).join(" ");
+  const listed = (words) => (words.length > 1 ? `${words.slice(0, -1).join(", ")} and ${words.at(-1)}` : words.join(""));
+  /** The ends and the least of a line over a slider, in words; all the places are powers of ten. */
+  function course(name, values, all, unit) {
+    const at = values.indexOf(Math.min(...values));
+    return `${name}: ${shown(values[0])} m at ${plain(10 ** all[0])} ${unit}, least ${shown(values[at])} m at ${plain(10 ** all[at])}, ${shown(values.at(-1))} m at ${plain(10 ** all.at(-1))}`;
+  }
   /** All the places of a slider. */
   const places = (slider) => range(Math.round((slider.high - slider.low) / slider.step) + 1).map((i) => slider.low + i * slider.step);
 
@@ -182,6 +193,10 @@
       const gain = product(inverse2(run.A), run.designs[step]);
       return errors(run, run.y.map(() => gain), run.y[0]);
     }
+    // what a slider says of itself, where number and unit do not do
+    const told = {
+      ratio: (state) => (Math.abs(state.ratio) < 1e-9 ? "the matched Q" : `${plain(10 ** state.ratio)} times the matched Q`),
+    };
     const constant = (run, g) => errors(run, run.y.map(() => diagonal([g, g])), run.y[0]);
     const sweep = memory((name) => {
       const run = prepared(name);
@@ -208,30 +223,43 @@
         kf: "Kalman filter (KF)", hf: "H-infinity filter (HF), exact inequality",
         constant: `constant gain g = ${plain(state.gain)}`, network: "network; published HF, filtered",
       };
-      const order = ["network", "constant", "hf", "kf"];
+      // what is drawn first is widest and least dashed, so that it shows below what lies on it
+      const order = ["kf", "hf", "constant", "network"];
       const lines = (i) => order.map((key) => ({ key, name: names[key], y: found[key].map((row) => row[i]) }));
-      const told = plain(10 ** state.ratio);
-      const numbers = (i, unit) => order.slice().reverse().map((key) => `${names[key]} ${shown(m[key][i])} ${unit}`).join(", ");
+      const meeting = coinciding(order.map((key) => ({ name: names[key], y: found[key].map((row) => row[0]) })));
+      const numbers = (i, unit) => order.map((key) => `${names[key]} ${shown(m[key][i])} ${unit}`).join(", ");
       const flat = (key) => ({ key, name: names[key], y: all.map(() => m[key][0]) });
       const [kf, hf] = sweep(state.run);
-      const setting = `${choices.run}, ${told === "1" ? "the matched Q" : `${told} times the matched Q`}`;
+      const setting = `${choices.run}, ${told.ratio(state)}, g = ${plain(state.gain)}`;
       return {
-        rows: order.slice().reverse().map((key) => ({ key, name: long[key], values: m[key] })),
+        rows: order.map((key) => ({ key, name: long[key], values: m[key] })),
         columns: ["position, m", "velocity, m/s"],
         caption: `Mean absolute error over the area: ${setting}`,
-        sentence: `${capital(setting)}. Of the network's position error the Kalman filter has ${percent(m.kf[0], m.network[0])}, the H-infinity filter ${percent(m.hf[0], m.network[0])}, the constant gain ${percent(m.constant[0], m.network[0])}.`,
+        sentence: `${capital(setting)}. In position the Kalman filter has ${share(m.kf[0], m.network[0])} the network's error, the H-infinity filter ${share(m.hf[0], m.network[0])} it, the constant gain ${share(m.constant[0], m.network[0])} it.${meeting}`,
+        setting,
         charts: [
           { title: "Position error", unit: "m", x: time, xLabel: "time in the area (s)", lines: lines(0), ...data.axes.position[state.run], description: `${capital(setting)}. Mean absolute position errors: ${numbers(0, "m")}.` },
           { title: "Velocity error", unit: "m/s", x: time, xLabel: "time in the area (s)", lines: lines(1), ...data.axes.velocity[state.run], description: `${capital(setting)}. Mean absolute velocity errors: ${numbers(1, "m/s")}.` },
           {
             title: "Mean absolute position error against what the filters are told", unit: "m", x: all, xLog: true, xLabel: "assumed over matched Q", mark: state.ratio,
-            lines: [flat("network"), flat("constant"), { key: "hf", name: "HF", y: hf }, { key: "kf", name: "KF", y: kf }], ...data.axes.mean[state.run],
-            description: `The least of the Kalman filter is ${shown(Math.min(...kf))} m at ${plain(10 ** all[kf.indexOf(Math.min(...kf))])} times the matched Q, that of the H-infinity filter ${shown(Math.min(...hf))} m at ${plain(10 ** all[hf.indexOf(Math.min(...hf))])} times.`,
+            lines: [{ key: "kf", name: "KF", y: kf }, { key: "hf", name: "HF", y: hf }, flat("constant"), flat("network")], ...data.axes.mean[state.run],
+            description: `${capital(setting)}. Mean absolute position errors now: ${numbers(0, "m")}. Over the slider, ${course("KF", kf, all, "times the matched Q")}; ${course("HF", hf, all, "times")}.`,
           },
         ],
       };
     }
-    return { compute, view };
+    return { compute, view, told };
+  }
+
+  /** Which lines lie on one another: their mean distance is below 2 % of the larger mean. */
+  function coinciding(lines) {
+    const close = (a, b) => {
+      const apart = meanAbsolute(a.y.map((value, k) => value - b.y[k]));
+      return apart < 0.02 * Math.max(meanAbsolute(a.y), meanAbsolute(b.y));
+    };
+    const pairs = lines.flatMap((a, i) => lines.slice(i + 1).filter((b) => close(a, b)).map((b) => [a.name, b.name]));
+    if (!pairs.length) return "";
+    return ` Lines that coincide: ${pairs.map(listed).join("; ")}.`;
   }
 
   /** An LS-SVM and networks that correct the INS in an outage. */
@@ -253,6 +281,12 @@
       const machine = fitLssvm(inputs.slice(0, half.targets.length), half.targets, 10 ** Number(place), 10 ** Number(eta));
       return added(half.ins, predictLssvm(machine, inputs), -1);
     });
+    const told = {
+      length: (state) => {
+        const seconds = plain(state.length * data.areas[state.area].period);
+        return `${plain(state.length)} ${state.length === 1 ? "sample" : "samples"}, ${seconds} s`;
+      },
+    };
     const left = (state, place) => machines([state.area, state.input, state.eta, place].join(" "));
 
     function compute(state) {
@@ -277,20 +311,21 @@
       const { half } = prepared(`${state.area} ${state.input}`);
       const from = half.targets.length;
       const end = from + state.length;
-      const time = half.time.slice(0, end);
+      const { time } = half; // the whole outage, so that the axis stays where it is
       const cut = (rows, i) => rows.slice(0, end).map((row) => row[i]);
       const lines = (i) => [
         { key: "ins", name: "INS", y: cut(found.errors.ins, i) },
-        ...found.errors.network.map((rows, n) => ({ key: "bp", name: n ? "" : "BP", thin: true, y: cut(rows, i) })),
+        ...found.errors.network.map((rows, n) => ({ key: "bp", name: "", thin: true, y: cut(rows, i) })),
         { key: "lssvm", name: "LS-SVM", y: cut(found.errors.lssvm, i) },
       ];
+      // one name for all the networks, where their lines have their median at the end
+      const networks = (i) => [{ key: "bp", text: `BP, ${found.errors.network.length} networks`, at: end - 1, y: median(found.errors.network.map((rows) => rows[end - 1][i])) }];
       const m = found.means;
       const sweep = found.sweep();
-      const least = Math.min(...sweep);
       const unit = sliders.width.units[state.input];
-      const setting = `${choices.area}, ${choices.axis}, input ${choices.input}, width ${plain(10 ** state.width)} ${unit}, outage of ${plain(state.length * half.period)} s`;
+      const setting = `${choices.area}, ${choices.axis}, input ${choices.input}, width ${plain(10 ** state.width)} ${unit}, outage of ${told.length(state)}`;
       const words = (i, u) => `INS ${shown(m.ins[i])} ${u}, LS-SVM ${shown(m.lssvm[i])} ${u}, networks ${shown(m.bp[i])} ${u} (${shown(found.spread[i][0])} to ${shown(found.spread[i][1])})`;
-      const outage = { from: half.time[from], label: "outage" };
+      const outage = { from: half.time[from], to: half.time[end - 1], label: "outage" };
       return {
         rows: [
           { key: "lssvm", name: "LS-SVM", values: m.lssvm },
@@ -299,24 +334,25 @@
         ],
         columns: ["position, m", "velocity, m/s"],
         caption: `Mean absolute error left in the outage: ${setting}`,
-        sentence: `${capital(setting)}. Of the position error of the INS the LS-SVM leaves ${percent(m.lssvm[0], m.ins[0])}, the networks ${percent(m.bp[0], m.ins[0])} in the median.`,
+        sentence: `${capital(setting)}. In position the LS-SVM leaves ${share(m.lssvm[0], m.ins[0])} the error of the INS, the networks ${share(m.bp[0], m.ins[0])} it in the median.`,
+        setting,
         charts: [
-          { title: "Position error that is left", unit: "m", x: time, xLabel: "time since the area began (s)", lines: lines(found.parts[0]), shade: outage, ...data.axes.position[state.area], description: `${capital(setting)}. In the outage: ${words(0, "m")}.` },
-          { title: "Velocity error that is left", unit: "m/s", x: time, xLabel: "time since the area began (s)", lines: lines(found.parts[1]), shade: outage, ...data.axes.velocity[state.area], description: `${capital(setting)}. In the outage: ${words(1, "m/s")}.` },
+          { title: "Position error that is left", unit: "m", x: time, xLabel: "time since the area began (s)", lines: lines(found.parts[0]), labels: networks(found.parts[0]), shade: outage, ...data.axes.position[state.area], description: `${capital(setting)}. In the outage: ${words(0, "m")}.` },
+          { title: "Velocity error that is left", unit: "m/s", x: time, xLabel: "time since the area began (s)", lines: lines(found.parts[1]), labels: networks(found.parts[1]), shade: outage, ...data.axes.velocity[state.area], description: `${capital(setting)}. In the outage: ${words(1, "m/s")}.` },
           {
             title: "Mean absolute position error in the outage against the kernel width", unit: "m", x: all, xLog: true, xLabel: `kernel width (${unit})`, mark: state.width,
             lines: [
               { key: "ins", name: "INS", y: all.map(() => m.ins[0]) },
-              { key: "bp", name: "BP", y: all.map(() => m.bp[0]) },
+              { key: "bp", name: "BP, median", y: all.map(() => m.bp[0]) },
               { key: "lssvm", name: "LS-SVM", y: sweep },
             ],
             ...data.axes.mean[state.area],
-            description: `The least of the LS-SVM is ${shown(least)} m at a width of ${plain(10 ** all[sweep.indexOf(least)])} ${unit}; INS ${shown(m.ins[0])} m, networks ${shown(m.bp[0])} m.`,
+            description: `${capital(setting)}. Mean absolute position errors now: ${words(0, "m")}. Over the width, ${course("LS-SVM", sweep, all, unit)}.`,
           },
         ],
       };
     }
-    return { compute, view };
+    return { compute, view, told };
   }
 
   const LABS = { gain: gainLab, kernel: kernelLab };
@@ -358,21 +394,33 @@
     return range(Math.floor(span / step) + 1).map((i) => [i * step, String(i * step)]);
   }
 
+  /** A label in rows: a long one is broken at its last space, which is kept. */
+  const twoRows = (text) => (text.length > 10 ? [text.slice(0, text.lastIndexOf(" ") + 1), text.slice(text.lastIndexOf(" ") + 1)] : [text]);
+
   /** Labels at the ends of lines, moved apart so that none covers another. */
   function spreadOut(labels, gap, top, bottom) {
     const sorted = labels.sort((a, b) => a.y - b.y);
-    sorted.forEach((label, i) => { label.y = Math.max(label.y, i ? sorted[i - 1].y + gap : top); });
-    let limit = bottom;
+    let free = top;
+    for (const label of sorted) {
+      label.y = Math.max(label.y, free);
+      free = label.y + gap * label.rows.length;
+    }
+    let limit = bottom + gap;
     for (const label of sorted.slice().reverse()) {
-      label.y = Math.min(label.y, limit);
-      limit = label.y - gap;
+      label.y = Math.min(label.y, limit - gap * label.rows.length);
+      limit = label.y;
     }
     return sorted;
   }
 
   function drawChart(svg, chart, width) {
     const height = 240;
-    const box = { left: 46, right: width - 62, top: 26, bottom: height - 38 };
+    const labels = chart.lines.filter((line) => line.name)
+      .map((line) => ({ key: line.key, text: line.name, at: line.y.length - 1, y: line.y.at(-1) }))
+      .concat(chart.labels ?? [])
+      .map((label) => ({ ...label, rows: twoRows(label.text) }));
+    const longest = Math.max(...labels.flatMap((label) => label.rows.map((row) => row.length)));
+    const box = { left: 46, right: width - 10 - 7 * longest, top: 26, bottom: height - 38 };
     const x = scaleOf("linear", chart.x[0], chart.x.at(-1), box.left, box.right);
     const y = scaleOf(chart.scale, chart.low, chart.high, box.bottom, box.top, chart.linear);
     svg.setAttribute("viewBox", `0 0 ${width} ${height}`);
@@ -383,16 +431,17 @@
     const parts = [title, description];
     if (chart.shade) {
       const from = x(chart.shade.from);
+      const to = Math.max(x(chart.shade.to), from + 2); // of one sample: a line
       parts.push(
-        make("svg:rect", { class: "lab-shade", x: from, y: box.top, width: box.right - from, height: box.bottom - box.top }),
-        make("svg:text", { x: box.right, y: box.top - 4, "text-anchor": "end" }, chart.shade.label),
+        make("svg:rect", { class: "lab-shade", x: from, y: box.top, width: to - from, height: box.bottom - box.top }),
+        make("svg:text", { x: from, y: box.top - 4 }, chart.shade.label),
       );
     }
     for (const value of chart.ticks) {
       const at = y(value);
       parts.push(
         make("svg:line", { class: "lab-grid", x1: box.left, x2: box.right, y1: at, y2: at }),
-        make("svg:text", { x: box.left - 6, y: at + 4, "text-anchor": "end" }, String(value).replace("-", "−")),
+        make("svg:text", { x: box.left - 6, y: at + 4, "text-anchor": "end" }, plain(value).replace("-", "−")),
       );
     }
     for (const [value, text] of ticksOf(chart, box.right - box.left)) {
@@ -420,9 +469,10 @@
         parts.push(make("svg:circle", { class: `lab-dot lab-${line.key}`, cx: at, cy: y(line.y[step]), r: 3.5 }));
       }
     }
-    const labels = chart.lines.filter((line) => line.name).map((line) => ({ text: line.name, key: line.key, y: y(line.y.at(-1)) + 4 }));
-    for (const label of spreadOut(labels, 14, box.top + 4, box.bottom + 4)) {
-      parts.push(make("svg:text", { class: `lab-label lab-${label.key}`, x: box.right + 5, y: label.y }, label.text));
+    const placed = labels.map((label) => ({ ...label, x: x(chart.x[label.at]) + 5, y: y(label.y) + 4 }));
+    for (const label of spreadOut(placed, 14, box.top + 4, box.bottom + 4)) {
+      const rows = label.rows.map((row, i) => make("svg:tspan", { x: label.x, dy: i ? 13 : 0 }, row));
+      parts.push(make("svg:text", { class: `lab-label lab-${label.key}`, x: label.x, y: label.y }, ...rows));
     }
     svg.replaceChildren(...parts);
   }
@@ -471,6 +521,7 @@
   /** Build a lab in its section and put it in the place of the still picture. */
   function start(root) {
     const figure = document.getElementById(root.dataset.figure);
+    if (!figure) throw new Error(`The page has no figure ${root.dataset.figure}.`);
     const { title, sliders, choices, data } = JSON.parse(root.querySelector("script").textContent);
     const named = Object.fromEntries(sliders.map((slider) => [slider.name, slider]));
     const lab = LABS[root.dataset.lab](data, named);
@@ -480,6 +531,7 @@
     const table = make("table", { class: "lab-numbers" });
     const status = make("p", { class: "lab-status", role: "status", "aria-live": "polite" });
     const charts = make("div", { class: "lab-charts" });
+    const shownNow = make("p", { class: "lab-shown" });
     let waiting = 0;
     let last;
 
@@ -490,8 +542,7 @@
     }
     const chosen = (now) => Object.fromEntries(choices.map((c) => [c.name, c.options.find(([value]) => value === now[c.name])[1]]));
 
-    function draw() {
-      const width = Math.floor(charts.clientWidth);
+    function draw(width = Math.floor(charts.clientWidth)) {
       if (!width || !last) return;
       while (charts.childElementCount < 2 * last.charts.length) {
         const id = `${root.id}-chart-${charts.childElementCount / 2}`;
@@ -507,12 +558,13 @@
       const now = state();
       sliders.forEach((slider, i) => {
         const unit = slider.by ? slider.units[now[slider.by]] : slider.unit;
-        const text = sliderText(slider, now[slider.name], unit);
+        const text = lab.told[slider.name]?.(now) ?? sliderText(slider, now[slider.name], unit);
         fields[i].output.textContent = text;
         fields[i].input.setAttribute("aria-valuetext", text);
       });
       last = lab.view(now, chosen(now));
       fillTable(table, last);
+      shownNow.textContent = `The charts show: ${last.setting}. The caption tells where the sliders begin.`;
       draw();
       clearTimeout(waiting); // said once a slider rests
       waiting = setTimeout(() => { status.textContent = last.sentence; }, 300);
@@ -523,24 +575,36 @@
       choices.forEach((choice, i) => { sets[i].querySelector(`[value="${choice.start}"]`).checked = true; });
       refresh();
     });
+    // all is computed and drawn once before the page is changed: if that fails, the picture is there
+    refresh();
+    draw(320);
     root.setAttribute("aria-label", title);
     root.append(
       make("div", { class: "lab-controls" }, ...sets, ...fields.map((f) => f.field), reset),
-      table, status, charts,
+      table, status, charts, shownNow,
     );
     const holder = root.closest(".cell_output");
     figure.prepend(root);
     if (holder && !holder.contains(figure)) holder.hidden = true; // an empty box is left
     figure.classList.add("lab-started");
     root.hidden = false;
-    refresh();
-    new ResizeObserver(() => draw()).observe(charts);
+    new ResizeObserver(() => draw()).observe(charts); // which calls it at once
+  }
+
+  /** Start each lab of the page; one that fails leaves its picture, and the others alone. */
+  function startAll() {
+    for (const root of document.querySelectorAll("section.lab[data-lab]")) {
+      try {
+        start(root);
+      } catch (error) {
+        console.error(`The lab ${root.id} does not start.`, error);
+      }
+    }
   }
 
   window.inswsnLabs = {
     cholesky, solveFactored, kalmanGains, runFilter, radialKernel, fitLssvm, predictLssvm, forward, inverse2, meanAbsolute, median, shown, places, gainLab, kernelLab, start,
   };
-  const startAll = () => document.querySelectorAll("section.lab[data-lab]").forEach(start);
   if (document.readyState === "loading") document.addEventListener("DOMContentLoaded", startAll);
   else startAll();
 })();

@@ -61,11 +61,17 @@ def _table(table: Tag) -> None:
             _not_a_header(header)
             continue
         if not header.get("scope"):
-            header["scope"] = "col" if header.find_parent("thead") else "row"
+            header["scope"] = _scope(header)
     if table.find("caption") is None and not table.get("aria-label"):
         above = table.find_previous(_names_what_follows)
         if isinstance(above, Tag):
             table["aria-label"] = _words(above)
+
+
+def _scope(header: Tag) -> str:
+    """Tell what a header heads: a column or a row, or several of them."""
+    kind, spans = ("col", "colspan") if header.find_parent("thead") else ("row", "rowspan")
+    return kind + "group" if int(str(header.get(spans, "1"))) > 1 else kind
 
 
 def _names_what_follows(tag: Tag) -> bool:

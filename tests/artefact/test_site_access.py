@@ -24,6 +24,23 @@ def test_headers_of_a_table_say_what_they_head() -> None:
     assert soup.table["aria-label"] == "Errors"
 
 
+def test_a_header_of_several_columns_or_rows_heads_their_group() -> None:
+    soup = parsed(
+        "<h2>Errors</h2><table><thead><tr><th rowspan='2'>method</th><th colspan='2'>m</th></tr>"
+        "<tr><th>x</th><th>y</th></tr></thead><tbody><tr><th rowspan='2'>HF</th><td>1</td><td>2"
+        "</td></tr><tr><td>3</td><td>4</td></tr><tr><th rowspan='1'>KF</th><td>5</td><td>6</td>"
+        "</tr></tbody></table>"
+    )
+    assert {th.get_text(): th["scope"] for th in soup.find_all("th")} == {
+        "method": "col",
+        "m": "colgroup",
+        "x": "col",
+        "y": "col",
+        "HF": "rowgroup",
+        "KF": "row",
+    }
+
+
 def test_bold_words_that_begin_a_paragraph_name_a_table_and_others_do_not() -> None:
     table = "<table><tr><th>a</th></tr></table>"
     for before, name in (

@@ -31,7 +31,7 @@ import pytest
 from bs4 import BeautifulSoup, Tag
 from PIL import Image
 from playwright.sync_api import Browser, Page
-from visiting import page_names, visit
+from visiting import contrast_of, page_names, visit
 
 from inswsn_lib.artefact.accessibility import (
     AXE_TAGS,
@@ -206,7 +206,12 @@ def test_structure(built_site: Path, name: str) -> None:
 def check_table(table: Tag) -> None:
     headers = table.find_all("th")
     assert headers
-    assert {header.get("scope") for header in headers} <= {"col", "row"}
+    assert {header.get("scope") for header in headers} <= {"col", "row", "colgroup", "rowgroup"}
+    for header in headers:  # what heads several columns heads their group
+        for spans, kind in (("colspan", "col"), ("rowspan", "row")):
+            if header.get("scope") in (kind, f"{kind}group"):
+                several = int(str(header.get(spans, "1"))) > 1
+                assert header["scope"] == f"{kind}group" * several + kind * (not several)
     assert all(header.get_text(strip=True) for header in headers)
     name = table.caption.get_text() if table.caption else table.get("aria-label")
     assert isinstance(name, str)
@@ -295,19 +300,12 @@ def test_every_image_of_a_page_tells_numbers(built_site: Path) -> None:
 # Contrast of what is not text
 
 
-def luminance(colour: np.ndarray) -> float:
-    """Return the relative luminance of an sRGB colour in [0, 1], by WCAG 2.2."""
-    linear = np.where(colour <= 0.04045, colour / 12.92, ((colour + 0.055) / 1.055) ** 2.4)
-    return float(linear @ [0.2126, 0.7152, 0.0722])
-
-
-def contrast_of(one: np.ndarray, other: np.ndarray) -> float:
-    dark, light = sorted((luminance(one), luminance(other)))
-    return (light + 0.05) / (dark + 0.05)
-
-
 def channels(colour: str) -> np.ndarray:
     return np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)]) / 255
+
+
+def css(colour: np.ndarray) -> str:
+    return f"rgb({', '.join(f'{255 * channel:.3f}' for channel in colour)})"
 
 
 def filtered(colour: np.ndarray) -> np.ndarray:
@@ -322,16 +320,29 @@ def filtered(colour: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("name", COLOURS)
 def test_inks_of_figures_stand_out_in_both_themes(name: str) -> None:
     ink = channels(COLOURS[name])
-    assert contrast_of(ink, channels("#ffffff")) >= 3
-    assert contrast_of(filtered(ink), channels("#121212")) >= 3
+    assert contrast_of(css(ink), css(channels("#ffffff"))) >= 3
+    assert contrast_of(css(filtered(ink)), css(channels("#121212"))) >= 3
+
+
+@pytest.fixture(scope="module")
+def dark_filter(browser: Browser, served: str) -> str:
+    """What the book's style does to its figures in the dark theme; all of them alike."""
+    page = opened(browser, served, "chapters/71-two-filters-become-one.html", color_scheme="dark")
+    found = page.evaluate(
+        """[...document.querySelectorAll(".bd-content img[src$='.svg']")]
+          .map((image) => getComputedStyle(image).filter)"""
+    )
+    page.close()
+    assert len(set(found)) == 1
+    return str(found[0])
 
 
 @pytest.mark.parametrize("ink", [*COLOURS.values(), "#000000"])
-def test_the_filter_is_what_the_browser_does(browser: Browser, ink: str) -> None:
+def test_the_filter_is_what_the_browser_does(browser: Browser, dark_filter: str, ink: str) -> None:
     page = browser.new_page(viewport={"width": 20, "height": 20})
     page.set_content(
         f"<body style='margin: 0'><div style='width: 20px; height: 20px; background: {ink}; "
-        "filter: invert(0.9) hue-rotate(180deg)'></div>"
+        f"filter: {dark_filter}'></div>"
     )
     painted = Image.open(BytesIO(page.screenshot())).convert("RGB").getpixel((10, 10))
     np.testing.assert_allclose(np.array(painted) / 255, filtered(channels(ink)), atol=2 / 255)
@@ -349,7 +360,7 @@ def test_the_grounds_and_the_marks_of_verdicts(browser: Browser, served: str, sc
             page,
             f"getComputedStyle(document.querySelector('.claim.verdict-{verdict}')).borderLeftColor",
         )
-        assert contrast_of(mark, ground) >= 3, verdict
+        assert contrast_of(css(mark), css(ground)) >= 3, verdict
     page.close()
 
 

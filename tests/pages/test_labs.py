@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Callable, Iterator
 from functools import cache
@@ -11,11 +12,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from bs4 import BeautifulSoup
 from numpy.typing import NDArray
 from PIL import Image
 from playwright.sync_api import Browser, Locator, Page
 from scipy.spatial.distance import cdist
-from visiting import Visit, visit
+from visiting import Visit, contrast_of, luminance, visit
 
 from inswsn_lib.evaluation import mean_absolute_error
 from inswsn_lib.filters import design_kalman, run_hinfinity, run_kalman
@@ -163,7 +165,9 @@ def numbers_of(lab: Locator) -> Numbers:
     for key, cells in rows:
         found[key] = np.array([float(data["value"]) for _, data in cells])
         for text, data in cells:
-            assert float(text.split()[0]) == pytest.approx(float(data["value"]), rel=5e-3)
+            assert float(text.split()[0].replace(",", "")) == pytest.approx(
+                float(data["value"]), rel=5e-3
+            )
         if "low" in cells[0][1]:
             for end in ("low", "high"):
                 found[end] = np.array([float(data[end]) for _, data in cells])
@@ -254,10 +258,8 @@ def test_controls_are_named_and_say_their_values(
     for spec in labs[kind]["sliders"]:
         slider = lab.get_by_role("slider", name=spec["label"], exact=True)
         slider.press("End")
-        unit = next(iter(spec["units"].values()), spec["unit"])
-        top = 10 ** spec["high"] if spec["log"] else spec["high"]
         said = slider.get_attribute("aria-valuetext") or ""
-        assert said == f"{top:.0f} {unit}".strip()
+        assert said == AT_THE_TOP[spec["name"]]
         output = lab.locator(f"output[for='{slider.get_attribute('id')}']")
         assert output.inner_text() == said
     for spec in labs[kind]["choices"]:
@@ -272,39 +274,173 @@ def test_controls_are_named_and_say_their_values(
     assert table.locator("caption").inner_text().startswith("Mean absolute error")
 
 
+# what a slider says at its upper end
+AT_THE_TOP = {
+    "ratio": "10,000 times the matched Q", "gain": "1", "width": "100,000 deviations",
+    "eta": "1,000,000", "length": "50 samples, 10 s",
+}  # fmt: skip
+
+
+def test_sliders_say_what_they_stand_for(opened: dict[str, Visit]) -> None:
+    for kind, name, keys, said in (
+        ("gain", "ratio", [], "the matched Q"),
+        ("gain", "ratio", ["Home"], "0.0001 times the matched Q"),
+        ("kernel", "length", ["Home"], "1 sample, 0.2 s"),
+        ("kernel", "length", ["Home", "ArrowRight"], "2 samples, 0.4 s"),
+    ):
+        lab = opened[kind].page.locator(".lab")
+        lab.get_by_role("button", name="Reset").click()
+        slider = lab.locator(f"input[data-name={name}]")
+        for key in keys:
+            slider.press(key)
+        assert slider.get_attribute("aria-valuetext") == said
+
+
+# how each row of the table is called in the text
+CALLED = {
+    "gain": {"kf": "KF", "hf": "HF", "constant": "g = 0.3", "network": "network"},
+    "kernel": {"ins": "INS", "lssvm": "LS-SVM", "bp": "networks"},
+}
+IN_STATUS = {
+    "gain": {
+        "kf": "the Kalman filter has", "hf": "the H-infinity filter",
+        "constant": "the constant gain",
+    },
+    "kernel": {"lssvm": "the LS-SVM leaves", "bp": "the networks"},
+}  # fmt: skip
+
+
+def number_after(text: str, words: str) -> float:
+    """Return the number that follows some words."""
+    match = re.search(rf"(?<!\w){re.escape(words)} ([\d.,]*\d)", text)
+    assert match, f"{words}: {text}"
+    return float(match[1].replace(",", ""))
+
+
+def description(chart: Locator) -> str:
+    """Return what a screen reader is told beside the title: what aria-describedby leads to."""
+    return str(
+        chart.evaluate(
+            "c => document.getElementById(c.getAttribute('aria-describedby')).textContent"
+        )
+    )
+
+
 def test_it_says_in_words_what_has_changed(kind: str, lab: Locator) -> None:
-    slider = lab.locator("input[type=range]").first
-    slider.press("Home")
+    lab.locator("input[type=range]").first.press("Home")
     status, number = lab.locator(".lab-status"), "0.0001" if kind == "gain" else "0.01"
     lab.locator(f".lab-status:has-text('{number} ')").wait_for()  # once the slider has rested
     found, text = numbers_of(lab), status.inner_text()
-    ours, base = ("kf", "network") if kind == "gain" else ("lssvm", "ins")
-    share = float(re.findall(r"([\d.]+)\s%", text)[0])
-    assert share == pytest.approx(100 * found[ours][0] / found[base][0], rel=5e-3)
-    for i, chart in enumerate(lab.get_by_role("img").all()):
-        description = chart.locator("desc").text_content() or ""
-        if i < 2:
-            shown = [float(word) for word in re.findall(r"(?<=[ (])\d[\d.]*", description)]
-            for values in found.values():
-                assert min(abs(n / values[i] - 1) for n in shown if n) < 5e-3, description
+    base = found["network" if kind == "gain" else "ins"][0]
+    for key, words in IN_STATUS[kind].items():
+        assert number_after(text, words) == pytest.approx(100 * found[key][0] / base, rel=5e-3)
+    charts = lab.get_by_role("img").all()
+    assert len(charts) == 3
+    for chart, column in zip(charts, (0, 1, 0), strict=True):
+        said = description(chart)
+        for key, words in CALLED[kind].items():
+            assert number_after(said, words) == pytest.approx(found[key][column], rel=5e-3), key
         assert chart.locator("title").text_content()
+    assert f"{number} " in lab.locator(".lab-shown").inner_text()
 
 
-def test_the_lines_are_where_the_numbers_are(opened: dict[str, Visit]) -> None:
-    """The lowest chart: the dot of each line at the mark is its number of the table."""
+def test_the_lowest_chart_tells_the_ends_and_the_least_of_its_lines(
+    kind: str, lab: Locator, library: dict[str, Any], labs: dict[str, Any]
+) -> None:
+    spec = labs[kind]["sliders"][0]
+    count = round((spec["high"] - spec["low"]) / spec["step"])
+    places = spec["low"] + spec["step"] * np.arange(count + 1)
+    state, said = state_of(lab), description(lab.get_by_role("img").last)
+    over = said[said.index("Over the ") :]
+    lines = [library[kind](state | {spec["name"]: float(place)}) for place in places]
+    for key in ("kf", "hf") if kind == "gain" else ("lssvm",):
+        course = np.array([found[key][0] for found in lines])
+        words = re.search(rf"{CALLED[kind][key]}: (.*?)[;.](?: |$)", over)
+        assert words, over
+        told = [float(n.replace(",", "")) for n in re.findall(r"[\d.,]*\d", words[1])]
+        least = int(course.argmin())
+        expected = [
+            course[0], 10 ** places[0], course[least], 10 ** places[least], course[-1],
+            10 ** places[-1],
+        ]  # fmt: skip
+        np.testing.assert_allclose(told, expected, rtol=6e-3)
+
+
+def test_what_coincides_is_said(opened: dict[str, Visit]) -> None:
     lab = opened["gain"].page.locator(".lab")
     lab.get_by_role("button", name="Reset").click()
-    chart = lab.get_by_role("img").last
-    ticks = chart.evaluate(
-        """svg => [...svg.querySelectorAll('text[text-anchor=end]')].map(
-             t => [Number(t.textContent), Number(t.getAttribute('y')) - 4])"""
+    status = lab.locator(".lab-status:has-text('the matched Q, g = 0.3')")
+    status.wait_for()
+    assert "coincide" not in status.inner_text()
+    for slider in lab.locator("input[type=range]").all():
+        slider.press("End")
+    said = lab.locator(".lab-status:has-text('10,000 times')")
+    said.wait_for()
+    lab.locator(".lab-status:has-text('g = 1.')").wait_for()
+    assert "Lines that coincide: KF and HF; g = 1 and network." in said.inner_text()
+
+
+def ticks_of(chart: Locator) -> list[tuple[float, float]]:
+    """Return the values and the heights of the ticks of the upright axis."""
+    found = chart.evaluate(
+        """svg => [...svg.querySelectorAll('text[text-anchor=end]')].map(t => [
+             Number(t.textContent.replace('−', '-').replace(',', '')),
+             Number(t.getAttribute('y')) - 4])"""
     )
-    (low, below), (high, above) = [tick for tick in ticks if tick[0] > 0][:2]
-    for key, values in numbers_of(lab).items():
+    return [(float(value), float(y)) for value, y in found]
+
+
+def test_the_dots_are_where_the_numbers_are(kind: str, lab: Locator) -> None:
+    """The lowest chart: the dot of each line at the mark is its number of the table."""
+    chart = lab.get_by_role("img").last
+    (low, below), (high, above) = ticks_of(chart)[:2]
+    found = numbers_of(lab)
+    for key in CALLED[kind]:
         y = float(chart.locator(f"circle.lab-{key}").get_attribute("cy") or "nan")
         share = (y - below) / (above - below)
         read = np.exp(np.log(low) + share * (np.log(high) - np.log(low)))
-        assert read == pytest.approx(values[0], rel=1e-6)
+        assert read == pytest.approx(found[key][0], rel=1e-6)
+
+
+def test_the_lines_are_where_the_errors_are(kind: str, lab: Locator, labs: dict[str, Any]) -> None:
+    """The upper charts: the line that is not filtered, point by point, position and velocity."""
+    data = labs[kind]["data"]
+    known = data["runs"]["1x"]["network"] if kind == "gain" else data["areas"]["1"]["ins"]
+    columns = (0, 1) if kind == "gain" else (0, 2)
+    for chart, column in zip(lab.get_by_role("img").all()[:2], columns, strict=True):
+        line = chart.locator(f"polyline.lab-{'network' if kind == 'gain' else 'ins'}")
+        points = (line.get_attribute("points") or "").split()
+        drawn = np.array([float(point.split(",")[1]) for point in points])
+        where = dict(ticks_of(chart))
+        linear, top = 0.1, max(where)  # as the chapters have it
+        scale = (where[top] - where[0.0]) / np.arcsinh(top / linear)
+        truth = np.array(known)[: len(drawn), column]
+        expected = where[0.0] + scale * np.arcsinh(np.clip(truth, -top, top) / linear)
+        assert len(drawn) == len(known)
+        np.testing.assert_allclose(drawn, expected, atol=0.06)  # a tenth of a pixel is written
+
+
+def test_the_axis_of_time_stays_when_the_outage_is_short(opened: dict[str, Visit]) -> None:
+    lab = opened["kernel"].page.locator(".lab")
+    lab.get_by_role("button", name="Reset").click()
+    chart = lab.get_by_role("img").first
+
+    def look() -> tuple[list[str], float, int]:
+        words = chart.locator("text[text-anchor=middle]").all_text_contents()
+        band = float(chart.locator(".lab-shade").get_attribute("width") or 0)
+        line = chart.locator("polyline.lab-lssvm").get_attribute("points") or ""
+        return words, band, len(line.split())
+
+    whole, band, points = look()
+    lab.locator("input[data-name=length]").press("Home")
+    words, narrow, fewer = look()
+    assert words == whole
+    assert band > 20 * narrow
+    assert narrow >= 2
+    assert fewer == points - 49
+    names = chart.locator(".lab-bp.lab-label").all_text_contents()
+    assert names == ["BP, 8 networks"]
+    assert lab.get_by_role("img").last.locator(".lab-bp.lab-label").inner_html().count("median")
 
 
 def pixels(figure: Locator) -> Array:
@@ -365,30 +501,19 @@ def test_narrow_screens_and_colours(
     for theme in ("light", "dark"):
         page.evaluate("theme => { document.documentElement.dataset.theme = theme; }", theme)
         shown = lab.evaluate(COLOURS)
-        ground = luminance(shown["ground"])
-        grounds.append(ground)
+        ground = shown["ground"]
+        grounds.append(luminance(ground))
         for stroke, _ in shown["lines"]:
-            assert contrast_of(luminance(stroke), ground) >= 3
+            assert contrast_of(stroke, ground) >= 3
         # told apart without colour
         assert len({dash for _, dash in shown["lines"]}) == len(shown["lines"]) > 2
         assert shown["texts"]
         for fill in shown["texts"]:
-            assert contrast_of(luminance(fill), ground) >= 4.5
+            assert contrast_of(fill, ground) >= 4.5
     assert grounds[0] > 0.9
     assert grounds[1] < 0.1
     assert (seen.errors, seen.foreign, seen.failed) == ([], [], [])
     page.close()
-
-
-def luminance(css: str) -> float:
-    """Return the relative luminance of WCAG 2."""
-    channels = np.array([float(c) for c in re.findall(r"[\d.]+", css)[:3]]) / 255
-    linear = np.where(channels <= 0.04045, channels / 12.92, ((channels + 0.055) / 1.055) ** 2.4)
-    return float(linear @ [0.2126, 0.7152, 0.0722])
-
-
-def contrast_of(a: float, b: float) -> float:
-    return (max(a, b) + 0.05) / (min(a, b) + 0.05)
 
 
 def still(page: Page, kind: str) -> tuple[bool, bool]:
@@ -432,6 +557,43 @@ def test_it_works_from_a_file(
 def test_the_pages_of_labs_have_no_error_and_ask_nobody(opened: dict[str, Visit]) -> None:
     for seen in opened.values():
         assert (seen.errors, seen.foreign, seen.failed) == ([], [], [])
+
+
+@pytest.mark.parametrize("broken", ["data", "figure", "JSON"])
+def test_a_lab_that_fails_leaves_its_picture_and_the_next_lab_works(
+    browser: Browser, served: str, built_site: Path, labs: dict[str, Any], broken: str
+) -> None:
+    """A page with both labs, of which the first cannot start."""
+    first, second = (
+        BeautifulSoup((built_site / labs[kind]["page"]).read_text(encoding="utf-8"), "html.parser")
+        for kind in KINDS
+    )
+    section = first.select_one("section.lab")
+    assert section is not None
+    if broken == "figure":
+        section["data-figure"] = "fig-that-is-not-there"
+    else:
+        content = json.loads(section.script.string)  # type: ignore[union-attr, arg-type]
+        content["data"]["runs"]["1x"]["designs"] = None
+        section.script.string = "{" if broken == "JSON" else json.dumps(content)  # type: ignore[union-attr]
+    for moved in ("figure#fig-72-lab", "section.lab"):
+        first.select("article section")[-1].append(second.select_one(moved) or "")
+    page = browser.new_page()
+    said: list[str] = []
+    page.on("console", lambda m: said.append(m.text) if m.type == "error" else None)
+    address = served + labs["gain"]["page"]
+    page.route(address, lambda route: route.fulfill(body=str(first), content_type="text/html"))
+    page.goto(address, wait_until="domcontentloaded")
+    other = page.locator("#lab-kernel")
+    other.locator(".lab-numbers td").first.wait_for()
+    assert page.locator("figure#fig-71-lab img").is_visible()
+    assert not page.locator("#lab-gain").is_visible()
+    assert not page.locator("figure#fig-72-lab > img").is_visible()
+    other.locator("input[data-name=width]").press("Home")
+    assert state_of(other)["width"] == -2
+    assert len(other.get_by_role("img").all()) == 3
+    assert any("The lab lab-gain does not start." in text for text in said)
+    page.close()
 
 
 # ---------------------------------------------------------------- the script's functions

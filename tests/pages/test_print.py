@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from playwright.sync_api import Browser, Page
-from visiting import visit
+from visiting import luminance, visit
 
 pytestmark = pytest.mark.page
 
@@ -16,10 +16,12 @@ pytestmark = pytest.mark.page
 PRINTED = [
     "index.html",
     "chapters/00-the-published-numbers.html",
+    "chapters/71-two-filters-become-one.html",
     "chapters/90-your-own-data.html",
     "claims.html",
     "assumptions.html",
     "errata.html",
+    "elsewhere.html",
 ]
 # A4 is 210 mm wide, less two margins of 15 mm, at 96 px to the inch
 PAPER = round(180 / 25.4 * 96)
@@ -34,6 +36,66 @@ CUT_OFF = """() => [...document.querySelectorAll("main *")]
   .filter((e) => getComputedStyle(e).display !== "inline")
   .filter((e) => getComputedStyle(e).overflowX !== "visible" && e.scrollWidth > e.clientWidth + 2)
   .map((e) => `${e.localName}.${e.className} ${e.textContent.trim().slice(0, 50)}`)"""
+
+
+# all that has text of its own, each token of code too: its colour, and one that has it
+INKS = """() => Object.fromEntries([...document.querySelectorAll("main *")]
+  .filter((e) => e.checkVisibility() && !e.closest("svg, script, style, mjx-assistive-mml"))
+  .filter((e) => [...e.childNodes].some((n) => n.nodeType === 3 && n.data.trim()))
+  .map((e) => [getComputedStyle(e).color.match(/[\\d.]+/g).slice(0, 3).join(", "),
+    `${e.localName}.${e.className} ${e.textContent.trim().slice(0, 30)}`]))"""
+
+# what is painted behind anything, code too, and one box that has it
+GROUNDS = """() => Object.fromEntries([...document.querySelectorAll("main *")]
+  .filter((e) => e.checkVisibility() && !e.closest("svg, mjx-container"))
+  .map((e) => {
+    const [r, g, b, alpha = 1] = getComputedStyle(e).backgroundColor.match(/[\\d.]+/g).map(Number);
+    const onWhite = [r, g, b].map((c) => alpha * c + (1 - alpha) * 255);
+    return [`rgb(${onWhite.join(", ")})`, `${e.localName}.${e.className}`];
+  }))"""
+
+# headings after which Chromium may part the sheet: what follows begins with a flex box, or is the
+# line that code is left out and may part from its output
+PARTED = """() => [...document.querySelectorAll("main :is(h1, h2, h3, h4)")]
+  .filter((h) => h.checkVisibility() && h.nextElementSibling)
+  .filter((h) => {
+    if (getComputedStyle(h).breakAfter !== "avoid") return true;
+    for (let e = h.nextElementSibling; e; e = e.firstElementChild) {
+      const style = getComputedStyle(e);
+      if (style.display.startsWith("inline")) return false;
+      if (/flex|grid/.test(style.display)) return true;
+      if (e.matches("details.above-input:not([open])")) return style.breakAfter !== "avoid";
+    }
+    return false;
+  }).map((h) => h.textContent)"""
+
+# words of the heads of tables that are on two lines
+BROKEN = """() => {
+  const broken = [];
+  for (const head of document.querySelectorAll("main th")) {
+    const walker = document.createTreeWalker(head, NodeFilter.SHOW_TEXT);
+    for (let text; (text = walker.nextNode()); ) {
+      if (text.parentElement.closest("mjx-container, code")) continue;
+      for (const word of text.data.matchAll(/\\p{L}{3,}/gu)) {
+        const range = document.createRange();
+        range.setStart(text, word.index);
+        range.setEnd(text, word.index + word[0].length);
+        const lines = [...range.getClientRects()].map((box) => Math.round(box.top));
+        if (new Set(lines).size > 1) broken.push(word[0]);
+      }
+    }
+  }
+  return broken;
+}"""
+
+# lines that say that code is left out, right after another
+REPEATED = """() => [...document.querySelectorAll(".cell > details.above-input:not([open])")]
+  .filter((d) => d.checkVisibility())
+  .filter((d) => d.parentElement.nextElementSibling?.querySelector(
+    ":scope > details.above-input:not([open])")?.checkVisibility())
+  .filter((d) => !d.nextElementSibling?.innerText.trim()
+    && !d.nextElementSibling?.querySelector("img"))
+  .length"""
 
 
 def on_paper(browser: Browser, served: str, name: str, scheme: str) -> Page:
@@ -60,6 +122,9 @@ def test_a_page_on_paper(browser: Browser, served: str, name: str) -> None:
     assert page.locator("main p").filter(visible=True).count() > 3
     assert page.evaluate(TOO_WIDE, PAPER) == []
     assert page.evaluate(CUT_OFF) == []
+    assert page.evaluate(PARTED) == []
+    assert page.evaluate(BROKEN) == []
+    assert page.evaluate(REPEATED) == 0
     black_on_white(page)
     page.emulate_media(media="print", color_scheme="dark")
     page.wait_for_function("document.documentElement.dataset.theme === 'dark'")
@@ -73,12 +138,14 @@ def black_on_white(page: Page) -> None:
           .map((e) => getComputedStyle(e).backgroundColor)"""
     )
     assert set(grounds) <= {"rgb(255, 255, 255)", "rgba(0, 0, 0, 0)"}
-    inks = page.evaluate(
-        "() => [...document.querySelectorAll('main p, main td, main pre, main h2, main code')]"
-        ".filter((e) => e.checkVisibility()).map((e) => getComputedStyle(e).color)"
-    )
-    brightest = max(max(map(int, ink[4:-1].split(", ")[:3])) for ink in set(inks))
-    assert brightest <= 0x44
+    inks = page.evaluate(INKS)
+    pale = {ink: said for ink, said in inks.items() if max(map(int, ink.split(", "))) > 0x44}
+    assert pale == {}
+    assert len(inks) > 0
+    dark = {
+        ground: said for ground, said in page.evaluate(GROUNDS).items() if luminance(ground) < 0.8
+    }
+    assert dark == {}
     filters = page.evaluate(
         "[...document.querySelectorAll('main img')].map(i => getComputedStyle(i).filter)"
     )

@@ -6,6 +6,7 @@ No ``conftest.py``: many tests import the one at the top of the tests by its nam
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -50,23 +51,32 @@ def page_names(site: Path) -> list[str]:
     ]
 
 
+def luminance(css: str) -> float:
+    """Return the relative luminance of WCAG 2.2 of an opaque colour, as CSS has it computed."""
+    channels = [float(c) / 255 for c in re.findall(r"[\d.]+", css)[:3]]
+    linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in channels]
+    return sum(c * share for c, share in zip(linear, (0.2126, 0.7152, 0.0722), strict=True))
+
+
+def contrast_of(one: str, other: str) -> float:
+    """Return the contrast of two colours by WCAG 2.2."""
+    dark, light = sorted((luminance(one), luminance(other)))
+    return (light + 0.05) / (dark + 0.05)
+
+
 def contrast(page: Page, selector: str) -> float:
-    """Return the WCAG contrast of an element's text with the ground of the page's main part."""
-    return page.evaluate(
-        """selector => {
-          const channels = css => css.match(/[\\d.]+/g).map(Number);
-          const element = document.querySelector(selector);
-          let ground = element;
-          while (ground && (channels(getComputedStyle(ground).backgroundColor)[3] ?? 1) === 0)
-            ground = ground.parentElement;
-          const luminance = css => channels(css).slice(0, 3)
-            .map(c => c / 255)
-            .map(c => c <= 0.04045 ? c / 12.92 : ((c + 0.055) / 1.055) ** 2.4)
-            .reduce((sum, c, i) => sum + c * [0.2126, 0.7152, 0.0722][i], 0);
-          const a = luminance(getComputedStyle(element).color);
-          const behind = ground ? getComputedStyle(ground).backgroundColor : "rgb(255,255,255)";
-          const b = luminance(behind);
-          return (Math.max(a, b) + 0.05) / (Math.min(a, b) + 0.05);
-        }""",
-        selector,
+    """Return the contrast of an element's text with what is behind it."""
+    return contrast_of(
+        *page.evaluate(
+            """selector => {
+              const alpha = css => Number(css.match(/[\\d.]+/g)[3] ?? 1);
+              const element = document.querySelector(selector);
+              let ground = element;
+              while (ground && alpha(getComputedStyle(ground).backgroundColor) === 0)
+                ground = ground.parentElement;
+              const behind = ground ? getComputedStyle(ground).backgroundColor : "rgb(255,255,255)";
+              return [getComputedStyle(element).color, behind];
+            }""",
+            selector,
+        )
     )
