@@ -378,6 +378,17 @@ TEXT_OUTSIDE = """() => {
   const wide = document.documentElement.clientWidth;
   const boxed = "table, pre, mjx-container[display], .math mjx-container, svg, .sr-only";
   const outside = [];
+  const known = new Map([[main, false]]);  // most texts share the boxes that they are in
+  const inABoxThatScrolls = (box) => {
+    if (!known.has(box)) known.set(box, scrolls(box) || inABoxThatScrolls(box.parentElement));
+    return known.get(box);
+  };
+  const scrolls = (box) => {
+    if (box.matches("figure, .pst-scrollable-table-container, .cell_output")) return false;
+    const style = getComputedStyle(box);
+    return style.overflowX !== "visible" && style.display !== "inline"
+      && box.scrollWidth > box.clientWidth + 1;
+  };
   const walker = document.createTreeWalker(main, NodeFilter.SHOW_TEXT);
   for (let text; (text = walker.nextNode()); ) {
     const parent = text.parentElement;
@@ -391,15 +402,8 @@ TEXT_OUTSIDE = """() => {
         outside.push(text.data.trim().slice(0, 60));
         break;
       }
-    for (let box = parent; box !== main; box = box.parentElement) {
-      if (box.matches("figure, .pst-scrollable-table-container, .cell_output")) continue;
-      const style = getComputedStyle(box);
-      if (style.overflowX !== "visible" && style.display !== "inline"
-          && box.scrollWidth > box.clientWidth + 1) {
-        outside.push(`in a box that scrolls: ${text.data.trim().slice(0, 60)}`);
-        break;
-      }
-    }
+    if (inABoxThatScrolls(parent))
+      outside.push(`in a box that scrolls: ${text.data.trim().slice(0, 60)}`);
   }
   for (const formula of main.querySelectorAll("mjx-container:not([display])"))
     if (!formula.closest("table") && formula.getBoundingClientRect().right > wide + 1)
