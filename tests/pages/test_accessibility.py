@@ -11,7 +11,7 @@ document.
 Before that, what is repeated is thinned: of all tokens of one kind in one kind of box one keeps its
 own element, since the same style rules paint the others; of the formulas the first few stay, of a
 long table the first rows, of claims and of entries of the reference some of each kind. The longest
-page has 60,000 elements before that, and axe would need minutes for it. With INSWSN_AXE=whole
+page has 60,000 elements before that, and axe would need minutes for it. With INSWSN_TESTS=whole
 nothing is thinned; the weekly run on the public host does so.
 """
 
@@ -136,7 +136,7 @@ def test_a_page(browser: Browser, served: str, name: str) -> None:
 
 
 def axe_finds_nothing(page: Page, name: str) -> None:
-    if os.environ.get("INSWSN_AXE") != "whole":
+    if os.environ.get("INSWSN_TESTS") != "whole":
         page.evaluate(THIN)
     page.evaluate(axe_script())
     for (theme, width), rules in zip(SCREENS, RULES, strict=True):
