@@ -70,11 +70,11 @@ def judged(number: int, chapter: str | None, verdict: Verdict) -> Judged:
 
 def rows(text: str, name: str) -> list[list[str]]:
     """Read one table back, by its label, as rows of cells."""
-    (table,) = (part for part in text.split("```\n") if f":name: {name}\n" in part + "\n")
-    body = table.split("\n\n", 2)[-1] if table.startswith("\n") else table.split("\n\n", 1)[1]
+    tables = re.findall(r"^:::::\{list-table\}(.*?)^:::::$", text, re.M | re.S)
+    (table,) = (part for part in tables if f":name: {name}\n" in part)
     return [
         [cell[4:].strip().replace("\N{NO-BREAK SPACE}", " ") for cell in row.splitlines()]
-        for row in re.split(r"^(?=\* -)", body.replace("```", ""), flags=re.M)
+        for row in re.split(r"^(?=\* -)", table.split("\n\n", 1)[1], flags=re.M)
         if row.strip()
     ]
 

@@ -134,7 +134,7 @@ def test_the_table_by_plain_arithmetic(project: Project) -> None:
         said = [f"{part} of {whole}" if whole else "there are none" for part, whole in counts]
         assert row[1:6] == [f"{len(own)} of {chapters}", *said]
         sizes = [c["farthest"].get("deviation") or float("inf") for c in own if "farthest" in c]
-        far = row[6].removesuffix("```").strip().split(",")[0]
+        far = row[6].removesuffix(":::::").strip().split(",")[0]
         if not sizes:
             assert far == "none moved"
         elif max(sizes) < 0.001:
