@@ -48,7 +48,7 @@ Part = Literal["value", "lower end", "upper end"]
 ELSEWHERE = "data/elsewhere.json"
 #: The variant in which nothing is changed
 AGAIN = "again"
-#: The variant whose results another machine has found, with nothing else changed
+#: The variant whose results another machine has found
 MACHINE = "other-machine"
 
 # What a processor of 2008 could do, told to each library that chooses its code by the processor:
@@ -92,7 +92,8 @@ DESCRIPTIONS = {
     ),
     MACHINE: (
         "another machine",
-        "What a build on another machine found, with another processor and nothing else changed.",
+        "What builds of the same chapters on another machine found. A build may have had an "
+        "earlier library: its commit stands at the end of this page.",
     ),
     "threads-2": (
         "two threads",
