@@ -35,6 +35,7 @@ SCENE, AREAS = (700.0, 450.0), (150.0, 100.0)  # m
 RADIUS, SPEED = 20.0, 7.5  # m, m/s
 AREA_SECONDS, OUTAGE_SECONDS = (20.0, 21.0), (10.0, 10.5)
 INTERVAL = 0.03  # s
+COARSE = 50  # points of the path for each at which it is looked at first
 MARGIN = 2.0  # m, by which the path stays inside an area
 STARTS = 4
 LIMITS = np.array([0.3, 0.3, 0.2, 0.02, 0.2, 2.0, 2.0, 20.0, 20.0])
@@ -50,6 +51,18 @@ class Candidate:
     motion: Motion
     windows: list[NDArray[np.bool_]]
     starts: Array
+
+
+def windows_of(motion: Motion, spans: list[Array]) -> list[NDArray[np.bool_]]:
+    """Return which times are in each span."""
+    return [(motion.time >= a) & (motion.time < b) for a, b in spans]
+
+
+def keeps_to_areas(motion: Motion, spans: list[Array]) -> bool:
+    """Tell whether the areas, the first and the third span, are crossed within their sizes."""
+    windows = windows_of(motion, spans)
+    crossed = [np.ptp(motion.position[windows[i]], axis=0) for i in (0, 2)]
+    return all((c <= size - MARGIN).all() for c, size in zip(crossed, AREAS, strict=True))
 
 
 def candidates() -> Iterator[Candidate]:
@@ -72,12 +85,15 @@ def candidates() -> Iterator[Candidate]:
         )
         if SPEED * edges[-1] > path.length + 1:
             continue
-        motion = path.drive(SPEED, np.arange(0, edges[-1] + INTERVAL, INTERVAL))
         spans = [edges[0:2], edges[1:3], edges[3:5], edges[4:6]]
-        windows = [(motion.time >= a) & (motion.time < b) for a, b in spans]
-        crossed = [np.ptp(motion.position[windows[i]], axis=0) for i in (0, 2)]
-        if any((c > size - MARGIN).any() for c, size in zip(crossed, AREAS, strict=True)):
+        time = np.arange(0, edges[-1] + INTERVAL, INTERVAL)
+        # most are dropped by a few of their points already
+        if not keeps_to_areas(path.drive(SPEED, time[::COARSE]), spans):
             continue
+        motion = path.drive(SPEED, time)
+        if not keeps_to_areas(motion, spans):
+            continue
+        windows = windows_of(motion, spans)
         starts = 0.3 * rng.uniform(-LIMITS, LIMITS, (STARTS, len(LIMITS)))
         yield Candidate(waypoints, lead, between, motion, windows, starts)
 

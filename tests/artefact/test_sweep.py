@@ -233,7 +233,9 @@ def test_a_sweep_is_the_same_in_any_number_of_processes(own: Own, tmp_path: Path
     # by hand: the mean of five standard normal numbers is of size sqrt(2 / (5 pi))
     first = table.iloc[0]
     assert first["mean"] == pytest.approx(np.sqrt(2 / (5 * np.pi)), abs=4 * first["standard_error"])
-    assert (tmp_path / "one" / "sweep.svg").read_text().startswith("<?xml")
+    drawn = (tmp_path / "one" / "sweep.svg").read_text()
+    assert drawn.startswith("<?xml")
+    assert "Lines: medians of 300 runs. Bands: from 2.5 to 97.5 % of them." in drawn
     facts = json.loads((tmp_path / "two" / "sweep.json").read_text())
     assert facts["grid"] == {"spread": [1.0, 2.0], "told": [0.0, 0.5]}
     assert facts["runs"] == 300

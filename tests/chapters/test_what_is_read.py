@@ -40,7 +40,7 @@ QUICK: dict[str, dict[str, Value]] = {
 }
 
 
-LONG = {"02", "03", "04", "05"}
+LONG = {"01", "02", "03", "04", "05"}
 EXECUTED = [
     pytest.param(
         number,

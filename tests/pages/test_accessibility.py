@@ -10,9 +10,9 @@ document.
 
 Before that, what is repeated is thinned: of all tokens of one kind in one kind of box one keeps its
 own element, since the same style rules paint the others; of the formulas the first few stay, of a
-long table the first rows, of claims and of entries of the reference some of each kind. The longest
-page has 60,000 elements before that, and axe would need minutes for it. With INSWSN_TESTS=whole
-nothing is thinned; the weekly run on the public host does so.
+long table and of the contents the first rows, of claims and of entries of the reference some of
+each kind. The longest page has 60,000 elements before that, and axe would need minutes for it. With
+INSWSN_TESTS=whole nothing is thinned; the weekly run on the public host does so.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ import pytest
 from bs4 import BeautifulSoup, Tag
 from PIL import Image
 from playwright.sync_api import Browser, Page
-from visiting import contrast_of, page_names, visit
+from visiting import contrast_of, it_is_whole, page_names, visit
 
 from inswsn_lib.artefact.accessibility import (
     AXE_TAGS,
@@ -71,21 +71,26 @@ RUN_AXE = """async options => {
 }"""
 
 THIN = """() => {
+  // apart from the document, since there each change has the browser look for what it may restyle
+  const body = document.body;
+  body.remove();
+  const leave = (boxes, count) => [...boxes].slice(count).forEach((box) => box.remove());
+  // a header that is a formula would be empty without it
+  leave(body.querySelectorAll("mjx-container:not(th mjx-container)"), 10);
+  for (const rows of body.querySelectorAll("main tbody")) leave(rows.children, 6);
+  for (const names of body.querySelectorAll("nav.bd-toc-nav ul")) leave(names.children, 6);
+  for (const kind of new Set([...body.querySelectorAll(".claim")].map((c) => c.className)))
+    leave(body.getElementsByClassName(kind), 2);
+  for (const list of body.querySelectorAll("main section"))
+    leave(list.querySelectorAll(":scope > dl.py"), 2);
   const seen = new Set();
-  for (const token of document.querySelectorAll(".highlight span, .sig span, .sig em, code span")) {
+  for (const token of body.querySelectorAll(".highlight span, .sig span, .sig em, code span")) {
     const box = token.closest(".cell_input, .output, .sig, code, .highlight");
     const kind = `${box.className}/${token.parentElement.localName}/${token.className}`;
     if (seen.has(kind)) token.replaceWith(...token.childNodes);
     else seen.add(kind);
   }
-  const leave = (boxes, count) => [...boxes].slice(count).forEach((box) => box.remove());
-  // a header that is a formula would be empty without it
-  leave(document.querySelectorAll("mjx-container:not(th mjx-container)"), 10);
-  for (const rows of document.querySelectorAll("main tbody")) leave(rows.children, 8);
-  for (const kind of new Set([...document.querySelectorAll(".claim")].map((c) => c.className)))
-    leave(document.getElementsByClassName(kind), 2);
-  for (const list of document.querySelectorAll("main section"))
-    leave(list.querySelectorAll(":scope > dl.py"), 4);
+  document.documentElement.append(body);
 }"""
 
 # as access.js says it: what scrolls sideways is a tab stop
@@ -129,10 +134,23 @@ def test_each_page_of_the_site_is_looked_at(built_site: Path, project: Project) 
 def test_a_page(browser: Browser, served: str, name: str) -> None:
     """All that is asked of each page in a browser; it is loaded once, since that takes long."""
     # a change of theme fades, and a colour on its way is none of the page's
-    page = opened(browser, served, name, reduced_motion="reduce")
+    seen = visit(browser, served, name, color_scheme="light", reduced_motion="reduce")
+    page = seen.page
+    it_is_whole(seen, name)
+    it_never_scrolls_sideways(page, name)
     text_is_read_without_sideways_scrolling(page, name)
     axe_finds_nothing(page, name)
     page.close()
+
+
+def it_never_scrolls_sideways(page: Page, name: str) -> None:
+    for theme, width in (("light", 1300), ("dark", 360)):
+        page.emulate_media(color_scheme=theme)  # type: ignore[arg-type]
+        page.set_viewport_size({"width": width, "height": 740})
+        page.wait_for_function(f"document.documentElement.dataset.theme === '{theme}'")
+        needed = page.evaluate("document.documentElement.scrollWidth")
+        assert needed <= width, f"{name}, {theme}, is {needed} px wide"
+    page.emulate_media(color_scheme="light")
 
 
 def axe_finds_nothing(page: Page, name: str) -> None:

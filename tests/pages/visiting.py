@@ -42,6 +42,41 @@ def visit(browser: Browser, served: str, name: str, **options: Any) -> Visit:
     return seen
 
 
+def it_is_whole(seen: Visit, name: str) -> None:
+    """Check that a page comes without an error, all from the site, and says what made it."""
+    _no_error_no_foreign_request_no_broken_image(seen, name)
+    _mathematics_is_rendered(seen.page, name)
+    _it_says_what_it_was_built_from(seen.page, name)
+
+
+def _no_error_no_foreign_request_no_broken_image(seen: Visit, name: str) -> None:
+    assert seen.errors == [], name
+    assert seen.foreign == [], name
+    assert seen.failed == [], name
+    images = seen.page.evaluate(
+        "Array.from(document.images, i => [i.currentSrc, i.naturalWidth > 0, i.alt])"
+    )
+    for source, loaded, alt in images:
+        assert loaded, f"{name}: {source}"
+        assert alt.strip(), f"{name}: {source}"
+
+
+def _mathematics_is_rendered(page: Page, name: str) -> None:
+    asked = page.locator(".math").count()
+    assert page.locator("mjx-container").count() >= asked, name
+    assert page.locator("mjx-merror, .merror").count() == 0, name
+
+
+def _it_says_what_it_was_built_from(page: Page, name: str) -> None:
+    assert "Built by inswsn" in page.locator(".extra_footer").inner_text(), name
+    if name.startswith("chapters/"):
+        words = page.locator("table.provenance").inner_text()
+        for word in ("parameters", "seed", "commit", "locks", "data", "solvers", "thread"):
+            assert word in words, name
+        for word in ("Python", "cores", " s, ended "):
+            assert word in words, name
+
+
 def page_names(site: Path) -> list[str]:
     """Return the pages of a site, as paths below it."""
     return [
