@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -72,6 +73,10 @@ def test_another_python_must_be_one(project: Project, tmp_path: Path) -> None:
         variants(str(other))
 
 
+@pytest.mark.skipif(
+    os.environ.get("INSWSN_TESTS") != "whole",
+    reason="takes long: INSWSN_TESTS=whole executes it, as the weekly run does",
+)
 def test_a_design_is_asked_of_scs(
     project: Project, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
