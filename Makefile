@@ -98,9 +98,8 @@ $(VENV)/environment: environment.lock environment-torch.lock
 	@echo "Installing the locked environment into $(VENV) (a few minutes, once)"
 	@base=$$($(PYTHON) -c 'import sys; print(sys._base_executable)') \
 	    && rm -rf $(VENV) && "$$base" -m venv $(VENV)  # not the one in .venv, which goes
-	@# most modules are never imported; those that are get compiled then
-	@$(RUN) -m pip install --quiet --disable-pip-version-check --no-compile --require-hashes --no-deps -r environment-torch.lock
-	@$(RUN) -m pip install --quiet --disable-pip-version-check --no-compile --require-hashes -r environment.lock
+	@$(RUN) -m pip install --quiet --disable-pip-version-check --require-hashes --no-deps -r environment-torch.lock
+	@$(RUN) -m pip install --quiet --disable-pip-version-check --require-hashes -r environment.lock
 	@touch $@
 
 $(VENV)/package: $(VENV)/environment pyproject.toml
