@@ -109,9 +109,25 @@ MINI_CLAIMS_PAGE = """\
 """
 
 
+WHOLE = os.environ.get("INSWSN_TESTS") == "whole"
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Put long tests first, so that no worker runs one at the end while the other has none."""
+    """Put long tests first, so that no worker runs one at the end while the other has none.
+
+    Those that are marked whole are skipped unless INSWSN_TESTS says whole.
+    """
     items.sort(key=lambda item: item.get_closest_marker("long") is None)
+    skip = pytest.mark.skip(reason="takes long: executed with INSWSN_TESTS=whole")
+    for item in items:
+        if not WHOLE and item.get_closest_marker("whole"):
+            item.add_marker(skip)
+
+
+@pytest.fixture(scope="session")
+def whole() -> bool:
+    """Whether all is asked of the pages, as in the weekly run, or what a push needs."""
+    return WHOLE
 
 
 @pytest.fixture(scope="session")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import random
 from hashlib import sha256
 
@@ -128,10 +127,7 @@ def test_percentages_by_plain_arithmetic(
     assert compared > 100
 
 
-@pytest.mark.skipif(
-    os.environ.get("INSWSN_TESTS") != "whole",
-    reason="takes long: INSWSN_TESTS=whole executes it, as the weekly run does",
-)
+@pytest.mark.whole
 @pytest.mark.long
 def test_one_run_comes_out_again(
     project: Project, assumptions: Assumptions, study: Study, published: dict[str, Results]

@@ -32,23 +32,25 @@ def test_every_page_of_the_contents_is_there(built_site: Path) -> None:
     assert expected <= set(page_names(built_site))
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
+def test_pages_that_are_opened_dark_and_narrow(
+    browser: Browser, served: str, built_site: Path, whole: bool
+) -> None:
+    """Some pages, all with INSWSN_TESTS=whole; test_accessibility.py opens each light and wide."""
+    some = {
         "index.html",
         "claims.html",
         "chapters/02-kalman-against-h-infinity.html",
         "chapters/71-two-filters-become-one.html",
-    ],
-)
-def test_a_page_that_is_opened_dark_and_narrow(browser: Browser, served: str, name: str) -> None:
-    """Every page is opened light and wide, and seen dark and narrow, in test_accessibility.py."""
+    }
+    names = page_names(built_site)
+    assert some <= set(names)
     size = {"width": 360, "height": 740}
-    seen = visit(browser, served, name, color_scheme="dark", viewport=size)
-    it_is_whole(seen, name)
-    assert seen.page.evaluate("document.documentElement.dataset.theme") == "dark"
-    assert seen.page.evaluate("document.documentElement.scrollWidth") <= 360
-    seen.page.close()
+    for name in names if whole else sorted(some):
+        seen = visit(browser, served, name, color_scheme="dark", viewport=size)
+        it_is_whole(seen, name)
+        assert seen.page.evaluate("document.documentElement.dataset.theme") == "dark"
+        assert seen.page.evaluate("document.documentElement.scrollWidth") <= 360, name
+        seen.page.close()
 
 
 def shown_claims(page: Page) -> list[str]:
@@ -83,11 +85,13 @@ def test_claims_are_filtered_without_scripts(
 
 @pytest.mark.parametrize("scripts", [True, False], ids=["with scripts", "without scripts"])
 def test_a_claim_and_its_cell_lead_to_each_other(
-    browser: Browser, served: str, project: Project, scripts: bool
+    browser: Browser, served: str, project: Project, scripts: bool, whole: bool
 ) -> None:
-    # one claim of each chapter; the inspection of the site has followed all links
-    entries = {e.cell[:4]: e for e in judge_claims(project) if e.cell is not None}
-    if scripts:  # typesetting takes long
+    # one claim of each cell; the inspection of the site has followed all links
+    entries = {e.cell: e for e in judge_claims(project) if e.cell is not None}
+    if scripts or not whole:  # takes long: one of each chapter
+        entries = {cell[:4]: entry for cell, entry in entries.items()}
+    if scripts and not whole:  # typesetting takes longer
         entries = {chapter: entries[chapter] for chapter in ("ch00", "ch03")}
     page = browser.new_page(java_script_enabled=scripts)
     page.goto(f"{served}claims.html")
@@ -110,8 +114,8 @@ def test_chapter_00_shows_its_figures_tables_and_numbers(browser: Browser, serve
     assert [text.strip() for text in captions] == ["Fig. 1", "Fig. 2", "Fig. 3", "Fig. 4"]
     assert page.locator("table caption .caption-number").count() == 8
     assert page.locator("main table:not(:has(th))").count() == 0
-    # a number in a sentence is the recorded one, and no name of one is left
     assert page.locator("mjx-container").count() > 0
+    # a number in a sentence is the recorded one, and no name of one is left
     text = page.locator("main").inner_text()
     assert "1,108,800" in text
     assert "glue" not in text

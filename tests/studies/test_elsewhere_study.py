@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import re
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -73,10 +72,7 @@ def test_another_python_must_be_one(project: Project, tmp_path: Path) -> None:
         variants(str(other))
 
 
-@pytest.mark.skipif(
-    os.environ.get("INSWSN_TESTS") != "whole",
-    reason="takes long: INSWSN_TESTS=whole executes it, as the weekly run does",
-)
+@pytest.mark.whole
 def test_a_design_is_asked_of_scs(
     project: Project, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
