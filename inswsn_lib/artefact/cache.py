@@ -100,15 +100,18 @@ def built_as_now(project: Project, chapter: Chapter) -> Executed:
 def store(
     project: Project, chapter: Chapter, key: str, notebook: str, results: Results
 ) -> Executed:
-    """Keep an executed chapter, and drop what the cache held of it for other keys."""
+    """Keep an executed chapter, and drop what the cache held of it for other keys but the last.
+
+    So who builds with recorded data and without them by turns executes nothing twice.
+    """
     folder = _entry(project, chapter, key)
     write_whole(folder / "executed.ipynb", notebook)
     write_whole(folder / "executed.sha256", file_digest(folder / "executed.ipynb"))
     # the results come last: an entry without them is not an entry
     write_results(results, folder / "results.json")
-    for other in folder.parent.iterdir():
-        if other != folder:
-            shutil.rmtree(other, ignore_errors=True)
+    others = [other for other in folder.parent.iterdir() if other != folder]
+    for other in sorted(others, key=lambda other: other.stat().st_mtime_ns)[:-1]:
+        shutil.rmtree(other, ignore_errors=True)
     return Executed(chapter, folder / "executed.ipynb", results)
 
 

@@ -93,9 +93,11 @@ def test_whether_there_are_recorded_data_changes_the_key(
     for name in ("", str(tmp_path / "none"), str(tmp_path / "first" / "file")):
         monkeypatch.setenv(DATA_VARIABLE, name)
         assert chapter_key(mini, chapter, {}) == without, name
-    # and what was executed with them is not taken when they are gone
+    # each is kept while the other is made
     store(mini, chapter, had, "{}\n", made)
-    assert lookup(mini, chapter, without) is None
+    entry = lookup(mini, chapter, without)
+    assert entry is not None
+    assert entry.notebook.parent.name == without[:32]
 
 
 def test_times_and_unrelated_files_do_not(mini: Project, library: Path) -> None:
@@ -141,9 +143,15 @@ def test_an_entry_that_was_cut_short_is_none(mini: Project) -> None:
     assert lookup(mini, chapter, key) is None
 
 
-def test_old_entries_do_not_pile_up(mini: Project) -> None:
+def test_the_last_two_entries_are_kept(mini: Project) -> None:
     (chapter,) = mini.chapters()
     results = Results(chapter="00", parameters={}, data={}, quantities=())
-    for key in ("a" * 64, "b" * 64):
-        store(mini, chapter, key, "{}\n", results)
-    assert len(list((mini.cache / chapter.name).iterdir())) == 1
+    first, second, third = "a" * 64, "b" * 64, "c" * 64
+    for moment, key in enumerate((third, second, first, second)):
+        entry = store(mini, chapter, key, "{}\n", results)
+        os.utime(entry.notebook.parent, (moment, moment))
+    assert [lookup(mini, chapter, key) is None for key in (first, second, third)] == [
+        False,
+        False,
+        True,
+    ]
