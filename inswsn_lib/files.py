@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import yaml
+from yaml.composer import Composer
 
 from inswsn_lib.errors import InswsnError
 
@@ -54,8 +55,19 @@ def write_whole(path: Path, text: str) -> None:
         raise
 
 
-class _Loader(yaml.SafeLoader):
+# LibYAML finds the tokens several times as fast. The nodes are put together by PyYAML in any case:
+# too deep a nesting is then an error of Python, by which LibYAML would crash.
+_PARSERS: tuple[Any, ...] = (
+    (Composer, yaml.CSafeLoader) if yaml.__with_libyaml__ else (yaml.SafeLoader,)
+)
+
+
+class _Loader(*_PARSERS):  # type: ignore[misc]
     """YAML without repeated keys, without dates, and with 1e-1 as a number, as in YAML 1.2."""
+
+    def __init__(self, text: str) -> None:
+        _PARSERS[-1].__init__(self, text)
+        Composer.__init__(self)
 
     yaml_implicit_resolvers = {  # noqa: RUF012  # as in the base class
         first: [(tag, pattern) for tag, pattern in resolvers if not tag.endswith(":timestamp")]

@@ -12,9 +12,9 @@ import torch
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import minimize
 from sklearn.base import BaseEstimator, MultiOutputMixin, RegressorMixin, clone
-from sklearn.utils.validation import check_is_fitted, validate_data
 
 from inswsn_lib.errors import ParameterError
+from inswsn_lib.learning.checking import data_to_fit, data_to_predict
 from inswsn_lib.learning.kernels import check_positive
 from inswsn_lib.learning.scaling import Scale, Scaling
 
@@ -190,8 +190,7 @@ class BackpropRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):  # typ
     def _prepared(self, X: ArrayLike, y: ArrayLike) -> _Job:
         """Check and scale a data set, and draw what is random."""
         self._check_parameters()
-        inputs, y = validate_data(self, X, y, multi_output=True, y_numeric=True, dtype=np.float64)
-        given = np.asarray(y, dtype=np.float64)
+        inputs, given = data_to_fit(self, X, y)
         targets = given.reshape(len(given), -1)
         self._flat = given.ndim == 1
         self._inputs_scale = Scale.of(inputs, self.scaling)
@@ -240,8 +239,7 @@ class BackpropRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):  # typ
         -------
         ndarray, (networks, n) or (networks, n, outputs)
         """
-        check_is_fitted(self)
-        inputs = validate_data(self, X, reset=False, dtype=np.float64)
+        inputs = data_to_predict(self, X)
         with _one_thread():
             scaled = torch.from_numpy(self._inputs_scale.there(inputs))
             out = self._shape.forward(torch.from_numpy(self.weights_), scaled).numpy()

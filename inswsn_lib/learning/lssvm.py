@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 from sklearn.base import BaseEstimator, MultiOutputMixin, RegressorMixin
-from sklearn.utils.validation import check_is_fitted, validate_data
 
 from inswsn_lib.errors import ParameterError
+from inswsn_lib.learning.checking import data_to_fit, data_to_predict
 from inswsn_lib.learning.kernels import Kernel, check_kernel, check_positive, kernel_matrix
 
 Array = NDArray[np.float64]
@@ -115,8 +115,7 @@ class LSSVMRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):  # type: 
         """
         check_kernel(self.kernel, self.sigma, self.degree)
         check_positive("eta", self.eta)
-        inputs, y = validate_data(self, X, y, multi_output=True, y_numeric=True, dtype=np.float64)
-        targets = np.asarray(y, dtype=np.float64)
+        inputs, targets = data_to_fit(self, X, y)
         H = kernel_matrix(inputs, inputs, self.kernel, self.sigma, self.degree)
         H[np.diag_indices_from(H)] += 1 / self.eta
         right = np.column_stack([np.ones(len(inputs)), targets])
@@ -149,7 +148,6 @@ class LSSVMRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):  # type: 
         -------
         ndarray, (n,) or (n, outputs)
         """
-        check_is_fitted(self)
-        inputs = validate_data(self, X, reset=False, dtype=np.float64)
+        inputs = data_to_predict(self, X)
         K = kernel_matrix(inputs, self.X_fit_, self.kernel, self.sigma, self.degree)
         return np.asarray(K @ self.alpha_ + self.bias_)

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.distance import cdist
 from sklearn.base import BaseEstimator, MultiOutputMixin, RegressorMixin
-from sklearn.utils.validation import check_is_fitted, validate_data
 
 from inswsn_lib.errors import ParameterError
+from inswsn_lib.learning.checking import data_to_fit, data_to_predict
 from inswsn_lib.learning.kernels import check_positive
 
 Array = NDArray[np.float64]
@@ -92,8 +92,7 @@ class RBFNetworkRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):  # t
             If the data are not such arrays, or not finite.
         """
         self._check_parameters()
-        inputs, y = validate_data(self, X, y, multi_output=True, y_numeric=True, dtype=np.float64)
-        given = np.asarray(y, dtype=np.float64)
+        inputs, given = data_to_fit(self, X, y)
         responses = self._neurons(inputs, inputs)
         chosen, solution = self._grow(responses, given.reshape(len(given), -1))
         flat = given.ndim == 1
@@ -114,8 +113,7 @@ class RBFNetworkRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):  # t
         -------
         ndarray, (n,) or (n, outputs)
         """
-        check_is_fitted(self)
-        inputs = validate_data(self, X, reset=False, dtype=np.float64)
+        inputs = data_to_predict(self, X)
         return np.asarray(self._neurons(inputs, self.centres_) @ self.weights_ + self.bias_)
 
     def _neurons(self, X: Array, centres: Array) -> Array:

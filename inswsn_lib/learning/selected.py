@@ -7,8 +7,8 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator, MultiOutputMixin, RegressorMixin
-from sklearn.utils.validation import check_is_fitted, validate_data
 
+from inswsn_lib.learning.checking import data_to_fit, data_to_predict
 from inswsn_lib.learning.lssvm import LSSVMRegressor
 from inswsn_lib.learning.selection import Selection, select_lssvm
 
@@ -77,10 +77,10 @@ class SelectedLSSVM(MultiOutputMixin, RegressorMixin, BaseEstimator):  # type: i
         ValueError
             If the data are not such arrays, or not finite.
         """
-        inputs, y = validate_data(self, X, y, multi_output=True, y_numeric=True, dtype=np.float64)
-        self.selection_: Selection = select_lssvm(inputs, y, self.sigmas, self.etas)
+        inputs, targets = data_to_fit(self, X, y)
+        self.selection_: Selection = select_lssvm(inputs, targets, self.sigmas, self.etas)
         best = LSSVMRegressor(self.selection_.sigma, self.selection_.eta)
-        self.machine_: LSSVMRegressor = best.fit(inputs, y)
+        self.machine_: LSSVMRegressor = best.fit(inputs, targets)
         return self
 
     def predict(self, X: ArrayLike) -> Array:
@@ -95,8 +95,8 @@ class SelectedLSSVM(MultiOutputMixin, RegressorMixin, BaseEstimator):  # type: i
         -------
         ndarray, (n,) or (n, outputs)
         """
-        check_is_fitted(self)
-        return self.machine_.predict(validate_data(self, X, reset=False, dtype=np.float64))
+        inputs = data_to_predict(self, X)
+        return self.machine_.predict(inputs)
 
 
 class HoldRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):  # type: ignore[misc]
@@ -136,8 +136,8 @@ class HoldRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):  # type: i
         ValueError
             If the data are not such arrays, or not finite.
         """
-        _, y = validate_data(self, X, y, multi_output=True, y_numeric=True, dtype=np.float64)
-        self.last_: Any = np.array(y, dtype=np.float64)[-1]
+        _, targets = data_to_fit(self, X, y)
+        self.last_: Any = targets[-1].copy()
         return self
 
     def predict(self, X: ArrayLike) -> Array:
@@ -152,6 +152,5 @@ class HoldRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):  # type: i
         -------
         ndarray, (n,) or (n, outputs)
         """
-        check_is_fitted(self)
-        rows = len(validate_data(self, X, reset=False, dtype=np.float64))
+        rows = len(data_to_predict(self, X))
         return np.repeat(np.asarray(self.last_)[None], rows, axis=0)

@@ -79,6 +79,10 @@ def largest_singular_value(A: ArrayLike, B: ArrayLike, C: ArrayLike, angles: Arr
     turns = np.asarray(angles, dtype=float)
     if turns.ndim != 1 or not np.isfinite(turns).all():
         raise ParameterError("angles", f"of shape {turns.shape}", "finite, (k,)")
+    return _largest(A, B, C, turns)
+
+
+def _largest(A: Array, B: Array, C: Array, turns: Array) -> Array:
     z = np.exp(1j * turns)[:, None, None]
     response = C @ np.linalg.solve(
         z * np.eye(len(A)) - A, np.broadcast_to(B, (z.shape[0], *B.shape))
@@ -152,12 +156,12 @@ def _top_of_sweep(A: Array, B: Array, C: Array) -> float:
     width = np.maximum(1 - np.abs(np.linalg.eigvals(A)), 1e-12)  # of the peak of a pole
     near = np.concatenate([poles + k * width for k in (-1, 0, 1)])
     angles = np.unique(np.clip(np.concatenate([np.linspace(0, np.pi, _SWEEP), near]), 0, np.pi))
-    sizes = largest_singular_value(A, B, C, angles)
+    sizes = _largest(A, B, C, angles)
     best = sizes.max()
     for k in np.argsort(sizes)[-_REFINED:]:
         around = angles[max(k - 1, 0)], angles[min(k + 1, len(angles) - 1)]
         peak = minimize_scalar(
-            lambda angle: -largest_singular_value(A, B, C, [angle])[0],
+            lambda angle: -_largest(A, B, C, np.array([angle]))[0],
             bounds=around, method="bounded", options={"xatol": 1e-12},
         )  # fmt: skip
         best = max(best, -peak.fun)

@@ -205,7 +205,7 @@ def multilaterate(nodes: Array, ranges: Array) -> Array:
     cost, gradient, step = _newton(nodes, r, weight, position, damping)
     for _ in range(_ITERATIONS):
         tried = position + np.where(np.isfinite(step), step, 0.0)
-        new_cost, *_ = _newton(nodes, r, weight, tried, damping)
+        new_cost = _cost(_miss(nodes, r, weight, tried)[1])
         better = new_cost < cost
         position = np.where(better, tried, position)
         # a step that makes it worse is tried again, shorter
@@ -223,13 +223,24 @@ def _newton(
     nodes: Array, r: Array, weight: Array, position: Array, damping: Array
 ) -> tuple[Array, Array, Array]:
     """Return the cost, its gradient (2, runs) and the damped Gauss-Newton step (2, runs)."""
-    away = position[None] - nodes[:, :, None]
-    distance = np.maximum(np.hypot(away[:, 0], away[:, 1]), 1e-9)
+    (away, distance), miss = _miss(nodes, r, weight, position)
     direction = away / distance[:, None]
-    miss = weight * (r - distance)
     gradient = (direction * miss[:, None]).sum(axis=0)
     step = _solve_two(direction, weight, miss, damping)
-    return (miss**2).sum(axis=0), gradient, step
+    return _cost(miss), gradient, step
+
+
+def _miss(
+    nodes: Array, r: Array, weight: Array, position: Array
+) -> tuple[tuple[Array, Array], Array]:
+    """Return vectors and distances from the nodes, and the misses of the ranges that are there."""
+    away = position[None] - nodes[:, :, None]
+    distance = np.maximum(np.hypot(away[:, 0], away[:, 1]), 1e-9)
+    return (away, distance), weight * (r - distance)
+
+
+def _cost(miss: Array) -> Array:
+    return np.asarray((miss**2).sum(axis=0))
 
 
 def position_covariance(nodes: Array, position: Array, noise: float) -> Array:
