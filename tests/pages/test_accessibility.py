@@ -11,8 +11,9 @@ document.
 Before that, what is repeated is thinned: of all tokens of one kind in one kind of box one keeps its
 own element, since the same style rules paint the others; of the formulas the first few stay, of a
 long table and of the contents the first rows, of claims and of entries of the reference some of
-each kind. The longest page has 60,000 elements before that, and axe would need minutes for it. With
-INSWSN_TESTS=whole nothing is thinned; the weekly run on the public host does so.
+each kind. The longest page has 60,000 elements before that, and axe would need minutes for it. And
+of all texts whose colours, sizes and boxes are computed to be the same, the contrast of one is
+looked at. With INSWSN_TESTS=whole nothing is left out; the weekly run on the public host does so.
 """
 
 from __future__ import annotations
@@ -49,15 +50,15 @@ pytestmark = pytest.mark.page
 
 ROOT = Path(__file__).resolve().parents[2]
 ALL_RULES = {"type": "tag", "values": list(AXE_TAGS)}
+ON_COLOURS = ["color-contrast", "link-in-text-block"]
+BY_COLOUR: dict[str, Any] = {"runOnly": {"type": "rule", "values": ON_COLOURS}}
+OTHERS = {"runOnly": ALL_RULES, "rules": {rule: {"enabled": False} for rule in ON_COLOURS}}
+BY_SIZE = {"runOnly": {"type": "rule", "values": ["scrollable-region-focusable", "target-size"]}}
 # what is run on each of SCREENS
-RULES: list[dict[str, Any]] = [
-    ALL_RULES,
-    {"type": "rule", "values": ["color-contrast", "link-in-text-block"]},
-    {"type": "rule", "values": ["scrollable-region-focusable", "target-size"]},
-]
+RULES: list[list[dict[str, Any]]] = [[OTHERS, BY_COLOUR], [BY_COLOUR], [BY_SIZE]]
 
-RUN_AXE = """async options => {
-  const found = await axe.run(document, options);
+RUN_AXE = """async ([context, options]) => {
+  const found = await axe.run(context, options);
   // axe does not count a formula as text, though its MathML is read
   const formula = (rule, node) => rule.id === "empty-table-header"
     && document.querySelector(node.target.flat()[0])?.querySelector("mjx-container math");
@@ -92,6 +93,28 @@ THIN = """() => {
   }
   document.documentElement.append(body);
 }"""
+
+# Marks one text of each look. Contrast comes from what is computed for a text and for the boxes
+# that it stands in; where all of that is the same, so is the contrast.
+MARK = """() => {
+  const looks = new Map([[document.documentElement, ""]]);
+  const look = (box) => {
+    if (!looks.has(box)) {
+      const style = getComputedStyle(box);
+      looks.set(box, [look(box.parentElement), style.color, style.backgroundColor,
+        style.backgroundImage, style.opacity, style.filter, style.fontSize, style.fontWeight,
+        style.textShadow, style.textDecorationLine, style.position, box.localName].join());
+    }
+    return looks.get(box);
+  };
+  const seen = new Set();
+  for (const box of document.body.querySelectorAll("*")) {
+    const own = [...box.childNodes].some((node) => node.nodeType === 3 && node.data.trim());
+    box.toggleAttribute("data-look", own && !seen.has(look(box)));
+    if (own) seen.add(look(box));
+  }
+}"""
+MARKED_TEXTS = {"include": [["[data-look]"]]}
 
 # as access.js says it: what scrolls sideways is a tab stop
 REACHABLE = """() => [...document.querySelectorAll(
@@ -163,8 +186,17 @@ def axe_finds_nothing(page: Page, name: str, whole: bool) -> None:
         page.set_viewport_size({"width": width, "height": 900})
         page.wait_for_function(f"document.documentElement.dataset.theme === '{theme}'")
         page.wait_for_function(REACHABLE)
-        found = page.evaluate(RUN_AXE, {"runOnly": rules})
-        assert found == [], f"{name}, {theme}, {width} px"
+        for options in rules:
+            found = page.evaluate(RUN_AXE, [context_of(page, options, whole), options])
+            assert found == [], f"{name}, {theme}, {width} px"
+
+
+def context_of(page: Page, options: dict[str, Any], whole: bool) -> dict[str, Any]:
+    """Return what axe is to look at: all, or for colours one text of each look."""
+    if whole or options is not BY_COLOUR:
+        return {"include": [["html"]]}
+    page.evaluate(MARK)
+    return MARKED_TEXTS
 
 
 def test_axe_finds_what_is_there(browser: Browser) -> None:
@@ -175,9 +207,27 @@ def test_axe_finds_what_is_there(browser: Browser) -> None:
         "<p style='color: #999; background: #fff'>pale</p></main></html>"
     )
     page.evaluate(axe_script())
-    options = {"runOnly": ALL_RULES}
-    found = {said.split(":")[0] for said in page.evaluate(RUN_AXE, options)}
+    everything = [{"include": [["html"]]}, {"runOnly": ALL_RULES}]
+    found = {said.split(":")[0] for said in page.evaluate(RUN_AXE, everything)}
     assert {"image-alt", "color-contrast", "html-has-lang"} <= found
+    page.close()
+
+
+def test_a_pale_text_is_found_among_many_of_its_kind(browser: Browser) -> None:
+    """By its own colour, by what is behind a box that it stands in, or by its size."""
+    page = browser.new_page()
+    same = 50 * "<p><b>some words</b></p>"
+    pale = "<p><b style='color: #999'>pale</b></p><p style='background: #666'><b>dark</b></p>"
+    heading = "<h2 style='color: #888; font-size: {}px'>size</h2>"
+    page.set_content(
+        "<html lang='en'><title>x</title><main style='color: #444; background: #fff'>"
+        f"<h1>title</h1>{same}{pale}{same}{heading.format(30)}{heading.format(9)}"
+    )
+    page.evaluate(axe_script())
+    found = page.evaluate(RUN_AXE, [context_of(page, BY_COLOUR, whole=False), BY_COLOUR])
+    assert page.locator("[data-look]").count() == 6
+    assert len(found) == 3
+    assert found == page.evaluate(RUN_AXE, [context_of(page, BY_COLOUR, whole=True), BY_COLOUR])
     page.close()
 
 
