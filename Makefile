@@ -98,8 +98,10 @@ $(VENV)/environment: environment.lock environment-torch.lock
 	@echo "Installing the locked environment into $(VENV) (a few minutes, once)"
 	@base=$$($(PYTHON) -c 'import sys; print(sys._base_executable)') \
 	    && rm -rf $(VENV) && "$$base" -m venv $(VENV)  # not the one in .venv, which goes
-	@$(RUN) -m pip install --quiet --disable-pip-version-check --require-hashes --no-deps -r environment-torch.lock
-	@$(RUN) -m pip install --quiet --disable-pip-version-check --require-hashes -r environment.lock
+	@$(RUN) -m pip install --quiet --disable-pip-version-check --no-compile --require-hashes --no-deps -r environment-torch.lock
+	@$(RUN) -m pip install --quiet --disable-pip-version-check --no-compile --require-hashes -r environment.lock
+	@# on all cores, where pip would take one; what is no Python 3 stays as it is
+	@$(RUN) -m compileall -q -j 0 $(VENV)/lib >/dev/null || true
 	@touch $@
 
 $(VENV)/package: $(VENV)/environment pyproject.toml
