@@ -22,7 +22,6 @@ from pathlib import Path
 
 from inswsn_lib.artefact.about import load_about
 from inswsn_lib.artefact.assumptions import (
-    ASSUMPTIONS,
     Assumptions,
     load_assumptions,
     problems_of,
@@ -32,6 +31,7 @@ from inswsn_lib.artefact.project import Project
 from inswsn_lib.artefact.provenance import machine_facts, repository_state
 from inswsn_lib.artefact.sensitivity import Cell, Working, cell_key, cells_of, run_cell
 from inswsn_lib.artefact.study import (
+    ASSUMPTIONS,
     SENSITIVITY,
     Made,
     Run,

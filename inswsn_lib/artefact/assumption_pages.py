@@ -10,7 +10,6 @@ from matplotlib import pyplot as plt
 from matplotlib.ticker import LogLocator, NullLocator
 
 from inswsn_lib.artefact.assumptions import (
-    ASSUMPTIONS,
     Assumption,
     Assumptions,
     Chosen,
@@ -50,15 +49,12 @@ def assumption_texts(project: Project, results: Sequence[Results]) -> dict[str, 
     Returns
     -------
     dict of str to str
-        Empty if the checkout has no ``data/assumptions.yaml``.
 
     Raises
     ------
     InswsnError
         If the assumptions, the study or a scenario cannot be read, or the results lack a quantity.
     """
-    if not (project.root / ASSUMPTIONS).is_file():
-        return {}
     assumptions = load_assumptions(project.root)
     study = read_study(project.root / SENSITIVITY)
     by_chapter = {result.chapter: result for result in results}

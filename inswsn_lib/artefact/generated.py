@@ -15,6 +15,7 @@ from inswsn_lib.artefact.pages import claims_counts, claims_list
 from inswsn_lib.artefact.project import Project
 from inswsn_lib.artefact.review import review_texts
 from inswsn_lib.artefact.status import status_text
+from inswsn_lib.artefact.study import ASSUMPTIONS
 from inswsn_lib.claims import LEDGER, Results, load_claims, verdicts
 
 
@@ -33,9 +34,6 @@ def generated_texts(project: Project, results: Sequence[Results]) -> dict[str, s
     InswsnError
         If a source cannot be read.
     """
-    # it draws, and with that loads what most commands do not need
-    from inswsn_lib.artefact.assumption_pages import assumption_texts  # noqa: PLC0415
-
     judged = verdicts(load_claims(project.root / LEDGER), results)
     about = load_about(project.root)
     chapters = project.chapters()
@@ -51,6 +49,15 @@ def generated_texts(project: Project, results: Sequence[Results]) -> dict[str, s
         "status.md": status_text(results, judged, names),
         **elsewhere_texts(project),
         **front_texts(project, results, judged),
-        **assumption_texts(project, results),
+        **_assumption_texts(project, results),
         **review_texts(project, results, judged),
     }
+
+
+def _assumption_texts(project: Project, results: Sequence[Results]) -> dict[str, str]:
+    """Return the texts on the assumptions; to draw them, what simulates and plots is loaded."""
+    if not (project.root / ASSUMPTIONS).is_file():
+        return {}
+    from inswsn_lib.artefact.assumption_pages import assumption_texts  # noqa: PLC0415
+
+    return assumption_texts(project, results)

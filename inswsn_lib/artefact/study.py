@@ -12,7 +12,9 @@ from inswsn_lib.artefact.kept import read_kept
 from inswsn_lib.files import write_whole
 from inswsn_lib.parameters import Value
 
-#: Where the study is kept in a checkout.
+#: Where the assumptions stand in a checkout.
+ASSUMPTIONS = "data/assumptions.yaml"
+#: Where the study of them is kept.
 SENSITIVITY = "data/sensitivity.json"
 #: The id of the unchanged run of a chapter
 BASELINE = "baseline"

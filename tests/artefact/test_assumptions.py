@@ -21,7 +21,6 @@ from inswsn_lib.artefact.assumption_pages import (
     summary,
 )
 from inswsn_lib.artefact.assumptions import (
-    ASSUMPTIONS,
     Assumptions,
     Headline,
     load_assumptions,
@@ -31,7 +30,7 @@ from inswsn_lib.artefact.effects import Effect, band_of, readings_of, rows_of
 from inswsn_lib.artefact.progress import Progress
 from inswsn_lib.artefact.project import Project
 from inswsn_lib.artefact.sensitivity import Cell, Working, cells_of, changed_checkout, run_cell
-from inswsn_lib.artefact.study import Made, Run, Study, merged, read_study, write_study
+from inswsn_lib.artefact.study import ASSUMPTIONS, Made, Run, Study, merged, read_study, write_study
 from inswsn_lib.checkout import is_checkout
 from inswsn_lib.claims import Quantity, Results
 from inswsn_lib.errors import InswsnError
