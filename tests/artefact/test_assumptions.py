@@ -27,12 +27,13 @@ from inswsn_lib.artefact.assumptions import (
     problems_of,
 )
 from inswsn_lib.artefact.effects import Effect, band_of, readings_of, rows_of
+from inswsn_lib.artefact.generated import generated_texts
 from inswsn_lib.artefact.progress import Progress
 from inswsn_lib.artefact.project import Project
 from inswsn_lib.artefact.sensitivity import Cell, Working, cells_of, changed_checkout, run_cell
 from inswsn_lib.artefact.study import ASSUMPTIONS, Made, Run, Study, merged, read_study, write_study
 from inswsn_lib.checkout import is_checkout
-from inswsn_lib.claims import Quantity, Results
+from inswsn_lib.claims import Quantity, Results, read_results
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.files import read_yaml
 from tests.conftest import MiniProject
@@ -481,8 +482,10 @@ def test_a_rerun_that_was_not_made_is_told() -> None:
     assert "P1-M-scale" in waiting
 
 
-def test_a_checkout_without_the_list_has_no_texts(mini: MiniProject) -> None:
-    assert assumption_texts(mini, []) == {}
+def test_a_checkout_without_the_list_has_no_texts(built: MiniProject) -> None:
+    texts = generated_texts(built, [read_results(built.results / "00.json")])
+    assert "claims-list.md" in texts
+    assert not [name for name in texts if name.startswith("assumptions")]
 
 
 def test_the_numbers_on_the_page_are_those_of_the_scenarios(project: Project) -> None:
