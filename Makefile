@@ -100,8 +100,8 @@ $(VENV)/environment: environment.lock environment-torch.lock
 	    && rm -rf $(VENV) && "$$base" -m venv $(VENV)  # not the one in .venv, which goes
 	@$(RUN) -m pip install --quiet --disable-pip-version-check --no-compile --require-hashes --no-deps -r environment-torch.lock
 	@$(RUN) -m pip install --quiet --disable-pip-version-check --no-compile --require-hashes -r environment.lock
-	@# on all cores, where pip would take one; what is no Python 3 stays as it is
-	@$(RUN) -m compileall -q -j 0 $(VENV)/lib >/dev/null || true
+	@# on all cores, where pip would take one, and without tests; what is no Python 3 stays as it is
+	@$(RUN) -m compileall -q -j 0 -x '[/\\]tests?[/\\]' $(VENV)/lib >/dev/null || true
 	@touch $@
 
 $(VENV)/package: $(VENV)/environment pyproject.toml

@@ -253,10 +253,13 @@ def make_mini(folder: Path) -> MiniProject:
 
 @pytest.fixture(scope="session")
 def chromium() -> str:
-    """The path of Debian's Chromium, or a skip that says how to get it."""
-    path = shutil.which("chromium")
+    """The path of Debian's Chromium, or a skip that says how to get it.
+
+    The one without windows if it is there: the same engine, and a page takes a quarter less time.
+    """
+    path = shutil.which("chromium-headless-shell") or shutil.which("chromium")
     if path is None:
-        sentence = "Page tests need Debian's Chromium: apt-get install chromium."
+        sentence = "Page tests need Debian's Chromium: apt-get install chromium-headless-shell."
         if os.environ.get("INSWSN_REQUIRE_BROWSER"):
             pytest.fail(sentence)
         pytest.skip(sentence)

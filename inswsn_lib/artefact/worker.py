@@ -21,9 +21,11 @@ from papermill.exceptions import PapermillExecutionError
 
 from inswsn_lib.artefact.provenance import machine_facts
 
-# What Jupyter says of a kernel that ends before its first cell. Its ports are chosen before it
-# starts, so one that starts at the same moment may have taken them; then it is worth another try.
-_NO_START = "Kernel died before replying to kernel_info"
+# What Jupyter says of a kernel that ends before its first cell, or does not answer. Its ports are
+# chosen before it starts, so one that starts at the same moment may have taken them; then it is
+# worth another try.
+_NO_START = ("Kernel died before replying to kernel_info", "Kernel didn't respond in")
+_START_TIMEOUT = 60  # s
 
 
 def _tell(**event: Any) -> None:
@@ -57,6 +59,7 @@ def _execute(source: Path, target: Path, parameters: dict[str, Any], folder: Pat
         cwd=str(folder),
         progress_bar=False,
         autosave_cell_every=0,
+        start_timeout=_START_TIMEOUT,
     )
 
 
@@ -66,7 +69,7 @@ def run(source: Path, target: Path, parameters: dict[str, Any], folder: Path) ->
         try:
             _execute(source, target, parameters, folder)
         except RuntimeError as error:
-            if str(error) != _NO_START:
+            if not str(error).startswith(_NO_START):
                 raise
             _execute(source, target, parameters, folder)
     except PapermillExecutionError as error:

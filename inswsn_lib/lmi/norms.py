@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.linalg import LinAlgError, cho_factor, cho_solve, eigvals
+from scipy.linalg import eigvals, lapack
 from scipy.optimize import minimize_scalar
 
 from inswsn_lib.errors import ParameterError
@@ -231,20 +231,21 @@ def riccati_gain_below(
     gain = min(gain / size, _HIGHEST) if size else _HIGHEST
     if mean_square_radius(A, E) >= 1:
         return False
-    P, source = np.zeros_like(A), L.T @ L
+    P, source, level = np.zeros_like(A), L.T @ L, gain**2 * np.eye(B.shape[1])
     for _ in range(iterations):
         PB = P @ B
-        try:
-            factor = cho_factor(gain**2 * np.eye(B.shape[1]) - B.T @ PB)
-        except LinAlgError:
+        # LAPACK itself: what SciPy checks before it calls these takes most of an iteration
+        factor, failed = lapack.dpotrf(level - B.T @ PB)
+        if failed:
             return False
         APB = A.T @ PB
-        new = A.T @ P @ A + seen_through(P, E) + source + APB @ cho_solve(factor, APB.T)
+        new = A.T @ P @ A + seen_through(P, E) + source + APB @ lapack.dpotrs(factor, APB.T)[0]
         new = (new + new.T) / 2
         if not np.isfinite(new).all():
             return False
         # entry by entry: a mode that L hardly sees may still move
-        size = np.sqrt(np.abs(np.outer(np.diag(new), np.diag(new))))
+        variances = new.diagonal()
+        size = np.sqrt(np.abs(variances[:, None] * variances))
         if (np.abs(new - P) <= 1e-12 * size).all():
             return True
         P = new

@@ -15,7 +15,7 @@ from inswsn_lib.simulation.ins import InertialErrors, inertial_errors
 from inswsn_lib.simulation.network import (
     Ranging,
     measure_ranges,
-    multilaterate,
+    multilaterate_each,
     node_grid,
     nodes_heard,
     velocity_slopes,
@@ -276,10 +276,12 @@ class Scene:
         truth = self.path.drive(self.speed, window.times)
         errors = np.empty((window.samples, 4, runs))
         ranges_of, velocities_of = rng.spawn(2)
-        for k, position in enumerate(truth.position):
-            heard = nodes_heard(self.nodes[name], position, self.ranging.reach)
-            ranges = measure_ranges(heard, position, self.ranging, ranges_of, runs)
-            errors[k, :2] = multilaterate(heard, ranges) - position[:, None]
+        heard = [nodes_heard(self.nodes[name], p, self.ranging.reach) for p in truth.position]
+        ranges = [
+            measure_ranges(nodes, position, self.ranging, ranges_of, runs)
+            for nodes, position in zip(heard, truth.position, strict=True)
+        ]
+        errors[:, :2] = multilaterate_each(heard, ranges) - truth.position[:, :, None]
         if self.velocity_source == "sensor":
             normal = velocities_of.standard_normal((window.samples, 2, runs))
             errors[:, 2:] = self.velocity_noise * normal

@@ -16,7 +16,7 @@ All functions take stacks: a leading shape ``...`` that is the same for every ar
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from pyins import earth
 
 Array = NDArray[np.float64]
@@ -32,7 +32,7 @@ TURN = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 
 def skew(vector: Array) -> Array:
     r"""Return :math:`[v\times]`, (..., 3, 3), of vectors (..., 3)."""
-    x, y, z = np.moveaxis(vector, -1, 0)
+    x, y, z = vector[..., 0], vector[..., 1], vector[..., 2]
     result = np.zeros((*vector.shape[:-1], 3, 3))
     result[..., 0, 1], result[..., 0, 2], result[..., 1, 2] = -z, y, -x
     result[..., 1, 0], result[..., 2, 0], result[..., 2, 1] = z, -y, x
@@ -90,16 +90,19 @@ def metres(position: Array) -> Array:
 def earth_rate(position: Array) -> Array:
     r""":math:`\omega_{ie} = \Omega\,(0, \cos L, \sin L)`, (..., 3), rad/s."""
     latitude = position[..., 0]
-    zero = np.zeros_like(latitude)
-    return np.asarray(earth.RATE * np.stack([zero, np.cos(latitude), np.sin(latitude)], axis=-1))
+    rate = np.zeros_like(position)
+    rate[..., 1], rate[..., 2] = earth.RATE * np.cos(latitude), earth.RATE * np.sin(latitude)
+    return rate
 
 
 def transport_rate(position: Array, velocity: Array) -> Array:
     r""":math:`\omega_{en} = (-v_N/(R_M+h),\ v_E/(R_N+h),\ v_E\tan L/(R_N+h))`, (..., 3), rad/s."""
     meridian, transverse = radii(position)
     east, north = velocity[..., 0], velocity[..., 1]
-    tangent = np.tan(position[..., 0])
-    return np.stack([-north / meridian, east / transverse, east * tangent / transverse], axis=-1)
+    rate = np.empty_like(position)
+    rate[..., 0], rate[..., 1] = -north / meridian, east / transverse
+    rate[..., 2] = east * np.tan(position[..., 0]) / transverse
+    return rate
 
 
 def error_dynamics(position: Array, velocity: Array, attitude: Array, force: Array) -> Array:
@@ -229,7 +232,7 @@ def noise_input(attitude: Array) -> Array:
     return G
 
 
-def discretise(F: Array, density: Array, step: float) -> tuple[Array, Array]:
+def discretise(F: Array, density: Array, step: ArrayLike) -> tuple[Array, Array]:
     r"""Return the transition and the process covariance of a short step (P3 (4)).
 
     .. math::
@@ -242,8 +245,8 @@ def discretise(F: Array, density: Array, step: float) -> tuple[Array, Array]:
         1/s.
     density : ndarray, (..., n, n)
         :math:`S = G q G'`, the power density of the noise.
-    step : float
-        T (s).
+    step : array_like, (...)
+        T (s); one for all, or one for each matrix.
 
     Returns
     -------
@@ -267,11 +270,12 @@ def discretise(F: Array, density: Array, step: float) -> tuple[Array, Array]:
     >>> print(f"{total[0, 0]:.3f}")
     0.335
     """
-    scaled = F * step
+    length = np.asarray(step, dtype=float)[..., None, None]
+    scaled = F * length
     square = scaled @ scaled
     transition = np.eye(F.shape[-1]) + scaled + square / 2 + square @ scaled / 6
     carried = transition @ density @ np.swapaxes(transition, -1, -2)
-    return transition, 0.5 * step * (carried + density)
+    return transition, 0.5 * length * (carried + density)
 
 
 def yaw(attitude: Array) -> Array:
@@ -326,10 +330,10 @@ def compass_row(attitude: Array) -> Array:
     >>> np.flatnonzero(compass_row(level)).tolist(), float(compass_row(level)[0, 8])
     ([8], 1.0)
     """
-    east, north, up = np.moveaxis(attitude[..., :, 0], -1, 0)
+    east, north, up = attitude[..., 0, 0], attitude[..., 1, 0], attitude[..., 2, 0]
     d = east**2 + north**2
     row = np.zeros((*attitude.shape[:-2], 1, STATES))
-    row[..., 0, ATTITUDE] = np.stack([-east * up / d, -north * up / d, np.ones_like(d)], axis=-1)
+    row[..., 0, 6], row[..., 0, 7], row[..., 0, 8] = -east * up / d, -north * up / d, 1.0
     return row
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
+from functools import cache
 from typing import Any, Self
 
 import numpy as np
@@ -763,9 +764,9 @@ def _propagate(
 ) -> VehicleState:
     """Carry error and covariance over the interval that a flight covers (P3 (22), (23))."""
     samples = flight.position.shape[1] - 1
-    edges = np.linspace(0, samples, settings.substeps + 1).round().astype(int)
+    edges = _edges(samples, settings.substeps)
     middle = (edges[:-1] + edges[1:]) // 2
-    lengths = np.diff(edges) * (interval / samples)
+    lengths = (edges[1:] - edges[:-1]) * (interval / samples)
     position, velocity = flight.position[:, middle], flight.velocity[:, middle]
     attitude = flight.attitude[:, middle]
     force = _force(flight, edges, middle, lengths)
@@ -779,10 +780,11 @@ def _propagate(
             F[..., j, j] = -1 / settings.gps_time
             density[..., j, j] = 2 * settings.gps_error**2 / settings.gps_time
     x, P = state.error, state.covariance
-    for j, length in enumerate(lengths):
-        transition, process = discretise(F[:, j], density[:, j], float(length))
+    transitions, processes = discretise(F, density, lengths)
+    for j in range(len(lengths)):
+        transition = transitions[:, j]
         x = (transition @ x[..., None])[..., 0]
-        P = transition @ P @ np.swapaxes(transition, 1, 2) + process
+        P = transition @ P @ np.swapaxes(transition, 1, 2) + processes[:, j]
     return replace(
         state,
         position=flight.position[:, -1],
@@ -793,6 +795,12 @@ def _propagate(
     )
 
 
+@cache
+def _edges(samples: int, substeps: int) -> NDArray[np.intp]:
+    """Return where substeps begin and end among the samples of an interval, (substeps + 1,)."""
+    return np.linspace(0, samples, substeps + 1).round().astype(np.intp)
+
+
 def _force(
     flight: Flight, edges: NDArray[np.intp], middle: NDArray[np.intp], lengths: Array
 ) -> Array:
@@ -801,7 +809,8 @@ def _force(
     .. math:: f = \dot v + (2\omega_{ie} + \omega_{en}) \times v - g
     """
     position, velocity = flight.position[:, middle], flight.velocity[:, middle]
-    change = np.diff(flight.velocity[:, edges], axis=1) / lengths[:, None]
+    ends = flight.velocity[:, edges]
+    change = (ends[:, 1:] - ends[:, :-1]) / lengths[:, None]
     rate = 2 * earth_rate(position) + transport_rate(position, velocity)
     force = change + np.cross(rate, velocity)
     force[..., 2] += earth.gravity(np.rad2deg(position[..., 0]), position[..., 2])

@@ -12,6 +12,7 @@ from inswsn_lib.simulation import (
     Ranging,
     measure_ranges,
     multilaterate,
+    multilaterate_each,
     node_grid,
     nodes_heard,
     position_covariance,
@@ -93,6 +94,29 @@ def test_outliers_send_no_fix_to_infinity() -> None:
     worse = cost(fixes)[found] > cost(truth[:, None])[found] * (1 + 1e-9)
     assert worse.mean() < 0.02
     assert np.abs(fixes[:, found] - truth[:, None]).max() < 500
+
+
+@pytest.mark.parametrize("runs", [3, 400])
+def test_many_places_at_once_are_those_one_by_one(runs: int) -> None:
+    """To the last bit; in places that hear few nodes, many, none, and with ranges lost or late."""
+    rng = np.random.default_rng(16)
+    ranging = Ranging(reach=11.0, noise=0.38, dropout=0.3, outlier=0.2, outlier_scale=20.0)
+    # by the edges of the grid fewer are heard, beyond them none
+    places = [*rng.uniform(0.0, 150.0, (20, 2)), np.zeros(2), np.array([75.0, 200.0])]
+    heard = [nodes_heard(NODES, place, ranging.reach) for place in places]
+    ranges = [
+        measure_ranges(nodes, place, ranging, rng, runs)
+        for nodes, place in zip(heard, places, strict=True)
+    ]
+    found = multilaterate_each(heard, ranges)
+    alone = [multilaterate(nodes, lengths) for nodes, lengths in zip(heard, ranges, strict=True)]
+    assert found.tobytes() == np.array(alone).tobytes()
+    assert not np.isnan(found[:-1]).all(axis=(1, 2)).any()
+    assert np.isnan(found[-1]).all()
+
+
+def test_no_place_has_no_fix() -> None:
+    assert multilaterate_each([], []).shape == (0, 2, 0)
 
 
 def test_dropouts_and_outliers_come_as_often_as_asked() -> None:

@@ -317,6 +317,15 @@ def van_loan(F: np.ndarray, S: np.ndarray, step: float) -> tuple[np.ndarray, np.
     return transition, transition @ block[:n, n:]
 
 
+def test_discretise_takes_a_step_of_its_own_for_each_matrix() -> None:
+    F, S = np.random.default_rng(5).normal(size=(2, 3, 4, 4))
+    steps = [0.1, 0.2, 0.4]
+    found = discretise(F, S, steps)
+    for i, step in enumerate(steps):
+        for several, one in zip(found, discretise(F[i], S[i], step), strict=True):
+            np.testing.assert_array_equal(several[i], one)
+
+
 @settings(max_examples=25)
 @given(st.integers(0, 2**32 - 1))
 def test_discretise_errs_with_the_next_power_of_the_step(seed: int) -> None:
