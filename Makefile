@@ -18,7 +18,6 @@ book: environment ## execute every chapter and render the book to _build/html (F
 test: environment ## lint, types, and all tests
 	$(RUN) -m ruff check .
 	$(RUN) -m ruff format --check .
-	$(RUN) -m mypy
 	$(VENV)/bin/lint-imports
 	$(INSWSN) lock --check
 	$(INSWSN) binder --check

@@ -21,6 +21,7 @@ import re
 import tokenize
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -285,7 +286,13 @@ def chapter_schema(root: Path, number: str) -> Schema:
     sources = sorted((root / "chapters").glob(f"{number}-*.md"))
     if not sources:
         raise InswsnError(f"There is no chapter {number} in {root / 'chapters'}.")
-    return notebook_schema(jupytext.read(sources[0], fmt="md:myst"), sources[0].name)
+    return _source_schema(sources[0].read_text(encoding="utf-8"), sources[0].name)
+
+
+@cache
+def _source_schema(source: str, name: str) -> Schema:
+    """Read the parameters of a chapter's source; a build asks for the same ones a hundred times."""
+    return notebook_schema(jupytext.reads(source, fmt="md:myst"), name)
 
 
 def notebook_schema(notebook: Any, name: str) -> Schema:

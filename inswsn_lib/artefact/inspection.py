@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import re
+from dataclasses import dataclass, field
 from functools import cache
+from html.parser import HTMLParser
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
-
-from bs4 import BeautifulSoup, Tag
 
 # What a browser fetches by itself when it opens a page, as opposed to what a reader may follow.
 _FETCHED = {"img": "src", "script": "src", "link": "href", "source": "src", "iframe": "src"}
@@ -38,26 +38,24 @@ def inspect_site(site: Path) -> list[str]:
 
 
 def _inspect_page(site: Path, page: Path) -> list[str]:
-    soup = _parsed(page)
     problems = []
-    for tag in soup.find_all(["a", *_FETCHED]):
-        assert isinstance(tag, Tag)
-        target = tag.get(_FETCHED.get(tag.name, "href"))
-        if isinstance(target, str):
+    for tag in _parsed(page).tags:
+        target = tag.attributes.get(_FETCHED.get(tag.name, "href"))
+        if target is not None:
             problems += _inspect_target(site, page, tag, target)
         if tag.name == "img":
-            alt = str(tag.get("alt") or "")
+            alt = tag.attributes.get("alt") or ""
             if not alt.strip() or alt == target or re.search(r"\.(png|svg|jpe?g)$", alt):
                 problems.append(f"the image {target} has no alternative text.")
     return problems
 
 
-def _inspect_target(site: Path, page: Path, tag: Tag, target: str) -> list[str]:
+def _inspect_target(site: Path, page: Path, tag: _Tag, target: str) -> list[str]:
     parts = urlsplit(target)
     if parts.scheme in {"data", "mailto"}:
         return []
     if parts.scheme or parts.netloc:
-        if tag.name in _FETCHED and tag.get("rel") != ["canonical"]:
+        if tag.name in _FETCHED and (tag.attributes.get("rel") or "").split() != ["canonical"]:
             return [f"takes {target} from another host."]
         return []
     path = page if not parts.path else (page.parent / unquote(parts.path)).resolve()
@@ -65,31 +63,50 @@ def _inspect_target(site: Path, page: Path, tag: Tag, target: str) -> list[str]:
         path /= "index.html"
     if not path.is_file() or not (path == page or path.is_relative_to(site.resolve())):
         return [f"{target} leads to no file of the site."]
-    if parts.fragment and path.suffix == ".html" and unquote(parts.fragment) not in _names(path):
+    if (
+        parts.fragment
+        and path.suffix == ".html"
+        and unquote(parts.fragment) not in _parsed(path).names
+    ):
         return [f"{target} leads to no element of {path.name}."]
     return []
 
 
+@dataclass(frozen=True)
+class _Tag:
+    name: str
+    attributes: dict[str, str | None]
+
+
+@dataclass(frozen=True)
+class _Parsed:
+    """What the inspection asks of a page: links and what is fetched, and what a link may name."""
+
+    tags: list[_Tag] = field(default_factory=list)
+    names: set[str] = field(default_factory=lambda: {""})
+
+
+class _Parser(HTMLParser):
+    """Notes tags as they begin; a tree of the whole page would take most of the time."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.found = _Parsed()
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        attributes = dict(attrs)
+        if tag == "a" or tag in _FETCHED:
+            self.found.tags.append(_Tag(tag, attributes))
+        self.found.names.update(attributes.get(key) or "" for key in ("id", "name"))
+
+
 @cache
-def _parsed_at(page: Path, _changed: int) -> BeautifulSoup:
-    return BeautifulSoup(page.read_text(encoding="utf-8"), "html.parser")
+def _parsed_at(page: Path, _changed: int) -> _Parsed:
+    parser = _Parser()
+    parser.feed(page.read_text(encoding="utf-8"))
+    parser.close()
+    return parser.found
 
 
-def _parsed(page: Path) -> BeautifulSoup:
+def _parsed(page: Path) -> _Parsed:
     return _parsed_at(page, page.stat().st_mtime_ns)
-
-
-def _names(page: Path) -> frozenset[str]:
-    """Return all that a fragment may name on a page."""
-    return _names_at(page, page.stat().st_mtime_ns)
-
-
-@cache
-def _names_at(page: Path, changed: int) -> frozenset[str]:
-    found = {""}
-    for tag in _parsed_at(page, changed).find_all(True):
-        assert isinstance(tag, Tag)
-        for attribute in ("id", "name"):
-            if isinstance(value := tag.get(attribute), str):
-                found.add(value)
-    return frozenset(found)
