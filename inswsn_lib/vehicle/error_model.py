@@ -90,7 +90,7 @@ def metres(position: Array) -> Array:
 def earth_rate(position: Array) -> Array:
     r""":math:`\omega_{ie} = \Omega\,(0, \cos L, \sin L)`, (..., 3), rad/s."""
     latitude = position[..., 0]
-    rate = np.zeros_like(position)
+    rate = np.zeros(position.shape)
     rate[..., 1], rate[..., 2] = earth.RATE * np.cos(latitude), earth.RATE * np.sin(latitude)
     return rate
 
@@ -99,7 +99,7 @@ def transport_rate(position: Array, velocity: Array) -> Array:
     r""":math:`\omega_{en} = (-v_N/(R_M+h),\ v_E/(R_N+h),\ v_E\tan L/(R_N+h))`, (..., 3), rad/s."""
     meridian, transverse = radii(position)
     east, north = velocity[..., 0], velocity[..., 1]
-    rate = np.empty_like(position)
+    rate = np.empty(position.shape)
     rate[..., 0], rate[..., 1] = -north / meridian, east / transverse
     rate[..., 2] = east * np.tan(position[..., 0]) / transverse
     return rate

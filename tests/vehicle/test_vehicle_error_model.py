@@ -317,6 +317,13 @@ def van_loan(F: np.ndarray, S: np.ndarray, step: float) -> tuple[np.ndarray, np.
     return transition, transition @ block[:n, n:]
 
 
+def test_whole_numbers_are_numbers() -> None:
+    position, velocity, force = np.array([[1, 0, 100], [10, -5, 1], [0, 1, 10]])
+    found = error_dynamics(position, velocity, np.eye(3), force)
+    floats = [vector.astype(float) for vector in (position, velocity, force)]
+    np.testing.assert_array_equal(found, error_dynamics(*floats[:2], np.eye(3), floats[2]))
+
+
 def test_discretise_takes_a_step_of_its_own_for_each_matrix() -> None:
     F, S = np.random.default_rng(5).normal(size=(2, 3, 4, 4))
     steps = [0.1, 0.2, 0.4]
