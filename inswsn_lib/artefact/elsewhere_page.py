@@ -230,7 +230,7 @@ def variants_list(study: Study) -> str:
         lines.append(
             f"- **{title_of(study, name)}** (`{name}`). {DESCRIPTIONS[_family(name)][1]}"
             + (f" Here: {found}." if found not in ("", usual) else "")
-            + (f" {_machines(study.of(name))}." if name == MACHINE else "")
+            + (f" {_machines(study.of(name))}" if name == MACHINE else "")
         )
     return "\n".join(lines if usual else lines[2:]) + "\n"
 
@@ -241,10 +241,9 @@ def _libraries(cells: list[Cell]) -> str:
 
 
 def _machines(cells: list[Cell]) -> str:
-    """Return on which processors runs and their references were made."""
-    return "; ".join(
-        sorted({f"The run is from {c.cpu}, the reference from {c.reference_cpu}" for c in cells})
-    )
+    """Return on which processors runs and their references were made, a sentence for each pair."""
+    pairs = sorted({(cell.cpu, cell.reference_cpu) for cell in cells})
+    return " ".join(f"Runs are from {run}, their references from {made}." for run, made in pairs)
 
 
 def variants_table(study: Study, chapters: int) -> str:

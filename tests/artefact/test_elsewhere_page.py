@@ -302,7 +302,11 @@ def test_what_another_build_found(project: Project, tmp_path: Path) -> None:
     assert (same.variant, same.cpu, same.python) == (MACHINE, "Another", "3.12.1")
     assert same.compared == same.identical == len(results.quantities)
     assert same.commit == provenance.commit
-    assert "The run is from Another, the reference from" in variants_list(Study(cells=(same,)))
+    third = same.model_copy(update={"cpu": "Third", "reference_cpu": "First"})
+    assert variants_list(Study(cells=(third, same))).endswith(
+        f" Runs are from Another, their references from {provenance.cpu}."
+        " Runs are from Third, their references from First.\n"
+    )
     write_results(results, tmp_path / "62.json")
     found = found_elsewhere(project, tmp_path, chapter)
     assert found is not None
