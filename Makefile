@@ -91,12 +91,13 @@ format: environment ## put the code into the one format
 environment: $(VENV)/package
 
 # The environment is made anew when the lock changes, so that nothing is left over from the old one.
-$(VENV)/environment: environment.lock environment-torch.lock
+$(VENV)/environment: environment.lock environment-torch.lock .ci/pip.txt
 	@test -n "$(PYTHON)" || { echo "Python 3.11 is needed, and no python was found." >&2; exit 2; }
 	@$(PYTHON) -c 'import sys; v = sys.version_info[:2]; sys.exit(0 if v == (3, 11) else f"Python 3.11 is needed; {sys.executable} is {v[0]}.{v[1]}. Name another one: make PYTHON=/path/to/python3.11")'
 	@echo "Installing the locked environment into $(VENV) (a few minutes, once)"
 	@base=$$($(PYTHON) -c 'import sys; print(sys._base_executable)') \
 	    && rm -rf $(VENV) && "$$base" -m venv $(VENV)  # not the one in .venv, which goes
+	@$(RUN) -m pip install --quiet --disable-pip-version-check --require-hashes -r .ci/pip.txt
 	@$(RUN) -m pip install --quiet --disable-pip-version-check --no-compile --require-hashes --no-deps -r environment-torch.lock
 	@$(RUN) -m pip install --quiet --disable-pip-version-check --no-compile --require-hashes -r environment.lock
 	@# on all cores, where pip would take one, and without tests; what is no Python 3 stays as it is
