@@ -11,7 +11,7 @@ from filelock import FileLock, Timeout
 from inswsn_lib.artefact.execution import execute_chapters
 from inswsn_lib.artefact.progress import Progress
 from inswsn_lib.artefact.project import Project
-from inswsn_lib.artefact.rendering import render_book, restore_site
+from inswsn_lib.artefact.rendering import check_pages, render_book, restore_site
 from inswsn_lib.claims import write_results
 from inswsn_lib.errors import InswsnError
 
@@ -46,6 +46,7 @@ def build_book(
     chapters = project.chapters()
     with alone(project):
         _clear_leftovers(project)
+        check_pages(project, chapters)  # before the chapters, which take long
         executed = execute_chapters(project, chapters, progress, fresh=fresh, jobs=jobs)
         render_book(project, executed, progress, fresh=fresh)
         for entry in executed:

@@ -78,7 +78,6 @@ def render_book(
     OSError
         If a folder cannot be written.
     """
-    _check_pages(project, chapters)
     key = _site_key(project, chapters)
     if not fresh and _kept_key(project) == key:
         progress.say("book: unchanged")
@@ -329,14 +328,27 @@ def _set_aside(site: Path) -> Path:
     return site.with_name(f".{site.name}.inswsn-set-aside")
 
 
-def _check_pages(project: Project, chapters: Sequence[Executed]) -> None:
-    """Refuse a configuration that cannot be read, and a contents list without every chapter."""
+def check_pages(project: Project, chapters: Sequence[Chapter]) -> None:
+    """Refuse a configuration that cannot be read, and a contents list without every chapter.
+
+    Parameters
+    ----------
+    project : Project
+        The checkout.
+    chapters : sequence of Chapter
+        Its chapters.
+
+    Raises
+    ------
+    InswsnError
+        If `_config.yml` or `book/_toc.yml` cannot be read, or chapters and contents list differ.
+    """
     read_yaml(project.root / "_config.yml")
     toc = read_yaml(project.root / "book" / "_toc.yml")
     listed = {
         name.removeprefix("chapters/") for name in _files(toc) if name.startswith("chapters/")
     }
-    there = {executed.chapter.name for executed in chapters}
+    there = {chapter.name for chapter in chapters}
     for name in sorted(listed - there):
         raise InswsnError(f"book/_toc.yml lists chapters/{name}, and there is no such chapter.")
     for name in sorted(there - listed):

@@ -154,6 +154,7 @@ def test_a_contents_list_that_does_not_fit(mini: MiniProject, toc: str | None, s
     done = run_command(mini.root, "book")
     assert done.returncode == 2
     assert said in done.stderr.splitlines()[-1]
+    assert "executing" not in done.stderr  # which would be in vain
 
 
 def test_a_checkout_with_a_library_of_its_own(mini: MiniProject) -> None:

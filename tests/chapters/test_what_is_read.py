@@ -38,7 +38,7 @@ QUICK: dict[str, dict[str, Value]] = {
 }
 
 
-LONG = {"00", "01", "02", "03", "04", "05", "71", "72"}
+LONG = {"00", "01", "02", "03", "04", "05", "62", "71", "72"}
 EXECUTED = [
     pytest.param(number, marks=[pytest.mark.whole] if number in LONG else [])
     for number in sorted(QUICK)

@@ -28,7 +28,7 @@ from inswsn_lib.lmi.filter_design import Form
 from inswsn_lib.models import ErrorModel
 
 KINDS = ("stable", "unstable", "hidden mode", "badly scaled")
-EACH = 60 if WHOLE else 24
+EACH = 60 if WHOLE else 16
 # What may differ between solvers: the relative accuracy of gamma.
 CLOSE = 1e-4
 
