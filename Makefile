@@ -1,13 +1,14 @@
 # Two commands from a fresh machine: `make book` and `make test`. Each installs what it needs first.
 # The same steps without make are in README.md.
 
-PYTHON ?= $(firstword $(foreach name,python3.11 python3 python,$(shell command -v $(name) 2>/dev/null)))
-VENV   := .venv
-RUN    := $(VENV)/bin/python
-INSWSN := $(RUN) -m inswsn_lib
-FRESH  ?=
-JOBS   ?=
-PORT   ?= 8000
+PYTHON  ?= $(firstword $(foreach name,python3.11 python3 python,$(shell command -v $(name) 2>/dev/null)))
+VENV    := .venv
+RUN     := $(VENV)/bin/python
+INSWSN  := $(RUN) -m inswsn_lib
+INSTALL := $(RUN) -m pip install --quiet --disable-pip-version-check --require-hashes
+FRESH   ?=
+JOBS    ?=
+PORT    ?= 8000
 # processes that run tests; each computes with one thread. One that has no tests left takes half of those that
 # wait for the other: files take too unlike a time to be dealt out whole, and their fixtures cost little twice.
 WORKERS ?= 2
@@ -97,9 +98,11 @@ $(VENV)/environment: environment.lock environment-torch.lock .ci/pip.txt
 	@echo "Installing the locked environment into $(VENV) (a few minutes, once)"
 	@base=$$($(PYTHON) -c 'import sys; print(sys._base_executable)') \
 	    && rm -rf $(VENV) && "$$base" -m venv $(VENV)  # not the one in .venv, which goes
-	@$(RUN) -m pip install --quiet --disable-pip-version-check --require-hashes -r .ci/pip.txt
-	@$(RUN) -m pip install --quiet --disable-pip-version-check --no-compile --require-hashes --no-deps -r environment-torch.lock
-	@$(RUN) -m pip install --quiet --disable-pip-version-check --no-compile --require-hashes -r environment.lock
+	@$(INSTALL) -r .ci/pip.txt
+	@# both at once, since each unpacks on one core; the one in the background does not hear Ctrl-C, and is ended
+	@$(INSTALL) --no-compile --no-deps -r environment-torch.lock & torch=$$!; \
+	    trap 'kill $$torch 2>/dev/null' EXIT INT TERM; \
+	    $(INSTALL) --no-compile -r environment.lock && wait $$torch
 	@# on all cores, where pip would take one, and without tests; what is no Python 3 stays as it is
 	@$(RUN) -m compileall -q -j 0 -x '[/\\]tests?[/\\]' $(VENV)/lib >/dev/null || true
 	@touch $@

@@ -8,7 +8,9 @@ a style can do is in ``inswsn.css``.
 
 from __future__ import annotations
 
+import os
 import re
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -116,21 +118,31 @@ def _solution(soup: BeautifulSoup, solution: Tag) -> None:
 
 def _names(soup: BeautifulSoup) -> None:
     """Name links and buttons by what they do."""
-    for link in soup.select("a.headerlink"):
-        link["aria-label"] = link.get("title") or "Link to this place"
+    for link in soup.find_all("a"):
+        _link(link)
     # the name must hold the text that is seen, of which a style shows one of two
-    for summary in soup.select("details.hide > summary"):
-        said = summary.find("p", class_="collapsed")
-        summary["aria-label"] = said.get_text(strip=True) if said else summary.get_text(strip=True)
-    for link in soup.select("a.reference.external"):
-        if link.get_text(strip=True) == link.get("href"):
-            link["class"] = " ".join(
-                [*link["class"], "bare"]
-            )  # on paper its address is written once
-    for entry in soup.select('[role="doc-biblioentry"]'):
+    for summary in soup.find_all("summary"):
+        if summary.parent is not None and "hide" in _classes(summary.parent):
+            said = summary.find("p", class_="collapsed")
+            summary["aria-label"] = (said or summary).get_text(strip=True)
+    for entry in soup.find_all(role="doc-biblioentry"):
         entry["role"] = "listitem"  # the other is none for this element any more
-    for button in soup.select("button.sidebar-toggle"):
-        button["aria-label"] = button.get("title") or "Toggle sidebar"
+    for button in soup.find_all("button"):
+        if "sidebar-toggle" in _classes(button):
+            button["aria-label"] = button.get("title") or "Toggle sidebar"
+
+
+def _link(link: Tag) -> None:
+    """Name a link to a heading; mark one whose text is its address, written once on paper."""
+    classes = _classes(link)
+    if "headerlink" in classes:
+        link["aria-label"] = link.get("title") or "Link to this place"
+    if {"reference", "external"} <= set(classes) and link.get_text(strip=True) == link.get("href"):
+        link["class"] = " ".join([*classes, "bare"])
+
+
+def _classes(tag: Tag) -> list[str]:
+    return list(tag.get("class") or [])
 
 
 def _landmarks(soup: BeautifulSoup) -> None:
@@ -157,10 +169,15 @@ def _finish(app: Any, error: Exception | None) -> None:
     if error is not None or app.builder.format != "html":
         return
     site = Path(app.outdir)
-    for path in sorted(site.rglob("*.html")):
-        if "_static" not in path.relative_to(site).parts:
-            page = accessible(path.read_text(encoding="utf-8"))
-            path.write_text(page, encoding="utf-8", newline="\n")
+    pages = [p for p in site.rglob("*.html") if "_static" not in p.relative_to(site).parts]
+    pages.sort(key=lambda page: page.stat().st_size, reverse=True)  # the long ones first
+    with ProcessPoolExecutor(max_workers=min(4, os.cpu_count() or 1)) as pool:
+        list(pool.map(_rewrite, pages))
+
+
+def _rewrite(path: Path) -> None:
+    page = accessible(path.read_text(encoding="utf-8"))
+    path.write_text(page, encoding="utf-8", newline="\n")
 
 
 def setup(app: Any) -> dict[str, bool]:

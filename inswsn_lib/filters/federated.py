@@ -54,6 +54,8 @@ def inverses(matrices: Array) -> Array:
     Gauss and Jordan's elimination. It needs no pivoting for positive definite matrices, and its
     operations go over all K at once, which for small n is far quicker than a call for each.
     """
+    if matrices.shape[-1] == 1:  # the other way round: the calls of the elimination would cost more
+        return np.asarray(np.linalg.inv(matrices[..., 0])[..., None])
     work = matrices.copy()
     for p in range(work.shape[-2]):
         pivot = 1 / work[..., p, p, :]

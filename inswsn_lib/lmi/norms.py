@@ -158,7 +158,9 @@ def _top_of_sweep(A: Array, B: Array, C: Array) -> float:
     angles = np.unique(np.clip(np.concatenate([np.linspace(0, np.pi, _SWEEP), near]), 0, np.pi))
     sizes = _largest(A, B, C, angles)
     best = sizes.max()
-    for k in np.argsort(sizes)[-_REFINED:]:
+    beside = np.pad(sizes, 1, constant_values=-np.inf)
+    peaks = np.flatnonzero((sizes >= beside[:-2]) & (sizes >= beside[2:]))
+    for k in peaks[np.argsort(sizes[peaks])[-_REFINED:]]:
         around = angles[max(k - 1, 0)], angles[min(k + 1, len(angles) - 1)]
         peak = minimize_scalar(
             lambda angle: -_largest(A, B, C, np.array([angle]))[0],

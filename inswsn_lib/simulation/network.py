@@ -185,6 +185,11 @@ def multilaterate(nodes: Array, ranges: Array) -> Array:
         never rises, so that an outlier cannot send a fix to infinity; with gross outliers it may be
         a local minimum.
 
+    Raises
+    ------
+    ParameterError
+        If there is not one range a node and run.
+
     Examples
     --------
     Three nodes and the distances from (3, 4); in a second run a range is lost, and two do not make
@@ -216,6 +221,11 @@ def multilaterate_each(nodes: Sequence[Array], ranges: Sequence[Array]) -> Array
     ndarray, (places, 2, runs)
         m, as `multilaterate`.
 
+    Raises
+    ------
+    ParameterError
+        If a place has no ranges or not one a node and run, or not as many runs as the first.
+
     Examples
     --------
     At the first place four nodes are heard, at the second three of them.
@@ -227,12 +237,27 @@ def multilaterate_each(nodes: Sequence[Array], ranges: Sequence[Array]) -> Array
     >>> multilaterate_each([nodes, nodes[:3]], ranges)[:, :, 0].round(6).tolist()
     [[1.5, 2.0], [3.0, 4.0]]
     """
+    _check_places(nodes, ranges)
     found = np.empty((len(nodes), 2, ranges[0].shape[1] if len(ranges) else 0))
     at_once = max(1, _AT_ONCE // max([1, *(each.size for each in ranges)]))
     for first in range(0, len(nodes), at_once):
         part = slice(first, first + at_once)
         found[part] = np.moveaxis(_multilaterated(nodes[part], ranges[part]), 1, 0)
     return found
+
+
+def _check_places(nodes: Sequence[Array], ranges: Sequence[Array]) -> None:
+    """Refuse places whose nodes and ranges do not fit."""
+    if len(nodes) != len(ranges):
+        raise ParameterError("ranges", f"of {len(ranges)} places", f"of {len(nodes)}, as the nodes")
+    first = np.shape(ranges[0]) if len(ranges) else ()
+    runs = first[1] if len(first) == 2 else "runs"
+    for at, measured in zip(nodes, ranges, strict=True):
+        if np.ndim(at) != 2 or np.shape(at)[1] != 2:
+            raise ParameterError("nodes", f"of shape {np.shape(at)}", "(heard, 2)")
+        if np.shape(measured) != (len(at), runs):
+            may_be = f"({len(at)}, {runs}), a row for each node"
+            raise ParameterError("ranges", f"of shape {np.shape(measured)}", may_be)
 
 
 def _multilaterated(nodes: Sequence[Array], ranges: Sequence[Array]) -> Array:

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from playwright.sync_api import Browser, Page
+from playwright.sync_api import Browser, Page, Request
 
 
 @dataclass
@@ -37,8 +37,22 @@ def visit(browser: Browser, served: str, name: str, **options: Any) -> Visit:
     page.on("response", lambda r: seen.failed.append(r.url) if r.status >= 400 else None)
     page.on("console", lambda m: seen.errors.append(m.text) if m.type == "error" else None)
     page.on("pageerror", lambda error: seen.errors.append(str(error)))
-    page.goto(served + name, wait_until="networkidle")
-    page.evaluate("() => window.MathJax?.startup?.promise")
+    under_way: set[Request] = set()
+
+    def begun(request: Request) -> None:
+        under_way.add(request)
+
+    def ended(request: Request) -> None:
+        under_way.discard(request)
+
+    page.on("request", begun)
+    page.on("requestfinished", ended)
+    page.on("requestfailed", ended)
+    page.goto(served + name)
+    page.evaluate("() => document.fonts.ready.then(() => window.MathJax?.startup?.promise)")
+    # a network that is idle for half a second, as Playwright has it, takes that on each page
+    while under_way:
+        page.wait_for_timeout(20)
     return seen
 
 

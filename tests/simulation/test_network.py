@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from hypothesis import assume, given
@@ -117,6 +119,23 @@ def test_many_places_at_once_are_those_one_by_one(runs: int) -> None:
 
 def test_no_place_has_no_fix() -> None:
     assert multilaterate_each([], []).shape == (0, 2, 0)
+
+
+@pytest.mark.parametrize(
+    ("nodes", "ranges", "said"),
+    [
+        ([(3, 2)], [(3, 5), (3, 5)], "ranges is 'of 2 places'; it may be of 1, as the nodes."),
+        ([(3, 2)], [(4, 5)], "ranges is 'of shape (4, 5)'; it may be (3, 5), a row for each node."),
+        ([(3, 2)] * 2, [(3, 5), (3, 4)], "ranges is 'of shape (3, 4)'; it may be (3, 5), a row"),
+        ([(3, 2)], [(3,)], "ranges is 'of shape (3,)'; it may be (3, runs), a row for each node."),
+        ([(3, 3)], [(3, 5)], "nodes is 'of shape (3, 3)'; it may be (heard, 2)."),
+    ],
+)
+def test_places_that_do_not_fit_are_refused(
+    nodes: list[tuple[int, ...]], ranges: list[tuple[int, ...]], said: str
+) -> None:
+    with pytest.raises(ParameterError, match=f"^{re.escape(said)}"):
+        multilaterate_each(list(map(np.ones, nodes)), list(map(np.ones, ranges)))
 
 
 def test_dropouts_and_outliers_come_as_often_as_asked() -> None:
