@@ -103,7 +103,10 @@ def orphan_twins(chapters: list[Chapter]) -> list[str]:
 
 
 def strip_run(notebook: Any) -> Any:
-    """Remove the metadata that differ from one execution to the next: times, paths, counters.
+    """Remove what differs from one execution to the next: times, paths, counters, pieces of a text.
+
+    A kernel sends what a cell prints in pieces, whose number depends on how fast it prints. Pieces
+    of one stream that follow each other become one output.
 
     Parameters
     ----------
@@ -121,7 +124,20 @@ def strip_run(notebook: Any) -> Any:
     for cell in notebook.cells:
         for key in ("papermill", "execution"):
             cell.metadata.pop(key, None)
+        if cell.cell_type == "code":
+            cell.outputs = _joined_streams(cell.outputs)
     return notebook
+
+
+def _joined_streams(outputs: list[Any]) -> list[Any]:
+    joined: list[Any] = []
+    for output in outputs:
+        before = joined[-1] if joined else {}
+        if output.output_type == "stream" and before.get("name") == output.name:
+            before["text"] += output.text
+        else:
+            joined.append(output)
+    return joined
 
 
 def unrepeatable_outputs(notebook: Any) -> list[str]:

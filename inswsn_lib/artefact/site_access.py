@@ -142,7 +142,9 @@ def _link(link: Tag) -> None:
 
 
 def _classes(tag: Tag) -> list[str]:
-    return list(tag.get("class") or [])
+    """Return a tag's classes; a tag whose class was set to a text here has them in one string."""
+    classes = tag.get("class", "")
+    return classes.split() if isinstance(classes, str) else list(classes or [])
 
 
 def _landmarks(soup: BeautifulSoup) -> None:

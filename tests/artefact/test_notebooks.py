@@ -74,6 +74,34 @@ def test_strip_run_leaves_no_time_and_no_path(mini: Project) -> None:
     assert unrepeatable_outputs(notebook) == []
 
 
+def test_strip_run_joins_the_pieces_of_what_a_cell_prints(mini: Project) -> None:
+    (chapter,) = mini.chapters()
+    notebook = read_source(chapter)
+    cell = next(cell for cell in notebook.cells if cell.cell_type == "code")
+
+    def printed(name: str, text: str) -> nbformat.NotebookNode:
+        return nbformat.v4.new_output("stream", name=name, text=text)
+
+    figure = nbformat.v4.new_output("display_data", data={"text/plain": "a figure"})
+    cell.outputs = [
+        printed("stdout", "one\n"),
+        printed("stdout", "two\n"),
+        printed("stderr", "careful\n"),
+        printed("stdout", "three\n"),
+        figure,
+        printed("stdout", "four\n"),
+    ]
+    assert strip_run(notebook) is notebook
+    assert cell.outputs == [
+        printed("stdout", "one\ntwo\n"),
+        printed("stderr", "careful\n"),
+        printed("stdout", "three\n"),
+        figure,
+        printed("stdout", "four\n"),
+    ]
+    nbformat.validate(notebook)
+
+
 def test_outputs_that_differ_from_run_to_run_are_told(mini: Project) -> None:
     (chapter,) = mini.chapters()
     notebook = read_source(chapter)

@@ -189,6 +189,7 @@ def axe_finds_nothing(page: Page, name: str, whole: bool) -> None:
         page.set_viewport_size({"width": width, "height": 900})
         page.wait_for_function(f"document.documentElement.dataset.theme === '{theme}'")
         page.wait_for_function(REACHABLE)
+        assert page.evaluate(WIDTH) <= width, f"{name}, {theme}"
         for options in rules:
             found = page.evaluate(RUN_AXE, [context_of(page, options, whole), options])
             assert found == [], f"{name}, {theme}, {width} px"
