@@ -413,14 +413,21 @@
     return sorted;
   }
 
+  /** The width of a label in the font of the page (labs.css says the rest): fonts differ by a third. */
+  function widthOf(text) {
+    const pen = document.createElement("canvas").getContext("2d");
+    pen.font = `600 12px ${getComputedStyle(document.body).fontFamily}`;
+    return pen.measureText(text.trim()).width;
+  }
+
   function drawChart(svg, chart, width) {
     const height = 240;
     const labels = chart.lines.filter((line) => line.name)
       .map((line) => ({ key: line.key, text: line.name, at: line.y.length - 1, y: line.y.at(-1) }))
       .concat(chart.labels ?? [])
       .map((label) => ({ ...label, rows: twoRows(label.text) }));
-    const longest = Math.max(...labels.flatMap((label) => label.rows.map((row) => row.length)));
-    const box = { left: 46, right: width - 10 - 7 * longest, top: 26, bottom: height - 38 };
+    const longest = Math.max(...labels.flatMap((label) => label.rows.map(widthOf)));
+    const box = { left: 46, right: width - 10 - longest, top: 26, bottom: height - 38 };
     const x = scaleOf("linear", chart.x[0], chart.x.at(-1), box.left, box.right);
     const y = scaleOf(chart.scale, chart.low, chart.high, box.bottom, box.top, chart.linear);
     svg.setAttribute("viewBox", `0 0 ${width} ${height}`);

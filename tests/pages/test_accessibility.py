@@ -523,6 +523,7 @@ def text_is_read_without_sideways_scrolling(page: Page, name: str) -> None:
     page.add_style_tag(content=SPACED).evaluate("(style) => style.classList.add('spaced')")
     assert page.evaluate(CLIPPED) == [], name
     assert page.evaluate(TEXT_OUTSIDE) == [], f"{name}, spaced out"
+    assert page.evaluate(WIDTH) <= 320, f"{name}, spaced out"
 
 
 # The keyboard
