@@ -17,7 +17,7 @@ from inswsn_lib.errors import InswsnError
 from inswsn_lib.files import file_digest, tree_digest, write_whole
 
 # Raised when the form of the cache, or the way in which chapters are executed, changes.
-_FORM = 3
+_FORM = 4
 
 
 @dataclass(frozen=True)
@@ -110,8 +110,11 @@ def store(
     # the results come last: an entry without them is not an entry
     write_results(results, folder / "results.json")
     others = [other for other in folder.parent.iterdir() if other != folder]
-    for other in sorted(others, key=lambda other: other.stat().st_mtime_ns)[:-1]:
-        shutil.rmtree(other, ignore_errors=True)
+    whole = [other for other in others if (other / "results.json").is_file()]
+    last = max(whole, key=lambda other: other.stat().st_mtime_ns, default=None)
+    for other in others:
+        if other != last:
+            shutil.rmtree(other, ignore_errors=True)
     return Executed(chapter, folder / "executed.ipynb", results)
 
 

@@ -445,8 +445,10 @@ def main() -> None:
     """Run the command; a user's mistake is one sentence and exit status 2."""
     # a job that is cancelled, or whose terminal is closed, ends as cleanly as an interrupted one
     for name in ("SIGTERM", "SIGHUP"):
-        if hasattr(signal, name):
-            signal.signal(getattr(signal, name), _stop)
+        number = getattr(signal, name, None)
+        # nohup has it ignored, and that is meant
+        if number is not None and signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, _stop)
     try:
         status = cli.main(standalone_mode=False, prog_name="inswsn")
     except (click.exceptions.Abort, KeyboardInterrupt) as stopped:

@@ -10,7 +10,7 @@ import inswsn_lib
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.files import tree_digest
 
-_EXECUTING = ("execution.py", "worker.py")
+_EXECUTING = ("execution.py", "notebooks.py", "worker.py")
 _CHAPTER_NAME = re.compile(r"^\d\d-[a-z0-9]+(-[a-z0-9]+)*$")
 
 
@@ -94,7 +94,7 @@ class Project:
     def computing_digest(self) -> str:
         """Return the digest of the source files that a chapter may compute with.
 
-        They are all rooms but `artefact`, which no chapter imports, and of that room the two
+        They are all rooms but `artefact`, which no chapter imports, and of that room the three
         modules that execute chapters.
         """
         own = self.library / "artefact"

@@ -65,7 +65,7 @@ def machine_facts() -> dict[str, Any]:
         "cpu": _cpu_name(),
         "cores": available_cores(),
         "blas": sorted(libraries),
-        "packages": {name: found for name in _COMPUTING if (found := _installed(name))},
+        "packages": {name: found for name in _COMPUTING if (found := installed_version(name))},
     }
 
 
@@ -137,7 +137,8 @@ def _owner(path: str) -> str:
     return folder.removesuffix(".libs") if folder.endswith(".libs") else "the system"
 
 
-def _installed(name: str) -> str | None:
+def installed_version(name: str) -> str | None:
+    """Return the version of a package, None if it is not installed."""
     try:
         return version(name)
     except PackageNotFoundError:

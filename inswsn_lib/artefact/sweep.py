@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import time
 from collections import deque
+from collections.abc import Callable, Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from contextlib import ExitStack
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from inswsn_lib.artefact.project import Project
 from inswsn_lib.artefact.provenance import available_cores
-from inswsn_lib.artefact.sweep_plan import BLOCK, Plan, default_folder
+from inswsn_lib.artefact.sweep_plan import BLOCK, Plan, changed_since, default_folder
 from inswsn_lib.artefact.sweep_progress import SweepProgress
 from inswsn_lib.artefact.sweep_results import Finished, cell_name, write_results
 from inswsn_lib.artefact.sweep_store import Store, check_folder
@@ -21,10 +24,11 @@ from inswsn_lib.artefact.sweep_workers import (
     dask_workers,
     local_workers,
 )
-from inswsn_lib.errors import ParameterError
+from inswsn_lib.errors import BuildError, ParameterError
 
 #: How often a task is tried in one call
 ATTEMPTS = 3
+_PAUSE = 1.0  # s; so often it is looked who is there
 
 
 def run_sweep(
@@ -65,14 +69,18 @@ def run_sweep(
     Raises
     ------
     ParameterError
-        If the folder is of another kind, or nobody answers at the address.
+        If the folder is of another kind, nobody answers at the address, or there are both `jobs`
+        and `dask`.
     InswsnError
         If the folder holds a sweep made from something else, or another one runs there.
     BuildError
-        If the scheduler of a cluster is gone.
+        If the scheduler of a cluster is gone, or a file that the numbers depend on is changed
+        meanwhile.
     """
     if dask is not None and plan.experiment is None:
         raise ParameterError("--dask", dask, "left out: this chapter is executed as a whole")
+    if dask is not None and jobs is not None:
+        raise ParameterError("--jobs", jobs, "left out: the cluster of --dask has its own workers")
     folder = out or default_folder(project, plan)
     check_folder(folder)
     with ExitStack() as stack:
@@ -83,13 +91,14 @@ def run_sweep(
         wanted = len(plan.grid.places()) * plan.parts
         kept = sum(part < plan.parts for parts in done.values() for part in parts)
         store.forget_failures()
-        sweep = _Sweep(plan, store, progress)
+        sweep = _Sweep(plan, store, progress, partial(changed_since, project, plan))
         size = plan.runs_of_part
         progress.started(plan.name, kept * size, wanted * size, plan.counted)
-        tasks = plan.tasks(done, block)
+        at_once = workers.size() if workers else jobs or available_cores()
+        tasks = plan.shared_out(done, block, at_once)
         if tasks:
-            jobs = min(jobs or available_cores(), len(tasks))
             if workers is None:
+                jobs = min(at_once, len(tasks))
                 workers = stack.enter_context(local_workers(jobs))
                 store.note(f"{jobs} process{'es' if jobs > 1 else ''} of this machine")
             else:
@@ -104,11 +113,23 @@ def run_sweep(
         return write_results(project, plan, store, kept=kept * size, computed=sweep.computed * size)
 
 
+def _waits(task: Task, flying: Mapping[Future[Outcome], Task]) -> bool:
+    """Tell whether a task has to wait, since one that may have ended a worker is computed alone."""
+    return bool(flying) and (task.suspect or any(other.suspect for other in flying.values()))
+
+
 class _Sweep:
     """The loop of a sweep; it knows nothing of who computes."""
 
-    def __init__(self, plan: Plan, store: Store, progress: SweepProgress) -> None:
+    def __init__(
+        self,
+        plan: Plan,
+        store: Store,
+        progress: SweepProgress,
+        changed: Callable[[], list[str]],
+    ) -> None:
         self._plan, self._store, self._progress = plan, store, progress
+        self._changed = changed
         self._names = [cell_name(place) for place in plan.grid.places()]
         self._failed: set[int] = set()
         self._left = [plan.parts] * len(self._names)
@@ -126,16 +147,21 @@ class _Sweep:
             if trouble and trouble != told:
                 self._progress.say(trouble)
             told = trouble
-            while tasks and workers.has_room():
+            while tasks and workers.has_room() and not _waits(tasks[0], flying):
                 task = self._still_wanted(tasks.popleft())
                 if task.cells:
                     flying[workers.submit(self._plan.compute, task)] = task
-            finished, _ = wait(flying, timeout=1.0, return_when=FIRST_COMPLETED)
+            if tasks and not flying:
+                time.sleep(_PAUSE)  # until there is a worker
+            finished, _ = wait(flying, timeout=_PAUSE, return_when=FIRST_COMPLETED)
             for future in finished:
                 task = flying.pop(future)
                 try:
                     again = self._taken(task, workers.outcome(future))
                 except WorkerDiedError as death:
+                    if death.shared and not task.suspect:  # after all others, and alone
+                        tasks.append(replace(task, suspect=True))
+                        continue
                     again = {cell: str(death) for cell, _ in task.cells}
                 tasks.extendleft(reversed(self._tried_again(task, again)))
 
@@ -148,6 +174,12 @@ class _Sweep:
         if outcome.done and outcome.library != self._library:  # a worker that came later
             reason = f"a worker has another library: {outcome.library}, not {self._library}"
             return {cell: reason for cell, _ in task.cells}
+        if outcome.done and (changed := self._changed()):
+            raise BuildError(
+                f"Another {' and another '.join(changed)} than when the sweep began: what was "
+                "finished before is kept. Put it back and give the same command, or begin anew by "
+                "--fresh."
+            )
         self._store.add(outcome.done)
         self.computed += len(outcome.done)
         self._progress.advanced(len(outcome.done) * self._plan.runs_of_part)

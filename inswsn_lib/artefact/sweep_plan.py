@@ -18,6 +18,7 @@ from inswsn_lib.artefact.sweep_tasks import (
     code_state,
     compute_groups,
     execute_cell,
+    library_word,
     module_digest,
     own_source,
 )
@@ -30,9 +31,20 @@ from inswsn_lib.files import file_digest, text_digest, tree_digest
 from inswsn_lib.lmi.solvers import chosen_solver
 from inswsn_lib.parameters import FILE_RULE, REGRESSOR_RULE, Schema, chapter_schema
 
-_FEWEST, _MOST = 40, 10_000_000
-#: Groups of a task: it takes seconds, so that little is lost when it is
+CODE = "library, Python or package"
+_OWN_FILES = "file or module of your own"
+_FEWEST, _MOST = 40, 1_000_000  # runs; a cell of the most of them takes half a gigabyte to sum up
+#: Groups of a task, at most: it takes seconds, so that little is lost when it is
 BLOCK = 4
+_CELLS = 16  # of a task, at most, for the same reason
+_TASKS = 4  # for each that computes, at least: they take unlike times
+# what stands in the tables of a sweep beside its axes
+_OF_ALL = frozenset(("quantity", "unit", "runs", "low", "high", "reason"))
+_OF_CHAPTER = _OF_ALL | {"value", "interval"}
+_OF_EXPERIMENT = _OF_ALL | {
+    *("method", "mean", "standard_error", "median"),
+    *("best", "error", "next", "lead", "within"),
+}
 
 
 @dataclass(frozen=True)
@@ -86,6 +98,24 @@ class Plan:
         """What is counted: of a chapter that is executed, cells."""
         return "runs" if self.experiment else "cells"
 
+    def shared_out(self, done: Mapping[int, set[int]], block: int, at_once: int) -> deque[Task]:
+        """Return what is left to do, in tasks small enough that all who compute have some.
+
+        Parameters
+        ----------
+        done : mapping of int to set of int
+            Groups that are there, by cell.
+        block : int
+            Groups of a task, at most.
+        at_once : int
+            How many tasks are computed at once.
+        """
+        tasks = self.tasks(done, block)
+        while block > 1 and len(tasks) < _TASKS * at_once:
+            block //= 2
+            tasks = self.tasks(done, block)
+        return tasks
+
     def tasks(self, done: Mapping[int, set[int]], block: int = BLOCK) -> deque[Task]:
         """Return what is left to do, cells that share their runs together.
 
@@ -111,8 +141,9 @@ class Plan:
                     if left:
                         due.setdefault(left, []).append((cell, values))
                 tasks += [
-                    Task(self.digest, self.source, self.inputs, tuple(group), parts)
+                    Task(self.digest, self.source, self.inputs, tuple(group[k : k + _CELLS]), parts)
                     for parts, group in due.items()
+                    for k in range(0, len(group), _CELLS)
                 ]
         return tasks
 
@@ -147,16 +178,19 @@ def make_plan(
         return _plan_chapter(project, chapter, axes, settings, runs)
     source = chapter.number if chapter else name
     experiment = find_experiment(source)
+    _check_experiment(experiment)
+    axes = tuple(axes)
+    _refuse_columns(axes, _OF_EXPERIMENT)
     grid = read_grid(experiment.schema, axes, settings, data)
     count = 1000 if runs is None else runs
     if not _FEWEST <= count <= _MOST:
         raise ParameterError("--runs", count, f"a whole number from {_FEWEST} to {_MOST}")
     facts = {
-        "library, Python or numpy": code_state(own_source(source)),
+        CODE: code_state(own_source(source)),
         "solver": chosen_solver(),
         "lock": tree_digest(project.root, project.locks),
         "file below data/": tree_digest(data, [data / name for name in experiment.files]),
-        "file or module of your own": _brought(experiment.schema, grid, data),
+        _OWN_FILES: _brought(experiment.schema, grid, data),
     }
     return Plan(
         name=f"sweep-{source.replace(':', '-').replace('.', '-')}",
@@ -180,13 +214,7 @@ def _plan_chapter(
 ) -> Plan:
     schema, data = chapter_schema(project.root, chapter.number), project.root / "data"
     settings, axes = tuple(settings), tuple(axes)
-    for axis in axes:
-        if axis.partition("=")[0] == "runs":
-            raise ParameterError(
-                "--grid",
-                axis,
-                "another parameter: runs is a column of sweep.csv already; give --runs",
-            )
+    _refuse_columns(axes, _OF_CHAPTER)
     if runs is not None:
         if "runs" not in schema.defaults:
             raise ParameterError(
@@ -194,16 +222,12 @@ def _plan_chapter(
             )
         settings += (f"runs={runs}",)
     grid = read_grid(schema, axes, settings, data)
-    files = [p for p in data.rglob("*") if p.is_file() and project.published not in p.parents]
     facts = {
-        "library, Python or numpy": code_state(),
+        CODE: code_state(),
         "solver": chosen_solver(),
-        "lock": tree_digest(project.root, project.locks),
-        "file below data/": tree_digest(data, files),
-        "file or module of your own": _brought(schema, grid, data),
-        "text of the chapter": file_digest(chapter.source),
         "Python": platform.python_version(),
         "state of recorded data": str(data_mirror() is not None),
+        **_files_of_chapter(project, chapter, schema, grid),
     }
     return Plan(
         name=f"sweep-{chapter.number}",
@@ -216,6 +240,87 @@ def _plan_chapter(
         parts=1,
         made_from=_with_grid(facts, chapter.name, grid),
     )
+
+
+def _files_of_chapter(
+    project: Project, chapter: Chapter, schema: Schema, grid: Grid
+) -> dict[str, str]:
+    """Return the digests of the files that each execution of a chapter reads anew."""
+    data = project.root / "data"
+    files = [p for p in data.rglob("*") if p.is_file() and project.published not in p.parents]
+    return {
+        "lock": tree_digest(project.root, project.locks),
+        "file below data/": tree_digest(data, files),
+        _OWN_FILES: _brought(schema, grid, data),
+        "text of the chapter": file_digest(chapter.source),
+    }
+
+
+def changed_since(project: Project, plan: Plan) -> list[str]:
+    """Return what the numbers depend on that differs from when the plan was made.
+
+    An experiment reads the files of its parameters when its cells begin; all else it has been
+    given, or had been imported. A chapter that is executed reads everything anew in each cell.
+
+    Parameters
+    ----------
+    project : Project
+        The checkout.
+    plan : Plan
+        The sweep.
+    """
+    data = project.root / "data"
+    if plan.experiment is not None:
+        now = {_OWN_FILES: _brought(plan.experiment.schema, plan.grid, data)}
+    else:
+        chapter = find_chapter(project, plan.source)
+        schema = chapter_schema(project.root, chapter.number)
+        now = _files_of_chapter(project, chapter, schema, plan.grid)
+        now[CODE] = plan.made_from[CODE].replace(
+            plan.made_from[CODE].split(", ")[0], library_word()
+        )
+    return [name for name, digest in now.items() if digest != plan.made_from[name]]
+
+
+def _refuse_columns(axes: Iterable[str], columns: frozenset[str]) -> None:
+    for axis in axes:
+        name = axis.partition("=")[0].strip()
+        if name in columns:
+            advice = "; give --runs" if name == "runs" else ""
+            raise ParameterError(
+                "--grid",
+                axis,
+                f"another parameter: {name} is a column of a sweep's tables already{advice}",
+            )
+
+
+def _check_experiment(experiment: Experiment) -> None:
+    """Refuse what would fail after hours, when results are summed up."""
+    for name, columns in (("methods", experiment.methods), ("columns", experiment.columns)):
+        if not columns:
+            raise ParameterError(f"{name} of the experiment", dict(columns), "one name or more")
+    if experiment.headline not in experiment.columns:
+        raise ParameterError(
+            "headline of the experiment",
+            experiment.headline,
+            f"one of its columns, {', '.join(experiment.columns)}",
+        )
+    parameters = [parameter.name for parameter in experiment.schema.parameters]
+    for name, words, allowed in (
+        ("told", experiment.told, parameters),
+        ("undrawn", experiment.undrawn, list(experiment.methods)),
+    ):
+        for word in sorted(words):
+            if word not in allowed:
+                raise ParameterError(
+                    f"{name} of the experiment", word, f"one of {', '.join(allowed)}"
+                )
+    if "seed" not in parameters or experiment.schema["seed"].kind != "int":
+        raise ParameterError(
+            "schema of the experiment",
+            ", ".join(parameters),
+            "one with a whole number called seed, of which all random numbers come",
+        )
 
 
 def _brought(schema: Schema, grid: Grid, data: Path) -> str:

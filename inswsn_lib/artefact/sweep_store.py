@@ -87,7 +87,8 @@ class Store:
 
     def _opened(self, made_from: Mapping[str, str]) -> sqlite3.Connection:
         # each statement is a transaction, but for those in a block of their own
-        base = sqlite3.connect(self.folder / STORE, isolation_level=None)
+        with _told():
+            base = sqlite3.connect(self.folder / STORE, isolation_level=None)
         try:
             base.execute("PRAGMA synchronous = FULL")  # a commit is on the disk when it returns
             if not base.execute("SELECT 1 FROM sqlite_master").fetchone():

@@ -20,6 +20,7 @@ from rich.console import Console
 from threadpoolctl import threadpool_limits
 
 from inswsn_lib.artefact.project import Project
+from inswsn_lib.artefact.provenance import installed_version
 from inswsn_lib.checkout import DATA_VARIABLE
 from inswsn_lib.errors import InswsnError, ParameterError
 from inswsn_lib.evaluation import GROUP, monte_carlo
@@ -31,6 +32,10 @@ from inswsn_lib.plugins import MODULES_VARIABLE
 
 Cell = tuple[int, Mapping[str, Value]]
 _KEPT = 4  # trials that a process keeps: tasks that share one follow each other
+# what an experiment of one's own may raise; the other cells go on, and so does the command
+_ANYTHING = (Exception, SystemExit)
+#: What experiments compute with
+PACKAGES = ("numpy", "scipy", "cvxpy", "clarabel", "scs")
 
 
 @dataclass(frozen=True)
@@ -52,6 +57,9 @@ class Task:
         Numbers of the groups; of a chapter that is executed there is one, 0.
     attempt : int
         How often it was tried before.
+    suspect : bool
+        Whether a worker that had it, among others, died: it is computed with no other under way, so
+        that it is known which of them it was.
     """
 
     sweep: str
@@ -60,6 +68,7 @@ class Task:
     cells: tuple[Cell, ...]
     parts: tuple[int, ...]
     attempt: int = 0
+    suspect: bool = False
 
 
 @dataclass
@@ -84,11 +93,11 @@ class Outcome:
     failed: dict[int, str] = field(default_factory=dict)
 
 
-@cache
 def code_state(source: str = "") -> str:
     """Return what code this process computes with, as a text to compare.
 
-    It is taken once in a process, since what is imported stays as it was when it was read.
+    Of the library, and of each module, it is taken once in a process, since what is imported stays
+    as it was when it was read.
 
     Parameters
     ----------
@@ -100,17 +109,31 @@ def code_state(source: str = "") -> str:
     ParameterError
         If there is no such experiment.
     """
-    project = Project(Path())  # its library is the one that runs
-    words = [
-        f"library {project.computing_digest()[:16]}",
-        f"Python {platform.python_version()}",
-        f"numpy {np.__version__}",
-    ]
+    words = _library_words()
     if source:
         find_experiment(source)  # puts the folder of a reader's own modules on the path
-        module = source.partition(":")[0]
-        words.append(f"{module} {module_digest(module)[:16]}")
+        words += (_module_word(source.partition(":")[0]),)
     return ", ".join(words)
+
+
+@cache
+def _library_words() -> tuple[str, ...]:
+    return (
+        library_word(),
+        f"Python {platform.python_version()}",
+        *(f"{name} {installed_version(name)}" for name in PACKAGES),
+    )
+
+
+@cache
+def _module_word(module: str) -> str:
+    return f"{module} {module_digest(module)[:16]}"
+
+
+def library_word() -> str:
+    """Return the first word of `code_state` as the files are now."""
+    project = Project(Path())  # its library is the one that runs
+    return f"library {project.computing_digest()[:16]}"
 
 
 def module_digest(module: str) -> str:
@@ -157,16 +180,20 @@ def own_source(source: str) -> str:
 def compute_groups(task: Task) -> Outcome:
     """Compute the groups of an experiment; what is raised becomes part of the outcome."""
     outcome = Outcome("unknown")
+    state, reason = worker_state(own_source(task.source))
+    if reason:  # of this process, and not of the cells: another one may do
+        outcome.failed = {cell: reason for cell, _ in task.cells}
+        return outcome
+    outcome.library = state
     try:
         experiment = find_experiment(task.source)
-        outcome.library = library_state(own_source(task.source))
         # the same order of sums on every machine of one kind. It holds for the process and is never
         # taken back: another thread of a worker of Dask may be in the midst of a task
         threadpool_limits(1)
         _compute(task, experiment, outcome)
     except InswsnError as refusal:
         outcome.refused = {cell: str(refusal) for cell, _ in task.cells}
-    except Exception as error:  # an experiment may raise anything; the others go on
+    except _ANYTHING as error:
         outcome.failed = {cell: _short(error) for cell, _ in task.cells}
     return outcome
 
@@ -200,7 +227,7 @@ def _troubles_of(cell: int, outcome: Outcome) -> Iterator[None]:
         yield
     except InswsnError as refusal:
         outcome.refused[cell] = str(refusal)
-    except Exception as error:  # an experiment may raise anything; the others go on
+    except _ANYTHING as error:
         outcome.failed[cell] = _short(error)
 
 

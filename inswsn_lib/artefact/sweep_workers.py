@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import logging
 import multiprocessing
 import os
 import signal
 import threading
 from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import CancelledError, Future, ProcessPoolExecutor
+from concurrent.futures import CancelledError, Future, InvalidStateError, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing.connection import Connection
 from typing import Any, Protocol
 
 from inswsn_lib.artefact.sweep_tasks import (
+    PACKAGES,
     Outcome,
     Task,
     carried_environment,
@@ -33,7 +35,19 @@ Compute = Callable[[Task], Outcome]
 
 
 class WorkerDiedError(Exception):
-    """A process ended before its task did, or the task could not be brought to it and back."""
+    """A process ended before its task did, or the task could not be brought to it and back.
+
+    Parameters
+    ----------
+    reason : str
+        What is known.
+    shared : bool
+        Whether it had other tasks as well, of which one may have ended it.
+    """
+
+    def __init__(self, reason: str, *, shared: bool = False) -> None:
+        super().__init__(reason)
+        self.shared = shared
 
 
 class Workers(Protocol):
@@ -47,6 +61,9 @@ class Workers(Protocol):
         BuildError
             If there is nobody to wait for.
         """
+
+    def size(self) -> int:
+        """Return how many tasks are computed at once."""
 
     def has_room(self) -> bool:
         """Tell whether another task may be submitted; few are kept waiting."""
@@ -134,6 +151,10 @@ class LocalWorkers:
         """Return empty: a process that died is replaced."""
         return ""
 
+    def size(self) -> int:
+        """Return how many processes there are."""
+        return len(self._idle) + len(self._busy)
+
     def has_room(self) -> bool:
         """Tell whether a process is idle."""
         return bool(self._idle)
@@ -182,7 +203,9 @@ def local_workers(jobs: int) -> Iterator[LocalWorkers]:
 
 
 class DaskWorkers:
-    """The workers of a Dask cluster.
+    """The workers of a Dask cluster that compute the same numbers as the command would.
+
+    A worker that comes later is asked as those that were there; one that differs gets no task.
 
     Parameters
     ----------
@@ -190,52 +213,100 @@ class DaskWorkers:
         Connected.
     address : str
         As the user gave it, for an error.
+    source : str
+        A reader's own experiment that the workers have to have, or empty.
     """
 
-    def __init__(self, client: Any, address: str) -> None:
-        self._client, self._address = client, address
-        # the sweep itself tries again, so that it can count
-        self._pool = client.get_executor(pure=False, retries=0)
-        self._flying: set[Future[Outcome]] = set()
-        self._threads = 0
+    def __init__(self, client: Any, address: str, source: str) -> None:
+        self._client, self._address, self._source = client, address, source
+        # each with the future of Dask, and the workers that it may go to
+        self._flying: dict[Future[Outcome], tuple[Any, frozenset[str]]] = {}
+        self._threads: dict[str, int] = {}
+        self._reasons: dict[str, str] = {}  # why a worker gets none; empty for one that does
 
     def look(self) -> str:
-        """Count the threads of the cluster; return a sentence if there is none."""
+        """See who is there; return a sentence on who gets no task, or empty."""
         try:
-            self._threads = sum(self._client.nthreads().values())
+            there = dict(self._client.nthreads())
+            new = [worker for worker in there if worker not in self._reasons]
+            found = reasons_against(self._client, new, self._source) if new else {}
         except Exception:  # whatever a connection raises that breaks meanwhile
             raise self._gone() from None
         if self._client.status != "running":
             raise self._gone()
-        if self._threads:
-            return ""
-        return f"The Dask cluster at {self._address} has no worker left; waiting for one."
+        # one that has gone is asked once more if it comes again
+        self._reasons = {w: r for w, r in (self._reasons | found).items() if w in there}
+        self._threads = {w: n for w, n in there.items() if not self._reasons[w]}
+        for future, (pending, workers) in self._flying.items():
+            if workers.isdisjoint(there):  # it would wait for them
+                _end(future, CancelledError())
+                with contextlib.suppress(Exception):  # if the scheduler has gone, it is told next
+                    pending.cancel()
+        said = [f"{reason} It gets no task." for reason in self._reasons.values() if reason]
+        if not self._threads:
+            left = "other worker" if said else "worker left"
+            said.append(f"The Dask cluster at {self._address} has no {left}; waiting for one.")
+        return " ".join(said)
+
+    def size(self) -> int:
+        """Return the number of threads of the workers that get tasks."""
+        return sum(self._threads.values())
 
     def has_room(self) -> bool:
-        """Tell whether there are fewer than two tasks a thread of the cluster."""
-        return len(self._flying) < max(2 * self._threads, 1)
+        """Tell whether there are fewer than two tasks a thread of those workers."""
+        return len(self._flying) < 2 * self.size()
 
     def submit(self, compute: Compute, task: Task) -> Future[Outcome]:
-        """Begin a task somewhere."""
-        future: Future[Outcome] = self._pool.submit(compute, task)
-        self._flying.add(future)
+        """Begin a task on one of those workers."""
+        workers = list(self._threads)
+        # the sweep itself tries again, so that it can count
+        pending = self._client.submit(
+            compute, task, pure=False, retries=0, workers=workers, allow_other_workers=False
+        )
+        future: Future[Outcome] = Future()
+        self._flying[future] = pending, frozenset(workers)
+        pending.add_done_callback(functools.partial(_pass_on, future))
         return future
 
     def outcome(self, future: Future[Outcome]) -> Outcome:
         """Return what came of a task."""
-        self._flying.discard(future)
+        from distributed import KilledWorker  # noqa: PLC0415
+
+        del self._flying[future]
         try:
             return future.result()
         except (Exception, CancelledError) as error:  # what a worker raises is in the outcome
             if self._client.status != "running":
                 raise self._gone() from None
-            raise WorkerDiedError(f"{type(error).__name__}: {error}"[:300]) from None
+            # Dask counts a death against all tasks that the worker had, also those that waited
+            shared = isinstance(error, KilledWorker | CancelledError)
+            reason = str(error) or "the workers that could compute it have gone"
+            raise WorkerDiedError(
+                f"{type(error).__name__}: {reason}"[:300], shared=shared
+            ) from None
 
     def _gone(self) -> BuildError:
         return BuildError(
             f"The Dask scheduler at {self._address} is gone; start it again and give the same "
             "command: what is finished is kept."
         )
+
+
+def _pass_on(future: Future[Outcome], pending: Any) -> None:
+    """Take over what came of a future of Dask, which has ended."""
+    try:
+        _end(future, pending.result())
+    except BaseException as error:  # whatever it is, the sweep waits for it
+        _end(future, error)
+
+
+def _end(future: Future[Outcome], found: Outcome | BaseException) -> None:
+    """Give a future its end, unless it has one: a death and a cancel may come at one time."""
+    with contextlib.suppress(InvalidStateError):
+        if isinstance(found, BaseException):
+            future.set_exception(found)
+        else:
+            future.set_result(found)
 
 
 @contextlib.contextmanager
@@ -269,7 +340,9 @@ def dask_workers(address: str, source: str) -> Iterator[DaskWorkers]:
             ) from None
         with client:
             check_workers(client, address, source)
-            yield DaskWorkers(client, address)
+            workers = DaskWorkers(client, address, source)
+            workers.look()
+            yield workers
 
 
 @contextlib.contextmanager
@@ -284,13 +357,6 @@ def _quiet() -> Iterator[None]:
     finally:
         for logger, level in zip(loggers, levels, strict=True):
             logger.setLevel(level)
-
-
-# what to do about a worker that differs, by the first word of what it differs in
-_REMEDIES = {
-    **dict.fromkeys(("library", "Python", "numpy"), "install the same checkout there"),
-    "solver": f"start it with the same {SOLVER_VARIABLE}",
-}
 
 
 def check_workers(client: Any, address: str, source: str) -> None:
@@ -312,22 +378,57 @@ def check_workers(client: Any, address: str, source: str) -> None:
     """
     if not client.nthreads():
         raise InswsnError(f"The Dask scheduler at {address} has no worker; start one: dask worker.")
-    own = library_state(source)
-    for worker, found in client.run(worker_state, source, on_error="return").items():
-        if isinstance(found, BaseException):
-            raise InswsnError(
-                f"The Dask worker at {worker} cannot load this library: "
-                f"{type(found).__name__}: {found}."
-            )
-        state, reason = found
+    for reason in reasons_against(client, None, source).values():
         if reason:
-            raise InswsnError(f"The Dask worker at {worker} cannot compute: {reason}")
-        if state != own:
-            pairs = zip(state.split(", "), own.split(", "), strict=True)
-            other, here = next(pair for pair in pairs if pair[0] != pair[1])
-            # what is left is the module of the experiment, which both of them have
-            remedy = _REMEDIES.get(here.split()[0], "copy the module there")
-            raise InswsnError(
-                f"The Dask worker at {worker} has {other}, and this command {here}; {remedy}, and "
-                "restart the worker: it keeps what it has once loaded."
-            )
+            raise InswsnError(reason)
+
+
+def reasons_against(client: Any, workers: list[str] | None, source: str) -> dict[str, str]:
+    """Ask workers what they would compute with.
+
+    Parameters
+    ----------
+    client : distributed.Client
+        Connected.
+    workers : list of str or None
+        Their addresses; all if None.
+    source : str
+        A reader's own experiment, or empty.
+
+    Returns
+    -------
+    dict of str to str
+        For each of them why its numbers would be others, or empty.
+    """
+    own = library_state(source)
+    answers = client.run(worker_state, source, workers=workers, on_error="return")
+    return {worker: _reason_against(worker, found, own) for worker, found in answers.items()}
+
+
+def _reason_against(worker: str, found: Any, own: str) -> str:
+    if isinstance(found, BaseException):
+        return (
+            f"The Dask worker at {worker} cannot load this library: {type(found).__name__}: "
+            f"{found}."
+        )
+    state, reason = found
+    if reason:
+        return f"The Dask worker at {worker} cannot compute: {reason}"
+    if state == own:
+        return ""
+    # another library may tell of other things
+    pairs = list(zip(state.split(", "), own.split(", "), strict=False))
+    other, here = next((pair for pair in pairs if pair[0] != pair[1]), pairs[0])
+    # what is left is the module of the experiment, which both of them have
+    remedy = _REMEDIES.get(here.split()[0], "copy the module there")
+    return (
+        f"The Dask worker at {worker} has {other}, and this command {here}; {remedy}, and restart "
+        "the worker: it keeps what it has once loaded."
+    )
+
+
+# what to do about a worker that differs, by the first word of what it differs in
+_REMEDIES = {
+    **dict.fromkeys(("library", "Python", *PACKAGES), "install the same checkout there"),
+    "solver": f"start it with the same {SOLVER_VARIABLE}",
+}

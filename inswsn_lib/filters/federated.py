@@ -52,10 +52,24 @@ def inverses(matrices: Array) -> Array:
     """Return the inverses of positive definite matrices (..., n, n, K), K of them side by side.
 
     Gauss and Jordan's elimination. It needs no pivoting for positive definite matrices, and its
-    operations go over all K at once, which for small n is far quicker than a call for each.
+    operations go over all K at once, which for small n is far quicker than a call for each. For
+    one it is the other way round, and LAPACK is called.
+
+    Raises
+    ------
+    ParameterError
+        If a single matrix is singular to rounding, such as an information after a fix without any
+        before it.
     """
-    if matrices.shape[-1] == 1:  # the other way round: the calls of the elimination would cost more
-        return np.asarray(np.linalg.inv(matrices[..., 0])[..., None])
+    if matrices.shape[-1] == 1:
+        try:
+            return np.asarray(np.linalg.inv(matrices[..., 0])[..., None])
+        except np.linalg.LinAlgError:
+            raise ParameterError(
+                "an information or covariance",
+                "singular to rounding",
+                "positive definite; initial_covariance may be too large beside R",
+            ) from None
     work = matrices.copy()
     for p in range(work.shape[-2]):
         pivot = 1 / work[..., p, p, :]

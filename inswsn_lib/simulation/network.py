@@ -207,7 +207,10 @@ def multilaterate(nodes: Array, ranges: Array) -> Array:
 
 
 def multilaterate_each(nodes: Sequence[Array], ranges: Sequence[Array]) -> Array:
-    """Return what `multilaterate` tells of each of many places, to the last bit, in less time.
+    """Return what `multilaterate` tells of each of many places, in less time.
+
+    It is the same to the last bit, but for a single run: NumPy takes its sums in another order, and
+    a fix may end some micrometres beside.
 
     Parameters
     ----------

@@ -77,7 +77,7 @@ def test_whether_there_are_recorded_data_changes_the_key(
     monkeypatch.delenv(DATA_VARIABLE, raising=False)
     without = chapter_key(mini, chapter, {})
     made = Results(chapter="00", parameters={}, data={}, quantities=())
-    store(mini, chapter, without, "{}\n", made)
+    store(mini, chapter, without, '{"made": "without"}\n', made)
     for name in ("first", "second"):
         (tmp_path / name).mkdir()
     monkeypatch.setenv(DATA_VARIABLE, str(tmp_path / "first"))
@@ -94,10 +94,23 @@ def test_whether_there_are_recorded_data_changes_the_key(
         monkeypatch.setenv(DATA_VARIABLE, name)
         assert chapter_key(mini, chapter, {}) == without, name
     # each is kept while the other is made
-    store(mini, chapter, had, "{}\n", made)
-    entry = lookup(mini, chapter, without)
-    assert entry is not None
-    assert entry.notebook.parent.name == without[:32]
+    store(mini, chapter, had, '{"made": "with"}\n', made)
+    for key, text in ((without, "without"), (had, "with")):
+        entry = lookup(mini, chapter, key)
+        assert entry is not None
+        assert entry.notebook.read_text() == f'{{"made": "{text}"}}\n'
+
+
+def test_what_a_kill_leaves_takes_the_place_of_nothing(mini: Project) -> None:
+    (chapter,) = mini.chapters()
+    made = Results(chapter="00", parameters={}, data={}, quantities=())
+    whole = [store(mini, chapter, letter * 64, "{}\n", made).notebook.parent for letter in "ab"]
+    (whole[1] / "results.json").unlink()  # it comes last
+    last = store(mini, chapter, "c" * 64, "{}\n", made).notebook.parent
+    assert {whole[0], last} == set(last.parent.iterdir())
+    # of those that are whole the last but one is kept
+    newest = store(mini, chapter, "d" * 64, "{}\n", made).notebook.parent
+    assert {last, newest} == set(last.parent.iterdir())
 
 
 def test_times_and_unrelated_files_do_not(mini: Project, library: Path) -> None:

@@ -19,11 +19,14 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+import scipy
 from conftest import MiniProject, run_command
 from hypothesis import given
 from hypothesis import strategies as st
 from rich.console import Console
 
+from inswsn_lib.artefact import sweep_tasks
+from inswsn_lib.artefact.project import Project
 from inswsn_lib.artefact.sweep import ATTEMPTS, run_sweep
 from inswsn_lib.artefact.sweep_grid import read_grid
 from inswsn_lib.artefact.sweep_plan import Plan, make_plan
@@ -40,12 +43,15 @@ from inswsn_lib.artefact.sweep_tasks import (
     worker_state,
 )
 from inswsn_lib.artefact.sweep_workers import (
+    DaskWorkers,
     WorkerDiedError,
     check_workers,
     local_workers,
 )
 from inswsn_lib.errors import BuildError, InswsnError, ParameterError
 from inswsn_lib.evaluation import GROUP, monte_carlo
+from inswsn_lib.experiments import find_experiment
+from inswsn_lib.experiments.networked import NETWORKED
 from inswsn_lib.parameters import read_schema
 from inswsn_lib.plugins import MODULES_VARIABLE
 
@@ -83,13 +89,16 @@ class Numbers:
 
     def judge(self, values):
         trouble = values["trouble"]
+        if trouble == "exit":
+            raise SystemExit(0)
         if trouble == "refuse":
             raise ParameterError("told", values["told"], "something else")
 
         def judged(drawn):
             if trouble == "raise" or (trouble == "raise-twice" and leave("raised") <= 2):
                 raise RuntimeError("no luck")
-            if trouble == "die" or (trouble == "die-once" and leave("died") <= 1):
+            fatal = trouble == "die" or (trouble == "die-of-1" and values["seed"] == 1)
+            if fatal or (trouble == "die-once" and leave("died") <= 1):
                 os._exit(7)
             if trouble == "spoil":
                 drawn["x"] *= 0
@@ -112,7 +121,8 @@ spread: float = 1.0  # m; value > 0
 # What is told.
 told: float = 0.0  # m; any
 # What goes wrong.
-trouble: str = "none"  # 1; one of none, refuse, raise, raise-twice, die, die-once, nan, spoil
+trouble: str = "none"  # 1; one of none, refuse, raise, raise-twice, die, die-once, die-of-1, nan, \
+spoil, exit
 # How long a group takes.
 pause: float = 0.0  # s; 0 <= value <= 10
 """),
@@ -172,6 +182,9 @@ class InThisProcess:
 
     def look(self) -> str:
         return ""
+
+    def size(self) -> int:
+        return 1
 
     def has_room(self) -> bool:
         return True
@@ -341,6 +354,97 @@ def test_nothing_is_lost_or_counted_twice_by_a_stop_or_a_kill(own: Own, tmp_path
     assert (out / "sweep.csv").read_bytes() == (anew.folder / "sweep.csv").read_bytes()
 
 
+def test_a_sweep_under_nohup_goes_on_when_the_terminal_is_closed(own: Own, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    command = [
+        *(sys.executable, "-m", "inswsn_lib", "--root", str(own.project.root), "sweep", own.name),
+        *("--runs", "640", "-p", "pause=0.1", "--jobs", "1", "--out", str(out)),
+    ]
+    nohup = ["/bin/sh", "-c", "trap '' HUP; exec \"$@\"", "sh", *command]
+    process = subprocess.Popen(
+        nohup, cwd=own.folder, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    )
+    wait_until(lambda: rows_stored(out) >= 1 or process.poll() is not None)
+    process.send_signal(signal.SIGHUP)
+    said = process.communicate(timeout=60)[1]
+    assert (process.returncode, said.count("stopped")) == (0, 0)
+    assert rows_stored(out) == 10
+
+
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [
+        (
+            {"headline": "eror"},
+            "headline of the experiment is 'eror'; it may be one of its columns, error.",
+        ),
+        (
+            {"told": frozenset({"toldd"})},
+            "told of the experiment is 'toldd'; it may be one of seed, spread, told, trouble, "
+            "pause.",
+        ),
+        (
+            {"undrawn": frozenset({"mode"})},
+            "undrawn of the experiment is 'mode'; it may be one of mean, median.",
+        ),
+        ({"methods": {}}, "methods of the experiment is {}; it may be one name or more."),
+        (
+            {
+                "schema": read_schema("# A mean.\nmean: float = 1.0  # m; any\n"),
+                "told": frozenset(),
+            },
+            "schema of the experiment is 'mean'; it may be one with a whole number called seed, of "
+            "which all random numbers come.",
+        ),
+    ],
+)
+def test_an_experiment_that_could_not_be_summed_up_is_refused_at_once(
+    own: Own, changes: dict[str, Any], sentence: str
+) -> None:
+    changed = replace(find_experiment(own.name), **changes)
+    sys.modules[own.module].EXPERIMENT = changed  # type: ignore[attr-defined]
+    with pytest.raises(ParameterError) as refusal:
+        own.plan(runs=64)
+    assert str(refusal.value) == sentence
+
+
+def test_a_parameter_that_is_called_as_a_column_is_no_axis(own: Own) -> None:
+    experiment = find_experiment(own.name)
+    schema = read_schema(
+        "# Seed.\nseed: int = 5  # 1; any\n# A mean.\nmean: float = 1.0  # m; any\n"
+    )
+    sys.modules[own.module].EXPERIMENT = replace(  # type: ignore[attr-defined]
+        experiment, schema=schema, told=frozenset()
+    )
+    assert own.plan(runs=64, settings=("mean=2",)).grid.values["mean"] == 2.0
+    with pytest.raises(ParameterError, match="mean is a column of a sweep's tables already"):
+        own.plan("mean=0,1", runs=64)
+
+
+def test_tasks_are_small_enough_for_all_who_compute(own: Own) -> None:
+    plan = own.plan("told=" + ",".join(map(str, range(100))), runs=640)
+    tasks = plan.shared_out({}, block=4, at_once=1)
+    assert len(tasks) == 7 * 3  # of 100 cells 16 at most, of 10 groups 4
+    assert max(len(task.cells) for task in tasks) == 16
+    assert {len(task.parts) for task in tasks} == {4, 2}
+    assert len(plan.shared_out({}, block=4, at_once=8)) == 7 * 5
+    assert len(plan.shared_out({}, block=4, at_once=1000)) == 7 * 10
+
+
+@pytest.mark.long
+def test_the_sweep_of_chapter_02_is_its_experiment(project: Project, tmp_path: Path) -> None:
+    plan = make_plan(project, "02", ["period=0.2,1.0", "q_scale=1,10"], (), 100)
+    progress = SweepProgress(Console(file=io.StringIO()))
+    done = run_sweep(project, plan, progress, out=tmp_path / "out", jobs=2)
+    assert (done.failed, done.computed, len(done.leaders)) == ({}, 4 * 2 * GROUP, 4)
+    inputs = NETWORKED.load(project.root / "data")
+    for found, values in zip(contents(plan, done.folder), plan.grid.cells(), strict=True):
+        expected = NETWORKED.run(values, 100, inputs)
+        assert found.keys() == expected.keys()
+        for name, runs in expected.items():
+            np.testing.assert_allclose(found[name], runs, rtol=1e-9, atol=1e-12)
+
+
 def quick(plan: Plan) -> Plan:
     """Return the same sweep without the pauses, which change no number."""
     return replace(plan, grid=replace(plan.grid, values={**plan.grid.values, "pause": 0.0}))
@@ -354,15 +458,17 @@ def reasons(folder: Path) -> dict[str, str]:
 def test_a_cell_that_fails_is_tried_again_reported_and_costs_no_other(
     own: Own, tmp_path: Path
 ) -> None:
-    plan = own.plan("trouble=raise,raise-twice,refuse,nan,spoil,none", runs=128)
+    plan = own.plan("trouble=raise,raise-twice,refuse,nan,spoil,exit,none", runs=128)
     done = own.run(plan, tmp_path / "out", workers=InThisProcess())
     assert reasons(done.folder) == {
         "raise": f"RuntimeError: no luck (tried {ATTEMPTS} times)",
         "refuse": "told is 0.0; it may be something else.",
         "nan": "mean.error is not finite in 1 of 64 runs.",
         "spoil": f"ValueError: output array is read-only (tried {ATTEMPTS} times)",
+        "exit": f"SystemExit: 0 (tried {ATTEMPTS} times)",
     }
-    assert list(done.failed) == [f"trouble={t}" for t in ("raise", "refuse", "nan", "spoil")]
+    failed = ("raise", "refuse", "nan", "spoil", "exit")
+    assert list(done.failed) == [f"trouble={t}" for t in failed]
     assert (own.folder / "raised").read_text() == "xxxx"  # twice in vain, and one of each group
     table = pd.read_csv(done.folder / "sweep.csv")
     assert sorted(set(table["trouble"])) == ["none", "raise-twice"]
@@ -374,7 +480,7 @@ def test_a_cell_that_fails_is_tried_again_reported_and_costs_no_other(
     # the next call tries those that failed, and no other
     workers = InThisProcess()
     again = own.run(plan, tmp_path / "out", workers=workers)
-    assert {cell for task in workers.tasks for cell, _ in task.cells} == {0, 2, 3, 4}
+    assert {cell for task in workers.tasks for cell, _ in task.cells} == {0, 2, 3, 4, 5}
     assert again.computed == 0
     assert again.kept == 2 * 2 * GROUP
 
@@ -420,6 +526,51 @@ def test_a_task_whose_process_died_is_tried_again_cell_by_cell(own: Own, tmp_pat
     assert [len(task.cells) for task in workers.tasks].count(1) == 2
 
 
+def test_a_task_that_may_have_ended_a_worker_is_computed_alone(own: Own, tmp_path: Path) -> None:
+    """Dask counts a death against all tasks that a worker had; here it has three at once."""
+
+    class Crowd(InThisProcess):
+        def __init__(self) -> None:
+            super().__init__()
+            self.flying: list[Future[Outcome]] = []
+            self.seen: list[list[str]] = []  # the troubles that were under way together
+            self.struck: set[Future[Outcome]] = set()
+
+        def has_room(self) -> bool:
+            return len(self.flying) < 3
+
+        def submit(self, compute: Callable[[Task], Outcome], task: Task) -> Future[Outcome]:
+            self.tasks.append(task)
+            future: Future[Outcome] = Future()
+            future.set_result(Outcome("died") if fatal(task) else compute(task))
+            self.flying.append(future)
+            if fatal(task):
+                self.struck |= set(self.flying)
+            elif any(map(died, self.flying)):
+                self.struck.add(future)
+            return future
+
+        def outcome(self, future: Future[Outcome]) -> Outcome:
+            self.flying.remove(future)
+            if future in self.struck:
+                raise WorkerDiedError("KilledWorker", shared=True)
+            return future.result()
+
+    def fatal(task: Task) -> bool:
+        return task.cells[0][1]["seed"] == 2
+
+    def died(future: Future[Outcome]) -> bool:
+        return future.result().library == "died"
+
+    workers = Crowd()
+    done = own.run(own.plan("seed=1,2,3,4,5", runs=64), tmp_path / "out", workers=workers)
+    assert done.failed == {"seed=2": f"KilledWorker (tried {ATTEMPTS} times)"}
+    assert done.computed == 4 * GROUP
+    # once with others, and then alone
+    assert sum(map(fatal, workers.tasks)) == 1 + ATTEMPTS
+    assert {task.attempt for task in workers.tasks if not fatal(task)} == {0}
+
+
 def test_results_of_another_library_are_not_mixed_in(own: Own, tmp_path: Path) -> None:
     def other(outcome: Outcome) -> Outcome:
         outcome.library = "another"
@@ -452,6 +603,27 @@ def test_a_cluster_of_dask_gives_the_same(own: Own, tmp_path: Path) -> None:
     ).read_bytes()
     assert len(list(own.folder.glob("process-*"))) == 3  # two of the cluster, and this one
     assert list(failed.failed) == ["trouble=raise", "trouble=refuse"]
+
+
+@pytest.mark.long
+def test_a_cell_that_kills_a_worker_of_dask_costs_no_other(own: Own, tmp_path: Path) -> None:
+    import dask
+    import distributed
+
+    plan = own.plan("seed=1,2,3,4,5", runs=64, settings=("trouble=die-of-1", "pause=0.2"))
+    with (
+        dask.config.set(
+            {"distributed.worker.daemon": False, "distributed.scheduler.allowed-failures": 0}
+        ),
+        distributed.LocalCluster(
+            n_workers=1, threads_per_worker=4, processes=True, dashboard_address=None
+        ) as cluster,
+    ):
+        # the other cells are under way or wait beside it, and each of its deaths strikes them too
+        done = own.run(plan, tmp_path / "out", dask=cluster.scheduler_address)
+    assert list(done.failed) == ["seed=1"]
+    assert done.failed["seed=1"].endswith(f"(tried {ATTEMPTS} times)")
+    assert done.computed == 4 * GROUP
 
 
 def test_an_address_where_nobody_answers(
@@ -495,7 +667,16 @@ def test_an_address_where_nobody_answers(
             ["-p", "spread=1", "--grid", "spread=1,2"],
             "-p is 'spread=1.0'; it may be left out: --grid varies spread.",
         ),
-        (["--runs", "39"], "--runs is 39; it may be a whole number from 40 to 10000000."),
+        (
+            ["--grid", "runs=100,200"],
+            "--grid is 'runs=100,200'; it may be another parameter: runs is a column of a sweep's "
+            "tables already; give --runs.",
+        ),
+        (
+            ["--dask", "tcp://h:1", "--jobs", "2"],
+            "--jobs is 2; it may be left out: the cluster of --dask has its own workers.",
+        ),
+        (["--runs", "39"], "--runs is 39; it may be a whole number from 40 to 1000000."),
         (
             ["--grid", "seed=" + ",".join(map(str, range(101))),
              "--grid", "told=" + ",".join(map(str, range(101)))],
@@ -551,13 +732,59 @@ def test_sweeps_of_different_things_are_not_mixed(own: Own, tmp_path: Path) -> N
         with pytest.raises(InswsnError, match=f"was made with another {what}; give another --out"):
             own.run(plan, out, workers=InThisProcess())
     (own.folder / f"{own.module}.py").write_text(OWN + "# changed\n")
-    code_state.cache_clear()
+    sweep_tasks._module_word.cache_clear()
     changed = own.plan(*GRID, runs=64)
-    with pytest.raises(InswsnError, match="another library, Python or numpy; give another --out"):
+    with pytest.raises(InswsnError, match="another library, Python or package; give another"):
         own.run(changed, out, workers=InThisProcess())
     assert (out / "sweep.csv").read_bytes() == before
     done = own.run(changed, out, workers=InThisProcess(), fresh=True)
     assert (done.kept, done.computed) == (0, 4 * GROUP)
+
+
+def test_a_process_knows_what_it_has_imported_and_not_what_lies_on_the_disk(own: Own) -> None:
+    before = code_state(own.name)
+    source = own.folder / f"{own.module}.py"
+    source.write_text(OWN + "OTHER = EXPERIMENT\n")
+    assert code_state(own.name) == before
+    # another name of the module, which this process has imported as it was
+    sys.modules[own.module].OTHER = find_experiment(own.name)  # type: ignore[attr-defined]
+    assert code_state(f"{own.module}:OTHER") == before
+    assert code_state().startswith(sweep_tasks.library_word())
+    # the packages that numbers depend on besides the locks
+    assert f", scipy {scipy.__version__}, " in code_state()
+
+
+def test_a_file_that_is_changed_while_a_chapter_is_executed(
+    mini: MiniProject, tmp_path: Path
+) -> None:
+    source, out = mini.root / "chapters" / "00-mini.md", tmp_path / "out"
+    text = source.read_text()
+    plan = make_plan(mini, "00", ["scale=1,2"], (), None)
+
+    class Edits(InThisProcess):
+        taken = 0
+
+        def outcome(self, future: Future[Outcome]) -> Outcome:
+            self.taken += 1
+            if self.taken == 2:
+                source.write_text(text + "\nAnother sentence.\n")
+            return super().outcome(future)
+
+    def swept(workers: InThisProcess) -> Finished:
+        progress = SweepProgress(Console(file=io.StringIO()))
+        return run_sweep(mini, plan, progress, out=out, workers=workers)
+
+    with pytest.raises(BuildError) as failure:  # of which `main` makes status 1
+        swept(Edits())
+    assert str(failure.value) == (
+        "Another text of the chapter than when the sweep began: what was finished before is kept. "
+        "Put it back and give the same command, or begin anew by --fresh."
+    )
+    source.write_text(text)
+    done = swept(InThisProcess())
+    assert (done.kept, done.computed) == (1, 1)
+    values = pd.read_csv(out / "sweep.csv")["value"]
+    assert values.tolist() == [21.0, 42.0]
 
 
 def test_one_cell_has_no_figure(own: Own, tmp_path: Path) -> None:
@@ -704,8 +931,8 @@ def test_the_runs_of_a_chapter_are_no_axis(mini: MiniProject) -> None:
     with pytest.raises(ParameterError) as refusal:
         make_plan(mini, "00", ["scale=1,2", "runs=200,400"], (), None)
     assert str(refusal.value) == (
-        "--grid is 'runs=200,400'; it may be another parameter: runs is a column of sweep.csv "
-        "already; give --runs."
+        "--grid is 'runs=200,400'; it may be another parameter: runs is a column of a sweep's "
+        "tables already; give --runs."
     )
     plan = make_plan(mini, "00", ["scale=1,2"], (), 50)
     assert (plan.runs, plan.runs_of_part, plan.counted) == (50, 1, "cells")
@@ -758,7 +985,7 @@ def test_another_solver_is_another_sweep(
 def test_a_chapter_is_executed_with_the_solver_that_is_chosen(
     mini: MiniProject, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from inswsn_lib.artefact import execution, sweep_tasks
+    from inswsn_lib.artefact import execution
 
     seen = []
 
@@ -849,7 +1076,7 @@ def test_a_module_that_is_no_text(own: Own) -> None:
     source = own.folder / f"{own.module}.py"
     py_compile.compile(str(source), cfile=str(source.with_suffix(".pyc")))
     source.unlink()
-    assert own.module in own.plan(runs=64).made_from["library, Python or numpy"]
+    assert own.module in own.plan(runs=64).made_from["library, Python or package"]
 
 
 class AFewWorkers:
@@ -861,7 +1088,9 @@ class AFewWorkers:
     def nthreads(self) -> dict[str, int]:
         return {str(number): 1 for number, _ in enumerate(self._found)}
 
-    def run(self, compute: Callable[[str], Any], source: str, on_error: str) -> dict[str, Any]:
+    def run(
+        self, compute: Callable[[str], Any], source: str, workers: None, on_error: str
+    ) -> dict[str, Any]:
         assert on_error == "return"
         own = compute(source)
         return {str(n): own if f is None else f for n, f in enumerate(self._found)}
@@ -884,9 +1113,9 @@ def test_workers_that_would_compute_other_numbers_are_refused(own: Own) -> None:
     assert refusal(("", "No module.")) == "The Dask worker at 0 cannot compute: No module."
     for place, remedy in (
         (0, "install the same checkout there"),
-        (2, "install the same checkout there"),
-        (3, "copy the module there"),
-        (4, "start it with the same INSWSN_SOLVER"),
+        (3, "install the same checkout there"),
+        (-2, "copy the module there"),
+        (-1, "start it with the same INSWSN_SOLVER"),
     ):
         other = [*words]
         other[place] = f"{words[place].split()[0]} 0"
@@ -894,6 +1123,65 @@ def test_workers_that_would_compute_other_numbers_are_refused(own: Own) -> None:
             f"The Dask worker at 0 has {other[place]}, and this command {words[place]}; {remedy}, "
             "and restart the worker: it keeps what it has once loaded."
         )
+
+
+class ACluster(AFewWorkers):
+    """What `DaskWorkers` asks a client of Dask; a task stays where it is."""
+
+    status = "running"
+
+    def __init__(self, **found: object) -> None:
+        super().__init__()
+        self.there = found
+        self.pinned: list[list[str]] = []
+        self.pending: Future[Outcome] = Future()
+
+    def nthreads(self) -> dict[str, int]:
+        return dict.fromkeys(self.there, 2)
+
+    def run(
+        self, compute: Callable[[str], Any], source: str, workers: Any, on_error: str
+    ) -> dict[str, Any]:
+        own = compute(source)
+        return {name: self.there[name] or own for name in workers or self.there}
+
+    def submit(self, compute: Any, task: Any, **options: Any) -> Future[Outcome]:
+        assert not options["allow_other_workers"]
+        self.pinned.append(options["workers"])
+        return self.pending
+
+
+def test_a_worker_that_comes_later_and_differs_gets_no_task(own: Own) -> None:
+    cluster = ACluster(good=None)
+    workers = DaskWorkers(cluster, "tcp://h:1", own.name)
+    assert (workers.look(), workers.size(), workers.has_room()) == ("", 2, True)
+    cluster.there |= {"other": ("library 0", ""), "blind": ("", "No module."), "late": None}
+    said = workers.look()
+    assert "The Dask worker at other has library 0, and this command library " in said
+    assert "The Dask worker at blind cannot compute: No module. It gets no task." in said
+    assert workers.size() == 4
+    future = workers.submit(compute_groups, own.plan(runs=64).tasks({})[0])
+    assert cluster.pinned == [["good", "late"]]
+    # those that may have it go: it would wait for them
+    for name in ("good", "late"):
+        del cluster.there[name]
+    assert workers.look().endswith(
+        "The Dask cluster at tcp://h:1 has no other worker; waiting for one."
+    )
+    assert not workers.has_room()
+    with pytest.raises(
+        WorkerDiedError, match="the workers that could compute it have gone"
+    ) as gone:
+        workers.outcome(future)
+    assert gone.value.shared
+    assert cluster.pending.cancelled()
+    # one that comes back under its name is asked again
+    cluster.there = {"other": None}
+    assert workers.look().startswith("The Dask worker at other has library 0")  # as it was
+    cluster.there = {}
+    workers.look()
+    cluster.there = {"other": None}
+    assert (workers.look(), workers.size()) == ("", 2)
 
 
 @pytest.fixture
@@ -1037,6 +1325,7 @@ def test_each_group_of_each_cell_is_a_task_once(
     for task in tasks:
         assert len({values["size"] for _, values in task.cells}) == 1
         assert len(task.parts) <= block
+        assert len(task.cells) <= 16
 
 
 def test_the_runs_of_monte_carlo_in_parts() -> None:

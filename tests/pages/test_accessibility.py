@@ -121,7 +121,9 @@ MARK = """() => {
   };
   const seen = new Set();
   for (const box of document.body.querySelectorAll("*")) {
-    const own = [...box.childNodes].some((node) => node.nodeType === 3 && node.data.trim());
+    // axe does not look at a hidden one, which so stands for no other
+    const own = [...box.childNodes].some((node) => node.nodeType === 3 && node.data.trim())
+      && box.checkVisibility({visibilityProperty: true});
     box.toggleAttribute("data-look", own && !seen.has(look(box)));
     if (own) seen.add(look(box));
   }
@@ -218,19 +220,24 @@ def test_axe_finds_what_is_there(browser: Browser) -> None:
 
 
 def test_a_pale_text_is_found_among_many_of_its_kind(browser: Browser) -> None:
-    """By its own colour, by what is behind a box that it stands in, or by its size."""
+    """By its own colour, by what is behind a box that it stands in, or by its size.
+
+    Also if the first of its look is hidden.
+    """
     page = browser.new_page()
     same = 50 * "<p><b>some words</b></p>"
     pale = "<p><b style='color: #999'>pale</b></p><p style='background: #666'><b>dark</b></p>"
+    hidden = "<details{}><summary>words</summary><p><i style='color: #aaa'>pale</i></p></details>"
     heading = "<h2 style='color: #888; font-size: {}px'>size</h2>"
     page.set_content(
         "<html lang='en'><title>x</title><main style='color: #444; background: #fff'>"
         f"<h1>title</h1>{same}{pale}{same}{heading.format(30)}{heading.format(9)}"
+        f"{hidden.format('')}{hidden.format(' open')}"
     )
     page.evaluate(axe_script())
     found = page.evaluate(RUN_AXE, [context_of(page, BY_COLOUR, whole=False), BY_COLOUR])
-    assert page.locator("[data-look]").count() == 6
-    assert len(found) == 3
+    assert page.locator("[data-look]").count() == 8
+    assert len(found) == 4
     assert found == page.evaluate(RUN_AXE, [context_of(page, BY_COLOUR, whole=True), BY_COLOUR])
     page.close()
 

@@ -7,11 +7,14 @@ No ``conftest.py``: many tests import the one at the top of the tests by its nam
 from __future__ import annotations
 
 import re
+import time
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from playwright.sync_api import Browser, Page, Request
+
+_SECONDS = 60
 
 
 @dataclass
@@ -51,7 +54,10 @@ def visit(browser: Browser, served: str, name: str, **options: Any) -> Visit:
     page.goto(served + name)
     page.evaluate("() => document.fonts.ready.then(() => window.MathJax?.startup?.promise)")
     # a network that is idle for half a second, as Playwright has it, takes that on each page
+    end = time.monotonic() + _SECONDS
     while under_way:
+        left = [request.url for request in under_way]
+        assert time.monotonic() < end, f"{name} waits for {left}"
         page.wait_for_timeout(20)
     return seen
 
