@@ -355,7 +355,8 @@ def kept_run(project: Project, variant: Variant, chapter: Chapter) -> Ran | None
 def found_elsewhere(project: Project, folder: Path, chapter: Chapter) -> tuple[Variant, Ran] | None:
     """Return what another build found of a chapter; None if there is nothing of it.
 
-    On the processor of the reference nothing was changed; else the machine is another one.
+    On the processor of the reference nothing was changed; else the machine is another one. Two
+    processors of one name may be unlike: then the linear algebra chooses other code on them.
 
     Parameters
     ----------
@@ -379,7 +380,8 @@ def found_elsewhere(project: Project, folder: Path, chapter: Chapter) -> tuple[V
     if its.sources.get("chapter") != file_digest(chapter.source):
         raise InswsnError(f"{path} was made from another source of chapter {chapter.number}.")
     first = reference_results(project, chapter).provenance
-    name = AGAIN if first and first.cpu == its.cpu else MACHINE
+    alike = first is not None and (first.cpu, first.blas) == (its.cpu, its.blas)
+    name = AGAIN if alike else MACHINE
     return Variant(name, *DESCRIPTIONS[name], Surroundings(), its.python), Ran(
         results=results, seconds=its.seconds, day=its.finished[:10], commit=its.commit,
         clean=its.clean, cpu=its.cpu, system=its.system, sources=its.sources,

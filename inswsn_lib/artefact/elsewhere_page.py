@@ -243,7 +243,12 @@ def _libraries(cells: list[Cell]) -> str:
 def _machines(cells: list[Cell]) -> str:
     """Return on which processors runs and their references were made, a sentence for each pair."""
     pairs = sorted({(cell.cpu, cell.reference_cpu) for cell in cells})
-    return " ".join(f"Runs are from {run}, their references from {made}." for run, made in pairs)
+    return " ".join(
+        f"Runs are from {run}, their references from {made}."
+        if run != made
+        else f"Runs and their references are from two unlike processors that are called {run}."
+        for run, made in pairs
+    )
 
 
 def variants_table(study: Study, chapters: int) -> str:

@@ -261,8 +261,10 @@ def start_slow_build(project: MiniProject) -> tuple[subprocess.Popen[str], int]:
             "time.sleep(120)"
         )
     )
-    # what a shell runs in the background is born deaf to Ctrl-C, and so are its children
+    # what a shell runs in the background is born deaf to Ctrl-C, what nohup runs to the end of its
+    # terminal, and so are their children
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    hangup = signal.signal(signal.SIGHUP, signal.SIG_DFL)
     process = subprocess.Popen(
         [sys.executable, "-m", "inswsn_lib", "--root", str(project.root), "book"],
         stderr=subprocess.PIPE,
@@ -271,6 +273,7 @@ def start_slow_build(project: MiniProject) -> tuple[subprocess.Popen[str], int]:
         start_new_session=True,
     )
     signal.signal(signal.SIGINT, before)
+    signal.signal(signal.SIGHUP, hangup)
     for _ in range(600):
         if marker.is_file() and (text := marker.read_text()):
             return process, int(text)

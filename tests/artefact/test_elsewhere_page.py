@@ -303,10 +303,17 @@ def test_what_another_build_found(project: Project, tmp_path: Path) -> None:
     assert same.compared == same.identical == len(results.quantities)
     assert same.commit == provenance.commit
     third = same.model_copy(update={"cpu": "Third", "reference_cpu": "First"})
-    assert variants_list(Study(cells=(third, same))).endswith(
+    alike = same.model_copy(update={"cpu": "Twin", "reference_cpu": "Twin"})
+    assert variants_list(Study(cells=(third, same, alike))).endswith(
         f" Runs are from Another, their references from {provenance.cpu}."
-        " Runs are from Third, their references from First.\n"
+        " Runs are from Third, their references from First."
+        " Runs and their references are from two unlike processors that are called Twin.\n"
     )
+    twin = provenance.model_copy(update={"blas": ("openblas of numpy, for Another, 1 thread",)})
+    write_results(results.model_copy(update={"provenance": twin}), tmp_path / "62.json")
+    found = found_elsewhere(project, tmp_path, chapter)
+    assert found is not None
+    assert found[0].id == MACHINE
     write_results(results, tmp_path / "62.json")
     found = found_elsewhere(project, tmp_path, chapter)
     assert found is not None
