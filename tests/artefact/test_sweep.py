@@ -873,6 +873,12 @@ def test_a_full_disk_is_told_and_loses_nothing(tmp_path: Path) -> None:
         assert store.read(0, 1) == [b"a"]
 
 
+def test_a_store_that_cannot_be_opened_is_told(tmp_path: Path) -> None:
+    (tmp_path / STORE).mkdir()
+    with pytest.raises(BuildError, match="unable to open database file; what is finished is kept"):
+        Store(tmp_path, {"grid": "one"})
+
+
 def test_a_database_of_something_else_is_refused(tmp_path: Path) -> None:
     base = sqlite3.connect(tmp_path / STORE)
     base.execute("CREATE TABLE other (name TEXT)")

@@ -12,6 +12,7 @@ from scipy.linalg import block_diag
 
 from inswsn_lib.errors import ParameterError
 from inswsn_lib.filters import design_kalman, federated_covariance, run_federated, run_kalman
+from inswsn_lib.filters.federated import inverses
 from inswsn_lib.models import ErrorModel
 
 
@@ -485,3 +486,12 @@ def test_a_covariance_is_judged_by_its_own_size() -> None:
     for wrong, said in ((skew, "not symmetric"), (indefinite, "not positive semidefinite")):
         with pytest.raises(ParameterError, match=f"process_covariance is .*{said}"):
             run_federated(ErrorModel.p1(0.2), y, process_covariance=wrong, **fine)
+
+
+@pytest.mark.parametrize("size", [1, 2, 4])
+def test_a_single_matrix_that_has_no_inverse_is_told(size: int) -> None:
+    """Such as the information of one fix of a sum, beside which the prior's is lost to rounding."""
+    singular = np.ones((3, size, size, 1)) - np.eye(size)[..., None] * (size == 1)
+    with pytest.raises(ParameterError, match="is 'singular to rounding'; it may be positive"):
+        inverses(singular)
+    assert np.array_equal(inverses(2 * np.eye(size)[..., None])[..., 0], np.eye(size) / 2)
