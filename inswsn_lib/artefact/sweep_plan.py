@@ -103,10 +103,8 @@ class Plan:
 
         Parameters
         ----------
-        done : mapping of int to set of int
-            Groups that are there, by cell.
-        block : int
-            Groups of a task, at most.
+        done, block
+            As in `tasks`.
         at_once : int
             How many tasks are computed at once.
         """
