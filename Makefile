@@ -107,8 +107,8 @@ $(VENV)/environment: environment.lock environment-torch.lock .ci/pip.txt
 	@$(RUN) -m compileall -q -j 0 -x '[/\\]tests?[/\\]' $(VENV)/lib >/dev/null || true
 	@touch $@
 
-$(VENV)/package: $(VENV)/environment pyproject.toml
-	@$(RUN) -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --no-index -e .
+$(VENV)/package: $(VENV)/environment pyproject.toml book/pyproject.toml
+	@$(RUN) -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --no-index -e . -e book
 	@touch $@
 
 clean: ## remove what was built; the environment stays

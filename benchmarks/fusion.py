@@ -13,10 +13,10 @@ from pathlib import Path
 
 import numpy as np
 import yaml
+from inswsn_book.files import write_whole
+from inswsn_book.provenance import machine_facts
 from throughput import best_of
 
-from inswsn_lib.artefact.provenance import machine_facts
-from inswsn_lib.files import write_whole
 from inswsn_lib.lmi import FilterDesign, design_filter, design_fusion
 from inswsn_lib.models import ErrorModel
 

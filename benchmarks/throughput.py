@@ -21,11 +21,11 @@ import numpy as np
 import simdkalman
 import yaml
 from filterpy.kalman import KalmanFilter
+from inswsn_book.files import write_whole
+from inswsn_book.provenance import machine_facts
 from sklearn.kernel_ridge import KernelRidge
 from sklearn.model_selection import GridSearchCV, LeaveOneOut
 
-from inswsn_lib.artefact.provenance import machine_facts
-from inswsn_lib.files import write_whole
 from inswsn_lib.filters import run_kalman
 from inswsn_lib.learning import LSSVMRegressor, select_lssvm
 from inswsn_lib.learning.kernels import kernel_matrix

@@ -22,12 +22,12 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import yaml
+from inswsn_book.files import write_whole
+from inswsn_book.provenance import machine_facts
 from pyins import filters, inertial_sensor, measurements, sim, strapdown, transform
 from pyins.util import DV_COLS, LLA_COLS, RPH_COLS, THETA_COLS, TRAJECTORY_COLS, VEL_COLS
 from throughput import Row, row
 
-from inswsn_lib.artefact.provenance import machine_facts
-from inswsn_lib.files import write_whole
 from inswsn_lib.learning.selected import SelectedLSSVM
 from inswsn_lib.vehicle import (
     Drive,

@@ -1,4 +1,4 @@
-"""Methods, forensics and claims of three papers on integrated navigation.
+"""Methods and forensics of three papers on integrated navigation.
 
 The rooms of the library, and what each may use, are listed in ``CONTRIBUTING.md``;
 the chapters in ``chapters/`` show every one of them at work.

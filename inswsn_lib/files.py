@@ -1,12 +1,9 @@
-"""Files that are written whole or not at all, and the digests that name their content."""
+"""Files that the library reads: those that it carries, YAML, and the folder of recorded data."""
 
 from __future__ import annotations
 
-import hashlib
 import os
 import re
-import tempfile
-from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -15,44 +12,66 @@ from yaml.composer import Composer
 
 from inswsn_lib.errors import InswsnError
 
+#: Set by a user: a local folder with recorded data, ``<owner>__<repo>/<commit>/<path>`` in it.
+DATA_VARIABLE = "INSWSN_DATA"
 
-def write_whole(path: Path, text: str) -> None:
-    """Write a text file in one step: a reader sees the old file or the new one, never a part.
+_PACKAGE = Path(__file__).parent
+
+
+def data_file(name: str) -> Path:
+    """Return the path of a file that comes with the library, or lies below ``data/`` of a checkout.
+
+    An installed library carries copies of the scenarios and of the example recording; one that is
+    used from a checkout reads the checkout's own.
 
     Parameters
     ----------
-    path : Path
-        Where to write; the folder is made if it is absent.
-    text : str
-        The whole content, written as UTF-8.
+    name : str
+        Such as ``"scenarios/p1.yaml"`` or ``"examples/ins-wsn.csv"``.
+
+    Returns
+    -------
+    Path
 
     Raises
     ------
-    OSError
-        If the folder cannot be written. Nothing is left behind.
+    InswsnError
+        If there is no such file.
 
     Examples
     --------
-    >>> from pathlib import Path
-    >>> from tempfile import TemporaryDirectory
-    >>> from inswsn_lib.files import write_whole
-    >>> with TemporaryDirectory() as folder:
-    ...     write_whole(Path(folder) / "new" / "name.txt", "whole")
-    ...     [path.name for path in (Path(folder) / "new").iterdir()]
-    ['name.txt']
+    >>> from inswsn_lib.files import data_file
+    >>> data_file("examples/ins-wsn.csv").name
+    'ins-wsn.csv'
     """
-    path.parent.mkdir(parents=True, exist_ok=True)
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-    try:
-        with os.fdopen(handle, "w", encoding="utf-8", newline="\n") as stream:
-            stream.write(text)
-            stream.flush()
-            os.fsync(stream.fileno())
-        Path(temporary).chmod(0o644)
-        Path(temporary).replace(path)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise
+    for folder in (_PACKAGE / "data", _PACKAGE.parent / "data"):
+        if (folder / name).is_file():
+            return folder / name
+    raise InswsnError(f"There is no data file {name!r}: neither in the package nor in a checkout.")
+
+
+def data_mirror() -> Path | None:
+    """Return the local folder with recorded data; None if none is named or it is not there.
+
+    Returns
+    -------
+    Path or None
+        What ``INSWSN_DATA`` names, absolute.
+
+    Examples
+    --------
+    >>> import os
+    >>> from unittest.mock import patch
+    >>> from inswsn_lib.files import DATA_VARIABLE, data_mirror
+    >>> with patch.dict(os.environ, {DATA_VARIABLE: ""}):
+    ...     data_mirror() is None
+    True
+    """
+    named = os.environ.get(DATA_VARIABLE)
+    if not named:
+        return None
+    folder = Path(named).absolute()
+    return folder if folder.is_dir() else None
 
 
 # LibYAML finds the tokens several times as fast. The nodes are put together by PyYAML in any case:
@@ -119,12 +138,12 @@ def read_yaml(path: Path) -> Any:
     >>> from pathlib import Path
     >>> from tempfile import TemporaryDirectory
     >>> from inswsn_lib.errors import InswsnError
-    >>> from inswsn_lib.files import read_yaml, write_whole
+    >>> from inswsn_lib.files import read_yaml
     >>> with TemporaryDirectory() as folder:
     ...     path = Path(folder) / "values.yaml"
-    ...     write_whole(path, "{gamma: 1e-1, steps: 100}")
+    ...     _ = path.write_text("{gamma: 1e-1, steps: 100}")
     ...     read_yaml(path)
-    ...     write_whole(path, "{gamma: 1, gamma: 2}")
+    ...     _ = path.write_text("{gamma: 1, gamma: 2}")
     ...     try:
     ...         read_yaml(path)
     ...     except InswsnError as error:
@@ -143,84 +162,3 @@ def read_yaml(path: Path) -> Any:
     except (yaml.YAMLError, ValueError) as error:
         said = " ".join(str(error).split())[:300]
         raise InswsnError(f"{path} is not YAML: {said}.") from None
-
-
-def text_digest(text: str) -> str:
-    """Return the SHA-256 of a text's UTF-8 bytes as 64 hexadecimal digits.
-
-    Parameters
-    ----------
-    text : str
-        The text.
-
-    Returns
-    -------
-    str
-
-    Examples
-    --------
-    >>> from inswsn_lib.files import text_digest
-    >>> text_digest("abc")[:16]  # the example of FIPS 180-2
-    'ba7816bf8f01cfea'
-    """
-    return hashlib.sha256(text.encode("utf-8")).hexdigest()
-
-
-def file_digest(path: Path) -> str:
-    """Return the SHA-256 of a file's bytes as 64 hexadecimal digits.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-
-    Returns
-    -------
-    str
-
-    Examples
-    --------
-    >>> from pathlib import Path
-    >>> from tempfile import TemporaryDirectory
-    >>> from inswsn_lib.files import file_digest, text_digest, write_whole
-    >>> with TemporaryDirectory() as folder:
-    ...     write_whole(Path(folder) / "abc.txt", "abc")
-    ...     file_digest(Path(folder) / "abc.txt") == text_digest("abc")
-    True
-    """
-    return hashlib.sha256(path.read_bytes()).hexdigest()
-
-
-def tree_digest(root: Path, paths: Iterable[Path]) -> str:
-    """Return one SHA-256 for a set of files: of their names below `root` and their contents.
-
-    Parameters
-    ----------
-    root : Path
-        Folder that the names are relative to.
-    paths : iterable of Path
-        The files, in any order.
-
-    Returns
-    -------
-    str
-        64 hexadecimal digits.
-
-    Examples
-    --------
-    The same content below another name has another digest; the folder itself has no part in it:
-
-    >>> from pathlib import Path
-    >>> from tempfile import TemporaryDirectory
-    >>> from inswsn_lib.files import tree_digest, write_whole
-    >>> def digest(name):
-    ...     with TemporaryDirectory() as folder:
-    ...         write_whole(Path(folder) / name, "abc")
-    ...         return tree_digest(Path(folder), Path(folder).iterdir())
-    >>> digest("a.txt") == digest("a.txt"), digest("a.txt") == digest("b.txt")
-    (True, False)
-    """
-    digest = hashlib.sha256()
-    for path in sorted(set(paths)):
-        digest.update(f"{path.relative_to(root).as_posix()}\0{file_digest(path)}\n".encode())
-    return digest.hexdigest()

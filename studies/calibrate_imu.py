@@ -22,10 +22,10 @@ from pathlib import Path
 
 import numpy as np
 import yaml
+from inswsn_book.files import write_whole
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from inswsn_lib.files import write_whole
 from inswsn_lib.papers import read_table
 from inswsn_lib.simulation import InertialErrors, Scene, load_scenario, simulate_ins
 

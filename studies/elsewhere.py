@@ -3,7 +3,7 @@
     python studies/elsewhere.py [--variant threads-2] [--only 02] [--python PATH] [--jobs 2]
 
 Executes the chapters again with one thing of their surroundings changed (see
-inswsn_lib/artefact/elsewhere.py) and holds what they find against data/published. What comes of it
+book/inswsn_book/elsewhere.py) and holds what they find against data/published. What comes of it
 is kept in data/elsewhere.json, from which the book's page is made. One variant takes about as long
 as the book does, SCS longer. The study may be stopped at any time: runs that have ended are kept in
 _build/elsewhere and are not made again.
@@ -29,7 +29,7 @@ import sys
 from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 from pathlib import Path
 
-from inswsn_lib.artefact.elsewhere import (
+from inswsn_book.elsewhere import (
     ELSEWHERE,
     Cell,
     Variant,
@@ -42,11 +42,12 @@ from inswsn_lib.artefact.elsewhere import (
     variants,
     write_elsewhere,
 )
-from inswsn_lib.artefact.execution import longest_first
-from inswsn_lib.artefact.progress import Progress
-from inswsn_lib.artefact.project import Chapter, Project
-from inswsn_lib.artefact.provenance import repository_state
-from inswsn_lib.artefact.running import find_chapter
+from inswsn_book.execution import longest_first
+from inswsn_book.progress import Progress
+from inswsn_book.project import Chapter, Project
+from inswsn_book.provenance import repository_state
+from inswsn_book.running import find_chapter
+
 from inswsn_lib.errors import InswsnError, ParameterError
 
 ROOT = Path(__file__).parent.parent

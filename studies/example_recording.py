@@ -13,8 +13,8 @@ import sys
 from pathlib import Path
 
 import numpy as np
+from inswsn_book.files import write_whole
 
-from inswsn_lib.files import write_whole
 from inswsn_lib.navigation import INS, REFERENCE, TIME, WSN
 
 SEED = 20120707

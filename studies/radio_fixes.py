@@ -17,14 +17,14 @@ from pathlib import Path
 
 import numpy as np
 import pooch
+from inswsn_book.files import file_digest, write_whole
+from inswsn_book.provenance import repository_state
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from inswsn_lib.artefact.provenance import repository_state
-from inswsn_lib.checkout import DATA_VARIABLE
 from inswsn_lib.errors import InswsnError
-from inswsn_lib.files import file_digest, write_whole
+from inswsn_lib.files import DATA_VARIABLE
 
 ROOT = Path(__file__).parent.parent
 OWNER, NAME = "INRoL", "inrol_uwb_localization"

@@ -15,8 +15,9 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from inswsn_book.files import write_whole
+from inswsn_book.provenance import repository_state
 
-from inswsn_lib.artefact.provenance import repository_state
 from inswsn_lib.navigation import p3_hybrids, run_recorded_outages
 from inswsn_lib.simulation import load_scenario
 from inswsn_lib.vehicle import FilterSettings, calibrate_inertial_noise, load_drive
@@ -49,8 +50,7 @@ def main() -> None:
         seed=SEED,
     )
     commit, clean = repository_state(ROOT)
-    trials.write(
-        ROOT / "data/recorded/p3-drive.json",
+    text = trials.to_json(
         made=datetime.datetime.now(datetime.UTC).date().isoformat(),
         commit=commit,
         clean=clean,
@@ -62,6 +62,7 @@ def main() -> None:
         level=settings.gyro_noise / beliefs.gyro_noise,
         levels={f"{level:g}": round(mean, 4) for level, mean in levels.items()},
     )
+    write_whole(ROOT / "data/recorded/p3-drive.json", text)
 
 
 if __name__ == "__main__":

@@ -20,17 +20,18 @@ import sys
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from pathlib import Path
 
-from inswsn_lib.artefact.about import load_about
-from inswsn_lib.artefact.assumptions import (
+from inswsn_book.about import load_about
+from inswsn_book.assumptions import (
     Assumptions,
     load_assumptions,
     problems_of,
 )
-from inswsn_lib.artefact.progress import Progress
-from inswsn_lib.artefact.project import Project
-from inswsn_lib.artefact.provenance import machine_facts, repository_state
-from inswsn_lib.artefact.sensitivity import Cell, Working, cell_key, cells_of, run_cell
-from inswsn_lib.artefact.study import (
+from inswsn_book.files import file_digest, tree_digest
+from inswsn_book.progress import Progress
+from inswsn_book.project import Project
+from inswsn_book.provenance import machine_facts, repository_state
+from inswsn_book.sensitivity import Cell, Working, cell_key, cells_of, run_cell
+from inswsn_book.study import (
     ASSUMPTIONS,
     SENSITIVITY,
     Made,
@@ -40,9 +41,9 @@ from inswsn_lib.artefact.study import (
     read_study,
     write_study,
 )
-from inswsn_lib.checkout import data_mirror
+
 from inswsn_lib.errors import InswsnError
-from inswsn_lib.files import file_digest, tree_digest
+from inswsn_lib.files import data_mirror
 
 ROOT = Path(__file__).parent.parent
 

@@ -21,8 +21,8 @@ from hypothesis import settings
 # side by side would else have more threads than there are cores.
 os.environ.update({f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL", "NUMBA")})
 
-from inswsn_lib.artefact.project import Project
-from inswsn_lib.artefact.serving import address, make_server
+from inswsn_book.project import Project
+from inswsn_book.serving import address, make_server
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
@@ -55,7 +55,7 @@ scale: float = 2.0  # 1; 0 < value <= 100
 ```
 
 ```{code-cell} ipython3
-from inswsn_lib.claims import ChapterRecord
+from inswsn_book.record import ChapterRecord
 
 record = ChapterRecord("00", parameters={"scale": scale})
 number = float(record.data("papers/number.txt").read_text())
@@ -173,7 +173,7 @@ def run_command(
 ) -> subprocess.CompletedProcess[str]:
     """Run ``inswsn`` on a checkout as a process of its own."""
     return subprocess.run(  # type: ignore[call-overload,no-any-return]
-        [sys.executable, "-m", "inswsn_lib", "--root", str(root), *words],
+        [sys.executable, "-m", "inswsn_book", "--root", str(root), *words],
         check=False,
         capture_output=True,
         text=True,
@@ -317,6 +317,6 @@ def displayed(monkeypatch: pytest.MonkeyPatch) -> list[tuple[dict[str, str], dic
         assert raw
         outputs.append((data, metadata or {}))
 
-    for module in ("claims.record", "plotting.figures", "plotting.labs", "plotting.tables"):
-        monkeypatch.setattr(f"inswsn_lib.{module}.display", display)
+    for module in ("record", "show", "labs"):
+        monkeypatch.setattr(f"inswsn_book.{module}.display", display)
     return outputs

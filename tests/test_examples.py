@@ -13,10 +13,11 @@ from types import ModuleType
 
 import matplotlib as mpl
 import pytest
+from inswsn_book.checkout import RESULTS_VARIABLE, ROOT_VARIABLE
 from matplotlib import pyplot as plt
 
 import inswsn_lib
-from inswsn_lib.checkout import DATA_VARIABLE, RESULTS_VARIABLE, ROOT_VARIABLE
+from inswsn_lib.files import DATA_VARIABLE
 
 # The rooms whose public names are listed in __all__, and the modules below them
 ROOMS = (

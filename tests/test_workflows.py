@@ -17,10 +17,9 @@ from typing import Any
 
 import pytest
 import yaml
+from inswsn_book.about import load_about
+from inswsn_book.environment import PYTHON
 from packaging.specifiers import SpecifierSet
-
-from inswsn_lib.artefact.about import load_about
-from inswsn_lib.artefact.environment import PYTHON
 
 BIN = Path(sys.executable).parent
 #: What sets a job up, or hands files over: the only steps that are no target and not the script.

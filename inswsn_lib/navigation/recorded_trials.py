@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from inswsn_lib.errors import InswsnError
-from inswsn_lib.files import write_whole
 from inswsn_lib.navigation.trials import as_starts, run_outages
 from inswsn_lib.navigation.vehicle_hybrid import VehicleHybrid
 from inswsn_lib.vehicle import (
@@ -55,9 +54,9 @@ class RecordedTrials:
     --------
     What ``studies/recorded_drive.py`` kept of the recorded drive:
 
-    >>> from inswsn_lib.checkout import find_root
+    >>> from inswsn_lib.files import data_file
     >>> from inswsn_lib.navigation import read_trials
-    >>> trials, facts = read_trials(find_root() / "data/recorded/p3-drive.json")
+    >>> trials, facts = read_trials(data_file("recorded/p3-drive.json"))
     >>> steps, outages, runs = trials.errors["never"].shape
     >>> len(trials.starts) == outages, trials.mounting.shape == (2, outages, runs)
     (True, True)
@@ -72,15 +71,18 @@ class RecordedTrials:
     speed: Array
     mounting: Array
 
-    def write(self, path: Path, **facts: Any) -> None:
-        """Keep the trials in a file, to millimetres, with facts about where they come from.
+    def to_json(self, **facts: Any) -> str:
+        """Return the trials as JSON, to millimetres, with facts about where they come from.
 
         Parameters
         ----------
-        path : Path
-            JSON; written whole or not at all.
         **facts
             What JSON can hold, by name.
+
+        Returns
+        -------
+        str
+            What `read_trials` reads from a file.
         """
         content = {
             "form": _FORM,
@@ -92,7 +94,7 @@ class RecordedTrials:
             "speed": np.round(self.speed, _DIGITS).tolist(),
             "mounting": np.round(self.mounting, 6).tolist(),
         }
-        write_whole(path, json.dumps(content, separators=(",", ":")) + "\n")
+        return json.dumps(content, separators=(",", ":")) + "\n"
 
 
 def read_trials(path: Path) -> tuple[RecordedTrials, dict[str, Any]]:
@@ -101,7 +103,7 @@ def read_trials(path: Path) -> tuple[RecordedTrials, dict[str, Any]]:
     Parameters
     ----------
     path : Path
-        From `RecordedTrials.write`.
+        A file of what `RecordedTrials.to_json` returned.
 
     Returns
     -------
@@ -112,7 +114,7 @@ def read_trials(path: Path) -> tuple[RecordedTrials, dict[str, Any]]:
     Raises
     ------
     InswsnError
-        If the file is not one of `RecordedTrials.write`.
+        If the file is not one of `RecordedTrials.to_json`.
 
     Examples
     --------
@@ -126,7 +128,7 @@ def read_trials(path: Path) -> tuple[RecordedTrials, dict[str, Any]]:
     ...     mounting=np.zeros((2, 1, 1)),
     ... )
     >>> with TemporaryDirectory() as folder:
-    ...     trials.write(Path(folder, "trials.json"), level=2.0)
+    ...     _ = Path(folder, "trials.json").write_text(trials.to_json(level=2.0))
     ...     found, facts = read_trials(Path(folder, "trials.json"))
     >>> facts, found.starts.tolist(), found.errors["hold"].ravel().tolist()
     ({'level': 2.0}, [7], [0.0, 1.235])
@@ -203,13 +205,13 @@ def run_recorded_outages(
     first turn:
 
     >>> import numpy as np
-    >>> from inswsn_lib.checkout import find_root
+    >>> from inswsn_lib.files import data_file
     >>> from inswsn_lib.learning import HoldRegressor
     >>> from inswsn_lib.navigation import VehicleHybrid, run_recorded_outages
     >>> from inswsn_lib.simulation import load_scenario, with_values
     >>> from inswsn_lib.vehicle import FilterSettings, RecordedDrive, simulate_drive
     >>> from inswsn_lib.vehicle.recorded import Track
-    >>> scenario = load_scenario(find_root() / "data/scenarios/p3.yaml")
+    >>> scenario = load_scenario(data_file("scenarios/p3.yaml"))
     >>> drive = simulate_drive(with_values(scenario, imu_period=0.1), runs=1, seed=0)
     >>> true = drive.reference
     >>> track = Track(drive.time, true.position, true.velocity, np.ones(len(drive.time), int))

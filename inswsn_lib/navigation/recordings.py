@@ -142,10 +142,10 @@ def read_recording(path: Path) -> Recording:
 
     >>> from pathlib import Path
     >>> from tempfile import TemporaryDirectory
-    >>> from inswsn_lib.checkout import find_root
+    >>> from inswsn_lib.files import data_file
     >>> from inswsn_lib.errors import InswsnError
     >>> from inswsn_lib.navigation import INS, TIME, read_recording
-    >>> recording = read_recording(find_root() / "data/examples/ins-wsn.csv")
+    >>> recording = read_recording(data_file("examples/ins-wsn.csv"))
     >>> recording.measurements.shape, round(recording.period, 2), recording.outages
     ((301, 4, 1), 0.2, [(37, 39), (100, 160), (230, 270)])
     >>> with TemporaryDirectory() as folder:

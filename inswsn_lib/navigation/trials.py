@@ -49,11 +49,11 @@ def p3_hybrids(settings: FilterSettings, **options: Any) -> dict[str, VehicleHyb
 
     Examples
     --------
-    >>> from inswsn_lib.checkout import find_root
+    >>> from inswsn_lib.files import data_file
     >>> from inswsn_lib.navigation import p3_hybrids
     >>> from inswsn_lib.simulation import load_scenario
     >>> from inswsn_lib.vehicle import FilterSettings
-    >>> scenario = load_scenario(find_root() / "data/scenarios/p3.yaml")
+    >>> scenario = load_scenario(data_file("scenarios/p3.yaml"))
     >>> hybrids = p3_hybrids(FilterSettings.from_settings(scenario), window=60)
     >>> list(hybrids)
     ['lssvm', 'rbf', 'no time', 'linear', 'hold']
@@ -93,11 +93,11 @@ class OutageTrials:
 
     Examples
     --------
-    >>> from inswsn_lib.checkout import find_root
+    >>> from inswsn_lib.files import data_file
     >>> from inswsn_lib.navigation import run_outages
     >>> from inswsn_lib.simulation import load_scenario, with_values
     >>> from inswsn_lib.vehicle import FilterSettings, simulate_drive
-    >>> scenario = load_scenario(find_root() / "data/scenarios/p3.yaml")
+    >>> scenario = load_scenario(data_file("scenarios/p3.yaml"))
     >>> drive = simulate_drive(with_values(scenario, imu_period=0.1), runs=2, seed=0)
     >>> trials = run_outages(drive, FilterSettings.from_settings(scenario), [30, 50, 70], 5)
     >>> trials.errors["until"].shape, trials.positions["until"].shape
@@ -157,12 +157,12 @@ def run_outages(
     Forty seconds without GPS in the first turn of P3's drive: compass and lateral velocity bound
     the error, and the hybrid learns on top of them.
 
-    >>> from inswsn_lib.checkout import find_root
+    >>> from inswsn_lib.files import data_file
     >>> from inswsn_lib.learning import HoldRegressor
     >>> from inswsn_lib.navigation import VehicleHybrid, outage_size, run_outages
     >>> from inswsn_lib.simulation import load_scenario, with_values
     >>> from inswsn_lib.vehicle import FilterSettings, simulate_drive
-    >>> scenario = load_scenario(find_root() / "data/scenarios/p3.yaml")
+    >>> scenario = load_scenario(data_file("scenarios/p3.yaml"))
     >>> settings = FilterSettings.from_settings(scenario)
     >>> drive = simulate_drive(with_values(scenario, imu_period=0.1), runs=4, seed=0)
     >>> hybrids = {"hold": VehicleHybrid(settings, HoldRegressor())}

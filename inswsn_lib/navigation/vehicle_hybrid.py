@@ -43,12 +43,12 @@ class Ramps:
     From epoch 20 on one simulated outage after the other, ten seconds each, before a real one at
     40:
 
-    >>> from inswsn_lib.checkout import find_root
+    >>> from inswsn_lib.files import data_file
     >>> from inswsn_lib.learning import HoldRegressor
     >>> from inswsn_lib.navigation import VehicleHybrid
     >>> from inswsn_lib.simulation import load_scenario, with_values
     >>> from inswsn_lib.vehicle import FilterSettings, run_vehicle_filter, simulate_drive
-    >>> scenario = load_scenario(find_root() / "data/scenarios/p3.yaml")
+    >>> scenario = load_scenario(data_file("scenarios/p3.yaml"))
     >>> settings = FilterSettings.from_settings(scenario)
     >>> drive = simulate_drive(with_values(scenario, imu_period=0.1), runs=1, seed=0)
     >>> run = run_vehicle_filter(drive, settings, last=40)
@@ -161,12 +161,12 @@ class Bridge:
     What was predicted is what the position is moved by:
 
     >>> import numpy as np
-    >>> from inswsn_lib.checkout import find_root
+    >>> from inswsn_lib.files import data_file
     >>> from inswsn_lib.learning import HoldRegressor
     >>> from inswsn_lib.navigation import VehicleHybrid
     >>> from inswsn_lib.simulation import load_scenario, with_values
     >>> from inswsn_lib.vehicle import FilterSettings, metres, run_vehicle_filter, simulate_drive
-    >>> scenario = load_scenario(find_root() / "data/scenarios/p3.yaml")
+    >>> scenario = load_scenario(data_file("scenarios/p3.yaml"))
     >>> settings = FilterSettings.from_settings(scenario)
     >>> drive = simulate_drive(with_values(scenario, imu_period=0.1), runs=1, seed=0)
     >>> run = run_vehicle_filter(drive, settings, last=60)
@@ -241,12 +241,12 @@ class VehicleHybrid:
     Ten seconds without GPS after a minute's drive. A regressor that has learned from the outages
     that were simulated before predicts how far the filter without GPS goes astray:
 
-    >>> from inswsn_lib.checkout import find_root
+    >>> from inswsn_lib.files import data_file
     >>> from inswsn_lib.learning import LSSVMRegressor
     >>> from inswsn_lib.navigation import VehicleHybrid
     >>> from inswsn_lib.simulation import load_scenario, with_values
     >>> from inswsn_lib.vehicle import FilterSettings, run_vehicle_filter, simulate_drive
-    >>> scenario = load_scenario(find_root() / "data/scenarios/p3.yaml")
+    >>> scenario = load_scenario(data_file("scenarios/p3.yaml"))
     >>> settings = FilterSettings.from_settings(scenario)
     >>> drive = simulate_drive(with_values(scenario, imu_period=0.1), runs=2, seed=0)
     >>> run = run_vehicle_filter(drive, settings, last=60)

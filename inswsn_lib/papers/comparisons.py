@@ -42,9 +42,9 @@ def reductions(table: pd.DataFrame, better: str, worse: str) -> dict[str, Derive
     --------
     By how much the filter of P1 lowers the error of the Kalman filter, per cent:
 
-    >>> from inswsn_lib.checkout import find_root
+    >>> from inswsn_lib.files import data_file
     >>> from inswsn_lib.papers import read_table, reductions
-    >>> table2 = read_table(find_root() / "data/papers/p1-table2.csv", index="method")
+    >>> table2 = read_table(data_file("papers/p1-table2.csv"), index="method")
     >>> found = reductions(table2, "HF", "KF")
     >>> print(f"{found['rx1'].value:.1f}, {found['vx1'].value:.1f}")
     86.7, 60.8
@@ -76,9 +76,9 @@ def pooled_reductions(
 
     Examples
     --------
-    >>> from inswsn_lib.checkout import find_root
+    >>> from inswsn_lib.files import data_file
     >>> from inswsn_lib.papers import pooled_reductions, read_table
-    >>> table2 = read_table(find_root() / "data/papers/p1-table2.csv", index="method")
+    >>> table2 = read_table(data_file("papers/p1-table2.csv"), index="method")
     >>> pooled = pooled_reductions(table2, "HF", "KF", areas="12")
     >>> {axis: round(float(cell.mid), 1) for axis, cell in pooled.items()}
     {'rx': 95.1, 'ry': 90.8, 'vx': 64.1, 'vy': 86.9}
@@ -114,10 +114,10 @@ def supported(
     P1 says by how much its filter lowers the four errors of the Kalman filter, in the first area.
     How many of the four can its Table 2 give, in each area and in both pooled?
 
-    >>> from inswsn_lib.checkout import find_root
+    >>> from inswsn_lib.files import data_file
     >>> from inswsn_lib.papers import about, read_numbers, read_table, supported
-    >>> table2 = read_table(find_root() / "data/papers/p1-table2.csv", index="method")
-    >>> text = read_numbers(find_root() / "data/papers/p1.yaml")["text"]
+    >>> table2 = read_table(data_file("papers/p1-table2.csv"), index="method")
+    >>> text = read_numbers(data_file("papers/p1.yaml"))["text"]
     >>> stated = {axis: about(number, 2.5) for axis, number in text["hf_vs_kf"].items()}
     >>> supported(table2, stated, [("HF", "KF")]).to_dict("index")
     {'KF to HF': {'No. 1': 1, 'No. 2': 0, 'both': 0}}
@@ -156,9 +156,9 @@ def ordered_columns(table: pd.DataFrame, *methods: str) -> list[str]:
     In all 8 columns of P1's Table 2 the filter is better than the Kalman filter, and that better
     than the INS alone:
 
-    >>> from inswsn_lib.checkout import find_root
+    >>> from inswsn_lib.files import data_file
     >>> from inswsn_lib.papers import ordered_columns, read_table
-    >>> table2 = read_table(find_root() / "data/papers/p1-table2.csv", index="method")
+    >>> table2 = read_table(data_file("papers/p1-table2.csv"), index="method")
     >>> len(ordered_columns(table2, "HF", "KF", "INS-only"))
     8
     """

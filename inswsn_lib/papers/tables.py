@@ -33,9 +33,9 @@ def read_table(path: Path, index: str) -> pd.DataFrame:
 
     Examples
     --------
-    >>> from inswsn_lib.checkout import find_root
+    >>> from inswsn_lib.files import data_file
     >>> from inswsn_lib.papers import read_table
-    >>> table = read_table(find_root() / "data/papers/p1-table2.csv", index="method")
+    >>> table = read_table(data_file("papers/p1-table2.csv"), index="method")
     >>> table.loc["HF", "rx1"]
     '0.3881'
     >>> list(table.index)
@@ -73,9 +73,9 @@ def read_numbers(path: Path) -> dict[str, Any]:
 
     Examples
     --------
-    >>> from inswsn_lib.checkout import find_root
+    >>> from inswsn_lib.files import data_file
     >>> from inswsn_lib.papers import read_numbers
-    >>> numbers = read_numbers(find_root() / "data/papers/p1.yaml")
+    >>> numbers = read_numbers(data_file("papers/p1.yaml"))
     >>> numbers["text"]["sampling_period"]  # in s, a text with the digits as printed
     '1'
     """

@@ -7,16 +7,12 @@ keeps their hues.
 
 from __future__ import annotations
 
-import io
 from typing import Any
 
 import matplotlib as mpl
-from IPython.display import display
 from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-
-from inswsn_lib.errors import ParameterError
 
 #: The colours, by what they stand for in every chapter.
 COLOURS = {
@@ -104,53 +100,3 @@ def percent_axis(axes: Axes, which: str = "x") -> None:
     """
     axis = axes.xaxis if which == "x" else axes.yaxis
     axis.set_major_formatter(mpl.ticker.PercentFormatter(decimals=0))
-
-
-def show_figure(fig: Figure, *, name: str, caption: str, alt: str) -> None:
-    """Show a figure with its caption and alternative text; the last thing a cell does.
-
-    Parameters
-    ----------
-    fig : Figure
-        The figure; it is closed.
-    name : str
-        The label that ``{numref}`` uses, for example ``"fig-table1-shifts"``.
-    caption : str
-        What to see in it, in MyST Markdown.
-    alt : str
-        What a reader who cannot see it needs: the message and its numbers.
-
-    Raises
-    ------
-    ParameterError
-        If the name, the caption or the alternative text is empty.
-
-    Examples
-    --------
-    In a notebook the figure is shown; a plain interpreter prints what is sent to it, and a missing
-    caption or alternative text is refused:
-
-    >>> from inswsn_lib.plotting import figure, show_figure
-    >>> fig, axes = figure()
-    >>> line = axes.plot([0, 1], [0, 2])
-    >>> show_figure(fig, name="fig-line", caption="A line.", alt=" ")
-    Traceback (most recent call last):
-        ...
-    inswsn_lib.errors.ParameterError: alt is ' '; it may be a text that is not empty.
-    >>> show_figure(  # doctest: +ELLIPSIS
-    ...     fig, name="fig-line", caption="A line.", alt="A line from 0 to 2."
-    ... )
-    {'image/svg+xml': ...<svg..., 'text/plain': 'A line from 0 to 2.'}
-    """
-    for field, text in (("name", name), ("caption", caption), ("alt", alt)):
-        if not text.strip():
-            raise ParameterError(field, text, "a text that is not empty")
-    stream = io.StringIO()
-    fig.savefig(stream, format="svg", metadata={"Date": None, "Creator": None})
-    plt.close(fig)
-    # the build moves this metadata to the cell, where the book's renderer looks for it
-    display(
-        {"image/svg+xml": stream.getvalue(), "text/plain": alt},
-        metadata={"inswsn": {"name": name, "caption": caption, "alt": alt}},
-        raw=True,
-    )

@@ -1,5 +1,6 @@
 """Simulation: a path, a two-dimensional INS, sensor networks with geometry; P1's and P2's scene."""
 
+from inswsn_lib.scenario import Setting, load_scenario, with_values
 from inswsn_lib.simulation.clusters import ClusterScene
 from inswsn_lib.simulation.ins import InertialErrors, simulate_ins, true_increments
 from inswsn_lib.simulation.network import (
@@ -13,7 +14,6 @@ from inswsn_lib.simulation.network import (
     velocity_slopes,
 )
 from inswsn_lib.simulation.scenario import Scene, Window
-from inswsn_lib.simulation.settings import Setting, load_scenario, with_values
 from inswsn_lib.simulation.shapes import SHAPES, shaped_drift
 from inswsn_lib.simulation.stress import drifting, heavy_tailed, losing
 from inswsn_lib.simulation.traffic import OPERATIONS, Traffic, count_hops, count_traffic

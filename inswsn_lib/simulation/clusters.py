@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inswsn_lib.errors import InswsnError, ParameterError
+from inswsn_lib.scenario import Setting, frozen, take
 from inswsn_lib.simulation.ins import InertialErrors, inertial_errors
 from inswsn_lib.simulation.network import (
     Ranging,
@@ -22,7 +23,6 @@ from inswsn_lib.simulation.network import (
     position_covariance,
     velocity_slopes,
 )
-from inswsn_lib.simulation.settings import Setting, frozen, take
 from inswsn_lib.simulation.trajectory import Motion, Path
 
 Array = NDArray[np.float64]
@@ -74,9 +74,9 @@ class ClusterScene:
     P2's network: ten by seven nodes in three clusters, whose fixes are as accurate as P2 says.
 
     >>> import numpy as np
-    >>> from inswsn_lib.checkout import find_root
+    >>> from inswsn_lib.files import data_file
     >>> from inswsn_lib.simulation import ClusterScene, load_scenario
-    >>> scene = ClusterScene.from_settings(load_scenario(find_root() / "data/scenarios/p2.yaml"))
+    >>> scene = ClusterScene.from_settings(load_scenario(data_file("scenarios/p2.yaml")))
     >>> len(scene.nodes), [int(np.sum(scene.labels == c)) for c in range(3)]
     (70, [15, 15, 40])
     >>> traces = np.trace(scene.fix_covariance, axis1=2, axis2=3)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inswsn_lib.errors import InswsnError, ParameterError
+from inswsn_lib.scenario import Setting, frozen, take
 from inswsn_lib.simulation.ins import InertialErrors, inertial_errors
 from inswsn_lib.simulation.network import (
     Ranging,
@@ -20,7 +21,6 @@ from inswsn_lib.simulation.network import (
     nodes_heard,
     velocity_slopes,
 )
-from inswsn_lib.simulation.settings import Setting, frozen, take
 from inswsn_lib.simulation.trajectory import Motion, Path
 
 Array = NDArray[np.float64]
@@ -117,9 +117,9 @@ class Scene:
     P1's scene, with the errors of the INS that fit its INS-only cells:
 
     >>> import numpy as np
-    >>> from inswsn_lib.checkout import find_root
+    >>> from inswsn_lib.files import data_file
     >>> from inswsn_lib.simulation import Scene, load_scenario
-    >>> folder = find_root() / "data/scenarios"
+    >>> folder = data_file("scenarios")
     >>> settings = load_scenario(folder / "p1.yaml") | load_scenario(folder / "p1-inertial.yaml")
     >>> scene = Scene.from_settings(settings)
     >>> {name: window.samples for name, window in scene.windows.items()}

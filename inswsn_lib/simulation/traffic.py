@@ -43,9 +43,9 @@ class Traffic:
     --------
     One count for each step of the scene; a message holds one number or more:
 
-    >>> from inswsn_lib.checkout import find_root
+    >>> from inswsn_lib.files import data_file
     >>> from inswsn_lib.simulation import ClusterScene, count_traffic, load_scenario, with_values
-    >>> settings = load_scenario(find_root() / "data/scenarios/p2.yaml")
+    >>> settings = load_scenario(data_file("scenarios/p2.yaml"))
     >>> scene = ClusterScene.from_settings(with_values(settings, period=1.0))
     >>> traffic = count_traffic(scene)["local estimates"]
     >>> len(traffic.transmissions) == len(traffic.numbers) == len(scene.motion.time)
@@ -142,9 +142,9 @@ def count_traffic(scene: ClusterScene) -> dict[str, Traffic]:
     --------
     Covariances take ten more numbers a message, but no message more:
 
-    >>> from inswsn_lib.checkout import find_root
+    >>> from inswsn_lib.files import data_file
     >>> from inswsn_lib.simulation import ClusterScene, count_traffic, load_scenario, with_values
-    >>> settings = load_scenario(find_root() / "data/scenarios/p2.yaml")
+    >>> settings = load_scenario(data_file("scenarios/p2.yaml"))
     >>> scene = ClusterScene.from_settings(with_values(settings, period=1.0))
     >>> traffic = count_traffic(scene)
     >>> local, full = (traffic[f"local estimates{more}"] for more in ("", " with covariances"))

@@ -60,13 +60,13 @@ def calibrate_inertial_noise(
     both are made here from a simulated drive:
 
     >>> import numpy as np
-    >>> from inswsn_lib.checkout import find_root
+    >>> from inswsn_lib.files import data_file
     >>> from inswsn_lib.simulation import load_scenario, with_values
     >>> from inswsn_lib.vehicle import (
     ...     FilterSettings, RecordedDrive, calibrate_inertial_noise, simulate_drive
     ... )
     >>> from inswsn_lib.vehicle.recorded import Track
-    >>> scenario = load_scenario(find_root() / "data/scenarios/p3.yaml")
+    >>> scenario = load_scenario(data_file("scenarios/p3.yaml"))
     >>> settings = FilterSettings.from_settings(scenario)
     >>> for times in (1, 3):
     ...     noises = {n: times * scenario[n].value for n in ("gyro_noise", "accelerometer_noise")}

@@ -13,7 +13,7 @@ from pyins import earth
 from scipy.spatial.transform import Rotation
 
 from inswsn_lib.errors import ParameterError
-from inswsn_lib.simulation.settings import Setting
+from inswsn_lib.scenario import Setting
 from inswsn_lib.vehicle.drive import Drive
 from inswsn_lib.vehicle.error_model import (
     ACCELEROMETER_BIAS,
@@ -77,10 +77,10 @@ class FilterSettings:
 
     Examples
     --------
-    >>> from inswsn_lib.checkout import find_root
+    >>> from inswsn_lib.files import data_file
     >>> from inswsn_lib.simulation import load_scenario
     >>> from inswsn_lib.vehicle import FilterSettings
-    >>> scenario = load_scenario(find_root() / "data/scenarios/p3.yaml")
+    >>> scenario = load_scenario(data_file("scenarios/p3.yaml"))
     >>> settings = FilterSettings.from_settings(scenario)
     >>> settings.gps_position, settings.states
     (3.0, 15)
@@ -246,10 +246,10 @@ class VehicleRun:
 
     Examples
     --------
-    >>> from inswsn_lib.checkout import find_root
+    >>> from inswsn_lib.files import data_file
     >>> from inswsn_lib.simulation import load_scenario, with_values
     >>> from inswsn_lib.vehicle import FilterSettings, run_vehicle_filter, simulate_drive
-    >>> scenario = load_scenario(find_root() / "data/scenarios/p3.yaml")
+    >>> scenario = load_scenario(data_file("scenarios/p3.yaml"))
     >>> drive = simulate_drive(with_values(scenario, imu_period=0.1), runs=2, seed=0)
     >>> run = run_vehicle_filter(drive, FilterSettings.from_settings(scenario), last=5)
     >>> run.position.shape, run.innovations.shape, run.states.attitude.shape
@@ -297,12 +297,12 @@ def position_error(run: VehicleRun, drive: Drive, position: Array | None = None)
     A position that is 4 m east and 3 m north of the reference:
 
     >>> import numpy as np
-    >>> from inswsn_lib.checkout import find_root
+    >>> from inswsn_lib.files import data_file
     >>> from inswsn_lib.simulation import load_scenario, with_values
     >>> from inswsn_lib.vehicle import (
     ...     FilterSettings, metres, position_error, run_vehicle_filter, simulate_drive
     ... )
-    >>> scenario = load_scenario(find_root() / "data/scenarios/p3.yaml")
+    >>> scenario = load_scenario(data_file("scenarios/p3.yaml"))
     >>> drive = simulate_drive(with_values(scenario, imu_period=0.1), runs=1, seed=0)
     >>> run = run_vehicle_filter(drive, FilterSettings.from_settings(scenario), last=1)
     >>> true = drive.reference.position[:2]
@@ -334,12 +334,12 @@ def horizontal_error(run: VehicleRun, drive: Drive, position: Array | None = Non
     A position that is 4 m east and 3 m north of the reference:
 
     >>> import numpy as np
-    >>> from inswsn_lib.checkout import find_root
+    >>> from inswsn_lib.files import data_file
     >>> from inswsn_lib.simulation import load_scenario, with_values
     >>> from inswsn_lib.vehicle import (
     ...     FilterSettings, horizontal_error, metres, run_vehicle_filter, simulate_drive
     ... )
-    >>> scenario = load_scenario(find_root() / "data/scenarios/p3.yaml")
+    >>> scenario = load_scenario(data_file("scenarios/p3.yaml"))
     >>> drive = simulate_drive(with_values(scenario, imu_period=0.1), runs=1, seed=0)
     >>> run = run_vehicle_filter(drive, FilterSettings.from_settings(scenario), last=1)
     >>> true = drive.reference.position[:2]
@@ -377,12 +377,12 @@ def navigation_error(run: VehicleRun, drive: Drive) -> Array:
     After 100 s with all aids the attitude is known to better than a degree about each axis:
 
     >>> import numpy as np
-    >>> from inswsn_lib.checkout import find_root
+    >>> from inswsn_lib.files import data_file
     >>> from inswsn_lib.simulation import load_scenario, with_values
     >>> from inswsn_lib.vehicle import (
     ...     FilterSettings, navigation_error, run_vehicle_filter, simulate_drive
     ... )
-    >>> scenario = load_scenario(find_root() / "data/scenarios/p3.yaml")
+    >>> scenario = load_scenario(data_file("scenarios/p3.yaml"))
     >>> drive = simulate_drive(with_values(scenario, imu_period=0.1), runs=2, seed=0)
     >>> run = run_vehicle_filter(drive, FilterSettings.from_settings(scenario), last=100)
     >>> error = navigation_error(run, drive)
@@ -449,12 +449,12 @@ def run_vehicle_filter(
     --------
     Forty seconds without GPS in a turn, with compass and lateral velocity and without them:
 
-    >>> from inswsn_lib.checkout import find_root
+    >>> from inswsn_lib.files import data_file
     >>> from inswsn_lib.simulation import load_scenario, with_values
     >>> from inswsn_lib.vehicle import (
     ...     FilterSettings, horizontal_error, run_vehicle_filter, simulate_drive
     ... )
-    >>> scenario = load_scenario(find_root() / "data/scenarios/p3.yaml")
+    >>> scenario = load_scenario(data_file("scenarios/p3.yaml"))
     >>> settings = FilterSettings.from_settings(scenario)
     >>> drive = simulate_drive(with_values(scenario, imu_period=0.1), runs=4, seed=0)
     >>> start = drive.places[0].start
@@ -533,10 +533,10 @@ def replay(
     A branch with an outage is the run that has it:
 
     >>> import numpy as np
-    >>> from inswsn_lib.checkout import find_root
+    >>> from inswsn_lib.files import data_file
     >>> from inswsn_lib.simulation import load_scenario, with_values
     >>> from inswsn_lib.vehicle import FilterSettings, replay, run_vehicle_filter, simulate_drive
-    >>> scenario = load_scenario(find_root() / "data/scenarios/p3.yaml")
+    >>> scenario = load_scenario(data_file("scenarios/p3.yaml"))
     >>> settings = FilterSettings.from_settings(scenario)
     >>> drive = simulate_drive(with_values(scenario, imu_period=0.1), runs=1, seed=0)
     >>> run = run_vehicle_filter(drive, settings, last=30)
@@ -602,7 +602,7 @@ def align(drive: Drive, settings: FilterSettings) -> VehicleState:
     An accelerometer that tells 0.1 m/s^2 more across the car tilts the levelled INS by that over g:
 
     >>> import numpy as np
-    >>> from inswsn_lib.checkout import find_root
+    >>> from inswsn_lib.files import data_file
     >>> from inswsn_lib.simulation import load_scenario
     >>> from inswsn_lib.vehicle import Drive, FilterSettings, Reference, align, yaw
     >>> pushes = np.zeros((10, 3, 1))
@@ -613,7 +613,7 @@ def align(drive: Drive, settings: FilterSettings) -> VehicleState:
     ...     gps_velocity=np.zeros((2, 3, 1)), compass=np.full((2, 1), np.pi / 2), places=(),
     ...     reference=Reference(np.zeros((2, 3)), np.zeros((2, 3))), origin="simulated",
     ... )
-    >>> scenario = load_scenario(find_root() / "data/scenarios/p3.yaml")
+    >>> scenario = load_scenario(data_file("scenarios/p3.yaml"))
     >>> state = align(drive, FilterSettings.from_settings(scenario))
     >>> print(f"{float(np.degrees(yaw(state.attitude)[0])):.1f} degrees")
     90.0 degrees

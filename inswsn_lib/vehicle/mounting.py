@@ -31,12 +31,12 @@ class Mounting:
     The rotation takes the vehicle's forward axis, in the IMU's axes, to (1, 0, 0):
 
     >>> import numpy as np
-    >>> from inswsn_lib.checkout import find_root
+    >>> from inswsn_lib.files import data_file
     >>> from inswsn_lib.simulation import load_scenario, with_values
     >>> from inswsn_lib.vehicle import (
     ...     FilterSettings, estimate_mounting, run_vehicle_filter, simulate_drive
     ... )
-    >>> scenario = load_scenario(find_root() / "data/scenarios/p3.yaml")
+    >>> scenario = load_scenario(data_file("scenarios/p3.yaml"))
     >>> drive = simulate_drive(with_values(scenario, imu_period=0.1), runs=1, seed=0)
     >>> settings = FilterSettings.from_settings(scenario)
     >>> mounting = estimate_mounting(run_vehicle_filter(drive, settings, aiding=False, last=80), 80)
@@ -87,12 +87,12 @@ def estimate_mounting(run: VehicleRun, until: int, *, slowest: float = 5.0) -> M
     its own:
 
     >>> import numpy as np
-    >>> from inswsn_lib.checkout import find_root
+    >>> from inswsn_lib.files import data_file
     >>> from inswsn_lib.simulation import load_scenario, with_values
     >>> from inswsn_lib.vehicle import (
     ...     FilterSettings, estimate_mounting, run_vehicle_filter, simulate_drive
     ... )
-    >>> scenario = load_scenario(find_root() / "data/scenarios/p3.yaml")
+    >>> scenario = load_scenario(data_file("scenarios/p3.yaml"))
     >>> turned = with_values(scenario, imu_period=0.1, mounting_yaw=np.radians(6.0))
     >>> drive = simulate_drive(turned, runs=2, seed=0)
     >>> settings = FilterSettings.from_settings(scenario, yaw=0.2)

@@ -31,10 +31,10 @@ class PeerRun:
 
     Examples
     --------
-    >>> from inswsn_lib.checkout import find_root
+    >>> from inswsn_lib.files import data_file
     >>> from inswsn_lib.simulation import load_scenario, with_values
     >>> from inswsn_lib.vehicle import FilterSettings, run_pyins_filter, simulate_drive
-    >>> scenario = load_scenario(find_root() / "data/scenarios/p3.yaml")
+    >>> scenario = load_scenario(data_file("scenarios/p3.yaml"))
     >>> drive = simulate_drive(with_values(scenario, imu_period=0.1), runs=1, seed=0)
     >>> peer = run_pyins_filter(drive, FilterSettings.from_settings(scenario), last=2, step=1.0)
     >>> peer.position.shape, peer.velocity.shape  # epochs 0, 1 and 2
@@ -78,12 +78,12 @@ def run_pyins_filter(
     With GPS alone it and `run_vehicle_filter` say the same to a centimetre, but for the last epoch:
 
     >>> import numpy as np
-    >>> from inswsn_lib.checkout import find_root
+    >>> from inswsn_lib.files import data_file
     >>> from inswsn_lib.simulation import load_scenario, with_values
     >>> from inswsn_lib.vehicle import (
     ...     FilterSettings, metres, run_pyins_filter, run_vehicle_filter, simulate_drive
     ... )
-    >>> scenario = load_scenario(find_root() / "data/scenarios/p3.yaml")
+    >>> scenario = load_scenario(data_file("scenarios/p3.yaml"))
     >>> settings = FilterSettings.from_settings(scenario)
     >>> drive = simulate_drive(with_values(scenario, imu_period=0.1), runs=1, seed=0)
     >>> peer = run_pyins_filter(drive, settings, last=10, step=1.0)

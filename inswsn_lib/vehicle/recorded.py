@@ -23,9 +23,8 @@ from pyins import earth
 from pyins.strapdown import compute_increments_from_imu
 from pyins.util import ACCEL_COLS, GYRO_COLS
 
-from inswsn_lib.checkout import DATA_VARIABLE
 from inswsn_lib.errors import InswsnError, ParameterError
-from inswsn_lib.files import file_digest
+from inswsn_lib.files import DATA_VARIABLE
 from inswsn_lib.vehicle.drive import Drive, Place, Reference
 
 with warnings.catch_warnings():
@@ -325,7 +324,7 @@ def _from_mirror(root: Path) -> dict[str, Path]:
             raise InswsnError(
                 f"There is no file {path}; the mirror that {DATA_VARIABLE} names may have it."
             )
-        if file_digest(path) != _DIGESTS[name]:
+        if pooch.file_hash(str(path)) != _DIGESTS[name]:
             raise InswsnError(
                 f"{path} is not the original {name}: its SHA-256 does not begin with "
                 f"{_DIGESTS[name][:12]}."

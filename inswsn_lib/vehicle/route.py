@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from inswsn_lib.errors import InswsnError, ParameterError
-from inswsn_lib.simulation.settings import Setting, frozen
+from inswsn_lib.scenario import Setting, frozen
 
 Array = NDArray[np.float64]
 T = TypeVar("T")

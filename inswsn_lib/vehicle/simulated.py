@@ -11,7 +11,7 @@ from pyins import earth, sim, transform
 from scipy.signal import lfilter
 
 from inswsn_lib.errors import ParameterError
-from inswsn_lib.simulation.settings import Setting
+from inswsn_lib.scenario import Setting
 from inswsn_lib.vehicle.drive import Drive, Place, Reference
 from inswsn_lib.vehicle.route import Kinematics, Range, Route, from_settings, plan_route, whole
 
@@ -171,10 +171,10 @@ class Truth:
 
     Examples
     --------
-    >>> from inswsn_lib.checkout import find_root
+    >>> from inswsn_lib.files import data_file
     >>> from inswsn_lib.simulation import load_scenario, with_values
     >>> from inswsn_lib.vehicle import true_motion
-    >>> scenario = load_scenario(find_root() / "data/scenarios/p3.yaml")
+    >>> scenario = load_scenario(data_file("scenarios/p3.yaml"))
     >>> truth = true_motion(with_values(scenario, imu_period=0.1))
     >>> truth.rotation.shape  # ten samples in each of 1500 s, and the one before the start
     (3, 15001)
@@ -223,10 +223,10 @@ def simulate_drive(
     P3's drive of 25 minutes, here with an IMU at 10 Hz:
 
     >>> import numpy as np
-    >>> from inswsn_lib.checkout import find_root
+    >>> from inswsn_lib.files import data_file
     >>> from inswsn_lib.simulation import load_scenario, with_values
     >>> from inswsn_lib.vehicle import metres, simulate_drive
-    >>> scenario = load_scenario(find_root() / "data/scenarios/p3.yaml")
+    >>> scenario = load_scenario(data_file("scenarios/p3.yaml"))
     >>> drive = simulate_drive(with_values(scenario, imu_period=0.1), runs=4, seed=0)
     >>> drive.time[-1].item(), drive.samples_per_epoch, drive.runs, len(drive.places)
     (1500.0, 10, 4, 8)
@@ -267,10 +267,10 @@ def true_motion(settings: Mapping[str, Setting], route: int = 0) -> Truth:
     The vehicle stands at the start, and ideal accelerometers then tell the reaction to gravity:
 
     >>> import numpy as np
-    >>> from inswsn_lib.checkout import find_root
+    >>> from inswsn_lib.files import data_file
     >>> from inswsn_lib.simulation import load_scenario, with_values
     >>> from inswsn_lib.vehicle import true_motion
-    >>> scenario = load_scenario(find_root() / "data/scenarios/p3.yaml")
+    >>> scenario = load_scenario(data_file("scenarios/p3.yaml"))
     >>> truth = true_motion(with_values(scenario, imu_period=0.1))
     >>> bool(np.abs(truth.reference.velocity[:10]).max() < 1e-6)
     True
@@ -361,11 +361,11 @@ def simulate_sensors(
     --------
     A run is the same however many runs there are:
 
-    >>> from inswsn_lib.checkout import find_root
+    >>> from inswsn_lib.files import data_file
     >>> from inswsn_lib.simulation import load_scenario, with_values
     >>> from inswsn_lib.vehicle import simulate_sensors, true_motion
     >>> scenario = with_values(
-    ...     load_scenario(find_root() / "data/scenarios/p3.yaml"), imu_period=0.1
+    ...     load_scenario(data_file("scenarios/p3.yaml")), imu_period=0.1
     ... )
     >>> truth = true_motion(scenario)
     >>> one, three = (simulate_sensors(truth, scenario, runs=runs, seed=0) for runs in (1, 3))

@@ -9,10 +9,9 @@ import sys
 from pathlib import Path
 
 import pytest
-
-from inswsn_lib.artefact.project import Project
-from inswsn_lib.checkout import RESULTS_VARIABLE
-from inswsn_lib.claims import Results, read_results
+from inswsn_book.checkout import RESULTS_VARIABLE
+from inswsn_book.project import Project
+from inswsn_book.results import Results, read_results
 
 
 @pytest.fixture(scope="module")

@@ -6,10 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from inswsn_book.ledger import claims_of, load_claims
+from inswsn_book.project import Project
+from inswsn_book.results import Results, read_results
+from inswsn_book.verdicts import Verdict, verdicts
 from scipy.linalg import solve_discrete_are
-
-from inswsn_lib.artefact.project import Project
-from inswsn_lib.claims import Results, Verdict, claims_of, load_claims, read_results, verdicts
 
 TRANSITION = np.eye(4)
 TRANSITION[0, 2] = TRANSITION[1, 3] = 0.2

@@ -6,10 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from inswsn_book.project import Project
+from inswsn_book.results import Results, read_results
 from scipy.linalg import solve_discrete_are, solve_discrete_lyapunov
-
-from inswsn_lib.artefact.project import Project
-from inswsn_lib.claims import Results, read_results
 
 HALF_NORMAL = np.sqrt(2 / np.pi)  # mean absolute value of a standard normal number
 

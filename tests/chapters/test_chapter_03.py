@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from inswsn_book.project import Project
+from inswsn_book.results import Results, read_results
 from sklearn.kernel_ridge import KernelRidge
 from sklearn.linear_model import LinearRegression, Ridge
 
-from inswsn_lib.artefact.project import Project
-from inswsn_lib.claims import Results, read_results
 from inswsn_lib.evaluation import monte_carlo
 from inswsn_lib.simulation import Scene, load_scenario
 

@@ -8,12 +8,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from inswsn_book.ledger import load_claims
+from inswsn_book.project import Project
+from inswsn_book.results import Results, read_results
+from inswsn_book.verdicts import Judged, Verdict, verdicts
 from numpy.typing import NDArray
 from scipy.linalg import solve_discrete_are
 
 from inswsn_lib import papers
-from inswsn_lib.artefact.project import Project
-from inswsn_lib.claims import Judged, Results, Verdict, load_claims, read_results, verdicts
 from inswsn_lib.evaluation import monte_carlo
 from inswsn_lib.filters import handover_weights
 from inswsn_lib.lmi import FilterDesign, design_filter, design_fusion, hinf_norm, riccati_gamma

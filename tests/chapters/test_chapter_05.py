@@ -12,15 +12,17 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from inswsn_book.ledger import load_claims
+from inswsn_book.project import Project
+from inswsn_book.results import Results, read_results
+from inswsn_book.verdicts import Judged, Verdict, verdicts
 from numpy.typing import NDArray
 from pyins import strapdown, transform
 
 from inswsn_lib import papers
-from inswsn_lib.artefact.project import Project
-from inswsn_lib.checkout import DATA_VARIABLE
-from inswsn_lib.claims import Judged, Results, Verdict, load_claims, read_results, verdicts
+from inswsn_lib.files import DATA_VARIABLE
+from inswsn_lib.scenario import Setting
 from inswsn_lib.simulation import load_scenario, with_values
-from inswsn_lib.simulation.settings import Setting
 from inswsn_lib.vehicle import (
     Drive,
     FilterSettings,

@@ -7,10 +7,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from inswsn_book.project import Project
+from inswsn_book.results import Results, read_results
 from scipy.linalg import solve_discrete_are
-
-from inswsn_lib.artefact.project import Project
-from inswsn_lib.claims import Results, read_results
 
 RUNS = ("1x", "1y", "2x", "2y")
 PARTS = ("position", "velocity")

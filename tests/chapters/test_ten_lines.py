@@ -15,9 +15,9 @@ from typing import Any
 import jupytext
 import numpy as np
 import pytest
+from inswsn_book.project import Project
+from inswsn_book.results import read_results
 
-from inswsn_lib.artefact.project import Project
-from inswsn_lib.claims import read_results
 from inswsn_lib.lmi import hinf_norm
 
 PAGES = ("61", "62", "63", "64", "65")

@@ -11,13 +11,12 @@ from pathlib import Path
 
 import nbformat
 import pytest
-
-from inswsn_lib.artefact import worker
-from inswsn_lib.artefact.notebooks import read_source
-from inswsn_lib.artefact.project import Project
-from inswsn_lib.checkout import RESULTS_VARIABLE, ROOT_VARIABLE
-from inswsn_lib.claims import read_results
-from inswsn_lib.parameters import Value
+from inswsn_book import worker
+from inswsn_book.checkout import RESULTS_VARIABLE, ROOT_VARIABLE
+from inswsn_book.notebooks import read_source
+from inswsn_book.parameters import Value
+from inswsn_book.project import Project
+from inswsn_book.results import read_results
 
 # parameters with which a chapter is quick, and which are not those of the published run
 QUICK: dict[str, dict[str, Value]] = {

@@ -29,11 +29,7 @@ import nbformat
 import numpy as np
 import pytest
 from bs4 import BeautifulSoup, Tag
-from PIL import Image
-from playwright.sync_api import Browser, Page
-from visiting import contrast_of, it_is_whole, page_names, visit
-
-from inswsn_lib.artefact.accessibility import (
+from inswsn_book.accessibility import (
     AXE_TAGS,
     MADE_PAGES,
     SCREENS,
@@ -43,7 +39,11 @@ from inswsn_lib.artefact.accessibility import (
     count_pages,
     count_rules,
 )
-from inswsn_lib.artefact.project import Project
+from inswsn_book.project import Project
+from PIL import Image
+from playwright.sync_api import Browser, Page
+from visiting import contrast_of, it_is_whole, page_names, visit
+
 from inswsn_lib.plotting import COLOURS
 
 pytestmark = pytest.mark.page

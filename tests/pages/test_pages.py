@@ -7,12 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from inswsn_book.judging import judge_claims, select_claims
+from inswsn_book.project import Project
 from PIL import Image
 from playwright.sync_api import Browser, Page
 from visiting import contrast, it_is_whole, page_names, visit
-
-from inswsn_lib.artefact.judging import judge_claims, select_claims
-from inswsn_lib.artefact.project import Project
 
 pytestmark = pytest.mark.page
 

@@ -8,8 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
-
-from inswsn_lib.artefact.elsewhere import (
+from inswsn_book.elsewhere import (
     AGAIN,
     ELSEWHERE,
     Study,
@@ -20,10 +19,11 @@ from inswsn_lib.artefact.elsewhere import (
     run,
     variants,
 )
-from inswsn_lib.artefact.elsewhere_page import EXPLANATIONS, elsewhere_texts, title_of
-from inswsn_lib.artefact.progress import Progress
-from inswsn_lib.artefact.project import Project
-from inswsn_lib.artefact.provenance import available_cores
+from inswsn_book.elsewhere_page import EXPLANATIONS, elsewhere_texts, title_of
+from inswsn_book.progress import Progress
+from inswsn_book.project import Project
+from inswsn_book.provenance import available_cores
+
 from inswsn_lib.errors import InswsnError
 
 QUICK = "61"

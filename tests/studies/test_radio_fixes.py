@@ -10,8 +10,8 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from inswsn_lib.checkout import data_mirror
 from inswsn_lib.errors import InswsnError
+from inswsn_lib.files import data_mirror
 
 
 @pytest.fixture(scope="module")

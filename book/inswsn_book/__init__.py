@@ -1,0 +1,1 @@
+"""The machinery of the book: chapters are run, recorded, judged and shown."""

@@ -1,0 +1,477 @@
+"""The ``inswsn`` command."""
+
+from __future__ import annotations
+
+import signal
+import sys
+import textwrap
+import threading
+from pathlib import Path
+
+import click
+
+from inswsn_book.checkout import find_root, is_checkout
+from inswsn_book.project import Project
+from inswsn_lib import __version__
+from inswsn_lib.errors import BuildError, InswsnError, ParameterError
+
+
+@click.group()
+@click.version_option(__version__, prog_name="inswsn")
+@click.option(
+    "--root",
+    type=click.Path(path_type=Path),
+    help="The checkout to work on. Default: found by looking upward from the working folder.",
+)
+@click.pass_context
+def cli(context: click.Context, root: Path | None) -> None:
+    """Rebuild three papers on integrated navigation, chapter by chapter."""
+    context.obj = root
+
+
+def _project(root: Path | None) -> Project:
+    # found when a command runs, so that its help needs no checkout
+    if root is not None and not is_checkout(root):
+        raise InswsnError(f"--root is {str(root)!r}; it may be the folder of a checkout of inswsn.")
+    project = Project(root.resolve() if root else find_root())
+    library = project.libraries[0]
+    own = project.root / library.name
+    if own.is_dir() and own.resolve() != library.resolve():
+        raise InswsnError(
+            f"{project.root} has a library of its own, and this is the command of "
+            f"{library.parent}; call the one in {project.root / '.venv'}."
+        )
+    return project
+
+
+@cli.command()
+@click.option("--fresh", is_flag=True, help="Ignore the cache: execute and render everything.")
+@click.option("--jobs", type=click.IntRange(min=1), help="Chapters at once. Default: one a core.")
+@click.pass_obj
+def book(root: Path | None, fresh: bool, jobs: int | None) -> None:
+    """Execute the chapters that changed and render the book."""
+    from inswsn_book.building import build_book
+    from inswsn_book.progress import Progress
+
+    project = _project(root)
+    with Progress() as progress:
+        build_book(project, progress, fresh=fresh, jobs=jobs)
+    click.echo(f"Open {project.site / 'index.html'} in a browser, or run: make serve")
+
+
+@cli.command()
+@click.pass_obj
+def chapters(root: Path | None) -> None:
+    """List the chapters with their parameters."""
+    from inswsn_book.parameters import chapter_schema
+
+    project = _project(root)
+    for chapter in project.chapters():
+        click.echo(f"{chapter.number}  {chapter.name[3:]}")
+        for parameter in chapter_schema(project.root, chapter.number).parameters:
+            unit = "" if parameter.unit == "1" else f" {parameter.unit}"
+            click.echo(f"    {parameter.name} = {parameter.default}{unit}; {parameter.allowed}")
+            click.echo(textwrap.indent(textwrap.fill(parameter.meaning, 88), "        "))
+
+
+@cli.command()
+@click.argument("name")
+@click.option("-p", "settings", multiple=True, metavar="NAME=VALUE", help="Set a parameter.")
+@click.option(
+    "-f",
+    "file",
+    type=click.Path(exists=True, dir_okay=False, path_type=Path),
+    help="A YAML file of parameters; -p overrides it.",
+)
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    help="The folder of this run. Default: one below runs/ named for its parameters.",
+)
+@click.option("--html", is_flag=True, help="Render the book with this run in it.")
+@click.pass_obj
+def run(
+    root: Path | None,
+    name: str,
+    settings: tuple[str, ...],
+    file: Path | None,
+    out: Path | None,
+    html: bool,
+) -> None:
+    """Execute a chapter with other parameters and compare it with the published run."""
+    from rich.console import Console
+
+    from inswsn_book import running
+    from inswsn_book.parameters import chapter_schema
+    from inswsn_book.progress import Progress
+    from inswsn_book.publishing import reference_results
+
+    project = _project(root)
+    chapter = running.find_chapter(project, name)
+    schema = chapter_schema(project.root, chapter.number)
+    values = running.gather_parameters(schema, settings, file, project.root / "data")
+    with Progress() as progress:
+        done = running.run_chapter(project, chapter, values, progress, out=out, html=html)
+    running.show_comparison(
+        reference_results(project, chapter),
+        done.results,
+        running.claims_of_chapter(project, chapter.number),
+        ("published run", "this run"),
+        Console(width=None if sys.stdout.isatty() else 120),
+    )
+    click.echo(f"The run is in {done.folder}")
+
+
+@cli.command()
+@click.argument("name")
+@click.option(
+    "--grid",
+    "axes",
+    multiple=True,
+    metavar="NAME=VALUE,VALUE,...",
+    help="An axis: a parameter, and the values that it goes through. One for each axis.",
+)
+@click.option("-p", "settings", multiple=True, metavar="NAME=VALUE", help="Set a parameter.")
+@click.option(
+    "--runs",
+    type=int,
+    help="Runs of each cell. Default: 1000, or what the chapter declares. Where runs go in groups "
+    "(chapter 02, an experiment of your own), more of them later build on those that are there.",
+)
+@click.option("--jobs", type=click.IntRange(min=1), help="Processes. Default: one a core.")
+@click.option("--dask", metavar="ADDRESS", help="Compute on the Dask cluster of this scheduler.")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    help="The folder of this sweep. Default: one below runs/ named for its grid.",
+)
+@click.option("--fresh", is_flag=True, help="Drop what an earlier sweep has left in the folder.")
+@click.pass_obj
+def sweep(
+    root: Path | None,
+    name: str,
+    axes: tuple[str, ...],
+    settings: tuple[str, ...],
+    runs: int | None,
+    jobs: int | None,
+    dask: str | None,
+    out: Path | None,
+    fresh: bool,
+) -> None:
+    """Rerun a chapter's Monte Carlo at each cell of a grid of parameters.
+
+    NAME is a chapter or, for an experiment of your own, package.module:NAME. The runs of chapter 02
+    go in groups, over processes or a cluster; of every other chapter the notebook is executed once
+    a cell. What is finished is kept, whatever ends the command, and the same command goes on from
+    there; it also tries failed cells again.
+    """
+    from rich.console import Console
+
+    from inswsn_book.sweep import run_sweep
+    from inswsn_book.sweep_plan import make_plan
+    from inswsn_book.sweep_progress import SweepProgress
+    from inswsn_book.sweep_results import show_leaders
+
+    project = _project(root)
+    plan = make_plan(project, name, axes, settings, runs)
+    with SweepProgress() as progress:
+        done = run_sweep(project, plan, progress, out=out, jobs=jobs, dask=dask, fresh=fresh)
+    show_leaders(plan, done, Console(width=None if sys.stdout.isatty() else 120))
+    if done.no_figure:
+        click.echo(f"There is no figure: {done.no_figure}")
+    click.echo(f"{done.computed:,} {plan.counted} computed, {done.kept:,} were there.")
+    click.echo(f"The sweep is in {done.folder}")
+    if done.failed:
+        raise BuildError(
+            f"{len(done.failed)} of {done.cells} cells failed, with the reasons in "
+            f"{done.folder / 'failed.csv'}; the same command tries them again."
+        )
+
+
+@cli.command()
+@click.argument("before", type=click.Path(exists=True, dir_okay=False, path_type=Path))
+@click.argument("after", type=click.Path(exists=True, dir_okay=False, path_type=Path))
+@click.pass_obj
+def compare(root: Path | None, before: Path, after: Path) -> None:
+    """Compare two results files of one chapter."""
+    from rich.console import Console
+
+    from inswsn_book.results import read_results
+    from inswsn_book.running import claims_of_chapter, show_comparison
+
+    first, second = read_results(before), read_results(after)
+    if first.chapter != second.chapter:
+        raise InswsnError(
+            f"{before} is of chapter {first.chapter} and {after} of chapter {second.chapter}; "
+            "two runs of one chapter can be compared."
+        )
+    console = Console(width=None if sys.stdout.isatty() else 120)
+    claims = claims_of_chapter(_project(root), first.chapter)
+    show_comparison(first, second, claims, ("first", "second"), console)
+
+
+@cli.command()
+@click.option("--paper", help="Only claims of this paper: P1, P2 or P3.")
+@click.option("--kind", help="Only claims of this kind, such as numeric.")
+@click.option("--verdict", help="Only claims with this verdict, such as 'not reproduced'.")
+@click.option("--json", "as_json", is_flag=True, help="A list of objects, for a program.")
+@click.option(
+    "--results",
+    type=click.Path(exists=True, file_okay=False, path_type=Path),
+    help="A folder of results files that go before the reference, data/published.",
+)
+@click.option(
+    "--against",
+    type=click.Path(exists=True, dir_okay=False, path_type=Path),
+    help="Print the verdicts that differ from those in a file that --json wrote before.",
+)
+@click.pass_obj
+def claims(
+    root: Path | None,
+    paper: str | None,
+    kind: str | None,
+    verdict: str | None,
+    as_json: bool,
+    results: Path | None,
+    against: Path | None,
+) -> None:
+    """Print what the papers claim and what became of it."""
+    from rich.console import Console
+
+    from inswsn_book.claim_ids import changed_verdicts, read_verdicts, verdicts_text
+    from inswsn_book.judging import judge_claims, select_claims, show_claims
+    from inswsn_book.ledger import KINDS, PAPERS
+    from inswsn_book.verdicts import Verdict
+
+    options = (
+        ("paper", paper, PAPERS),
+        ("kind", kind, KINDS),
+        ("verdict", verdict, tuple(Verdict)),
+    )
+    for name, word, words in options:
+        if word is not None and word not in words:
+            raise ParameterError(f"--{name}", word, "one of " + ", ".join(words))
+    if against is not None and (as_json or any(word is not None for _, word, _ in options)):
+        raise ParameterError(
+            "--against", str(against), "given without --paper, --kind, --verdict and --json"
+        )
+    project = _project(root)
+    judged = judge_claims(project, results)
+    if against is not None:
+        for change in changed_verdicts(read_verdicts(against), judged):
+            click.echo(change)
+        return
+    selected = select_claims(judged, paper=paper, kind=kind, verdict=verdict)
+    if as_json:
+        click.echo(verdicts_text(selected))
+        return
+    show_claims(selected, Console(width=None if sys.stdout.isatty() else 150))
+
+
+@cli.command()
+@click.option("--check", is_flag=True, help="Only tell whether the twins are up to date.")
+@click.pass_obj
+def notebooks(root: Path | None, check: bool) -> None:
+    """Write the .ipynb twins of the chapters."""
+    from inswsn_book.notebooks import orphan_twins, stale_twins, write_twins
+
+    project = _project(root)
+    if check:
+        stale = stale_twins(project.chapters())
+        for chapter in stale:
+            click.echo(f"chapters/{chapter.twin.name} differs from its source.", err=True)
+        orphans = orphan_twins(project.chapters())
+        for name in orphans:
+            click.echo(f"chapters/{name} has no source.", err=True)
+        if stale or orphans:
+            raise InswsnError("Notebooks are out of date; write them with `make notebooks`.")
+        return
+    for chapter in write_twins(project.chapters()):
+        click.echo(f"wrote chapters/{chapter.twin.name}")
+
+
+@cli.command()
+@click.option(
+    "--port",
+    type=click.IntRange(0, 65535),
+    default=8000,
+    show_default=True,
+    help="Where to serve; 0 for any free port.",
+)
+@click.option("--browser/--no-browser", default=True, help="Open the book in the browser.")
+@click.pass_obj
+def serve(root: Path | None, port: int, browser: bool) -> None:
+    """Show the built book from this machine."""
+    from inswsn_book.serving import address, make_server, open_in_browser
+
+    project = _project(root)
+    with make_server(project.site, port) as server:
+        click.echo(f"The book is at {address(server)} (stop with Ctrl-C)")
+        # a browser in the terminal holds this thread until it ends, so another one serves
+        serving = threading.Thread(target=server.serve_forever, daemon=True)
+        serving.start()
+        try:
+            if browser:
+                open_in_browser(address(server))
+            serving.join()
+        except KeyboardInterrupt:
+            click.echo()
+
+
+@cli.command()
+@click.option("--check", is_flag=True, help="Only tell whether the locks fit; uses no network.")
+@click.option("--upgrade", is_flag=True, help="Take the newest versions that are allowed.")
+@click.pass_obj
+def lock(root: Path | None, check: bool, upgrade: bool) -> None:
+    """Compile environment.in to environment.lock."""
+    from inswsn_book.environment import compile_locks, lock_problems
+
+    project = _project(root)
+    if not check:
+        compile_locks(project, upgrade=upgrade)
+    problems = lock_problems(project)
+    for problem in problems:
+        click.echo(problem, err=True)
+    if problems:
+        raise InswsnError("The lock is stale; compile it with `make lock`.")
+
+
+@cli.command()
+@click.option("--check", is_flag=True, help="Only tell whether the files are up to date.")
+@click.pass_obj
+def binder(root: Path | None, check: bool) -> None:
+    """Write the files from which Binder makes its image."""
+    from inswsn_book.binder import stale_binder_files, write_binder_files
+
+    project = _project(root)
+    if check:
+        stale = stale_binder_files(project)
+        if stale:
+            raise InswsnError(f"{', '.join(stale)}: out of date; write it with `make lock`.")
+        return
+    for name in write_binder_files(project):
+        click.echo(f"wrote {name}")
+
+
+@cli.command()
+@click.argument("name", metavar="TAG")
+@click.pass_obj
+def tag(root: Path | None, name: str) -> None:
+    """Tell whether TAG names this version, and whether CHANGELOG.md speaks of it."""
+    from inswsn_book.release import check_tag
+
+    check_tag(_project(root), name)
+
+
+@cli.command()
+@click.pass_obj
+def assets(root: Path | None) -> None:
+    """Gather what is attached to a release: archive, executed notebooks, notes."""
+    from inswsn_book.building import alone
+    from inswsn_book.release import gather_assets
+
+    project = _project(root)
+    with alone(project):
+        click.echo(f"The files are in {gather_assets(project)}")
+
+
+@cli.command()
+@click.option("--check", is_flag=True, help="Only show what would change.")
+@click.pass_obj
+def publish(root: Path | None, check: bool) -> None:
+    """Make the results of the last build the reference results."""
+    from inswsn_book.claim_ids import CLAIM_IDS, lost_ids, new_ids, publish_ids
+    from inswsn_book.publishing import differences, orphan_references
+    from inswsn_book.publishing import publish as publish_results
+
+    project = _project(root)
+    for difference in differences(project):
+        for change in difference.changes:
+            mark = "!" if change.beyond_tolerance else " "
+            click.echo(f"{mark} {difference.number} {change}")
+        for condition in difference.conditions:
+            click.echo(f"! {difference.number} {condition}")
+    for name in orphan_references(project):
+        click.echo(f"! data/published/{name} belongs to no chapter; remove it.")
+    for name in lost_ids(project):
+        click.echo(f"! the claim {name} has been published, and the ledger has it no more.")
+    if added := new_ids(project):
+        click.echo(f"  {len(added)} claims that have not been published, from {added[0]} on")
+    if not check:
+        if publish_ids(project):
+            click.echo(f"wrote {CLAIM_IDS}")
+        for number in publish_results(project):
+            click.echo(f"wrote data/published/{number}.json")
+
+
+@cli.command()
+@click.option("--check", is_flag=True, help="Only tell whether the files are up to date.")
+@click.pass_obj
+def citation(root: Path | None, check: bool) -> None:
+    """Write CITATION.cff, .zenodo.json and THIRD-PARTY.md from what data/ says of them."""
+    from inswsn_book.citation import require_citations, write_citations
+
+    project = _project(root)
+    if check:
+        require_citations(project)
+        return
+    for name in write_citations(project):
+        click.echo(f"wrote {name}")
+
+
+@cli.command()
+@click.option(
+    "--output",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="The file to write. Default: _build/inswsn-<version>.zip.",
+)
+@click.pass_obj
+def archive(root: Path | None, output: Path | None) -> None:
+    """Write one zip of the built release."""
+    from inswsn_book.archiving import write_archive
+    from inswsn_book.building import alone
+
+    if output is not None and output.suffix != ".zip":
+        raise ParameterError("--output", str(output), "a file that ends in .zip")
+    project = _project(root)
+    with alone(project):
+        written = write_archive(project, output)
+    click.echo(f"wrote {written} ({written.stat().st_size / 1e6:.1f} MB)")
+
+
+def _stop(number: int, _: object) -> None:
+    raise KeyboardInterrupt(number)
+
+
+def main() -> None:
+    """Run the command; a user's mistake is one sentence and exit status 2."""
+    # a job that is cancelled, or whose terminal is closed, ends as cleanly as an interrupted one
+    for name in ("SIGTERM", "SIGHUP"):
+        number = getattr(signal, name, None)
+        # nohup has it ignored, and that is meant
+        if number is not None and signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, _stop)
+    try:
+        status = cli.main(standalone_mode=False, prog_name="inswsn")
+    except (click.exceptions.Abort, KeyboardInterrupt) as stopped:
+        cause = stopped.__cause__ if isinstance(stopped, click.exceptions.Abort) else stopped
+        number = cause.args[0] if cause is not None and cause.args else signal.SIGINT
+        click.echo("inswsn: stopped.", err=True)
+        sys.exit(128 + number)
+    except click.ClickException as error:
+        error.show()
+        sys.exit(2)
+    except InswsnError as error:
+        click.echo(f"inswsn: {error}", err=True)
+        sys.exit(2)
+    except UnicodeDecodeError as error:
+        click.echo(f"inswsn: a text file of the checkout is not UTF-8: {error.reason}.", err=True)
+        sys.exit(2)
+    except OSError as error:
+        what = f" {error.filename}" if error.filename else ""
+        click.echo(f"inswsn: cannot read or write{what}: {error.strerror or error}.", err=True)
+        sys.exit(2)
+    except BuildError as error:
+        click.echo(f"inswsn: {error}", err=True)
+        sys.exit(1)
+    sys.exit(status or 0)

@@ -1,0 +1,291 @@
+"""How one results file differs from another, quantity by quantity."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from inswsn_book.ledger import Claim
+from inswsn_book.results import Quantity, Results
+from inswsn_book.verdicts import Judged, verdicts
+from inswsn_lib.errors import InswsnError
+
+
+@dataclass(frozen=True)
+class Change:
+    """One quantity in two results files.
+
+    Attributes
+    ----------
+    name : str
+        The quantity.
+    before, after : Quantity or None
+        The quantity in each file; None where it is absent.
+
+    Examples
+    --------
+    >>> from inswsn_book.compare import Change
+    >>> from inswsn_book.results import Quantity
+    >>> before = Quantity(
+    ...     name="error.kf",
+    ...     value=2.9,
+    ...     unit="m",
+    ...     basis="simulation",
+    ...     how="The mean absolute error.",
+    ...     tolerance=0.01,
+    ... )
+    >>> change = Change("error.kf", before, before.model_copy(update={"value": 3.0}))
+    >>> print(change)
+    error.kf: 2.9 m -> 3 m (change +0.1, tolerance 0.01)
+    >>> change.beyond_tolerance
+    True
+    """
+
+    name: str
+    before: Quantity | None
+    after: Quantity | None
+
+    @property
+    def unit(self) -> str:
+        """The unit of the quantity, in the later results if both have it."""
+        quantity = self.after or self.before
+        return quantity.unit if quantity else ""
+
+    @property
+    def details(self) -> list[str]:
+        """What differs beside the value, its wording and small changes of its interval."""
+        if self.before is None or self.after is None:
+            return []
+        found = [
+            f"{field} {getattr(self.before, field)} -> {getattr(self.after, field)}"
+            for field in ("unit", "interval_kind", "runs", "basis", "role", "tolerance")
+            if getattr(self.before, field) != getattr(self.after, field)
+            and not (field == "tolerance" and _same_tolerance(self.before, self.after))
+        ]
+        old, new = self.before.interval, self.after.interval
+        if old and new and any(abs(b - a) > 1e-12 * abs(a) for a, b in zip(old, new, strict=True)):
+            found.append(f"interval {old} -> {new}")
+        return found
+
+    @property
+    def beyond_tolerance(self) -> bool:
+        """Whether it appeared, vanished, became another quantity, or moved beyond its tolerance.
+
+        The ends of its interval may move by the tolerance, as its value may.
+        """
+        if self.before is None or self.after is None:
+            return True
+        before, after = self.before, self.after
+        fixed = ("unit", "interval_kind", "runs", "basis", "role")
+        if any(getattr(before, field) != getattr(after, field) for field in fixed):
+            return True
+        # a reference that had its tolerance widened would vouch for anything
+        if not _same_tolerance(before, after):
+            return True
+        old = (before.value, *(before.interval or ()))
+        new = (after.value, *(after.interval or ()))
+        return not all(abs(b - a) <= before.tolerance for a, b in zip(old, new, strict=True))
+
+    def __str__(self) -> str:
+        """Return one line: the name, the value before, the value after, the difference."""
+        before = "absent" if self.before is None else f"{self.before.value:.10g} {self.before.unit}"
+        after = "absent" if self.after is None else f"{self.after.value:.10g} {self.after.unit}"
+        if self.before is None or self.after is None:
+            return f"{self.name}: {before} -> {after}"
+        difference = self.after.value - self.before.value
+        others = [
+            f"{field} {getattr(self.before, field)} -> {getattr(self.after, field)}"
+            for field in Quantity.model_fields
+            if field not in ("name", "value", "unit")
+            and getattr(self.before, field) != getattr(self.after, field)
+        ]
+        return (
+            f"{self.name}: {before} -> {after} "
+            f"(change {difference:+.3g}, tolerance {self.before.tolerance:.3g})"
+            + "".join(f"; {other}" for other in others)
+        )
+
+
+def _same_tolerance(before: Quantity, after: Quantity) -> bool:
+    # one that is a share of the value carries the value's rounding
+    return math.isclose(before.tolerance, after.tolerance, rel_tol=1e-3)
+
+
+def pair_quantities(before: Results, after: Results) -> list[Change]:
+    """Return every quantity of two results, whether it differs or not.
+
+    Parameters
+    ----------
+    before, after : Results
+        Two results of one chapter.
+
+    Returns
+    -------
+    list of Change
+        In the order of `before`; quantities that `before` lacks come last.
+
+    Examples
+    --------
+    >>> from inswsn_book.checkout import find_root
+    >>> from inswsn_book.compare import pair_quantities
+    >>> from inswsn_book.results import read_results
+    >>> results = read_results(find_root() / "data/published/00.json")
+    >>> fewer = results.model_copy(update={"quantities": results.quantities[1:]})
+    >>> pairs = pair_quantities(fewer, results)
+    >>> pairs[-1].name, pairs[-1].before
+    ('table1.position.rows-own', None)
+    """
+    old = {quantity.name: quantity for quantity in before.quantities}
+    new = {quantity.name: quantity for quantity in after.quantities}
+    return [Change(name, old.get(name), new.get(name)) for name in dict.fromkeys([*old, *new])]
+
+
+def compare(before: Results, after: Results) -> list[Change]:
+    """Return every quantity that differs at all between two results.
+
+    Parameters
+    ----------
+    before, after : Results
+        Two results of one chapter.
+
+    Returns
+    -------
+    list of Change
+        In the order of `before`; quantities that `before` lacks come last.
+
+    Examples
+    --------
+    >>> from inswsn_book.checkout import find_root
+    >>> from inswsn_book.compare import compare
+    >>> from inswsn_book.results import read_results
+    >>> results = read_results(find_root() / "data/published/00.json")
+    >>> compare(results, results)
+    []
+    >>> first = results.quantities[0].model_copy(update={"value": 4.0})
+    >>> moved = results.model_copy(update={"quantities": (first, *results.quantities[1:])})
+    >>> [change.name for change in compare(results, moved)]
+    ['table1.position.rows-own']
+    """
+    return [pair for pair in pair_quantities(before, after) if pair.before != pair.after]
+
+
+@dataclass(frozen=True)
+class Flip:
+    """A claim whose verdict is not the same by two results.
+
+    Attributes
+    ----------
+    claim : Claim
+        The claim.
+    before, after : Judged or None
+        The verdict by each; None where the results lack what decides it.
+
+    Examples
+    --------
+    >>> from inswsn_book.checkout import find_root
+    >>> from inswsn_book.compare import flipped_verdicts
+    >>> from inswsn_book.ledger import LEDGER, load_claims
+    >>> from inswsn_book.results import read_results
+    >>> root = find_root()
+    >>> results = read_results(root / "data/published/00.json")
+    >>> claims = [claim for claim in load_claims(root / LEDGER) if claim.id == "P1-P-T"]
+    >>> period = results["period.area1"].model_copy(update={"value": 1.0, "interval": (1.0, 1.0)})
+    >>> moved = results.model_copy(update={"quantities": (period,)})
+    >>> flip = flipped_verdicts(claims, results, moved)[0]
+    >>> print(flip.before.verdict, "->", flip.after.verdict)
+    contradicted by the paper itself -> reproduced
+    """
+
+    claim: Claim
+    before: Judged | None
+    after: Judged | None
+
+    def __str__(self) -> str:
+        """Return one line: the claim, the verdict before, the verdict after, and why."""
+        before, after = (
+            "without a verdict" if judged is None else str(judged.verdict)
+            for judged in (self.before, self.after)
+        )
+        why = f" ({self.after.reason})" if self.after else ""
+        return f"{self.claim.id}: {before} -> {after}{why}"
+
+
+def flipped_verdicts(claims: Iterable[Claim], before: Results, after: Results) -> list[Flip]:
+    """Return the claims whose verdict differs between two results.
+
+    Parameters
+    ----------
+    claims : iterable of Claim
+        Claims that the chapter of the results decides.
+    before, after : Results
+        Two results of that chapter, which may be of different versions.
+
+    Returns
+    -------
+    list of Flip
+        In the order of `claims`.
+
+    Examples
+    --------
+    If the printed matrices held the sampling period of 1 s that P1 prints, the claim of it would be
+    reproduced:
+
+    >>> from inswsn_book.checkout import find_root
+    >>> from inswsn_book.compare import flipped_verdicts
+    >>> from inswsn_book.ledger import LEDGER, load_claims
+    >>> from inswsn_book.results import read_results
+    >>> root = find_root()
+    >>> results = read_results(root / "data/published/00.json")
+    >>> claims = [claim for claim in load_claims(root / LEDGER) if claim.id == "P1-P-T"]
+    >>> period = results["period.area1"].model_copy(update={"value": 1.0, "interval": (1.0, 1.0)})
+    >>> moved = results.model_copy(update={"quantities": (period,)})
+    >>> [flip.claim.id for flip in flipped_verdicts(claims, results, moved)]
+    ['P1-P-T']
+    """
+    pairs = [Flip(claim, _judge(claim, before), _judge(claim, after)) for claim in claims]
+    return [pair for pair in pairs if _verdict(pair.before) != _verdict(pair.after)]
+
+
+def _judge(claim: Claim, results: Results) -> Judged | None:
+    try:
+        return verdicts([claim], [results])[0]
+    except InswsnError:  # the other version of the chapter did not record what decides it
+        return None
+
+
+def _verdict(judged: Judged | None) -> str | None:
+    return None if judged is None else judged.verdict
+
+
+def compare_conditions(before: Results, after: Results) -> list[str]:
+    """Return every way in which two results differ beside their quantities.
+
+    Parameters
+    ----------
+    before, after : Results
+        Two results of one chapter.
+
+    Returns
+    -------
+    list of str
+        One line for each parameter, data file, sentence, solver and cell that differs.
+
+    Examples
+    --------
+    >>> from inswsn_book.compare import compare_conditions
+    >>> from inswsn_book.results import Results
+    >>> before = Results(chapter="00", parameters={"steps": 100}, data={}, quantities=())
+    >>> after = Results(chapter="00", parameters={"steps": 50}, data={}, quantities=())
+    >>> compare_conditions(before, after)
+    ['parameters: steps: 100 -> 50']
+    """
+    lines = []
+    for field in ("parameters", "data", "sentences", "solvers", "cells"):
+        old, new = getattr(before, field), getattr(after, field)
+        lines += [
+            f"{field}: {name}: {old.get(name, 'absent')} -> {new.get(name, 'absent')}"
+            for name in [*new, *(name for name in old if name not in new)]
+            if old.get(name) != new.get(name)
+        ]
+    return lines

@@ -1,0 +1,548 @@
+"""The same results elsewhere: chapters executed again in other surroundings, and what then moves.
+
+A *variant* changes one thing of what a chapter is executed in: the threads of the linear algebra,
+the solver of convex problems, the instructions of the processor, the order of hashed sets, or
+Python itself. A *cell* is one chapter in one variant, held against the reference results: each
+quantity against its own tolerance, each bound sentence, and each verdict of the ledger. All cells
+are kept in ``data/elsewhere.json``.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+import subprocess
+import time
+from collections.abc import Iterable
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from hashlib import sha256
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from inswsn_book.cache import chapter_key
+from inswsn_book.compare import Change, flipped_verdicts, pair_quantities
+from inswsn_book.execution import ChapterError, Surroundings, execute_once
+from inswsn_book.files import file_digest, text_digest, tree_digest, write_whole
+from inswsn_book.kept import read_kept
+from inswsn_book.ledger import LEDGER, claims_of, load_claims
+from inswsn_book.progress import Progress
+from inswsn_book.project import Chapter, Project
+from inswsn_book.publishing import reference_results
+from inswsn_book.results import Results, read_results
+from inswsn_lib.errors import InswsnError, ParameterError
+
+Part = Literal["value", "lower end", "upper end"]
+
+#: Where the study is kept in a checkout.
+ELSEWHERE = "data/elsewhere.json"
+#: The variant in which nothing is changed
+AGAIN = "again"
+#: The variant whose results another machine has found
+MACHINE = "other-machine"
+
+# What a processor of 2008 could do, told to each library that chooses its code by the processor:
+# OpenBLAS, numpy, the C library (exp, sin ...), torch and its MKL. One that knows no such variable
+# goes on as before.
+_OLDER = {
+    "OPENBLAS_CORETYPE": "Prescott",
+    "NPY_DISABLE_CPU_FEATURES": "X86_V3 X86_V4 AVX512_ICL AVX512_SPR",
+    "GLIBC_TUNABLES": "glibc.cpu.hwcaps=-AVX2,-FMA,-AVX512F,-AVX",
+    "ATEN_CPU_CAPABILITY": "default",
+    "MKL_ENABLE_INSTRUCTIONS": "SSE4_2",
+}
+
+
+@dataclass(frozen=True)
+class Variant:
+    """One way in which the surroundings differ from those of the book.
+
+    Attributes
+    ----------
+    id, title : str
+    what : str
+        What is changed and why, for the page.
+    surroundings : Surroundings
+    version : str
+        Of Python.
+    """
+
+    id: str
+    title: str
+    what: str
+    surroundings: Surroundings
+    version: str
+
+
+#: What each variant is called and why it is there; ``python-X.Y`` stands for another Python.
+DESCRIPTIONS = {
+    AGAIN: (
+        "nothing",
+        "The same again: one thread, Clarabel, the Python of the lock.",
+    ),
+    MACHINE: (
+        "another machine",
+        "What builds of the same chapters on another machine found. A build may have had an "
+        "earlier library: its commit stands at the end of this page.",
+    ),
+    "threads-2": (
+        "two threads",
+        "Two threads for the linear algebra instead of one, so that sums are formed in another "
+        "order. The networks of chapter 03 train with one thread in either case.",
+    ),
+    "older-processor": (
+        "older processor",
+        "OpenBLAS, numpy, the C library, torch and MKL are told to use no instructions that came "
+        "after 2008 (no AVX, no fused multiply-add): another code path in each of them, as on an "
+        "older machine. OpenBLAS names its path for such processors after one of 1999, Katmai.",
+    ),
+    "hash-seed": (
+        "hash seed",
+        "Another seed for Python's hashes, so that sets are gone through in another order.",
+    ),
+    "scs": (
+        "SCS",
+        "SCS, a first-order method, instead of Clarabel, an interior-point method, in every design "
+        "of a filter or a fusion. Its answer is taken if it passes the certificate, which knows of "
+        "no solver; where it is refused, Clarabel is asked. The comparison of solvers in chapter "
+        "01 and one least-squares problem of chapter 03 name their solvers and keep them.",
+    ),
+    "python": (
+        "Python {version}",
+        "The same locked packages on another version of Python: other compiled code of every "
+        "package.",
+    ),
+}
+
+
+def variants(python: str | None = None) -> list[Variant]:
+    """Return the variants that can be had.
+
+    Parameters
+    ----------
+    python : str, optional
+        The path of another interpreter, in an environment that has the locked packages and inswsn.
+        Its variant stands before SCS, which takes longest.
+
+    Raises
+    ------
+    ParameterError
+        If there is no such interpreter, it lacks inswsn, or has another library of that name.
+    """
+    plain = Surroundings()
+    changed = {
+        AGAIN: plain,
+        "threads-2": Surroundings(threads=2),
+        "older-processor": Surroundings(variables=_OLDER),
+        "scs": Surroundings(solver="scs"),
+        "hash-seed": Surroundings(variables={"PYTHONHASHSEED": "1"}),
+    }
+    own = _version_of(plain.python)
+    found = [Variant(name, *DESCRIPTIONS[name], given, own) for name, given in changed.items()]
+    if python is not None:
+        version = _version_of(python)
+        title, what = DESCRIPTIONS["python"]
+        name = "python-" + ".".join(version.split(".")[:2])
+        other = Surroundings(python=python)
+        found.insert(3, Variant(name, title.format(version=version), what, other, version))
+    return found
+
+
+def _version_of(python: str) -> str:
+    """Return the version of an interpreter that has this library."""
+    ask = (
+        "import platform\nfrom pathlib import Path\n"
+        "from inswsn_book.project import Project\n"
+        "print(platform.python_version(), Project(Path()).computing_digest())"
+    )
+    try:
+        # from a folder without sources, so that only what is installed there counts
+        done = subprocess.run(
+            [python, "-c", ask], capture_output=True, text=True, check=True, cwd="/"
+        )
+    except (OSError, subprocess.CalledProcessError):
+        raise ParameterError(
+            "--python", python, "an interpreter in whose environment inswsn is installed"
+        ) from None
+    version, library = done.stdout.split()
+    if library != Project(Path()).computing_digest():
+        raise ParameterError(
+            "--python", python, "an interpreter that has the inswsn of this checkout"
+        )
+    return version
+
+
+class _Kept(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class Moved(_Kept):
+    """A quantity that is not what the reference says.
+
+    Attributes
+    ----------
+    name, unit : str
+    before, after : float or None
+        In the reference and in the run; the number that moved most of the value and the ends of
+        its interval. None where one of them does not record it.
+    part : str
+        Which of these it is.
+    tolerance : float
+    deviation : float or None
+        In tolerances; None if it has no size, as where the tolerance is zero.
+    other : tuple of str
+        What else differs, such as the number of runs.
+    """
+
+    name: str
+    unit: str
+    before: float | None
+    after: float | None
+    part: Part
+    tolerance: float
+    deviation: Annotated[float, Field(ge=0, allow_inf_nan=False)] | None
+    other: tuple[str, ...] = ()
+
+    @property
+    def size(self) -> float:
+        """The deviation, infinite if it has no size: to find the farthest."""
+        return math.inf if self.deviation is None else self.deviation
+
+
+class Flipped(_Kept):
+    """A claim whose verdict is another one; None where it could not be judged."""
+
+    claim: str
+    before: str | None
+    after: str | None
+
+
+class Cell(_Kept):
+    """What came of one chapter in one variant.
+
+    Attributes
+    ----------
+    variant, chapter : str
+    compared, identical : int
+        Quantities, and those of them that are the same to the last bit, interval and all.
+    beyond : tuple of Moved
+        Those beyond their tolerance.
+    farthest : Moved or None
+        The one that moved most, in tolerances; None if none did.
+    sentences : int
+        Sentences that were bound to conditions.
+    overturned : tuple of str
+        Those that no longer hold.
+    judged : int
+        Claims that the chapter decides.
+    flipped : tuple of Flipped
+        Those with another verdict.
+    solvers : dict of str to str
+        As the run recorded them.
+    failed : str or None
+        The sentence with which the run ended before its end.
+    seconds : float
+    python : str
+        Its version.
+    blas : tuple of str
+        The linear algebra libraries of the run, with their threads and code paths.
+    reference_cpu : str
+        The processor that the reference results were made on.
+    day, commit, clean, cpu, system, sources
+        See `inswsn_book.study.Made`; `sources` has "chapter", "library", "locks" and
+        "reference".
+    """
+
+    variant: Annotated[str, Field(pattern=r"^(python-\d+\.\d+|[a-z]+(-[a-z0-9]+)*)$")]
+    chapter: Annotated[str, Field(pattern=r"^\d\d$")]
+    compared: int = 0
+    identical: int = 0
+    beyond: tuple[Moved, ...] = ()
+    farthest: Moved | None = None
+    sentences: int = 0
+    overturned: tuple[str, ...] = ()
+    judged: int = 0
+    flipped: tuple[Flipped, ...] = ()
+    solvers: dict[str, str] = {}
+    failed: str | None = None
+    seconds: float
+    python: str
+    blas: tuple[str, ...] = ()
+    reference_cpu: str = ""
+    day: Annotated[str, Field(pattern=r"^\d{4}-\d\d-\d\d$")]
+    commit: str | None
+    clean: bool | None
+    cpu: str
+    system: str
+    sources: dict[str, str]
+
+
+class Study(_Kept):
+    """What ``data/elsewhere.json`` holds: one cell for each chapter and variant."""
+
+    schema_version: Literal[1] = 1
+    cells: Annotated[tuple[Cell, ...], Field(min_length=1)]
+
+    def of(self, variant: str) -> list[Cell]:
+        """Return the cells of a variant, by chapter."""
+        return [cell for cell in self.cells if cell.variant == variant]
+
+    def cell(self, variant: str, chapter: str) -> Cell | None:
+        """Return a cell, or None."""
+        return next((cell for cell in self.of(variant) if cell.chapter == chapter), None)
+
+    @property
+    def variants(self) -> list[str]:
+        """The variants in the order of `DESCRIPTIONS`."""
+        order = list(DESCRIPTIONS)
+        return sorted(
+            {cell.variant for cell in self.cells},
+            key=lambda name: (order.index(re.sub(r"^python-.*", "python", name)), name),
+        )
+
+    @property
+    def chapters(self) -> list[str]:
+        """The chapters."""
+        return sorted({cell.chapter for cell in self.cells})
+
+
+class Ran(_Kept):
+    """A finished run, as it is kept while a study is under way."""
+
+    results: Results | None = None
+    failed: str | None = None
+    seconds: float
+    day: str
+    commit: str | None
+    clean: bool | None
+    cpu: str
+    system: str
+    sources: dict[str, str]
+
+
+def run_key(project: Project, variant: Variant, chapter: Chapter) -> str:
+    """Return the digest of all that a run is made from."""
+    given = variant.surroundings
+    facts = [
+        chapter_key(project, chapter, {}),
+        *(variant.id, variant.version, given.threads, given.solver, dict(given.variables)),
+    ]
+    return sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()
+
+
+def kept_run(project: Project, variant: Variant, chapter: Chapter) -> Ran | None:
+    """Return the run that an earlier call of `run` kept, if it was made from the same.
+
+    One that failed is made again: what it lacked may be there now.
+    """
+    try:
+        ran = Ran.model_validate_json(_place(project, variant, chapter).read_text("utf-8"))
+    except (OSError, ValueError):
+        return None
+    return None if ran.failed else ran
+
+
+def found_elsewhere(project: Project, folder: Path, chapter: Chapter) -> tuple[Variant, Ran] | None:
+    """Return what another build found of a chapter; None if there is nothing of it.
+
+    On the processor of the reference nothing was changed; else the machine is another one. Two
+    processors of one name may be unlike: then the linear algebra chooses other code on them.
+
+    Parameters
+    ----------
+    folder : Path
+        Results files of chapters, named as those of the reference.
+    chapter : Chapter
+
+    Raises
+    ------
+    InswsnError
+        If a file is no results file, does not say what it was made with, or was made from another
+        source of the chapter.
+    """
+    path = folder / f"{chapter.number}.json"
+    if not path.is_file():
+        return None
+    results = read_results(path)
+    its = results.provenance
+    if its is None:
+        raise InswsnError(f"{path} does not say on what machine it was made.")
+    if its.sources.get("chapter") != file_digest(chapter.source):
+        raise InswsnError(f"{path} was made from another source of chapter {chapter.number}.")
+    first = reference_results(project, chapter).provenance
+    alike = first is not None and (first.cpu, first.blas) == (its.cpu, its.blas)
+    name = AGAIN if alike else MACHINE
+    return Variant(name, *DESCRIPTIONS[name], Surroundings(), its.python), Ran(
+        results=results, seconds=its.seconds, day=its.finished[:10], commit=its.commit,
+        clean=its.clean, cpu=its.cpu, system=its.system, sources=its.sources,
+    )  # fmt: skip
+
+
+def _place(project: Project, variant: Variant, chapter: Chapter) -> Path:
+    key = run_key(project, variant, chapter)[:24]
+    return project.build / "elsewhere" / variant.id / f"{chapter.number}-{key}.json"
+
+
+def run(
+    project: Project,
+    variant: Variant,
+    chapter: Chapter,
+    progress: Progress,
+    state: tuple[str | None, bool | None],
+) -> Ran:
+    """Execute a chapter in a variant, and keep what came of it below ``_build``.
+
+    `state` is that of the checkout when the study began, from `repository_state`.
+
+    Raises
+    ------
+    InswsnError
+        If the machine did not compute as the variant asks, so that the run would tell nothing.
+    """
+    place = _place(project, variant, chapter)
+    made: dict[str, Any] = {
+        "day": datetime.now(UTC).date().isoformat(), "commit": state[0], "clean": state[1],
+        "sources": {
+            "chapter": file_digest(chapter.source),
+            "library": project.computing_digest(),
+            "locks": tree_digest(project.root, project.locks),
+        },
+    }  # fmt: skip
+    began = time.monotonic()
+    try:
+        _, results, _ = execute_once(project, chapter, {}, progress, variant.surroundings)
+    except (InswsnError, ChapterError) as failure:
+        from inswsn_book.provenance import machine_facts  # noqa: PLC0415  # loads numerics
+
+        facts = machine_facts()
+        ran = Ran(
+            failed=plain_sentence(str(failure), project.root),
+            seconds=round(time.monotonic() - began, 1),
+            cpu=facts["cpu"], system=facts["system"], **made,
+        )  # fmt: skip
+    else:
+        its = results.provenance
+        assert its is not None
+        _check_machine(variant, chapter, its.blas)
+        ran = Ran(results=results, seconds=its.seconds, cpu=its.cpu, system=its.system, **made)
+    place.parent.mkdir(parents=True, exist_ok=True)
+    write_whole(place, ran.model_dump_json(indent=1) + "\n")
+    return ran
+
+
+def _check_machine(variant: Variant, chapter: Chapter, blas: Iterable[str]) -> None:
+    """Refuse a run whose linear algebra did not have the threads that were asked for."""
+    asked = variant.surroundings.threads
+    words = f"{asked} thread{'s' if asked > 1 else ''}"
+    wrong = [library for library in blas if not library.endswith(f", {words}")]
+    if wrong:
+        raise InswsnError(
+            f"Chapter {chapter.number}, {variant.title}: {wrong[0]} computed, not {words}."
+        )
+
+
+def plain_sentence(said: str, root: Path) -> str:
+    """Return the last line of a failure, without the paths and the colours of this machine."""
+    plain = re.sub(r"\x1b\[[0-9;]*m", "", said).replace(str(root), "")
+    lines = [line.strip() for line in plain.splitlines() if line.strip()]
+    return lines[-1][:300] if lines else "It ended without a word."
+
+
+def compared(project: Project, variant: Variant, chapter: Chapter, ran: Ran) -> Cell:
+    """Hold a run against the reference results of its chapter."""
+    reference = reference_results(project, chapter)
+    first = reference.provenance
+    common: dict[str, Any] = {
+        "variant": variant.id, "chapter": chapter.number, "seconds": ran.seconds,
+        "python": variant.version,
+        "reference_cpu": first.cpu if first else "", "day": ran.day,
+        "commit": ran.commit, "clean": ran.clean, "cpu": ran.cpu, "system": ran.system,
+        "sources": ran.sources | {"reference": text_digest(reference.found().model_dump_json())},
+    }  # fmt: skip
+    if ran.results is None:
+        return Cell(failed=ran.failed, **common)
+    pairs = pair_quantities(reference, ran.results)
+    moved = [moved_by(pair) for pair in pairs if _moved(pair)]
+    claims = claims_of(load_claims(project.root / LEDGER), chapter.number)
+    made = ran.results.provenance
+    return Cell(
+        **common,
+        compared=len(pairs),
+        identical=len(pairs) - len(moved),
+        beyond=tuple(moved_by(pair) for pair in pairs if pair.beyond_tolerance),
+        farthest=max(moved, key=lambda one: one.size, default=None),
+        sentences=len(ran.results.sentences),
+        overturned=tuple(text for text, held in ran.results.sentences.items() if not held),
+        judged=len(claims),
+        flipped=tuple(
+            Flipped(
+                claim=flip.claim.id,
+                before=str(flip.before.verdict) if flip.before else None,
+                after=str(flip.after.verdict) if flip.after else None,
+            )
+            for flip in flipped_verdicts(claims, reference, ran.results)
+        ),
+        solvers=ran.results.solvers,
+        blas=made.blas if made else (),
+    )
+
+
+def _moved(pair: Change) -> bool:
+    if pair.before is None or pair.after is None:
+        return True
+    fields = ("value", "interval", "interval_kind", "unit", "runs", "basis", "role", "tolerance")
+    return any(getattr(pair.before, name) != getattr(pair.after, name) for name in fields)
+
+
+def moved_by(pair: Change) -> Moved:
+    """Return how far a quantity moved."""
+    known = pair.before or pair.after
+    assert known is not None
+    numbers: list[tuple[Part, float | None, float | None]] = [("value", None, None)]
+    if pair.before and pair.after:
+        numbers = [("value", pair.before.value, pair.after.value)]
+        if pair.before.interval and pair.after.interval:
+            (low, high), (lower, higher) = pair.before.interval, pair.after.interval
+            numbers += [("lower end", low, lower), ("upper end", high, higher)]
+    part, before, after = max(numbers, key=lambda entry: abs((entry[2] or 0) - (entry[1] or 0)))
+    distance = None if before is None or after is None else abs(after - before)
+    deviation = 0.0 if distance == 0 else None
+    if distance and known.tolerance > 0:
+        deviation = distance / known.tolerance
+    if pair.beyond_tolerance and deviation is not None and deviation <= 1:
+        deviation = None  # not a number has moved, but what it is
+    return Moved(
+        name=pair.name,
+        unit=pair.unit,
+        before=before if pair.after else getattr(pair.before, "value", None),
+        after=after if pair.before else getattr(pair.after, "value", None),
+        part=part,
+        tolerance=known.tolerance,
+        deviation=deviation,
+        other=tuple(text for text in pair.details if not text.startswith("interval (")),
+    )
+
+
+def merged(cells: Iterable[Cell], before: Iterable[Cell]) -> Study:
+    """Return a study of cells, with earlier ones that they do not replace."""
+    together = {(cell.variant, cell.chapter): cell for cell in (*before, *cells)}
+    return Study(cells=tuple(together[key] for key in sorted(together)))
+
+
+def write_elsewhere(study: Study, path: Path) -> None:
+    """Write a study, whole or not at all."""
+    write_whole(path, study.model_dump_json(indent=1, exclude_defaults=True) + "\n")
+
+
+def read_elsewhere(path: Path) -> Study:
+    """Read and check a study.
+
+    Raises
+    ------
+    InswsnError
+        If there is none, or it is not of the form; the sentence says where.
+    """
+    return read_kept(path, Study, "elsewhere")

@@ -1,0 +1,129 @@
+"""Files that are written whole or not at all, and the digests that name their content."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import tempfile
+from collections.abc import Iterable
+from pathlib import Path
+
+
+def write_whole(path: Path, text: str) -> None:
+    """Write a text file in one step: a reader sees the old file or the new one, never a part.
+
+    Parameters
+    ----------
+    path : Path
+        Where to write; the folder is made if it is absent.
+    text : str
+        The whole content, written as UTF-8.
+
+    Raises
+    ------
+    OSError
+        If the folder cannot be written. Nothing is left behind.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> from inswsn_book.files import write_whole
+    >>> with TemporaryDirectory() as folder:
+    ...     write_whole(Path(folder) / "new" / "name.txt", "whole")
+    ...     [path.name for path in (Path(folder) / "new").iterdir()]
+    ['name.txt']
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    try:
+        with os.fdopen(handle, "w", encoding="utf-8", newline="\n") as stream:
+            stream.write(text)
+            stream.flush()
+            os.fsync(stream.fileno())
+        Path(temporary).chmod(0o644)
+        Path(temporary).replace(path)
+    except BaseException:
+        Path(temporary).unlink(missing_ok=True)
+        raise
+
+
+def text_digest(text: str) -> str:
+    """Return the SHA-256 of a text's UTF-8 bytes as 64 hexadecimal digits.
+
+    Parameters
+    ----------
+    text : str
+        The text.
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> from inswsn_book.files import text_digest
+    >>> text_digest("abc")[:16]  # the example of FIPS 180-2
+    'ba7816bf8f01cfea'
+    """
+    return hashlib.sha256(text.encode("utf-8")).hexdigest()
+
+
+def file_digest(path: Path) -> str:
+    """Return the SHA-256 of a file's bytes as 64 hexadecimal digits.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> from inswsn_book.files import file_digest, text_digest, write_whole
+    >>> with TemporaryDirectory() as folder:
+    ...     write_whole(Path(folder) / "abc.txt", "abc")
+    ...     file_digest(Path(folder) / "abc.txt") == text_digest("abc")
+    True
+    """
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def tree_digest(root: Path, paths: Iterable[Path]) -> str:
+    """Return one SHA-256 for a set of files: of their names below `root` and their contents.
+
+    Parameters
+    ----------
+    root : Path
+        Folder that the names are relative to.
+    paths : iterable of Path
+        The files, in any order.
+
+    Returns
+    -------
+    str
+        64 hexadecimal digits.
+
+    Examples
+    --------
+    The same content below another name has another digest; the folder itself has no part in it:
+
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> from inswsn_book.files import tree_digest, write_whole
+    >>> def digest(name):
+    ...     with TemporaryDirectory() as folder:
+    ...         write_whole(Path(folder) / name, "abc")
+    ...         return tree_digest(Path(folder), Path(folder).iterdir())
+    >>> digest("a.txt") == digest("a.txt"), digest("a.txt") == digest("b.txt")
+    (True, False)
+    """
+    digest = hashlib.sha256()
+    for path in sorted(set(paths)):
+        digest.update(f"{path.relative_to(root).as_posix()}\0{file_digest(path)}\n".encode())
+    return digest.hexdigest()

@@ -1,0 +1,220 @@
+"""Labs: charts in the page that a reader moves by sliders, drawn by ``book/_static/labs.js``.
+
+A cell shows a still figure by `inswsn_book.show.show_figure` and the lab that takes its place
+by `show_lab`. The figure stays where no script runs, and in print.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from html import escape
+from typing import Any
+
+import numpy as np
+from IPython.display import display
+from numpy.typing import NDArray
+
+from inswsn_lib.errors import ParameterError
+
+#: The labs that ``labs.js`` has.
+LABS = ("gain", "kernel")
+
+
+@dataclass(frozen=True)
+class Slider:
+    """A number that a reader of a lab may move.
+
+    Attributes
+    ----------
+    name : str
+        What the script calls it.
+    label : str
+        What the reader is told.
+    low, high, step : float
+        Its ends, and the distance of its places. With `log` all are powers of ten.
+    start : float
+        Where it stands at first.
+    unit : str
+        Of the value, said after it.
+    log : bool
+        Whether the slider moves the logarithm, base ten, of the value.
+    by : str
+        The choice on which the unit depends, if it does.
+    units : mapping of str to str
+        The unit of each option of that choice.
+
+    Raises
+    ------
+    ParameterError
+        If the ends are not finite and in order, the step does not lead from one to the other, or
+        the start is not one of its places.
+
+    Examples
+    --------
+    A factor between a tenth and ten, in half decades:
+
+    >>> from inswsn_book.labs import Slider
+    >>> slider = Slider("ratio", "assumed over true", -1.0, 1.0, 0.5, start=0.0, log=True)
+    >>> slider.places.tolist()
+    [-1.0, -0.5, 0.0, 0.5, 1.0]
+    >>> slider.values.round(3).tolist()
+    [0.1, 0.316, 1.0, 3.162, 10.0]
+    """
+
+    name: str
+    label: str
+    low: float
+    high: float
+    step: float
+    start: float
+    unit: str = ""
+    log: bool = False
+    by: str = ""
+    units: Mapping[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite([self.low, self.high]).all() and self.low < self.high):
+            raise ParameterError("low", self.low, f"finite and below high, {self.high}")
+        steps = (self.high - self.low) / self.step if self.step > 0 else np.nan
+        if not abs(steps - np.round(steps)) < 1e-9:
+            raise ParameterError("step", self.step, f"a whole part of {self.low} to {self.high}")
+        if not np.isclose(self.places, self.start, rtol=0.0, atol=1e-9).any():
+            raise ParameterError("start", self.start, "one of the places of the slider")
+
+    @property
+    def places(self) -> NDArray[np.float64]:
+        """Where it may stand."""
+        count = round((self.high - self.low) / self.step) + 1
+        return np.asarray(self.low + self.step * np.arange(count))
+
+    @property
+    def values(self) -> NDArray[np.float64]:
+        """The values at its places."""
+        return np.asarray(10.0**self.places if self.log else self.places)
+
+
+@dataclass(frozen=True)
+class Choice:
+    """One of a few things that a reader of a lab may choose, by radio buttons.
+
+    Attributes
+    ----------
+    name : str
+        What the script calls it.
+    label : str
+        What the reader is told.
+    options : mapping of str to str
+        What the script calls each, and what the reader is told.
+    start : str
+        What is chosen at first.
+
+    Raises
+    ------
+    ParameterError
+        If there are fewer than two options, or the start is none of them.
+
+    Examples
+    --------
+    >>> from inswsn_book.labs import Choice
+    >>> Choice("axis", "axis", {"0": "x", "1": "y"}, start="2")
+    Traceback (most recent call last):
+        ...
+    inswsn_lib.errors.ParameterError: start is '2'; it may be one of 0, 1.
+    """
+
+    name: str
+    label: str
+    options: Mapping[str, str]
+    start: str
+
+    def __post_init__(self) -> None:
+        if len(self.options) < 2:
+            raise ParameterError("options", dict(self.options), "two or more")
+        if self.start not in self.options:
+            raise ParameterError("start", self.start, f"one of {', '.join(self.options)}")
+
+
+def show_lab(
+    kind: str,
+    *,
+    title: str,
+    figure: str,
+    sliders: Sequence[Slider],
+    choices: Sequence[Choice],
+    data: Mapping[str, Any],
+) -> None:
+    """Show a lab in the place of a still figure of the same page.
+
+    The output is a hidden section that holds the numbers as JSON. ``labs.js`` fills it with
+    controls, a table and charts and puts it where the picture is; without the script nothing
+    changes.
+
+    Parameters
+    ----------
+    kind : {"gain", "kernel"}
+        Which lab.
+    title : str
+        Its name, for those who do not see the page.
+    figure : str
+        The label of the figure, as `inswsn_book.show.show_figure` was given it.
+    sliders, choices : sequence
+        What the reader may move.
+    data : mapping
+        What the lab computes from; of strings, finite numbers, lists and mappings. Arrays are
+        written as lists of lists, each number with all its digits.
+
+    Raises
+    ------
+    ParameterError
+        If there is no such lab, the title is empty, the label is none, or a number is not finite.
+
+    Examples
+    --------
+    In a notebook the lab is hidden; a plain interpreter prints what is sent to it:
+
+    >>> from inswsn_book.labs import Choice, Slider, show_lab
+    >>> show_lab(  # doctest: +ELLIPSIS
+    ...     "gain",
+    ...     title="A gain",
+    ...     figure="fig-gain",
+    ...     sliders=[Slider("gain", "g", 0.0, 1.0, 0.05, start=0.5)],
+    ...     choices=[Choice("axis", "axis", {"0": "x", "1": "y"}, start="0")],
+    ...     data={"period": 0.2},
+    ... )
+    {'text/html': '<section class="lab" ...hidden>...</section>', 'text/plain': 'A gain: ...'}
+    """
+    if kind not in LABS:
+        raise ParameterError("kind", kind, f"one of {', '.join(LABS)}")
+    if not title.strip():
+        raise ParameterError("title", title, "a text that is not empty")
+    if not re.fullmatch(r"[a-z0-9-]+", figure):
+        raise ParameterError("figure", figure, "the label of a figure: a-z, 0-9 and hyphens")
+    content = {
+        "title": title,
+        "sliders": [asdict(slider) for slider in sliders],
+        # pairs, since the keys of an object that look like numbers lose their order
+        "choices": [asdict(c) | {"options": list(c.options.items())} for c in choices],
+        "data": data,
+    }
+    try:
+        text = json.dumps(content, allow_nan=False, separators=(",", ":"), default=_plain)
+    except ValueError:
+        raise ParameterError("data", "with a number that is not finite", "finite") from None
+    # no "<" in a script element: it could end it, or begin a comment
+    text = text.replace("<", "\\u003c")
+    page = (
+        f'<section class="lab" id="lab-{kind}" data-lab="{kind}" '
+        f'data-figure="{escape(figure)}" hidden>'
+        f'<script type="application/json">{text}</script></section>'
+    )
+    plain = f"{title}: the sliders of this lab need the page of the book."
+    display({"text/html": page, "text/plain": plain}, raw=True)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    raise TypeError(f"{type(value).__name__} has no JSON form.")

@@ -1,0 +1,415 @@
+"""The claims of the papers: what each says, which quantity decides it, and within what.
+
+``data/claims.yaml`` holds them. A claim has no field for a verdict: `verdicts` computes it.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable
+from decimal import Decimal, InvalidOperation
+from pathlib import Path
+from typing import Annotated, Literal, Self, get_args
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+
+from inswsn_book.files import file_digest, text_digest
+from inswsn_book.parameters import Value
+from inswsn_book.results import Name, quantity_digest, read_results
+from inswsn_lib.errors import InswsnError
+from inswsn_lib.files import read_yaml
+
+#: The ledger below the root of a checkout.
+LEDGER = "data/claims.yaml"
+
+Paper = Literal["P1", "P2", "P3"]
+Kind = Literal["numeric", "parameter", "qualitative", "formula"]
+#: The papers and the kinds of claims, in the order in which pages list them
+PAPERS: tuple[str, ...] = get_args(Paper)
+KINDS: tuple[str, ...] = get_args(Kind)
+Text = Annotated[str, Field(min_length=3, pattern=r"^[^\n]+$")]
+Printed = str | list[str] | list[list[str]]
+
+_SIZE = r"\d+(?:\.\d+)?(?:[eE][+-]?\d+)?"
+_NUMBER = rf"[+-]?{_SIZE}"
+_WITHIN = re.compile(rf"^within (?:(?P<share>{_SIZE}) %|(?P<size>{_SIZE})|(?P<name>[a-z]\w*))$")
+_BOUND = re.compile(rf"^(?P<word>at least|at most|exactly) (?P<number>{_NUMBER})$")
+
+
+class _Entry(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class QuantityCheck(_Entry):
+    """The quantity that decides a claim.
+
+    Attributes
+    ----------
+    chapter : str
+        The chapter that records it, two digits.
+    quantity : str
+        Its name there.
+
+    Examples
+    --------
+    >>> from inswsn_book.ledger import QuantityCheck
+    >>> check = QuantityCheck(chapter="00", quantity="period.area1")
+    >>> check.chapter, check.quantity
+    ('00', 'period.area1')
+    """
+
+    chapter: Annotated[str, Field(pattern=r"^\d\d$")]
+    quantity: Name
+
+
+class MissingCheck(_Entry):
+    """What would be needed to decide a claim and cannot be had.
+
+    Attributes
+    ----------
+    needs : tuple of str
+        Names in the ledger's list of what is missing.
+    reasons : tuple of str
+        What that list says of them; filled in when the ledger is read.
+
+    Examples
+    --------
+    >>> from inswsn_book.checkout import find_root
+    >>> from inswsn_book.ledger import LEDGER, MissingCheck, load_claims
+    >>> claims = load_claims(find_root() / LEDGER)
+    >>> missing = [claim for claim in claims if isinstance(claim.check, MissingCheck)]
+    >>> all(len(claim.check.reasons) == len(claim.check.needs) for claim in missing)
+    True
+    """
+
+    needs: Annotated[tuple[Name, ...], Field(min_length=1)]
+    reasons: tuple[str, ...] = ()
+
+
+class Claim(_Entry):
+    """One claim of a paper.
+
+    Attributes
+    ----------
+    id : str
+        Its name; it never changes.
+    paper : {"P1", "P2", "P3"}
+    place : str
+        Where it stands in the paper.
+    says : str
+        What the paper says, in our words.
+    value : str or list, optional
+        The number, or the row or matrix of numbers, exactly as printed.
+    unit : str, optional
+        The unit of what is compared; ``"1"`` for a pure number.
+    kind : {"numeric", "parameter", "qualitative", "formula"}
+    check : QuantityCheck or MissingCheck
+        What decides it.
+    tolerance : str, optional
+        What the quantity is held against: ``digits`` (all that rounds to the printed value),
+        ``within 0.5`` or ``within 10 %`` of the value, ``within about_points`` (a parameter of the
+        chapter), ``at least 8``, ``at most 1``, ``exactly 8``. Not given if the claim cannot be
+        tested.
+    why : str
+        Why this check and this tolerance.
+    assumption : str, optional
+        What has to be assumed for the check to speak of the claim.
+
+    Examples
+    --------
+    >>> from inswsn_book.checkout import find_root
+    >>> from inswsn_book.ledger import LEDGER, load_claims
+    >>> claims = {claim.id: claim for claim in load_claims(find_root() / LEDGER)}
+    >>> claim = claims["P1-P-T"]  # the sampling period of P1, printed as 1 s
+    >>> claim.value, claim.unit, claim.tolerance, claim.chapter
+    ('1', 's', 'digits', '00')
+    >>> claim.published({})
+    (0.5, 1.5)
+    """
+
+    id: Annotated[str, Field(pattern=r"^P[123](-[A-Za-z0-9.]+)+$", max_length=40)]
+    paper: Paper
+    place: Text
+    says: Text
+    value: Printed | None = None
+    unit: Annotated[str, Field(min_length=1)] = "1"
+    kind: Kind
+    check: QuantityCheck | MissingCheck
+    tolerance: str | None = None
+    why: Text
+    assumption: Text | None = None
+
+    @field_validator("tolerance")
+    @classmethod
+    def _tolerance_is_one(cls, text: str | None) -> str | None:
+        if text is None or text == "digits" or _WITHIN.match(text) or _BOUND.match(text):
+            return text
+        raise ValueError(
+            f"{text!r} is no tolerance; it may be digits, within 0.5, within 10 %, within a "
+            "parameter, at least 8, at most 1, or exactly 8"
+        )
+
+    @model_validator(mode="after")
+    def _parts_fit(self) -> Self:
+        if not self.id.startswith(f"{self.paper}-"):
+            raise ValueError(f"the id {self.id} does not begin with {self.paper}-")
+        if isinstance(self.check, MissingCheck):
+            if self.tolerance is not None or self.assumption is not None:
+                raise ValueError("a claim that cannot be tested has no tolerance and no assumption")
+            return self
+        if self.tolerance is None:
+            raise ValueError("a claim that is checked has a tolerance")
+        if bound := _BOUND.match(self.tolerance):
+            self._check_bound(bound["word"], float(bound["number"]))
+            return self
+        if not isinstance(self.value, str):
+            raise ValueError(f"the tolerance {self.tolerance!r} needs one printed value")
+        value, within = float(_decimal(self.value)), _WITHIN.match(self.tolerance)
+        if within and not within["name"]:
+            half = float(self._half_width(_decimal(self.value), {}))
+            # a tolerance as wide as the number would reproduce anything: a typed verdict
+            if not math.isfinite(half) or (value != 0 and half >= abs(value)):
+                raise ValueError(f"the tolerance {self.tolerance!r} is as wide as {self.value}")
+        return self
+
+    def _check_bound(self, word: str, number: float) -> None:
+        if not math.isfinite(number):
+            raise ValueError(f"the tolerance {self.tolerance!r} has no finite bound")
+        if word == "exactly" and not number.is_integer():
+            raise ValueError(f"the tolerance {self.tolerance!r} is no whole number")
+        if isinstance(self.value, str):
+            value = float(_decimal(self.value))
+            if (word != "at least" and value > number) or (word != "at most" and value < number):
+                raise ValueError(f"the tolerance {self.tolerance!r} excludes {self.value} itself")
+
+    @property
+    def chapter(self) -> str | None:
+        """The chapter that decides it, two digits; None if it cannot be tested."""
+        return self.check.chapter if isinstance(self.check, QuantityCheck) else None
+
+    @property
+    def anchor(self) -> str:
+        """The label of its place on the claims page."""
+        return "claim-" + re.sub(r"[^a-z0-9]+", "-", self.id.lower())
+
+    @property
+    def reference(self) -> float:
+        """The number that widths are measured by: the printed one, or that of the bound."""
+        if isinstance(self.value, str):
+            return float(_decimal(self.value))
+        bound = _BOUND.match(self.tolerance or "")
+        return float(bound["number"]) if bound else math.nan
+
+    def published(self, parameters: dict[str, Value]) -> tuple[float, float]:
+        """Return the lower and the upper end of what the claim stands for.
+
+        Parameters
+        ----------
+        parameters : dict
+            The parameters of the run; one of them may be the tolerance.
+
+        Returns
+        -------
+        low, high : float
+            In the unit of the claim; infinite where it is a bound on one side.
+
+        Raises
+        ------
+        InswsnError
+            If the tolerance names a parameter that the run does not have, or that is no number.
+        """
+        tolerance = self.tolerance or ""
+        if bound := _BOUND.match(tolerance):
+            number = float(bound["number"])
+            return (
+                -math.inf if bound["word"] == "at most" else number,
+                math.inf if bound["word"] == "at least" else number,
+            )
+        value = _decimal(str(self.value))
+        half = self._half_width(value, parameters)
+        return float(value - half), float(value + half)
+
+    def _half_width(self, value: Decimal, parameters: dict[str, Value]) -> Decimal:
+        within = _WITHIN.match(self.tolerance or "")
+        if within is None:  # digits: half a unit of the last digit printed
+            return Decimal(5).scaleb(int(value.as_tuple().exponent) - 1)
+        if within["share"]:
+            return abs(value) * Decimal(within["share"]) / 100
+        if within["size"]:
+            return Decimal(within["size"])
+        size = parameters.get(within["name"])
+        if isinstance(size, bool) or not isinstance(size, int | float) or size < 0:
+            raise InswsnError(
+                f"The tolerance of claim {self.id} is the parameter {within['name']} of chapter "
+                f"{self.chapter}, which is {size!r}; it may be a number that is not negative."
+            )
+        return Decimal(str(size))
+
+
+class _Ledger(_Entry):
+    missing: dict[Name, Text] = {}
+    claims: tuple[Claim, ...]
+
+    @model_validator(mode="after")
+    def _holds_together(self) -> Self:
+        anchors = [claim.anchor for claim in self.claims]
+        twice = sorted({claim.id for claim in self.claims if anchors.count(claim.anchor) > 1})
+        if twice:
+            raise ValueError(f"the ids {', '.join(twice)} are used twice or differ in signs alone")
+        for claim in self.claims:
+            if not isinstance(claim.check, MissingCheck):
+                continue
+            if claim.check.reasons:
+                raise ValueError(f"claim {claim.id} gives reasons; they stand in the list missing")
+            for need in claim.check.needs:
+                if need not in self.missing:
+                    raise ValueError(f"claim {claim.id} needs {need}, which is not listed missing")
+        return self
+
+    def resolved(self) -> tuple[Claim, ...]:
+        """Return the claims, with the reasons of those that cannot be tested."""
+        return tuple(
+            claim.model_copy(
+                update={
+                    "check": MissingCheck(
+                        needs=claim.check.needs,
+                        reasons=tuple(self.missing[need] for need in claim.check.needs),
+                    )
+                }
+            )
+            if isinstance(claim.check, MissingCheck)
+            else claim
+            for claim in self.claims
+        )
+
+
+def load_claims(path: Path) -> tuple[Claim, ...]:
+    """Read and check the ledger of claims.
+
+    Parameters
+    ----------
+    path : Path
+        The file, ``data/claims.yaml`` in a checkout.
+
+    Returns
+    -------
+    tuple of Claim
+        In the order of the file.
+
+    Raises
+    ------
+    InswsnError
+        If there is no such file or it does not fit the schema; the sentence says where. A field
+        for a verdict does not fit.
+
+    Examples
+    --------
+    >>> from inswsn_book.checkout import find_root
+    >>> from inswsn_book.ledger import LEDGER, PAPERS, load_claims
+    >>> claims = load_claims(find_root() / LEDGER)
+    >>> {claim.paper for claim in claims} == set(PAPERS)
+    True
+    """
+    content = read_yaml(path)
+    try:
+        read = _Ledger.model_validate(content)
+    except ValidationError as error:
+        raise InswsnError(f"{path} is not a ledger of claims: {_first(error, content)}.") from None
+    return read.resolved()
+
+
+def claims_of(claims: Iterable[Claim], chapter: str) -> list[Claim]:
+    """Return the claims that a chapter decides.
+
+    Parameters
+    ----------
+    claims : iterable of Claim
+        The ledger, from `load_claims`.
+    chapter : str
+        The chapter's number, two digits.
+
+    Returns
+    -------
+    list of Claim
+        In the order of the ledger.
+
+    Examples
+    --------
+    >>> from inswsn_book.checkout import find_root
+    >>> from inswsn_book.ledger import LEDGER, claims_of, load_claims
+    >>> claims = load_claims(find_root() / LEDGER)
+    >>> {claim.chapter for claim in claims_of(claims, "00")}
+    {'00'}
+    """
+    return [claim for claim in claims if claim.chapter == chapter]
+
+
+def claims_digest(path: Path, chapter: str) -> str:
+    """Return the SHA-256 of what the ledger says on the claims that one chapter decides."""
+    claims = claims_of(load_claims(path), chapter)
+    return text_digest("\n".join(claim.model_dump_json() for claim in claims))
+
+
+def data_digest(root: Path, name: str) -> str | None:
+    """Return the SHA-256 of a file that a chapter reads, or of the part of it that it reads.
+
+    Parameters
+    ----------
+    root : Path
+        The checkout.
+    name : str
+        A path below it, or ``data/claims.yaml#NN`` for the claims that chapter NN decides, or
+        ``data/published/NN.json#name`` for one quantity of the reference results.
+
+    Returns
+    -------
+    str or None
+        None if there is no such file or part, or it cannot be read.
+
+    Examples
+    --------
+    What the ledger says of the claims of each chapter has a digest of its own, so that an edit
+    makes no other chapter due:
+
+    >>> from inswsn_book.checkout import find_root
+    >>> from inswsn_book.ledger import data_digest
+    >>> root = find_root()
+    >>> data_digest(root, "data/claims.yaml#00") == data_digest(root, "data/claims.yaml#01")
+    False
+    >>> data_digest(root, "data/absent.csv") is None
+    True
+    """
+    path, _, part = name.partition("#")
+    if not (root / path).is_file():
+        return None
+    if not part:
+        return file_digest(root / path)
+    try:
+        if path == LEDGER:
+            return claims_digest(root / path, part)
+        return quantity_digest(read_results(root / path)[part])
+    except (InswsnError, KeyError):
+        return None
+
+
+def _first(error: ValidationError, content: object) -> str:
+    """Return what is wrong first, with the id of the claim rather than its number."""
+    first = error.errors()[0]
+    place = [str(part) for part in first["loc"]]
+    listed = content.get("claims") if isinstance(content, dict) else None
+    if len(place) > 1 and place[0] == "claims" and isinstance(listed, list):
+        entry = listed[int(place[1])]
+        name = entry.get("id", f"number {place[1]}") if isinstance(entry, dict) else place[1]
+        place[:2] = [f"claim {name}"]
+    return f"{': '.join(place) or 'the file'}: {first['msg'].removeprefix('Value error, ')}"
+
+
+def _decimal(text: str) -> Decimal:
+    try:
+        number = Decimal(text)
+    except InvalidOperation:
+        raise ValueError(f"the value {text!r} is no number") from None
+    if not math.isfinite(float(number)):
+        raise ValueError(f"the value {text!r} is no finite number")
+    return number

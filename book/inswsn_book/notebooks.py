@@ -1,0 +1,163 @@
+"""The .ipynb twins of the chapters: made from the MyST sources, the same bytes every time."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+import jupytext
+import nbformat
+
+from inswsn_book.files import write_whole
+from inswsn_book.parameters import notebook_schema
+from inswsn_book.project import Chapter
+from inswsn_lib.errors import InswsnError
+
+# as in "<object at 0x7fd54a263b90>"
+_ADDRESS = re.compile(r"\bat 0x[0-9a-f]{6,}")
+_KERNEL = {"display_name": "Python 3", "language": "python", "name": "python3"}
+
+
+def read_source(chapter: Chapter) -> Any:
+    """Read a chapter's source as a notebook with stable cell ids and no outputs.
+
+    The id of a cell is the chapter's number and the cell's place, for example ``ch00-003``.
+
+    Parameters
+    ----------
+    chapter : Chapter
+        The chapter.
+
+    Returns
+    -------
+    nbformat.NotebookNode
+        The notebook, format 4.5.
+
+    Raises
+    ------
+    InswsnError
+        If the source is not a MyST notebook, or its parameters are not declared in one cell.
+    """
+    try:
+        notebook = jupytext.read(chapter.source, fmt="md:myst")
+    except Exception as error:  # jupytext has no error class of its own for a broken source
+        first = str(error).strip().splitlines()
+        raise InswsnError(
+            f"chapters/{chapter.source.name} is not a MyST notebook: "
+            f"{first[0] if first else repr(error)}."
+        ) from None
+    for place, cell in enumerate(notebook.cells):
+        cell["id"] = f"ch{chapter.number}-{place:03d}"
+        if cell.cell_type == "code":
+            cell.outputs = []
+            cell.execution_count = None
+    notebook_schema(notebook, chapter.source.name)
+    notebook.metadata = nbformat.from_dict(
+        {"kernelspec": dict(_KERNEL), "language_info": {"name": "python"}}
+    )
+    notebook.nbformat, notebook.nbformat_minor = 4, 5
+    nbformat.validate(notebook)
+    return notebook
+
+
+def twin_text(chapter: Chapter) -> str:
+    """Return the text of a chapter's .ipynb twin.
+
+    Raises
+    ------
+    InswsnError
+        As `read_source`.
+    """
+    return notebook_text(read_source(chapter))
+
+
+def notebook_text(notebook: Any) -> str:
+    """Return a notebook as the text of an .ipynb file, with a line end at its end."""
+    return str(nbformat.writes(notebook)) + "\n"
+
+
+def write_twins(chapters: list[Chapter]) -> list[Chapter]:
+    """Write the twins that differ from their sources; return the chapters that were written."""
+    stale = stale_twins(chapters)
+    for chapter in stale:
+        write_whole(chapter.twin, twin_text(chapter))
+    return stale
+
+
+def stale_twins(chapters: list[Chapter]) -> list[Chapter]:
+    """Return the chapters whose twin is absent or differs from what the source gives."""
+    return [
+        chapter
+        for chapter in chapters
+        if not chapter.twin.is_file()
+        or chapter.twin.read_bytes() != twin_text(chapter).encode("utf-8")
+    ]
+
+
+def orphan_twins(chapters: list[Chapter]) -> list[str]:
+    """Return the names of notebooks beside the chapters that have no source."""
+    twins = {chapter.twin for chapter in chapters}
+    folders = {chapter.twin.parent for chapter in chapters}
+    found = [path for folder in folders for path in folder.glob("[!.]*.ipynb")]
+    return sorted(path.name for path in found if path not in twins)
+
+
+def strip_run(notebook: Any) -> Any:
+    """Remove what differs from one execution to the next: times, paths, counters, pieces of a text.
+
+    A kernel sends what a cell prints in pieces, whose number depends on how fast it prints. Pieces
+    of one stream that follow each other become one output.
+
+    Parameters
+    ----------
+    notebook : nbformat.NotebookNode
+        An executed notebook; it is changed in place.
+
+    Returns
+    -------
+    nbformat.NotebookNode
+        The same notebook.
+    """
+    notebook.metadata.pop("papermill", None)
+    notebook.metadata.pop("widgets", None)
+    notebook.metadata["language_info"] = {"name": "python"}
+    for cell in notebook.cells:
+        for key in ("papermill", "execution"):
+            cell.metadata.pop(key, None)
+        if cell.cell_type == "code":
+            cell.outputs = _joined_streams(cell.outputs)
+    return notebook
+
+
+def _joined_streams(outputs: list[Any]) -> list[Any]:
+    joined: list[Any] = []
+    for output in outputs:
+        before = joined[-1] if joined else {}
+        if output.output_type == "stream" and before.get("name") == output.name:
+            before["text"] += output.text
+        else:
+            joined.append(output)
+    return joined
+
+
+def unrepeatable_outputs(notebook: Any) -> list[str]:
+    """Return what cells show that does not belong on a page, one sentence each.
+
+    That is anything on standard error, such as a warning, and addresses in memory, which differ
+    from run to run.
+
+    Parameters
+    ----------
+    notebook : nbformat.NotebookNode
+        An executed notebook.
+    """
+    problems = []
+    for cell in notebook.cells:
+        for output in cell.get("outputs", []):
+            if output.get("name") == "stderr":
+                first = str(output["text"]).strip().splitlines()[-1:]
+                problems.append(f"cell {cell['id']} writes to standard error: {''.join(first)}")
+            shown = [output.get("text", ""), *output.get("data", {}).values()]
+            if any(isinstance(text, str) and _ADDRESS.search(text) for text in shown):
+                problems.append(f"cell {cell['id']} shows an address in memory.")
+    return problems

@@ -1,0 +1,358 @@
+"""What a chapter calls to say what it read and what it found."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Literal
+
+from IPython.display import display
+from pydantic import ValidationError
+
+from inswsn_book.checkout import find_root, results_folder
+from inswsn_book.files import file_digest, write_whole
+from inswsn_book.ledger import LEDGER, claims_digest, claims_of, load_claims
+from inswsn_book.parameters import Value, chapter_schema
+from inswsn_book.results import (
+    IntervalKind,
+    Quantity,
+    Results,
+    quantity_digest,
+    read_results,
+    write_results,
+)
+from inswsn_book.verdicts import Judged, verdicts
+from inswsn_lib.errors import InswsnError
+
+_FILE_NAME = re.compile(r"^[a-z0-9][a-z0-9_-]*\.[a-z0-9]+$")
+
+# MyST-NB pastes outputs of this type into the text by the role {glue:text}.
+_GLUE_TYPE = "application/papermill.record/text/plain"
+
+
+class ChapterRecord:
+    """The record that a chapter keeps while it runs, and writes at its end.
+
+    Parameters
+    ----------
+    chapter : str
+        The chapter's number, two digits.
+    parameters : dict
+        The parameters of this run: the names and values of the parameters cell.
+    root : Path, optional
+        The checkout. Default: found by looking upward from the working folder.
+
+    Raises
+    ------
+    InswsnError
+        If there is no checkout or no such chapter in it, or a declared parameter is not recorded.
+    ParameterError
+        If a parameter is not declared in the chapter's parameters cell, or may not have its value.
+
+    Examples
+    --------
+    What a cell of a chapter does. A plain interpreter prints what makes a number known to the text:
+
+    >>> from inswsn_book.checkout import find_root
+    >>> from inswsn_book.record import ChapterRecord
+    >>> from inswsn_book.parameters import chapter_schema
+    >>> record = ChapterRecord("00", chapter_schema(find_root(), "00").defaults)
+    >>> record.data("papers/p1-table2.csv").name  # and the build knows that the chapter reads it
+    'p1-table2.csv'
+    >>> quantity = record.quantity(
+    ...     "error.kf",
+    ...     2.9,
+    ...     "m",
+    ...     how="The mean absolute error.",
+    ...     basis="simulation",
+    ...     tolerance=0.01,
+    ... )
+    {'application/papermill.record/text/plain': '2.9'}
+    >>> record.holds("The error is below 3 m.", quantity.value < 3)
+    >>> record.results()["error.kf"].value, record.results().sentences
+    (2.9, {'The error is below 3 m.': True})
+    >>> list(record.results().data)
+    ['data/papers/p1-table2.csv']
+    """
+
+    def __init__(
+        self,
+        chapter: str,
+        parameters: dict[str, Value],
+        root: Path | None = None,
+    ) -> None:
+        self._root = find_root() if root is None else root
+        self._chapter = chapter
+        #: The declared parameters of the chapter
+        self.schema = chapter_schema(self._root, chapter)
+        missing = [name for name in self.schema.defaults if name not in parameters]
+        if missing:
+            raise InswsnError(f"Chapter {chapter} keeps no record of its parameter {missing[0]}.")
+        self._parameters = self.schema.check(parameters)
+        self._data: dict[str, str] = {}
+        self._quantities: dict[str, Quantity] = {}
+        self._sentences: dict[str, bool] = {}
+        self._solvers: dict[str, str] = {}
+
+    def data(self, name: str) -> Path:
+        """Return the path of a file and note that this chapter reads it.
+
+        The build executes the chapter again when the content of a noted file changes.
+
+        Parameters
+        ----------
+        name : str
+            Path below ``data/`` with forward slashes, for example ``"papers/p1.yaml"``, or the
+            absolute path of a reader's own file.
+
+        Returns
+        -------
+        Path
+            Where the file is.
+
+        Raises
+        ------
+        InswsnError
+            If there is no such file.
+        """
+        if Path(name).is_absolute():
+            path, key = Path(name), name
+        else:
+            path, key = self._root / "data" / name, f"data/{name}"
+        if not path.is_file():
+            raise InswsnError(f"There is no file {key}.")
+        self._data[key] = file_digest(path)
+        return path
+
+    def reference(self, chapter: str, name: str) -> Quantity:
+        """Return a quantity of the reference results and note that this chapter reads it.
+
+        The build executes the chapter again when the reference says something else of this
+        quantity; other quantities, and what the reference was made with, make no chapter due.
+
+        Parameters
+        ----------
+        chapter : str
+            The number of the chapter whose reference results are read, two digits.
+        name : str
+            The quantity.
+
+        Raises
+        ------
+        InswsnError
+            If there are no reference results of that chapter, or they lack the quantity.
+        """
+        key = f"data/published/{chapter}.json"
+        try:
+            found = read_results(self._root / key)[name]
+        except KeyError:
+            raise InswsnError(f"{key} has no quantity {name!r}.") from None
+        self._data[f"{key}#{name}"] = quantity_digest(found)
+        return found
+
+    def quantity(
+        self,
+        name: str,
+        value: float,
+        unit: str,
+        *,
+        how: str,
+        basis: Literal["printed", "simulation", "emulation", "recorded"],
+        tolerance: float,
+        interval: tuple[float, float] | None = None,
+        runs: int = 1,
+        interval_kind: IntervalKind | None = None,
+        role: Literal["found", "input", "calibrated"] = "found",
+    ) -> Quantity:
+        """Record a number, and make it known to the text as ``{glue:text}`name```.
+
+        Parameters
+        ----------
+        name, value, unit, how, basis, tolerance, runs, role
+            See `Quantity`.
+        interval : tuple of two floats, optional
+            Its interval.
+        interval_kind : {"rounding", "confidence 95 %", "runs 95 %"}, optional
+            What that is. Default: the rounding interval for a number computed from printed cells,
+            else a confidence interval.
+
+        Returns
+        -------
+        Quantity
+            What has been recorded.
+
+        Raises
+        ------
+        InswsnError
+            If a field does not fit the schema.
+        """
+        kind = interval_kind
+        if interval is not None and kind is None:
+            kind = "rounding" if basis == "printed" else "confidence 95 %"
+        try:
+            quantity = Quantity(
+                name=name,
+                value=value,
+                unit=unit,
+                interval=interval,
+                interval_kind=kind,
+                runs=runs,
+                basis=basis,
+                role=role,
+                how=how,
+                tolerance=tolerance,
+            )
+        except ValidationError as error:
+            first = error.errors()[0]
+            place = ".".join(map(str, first["loc"])) or "interval"
+            raise InswsnError(
+                f"The quantity {name!r} cannot be recorded: {place}: {first['msg']}."
+            ) from None
+        if name in self._quantities:
+            raise InswsnError(f"The quantity {name!r} is recorded already.")
+        self._quantities[name] = quantity
+        _glue(name, quantity.value, quantity=name)  # by which the build finds the cell
+        return quantity
+
+    def say(self, name: str, text: str) -> None:
+        """Make a computed word known to the text as ``{glue:text}`name```, without recording it.
+
+        Parameters
+        ----------
+        name : str
+            By which the text calls it.
+        text : str
+            The word.
+        """
+        if type(text) is not str:
+            raise InswsnError(f"The word {name!r} is {text!r}; it may be a text.")
+        _glue(name, text)
+
+    def holds(self, sentence: str, condition: object) -> None:
+        """Bind a sentence of the page to the condition that makes it true.
+
+        The build of the book fails if the condition is false. A rerun with other parameters goes
+        on, and its results file tells which sentences no longer hold.
+
+        Parameters
+        ----------
+        sentence : str
+            The sentence, or its gist in a few words.
+        condition : bool
+            Whether it holds in this run.
+
+        Raises
+        ------
+        InswsnError
+            If the condition is not a truth value, or the sentence has been bound already.
+        """
+        # also numpy's truth value; a number or a text would always vouch for the sentence
+        if type(condition).__name__ not in ("bool", "bool_"):
+            raise InswsnError(
+                f"The condition of {sentence!r} is {condition!r}; it may be true or false."
+            )
+        if sentence in self._sentences:
+            raise InswsnError(f"The sentence {sentence!r} is bound already.")
+        self._sentences[sentence] = bool(condition)
+
+    def solver(self, name: str, status: str) -> None:
+        """Record a solver that the chapter called, and the status that it ended with.
+
+        Parameters
+        ----------
+        name, status : str
+            For example ``"HiGHS"`` and ``"optimal"``.
+
+        Raises
+        ------
+        InswsnError
+            If the solver is recorded already.
+        """
+        if name in self._solvers:
+            raise InswsnError(f"The solver {name!r} is recorded already.")
+        self._solvers[name] = status
+
+    def judge(self, prefix: str = "") -> list[Judged]:
+        """Judge the claims that this chapter decides by what has been recorded so far.
+
+        The build executes the chapter again when what the ledger says of these claims changes.
+
+        Parameters
+        ----------
+        prefix : str
+            Only the claims whose ids begin with it, for example ``"P1-T2-"``.
+
+        Returns
+        -------
+        list of Judged
+            In the order of the ledger, ``data/claims.yaml``.
+
+        Raises
+        ------
+        InswsnError
+            If the ledger cannot be read, or a claim's quantity has not been recorded.
+        """
+        path = self._root / LEDGER
+        self._data[f"{LEDGER}#{self._chapter}"] = claims_digest(path, self._chapter)
+        mine = claims_of(load_claims(path), self._chapter)
+        return verdicts([c for c in mine if c.id.startswith(prefix)], [self.results()])
+
+    def write_file(self, name: str, text: str) -> None:
+        """Write a file beside the results file, for whoever reruns the chapter.
+
+        Parameters
+        ----------
+        name : str
+            A file name, lower case, such as ``"corrected.csv"``.
+        text : str
+            The content.
+
+        Raises
+        ------
+        InswsnError
+            If the name is none, or ends in ``.json``.
+        """
+        if not _FILE_NAME.match(name) or name.endswith(".json"):
+            raise InswsnError(f"The file name is {name!r}; it may be such as corrected.csv.")
+        write_whole(results_folder(self._root) / name, text)
+
+    def results(self) -> Results:
+        """Return what has been recorded so far.
+
+        Returns
+        -------
+        Results
+            Without provenance, which the executor adds.
+        """
+        return Results(
+            chapter=self._chapter,
+            parameters=self._parameters,
+            data=dict(sorted(self._data.items())),
+            quantities=tuple(self._quantities.values()),
+            sentences=self._sentences,
+            solvers=self._solvers,
+        )
+
+    def write(self) -> Results:
+        """Write the results file ``NN.json``, whole or not at all, and return what it holds.
+
+        Returns
+        -------
+        Results
+            What the file holds.
+        """
+        results = self.results()
+        write_results(results, results_folder(self._root) / f"{self._chapter}.json")
+        return results
+
+
+def _glue(name: str, value: float | str, **details: str) -> None:
+    if isinstance(value, float) and value.is_integer() and abs(value) < 1e15:
+        value = int(value)
+    display(
+        {_GLUE_TYPE: value if isinstance(value, str) else repr(value)},
+        metadata={
+            "scrapbook": {"name": name, "mime_prefix": "application/papermill.record/"} | details
+        },
+        raw=True,
+    )

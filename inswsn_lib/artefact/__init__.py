@@ -1,1 +1,0 @@
-"""From chapters to a rendered book: notebooks, execution, cache, rendering, command line."""

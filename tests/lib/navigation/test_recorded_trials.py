@@ -1,0 +1,308 @@
+"""Outages in a recorded drive that was made, and the file that keeps what came of them."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from lib.vehicle.made_drive import DV, KNOWN, PERIOD, THETA, TURN, driven
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from inswsn_lib.errors import InswsnError
+from inswsn_lib.learning import HoldRegressor
+from inswsn_lib.navigation import RecordedTrials, VehicleHybrid, read_trials, run_recorded_outages
+from inswsn_lib.vehicle import FilterSettings, RecordedDrive, metres
+from inswsn_lib.vehicle.recorded import Track
+
+Array = NDArray[np.float64]
+
+#: Of the car's forward axis in the IMU's axes: to the right, and up
+YAW, PITCH = np.deg2rad([6.0, -2.5])
+STARTS, STEPS = (90, 110), 12
+
+
+# --- the file ---
+
+
+def some_trials(seed: int = 0) -> RecordedTrials:
+    rng = np.random.default_rng(seed)
+    return RecordedTrials(
+        starts=np.array([3, 5]),
+        errors={"never": rng.gamma(2, 30, (4, 2, 3)), "no time": rng.gamma(2, 3, (4, 2, 3))},
+        tracks={"never": rng.normal(0, 900, (4, 2, 2)), "no time": rng.normal(0, 900, (4, 2, 2))},
+        reference=rng.normal(0, 900, (9, 2)),
+        speed=rng.gamma(2, 5, 9),
+        mounting=rng.normal(0, 0.1, (2, 2, 3)),
+    )
+
+
+def arrays_of(trials: RecordedTrials) -> dict[str, Array]:
+    named = {f"errors.{name}": x for name, x in trials.errors.items()}
+    named |= {f"tracks.{name}": x for name, x in trials.tracks.items()}
+    return named | {name: getattr(trials, name) for name in ("reference", "speed", "mounting")}
+
+
+def test_what_is_kept_comes_back_to_the_millimetre(tmp_path: Path) -> None:
+    kept, path = some_trials(), tmp_path / "new" / "trials.json"
+    path.parent.mkdir()
+    path.write_text(
+        kept.to_json(made="2015-02-03", level=2.0, levels={"1": 0.5}, clean=False), encoding="utf-8"
+    )
+    found, facts = read_trials(path)
+    assert facts == {"made": "2015-02-03", "level": 2.0, "levels": {"1": 0.5}, "clean": False}
+    assert found.starts.dtype.kind == "i"
+    assert np.array_equal(found.starts, kept.starts)
+    assert list(found.errors) == list(found.tracks) == ["never", "no time"]
+    before, after = arrays_of(kept), arrays_of(found)
+    for name, x in before.items():
+        half = 0.5e-6 if name == "mounting" else 0.5e-3
+        assert after[name].shape == x.shape
+        assert np.abs(after[name] - x).max() <= half * (1 + 1e-9), name
+        # it is rounded, and not what was written down in full
+        assert not np.array_equal(after[name], x)
+    assert path.read_text(encoding="utf-8").endswith("}\n")
+    # what has been rounded once stays
+    path.write_text(found.to_json(**facts), encoding="utf-8")
+    again, _ = read_trials(path)
+    assert all(np.array_equal(x, arrays_of(found)[name]) for name, x in arrays_of(again).items())
+
+
+@given(arrays(float, (3, 2, 2), elements=st.floats(-1e5, 1e5)))
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=25)
+def test_any_metres_come_back(tmp_path: Path, metres_: Array) -> None:
+    kept = replace(some_trials(), errors={"x": metres_}, tracks={"x": metres_})
+    (tmp_path / "trials.json").write_text(kept.to_json(), encoding="utf-8")
+    found, facts = read_trials(tmp_path / "trials.json")
+    assert facts == {}
+    for x in (found.errors["x"], found.tracks["x"]):
+        assert np.abs(x - metres_).max() <= 0.5e-3 + 1e-9
+
+
+def said(path: Path) -> str:
+    with pytest.raises(InswsnError) as error:
+        read_trials(path)
+    message = str(error.value)
+    assert str(path) in message
+    assert message.endswith(".")
+    assert "\n" not in message
+    return message
+
+
+def test_a_file_that_is_not_there(tmp_path: Path) -> None:
+    assert said(tmp_path / "none.json").startswith("There is no file")
+
+
+def test_a_file_of_another_form(tmp_path: Path) -> None:
+    path = tmp_path / "trials.json"
+    path.write_text(some_trials().to_json(), encoding="utf-8")
+    path.write_text(path.read_text().replace('"form":1', '"form":7'))
+    assert "has the form 7; it may be 1" in said(path)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.1, 0.5, 0.999])
+def test_a_file_that_is_cut(tmp_path: Path, share: float) -> None:
+    path = tmp_path / "trials.json"
+    path.write_text(some_trials().to_json(), encoding="utf-8")
+    text = path.read_text().rstrip()
+    path.write_text(text[: int(share * len(text))])
+    assert "does not hold the trials" in said(path)
+
+
+@pytest.mark.parametrize("text", ["[]", "3", "null", "{}", "no: json", '{"form": 1}', '"form"'])
+def test_a_file_of_another_kind(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "trials.json"
+    path.write_text(text)
+    assert "does not hold the trials" in said(path)
+
+
+@pytest.mark.parametrize(
+    "name", ["facts", "starts", "errors", "tracks", "reference", "speed", "mounting"]
+)
+def test_a_file_that_lacks_something(tmp_path: Path, name: str) -> None:
+    path = tmp_path / "trials.json"
+    path.write_text(some_trials().to_json(), encoding="utf-8")
+    content = json.loads(path.read_text())
+    del content[name]
+    path.write_text(json.dumps(content))
+    assert "does not hold the trials" in said(path)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("starts", None),
+        ("errors", [1]),
+        ("facts", 3),
+        ("starts", ["a"]),
+        ("errors", {"never": [[1], [1, 2]]}),
+        ("reference", [[1, 2], [1]]),
+        ("facts", "ab"),
+    ],
+)
+def test_a_file_with_something_else_inside(tmp_path: Path, name: str, value: Any) -> None:
+    path = tmp_path / "trials.json"
+    path.write_text(some_trials().to_json(), encoding="utf-8")
+    path.write_text(json.dumps(json.loads(path.read_text()) | {name: value}))
+    assert "does not hold the trials" in said(path)
+
+
+def test_a_file_that_is_not_text(tmp_path: Path) -> None:
+    path = tmp_path / "trials.json"
+    path.write_bytes(b"\xff\xfe\x00{")
+    assert "does not hold the trials" in said(path)
+
+
+def test_a_folder(tmp_path: Path) -> None:
+    said(tmp_path)
+
+
+# --- the outages ---
+
+
+def turned() -> Array:
+    """Take vectors from the IMU's axes to the car's: first about down, then about the new right."""
+    return Rotation.from_euler("ZY", [YAW, PITCH]).inv().as_matrix()
+
+
+@cache
+def recording() -> RecordedDrive:
+    """A recording of the made drive: an IMU without errors, turned in the car."""
+    made = driven(125)
+    epochs = made.trajectory.iloc[::100]
+    position = np.column_stack([np.deg2rad(epochs.lat), np.deg2rad(epochs.lon), epochs.alt])
+    velocity = epochs[["VN", "VE", "VD"]].to_numpy() @ TURN
+    time = np.arange(len(epochs)) * 1.0
+    return RecordedDrive(
+        start=0.0,
+        time=time,
+        period=PERIOD,
+        rotation_increments=made.increments[THETA].to_numpy() @ turned(),
+        velocity_increments=made.increments[DV].to_numpy() @ turned(),
+        position=position,
+        velocity=velocity,
+        track=Track(time, position, velocity, np.ones(len(time), dtype=np.int64)),
+    )
+
+
+def beliefs() -> FilterSettings:
+    return replace(KNOWN, yaw=float(np.deg2rad(10)), tilt=float(np.deg2rad(5)))
+
+
+def methods(told: FilterSettings) -> dict[str, VehicleHybrid]:
+    return {"hold": VehicleHybrid(told, HoldRegressor(), tau=10, window=20)}
+
+
+def taken(recorded: RecordedDrive, starts: tuple[int, ...] = STARTS) -> RecordedTrials:
+    return run_recorded_outages(recorded, beliefs(), starts, STEPS, methods, runs=2, seed=4)
+
+
+@cache
+def trials() -> RecordedTrials:
+    return taken(recording())
+
+
+def test_the_mounting_is_found_again() -> None:
+    """The car never slides, so what is left is the filter's own yaw and pitch, by GPS velocity."""
+    yaw, pitch = trials().mounting
+    assert trials().mounting.shape == (2, 2, 2)
+    assert np.rad2deg(yaw) == pytest.approx(np.rad2deg(YAW), abs=0.5)
+    assert np.rad2deg(pitch) == pytest.approx(np.rad2deg(PITCH), abs=0.5)
+
+
+def test_with_the_mounting_the_constraint_holds() -> None:
+    """An IMU without errors: through the outage the aided filter stays where the car is."""
+    end = {name: np.sqrt(np.mean(e[-1] ** 2)) for name, e in trials().errors.items()}
+    assert end["through"] < 3  # 12 s after GPS of 3 m that is smoothed
+    # a mounting that is not estimated sends it 6 degrees to the side: 10 m in 12 s at 9 m/s
+    assert 12 * 9 * np.sin(YAW) > 3 * end["through"]
+
+
+def test_shapes_and_the_reference() -> None:
+    found, recorded = trials(), recording()
+    assert set(found.errors) == set(found.tracks) == {"never", "until", "through", "hold"}
+    assert all(e.shape == (STEPS + 1, 2, 2) for e in found.errors.values())
+    assert all(t.shape == (STEPS + 1, 2, 2) for t in found.tracks.values())
+    assert found.starts.tolist() == list(STARTS)
+    assert not found.reference[0].any()
+    size = metres(recorded.position[0])
+    moved = recorded.position - recorded.position[0]
+    east, north = moved[:, 1] * size[1], moved[:, 0] * size[0]
+    assert found.reference == pytest.approx(np.column_stack([east, north]))
+    # the way along it is as long as the speed says, to the second difference of a second
+    length = np.hypot(*np.diff(found.reference, axis=0).T).sum()
+    assert length == pytest.approx(np.trapezoid(found.speed), rel=0.01)
+
+
+def test_errors_and_tracks_say_the_same_of_the_first_run() -> None:
+    found = trials()
+    for name, track in found.tracks.items():
+        for i, start in enumerate(STARTS):
+            gap = track[:, :, i] - found.reference[start : start + STEPS + 1]
+            # metres of a radian are taken at the start of the drive, a kilometre away
+            distance = np.hypot(gap[:, 0], gap[:, 1])
+            assert found.errors[name][:, i, 0] == pytest.approx(distance, rel=2e-3, abs=1e-3)
+
+
+def test_an_outage_is_the_same_alone() -> None:
+    alone = taken(recording(), STARTS[1:])
+    for name, error in trials().errors.items():
+        assert np.array_equal(alone.errors[name][:, 0], error[:, 1])
+    assert np.array_equal(alone.mounting[:, 0], trials().mounting[:, 1])
+
+
+def changed_after(epoch: int, names: tuple[str, ...]) -> RecordedDrive:
+    """Return the recording with other data after an epoch."""
+    rng, recorded = np.random.default_rng(3), recording()
+    values = {}
+    for name in names:
+        x = getattr(recorded, name).copy()
+        first = epoch * 100 if "increments" in name else epoch + 1
+        size = {"position": 1e-5, "velocity": 3.0}.get(name, 0.05)
+        x[first:] += size * rng.normal(size=x[first:].shape)
+        values[name] = x
+    return replace(recorded, **values)
+
+
+def test_rtk_after_the_start_is_the_reference_alone() -> None:
+    """GPS and compass are emulated from it: nothing of them may reach an outage from behind."""
+    other = taken(changed_after(STARTS[0], ("position",)))
+    assert np.array_equal(other.mounting[:, 0], trials().mounting[:, 0])
+    for name, track in trials().tracks.items():
+        assert np.array_equal(other.tracks[name][:, :, 0], track[:, :, 0]), name
+        assert not np.array_equal(other.errors[name][:, 0], trials().errors[name][:, 0])
+    assert not np.array_equal(other.mounting[:, 1], trials().mounting[:, 1])
+
+
+def test_velocity_after_the_start_tells_the_compass_and_nothing_else() -> None:
+    other = taken(changed_after(STARTS[0], ("velocity",)))
+    assert np.array_equal(other.mounting[:, 0], trials().mounting[:, 0])
+    for name in ("never", "until"):
+        assert np.array_equal(other.tracks[name][:, :, 0], trials().tracks[name][:, :, 0])
+    assert not np.array_equal(other.tracks["through"][:, :, 0], trials().tracks["through"][:, :, 0])
+
+
+def test_the_imu_after_the_start_does_not_tell_the_mounting() -> None:
+    both = ("rotation_increments", "velocity_increments")
+    other = taken(changed_after(STARTS[0], both))
+    assert np.array_equal(other.mounting[:, 0], trials().mounting[:, 0])
+    assert not np.array_equal(other.mounting[:, 1], trials().mounting[:, 1])
+    later = taken(changed_after(STARTS[0] + 5, both))
+    for name, track in trials().tracks.items():
+        assert np.array_equal(later.tracks[name][:6, :, 0], track[:6, :, 0]), name
+        assert not np.array_equal(later.tracks[name][6:, :, 0], track[6:, :, 0])
+
+
+def test_the_draws_are_those_of_the_seed() -> None:
+    again = run_recorded_outages(recording(), beliefs(), STARTS[:1], STEPS, methods, runs=2, seed=5)
+    assert not np.array_equal(again.errors["never"][:, 0], trials().errors["never"][:, 0])
+    runs = trials().errors["never"]
+    assert not np.array_equal(runs[..., 0], runs[..., 1])

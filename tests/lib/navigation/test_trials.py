@@ -1,0 +1,476 @@
+"""Outages against full replays, what they may not know, and regressors that prove themselves."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from lib.vehicle.made_drive import KNOWN, changed, make_drive
+from numpy.typing import NDArray
+from pyins import transform
+from sklearn.dummy import DummyRegressor
+from sklearn.linear_model import LinearRegression
+
+from inswsn_lib import papers
+from inswsn_lib.errors import ParameterError
+from inswsn_lib.learning import HoldRegressor, RBFNetworkRegressor, SelectedLSSVM
+from inswsn_lib.navigation import (
+    OutageTrials,
+    Ramps,
+    VehicleHybrid,
+    outage_size,
+    p3_hybrids,
+    run_outages,
+)
+from inswsn_lib.vehicle import Drive, replay, run_vehicle_filter
+
+Array = NDArray[np.float64]
+
+STARTS, STEPS = (40, 60), 15
+SHORT: dict[str, Any] = {"tau": 10, "window": 20}
+
+
+@cache
+def driven() -> Drive:
+    return make_drive(90, 2, seed=5)
+
+
+def hybrids() -> dict[str, VehicleHybrid]:
+    return {
+        "linear": VehicleHybrid(KNOWN, LinearRegression(), **SHORT),
+        "on never": VehicleHybrid(KNOWN, HoldRegressor(), aiding=False, **SHORT),
+    }
+
+
+def taken(drive: Drive) -> OutageTrials:
+    return run_outages(drive, KNOWN, STARTS, STEPS, hybrids())
+
+
+@cache
+def trials() -> OutageTrials:
+    return taken(driven())
+
+
+# --- the filters ---
+
+
+@pytest.mark.parametrize(
+    ("name", "options"),
+    [
+        ("never", {"aiding": False}),
+        ("until", {"aided_outages": False}),
+        ("through", {}),
+    ],
+)
+@pytest.mark.parametrize("number", [0, 1])
+def test_an_outage_is_a_run_of_the_whole_drive_with_that_outage(
+    name: str, options: dict[str, bool], number: int
+) -> None:
+    """Bit for bit: GPS is there at the start, and gone from the next epoch on."""
+    drive, start = driven(), STARTS[number]
+    span = slice(start, start + STEPS + 1)
+    outage = (start + 1, start + STEPS + 1)
+    whole = run_vehicle_filter(drive, KNOWN, outages=[outage], last=start + STEPS, **options)
+    found = trials().positions[name][:, :, number]
+    assert np.array_equal(found, whole.position[span])
+    # the distance, by pyins
+    for run in range(drive.runs):
+        degrees = np.array([np.rad2deg(1), np.rad2deg(1), 1.0])
+        away = transform.compute_lla_difference(
+            found[:, :, run] * degrees, drive.reference.position[span] * degrees
+        )
+        distance = np.hypot(away[:, 0], away[:, 1])
+        assert trials().errors[name][:, number, run] == pytest.approx(distance, rel=1e-4, abs=1e-4)
+    # it can be told from a run without the outage
+    heard = run_vehicle_filter(drive, KNOWN, aiding=name != "never", last=start + STEPS)
+    assert np.abs(found[2:] - heard.position[span][2:]).max() > 1e-9
+
+
+def test_starts_and_shapes() -> None:
+    found = trials()
+    assert found.starts.tolist() == list(STARTS)
+    names = {"never", "until", "through", "linear", "on never"}
+    assert set(found.errors) == set(found.positions) == names
+    assert all(e.shape == (STEPS + 1, 2, 2) for e in found.errors.values())
+    assert all(p.shape == (STEPS + 1, 3, 2, 2) for p in found.positions.values())
+    # when the outage begins, the aided ones know the same, and so do the others
+    for group in (("until", "through", "linear"), ("never", "on never")):
+        first = found.positions[group[0]][0]
+        assert all(np.array_equal(found.positions[name][0], first) for name in group)
+    assert np.array_equal(first, found.bases[False].position[list(STARTS)].transpose(1, 0, 2))
+
+
+def test_of_three_filters_the_one_that_is_aided_through_is_the_best() -> None:
+    """The car never slides, and the compass is good: over both outages and runs aiding helps."""
+    rms = {name: np.sqrt(np.mean(trials().errors[name][1:] ** 2)) for name in trials().errors}
+    assert rms["through"] < rms["until"]
+    assert rms["through"] < rms["never"]
+
+
+def garbage(drive: Drive, name: str, after: int) -> Drive:
+    """Return the drive with other numbers from an epoch's successor on."""
+    values = getattr(drive, name).copy()
+    first = after * drive.samples_per_epoch if "increments" in name else after + 1
+    rng = np.random.default_rng(8)
+    size = {"gps_position": 1e-4, "gps_velocity": 20.0, "compass": 1.0}.get(name, 0.05)
+    values[first:] += size * rng.normal(size=values[first:].shape)
+    return changed(drive, **{name: values})
+
+
+def test_never_does_not_look_at_the_compass_after_it_is_aligned() -> None:
+    other = taken(garbage(driven(), "compass", 0))
+    for name in ("never", "on never"):
+        assert np.array_equal(other.positions[name], trials().positions[name])
+    assert not np.array_equal(other.positions["until"], trials().positions["until"])
+    # the yaw of the alignment is the one thing that it takes from it
+    turned = driven().compass.copy()
+    turned[0] += 0.1
+    assert not np.array_equal(
+        taken(changed(driven(), compass=turned)).positions["never"], trials().positions["never"]
+    )
+
+
+def test_until_does_not_look_at_the_compass_in_the_outage() -> None:
+    other = taken(garbage(driven(), "compass", STARTS[0]))
+    assert np.array_equal(other.positions["until"][:, :, 0], trials().positions["until"][:, :, 0])
+    # the second outage begins later, and the aided filter has it all the way
+    for name, number in (("until", 1), ("through", 0)):
+        same = other.positions[name][:, :, number] == trials().positions[name][:, :, number]
+        assert not same.all()
+
+
+@pytest.mark.parametrize("name", ["gps_position", "gps_velocity"])
+def test_nothing_of_gps_after_the_start_is_used(name: str) -> None:
+    """By no method: neither by the filters, nor by what the hybrids learn from."""
+    other = taken(garbage(driven(), name, STARTS[0]))
+    for method, found in trials().positions.items():
+        assert np.array_equal(other.positions[method][:, :, 0], found[:, :, 0]), method
+        assert not np.array_equal(other.positions[method][1:, :, 1], found[1:, :, 1]), method
+    after = taken(garbage(driven(), name, STARTS[1]))
+    for method, found in trials().positions.items():
+        assert np.array_equal(after.positions[method], found), method
+
+
+@pytest.mark.parametrize("name", ["compass", "rotation_increments", "velocity_increments"])
+def test_nothing_is_used_before_it_is_measured(name: str) -> None:
+    middle = 7
+    other = taken(garbage(driven(), name, STARTS[1] + middle))
+    for method, found in trials().positions.items():
+        assert np.array_equal(
+            other.positions[method][: middle + 1, :, 1], found[: middle + 1, :, 1]
+        )
+        assert np.array_equal(other.positions[method][:, :, 0], found[:, :, 0])
+    assert not np.array_equal(other.positions["through"], trials().positions["through"])
+
+
+# --- who takes part ---
+
+
+@pytest.mark.parametrize("name", ["never", "until", "through"])
+def test_a_hybrid_may_not_be_called_as_a_filter(name: str) -> None:
+    with pytest.raises(ParameterError, match=f"{name}.*not one of never, until, through"):
+        run_outages(driven(), KNOWN, [40], 5, {name: hybrids()["linear"]})
+
+
+def test_a_hybrid_may_not_have_other_settings_than_the_filters() -> None:
+    """Its simulated outages would begin with what another filter knew."""
+    other = VehicleHybrid(replace(KNOWN, lateral=1.0), LinearRegression(), **SHORT)
+    with pytest.raises(ParameterError, match=r"linear.*of the same settings"):
+        run_outages(driven(), KNOWN, [40], 5, {"linear": other})
+
+
+@pytest.mark.parametrize("starts", [[40.0], [], [[40, 50]], ["40"], [True]])
+def test_starts_that_are_no_whole_numbers(starts: Any) -> None:
+    with pytest.raises(ParameterError, match=r"starts.*whole numbers"):
+        run_outages(driven(), KNOWN, starts, 5)
+
+
+@pytest.mark.parametrize("filters", [(), ("always",), ("never", "sometimes")])
+def test_filters_that_are_none(filters: tuple[str, ...]) -> None:
+    with pytest.raises(ParameterError, match="some of never, until, through"):
+        run_outages(driven(), KNOWN, [40], 5, filters=filters)
+
+
+@pytest.mark.parametrize(
+    ("filters", "bases"),
+    [
+        (("never",), {False}),
+        (("through",), {True}),
+        (("until", "through"), {True}),
+        (("never", "until"), {False, True}),
+    ],
+)
+def test_some_of_the_filters(filters: tuple[str, ...], bases: set[bool]) -> None:
+    some = run_outages(driven(), KNOWN, STARTS, STEPS, filters=filters)
+    assert set(some.errors) == set(some.branches) == set(filters)
+    assert set(some.bases) == bases
+    for name in filters:
+        assert np.array_equal(some.positions[name], trials().positions[name])
+
+
+@pytest.mark.parametrize("filters", [("never",), ("through",)])
+def test_a_hybrid_is_the_same_whichever_filters_take_part(filters: tuple[str, ...]) -> None:
+    some = run_outages(driven(), KNOWN, STARTS, STEPS, hybrids(), filters=filters)
+    for name in hybrids():
+        assert np.array_equal(some.positions[name], trials().positions[name])
+
+
+@pytest.mark.parametrize(("starts", "steps"), [([80], 11), ([-1], 5), ([40, 91], 1)])
+def test_an_outage_that_leaves_the_drive(starts: list[int], steps: int) -> None:
+    with pytest.raises(ParameterError):
+        run_outages(driven(), KNOWN, starts, steps)
+
+
+def test_hybrids_with_the_same_simulated_outages_share_them() -> None:
+    pair = {
+        "linear": VehicleHybrid(KNOWN, LinearRegression(), **SHORT),
+        "hold": VehicleHybrid(KNOWN, HoldRegressor(), **(SHORT | {"window": 30})),
+        "shorter": VehicleHybrid(KNOWN, HoldRegressor(), tau=5, window=20),
+        "body": VehicleHybrid(KNOWN, HoldRegressor(), frame="body", **SHORT),
+    }
+    ramps = run_outages(driven(), KNOWN, [40], 5, pair).ramps
+    assert ramps["linear"] is ramps["hold"]
+    assert ramps["shorter"].elapsed.max() == 5
+    assert not np.allclose(ramps["body"].difference, ramps["hold"].difference)
+
+
+# --- the size of an error ---
+
+
+@given(st.floats(0, 1e6), st.integers(1, 60), st.integers(1, 4))
+def test_a_constant_error_is_its_own_size(size: float, steps: int, outages: int) -> None:
+    errors = np.full((steps + 1, outages), size)
+    errors[0] = 1e9  # the last epoch with GPS does not count
+    rms, largest = outage_size(errors)
+    assert rms.shape == largest.shape == (outages,)
+    assert rms == pytest.approx(size)
+    assert largest == pytest.approx(size)
+
+
+@given(st.floats(1e-3, 1e3), st.data())
+def test_an_error_that_grows_by_a_line(slope: float, data: st.DataObject) -> None:
+    """The sum of squares from a to b is S(b) - S(a - 1), S(n) = n (n + 1) (2 n + 1) / 6."""
+    steps = data.draw(st.integers(1, 60))
+    last = data.draw(st.integers(1, steps))
+    first = data.draw(st.integers(1, last))
+    errors = slope * np.arange(steps + 1.0)[:, None]
+    rms, largest = outage_size(errors, first, last)
+    a = first - 1
+    squares = (last * (last + 1) * (2 * last + 1) - a * (a + 1) * (2 * a + 1)) / 6
+    assert rms[0] == pytest.approx(slope * np.sqrt(squares / (last - a)))
+    assert largest[0] == pytest.approx(slope * last)
+
+
+@given(arrays(float, (13, 3), elements=st.just(0.0) | st.floats(1e-6, 1e3)))
+def test_the_largest_is_no_less_than_the_rms_and_no_more_than_its_share_allows(
+    errors: Array,
+) -> None:
+    rms, largest = outage_size(errors)
+    assert (rms <= largest * (1 + 1e-12)).all()
+    assert (largest <= np.sqrt(12) * rms * (1 + 1e-12)).all()
+    halves = outage_size(errors, 1, 6), outage_size(errors, 7, 12)
+    assert np.sqrt((halves[0][0] ** 2 + halves[1][0] ** 2) / 2) == pytest.approx(rms)
+    assert np.array_equal(np.maximum(halves[0][1], halves[1][1]), largest)
+
+
+@pytest.mark.parametrize(("first", "last"), [(0, 3), (3, 2), (1, 11), (11, None), (-1, 5), (2, 0)])
+def test_a_part_that_is_none(first: int, last: int | None) -> None:
+    with pytest.raises(ParameterError, match=r"first|last"):
+        outage_size(np.zeros((11, 2)), first, last)
+
+
+# --- P3's methods ---
+
+
+def test_the_settings_of_the_methods_are_those_that_p3_prints(root: Path) -> None:
+    printed = papers.read_numbers(root / "data" / "papers" / "p3.yaml")["settings"]
+    methods = p3_hybrids(KNOWN)
+    assert list(methods) == ["lssvm", "rbf", "no time", "linear", "hold"]
+    assert all(m.window == float(printed["window_s"]) for m in methods.values())
+    assert all(m.settings is KNOWN and m.aiding and m.motion for m in methods.values())
+    network = methods["rbf"].regressor
+    assert isinstance(network, RBFNetworkRegressor)
+    newrb = printed["newrb"]
+    assert network.spread == float(newrb["spread"])
+    assert network.goal == float(newrb["goal"])
+    assert network.max_neurons == float(newrb["max_neurons"])
+    assert [name for name, m in methods.items() if not m.scaled] == ["rbf"]
+    assert [name for name, m in methods.items() if not m.timed] == ["no time"]
+    kinds = [SelectedLSSVM, RBFNetworkRegressor, SelectedLSSVM, LinearRegression, HoldRegressor]
+    assert [type(m.regressor) for m in methods.values()] == kinds
+    # P3 (39): two specific forces, the yaw rate, and the time
+    motion, elapsed = np.arange(15.0).reshape(5, 3), np.arange(5.0)
+    widths = [m.inputs(motion, elapsed).shape[1] for m in methods.values()]
+    assert widths == [4, 4, 3, 4, 4]
+
+
+def test_options_are_for_all_of_them() -> None:
+    assert all(m.tau == 7 and m.scaled for m in p3_hybrids(KNOWN, tau=7, scaled=True).values())
+
+
+# --- simulated outages, and regressors that prove themselves on them ---
+
+
+def test_where_the_run_ends_the_simulated_outage_ends_with_it() -> None:
+    drive, machine = driven(), VehicleHybrid(KNOWN, LinearRegression(), phase=3, **SHORT)
+    run = run_vehicle_filter(drive, KNOWN, last=48)
+    ramps = machine.simulate_outages(drive, run, [48])
+    lengths = {b: int(np.sum((ramps.ramp == b) & (ramps.run == 0))) for b in np.unique(ramps.ramp)}
+    assert lengths == {3: 10, 13: 10, 23: 10, 33: 10, 43: 5}
+    assert ramps.epoch.max() == 48
+    assert np.array_equal(ramps.epoch - ramps.ramp, ramps.elapsed)
+    # as far as it goes it is what it would have been
+    longer = machine.simulate_outages(drive, run_vehicle_filter(drive, KNOWN, last=80), [60])
+    rows, others = ramps.ramp == 43, (longer.ramp == 43) & (longer.epoch <= 48)
+    for name in ("epoch", "run", "elapsed", "motion", "difference"):
+        assert np.array_equal(getattr(ramps, name)[rows], getattr(longer, name)[others]), name
+    # and it is the first module after compass and constraint, less the second after GPS, east first
+    first = replay(drive, KNOWN, run, [43], 5, aiding=True).first[1:]
+    second = run.position[44:]
+    for r in range(drive.runs):
+        degrees = np.array([np.rad2deg(1), np.rad2deg(1), 1.0])
+        away = transform.compute_lla_difference(first[..., r] * degrees, second[..., r] * degrees)
+        found = ramps.difference[rows & (ramps.run == r)]
+        assert found == pytest.approx(away[:, [1, 0]], rel=1e-4, abs=1e-4)
+
+
+def made_ramps(slopes: Array, tau: int = 10) -> Ramps:
+    """Return ramps that grow by lines: slopes (runs, ramps), the same east and north."""
+    runs, count = slopes.shape
+    run, number, elapsed = (
+        x.ravel()
+        for x in np.meshgrid(
+            np.arange(runs), np.arange(count), np.arange(1, tau + 1), indexing="ij"
+        )
+    )
+    return Ramps(
+        epoch=number * tau + elapsed,
+        run=run,
+        ramp=number * tau,
+        elapsed=elapsed.astype(float),
+        motion=np.zeros((len(run), 3)),
+        difference=(slopes[run, number] * elapsed)[:, None] * [1.0, 1.0],
+    )
+
+
+def proving(regressor: Any = None, **options: Any) -> VehicleHybrid:
+    """One that learns from the last ramp alone, by its time."""
+    values: dict[str, Any] = {"tau": 10, "window": 10, "motion": False, "past": 8}
+    return VehicleHybrid(KNOWN, regressor or LinearRegression(), **(values | options))
+
+
+def test_where_all_ramps_are_alike_the_regressor_is_kept() -> None:
+    ramps = made_ramps(np.full((1, 10), 0.7))
+    machine = proving().train(ramps, 0, 100)
+    assert isinstance(machine.regressor, LinearRegression)
+    assert machine.pairs == 10
+    assert machine.predict(np.array([[40.0]])) == pytest.approx(np.full((1, 2), 28.0))
+
+
+def test_zero_is_chosen_where_the_sign_changes_too_often() -> None:
+    """Told the last ramp's slope, the square of a ramp's error is nothing or four times its own.
+
+    Of eight ramps two with another sign than the one before are as bad as saying nothing. With
+    random signs one change at most has the probability 9 / 256; 150 runs, four standard errors.
+    """
+    signs = np.random.default_rng(40).choice([-1.0, 1.0], size=(150, 10))
+    ramps, machine = made_ramps(signs), proving()
+    kept = np.array([machine.train(ramps, r, 100).regressor is not None for r in range(150)])
+    changes = (signs[:, 2:] != signs[:, 1:-1]).sum(axis=1)
+    assert np.array_equal(kept, changes < 2)
+    chance = 9 / 256
+    assert kept.mean() == pytest.approx(chance, abs=4 * np.sqrt(chance * (1 - chance) / 150))
+    silent = machine.train(ramps, int(np.argmin(kept)), 100)
+    assert silent.pairs == 0
+    assert np.array_equal(silent.predict(np.ones((3, 1))), np.zeros((3, 2)))
+
+
+def test_only_the_last_ramps_are_judged() -> None:
+    """Old ramps that change their sign do not count, new ones do."""
+    old, new = np.ones((1, 10)), np.ones((1, 10))
+    old[0, :4] = [1, -1, 1, -1]
+    new[0, -4:] = [1, -1, 1, -1]
+    assert proving(past=5).train(made_ramps(old), 0, 100).regressor is not None
+    assert proving(past=8).train(made_ramps(old), 0, 100).regressor is None
+    assert proving(past=5).train(made_ramps(new), 0, 100).regressor is None
+
+
+def test_what_comes_after_the_start_does_not_judge() -> None:
+    """Nor a ramp that is under way: it would need differences of the outage.
+
+    One ramp of the other sign among three: four times its square against three.
+    """
+    slopes = np.ones((1, 12))
+    slopes[0, 8:] = [-1, 1, -1, 1]
+    ramps = made_ramps(slopes)
+    assert proving(past=3).train(ramps, 0, 80).regressor is not None
+    assert proving(past=3).train(ramps, 0, 89).regressor is not None
+    assert proving(past=3).train(ramps, 0, 90).regressor is None
+
+
+def test_who_has_nothing_to_prove_itself_on_predicts_zero() -> None:
+    assert proving().train(made_ramps(np.ones((1, 3))), 0, 9).regressor is None
+
+
+def test_the_first_ramp_of_all_has_nothing_before_it_and_is_not_judged() -> None:
+    ramps = made_ramps(np.ones((1, 10)))
+    later = replace(ramps, epoch=ramps.epoch + 60, ramp=ramps.ramp + 60)
+    assert proving(past=10, phase=60).train(later, 0, 160).regressor is not None
+
+
+@pytest.mark.parametrize("options", [{"restart": "aligned"}, {"anchored": True}])
+def test_who_has_no_past_ramps_of_the_same_kind_cannot_prove_itself(
+    options: dict[str, Any],
+) -> None:
+    with pytest.raises(ParameterError, match="past"):
+        proving(**options)
+
+
+def test_the_best_of_the_rivals_is_taken() -> None:
+    wrong = [DummyRegressor(strategy="constant", constant=[c, c]) for c in (-9.0, 50.0)]
+    ramps = made_ramps(np.full((1, 10), 0.7))
+    machine = proving(wrong[0], rivals=[wrong[1], LinearRegression()]).train(ramps, 0, 100)
+    assert isinstance(machine.regressor, LinearRegression)
+    assert machine.predict(np.array([[3.0]])) == pytest.approx(np.full((1, 2), 2.1))
+    with_none = proving(wrong[0], rivals=wrong, scaled=False).train(ramps, 0, 100)
+    assert with_none.regressor is None
+
+
+def test_a_run_is_judged_by_its_own_ramps() -> None:
+    slopes = np.ones((2, 10))
+    slopes[1, ::2] = -1
+    ramps = made_ramps(slopes)
+    assert proving().train(ramps, 0, 100).regressor is not None
+    assert proving().train(ramps, 1, 100).regressor is None
+
+
+def test_a_ramp_is_predicted_from_the_one_before_it() -> None:
+    slopes = np.array([[0.5, -2.0, 3.0, 1.0]])
+    ramps, line = made_ramps(slopes), np.arange(1.0, 11)[:, None] * [1, 1]
+    for number in (1, 2, 3):
+        predicted, came = proving().predict_ramp(ramps, 0, 10 * number)
+        assert predicted == pytest.approx(slopes[0, number - 1] * line)
+        assert came == pytest.approx(slopes[0, number] * line)
+    constant = DummyRegressor(strategy="constant", constant=[4.0, 5.0])
+    predicted, _ = proving(scaled=False).predict_ramp(ramps, 0, 20, constant)
+    assert np.array_equal(predicted, np.tile([4.0, 5.0], (10, 1)))
+
+
+def test_in_outages_it_says_what_it_was_chosen_to_say() -> None:
+    """The whole way: made ramps of one slope, and of changing sign, through `bridge`."""
+    drive = driven()
+    run = run_vehicle_filter(drive, KNOWN, last=80)
+    slopes = np.full((2, 8), 0.7)
+    slopes[1, ::2] = -0.7
+    bridge = proving(past=4).bridge(drive, run, [80], 9, ramps=made_ramps(slopes))
+    expected = 0.7 * np.arange(10)[:, None] * [1, 1]
+    assert bridge.predicted[:, :, 0] == pytest.approx(expected)
+    assert not bridge.predicted[:, :, 1].any()
+    assert np.array_equal(bridge.position[..., 1], bridge.branch.first[..., 1])

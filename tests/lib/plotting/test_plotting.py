@@ -1,0 +1,93 @@
+"""How figures and tables are shown."""
+
+from __future__ import annotations
+
+import re
+
+import pandas as pd
+import pytest
+from inswsn_book.show import show_figure, show_table, tick
+from markdown_it import MarkdownIt
+
+from inswsn_lib.errors import ParameterError
+from inswsn_lib.plotting import COLOURS, figure, percent_axis
+
+
+def shown_svg(displayed: list) -> tuple[str, dict]:
+    fig, ax = figure(height=2)
+    ax.plot([0, 1], [0, 50])
+    percent_axis(ax, "y")
+    show_figure(fig, name="fig-x", caption="A line.", alt="A line from 0 to 50 per cent.")
+    data, metadata = displayed.pop()
+    return data["image/svg+xml"], metadata["inswsn"]
+
+
+def test_a_figure_carries_its_words_and_is_the_same_every_time(displayed: list) -> None:
+    svg, words = shown_svg(displayed)
+    assert words == {"name": "fig-x", "caption": "A line.", "alt": "A line from 0 to 50 per cent."}
+    assert svg == shown_svg(displayed)[0]
+
+
+def test_a_figure_has_no_ground_of_its_own(displayed: list) -> None:
+    svg, _ = shown_svg(displayed)
+    patch = re.search(r'<g id="patch_1">\s*<path d="[^"]*" style="([^"]*)"', svg)
+    assert patch is not None
+    assert "fill: none" in patch[1]
+
+
+def lightness(colour: str) -> float:
+    """Return the relative luminance of WCAG 2."""
+    channels = [int(colour[i : i + 2], 16) / 255 for i in (1, 3, 5)]
+    linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in channels]
+    return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
+
+
+@pytest.mark.parametrize("colour", COLOURS.values(), ids=COLOURS)
+def test_colours_stand_out_from_a_white_page(colour: str) -> None:
+    assert 1.05 / (lightness(colour) + 0.05) >= 3.0  # WCAG 2 for graphics
+
+
+@pytest.mark.parametrize("empty", ["name", "caption", "alt"])
+def test_a_figure_without_words_is_refused(empty: str) -> None:
+    words = {"name": "n", "caption": "c", "alt": "a"} | {empty: " "}
+    with pytest.raises(ParameterError) as refusal:
+        show_figure(figure()[0], **words)
+    assert refusal.value.name == empty
+
+
+def test_a_table_is_a_numbered_one_in_the_book_and_html_in_a_notebook(displayed: list) -> None:
+    frame = pd.DataFrame(
+        {"a": ["1.0", ""], "b": [tick(True), tick(False)]}, index=pd.Index(["x", "y"], name="row")
+    )
+    show_table(frame, name="tbl-x", caption="Two rows.")
+    data, _ = displayed.pop()
+    assert data["text/markdown"].splitlines() == [
+        "```{list-table} Two rows.",
+        ":name: tbl-x",
+        ":header-rows: 1",
+        ":stub-columns: 1",
+        "",
+        "* - row",
+        "  - a",
+        "  - b",
+        "* - x",
+        "  - 1.0",
+        "  - yes",
+        "* - y",
+        "  -",
+        "  - no",
+        "```",
+    ]
+    assert "<th>x</th>" in data["text/html"]
+    with pytest.raises(ParameterError, match="one line"):
+        show_table(frame, name="tbl-x", caption="Two\nlines.")
+
+
+def test_a_caption_with_code_in_it_is_a_caption(displayed: list) -> None:
+    """Markdown allows no backtick on the line of a fence of backticks."""
+    show_table(pd.DataFrame({"a": [1]}), name="tbl-x", caption="Of `this`.")
+    data, _ = displayed.pop()
+    lines = data["text/markdown"].splitlines()
+    assert (lines[0], lines[-1]) == ("~~~{list-table} Of `this`.", "~~~")
+    html = MarkdownIt().render(data["text/markdown"])
+    assert html.startswith('<pre><code class="language-{list-table}"')

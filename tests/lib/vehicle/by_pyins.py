@@ -1,0 +1,84 @@
+"""The same filter by pyins, for tests: its tables, its error model, its loop."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+from lib.vehicle.made_drive import DV, PERIOD, THETA, TURN
+from pyins import filters, inertial_sensor, measurements, transform
+from pyins.util import LLA_COLS, RPH_COLS, TRAJECTORY_COLS, VEL_COLS, Bunch
+
+from inswsn_lib.vehicle import Drive, FilterSettings, align
+
+
+class Compass(measurements.Measurement):
+    """The yaw."""
+
+    def __init__(self, data: pd.DataFrame, deviation: float) -> None:
+        super().__init__(data)
+        self.R = np.array([[deviation**2]])
+
+    def compute_matrices(self, time, pva, error_model):  # type: ignore[no-untyped-def]
+        if time not in self.data.index:
+            return None
+        z = np.deg2rad(pva.heading) - self.data.loc[time, "yaw"]
+        row = np.deg2rad(error_model.transform_to_output(pva)[error_model.DHEADING])
+        return np.array([np.angle(np.exp(1j * z))]), row[None], self.R
+
+
+class Sideways(measurements.Measurement):
+    """The lateral velocity, which is zero."""
+
+    def __init__(self, data: pd.DataFrame, deviation: float) -> None:
+        super().__init__(data)
+        self.R = np.array([[deviation**2]])
+
+    def compute_matrices(self, time, pva, error_model):  # type: ignore[no-untyped-def]
+        if time not in self.data.index:
+            return None
+        z = (transform.mat_from_rph(pva[RPH_COLS]).T @ pva[VEL_COLS].to_numpy(float))[1:2]
+        return z, error_model.body_velocity_error_jacobian(pva)[1:2], self.R
+
+
+def run_by_pyins(
+    drive: Drive, settings: FilterSettings, *, aiding: bool, time_step: float
+) -> Bunch:
+    """Run pyins' feedback filter over the first run of a drive, from the same start."""
+    begun = align(drive, settings)[0]
+    lla = np.append(np.rad2deg(begun.position[:2]), begun.position[2])
+    rph = transform.mat_to_rph(TURN @ begun.attitude)
+    pva = pd.Series(np.concatenate([lla, TURN @ begun.velocity, rph]), TRAJECTORY_COLS, name=0.0)
+    samples = len(drive.rotation_increments)
+    increments = pd.DataFrame(
+        np.column_stack([
+            np.full(samples, PERIOD),
+            drive.rotation_increments[..., 0], drive.velocity_increments[..., 0],
+        ]),
+        index=pd.Index(np.arange(1, samples + 1) * PERIOD, name="time"),
+        columns=["dt", *THETA, *DV],
+    )  # fmt: skip
+    time = np.arange(len(drive.time)) * 100 * PERIOD
+    gps = drive.gps_position[..., 0].copy()
+    gps[:, :2] = np.rad2deg(gps[:, :2])
+    heard: list[measurements.Measurement] = [
+        measurements.Position(pd.DataFrame(gps, time, LLA_COLS), settings.gps_position),
+        measurements.NedVelocity(
+            pd.DataFrame(drive.gps_velocity[..., 0] @ TURN, time, VEL_COLS), settings.gps_velocity
+        ),
+    ]
+    for measurement in heard:
+        measurement.data = measurement.data.iloc[1:]  # epoch 0 made the first state
+    if aiding:
+        compass = pd.DataFrame({"yaw": drive.compass[1:, 0]}, time[1:])
+        heard = [Compass(compass, settings.compass), Sideways(compass, settings.lateral), *heard]
+    return filters.run_feedback_filter(
+        pva, settings.position, settings.velocity,
+        np.rad2deg(settings.tilt), np.rad2deg(settings.yaw), increments,
+        inertial_sensor.EstimationModel(
+            settings.gyro_drift, settings.gyro_noise, settings.gyro_walk
+        ),
+        inertial_sensor.EstimationModel(
+            settings.accelerometer_bias, settings.accelerometer_noise, settings.accelerometer_walk
+        ),
+        heard, time_step,
+    )  # fmt: skip

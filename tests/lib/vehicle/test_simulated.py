@@ -1,0 +1,562 @@
+"""Simulated drives: against closed forms, against pyins' integration, and their noise."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from pyins import strapdown, transform
+from scipy import stats
+
+from inswsn_lib.errors import InswsnError, ParameterError
+from inswsn_lib.scenario import Setting, load_scenario, with_values
+from inswsn_lib.vehicle.drive import Drive
+from inswsn_lib.vehicle.route import Route, RouteLimits, plan_route
+from inswsn_lib.vehicle.simulated import (
+    SensorErrors,
+    Truth,
+    VehicleModel,
+    corrected_increments,
+    follow_route,
+    gauss_markov,
+    simulate_drive,
+    simulate_sensors,
+    true_motion,
+)
+
+Settings = dict[str, Setting]
+Array = np.ndarray
+
+LATITUDE, HEIGHT = np.radians(32.06), 20.0
+# WGS 84
+A, E2, EARTH_RATE = 6378137.0, 6.6943799901413e-3, 7.292115e-5
+SQUARE = 1 - E2 * np.sin(LATITUDE) ** 2
+MERIDIAN = A * (1 - E2) / SQUARE**1.5
+TRANSVERSE = A / SQUARE**0.5
+# Somigliana's formula, with the linear decrease over the height
+GRAVITY = (
+    9.7803253359
+    * (1 + 0.00193185265241 * np.sin(LATITUDE) ** 2)
+    / SQUARE**0.5
+    * (1 - 2 * HEIGHT / A)
+)
+TO_NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+PERIOD = 0.01
+
+NO_ERRORS = dict.fromkeys(
+    [
+        *("gps_position_noise", "gps_velocity_noise", "compass_noise", "compass_outlier"),
+        *(
+            f"{sensor}_{what}"
+            for sensor in ("gyro", "accelerometer")
+            for what in ("noise", "bias", "instability", "scale")
+        ),
+    ],
+    0,
+)
+STIFF = {"pitch_response": 0, "roll_response": 0, "slip": 0}
+
+
+@pytest.fixture(scope="module")
+def settings(root: Path) -> Settings:
+    return load_scenario(root / "data/scenarios/p3.yaml")
+
+
+@pytest.fixture(scope="module")
+def quiet(settings: Settings) -> Settings:
+    return with_values(settings, **NO_ERRORS)
+
+
+@pytest.fixture(scope="module")
+def truth(settings: Settings) -> Truth:
+    return true_motion(settings, 0)
+
+
+@pytest.fixture(scope="module")
+def ideal(truth: Truth, quiet: Settings) -> Drive:
+    return simulate_sensors(truth, quiet, runs=1, seed=0)
+
+
+@pytest.fixture(scope="module")
+def still(settings: Settings) -> Truth:
+    """Ten seconds at rest, headed east."""
+    return follow_route(steady(0.0, 0.0, np.pi / 2), settings)
+
+
+def steady(speed: float, curvature: float, course: float, duration: float = 10.0) -> Route:
+    """A level road of constant curvature at constant speed."""
+    rate = speed * curvature
+    return Route(
+        durations=np.array([duration]),
+        accelerations=np.zeros((1, 2)),
+        course_rates=np.array([[rate, rate]]),
+        speeds=np.array([speed]),
+        course=course,
+        waves=np.zeros((0, 3)),
+        places=(),
+    )
+
+
+def is_variance(errors: Array, sigma: float) -> bool:
+    """Whether normal errors of mean 0 have a deviation; wrong for true ones once in 10,000."""
+    low, high = stats.chi2.ppf([5e-5, 1 - 5e-5], errors.size)
+    return bool(low < (errors**2).sum() / sigma**2 < high)
+
+
+def as_pva(drive: Drive) -> pd.Series:
+    """The start of a drive as pyins has it."""
+    reference = drive.reference
+    assert reference.attitude is not None
+    return pd.Series(
+        [
+            *np.degrees(reference.position[0, :2]),
+            reference.position[0, 2],
+            *(TO_NED @ reference.velocity[0]),
+            *transform.mat_to_rph(TO_NED @ reference.attitude[0]),
+        ],
+        index=["lat", "lon", "alt", "VN", "VE", "VD", "roll", "pitch", "heading"],
+        name=0.0,
+    )
+
+
+def integrated(drive: Drive) -> pd.DataFrame:
+    """What pyins' integration makes of the first run of a drive, at the epochs."""
+    samples = len(drive.rotation_increments)
+    increments = pd.DataFrame(
+        np.column_stack(
+            [
+                np.full(samples, drive.period),
+                drive.rotation_increments[:, :, 0],
+                drive.velocity_increments[:, :, 0],
+            ]
+        ),
+        columns=["dt", "theta_x", "theta_y", "theta_z", "dv_x", "dv_y", "dv_z"],
+        index=drive.period * np.arange(1, samples + 1),
+    )
+    out = strapdown.Integrator(as_pva(drive)).integrate(increments)
+    return out.iloc[:: drive.samples_per_epoch]
+
+
+def test_the_settings_are_what_their_reasons_say(settings: Settings) -> None:
+    degree, hour, g = np.pi / 180, 3600, 9.80665
+    expected = {
+        "latitude": 32.06 * degree,
+        "longitude": 118.80 * degree,
+        "pitch_response": 0.4 * degree,
+        "roll_response": 0.4 * degree,
+        "slip": 0.3 * degree,
+        "imu_period": 1 / 100,
+        "compass_noise": 0.15 * degree,
+        "gyro_noise": 4.5 * degree / hour**0.5,
+        "gyro_bias": 0.02 * degree,
+        "gyro_instability": 10 * degree / hour,
+        "accelerometer_noise": 1 / hour**0.5,
+        "accelerometer_bias": 0.010 * g,
+        "accelerometer_instability": 0.001 * g,
+    }
+    for name, value in expected.items():
+        assert settings[name].value == pytest.approx(value, rel=1e-5)
+    assert settings["compass_outlier_size"].value == pytest.approx([5 * degree, 10 * degree])
+    kinds = (RouteLimits, VehicleModel, SensorErrors)
+    mine = {field.name for kind in kinds for field in fields(kind)}
+    assert {name for name in mine if settings[name].source == "paper"} == {
+        *("imu_period", "aiding_period", "compass_noise"),
+        *("gps_position_noise", "gps_velocity_noise"),
+    }
+
+
+def test_at_rest_there_are_gravity_and_the_earth(still: Truth) -> None:
+    force = still.velocity / PERIOD
+    assert force == pytest.approx(np.array([[0], [0], [-GRAVITY]]) + 0 * force, abs=1e-6)
+    # headed east: forward is east, right is south, down
+    north, down = EARTH_RATE * np.cos(LATITUDE), -EARTH_RATE * np.sin(LATITUDE)
+    rate = still.rotation / PERIOD
+    assert rate == pytest.approx(np.array([[0], [-north], [down]]) + 0 * rate, abs=1e-10)
+
+
+@pytest.mark.parametrize("course", [0.0, 0.7, 2.5, -1.9])
+def test_on_a_straight_there_is_no_turn(settings: Settings, course: float) -> None:
+    v = 15.0
+    truth = follow_route(steady(v, 0.0, course), settings)
+    c, s = np.cos(course), np.sin(course)
+    north, east = v * c, v * s
+    earth = EARTH_RATE * np.array([np.cos(LATITUDE), 0, -np.sin(LATITUDE)])
+    transport = np.array(
+        [
+            east / (TRANSVERSE + HEIGHT),
+            -north / (MERIDIAN + HEIGHT),
+            -east * np.tan(LATITUDE) / (TRANSVERSE + HEIGHT),
+        ]
+    )
+    # what keeps the vehicle level and on its course over the turning Earth
+    to_body = np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
+    rate = to_body @ (earth + transport)
+    coriolis = np.cross(2 * earth + transport, [north, east, 0])
+    force = to_body @ (coriolis - [0, 0, GRAVITY])
+    # the latitude changes by 150 m / 6371 km
+    assert np.ptp(truth.rotation, axis=1).max() / PERIOD < 1e-8
+    assert truth.rotation.mean(axis=1) / PERIOD == pytest.approx(rate, abs=1e-8)
+    assert truth.velocity.mean(axis=1) / PERIOD == pytest.approx(force, abs=1e-5)
+
+
+@pytest.mark.parametrize("radius", [20.0, -35.0])
+def test_in_a_steady_turn(settings: Settings, radius: float) -> None:
+    v = 6.5
+    truth = follow_route(steady(v, 1 / radius, 0.4), with_values(settings, **STIFF))
+    # the Earth's rate and the Coriolis acceleration are what is left over
+    roll, pitch, yaw = truth.rotation / PERIOD
+    forward, right, down = truth.velocity / PERIOD
+    assert yaw == pytest.approx(v / radius + 0 * yaw, abs=1.1 * EARTH_RATE)
+    assert np.abs([roll, pitch]).max() < 1.1 * EARTH_RATE
+    left_over = 2.2 * EARTH_RATE * v
+    # over a sample the force turns with the body, to the second order
+    assert right == pytest.approx(v**2 / radius + 0 * right, abs=left_over + 1e-5)
+    assert np.abs(forward).max() < left_over + 1e-5
+    assert down == pytest.approx(-GRAVITY + 0 * down, abs=left_over + 1e-5)
+
+
+def test_the_body_leans_and_slips(settings: Settings) -> None:
+    v, radius = 6.5, 20.0
+    truth = follow_route(steady(v, 1 / radius, 0.4), settings)
+    lateral = v**2 / radius  # to the right
+    attitude = truth.reference.attitude
+    assert attitude is not None
+    roll, pitch, yaw = transform.mat_to_rph(TO_NED @ attitude).T
+    course = np.degrees(np.arctan2(*truth.reference.velocity[:, :2].T))
+    assert roll == pytest.approx(-0.4 * lateral + 0 * roll, abs=1e-5)  # out of the turn
+    assert pitch == pytest.approx(0 * pitch, abs=1e-9)
+    behind = (yaw - course + 180) % 360 - 180
+    assert behind == pytest.approx(0.3 * lateral + 0 * yaw, abs=1e-5)
+
+
+def test_the_increments_integrate_to_the_reference(ideal: Drive) -> None:
+    out = integrated(ideal)
+    position = np.degrees(ideal.reference.position)
+    position[:, 2] = ideal.reference.position[:, 2]
+    off = transform.compute_lla_difference(out[["lat", "lon", "alt"]].to_numpy(), position)
+    assert np.abs(off).max() < 0.05  # m, after 25 minutes
+    velocity = ideal.reference.velocity @ TO_NED
+    assert np.abs(out[["VN", "VE", "VD"]].to_numpy() - velocity).max() < 1e-4
+    attitude = ideal.reference.attitude
+    assert attitude is not None
+    turned = transform.mat_from_rph(out[["roll", "pitch", "heading"]])
+    assert np.abs(turned - TO_NED @ attitude).max() < 1e-8
+
+
+def test_the_reference_is_the_route(settings: Settings, truth: Truth) -> None:
+    route = plan_route(settings, 0)
+    motion = route.kinematics(truth.time)
+    assert len(truth.time) == 1501
+    assert [(p.name, p.start) for p in truth.places] == list(route.places)
+    velocity = truth.reference.velocity
+    assert np.linalg.norm(velocity, axis=1) == pytest.approx(motion.speed, abs=1e-9)
+    assert velocity[:, 2] == pytest.approx(motion.speed * np.sin(motion.grade), abs=1e-9)
+    # in the body: forward, and to the side what the slip law says
+    attitude = truth.reference.attitude
+    assert attitude is not None
+    forward, right, down = np.einsum("kij,ki->jk", attitude, velocity)
+    slip = -np.radians(0.3) * motion.lateral_acceleration
+    assert np.abs(right).max() > 0.05
+    assert right == pytest.approx(motion.speed * np.sin(slip), abs=1e-4)
+    rise = np.radians(0.4) * motion.acceleration
+    # but for the product of lean and slip, at most 0.017 times 0.013
+    assert down == pytest.approx(motion.speed * np.sin(rise), abs=3e-3)
+    assert (forward >= -1e-9).all()
+
+
+def test_what_sensors_feel_is_continuous(truth: Truth) -> None:
+    """From a sample to the next, a step of the rate or the force would be as large as itself."""
+    rate, force = truth.rotation / PERIOD, truth.velocity / PERIOD
+    assert (np.abs(np.diff(rate)).max(axis=1) < np.radians([0.05, 0.05, 0.3])).all()
+    assert np.degrees(np.abs(rate).max(axis=1)) == pytest.approx([1, 1, 23], rel=0.4)
+    # at the largest jerk, 2 and 1.5 m/s^3, and that of the springs
+    assert (np.abs(np.diff(force)).max(axis=1) < [0.03, 0.03, 0.005]).all()
+
+
+def test_corrections_are_those_of_pyins(truth: Truth) -> None:
+    part = slice(11_000, 16_000)
+    rotation, velocity = truth.rotation[:, part], truth.velocity[:, part]
+    imu = pd.DataFrame(
+        np.vstack([rotation, velocity]).T,
+        columns=["gyro_x", "gyro_y", "gyro_z", "accel_x", "accel_y", "accel_z"],
+        index=PERIOD * np.arange(5000),
+    )
+    expected = strapdown.compute_increments_from_imu(imu, "increment").to_numpy()[:, 1:].T
+    found = np.vstack(corrected_increments(rotation, velocity))
+    assert found == pytest.approx(expected, abs=1e-15)
+
+
+def test_without_errors_the_sensors_tell_the_truth(truth: Truth, ideal: Drive) -> None:
+    reference = ideal.reference
+    assert ideal.origin == "simulated"
+    assert ideal.rotation_increments.shape == (150_000, 3, 1)
+    assert np.array_equal(ideal.gps_position[:, :, 0], reference.position)
+    assert np.array_equal(ideal.gps_velocity[:, :, 0], reference.velocity)
+    assert reference.attitude is not None
+    east, north = reference.attitude[:, :2, 0].T
+    apart = ideal.compass[:, 0] - np.arctan2(east, north)
+    assert np.cos(apart) == pytest.approx(1 + 0 * apart, abs=1e-12)
+    assert (np.abs(ideal.compass) <= np.pi).all()
+    assert reference.gyro_bias is not None
+    assert not reference.gyro_bias.any()
+
+
+def test_a_mounted_imu_turns_what_it_measures(truth: Truth, ideal: Drive, quiet: Settings) -> None:
+    angle = np.radians(3)
+    mounted = simulate_sensors(truth, with_values(quiet, mounting_yaw=angle), runs=1, seed=0)
+    c, s = np.cos(angle), np.sin(angle)
+    for name in ("rotation_increments", "velocity_increments"):
+        x, y, z = np.moveaxis(getattr(ideal, name), 1, 0)
+        # turned to the right, its x axis points a little to the vehicle's right
+        expected = np.stack([c * x + s * y, c * y - s * x, z], axis=1)
+        assert np.abs(getattr(mounted, name) - expected).max() < 1e-12
+    assert np.array_equal(mounted.compass, ideal.compass)
+
+
+RUNS = 300
+
+
+def only(quiet: Settings, truth: Truth, runs: int = RUNS, **errors: Any) -> Drive:
+    """The drive on which the sensors have these errors and no others."""
+    return simulate_sensors(truth, with_values(quiet, **errors), runs=runs, seed=5)
+
+
+def in_metres(drive: Drive, truth: Truth) -> Array:
+    """The errors of the position north, east and up, (3, epochs, runs)."""
+    north, east, up = np.moveaxis(drive.gps_position - truth.reference.position[:, :, None], 1, 0)
+    return np.stack(
+        [north * (MERIDIAN + HEIGHT), east * (TRANSVERSE + HEIGHT) * np.cos(LATITUDE), up]
+    )
+
+
+def test_gps_noise(quiet: Settings, still: Truth) -> None:
+    drive = only(quiet, still, gps_position_noise=3, gps_velocity_noise=0.05)
+    metres = in_metres(drive, still)
+    for axis in range(3):
+        assert is_variance(metres[axis], 3)
+        assert is_variance(drive.gps_velocity[:, axis], 0.05)
+    # independent from epoch to epoch: a correlation of n pairs has the deviation n^-1/2
+    pairs = metres[0][:-1] * metres[0][1:] / 9
+    assert abs(pairs.mean()) < 4 / pairs.size**0.5
+
+
+@pytest.mark.parametrize("share", [0.5, 1.0])
+def test_correlated_gps_errors(quiet: Settings, still: Truth, share: float) -> None:
+    drive = only(
+        quiet,
+        still,
+        runs=500,
+        gps_position_noise=3,
+        gps_correlation_time=20,
+        gps_correlated_share=share,
+    )
+    metres = in_metres(drive, still)
+    for epoch in (0, 10):
+        assert is_variance(metres[:, epoch], 3)
+    correlation = np.mean(metres[:, 0] * metres[:, 10]) / 9
+    assert correlation == pytest.approx(share * np.exp(-10 / 20), abs=4 / 1500**0.5)
+
+
+def test_compass(quiet: Settings, still: Truth) -> None:
+    sigma, bias = np.radians(0.15), np.radians(4)
+    drive = only(quiet, still, compass_noise=sigma, compass_bias=bias)
+    assert is_variance(drive.compass - np.pi / 2 - bias, sigma)
+
+
+def test_compass_outliers(quiet: Settings, still: Truth) -> None:
+    low, high = np.radians(5), np.radians(10)
+    drive = only(quiet, still, compass_outlier=0.02, compass_outlier_size=[low, high])
+    off = drive.compass - np.pi / 2
+    out = np.abs(off) > 1e-9
+    few, many = stats.binom.ppf([5e-5, 1 - 5e-5], off.size, 0.02)
+    assert few <= out.sum() <= many
+    size = np.abs(off[out])
+    assert low - 1e-9 <= size.min() < size.max() <= high + 1e-9
+    few, many = stats.binom.ppf([5e-5, 1 - 5e-5], out.sum(), 0.5)
+    assert few <= (off[out] > 0).sum() <= many
+
+
+def test_a_compass_has_no_step_but_that_at_south(quiet: Settings, settings: Settings) -> None:
+    truth = follow_route(steady(6.0, 1 / 12, 3.0), settings)  # through south
+    drive = only(quiet, truth, runs=1)
+    yaw = drive.compass[:, 0]
+    assert (np.abs(yaw) <= np.pi).all()
+    assert yaw[0] > 3 and yaw[1] < -2.5  # noqa: PT018 - one thought
+
+
+@pytest.mark.parametrize(("sensor", "field"), [("gyro", "rotation"), ("accelerometer", "velocity")])
+class TestTriads:
+    def errors(self, drive: Drive, field: str, truth: Truth) -> Array:
+        ideal = np.vstack(corrected_increments(truth.rotation, truth.velocity))
+        rows = slice(0, 3) if field == "rotation" else slice(3, 6)
+        found: Array = getattr(drive, f"{field}_increments") - ideal[rows].T[:, :, None]
+        return found
+
+    def test_noise(self, sensor: str, field: str, quiet: Settings, still: Truth) -> None:
+        drive = only(quiet, still, **{f"{sensor}_noise": 0.01})
+        # of each sample: the random walk over 0.01 s; the corrections move a millionth of it
+        for axis in range(3):
+            errors = self.errors(drive, field, still)[:, axis]
+            assert is_variance(errors, 0.01 * PERIOD**0.5)
+            pairs = errors[:-1] * errors[1:] / (0.01**2 * PERIOD)
+            assert abs(pairs.mean()) < 4 / pairs.size**0.5
+
+    def test_bias(self, sensor: str, field: str, quiet: Settings, still: Truth) -> None:
+        drive = only(quiet, still, **{f"{sensor}_bias": 0.01})
+        errors = self.errors(drive, field, still) / PERIOD
+        if sensor == "accelerometer":
+            assert np.ptp(errors, axis=0).max() < 1e-8
+            bias = drive.reference.accelerometer_bias
+        else:
+            bias = drive.reference.gyro_bias
+        assert bias is not None
+        # coning of a constant rate with the Earth's rate: nothing that could be seen
+        assert errors.mean(axis=0) == pytest.approx(bias, abs=1e-6)
+        for axis in range(3):
+            assert is_variance(bias[axis], 0.01)
+
+    def test_instability(self, sensor: str, field: str, quiet: Settings, still: Truth) -> None:
+        drive = only(
+            quiet, still, **{f"{sensor}_instability": 0.01, f"{sensor}_correlation_time": 5.0}
+        )
+        errors = self.errors(drive, field, still) / PERIOD
+        first, last = errors[0].ravel(), errors[-1].ravel()
+        assert is_variance(first, 0.01)
+        assert is_variance(last, 0.01)
+        n = len(still.rotation[0]) - 2
+        correlation = np.mean(first * last) / 0.01**2
+        assert correlation == pytest.approx(np.exp(-n * PERIOD / 5), abs=4 / first.size**0.5)
+        reference = drive.reference
+        bias = reference.gyro_bias if sensor == "gyro" else reference.accelerometer_bias
+        assert bias is not None
+        assert errors[-1] == pytest.approx(bias, abs=1e-5)
+
+    def test_scale(self, sensor: str, field: str, quiet: Settings, settings: Settings) -> None:
+        # half a turn in ten seconds, about the axis that gravity is along
+        turning = follow_route(steady(6.0, np.pi / 60, 0.0), with_values(settings, **STIFF))
+        drive = only(quiet, turning, **{f"{sensor}_scale": 0.001})
+        index = 0 if field == "rotation" else 1
+        ideal = (turning.rotation, turning.velocity)[index][2, 1:].sum()
+        shares = self.errors(drive, field, turning)[:, 2].sum(axis=0) / ideal
+        assert is_variance(shares, 0.001)
+
+
+def test_white_noise_is_a_process_without_memory() -> None:
+    normal = np.random.default_rng(0).standard_normal((3, 50))
+    assert np.array_equal(gauss_markov(normal, 2.0, 0.0, 1.0), 2 * normal)
+
+
+def test_a_gauss_markov_process_by_its_recursion() -> None:
+    normal = np.random.default_rng(1).standard_normal(40)
+    kept = np.exp(-0.5 / 3)
+    x = [2.0 * normal[0]]
+    for w in normal[1:]:
+        x.append(kept * x[-1] + 2.0 * np.sqrt(1 - kept**2) * w)
+    assert gauss_markov(normal, 2.0, 3.0, 0.5) == pytest.approx(np.array(x), abs=1e-13)
+
+
+MEASURED = (
+    "rotation_increments",
+    "velocity_increments",
+    "gps_position",
+    "gps_velocity",
+    "compass",
+)
+
+
+def test_seeds(settings: Settings, still: Truth) -> None:
+    drive = simulate_sensors(still, settings, runs=3, seed=1)
+    more = simulate_sensors(still, settings, runs=5, seed=1)
+    other = simulate_sensors(still, settings, runs=3, seed=2)
+    elsewhere = follow_route(steady(0.0, 0.0, np.pi / 2), settings, 1)
+    other_route = simulate_sensors(elsewhere, settings, runs=3, seed=1)
+    for name in MEASURED:
+        value = getattr(drive, name)
+        assert np.array_equal(value, getattr(more, name)[..., :3])  # whatever the number of runs
+        assert not (value == getattr(other, name)).all(axis=0).any()
+        assert not (value == getattr(other_route, name)).all(axis=0).any()
+        assert not (value[..., 0] == value[..., 1]).all(axis=0).any()
+
+
+def test_a_change_of_one_setting_moves_no_other_draw(settings: Settings, still: Truth) -> None:
+    drive = simulate_sensors(still, settings, runs=2, seed=1)
+    changed = with_values(settings, gyro_noise=0, gps_position_noise=1, compass_outlier=0)
+    other = simulate_sensors(still, changed, runs=2, seed=1)
+    assert np.array_equal(drive.gps_velocity, other.gps_velocity)
+    same = np.isclose(drive.compass, other.compass, atol=1e-12)
+    assert 0.8 < same.mean() <= 1
+    assert drive.reference.gyro_bias is not None
+    assert np.array_equal(drive.reference.gyro_bias, other.reference.gyro_bias)
+
+
+def test_a_drive_is_its_route_and_its_sensors(settings: Settings, truth: Truth) -> None:
+    drive = simulate_drive(settings, runs=1, seed=4, route=0)
+    again = simulate_sensors(truth, settings, runs=1, seed=4)
+    assert drive.runs == 1
+    assert drive.places == truth.places
+    for name in MEASURED:
+        assert np.array_equal(getattr(drive, name), getattr(again, name))
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"aiding_period": 0.3}, "aiding_period is 0.3; it may be 1 s over a whole number."),
+        (
+            {"imu_period": 0.013},
+            "imu_period is 0.013; it may be such that whole samples fill the aiding_period.",
+        ),
+        ({"imu_period": 0.0}, "imu_period is 0.0; it may be a number from 0.001 to 0.1."),
+        ({"latitude": 1.57}, "latitude is 1.57; it may be a number from -1.4 to 1.4."),
+        ({"slip": -0.1}, "slip is -0.1; it may be a number from 0 to 0.05."),
+    ],
+)
+def test_what_a_vehicle_may_not_be(
+    settings: Settings, changes: dict[str, Any], message: str
+) -> None:
+    with pytest.raises(ParameterError) as refused:
+        follow_route(steady(0.0, 0.0, 0.0), with_values(settings, **changes))
+    assert str(refused.value) == message
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"gyro_noise": -1.0}, "gyro_noise is -1.0; it may be a number from 0 to 10."),
+        ({"gyro_scale": "small"}, "gyro_scale is 'small'; it may be a number from 0 to 0.1."),
+        ({"compass_outlier": 1.5}, "compass_outlier is 1.5; it may be a number from 0 to 1."),
+        (
+            {"compass_outlier_size": [0.2, 0.1]},
+            "compass_outlier_size is [0.2, 0.1]; it may be two numbers in order from 0 to 3.14159.",
+        ),
+        (
+            {"gps_correlated_share": -0.1},
+            "gps_correlated_share is -0.1; it may be a number from 0 to 1.",
+        ),
+    ],
+)
+def test_what_sensors_may_not_be(
+    settings: Settings, still: Truth, changes: dict[str, Any], message: str
+) -> None:
+    with pytest.raises(ParameterError) as refused:
+        simulate_sensors(still, with_values(settings, **changes), runs=1, seed=0)
+    assert str(refused.value) == message
+
+
+def test_runs_and_seeds_are_whole_numbers(settings: Settings, still: Truth) -> None:
+    for runs in (0, -1, 1.5, "2"):
+        with pytest.raises(ParameterError, match=r"runs is .* a whole number, 1 or more"):
+            simulate_sensors(still, settings, runs=runs, seed=0)  # type: ignore[arg-type]
+    for seed in (-1, 1.5, None):
+        with pytest.raises(ParameterError, match=r"seed is .* a whole number, 0 or more"):
+            simulate_sensors(still, settings, runs=1, seed=seed)  # type: ignore[arg-type]
+
+
+def test_a_missing_setting_is_named(settings: Settings, still: Truth) -> None:
+    less = {name: value for name, value in settings.items() if name != "gyro_noise"}
+    with pytest.raises(InswsnError, match=r"^The scenario lacks the setting gyro_noise\.$"):
+        simulate_sensors(still, less, runs=1, seed=0)

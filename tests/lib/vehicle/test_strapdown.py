@@ -1,0 +1,143 @@
+"""The strapdown integration against pyins' public class, and corrections against known errors."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from lib.vehicle.made_drive import DV, PERIOD, THETA, TURN, driven
+from pyins import earth, strapdown, transform
+from pyins.util import TRAJECTORY_COLS
+from scipy.spatial.transform import Rotation
+
+from inswsn_lib.vehicle import VehicleState, integrate_strapdown, metres
+
+
+def state(position: np.ndarray, velocity: np.ndarray, attitude: np.ndarray) -> VehicleState:
+    """Return what one run knows, or several."""
+    lead = position.shape[:-1]
+    return VehicleState(
+        position, velocity, attitude, np.zeros((*lead, 3)), np.zeros((*lead, 3)),
+        np.zeros((*lead, 15)), np.zeros((*lead, 15, 15)),
+    )  # fmt: skip
+
+
+def by_pyins(begun: VehicleState, increments: pd.DataFrame) -> pd.DataFrame:
+    """Let the public Integrator go on from a state, biases taken off first."""
+    rph = transform.mat_to_rph(TURN @ begun.attitude)
+    lla = np.append(np.rad2deg(begun.position[:2]), begun.position[2])
+    pva = pd.Series(np.concatenate([lla, TURN @ begun.velocity, rph]), TRAJECTORY_COLS, name=0.0)
+    corrected = increments.copy()
+    corrected[THETA] -= begun.gyro_drift * PERIOD
+    corrected[DV] -= begun.accelerometer_bias * PERIOD
+    return strapdown.Integrator(pva).integrate(corrected)
+
+
+def test_it_is_what_pyins_integrates() -> None:
+    """Two runs with other starts and other biases, over two stretches of a winding drive."""
+    rng = np.random.default_rng(1)
+    made = driven(60)
+    stretches = [made.increments.iloc[s : s + 700] for s in (1500, 4000)]
+    truth = made.trajectory.iloc[[1500, 4000]]
+    begun = VehicleState(
+        np.column_stack([np.deg2rad(truth.lat), np.deg2rad(truth.lon), truth.alt]),
+        truth[["VN", "VE", "VD"]].to_numpy() @ TURN + rng.normal(size=(2, 3)),
+        TURN @ transform.mat_from_rph(truth[["roll", "pitch", "heading"]]),
+        rng.normal(0, 0.1, (2, 3)), rng.normal(0, 0.01, (2, 3)),
+        np.zeros((2, 15)), np.zeros((2, 15, 15)),
+    )  # fmt: skip
+    theta, dv = (np.stack([x[names] for x in stretches]) for names in (THETA, DV))
+    flight = integrate_strapdown(begun, theta, dv, PERIOD)
+    for r in range(2):
+        expected = by_pyins(begun[r], stretches[r])
+        lla = np.column_stack([np.rad2deg(flight.position[r, :, :2]), flight.position[r, :, 2]])
+        assert lla == pytest.approx(expected[["lat", "lon", "alt"]].to_numpy(), rel=1e-13)
+        velocity = flight.velocity[r] @ TURN
+        assert velocity == pytest.approx(expected[["VN", "VE", "VD"]].to_numpy(), abs=1e-10)
+        attitude = TURN @ transform.mat_from_rph(expected[["roll", "pitch", "heading"]])
+        assert flight.attitude[r] == pytest.approx(attitude, abs=1e-11)
+
+
+def test_it_follows_the_drive() -> None:
+    """Increments without error bring the car to where the simulator of pyins had it."""
+    made = driven(60)
+    first, last = made.trajectory.iloc[0], made.trajectory.iloc[-1]
+    begun = state(
+        np.array([[np.deg2rad(first.lat), np.deg2rad(first.lon), first.alt]]),
+        (TURN @ first[["VN", "VE", "VD"]].to_numpy())[None],
+        (TURN @ transform.mat_from_rph(first[["roll", "pitch", "heading"]]))[None],
+    )
+    theta, dv = (made.increments[names].to_numpy()[None] for names in (THETA, DV))
+    flight = integrate_strapdown(begun, theta, dv, PERIOD)
+    lla = np.append(np.rad2deg(flight.position[0, -1, :2]), flight.position[0, -1, 2])
+    missed = transform.compute_lla_difference(lla, last[["lat", "lon", "alt"]])
+    assert np.linalg.norm(missed) < 0.02
+    assert flight.velocity[0, -1] @ TURN == pytest.approx(last[["VN", "VE", "VD"]], abs=1e-3)
+
+
+@pytest.mark.parametrize("latitude", [-60.0, 0.0, 32.0])
+def test_a_car_at_rest_stays_at_rest(latitude: float) -> None:
+    """It feels its weight and the turning of the Earth, in whatever attitude it stands."""
+    position = np.array([np.deg2rad(latitude), 2.0, 55.0])
+    C = TURN @ Rotation.from_euler("ZYX", [2.0, 0.1, -0.2]).as_matrix()
+    rate = C.T @ (earth.RATE * np.array([0, np.cos(position[0]), np.sin(position[0])]))
+    force = C.T @ [0, 0, float(earth.gravity(latitude, 55.0))]
+    theta = np.tile(rate * PERIOD, (1, 6000, 1))
+    # in the axes of the sample's beginning, from which the Earth turns away meanwhile
+    dv = np.tile(force * PERIOD + 0.5 * np.cross(rate, force) * PERIOD**2, (1, 6000, 1))
+    begun = state(position[None], np.zeros((1, 3)), C[None])
+    flight = integrate_strapdown(begun, theta, dv, PERIOD)
+    assert np.abs(flight.velocity).max() < 1e-8
+    assert np.abs((flight.position[0, -1] - position) * metres(position)).max() < 1e-6
+    assert flight.attitude[0, -1] == pytest.approx(C, abs=1e-9)
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(0, 2))
+def test_a_known_error_is_undone(seed: int, extra: int) -> None:
+    """INS that is wrong by a known error, corrected by it, is the truth again, not only nearly."""
+    rng = np.random.default_rng(seed)
+    true = state(
+        rng.normal(size=(2, 4, 3)), rng.normal(size=(2, 4, 3)),
+        Rotation.random(8, rng=rng).as_matrix().reshape(2, 4, 3, 3),
+    )  # fmt: skip
+    x = rng.normal(size=(2, 4, 15 + extra)) * 0.3
+    turned = Rotation.from_rotvec(-x[..., 6:9].reshape(-1, 3)).as_matrix().reshape(2, 4, 3, 3)
+    bias, drift = rng.normal(size=(2, 2, 4, 3))
+    wrong = VehicleState(
+        true.position + x[..., 0:3], true.velocity + x[..., 3:6], turned @ true.attitude,
+        bias - x[..., 9:12], drift - x[..., 12:15],  # what of the bias is not yet taken off
+        x, rng.normal(size=(2, 4, 15 + extra, 15 + extra)),
+    )  # fmt: skip
+    kept = x.copy()
+    found = wrong.corrected()
+    assert found.position == pytest.approx(true.position)
+    assert found.velocity == pytest.approx(true.velocity)
+    assert found.attitude == pytest.approx(true.attitude)
+    assert found.accelerometer_bias == pytest.approx(bias)
+    assert found.gyro_drift == pytest.approx(drift)
+    assert not found.error[..., :15].any()
+    assert np.array_equal(found.error[..., 15:], x[..., 15:])  # of other states it stays
+    assert np.array_equal(found.covariance, wrong.covariance)
+    assert np.array_equal(wrong.error, kept)  # and the old state is as it was
+
+
+def test_the_attitude_error_turns_the_true_frame_into_the_computed() -> None:
+    """To first order C' = (I - [phi x]) C, the convention of every row of F."""
+    phi = np.array([1e-4, -2e-4, 3e-4])
+    C = Rotation.from_euler("ZYX", [1.0, 0.2, 0.1]).as_matrix()
+    cross = np.array([[0, -phi[2], phi[1]], [phi[2], 0, -phi[0]], [-phi[1], phi[0], 0]])
+    wrong = state(np.zeros((1, 3)), np.zeros((1, 3)), ((np.eye(3) - cross) @ C)[None])
+    wrong.error[:, 6:9] = phi
+    assert wrong.corrected().attitude[0] == pytest.approx(C, abs=2e-7)
+    assert wrong.corrected().attitude[0] != pytest.approx(wrong.attitude[0], abs=2e-5)
+
+
+def test_an_index_takes_part_of_everything() -> None:
+    rng = np.random.default_rng(3)
+    whole = state(*(rng.normal(size=(5, 2, *s)) for s in ((3,), (3,), (3, 3))))
+    part = whole[3, 1]
+    assert np.array_equal(part.position, whole.position[3, 1])
+    assert part.attitude.shape == (3, 3)
+    assert part.covariance.shape == (15, 15)
