@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+import io
 import math
 import statistics
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from scipy.stats import t as student
 
-from inswsn_book.assumptions import Assumption, Assumptions, Headline, Within, quotient
-from inswsn_book.results import Results
+from inswsn_book.review import Assumption, Assumptions, Findings, Headline, Within
 from inswsn_book.study import BASELINE, Run, Study
 
 #: From here on a change counts as one that moves a result, as a share of it.
 MOVES = 0.1
+_BARS = 6  # a panel of the figure
+_PLAIN = 2.0  # a change to this factor is written as one
+_WIDE = 5  # a panel of the figure that spans more has a logarithmic axis
+_FINE = 10  # per cent, below which a change is written to a tenth
 
 
 @dataclass(frozen=True)
@@ -55,6 +59,16 @@ class Effect:
         return self.beyond and abs(self.change) > MOVES
 
     @property
+    def ratio(self) -> float | None:
+        """The value after over the one before; None unless both are positive."""
+        return self.after / self.before if self.before > 0 and self.after > 0 else None
+
+    @property
+    def turned(self) -> bool:
+        """Whether the conclusion turns, beyond chance."""
+        return self.turns and self.beyond
+
+    @property
     def turns(self) -> bool:
         """Whether the result comes to lie on the other side of where its conclusion turns."""
         edge = self.headline.turns
@@ -83,6 +97,15 @@ class Row:
     run: Run | None
     effects: tuple[Effect, ...]
     flipped: Mapping[str, str]
+
+    @property
+    def turned(self) -> list[Effect]:
+        """The effects with which a conclusion turns."""
+        return [effect for effect in self.effects if effect.turned]
+
+    def effect(self, headline: Headline) -> Effect | None:
+        """Return the effect on a headline; None if the rerun does not give it."""
+        return next((effect for effect in self.effects if effect.headline == headline), None)
 
     @property
     def size(self) -> float:
@@ -200,14 +223,8 @@ class Reading:
         return self.after / self.before - 1
 
 
-def readings_of(assumptions: Assumptions, results: Mapping[str, Results]) -> list[Reading]:
-    """Return the readings that the chapters compute, from the results of a build.
-
-    Parameters
-    ----------
-    assumptions : Assumptions
-    results : mapping of str to Results
-        By chapter.
+def readings_of(assumptions: Assumptions, findings: Findings) -> list[Reading]:
+    """Return the readings that the chapters compute, the largest changes first.
 
     Raises
     ------
@@ -217,15 +234,130 @@ def readings_of(assumptions: Assumptions, results: Mapping[str, Results]) -> lis
     readings = []
     for entry in assumptions.assumptions:
         for within in entry.within:
-            of = results[within.chapter]
-            after = quotient(of, within.quantity, within.over)
+            after = findings.quotient(within.chapter, within.quantity, within.over)
             if within.headline is not None:
                 headline = assumptions.headline(within.chapter, within.headline)
-                effect = Effect(headline, headline.value(of), after, 0.0)
-                says, before, turns = headline.says, effect.before, effect.turns
+                before = findings.quotient(headline.chapter, headline.quantity, headline.over)
+                turns, says = Effect(headline, before, after, 0.0).turns, headline.says
             else:
-                assert within.against is not None
-                assert within.says is not None
-                says, before, turns = within.says, quotient(of, within.against, None), False
+                before = findings.quotient(within.chapter, str(within.against))
+                turns, says = False, str(within.says)
             readings.append(Reading(entry, within, says, before, after, turns))
-    return readings
+    return sorted(readings, key=lambda r: -abs(math.log(max(r.after, 1e-9) / r.before)))
+
+
+@dataclass(frozen=True)
+class Summary:
+    """What the tables of reruns and readings come to: ids of assumptions, by what they do."""
+
+    made: list[Row]
+    failed: list[Row]
+    turning: set[str]
+    moving: set[str]
+    flipping: set[str]
+    still: set[str]
+    untried: set[str]
+    waiting: set[str]
+
+
+def summarise(
+    assumptions: Assumptions, tables: Mapping[str, Sequence[Row]], readings: Sequence[Reading]
+) -> Summary:
+    """Tell what reruns and readings come to; rows with another seed alone do not count."""
+    reruns = [row for rows in tables.values() for row in rows if not row.entry.seeds]
+    made = [row for row in reruns if row.run is not None]
+    moving = {row.entry.id for row in made if any(e.moves for e in row.effects)}
+    moving |= {reading.entry.id for reading in readings if abs(reading.change) > MOVES}
+    turning = {row.entry.id for row in made if row.turned}
+    turning |= {reading.entry.id for reading in readings if reading.turns}
+    flipping = {row.entry.id for row in made if row.flipped}
+    tried = {row.entry.id for row in made} | {reading.entry.id for reading in readings}
+    waiting = {row.entry.id for row in reruns if row.run is None}
+    return Summary(
+        made=made,
+        failed=[row for row in made if row.run is not None and row.run.failed is not None],
+        turning=turning,
+        moving=moving,
+        flipping=flipping,
+        still=tried - moving - turning - flipping - waiting,
+        untried={
+            entry.id
+            for entry in assumptions.assumptions
+            if not (entry.alternatives or entry.within or entry.seeds)
+        },
+        waiting=waiting,
+    )
+
+
+def change_text(before: float, after: float) -> str:
+    """Return a change: in per cent of the value before, or as a factor where it is large."""
+    if before == after:
+        return "0"
+    if before == 0 or after / before < 0:
+        return f"{before:.2g} → {after:.2g}"  # a change of sign has no per cent
+    ratio = after / before
+    if ratio >= _PLAIN:
+        return f"× {ratio:,.3g}" if ratio < 1e4 else f"× {ratio:.1e}"
+    percent = 100 * (ratio - 1)
+    text = f"{percent:+.1f} %" if abs(percent) < _FINE else f"{percent:+.0f} %"
+    return text.replace("-", "\N{MINUS SIGN}")
+
+
+def panels_of(tables: Mapping[str, Sequence[Row]]) -> list[list[tuple[str, Effect]]]:
+    """Return for each chapter the largest effects on its first headline, by what was changed."""
+    panels = []
+    for rows in tables.values():
+        found = [
+            (f"{row.entry.id}, {row.set}", row.effects[0])
+            for row in rows
+            if row.effects and not row.entry.seeds and row.effects[0].ratio is not None
+        ]
+        found.sort(key=lambda item: -abs(math.log(item[1].ratio or 1.0)))
+        if found:
+            panels.append(found[:_BARS])
+    return panels
+
+
+def tornado_svg(panels: Sequence[Sequence[tuple[str, Effect]]]) -> str:
+    """Draw by what factor the first headline of each chapter moves, as SVG.
+
+    Parameters
+    ----------
+    panels : sequence
+        From `panels_of`.
+    """
+    from matplotlib import pyplot as plt  # noqa: PLC0415  # most builds draw nothing
+    from matplotlib.ticker import LogLocator, NullLocator  # noqa: PLC0415
+
+    from inswsn_lib.plotting import COLOURS, figure  # noqa: PLC0415
+
+    count = max(len(panels), 1)
+    fig, axes = figure(count, 1, height=1.75 * count + 0.3, squeeze=False)
+    for ax, found in zip(axes[:, 0], panels, strict=False):
+        first = found[0][1]
+        ratios = [effect.ratio or 1.0 for _, effect in found]
+        colours = [
+            COLOURS["contradicted" if e.turned else "rebuilt" if e.beyond else "published"]
+            for _, e in found
+        ]
+        places = range(len(found))[::-1]
+        low, high = 1 - first.band / first.before, 1 + first.band / first.before
+        if 0 < low < high:
+            ax.axvspan(low, high, color=COLOURS["published"], alpha=0.15, lw=0)
+        ax.barh(places, [r - 1 for r in ratios], left=1, color=colours, height=0.65)
+        ax.axvline(1, color=COLOURS["published"], lw=1)
+        if max(ratios) / min(ratios) > _WIDE:
+            ax.set_xscale("log")
+            ax.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+            ax.xaxis.set_major_formatter("{x:g}")
+            ax.xaxis.set_minor_locator(NullLocator())
+        ax.set_yticks(places, [name for name, _ in found], fontsize=8.5)
+        ax.set_title(
+            f"chapter {first.headline.chapter}, {first.headline.short}", loc="left", fontsize=9.5
+        )
+        ax.grid(axis="y", visible=False)
+    axes[-1, 0].set_xlabel("result over that of the unchanged run")
+    stream = io.StringIO()
+    fig.savefig(stream, format="svg", metadata={"Date": None, "Creator": None})
+    plt.close(fig)
+    return stream.getvalue()
