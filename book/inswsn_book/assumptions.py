@@ -19,7 +19,7 @@ from inswsn_book.project import Project
 from inswsn_book.results import Results
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.files import read_yaml
-from inswsn_lib.simulation import Setting, load_scenario
+from inswsn_lib.scenario import Setting, load_scenario
 
 #: Where the assumptions stand in a checkout.
 ASSUMPTIONS = "data/assumptions.yaml"

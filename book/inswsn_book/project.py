@@ -19,6 +19,8 @@ from inswsn_lib.errors import InswsnError, ParameterError
 ROOT_VARIABLE = "INSWSN_ROOT"
 #: Set by the executor: the folder that results files go to, instead of ``results/``.
 RESULTS_VARIABLE = "INSWSN_RESULTS"
+#: Names the folder in which a reader's own modules are looked for; by default the working folder.
+MODULES_VARIABLE = "INSWSN_MODULES"
 
 _MARKERS = ("_config.yml", "environment.lock", "chapters", "data")
 # What a chapter's numbers and outputs may depend on, of the machinery: what executes chapters, and

@@ -32,9 +32,8 @@ from inswsn_book.files import file_digest, swap_folder, text_digest, tree_digest
 from inswsn_book.ledger import data_digest
 from inswsn_book.notebooks import notebook_text, read_source, strip_run
 from inswsn_book.parameters import REGRESSOR_RULE, Value, source_schema
-from inswsn_book.plugins import MODULES_VARIABLE
 from inswsn_book.progress import Progress
-from inswsn_book.project import RESULTS_VARIABLE, ROOT_VARIABLE, Chapter, Project
+from inswsn_book.project import MODULES_VARIABLE, RESULTS_VARIABLE, ROOT_VARIABLE, Chapter, Project
 from inswsn_book.provenance import available_cores, machine_facts, repository_state
 from inswsn_book.results import Provenance, Results, read_results, write_results
 from inswsn_lib import __version__

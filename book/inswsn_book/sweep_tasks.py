@@ -22,8 +22,7 @@ from threadpoolctl import threadpool_limits
 from inswsn_book.experiments import Experiment, Trial, find_experiment
 from inswsn_book.files import file_digest
 from inswsn_book.parameters import Value
-from inswsn_book.plugins import MODULES_VARIABLE
-from inswsn_book.project import Project
+from inswsn_book.project import MODULES_VARIABLE, Project
 from inswsn_book.provenance import installed_version
 from inswsn_lib.errors import InswsnError, ParameterError
 from inswsn_lib.evaluation import GROUP, monte_carlo

@@ -27,8 +27,7 @@ from inswsn_book import sweep_tasks
 from inswsn_book.experiments import find_experiment
 from inswsn_book.experiments.networked import NETWORKED
 from inswsn_book.parameters import read_schema
-from inswsn_book.plugins import MODULES_VARIABLE
-from inswsn_book.project import Project
+from inswsn_book.project import MODULES_VARIABLE, Project
 from inswsn_book.sweep import ATTEMPTS, run_sweep
 from inswsn_book.sweep_grid import read_grid
 from inswsn_book.sweep_plan import Plan, make_plan
