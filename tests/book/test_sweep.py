@@ -27,8 +27,7 @@ from inswsn_book import sweep_tasks
 from inswsn_book.experiments import find_experiment
 from inswsn_book.experiments.networked import NETWORKED
 from inswsn_book.parameters import read_schema
-from inswsn_book.plugins import MODULES_VARIABLE
-from inswsn_book.project import Project
+from inswsn_book.project import MODULES_VARIABLE, Project
 from inswsn_book.sweep import ATTEMPTS, run_sweep
 from inswsn_book.sweep_grid import read_grid
 from inswsn_book.sweep_plan import Plan, make_plan
@@ -990,15 +989,15 @@ def test_another_solver_is_another_sweep(
 def test_a_chapter_is_executed_with_the_solver_that_is_chosen(
     mini: MiniProject, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from inswsn_book import execution
+    from inswsn_book import runs
 
     seen = []
 
-    def executed(*words: Any) -> Any:
-        seen.append(words[4].solver)
+    def executed(_: Any, request: runs.Request, __: Any) -> Any:
+        seen.append(request.surroundings.solver)
         raise InswsnError("seen")
 
-    monkeypatch.setattr(execution, "execute_once", executed)
+    monkeypatch.setattr(runs, "run", executed)
     monkeypatch.setenv("INSWSN_SOLVER", "scs")
     task = Task("", "00-mini", mini.root, ((0, {"scale": 1.0}),), (0,))
     assert sweep_tasks.execute_cell(task).refused == {0: "seen"}

@@ -83,7 +83,7 @@ class NetworkedTrial:
     --------
     At 1 s the node walks, and the area begins at the same place of the path:
 
-    >>> from inswsn_book.checkout import find_root
+    >>> from inswsn_book.project import find_root
     >>> from inswsn_book.experiments.networked import NETWORKED, NetworkedTrial
     >>> settings = NETWORKED.load(find_root() / "data")
     >>> trials = {
