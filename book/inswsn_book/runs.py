@@ -408,10 +408,9 @@ def run_each(
 ) -> None:
     """Run requests side by side, those that take long first, and tell how each of them ends.
 
-    Cores are called one after the other in this thread: they have threads of their own.
-
-    `ended` is called in this thread with the place of a request and its run or its failure. What it
-    raises stops all, as an interrupt does. The other parameters are those of `run_all`.
+    Cores are called one after the other in this thread. `ended` is called in this thread with the
+    place of a request and its run or its failure; what it raises stops all, as an interrupt does.
+    The other parameters are those of `run_all`.
     """
     due = []
     for place, request in enumerate(requests):
@@ -432,9 +431,8 @@ def run_each(
     for place in due:
         if requests[place].core:
             ended(place, one(place))
-    seconds = {r.chapter: _published_seconds(project, r.chapter) for r in requests}
     rest = [place for place in due if not requests[place].core]
-    rest.sort(key=lambda place: seconds[requests[place].chapter], reverse=True)
+    rest.sort(key=lambda place: _published_seconds(project, requests[place].chapter), reverse=True)
     with ThreadPoolExecutor(max_workers=jobs or available_cores()) as pool:
         pending = {pool.submit(one, place): place for place in rest}
         try:
@@ -469,6 +467,8 @@ def _run_and_keep(project: Project, request: Request, progress: Progress, worker
     commit, clean = repository_state(project.root)
     began = time.monotonic()
     if request.core:
+        if request.overlay:
+            raise InswsnError("A core is called on the files of the checkout, without an overlay.")
         done, machine = Run(request, compute_core(project, request)), machine_facts()
     else:
         done, machine = _execute(project, request, prepared, progress, workers)
