@@ -5,7 +5,6 @@ from __future__ import annotations
 import signal
 import sys
 import textwrap
-import threading
 from pathlib import Path
 
 import click
@@ -275,112 +274,6 @@ def claims(
 
 
 @cli.command()
-@click.option("--check", is_flag=True, help="Only tell whether the twins are up to date.")
-@click.pass_obj
-def notebooks(root: Path | None, check: bool) -> None:
-    """Write the .ipynb twins of the chapters."""
-    from inswsn_book.notebooks import orphan_twins, stale_twins, write_twins
-
-    project = _project(root)
-    if check:
-        stale = stale_twins(project.chapters())
-        for chapter in stale:
-            click.echo(f"chapters/{chapter.twin.name} differs from its source.", err=True)
-        orphans = orphan_twins(project.chapters())
-        for name in orphans:
-            click.echo(f"chapters/{name} has no source.", err=True)
-        if stale or orphans:
-            raise InswsnError("Notebooks are out of date; write them with `make notebooks`.")
-        return
-    for chapter in write_twins(project.chapters()):
-        click.echo(f"wrote chapters/{chapter.twin.name}")
-
-
-@cli.command()
-@click.option(
-    "--port",
-    type=click.IntRange(0, 65535),
-    default=8000,
-    show_default=True,
-    help="Where to serve; 0 for any free port.",
-)
-@click.option("--browser/--no-browser", default=True, help="Open the book in the browser.")
-@click.pass_obj
-def serve(root: Path | None, port: int, browser: bool) -> None:
-    """Show the built book from this machine."""
-    from inswsn_book.serving import address, make_server, open_in_browser
-
-    project = _project(root)
-    with make_server(project.site, port) as server:
-        click.echo(f"The book is at {address(server)} (stop with Ctrl-C)")
-        # a browser in the terminal holds this thread until it ends, so another one serves
-        serving = threading.Thread(target=server.serve_forever, daemon=True)
-        serving.start()
-        try:
-            if browser:
-                open_in_browser(address(server))
-            serving.join()
-        except KeyboardInterrupt:
-            click.echo()
-
-
-@cli.command()
-@click.option("--check", is_flag=True, help="Only tell whether the locks fit; uses no network.")
-@click.option("--upgrade", is_flag=True, help="Take the newest versions that are allowed.")
-@click.pass_obj
-def lock(root: Path | None, check: bool, upgrade: bool) -> None:
-    """Compile environment.in to environment.lock."""
-    from inswsn_book.environment import compile_locks, lock_problems
-
-    project = _project(root)
-    if not check:
-        compile_locks(project, upgrade=upgrade)
-    problems = lock_problems(project)
-    for problem in problems:
-        click.echo(problem, err=True)
-    if problems:
-        raise InswsnError("The lock is stale; compile it with `make lock`.")
-
-
-@cli.command()
-@click.option("--check", is_flag=True, help="Only tell whether the files are up to date.")
-@click.pass_obj
-def binder(root: Path | None, check: bool) -> None:
-    """Write the files from which Binder makes its image."""
-    from inswsn_book.binder import stale_binder_files, write_binder_files
-
-    project = _project(root)
-    if check:
-        stale = stale_binder_files(project)
-        if stale:
-            raise InswsnError(f"{', '.join(stale)}: out of date; write it with `make lock`.")
-        return
-    for name in write_binder_files(project):
-        click.echo(f"wrote {name}")
-
-
-@cli.command()
-@click.argument("name", metavar="TAG")
-@click.pass_obj
-def tag(root: Path | None, name: str) -> None:
-    """Tell whether TAG names this version, and whether CHANGELOG.md speaks of it."""
-    from inswsn_book.release import check_tag
-
-    check_tag(_project(root), name)
-
-
-@cli.command()
-@click.pass_obj
-def assets(root: Path | None) -> None:
-    """Gather what is attached to a release: archive, executed notebooks, notes."""
-    from inswsn_book.release import gather_assets
-
-    project = _project(root)
-    with project.build_lock():
-        click.echo(f"The files are in {gather_assets(project)}")
-
-
-@cli.command()
 @click.option("--check", is_flag=True, help="Only show what would change.")
 @click.pass_obj
 def publish(root: Path | None, check: bool) -> None:
@@ -407,40 +300,6 @@ def publish(root: Path | None, check: bool) -> None:
             click.echo(f"wrote {CLAIM_IDS}")
         for number in publish_results(project):
             click.echo(f"wrote data/published/{number}.json")
-
-
-@cli.command()
-@click.option("--check", is_flag=True, help="Only tell whether the files are up to date.")
-@click.pass_obj
-def citation(root: Path | None, check: bool) -> None:
-    """Write CITATION.cff, .zenodo.json and THIRD-PARTY.md from what data/ says of them."""
-    from inswsn_book.citation import require_citations, write_citations
-
-    project = _project(root)
-    if check:
-        require_citations(project)
-        return
-    for name in write_citations(project):
-        click.echo(f"wrote {name}")
-
-
-@cli.command()
-@click.option(
-    "--output",
-    type=click.Path(dir_okay=False, path_type=Path),
-    help="The file to write. Default: _build/inswsn-<version>.zip.",
-)
-@click.pass_obj
-def archive(root: Path | None, output: Path | None) -> None:
-    """Write one zip of the built release."""
-    from inswsn_book.archiving import write_archive
-
-    if output is not None and output.suffix != ".zip":
-        raise ParameterError("--output", str(output), "a file that ends in .zip")
-    project = _project(root)
-    with project.build_lock():
-        written = write_archive(project, output)
-    click.echo(f"wrote {written} ({written.stat().st_size / 1e6:.1f} MB)")
 
 
 def _stop(number: int, _: object) -> None:

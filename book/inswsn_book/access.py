@@ -167,7 +167,8 @@ def _ids(soup: BeautifulSoup) -> None:
             seen.add(tag["id"])
 
 
-def _finish(app: Any, error: Exception | None) -> None:
+def make_accessible(app: Any, error: Exception | None) -> None:
+    """Go over every page of a finished site; a handler of Sphinx's ``build-finished``."""
     if error is not None or app.builder.format != "html":
         return
     site = Path(app.outdir)
@@ -180,9 +181,3 @@ def _finish(app: Any, error: Exception | None) -> None:
 def _rewrite(path: Path) -> None:
     page = accessible(path.read_text(encoding="utf-8"))
     path.write_text(page, encoding="utf-8", newline="\n")
-
-
-def setup(app: Any) -> dict[str, bool]:
-    """Register the extension; called by Sphinx."""
-    app.connect("build-finished", _finish)
-    return {"parallel_read_safe": True, "parallel_write_safe": True}
