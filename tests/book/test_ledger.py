@@ -178,7 +178,7 @@ def test_a_share_of_a_negative_number_is_no_negative_width() -> None:
 
 
 def test_the_digest_of_a_chapter_is_of_its_claims_alone(tmp_path: Path) -> None:
-    (tmp_path / "data").mkdir()
+    (tmp_path / "data" / "claims").mkdir(parents=True)
     path = tmp_path / "data" / "claims" / "mini.yaml"
     other = ENTRY | {"id": "P1-T3-y", "check": {"chapter": "03", "quantity": "y"}}
     write(path, ENTRY, other)
