@@ -22,7 +22,6 @@ from hypothesis import settings
 os.environ.update({f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL", "NUMBA")})
 
 from inswsn_book.project import Project
-from inswsn_book.serving import address, make_server
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
@@ -101,11 +100,13 @@ claims:
 MINI_CLAIMS_PAGE = """\
 # Claims
 
-```{include} generated/claims-counts.md
-```
+{% for entry in judged %}
+({{ entry.claim.anchor }})=
+::::{div} claim
+{{ entry.claim.says }} {{ entry.verdict }}: {{ entry.rebuilt_text }}.{% if entry.cell %} Decided in [cell {{ entry.cell }}](#cell-{{ entry.cell }}).{% endif %}
 
-```{include} generated/claims-list.md
-```
+::::
+{% endfor %}
 """
 
 
@@ -231,19 +232,19 @@ def make_mini(folder: Path) -> MiniProject:
         "environment.lock",
         "environment-torch.in",
         "environment-torch.lock",
-        "data/about.yaml",
-        "data/third-party.yaml",
+        "CITATION.cff",
+        "THIRD-PARTY.md",
         "book/references.bib",
     ):
         shutil.copy(ROOT / name, folder / name)
-    shutil.copytree(ROOT / "book" / "_static", folder / "book" / "_static")
+    for name in ("_static", "_templates"):
+        shutil.copytree(ROOT / "book" / name, folder / "book" / name)
     (folder / "book" / "_toc.yml").write_text(
         "format: jb-book\nroot: index\nchapters:\n  - file: chapters/00-mini\n  - file: claims\n",
         encoding="utf-8",
     )
     (folder / "book" / "claims.md").write_text(MINI_CLAIMS_PAGE, encoding="utf-8")
     (folder / "data" / "claims.yaml").write_text(MINI_LEDGER, encoding="utf-8")
-    shutil.copy(ROOT / "data" / "about.yaml", folder / "data")
     (folder / "data" / "papers" / "number.txt").write_text("21", encoding="utf-8")
     made = MiniProject(folder)
     made.chapter()
