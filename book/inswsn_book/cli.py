@@ -307,7 +307,12 @@ def _stop(number: int, _: object) -> None:
 
 
 def main() -> None:
-    """Run the command; a user's mistake is one sentence and exit status 2."""
+    """Run ``inswsn``."""
+    run_command(cli)
+
+
+def run_command(command: click.Group) -> None:
+    """Run a command; a user's mistake is one sentence and exit status 2."""
     # a job that is cancelled, or whose terminal is closed, ends as cleanly as an interrupted one
     for name in ("SIGTERM", "SIGHUP"):
         number = getattr(signal, name, None)
@@ -315,7 +320,7 @@ def main() -> None:
         if number is not None and signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, _stop)
     try:
-        status = cli.main(standalone_mode=False, prog_name="inswsn")
+        status = command.main(standalone_mode=False, prog_name="inswsn")
     except (click.exceptions.Abort, KeyboardInterrupt) as stopped:
         cause = stopped.__cause__ if isinstance(stopped, click.exceptions.Abort) else stopped
         number = cause.args[0] if cause is not None and cause.args else signal.SIGINT
