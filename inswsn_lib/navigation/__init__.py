@@ -1,5 +1,11 @@
 """Navigation: the hybrid of a filter and a regressor, and recordings to run it on."""
 
+from inswsn_lib.navigation.cluster_fusion import (
+    ClusterFusion,
+    cluster_fusion,
+    planar_rms,
+    widen_velocities,
+)
 from inswsn_lib.navigation.hybrid import (
     HybridNavigator,
     HybridRun,
@@ -30,6 +36,7 @@ __all__ = [
     "TIME",
     "WSN",
     "Bridge",
+    "ClusterFusion",
     "HybridNavigator",
     "HybridRun",
     "Machine",
@@ -38,13 +45,16 @@ __all__ = [
     "RecordedTrials",
     "Recording",
     "VehicleHybrid",
+    "cluster_fusion",
     "fit_many",
     "observable_inputs",
     "outage_size",
     "p3_hybrids",
+    "planar_rms",
     "read_recording",
     "read_trials",
     "run_outages",
     "run_recorded_outages",
     "sensed_motion",
+    "widen_velocities",
 ]
