@@ -28,6 +28,7 @@ from inswsn_lib.navigation.vehicle_hybrid import (
     VehicleHybrid,
     sensed_motion,
 )
+from inswsn_lib.navigation.vehicle_outages import VehicleOutages, vehicle_outages
 
 __all__ = [
     "FILTERS",
@@ -45,6 +46,7 @@ __all__ = [
     "RecordedTrials",
     "Recording",
     "VehicleHybrid",
+    "VehicleOutages",
     "cluster_fusion",
     "fit_many",
     "observable_inputs",
@@ -56,5 +58,6 @@ __all__ = [
     "run_outages",
     "run_recorded_outages",
     "sensed_motion",
+    "vehicle_outages",
     "widen_velocities",
 ]
