@@ -5,13 +5,11 @@ from __future__ import annotations
 import signal
 import sys
 import textwrap
-import threading
 from pathlib import Path
 
 import click
 
-from inswsn_book.checkout import find_root, is_checkout
-from inswsn_book.project import Project
+from inswsn_book.project import Project, find_root, is_checkout
 from inswsn_lib import __version__
 from inswsn_lib.errors import BuildError, InswsnError, ParameterError
 
@@ -45,7 +43,7 @@ def _project(root: Path | None) -> Project:
 
 
 @cli.command()
-@click.option("--fresh", is_flag=True, help="Ignore the cache: execute and render everything.")
+@click.option("--fresh", is_flag=True, help="Ignore what is kept: execute and render everything.")
 @click.option("--jobs", type=click.IntRange(min=1), help="Chapters at once. Default: one a core.")
 @click.pass_obj
 def book(root: Path | None, fresh: bool, jobs: int | None) -> None:
@@ -89,6 +87,7 @@ def chapters(root: Path | None) -> None:
     help="The folder of this run. Default: one below runs/ named for its parameters.",
 )
 @click.option("--html", is_flag=True, help="Render the book with this run in it.")
+@click.option("--fresh", is_flag=True, help="Execute it, even if the same has been run before.")
 @click.pass_obj
 def run(
     root: Path | None,
@@ -97,29 +96,34 @@ def run(
     file: Path | None,
     out: Path | None,
     html: bool,
+    fresh: bool,
 ) -> None:
     """Execute a chapter with other parameters and compare it with the published run."""
     from rich.console import Console
 
-    from inswsn_book import running
+    from inswsn_book.compare import show_comparison
+    from inswsn_book.ledger import LEDGER, claims_of, load_claims
     from inswsn_book.parameters import chapter_schema
     from inswsn_book.progress import Progress
-    from inswsn_book.publishing import reference_results
+    from inswsn_book.running import gather_parameters, run_chapter
+    from inswsn_book.runs import reference_results
 
     project = _project(root)
-    chapter = running.find_chapter(project, name)
-    schema = chapter_schema(project.root, chapter.number)
-    values = running.gather_parameters(schema, settings, file, project.root / "data")
+    number = project.find(name).number
+    schema = chapter_schema(project.root, number)
+    values = gather_parameters(schema, settings, file, project.root / "data")
     with Progress() as progress:
-        done = running.run_chapter(project, chapter, values, progress, out=out, html=html)
-    running.show_comparison(
-        reference_results(project, chapter),
-        done.results,
-        running.claims_of_chapter(project, chapter.number),
+        folder, results = run_chapter(
+            project, number, values, progress, out=out, html=html, fresh=fresh
+        )
+    show_comparison(
+        reference_results(project, number),
+        results,
+        claims_of(load_claims(project.root / LEDGER), number),
         ("published run", "this run"),
         Console(width=None if sys.stdout.isatty() else 120),
     )
-    click.echo(f"The run is in {done.folder}")
+    click.echo(f"The run is in {folder}")
 
 
 @cli.command()
@@ -196,8 +200,9 @@ def compare(root: Path | None, before: Path, after: Path) -> None:
     """Compare two results files of one chapter."""
     from rich.console import Console
 
+    from inswsn_book.compare import show_comparison
+    from inswsn_book.ledger import LEDGER, claims_of, load_claims
     from inswsn_book.results import read_results
-    from inswsn_book.running import claims_of_chapter, show_comparison
 
     first, second = read_results(before), read_results(after)
     if first.chapter != second.chapter:
@@ -205,8 +210,8 @@ def compare(root: Path | None, before: Path, after: Path) -> None:
             f"{before} is of chapter {first.chapter} and {after} of chapter {second.chapter}; "
             "two runs of one chapter can be compared."
         )
+    claims = claims_of(load_claims(_project(root).root / LEDGER), first.chapter)
     console = Console(width=None if sys.stdout.isatty() else 120)
-    claims = claims_of_chapter(_project(root), first.chapter)
     show_comparison(first, second, claims, ("first", "second"), console)
 
 
@@ -269,113 +274,6 @@ def claims(
 
 
 @cli.command()
-@click.option("--check", is_flag=True, help="Only tell whether the twins are up to date.")
-@click.pass_obj
-def notebooks(root: Path | None, check: bool) -> None:
-    """Write the .ipynb twins of the chapters."""
-    from inswsn_book.notebooks import orphan_twins, stale_twins, write_twins
-
-    project = _project(root)
-    if check:
-        stale = stale_twins(project.chapters())
-        for chapter in stale:
-            click.echo(f"chapters/{chapter.twin.name} differs from its source.", err=True)
-        orphans = orphan_twins(project.chapters())
-        for name in orphans:
-            click.echo(f"chapters/{name} has no source.", err=True)
-        if stale or orphans:
-            raise InswsnError("Notebooks are out of date; write them with `make notebooks`.")
-        return
-    for chapter in write_twins(project.chapters()):
-        click.echo(f"wrote chapters/{chapter.twin.name}")
-
-
-@cli.command()
-@click.option(
-    "--port",
-    type=click.IntRange(0, 65535),
-    default=8000,
-    show_default=True,
-    help="Where to serve; 0 for any free port.",
-)
-@click.option("--browser/--no-browser", default=True, help="Open the book in the browser.")
-@click.pass_obj
-def serve(root: Path | None, port: int, browser: bool) -> None:
-    """Show the built book from this machine."""
-    from inswsn_book.serving import address, make_server, open_in_browser
-
-    project = _project(root)
-    with make_server(project.site, port) as server:
-        click.echo(f"The book is at {address(server)} (stop with Ctrl-C)")
-        # a browser in the terminal holds this thread until it ends, so another one serves
-        serving = threading.Thread(target=server.serve_forever, daemon=True)
-        serving.start()
-        try:
-            if browser:
-                open_in_browser(address(server))
-            serving.join()
-        except KeyboardInterrupt:
-            click.echo()
-
-
-@cli.command()
-@click.option("--check", is_flag=True, help="Only tell whether the locks fit; uses no network.")
-@click.option("--upgrade", is_flag=True, help="Take the newest versions that are allowed.")
-@click.pass_obj
-def lock(root: Path | None, check: bool, upgrade: bool) -> None:
-    """Compile environment.in to environment.lock."""
-    from inswsn_book.environment import compile_locks, lock_problems
-
-    project = _project(root)
-    if not check:
-        compile_locks(project, upgrade=upgrade)
-    problems = lock_problems(project)
-    for problem in problems:
-        click.echo(problem, err=True)
-    if problems:
-        raise InswsnError("The lock is stale; compile it with `make lock`.")
-
-
-@cli.command()
-@click.option("--check", is_flag=True, help="Only tell whether the files are up to date.")
-@click.pass_obj
-def binder(root: Path | None, check: bool) -> None:
-    """Write the files from which Binder makes its image."""
-    from inswsn_book.binder import stale_binder_files, write_binder_files
-
-    project = _project(root)
-    if check:
-        stale = stale_binder_files(project)
-        if stale:
-            raise InswsnError(f"{', '.join(stale)}: out of date; write it with `make lock`.")
-        return
-    for name in write_binder_files(project):
-        click.echo(f"wrote {name}")
-
-
-@cli.command()
-@click.argument("name", metavar="TAG")
-@click.pass_obj
-def tag(root: Path | None, name: str) -> None:
-    """Tell whether TAG names this version, and whether CHANGELOG.md speaks of it."""
-    from inswsn_book.release import check_tag
-
-    check_tag(_project(root), name)
-
-
-@cli.command()
-@click.pass_obj
-def assets(root: Path | None) -> None:
-    """Gather what is attached to a release: archive, executed notebooks, notes."""
-    from inswsn_book.building import alone
-    from inswsn_book.release import gather_assets
-
-    project = _project(root)
-    with alone(project):
-        click.echo(f"The files are in {gather_assets(project)}")
-
-
-@cli.command()
 @click.option("--check", is_flag=True, help="Only show what would change.")
 @click.pass_obj
 def publish(root: Path | None, check: bool) -> None:
@@ -404,47 +302,17 @@ def publish(root: Path | None, check: bool) -> None:
             click.echo(f"wrote data/published/{number}.json")
 
 
-@cli.command()
-@click.option("--check", is_flag=True, help="Only tell whether the files are up to date.")
-@click.pass_obj
-def citation(root: Path | None, check: bool) -> None:
-    """Write CITATION.cff, .zenodo.json and THIRD-PARTY.md from what data/ says of them."""
-    from inswsn_book.citation import require_citations, write_citations
-
-    project = _project(root)
-    if check:
-        require_citations(project)
-        return
-    for name in write_citations(project):
-        click.echo(f"wrote {name}")
-
-
-@cli.command()
-@click.option(
-    "--output",
-    type=click.Path(dir_okay=False, path_type=Path),
-    help="The file to write. Default: _build/inswsn-<version>.zip.",
-)
-@click.pass_obj
-def archive(root: Path | None, output: Path | None) -> None:
-    """Write one zip of the built release."""
-    from inswsn_book.archiving import write_archive
-    from inswsn_book.building import alone
-
-    if output is not None and output.suffix != ".zip":
-        raise ParameterError("--output", str(output), "a file that ends in .zip")
-    project = _project(root)
-    with alone(project):
-        written = write_archive(project, output)
-    click.echo(f"wrote {written} ({written.stat().st_size / 1e6:.1f} MB)")
-
-
 def _stop(number: int, _: object) -> None:
     raise KeyboardInterrupt(number)
 
 
 def main() -> None:
-    """Run the command; a user's mistake is one sentence and exit status 2."""
+    """Run ``inswsn``."""
+    run_command(cli)
+
+
+def run_command(command: click.Group) -> None:
+    """Run a command; a user's mistake is one sentence and exit status 2."""
     # a job that is cancelled, or whose terminal is closed, ends as cleanly as an interrupted one
     for name in ("SIGTERM", "SIGHUP"):
         number = getattr(signal, name, None)
@@ -452,7 +320,7 @@ def main() -> None:
         if number is not None and signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, _stop)
     try:
-        status = cli.main(standalone_mode=False, prog_name="inswsn")
+        status = command.main(standalone_mode=False, prog_name="inswsn")
     except (click.exceptions.Abort, KeyboardInterrupt) as stopped:
         cause = stopped.__cause__ if isinstance(stopped, click.exceptions.Abort) else stopped
         number = cause.args[0] if cause is not None and cause.args else signal.SIGINT

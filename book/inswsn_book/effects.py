@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import math
 import statistics
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from scipy.stats import t as student
 
-from inswsn_book.assumptions import Assumption, Assumptions, Headline, Within, quotient
-from inswsn_book.results import Results
+from inswsn_book.review import Assumption, Assumptions, Findings, Headline, Within
 from inswsn_book.study import BASELINE, Run, Study
 
 #: From here on a change counts as one that moves a result, as a share of it.
 MOVES = 0.1
+_BARS = 6  # a panel of the figure
+_PLAIN = 2.0  # a change to this factor is written as one
+_FINE = 10  # per cent, below which a change is written to a tenth
 
 
 @dataclass(frozen=True)
@@ -55,6 +57,16 @@ class Effect:
         return self.beyond and abs(self.change) > MOVES
 
     @property
+    def ratio(self) -> float | None:
+        """The value after over the one before; None unless both are positive."""
+        return self.after / self.before if self.before > 0 and self.after > 0 else None
+
+    @property
+    def turned(self) -> bool:
+        """Whether the conclusion turns, beyond chance."""
+        return self.turns and self.beyond
+
+    @property
     def turns(self) -> bool:
         """Whether the result comes to lie on the other side of where its conclusion turns."""
         edge = self.headline.turns
@@ -85,6 +97,15 @@ class Row:
     flipped: Mapping[str, str]
 
     @property
+    def turned(self) -> list[Effect]:
+        """The effects with which a conclusion turns."""
+        return [effect for effect in self.effects if effect.turned]
+
+    def effect(self, headline: Headline) -> Effect | None:
+        """Return the effect on a headline; None if the rerun does not give it."""
+        return next((effect for effect in self.effects if effect.headline == headline), None)
+
+    @property
     def size(self) -> float:
         """The largest change beyond chance; zero if there is none."""
         return max((abs(effect.change) for effect in self.effects if effect.beyond), default=0.0)
@@ -112,6 +133,12 @@ def band_of(values: list[float]) -> float:
         return 0.0
     quantile = float(student.ppf(0.975, len(values) - 1))
     return quantile * math.sqrt(2) * statistics.stdev(values)
+
+
+def chance_band(study: Study, headline: Headline) -> float:
+    """Return the band of a headline in the unchanged runs of its chapter."""
+    values = [run.headlines.get(headline.key) for run in study.seeds(headline.chapter)]
+    return band_of([value for value in values if value is not None])
 
 
 def rows_of(assumptions: Assumptions, study: Study, chapter: str) -> list[Row]:
@@ -147,16 +174,14 @@ def _reruns(
 def _effects(assumptions: Assumptions, study: Study, run: Run | None) -> Iterator[Effect]:
     if run is None:
         return
-    unchanged = study.seeds(run.chapter)
     baseline = study.run(run.chapter, BASELINE)
     for headline in assumptions.of_chapter(run.chapter):
         if baseline and headline.key in baseline.headlines and headline.key in run.headlines:
-            values = [r.headlines[headline.key] for r in unchanged if headline.key in r.headlines]
             yield Effect(
                 headline,
                 baseline.headlines[headline.key],
                 run.headlines[headline.key],
-                band_of(values),
+                chance_band(study, headline),
             )
 
 
@@ -200,14 +225,8 @@ class Reading:
         return self.after / self.before - 1
 
 
-def readings_of(assumptions: Assumptions, results: Mapping[str, Results]) -> list[Reading]:
-    """Return the readings that the chapters compute, from the results of a build.
-
-    Parameters
-    ----------
-    assumptions : Assumptions
-    results : mapping of str to Results
-        By chapter.
+def readings_of(assumptions: Assumptions, findings: Findings) -> list[Reading]:
+    """Return the readings that the chapters compute, the largest changes first.
 
     Raises
     ------
@@ -217,15 +236,85 @@ def readings_of(assumptions: Assumptions, results: Mapping[str, Results]) -> lis
     readings = []
     for entry in assumptions.assumptions:
         for within in entry.within:
-            of = results[within.chapter]
-            after = quotient(of, within.quantity, within.over)
+            after = findings.quotient(within.chapter, within.quantity, within.over)
             if within.headline is not None:
                 headline = assumptions.headline(within.chapter, within.headline)
-                effect = Effect(headline, headline.value(of), after, 0.0)
-                says, before, turns = headline.says, effect.before, effect.turns
+                before = findings.quotient(headline.chapter, headline.quantity, headline.over)
+                turns, says = Effect(headline, before, after, 0.0).turns, headline.says
             else:
-                assert within.against is not None
-                assert within.says is not None
-                says, before, turns = within.says, quotient(of, within.against, None), False
+                before = findings.quotient(within.chapter, str(within.against))
+                turns, says = False, str(within.says)
             readings.append(Reading(entry, within, says, before, after, turns))
-    return readings
+    return sorted(readings, key=lambda r: -abs(math.log(max(r.after, 1e-9) / r.before)))
+
+
+@dataclass(frozen=True)
+class Summary:
+    """What the tables of reruns and readings come to: ids of assumptions, by what they do."""
+
+    made: list[Row]
+    failed: list[Row]
+    turning: set[str]
+    moving: set[str]
+    flipping: set[str]
+    still: set[str]
+    untried: set[str]
+    waiting: set[str]
+
+
+def summarise(
+    assumptions: Assumptions, tables: Mapping[str, Sequence[Row]], readings: Sequence[Reading]
+) -> Summary:
+    """Tell what reruns and readings come to; rows with another seed alone do not count."""
+    reruns = [row for rows in tables.values() for row in rows if not row.entry.seeds]
+    made = [row for row in reruns if row.run is not None]
+    moving = {row.entry.id for row in made if any(e.moves for e in row.effects)}
+    moving |= {reading.entry.id for reading in readings if abs(reading.change) > MOVES}
+    turning = {row.entry.id for row in made if row.turned}
+    turning |= {reading.entry.id for reading in readings if reading.turns}
+    flipping = {row.entry.id for row in made if row.flipped}
+    tried = {row.entry.id for row in made} | {reading.entry.id for reading in readings}
+    waiting = {row.entry.id for row in reruns if row.run is None}
+    return Summary(
+        made=made,
+        failed=[row for row in made if row.run is not None and row.run.failed is not None],
+        turning=turning,
+        moving=moving,
+        flipping=flipping,
+        still=tried - moving - turning - flipping - waiting,
+        untried={
+            entry.id
+            for entry in assumptions.assumptions
+            if not (entry.alternatives or entry.within or entry.seeds)
+        },
+        waiting=waiting,
+    )
+
+
+def change_text(before: float, after: float) -> str:
+    """Return a change: in per cent of the value before, or as a factor where it is large."""
+    if before == after:
+        return "0"
+    if before == 0 or after / before < 0:
+        return f"{before:.2g} → {after:.2g}"  # a change of sign has no per cent
+    ratio = after / before
+    if ratio >= _PLAIN:
+        return f"× {ratio:,.3g}" if ratio < 1e4 else f"× {ratio:.1e}"
+    percent = 100 * (ratio - 1)
+    text = f"{percent:+.1f} %" if abs(percent) < _FINE else f"{percent:+.0f} %"
+    return text.replace("-", "\N{MINUS SIGN}")
+
+
+def panels_of(tables: Mapping[str, Sequence[Row]]) -> list[list[tuple[str, Effect]]]:
+    """Return for each chapter the largest effects on its first headline, by what was changed."""
+    panels = []
+    for rows in tables.values():
+        found = [
+            (f"{row.entry.id}, {row.set}", row.effects[0])
+            for row in rows
+            if row.effects and not row.entry.seeds and row.effects[0].ratio is not None
+        ]
+        found.sort(key=lambda item: -abs(math.log(item[1].ratio or 1.0)))
+        if found:
+            panels.append(found[:_BARS])
+    return panels

@@ -1,24 +1,129 @@
-"""The project as folders: where the sources are and where what is made goes."""
+"""The project as folders: where the checkout is, its sources, and where what is made goes."""
 
 from __future__ import annotations
 
+import os
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
+
+from filelock import FileLock, Timeout
 
 import inswsn_lib
 from inswsn_book.files import text_digest, tree_digest
-from inswsn_lib.errors import InswsnError
+from inswsn_lib.errors import InswsnError, ParameterError
+from inswsn_lib.files import read_yaml
 
+#: Set by the executor, so that a chapter finds the project from any working folder.
+ROOT_VARIABLE = "INSWSN_ROOT"
+#: Set by the executor: the folder that results files go to, instead of ``results/``.
+RESULTS_VARIABLE = "INSWSN_RESULTS"
+#: Names the folder in which a reader's own modules are looked for; by default the working folder.
+MODULES_VARIABLE = "INSWSN_MODULES"
+
+_MARKERS = ("_config.yml", "environment.lock", "chapters", "data")
 # What a chapter's numbers and outputs may depend on, of the machinery: what executes chapters, and
 # what they import of it
 _EXECUTING = (
-    *("execution.py", "notebooks.py", "worker.py"),
-    *("checkout.py", "files.py", "labs.py", "ledger.py", "parameters.py", "plugins.py"),
+    *("execution.py", "notebooks.py", "runs.py", "worker.py"),
+    *("project.py", "files.py", "labs.py", "ledger.py", "parameters.py", "plugins.py"),
     *("record.py", "results.py", "show.py", "verdicts.py"),
     "experiments",
 )
 _CHAPTER_NAME = re.compile(r"^\d\d-[a-z0-9]+(-[a-z0-9]+)*$")
+
+
+def is_checkout(folder: Path) -> bool:
+    """Tell whether `folder` is the root of a checkout of this project.
+
+    Parameters
+    ----------
+    folder : Path
+        The folder.
+
+    Returns
+    -------
+    bool
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> from inswsn_book.project import find_root, is_checkout
+    >>> is_checkout(find_root())
+    True
+    >>> with TemporaryDirectory() as folder:
+    ...     is_checkout(Path(folder))
+    False
+    """
+    return all((folder / marker).exists() for marker in _MARKERS)
+
+
+def find_root(start: Path | None = None) -> Path:
+    """Find the root of the checkout.
+
+    Parameters
+    ----------
+    start : Path, optional
+        Folder to look upward from. Default: what the executor set, else the working folder.
+
+    Returns
+    -------
+    Path
+        The absolute path of the checkout.
+
+    Raises
+    ------
+    InswsnError
+        If neither `start` nor a folder above it is a checkout.
+
+    Examples
+    --------
+    From anywhere in a checkout:
+
+    >>> from inswsn_book.project import find_root
+    >>> root = find_root()
+    >>> find_root(root / "data" / "papers") == root
+    True
+    """
+    if start is None:
+        start = Path(os.environ.get(ROOT_VARIABLE) or Path.cwd())
+    start = start.resolve()
+    for folder in (start, *start.parents):
+        if is_checkout(folder):
+            return folder
+    raise InswsnError(
+        f"{start} is not in a checkout of inswsn: go into one, or name it with --root."
+    )
+
+
+def results_folder(root: Path) -> Path:
+    """Return the folder that this run's results files go to.
+
+    Parameters
+    ----------
+    root : Path
+        The checkout.
+
+    Returns
+    -------
+    Path
+        What ``INSWSN_RESULTS`` names, else ``results`` in the checkout.
+
+    Examples
+    --------
+    >>> import os
+    >>> from pathlib import Path
+    >>> from unittest.mock import patch
+    >>> from inswsn_book.project import RESULTS_VARIABLE, results_folder
+    >>> with patch.dict(os.environ, {RESULTS_VARIABLE: ""}):
+    ...     results_folder(Path("checkout")).as_posix()
+    'checkout/results'
+    """
+    return Path(os.environ.get(RESULTS_VARIABLE) or root / "results")
 
 
 @dataclass(frozen=True)
@@ -48,6 +153,47 @@ class Chapter:
 
 
 @dataclass(frozen=True)
+class About:
+    """What ``CITATION.cff`` says of this work.
+
+    Attributes
+    ----------
+    title, abstract, version : str
+    released : str
+        Day of this version, ``2026-11-22``.
+    authors : tuple of str
+        As a list of references has them, family name first.
+    keywords : tuple of str
+    licence : str
+        Of the code, by its SPDX name.
+    repository : str or None
+        Address on its public host.
+    doi : str or None
+        Of the archived release.
+    references : tuple of dict
+        The papers that it rebuilds, as the file has them.
+    """
+
+    title: str
+    abstract: str
+    version: str
+    released: str
+    authors: tuple[str, ...]
+    keywords: tuple[str, ...]
+    licence: str
+    repository: str | None
+    doi: str | None
+    references: tuple[dict[str, Any], ...]
+
+    @property
+    def shown_authors(self) -> str:
+        """The authors in one line: ``"A, B and C"``."""
+        return " and ".join(
+            [", ".join(self.authors[:-1]), self.authors[-1]][len(self.authors) < 2 :]
+        )
+
+
+@dataclass(frozen=True)
 class Project:
     """The folders of a checkout.
 
@@ -70,9 +216,9 @@ class Project:
         return self.build / "html"
 
     @property
-    def cache(self) -> Path:
-        """Executed chapters by the content of what they were made from."""
-        return self.build / "cache"
+    def store(self) -> Path:
+        """Runs of chapters by the content of what they were made from."""
+        return self.build / "store"
 
     @property
     def results(self) -> Path:
@@ -89,6 +235,32 @@ class Project:
         """The two files that pin the environment."""
         return self.root / "environment.lock", self.root / "environment-torch.lock"
 
+    def about(self) -> About:
+        """Read ``CITATION.cff``.
+
+        Raises
+        ------
+        InswsnError
+            If there is none, or it lacks a field.
+        """
+        path = self.root / "CITATION.cff"
+        said = read_yaml(path)
+        try:
+            return About(
+                title=said["title"],
+                abstract=said["abstract"],
+                version=said["version"],
+                released=said["date-released"],
+                authors=tuple(map(_listed, said["authors"])),
+                keywords=tuple(said["keywords"]),
+                licence=said["license"],
+                repository=said.get("repository-code"),
+                doi=said.get("doi"),
+                references=tuple(said.get("references", ())),
+            )
+        except (KeyError, TypeError) as error:
+            raise InswsnError(f"{path} is no citation file: it lacks {error}.") from None
+
     @property
     def libraries(self) -> tuple[Path, Path]:
         """The folders of the two packages that run, which need not lie in the checkout."""
@@ -96,7 +268,7 @@ class Project:
 
     def library_digest(self) -> str:
         """Return the digest of the source files of both packages."""
-        return _packages_digest([f for p in self.libraries for f in p.rglob("*.py")])
+        return self._digest([f for p in self.libraries for f in p.rglob("*.py")])
 
     def computing_digest(self) -> str:
         """Return the digest of the source files that a chapter may compute with.
@@ -108,7 +280,15 @@ class Project:
         own = [
             f for f in machinery.rglob("*.py") if f.relative_to(machinery).parts[0] in _EXECUTING
         ]
-        return _packages_digest([*science.rglob("*.py"), *own])
+        return self._digest([*science.rglob("*.py"), *own])
+
+    def _digest(self, files: list[Path]) -> str:
+        """Return one digest of source files, named from the folder of their package on."""
+        parts = [
+            tree_digest(package.parent, [f for f in files if f.is_relative_to(package)])
+            for package in self.libraries
+        ]
+        return text_digest("\n".join(parts))
 
     def chapters(self) -> list[Chapter]:
         """Return the chapters in the order of their numbers.
@@ -134,12 +314,45 @@ class Project:
             raise InswsnError(f"The chapter number {twice[0]} is used twice.")
         return chapters
 
+    def find(self, word: str) -> Chapter:
+        """Return the chapter of a number such as ``"02"`` or ``"2"``, or of a whole name.
 
-def _packages_digest(files: list[Path]) -> str:
-    """Return one digest of source files, which are named from the folder of their package on."""
-    science, machinery = Path(inswsn_lib.__file__).parent, Path(__file__).parent
-    parts = [
-        tree_digest(package.parent, [f for f in files if f.is_relative_to(package)])
-        for package in (science, machinery)
-    ]
-    return text_digest("\n".join(parts))
+        Raises
+        ------
+        ParameterError
+            If there is no such chapter.
+        """
+        chapters = self.chapters()
+        for chapter in chapters:
+            if word in (chapter.number, str(int(chapter.number)), chapter.name):
+                return chapter
+        raise ParameterError(
+            "NAME", word, "one of " + ", ".join(chapter.number for chapter in chapters)
+        )
+
+    @contextmanager
+    def build_lock(self) -> Iterator[None]:
+        """Hold the lock of the checkout's build, so that what is read does not change.
+
+        Raises
+        ------
+        InswsnError
+            If another build of this checkout is running.
+        """
+        self.build.mkdir(parents=True, exist_ok=True)
+        lock = FileLock(self.build / ".lock")
+        try:
+            lock.acquire(timeout=0)
+        except Timeout:
+            raise InswsnError(
+                f"Another build of {self.root} is running; wait for it, or stop it."
+            ) from None
+        try:
+            yield
+        finally:
+            lock.release()
+
+
+def _listed(author: dict[str, str]) -> str:
+    """Return an author as a list of references has them: a group by its name."""
+    return author.get("name") or f"{author['family-names']}, {author['given-names']}"

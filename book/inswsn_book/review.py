@@ -1,59 +1,751 @@
-"""The texts of the pages that review the papers: the errata and the rival readings."""
+"""What is written by hand on the papers and rests on results: errata, readings, assumptions.
+
+``data/errata.yaml``, ``data/readings.yaml`` and ``data/assumptions.yaml`` hold texts. A text points
+at numbers as a claim does, by chapter and quantity: in placeholders such as
+``{01:cost.position.percent:.0f}``, and in the evidence on which it rests. A published build whose
+results do not bear the evidence out is refused. The pages are templates in ``book/``.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self, TypeVar
 
-from inswsn_book.errata import ERRATA, errata_page, load_errata
-from inswsn_book.evidence import Findings
-from inswsn_book.parameters import chapter_schema
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from inswsn_book.ledger import Claim, MissingCheck, QuantityCheck
+from inswsn_book.parameters import Schema, Value, chapter_schema
 from inswsn_book.project import Project
-from inswsn_book.readings import (
-    READINGS,
-    computed_page,
-    load_readings,
-    readings_page,
-    remaining_page,
-)
-from inswsn_book.results import Results
-from inswsn_book.verdicts import Judged
+from inswsn_book.results import Finite, Name, Quantity, Results
+from inswsn_book.verdicts import Judged, Verdict, verdicts
+from inswsn_lib.errors import InswsnError
+from inswsn_lib.files import read_yaml
+from inswsn_lib.scenario import Setting, load_scenario
+
+ERRATA = "data/errata.yaml"
+READINGS = "data/readings.yaml"
+ASSUMPTIONS = "data/assumptions.yaml"
+
+#: The scenario files below ``data/scenarios``, each of whose numbers has an entry or is a paper's.
+SCENARIOS = ("p1", "p1-inertial", "p1-inertial-all-cells", "p2", "p3")
+#: Chapters from this number on retell a result, or work on a reader's own recording: their
+#: parameters stand for nothing that a paper could say.
+RETELLING = "60"
+
+# {01:cost.position.percent:.0f} and {claim:P1-P-T}; a role, {ref}`...`, has no colon or a backtick
+_PLACEHOLDER = re.compile(r"\{([A-Za-z0-9]+):([^{}:`]*)(?::([^{}`]*))?\}(?!`)")
+_ENDS = {"low": 0, "high": 1}
+
+#: A text of one or more paragraphs in MyST Markdown, with placeholders
+Prose = Annotated[str, Field(min_length=3)]
+Line = Annotated[str, Field(min_length=3, pattern=r"^[^\n]+$")]
+Paper = Literal["P1", "P2", "P3"]
+Chapter = Annotated[str, Field(pattern=r"^\d\d$")]
+Number = float | str | list[float] | list[list[float]]
 
 
-def review_texts(
-    project: Project, results: Sequence[Results], judged: Sequence[Judged]
-) -> dict[str, str]:
-    """Return the texts by the names of their files; none for a list that a checkout lacks.
+class Entry(BaseModel):
+    """Part of a file of texts: it may not be changed, and has no fields but its own."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class Titled(Entry):
+    """An entry with an id that never changes, of one paper."""
+
+    id: str
+    paper: Paper
+
+    @model_validator(mode="after")
+    def _id_names_the_paper(self) -> Self:
+        if self.paper not in self.id.split("-"):
+            raise ValueError(f"the id {self.id} is not of {self.paper}")
+        return self
+
+    @property
+    def anchor(self) -> str:
+        """The label of its place in the book, such as ``"erratum-e-p1-01"``."""
+        kind = {"E": "erratum", "R": "reading"}.get(self.id[0], "assumption")
+        return f"{kind}-{self.id.lower()}"
+
+
+# Evidence: what decides whether a text may stand
+
+
+class Sentence(Entry):
+    """A sentence that a chapter binds to a condition; it must hold."""
+
+    chapter: Chapter
+    sentence: Line
+
+
+class Bound(Entry):
+    """A quantity of a chapter that must lie within bounds, in its unit; one of them or both."""
+
+    chapter: Chapter
+    quantity: Name
+    at_least: Finite | None = None
+    at_most: Finite | None = None
+
+    @model_validator(mode="after")
+    def _has_a_bound(self) -> Self:
+        if self.at_least is None and self.at_most is None:
+            raise ValueError("a quantity that is evidence has at_least or at_most")
+        return self
+
+
+class Ruling(Entry):
+    """A claim of the ledger that must have a certain verdict."""
+
+    claim: str
+    verdict: Verdict
+
+
+Evidence = Sentence | Bound | Ruling
+
+
+class Findings:
+    """All that the chapters found: their results, and the claims judged by them.
 
     Parameters
     ----------
-    project : Project
-        The checkout.
-    results : sequence of Results
-        What the chapters that are shown have recorded.
-    judged : sequence of Judged
-        The claims, judged by them.
+    results : iterable of Results
+        One of each chapter.
+    judged : iterable of Judged
+        The claims of the ledger.
+    """
+
+    def __init__(self, results: Iterable[Results], judged: Iterable[Judged]) -> None:
+        self.results = {result.chapter: result for result in results}
+        self.judged = {entry.claim.id: entry for entry in judged}
+
+    def quantity(self, chapter: str, name: str) -> Quantity:
+        """Return a quantity of a chapter; `InswsnError` if there is none."""
+        try:
+            return self._chapter(chapter)[name]
+        except KeyError:
+            raise InswsnError(f"chapter {chapter} records no quantity {name}.") from None
+
+    def claim(self, identity: str) -> Judged:
+        """Return a judged claim; `InswsnError` if there is none."""
+        try:
+            return self.judged[identity]
+        except KeyError:
+            raise InswsnError(f"the ledger has no claim {identity}.") from None
+
+    def claims(self, identities: Iterable[str]) -> list[Judged]:
+        """Return judged claims."""
+        return [self.claim(identity) for identity in identities]
+
+    def _chapter(self, chapter: str) -> Results:
+        try:
+            return self.results[chapter]
+        except KeyError:
+            raise InswsnError(f"there are no results of chapter {chapter}.") from None
+
+    def quotient(self, chapter: str, quantity: str, over: str | None = None) -> float:
+        """Return the value of a quantity, or that of one over another."""
+        value = self.quantity(chapter, quantity).value
+        return value if over is None else value / self.quantity(chapter, over).value
+
+    def holds(self, evidence: Evidence) -> bool:
+        """Tell whether evidence holds; `InswsnError` if it names what is not there."""
+        if isinstance(evidence, Ruling):
+            return self.claim(evidence.claim).verdict is evidence.verdict
+        if isinstance(evidence, Bound):
+            value = self.quantity(evidence.chapter, evidence.quantity).value
+            low = evidence.at_least is None or value >= evidence.at_least
+            return low and (evidence.at_most is None or value <= evidence.at_most)
+        sentences = self._chapter(evidence.chapter).sentences
+        if evidence.sentence not in sentences:
+            raise InswsnError(
+                f"chapter {evidence.chapter} binds no sentence {evidence.sentence!r}."
+            )
+        return sentences[evidence.sentence]
+
+    def failed(self, evidence: Iterable[Evidence]) -> list[Evidence]:
+        """Return the evidence that does not hold."""
+        return [entry for entry in evidence if not self.holds(entry)]
+
+    def fill(self, text: str) -> str:
+        """Put numbers and verdicts in the place of placeholders.
+
+        Parameters
+        ----------
+        text : str
+            With ``{01:name:.2f}`` for a number, ``{01:name@low:.2f}`` and ``@high`` for the ends of
+            its interval, ``{01:name:.0%}`` for a share in per cent, and ``{claim:P1-P-T}`` for a
+            claim with its verdict.
+
+        Raises
+        ------
+        InswsnError
+            If a placeholder names nothing, or its format does not fit a number.
+        """
+        return _PLACEHOLDER.sub(self._filled, text.strip())
+
+    def _filled(self, match: re.Match[str]) -> str:
+        where, name, form = match.groups()
+        if where == "claim" and form is None:
+            entry = self.claim(name)
+            return f"{claim_link(entry.claim)} (*{entry.verdict}*)"
+        if not re.fullmatch(r"\d\d", where):
+            raise InswsnError(
+                f"{match[0]} is no placeholder; it may be {{01:name:.2f}} or {{claim:P1-P-T}}."
+            )
+        quantity, end = self._part(where, name)
+        value = quantity.value
+        if end is not None:
+            if quantity.interval is None:
+                raise InswsnError(f"{match[0]} asks for an interval, and there is none.")
+            value = quantity.interval[end]
+        try:
+            shown = format(value, form or "g")
+        except ValueError:
+            raise InswsnError(f"{match[0]} has a format that does not fit a number.") from None
+        return f"**{shown.replace('%', ' %').replace('-', '−')}**"
+
+    def _part(self, chapter: str, name: str) -> tuple[Quantity, int | None]:
+        """Return a quantity, and which end of its interval is meant: 0, 1 or none."""
+        base, _, end = name.partition("@")
+        if end and end not in _ENDS:
+            raise InswsnError(f"@{end} is no end of an interval; it may be @low or @high.")
+        return self.quantity(chapter, base), _ENDS.get(end)
+
+    def numbers(self, texts: Iterable[str]) -> list[tuple[str, Quantity]]:
+        """Return the quantities that texts show, each once, with its chapter."""
+        found = {}
+        for text in texts:
+            for where, name, _ in _PLACEHOLDER.findall(text):
+                if where != "claim":
+                    quantity, _ = self._part(where, name)
+                    found[where, quantity.name] = quantity
+        return [(chapter, quantity) for (chapter, _), quantity in found.items()]
+
+
+def claim_link(claim: Claim) -> str:
+    """Return a link to a claim's entry on the page of claims."""
+    return f"[{claim.id}](#{claim.anchor})"
+
+
+def escape_text(text: str) -> str:
+    """Return plain text such that Markdown shows it as it is."""
+    return re.sub(r"([\\`*_\[\]<>{}$~|^])", r"\\\1", text)
+
+
+# Errata
+
+
+class Erratum(Titled):
+    """One error of a paper.
+
+    `printed` is what stands there, `derivation` why it is wrong, `effect` what changes in numbers,
+    `correction` what is right. All `evidence` must hold; `tested` names the test that confirms it
+    by a small computation of its own; `claims` are those of the ledger that it touches.
+    """
+
+    id: Annotated[str, Field(pattern=r"^E-P[123]-[0-4]\d$")]
+    place: Line
+    kind: Literal["algebra", "number", "notation", "statement", "missing condition", "labelling"]
+    title: Line
+    printed: Prose
+    derivation: Prose
+    effect: Prose
+    correction: Prose
+    changes: Literal["yes", "no", "unknown"]
+    evidence: Annotated[tuple[Evidence, ...], Field(min_length=1)]
+    tested: Annotated[str, Field(pattern=r"^test_\w+$")] | None = None
+    claims: tuple[str, ...] = ()
+
+    @property
+    def texts(self) -> tuple[str, ...]:
+        """The texts with placeholders."""
+        return self.printed, self.derivation, self.effect, self.correction
+
+
+class Slip(Titled):
+    """A slip of the pen that misleads nobody for long; slips count from 51."""
+
+    id: Annotated[str, Field(pattern=r"^E-P[123]-[5-9]\d$")]
+    place: Line
+    printed: Line
+    meant: Line
+    evidence: tuple[Evidence, ...] = ()
+
+
+class Errata(Entry):
+    """All errors found."""
+
+    errata: tuple[Erratum, ...]
+    slips: tuple[Slip, ...] = ()
+
+    @model_validator(mode="after")
+    def _ids_are_unique(self) -> Self:
+        _refuse_repeated([entry.id for entry in (*self.errata, *self.slips)])
+        return self
+
+
+# Rival readings
+
+#: How sure a statement on what was computed is, from the surest on
+Certainty = Literal["printed", "best", "consistent", "rebuilt", "unexplained"]
+
+
+class Reading(Entry):
+    """One way to read a place; `judged` names claims that it would judge by another quantity."""
+
+    name: Line
+    found: Prose
+    taken: bool = False
+    judged: dict[str, QuantityCheck] = Field(default_factory=dict)
+
+
+class Question(Titled):
+    """A place that admits more than one reading, of which at most one is taken.
+
+    `claims` are those whose verdicts hang on it; ``*`` stands for any characters.
+    """
+
+    id: Annotated[str, Field(pattern=r"^R-P[123]-\d\d$")]
+    place: Line
+    title: Line
+    says: Prose
+    readings: Annotated[tuple[Reading, ...], Field(min_length=2)]
+    why: Prose
+    decides: Prose
+    changes: Prose
+    claims: Annotated[tuple[str, ...], Field(min_length=1)]
+
+    @model_validator(mode="after")
+    def _one_is_taken(self) -> Self:
+        if sum(reading.taken for reading in self.readings) > 1:
+            raise ValueError("more than one reading is taken")
+        return self
+
+    @property
+    def taken(self) -> str | None:
+        """The name of the reading that the book takes."""
+        return next((reading.name for reading in self.readings if reading.taken), None)
+
+    @property
+    def texts(self) -> tuple[str, ...]:
+        """The texts with placeholders."""
+        return *(reading.found for reading in self.readings), self.why, self.decides, self.changes
+
+    def hanging(self, findings: Findings) -> list[Judged]:
+        """Return the claims that hang on it; `InswsnError` if a pattern fits none."""
+        for pattern in self.claims:
+            if not any(fnmatchcase(name, pattern) for name in findings.judged):
+                raise InswsnError(f"no claim of the ledger fits {pattern}.")
+        return [
+            entry
+            for name, entry in findings.judged.items()
+            if any(fnmatchcase(name, pattern) for pattern in self.claims)
+        ]
+
+
+class Statement(Entry):
+    """One statement on what the authors must have computed; `where` is the section it rests on."""
+
+    paper: Paper
+    says: Prose
+    certainty: Certainty
+    where: Annotated[str, Field(pattern=r"^[a-z0-9-]+$")]
+    evidence: Annotated[tuple[Evidence, ...], Field(min_length=1)]
+
+
+class Readings(Entry):
+    """All questions, and what must have been computed."""
+
+    questions: tuple[Question, ...]
+    computed: tuple[Statement, ...] = ()
+
+    @model_validator(mode="after")
+    def _ids_are_unique(self) -> Self:
+        _refuse_repeated([entry.id for entry in self.questions])
+        return self
+
+
+def judged_anew(reading: Reading, findings: Findings) -> list[tuple[Judged, Judged]]:
+    """Return the claims that a reading judges by another quantity: as they are, as they would be.
 
     Raises
     ------
     InswsnError
-        If a list is not of its form, names what is not there, or rests on evidence that does not
-        hold. A run with other parameters may overturn evidence; then the page says so.
+        If a claim or a quantity is not there, or its unit is not the claim's.
     """
-    findings, texts = Findings(results, judged), {}
-    if (project.root / ERRATA).is_file():
-        strict = _is_published(project, results)
-        texts["errata.md"] = errata_page(load_errata(project.root), findings, strict=strict)
-    if (project.root / READINGS).is_file():
-        readings, strict = load_readings(project.root), _is_published(project, results)
-        texts["computed.md"] = computed_page(readings, findings, strict=strict)
-        texts["readings.md"] = readings_page(readings, findings)
-        texts["readings-remaining.md"] = remaining_page(readings, findings)
-    return texts
+    pairs = []
+    for identity, check in reading.judged.items():
+        now = findings.claim(identity)
+        other = now.claim.model_copy(update={"check": check, "assumption": reading.name})
+        pairs.append((now, verdicts([other], findings.results.values())[0]))
+    return pairs
 
 
-def _is_published(project: Project, results: Sequence[Results]) -> bool:
-    """Tell whether all results are those of a run with the declared parameters."""
-    return all(
-        result.parameters == chapter_schema(project.root, result.chapter).check({})
-        for result in results
-    )
+def other_claims(
+    readings: Readings, findings: Findings
+) -> list[tuple[str, tuple[str, ...], list[Judged]]]:
+    """Return the claims that no question names, by what would change their verdicts.
+
+    Returns
+    -------
+    list of (str, tuple of str, list of Judged)
+        The kind of what would change them (``print``, ``algebra``, ``data``, ``nothing`` or
+        ``missing``), what is missing, and the claims; in this order.
+    """
+    named = {e.claim.id for question in readings.questions for e in question.hanging(findings)}
+    groups: dict[tuple[str, tuple[str, ...]], list[Judged]] = {}
+    for name, entry in findings.judged.items():
+        if name not in named:
+            groups.setdefault(_changed_by(entry), []).append(entry)
+    order = ("print", "algebra", "data", "nothing", "missing")
+    keys = sorted(groups, key=lambda key: (order.index(key[0]), " ".join(key[1])))
+    return [(*key, groups[key]) for key in keys]
+
+
+def _changed_by(entry: Judged) -> tuple[str, tuple[str, ...]]:
+    if isinstance(entry.claim.check, MissingCheck):
+        return "missing", entry.claim.check.reasons
+    if entry.verdict in (Verdict.INPUT, Verdict.CALIBRATED, Verdict.UNTESTABLE):
+        return "nothing", ()
+    if entry.quantity is not None and entry.quantity.basis == "printed":
+        return "print", ()
+    return ("algebra" if entry.claim.kind == "formula" else "data"), ()
+
+
+# Assumptions
+
+
+class Headline(Entry):
+    """A result that the sensitivity study watches: a quantity of a chapter, or the ratio of two.
+
+    `short` heads a column, `says` tells what it is; beyond `turns` the conclusion is another one.
+    """
+
+    chapter: Chapter
+    quantity: str
+    over: str | None = None
+    short: Line
+    says: Line
+    turns: float | None = None
+
+    @property
+    def key(self) -> str:
+        """Its name within the chapter, such as ``"methods.lssvm/methods.rbf"``."""
+        return self.quantity if self.over is None else f"{self.quantity}/{self.over}"
+
+    def value(self, results: Results) -> float:
+        """Return it from the results of its chapter; `InswsnError` if they do not hold it."""
+        return Findings([results], []).quotient(self.chapter, self.quantity, self.over)
+
+
+class Reduced(Entry):
+    """How a chapter is run in the study: with fewer runs, other seeds, and without sections."""
+
+    parameters: dict[str, Value]
+    seeds: tuple[int, ...]
+    skips: tuple[Line, ...] = ()
+
+
+class Chosen(Entry):
+    """What stands in the place of the unsaid: a setting, a parameter, or a choice in words."""
+
+    scenario: str | None = None
+    setting: str | None = None
+    chapter: Chapter | None = None
+    parameter: str | None = None
+    text: Line | None = None
+
+    @model_validator(mode="after")
+    def _one_kind(self) -> Self:
+        pairs = ((self.scenario, self.setting), (self.chapter, self.parameter), (self.text,) * 2)
+        if any((a is None) != (b is None) for a, b in pairs) or (
+            sum(a is not None for a, _ in pairs) != 1
+        ):
+            raise ValueError(
+                "a choice is a scenario with a setting, a chapter with a parameter, or a text"
+            )
+        return self
+
+
+class Edit(Entry):
+    """A passage of a chapter's source that is replaced; `old` stands there exactly once."""
+
+    chapter: Chapter
+    old: Annotated[str, Field(min_length=10)]
+    new: str
+
+
+class Alternative(Entry):
+    """What the study sets an assumption to, in which chapters, and how.
+
+    `values` and `factors` are by scenario and setting, `files` puts another scenario file in the
+    place of one, `parameters` are by chapter.
+    """
+
+    id: Annotated[str, Field(pattern=r"^[a-z0-9]+(-[a-z0-9]+)*$")]
+    set: Annotated[str, Field(min_length=1, pattern=r"^[^\n]+$")]
+    why: Line
+    chapters: Annotated[tuple[Chapter, ...], Field(min_length=1)]
+    values: dict[str, dict[str, Number]] = {}
+    factors: dict[str, dict[str, float]] = {}
+    files: dict[str, str] = {}
+    parameters: dict[Chapter, dict[str, Value]] = {}
+    edits: tuple[Edit, ...] = ()
+
+    @model_validator(mode="after")
+    def _changes_each_of_its_chapters(self) -> Self:
+        everywhere = bool(self.values or self.factors or self.files)
+        touched = {*self.parameters, *(edit.chapter for edit in self.edits)}
+        if extra := touched - set(self.chapters):
+            raise ValueError(f"it changes chapter {min(extra)} and does not run it")
+        if not everywhere and (unchanged := set(self.chapters) - touched):
+            raise ValueError(f"it runs chapter {min(unchanged)} unchanged")
+        return self
+
+
+class Within(Entry):
+    """A reading that a chapter computes in each build, held against a headline or a quantity."""
+
+    chapter: Chapter
+    reading: Line
+    quantity: str
+    over: str | None = None
+    headline: str | None = None
+    against: str | None = None
+    says: Line | None = None
+
+    @model_validator(mode="after")
+    def _held_against_one_thing(self) -> Self:
+        if (self.headline is None) == (self.against is None) or (
+            (self.against is None) != (self.says is None)
+        ):
+            raise ValueError(
+                "a reading is held against a headline, or against a quantity that is explained"
+            )
+        return self
+
+
+class Assumption(Titled):
+    """One thing that a paper leaves unsaid.
+
+    `place` is where one would look for it, `bounds` whether what is printed bounds it. `varied`
+    says why no rerun varies it, or what does; `seeds` are, for the entry on chance, the chapters
+    whose other seeds are its alternatives.
+    """
+
+    id: Annotated[str, Field(pattern=r"^P[123]-M-[A-Za-z0-9]+$")]
+    unsaid: Line
+    place: Line
+    bounds: Line
+    chosen: Annotated[tuple[Chosen, ...], Field(min_length=1)]
+    why: Line | None = None
+    varied: Line | None = None
+    alternatives: Annotated[tuple[Alternative, ...], Field(max_length=2)] = ()
+    within: tuple[Within, ...] = ()
+    seeds: tuple[Chapter, ...] = ()
+
+    @model_validator(mode="after")
+    def _whole(self) -> Self:
+        if self.why is None and any(choice.text for choice in self.chosen):
+            raise ValueError("a choice in words needs a reason, why")
+        if not (self.alternatives or self.seeds or self.varied):
+            raise ValueError("it has no alternatives, and varied does not say why")
+        _refuse_repeated([alternative.id for alternative in self.alternatives])
+        return self
+
+
+class Assumptions(Entry):
+    """What ``data/assumptions.yaml`` holds; `printed` says why a parameter is no assumption."""
+
+    headlines: Annotated[tuple[Headline, ...], Field(min_length=1)]
+    reduced: dict[Chapter, Reduced]
+    printed: dict[Chapter, dict[str, Line]]
+    assumptions: Annotated[tuple[Assumption, ...], Field(min_length=1)]
+
+    @model_validator(mode="after")
+    def _fits_together(self) -> Self:
+        _refuse_repeated([entry.id.lower() for entry in self.assumptions])
+        keys = [(headline.chapter, headline.key) for headline in self.headlines]
+        for entry in self.assumptions:
+            run = {*entry.seeds, *(c for a in entry.alternatives for c in a.chapters)}
+            if missing := run - set(self.reduced):
+                raise ValueError(f"{entry.id}: reduced has no chapter {min(missing)}")
+            for reading in entry.within:
+                if reading.headline and (reading.chapter, reading.headline) not in keys:
+                    raise ValueError(f"{entry.id}: there is no headline {reading.headline}")
+        return self
+
+    def of_chapter(self, chapter: str) -> list[Headline]:
+        """Return the headlines of a chapter."""
+        return [headline for headline in self.headlines if headline.chapter == chapter]
+
+    def headline(self, chapter: str, key: str) -> Headline:
+        """Return the headline of that key; ``KeyError`` if there is none."""
+        for headline in self.of_chapter(chapter):
+            if headline.key == key:
+                return headline
+        raise KeyError(key)
+
+
+def load_settings(root: Path) -> dict[str, dict[str, Setting]]:
+    """Read all scenario files, by their names."""
+    return {name: load_scenario(root / f"data/scenarios/{name}.yaml") for name in SCENARIOS}
+
+
+def load_schemas(project: Project) -> dict[str, Schema]:
+    """Read the parameters of the chapters that rebuild the papers, by number."""
+    numbers = [c.number for c in project.chapters() if c.number < RETELLING]
+    return {number: chapter_schema(project.root, number) for number in numbers}
+
+
+def problems_of(project: Project, assumptions: Assumptions) -> list[str]:
+    """Return all in which the assumptions do not fit the checkout, a sentence each.
+
+    Every setting of a scenario whose source is not the paper, and every parameter of a chapter, has
+    an entry or a reason why it needs none; and what an entry names is there.
+    """
+    settings = load_settings(project.root)
+    parameters = {number: set(s.defaults) for number, s in load_schemas(project).items()}
+    return [
+        *_names_that_are_nowhere(assumptions, settings, parameters),
+        *_without_an_entry(assumptions, settings, parameters),
+        *_edits_that_do_not_fit(project, assumptions),
+    ]
+
+
+def _names_that_are_nowhere(
+    assumptions: Assumptions,
+    settings: Mapping[str, Mapping[str, Setting]],
+    parameters: Mapping[str, set[str]],
+) -> Iterator[str]:
+    for entry in assumptions.assumptions:
+        named = [(c.scenario, c.setting) for c in entry.chosen if c.scenario and c.setting]
+        set_ = [(c.chapter, c.parameter) for c in entry.chosen if c.chapter and c.parameter]
+        for other in entry.alternatives:
+            for by_scenario in (other.values, other.factors):
+                named += [(s, key) for s, keys in by_scenario.items() for key in keys]
+            set_ += [(c, key) for c, keys in other.parameters.items() for key in keys]
+            for scenario, file in other.files.items():
+                if scenario not in settings or file not in settings:
+                    yield f"{entry.id}: there is no scenario {scenario} or {file}."
+        for scenario, key in named:
+            if key not in settings.get(scenario, {}):
+                yield f"{entry.id}: the scenario {scenario} has no setting {key}."
+        for chapter, key in set_:
+            if key not in parameters.get(chapter, set()):
+                yield f"{entry.id}: chapter {chapter} has no parameter {key}."
+
+
+def _without_an_entry(
+    assumptions: Assumptions,
+    settings: Mapping[str, Mapping[str, Setting]],
+    parameters: Mapping[str, set[str]],
+) -> Iterator[str]:
+    chosen = [choice for entry in assumptions.assumptions for choice in entry.chosen]
+    covered = {(choice.scenario, choice.setting) for choice in chosen}
+    # the fit to all cells has the same numbers, fitted otherwise
+    covered |= {("p1-inertial-all-cells", key) for s, key in covered if s == "p1-inertial"}
+    for scenario, keys in settings.items():
+        for key, setting in keys.items():
+            if setting.source != "paper" and (scenario, key) not in covered:
+                yield f"The setting {key} of the scenario {scenario} has no entry."
+    stand = {(choice.chapter, choice.parameter) for choice in chosen}
+    for chapter, names in parameters.items():
+        printed = set(assumptions.printed.get(chapter, {}))
+        for name in sorted(printed - names):
+            yield f"printed: chapter {chapter} has no parameter {name}."
+        for name in sorted(names):
+            entry, reason = (chapter, name) in stand, name in printed
+            if entry and reason:
+                yield f"The parameter {name} of chapter {chapter} has an entry and needs none."
+            elif not entry and not reason:
+                yield f"The parameter {name} of chapter {chapter} has no entry."
+
+
+def _edits_that_do_not_fit(project: Project, assumptions: Assumptions) -> Iterator[str]:
+    sources = {c.number: c.source.read_text(encoding="utf-8") for c in project.chapters()}
+    for entry in assumptions.assumptions:
+        for other in entry.alternatives:
+            for edit in other.edits:
+                if sources.get(edit.chapter, "").count(edit.old) != 1:
+                    yield (
+                        f"{entry.id}/{other.id}: the passage that it replaces does not stand in "
+                        f"chapter {edit.chapter} exactly once."
+                    )
+
+
+# Reading the files
+
+_Model = TypeVar("_Model", bound=BaseModel)
+
+
+def load_errata(root: Path) -> Errata:
+    """Read ``data/errata.yaml``; `InswsnError` names the entry that is not of the form."""
+    return _load(root / ERRATA, Errata, "a list of errata")
+
+
+def load_readings(root: Path) -> Readings:
+    """Read ``data/readings.yaml``; `InswsnError` names the entry that is not of the form."""
+    return _load(root / READINGS, Readings, "a list of readings")
+
+
+def load_assumptions(root: Path) -> Assumptions:
+    """Read ``data/assumptions.yaml``; `InswsnError` names the entry that is not of the form."""
+    return _load(root / ASSUMPTIONS, Assumptions, "a list of assumptions")
+
+
+def _load(path: Path, model: type[_Model], what: str) -> _Model:
+    content = read_yaml(path)
+    try:
+        return model.model_validate(content)
+    except ValidationError as error:
+        first = error.errors()[0]
+        place = _place([str(part) for part in first["loc"]], content)
+        said = first["msg"].removeprefix("Value error, ")
+        raise InswsnError(f"{path} is not {what}: {place}: {said}.") from None
+
+
+def _place(parts: list[str], content: Any) -> str:
+    """Return where in a file something is wrong, with an entry's id rather than its number."""
+    listed = content.get(parts[0]) if isinstance(content, dict) and parts else None
+    if len(parts) > 1 and isinstance(listed, list):
+        entry = listed[int(parts[1])]
+        name = entry.get("id") if isinstance(entry, dict) else None
+        parts[:2] = [str(name or f"{parts[0]} number {parts[1]}")]
+    return ": ".join(parts) or "the file"
+
+
+def _refuse_repeated(ids: Sequence[str]) -> None:
+    twice = sorted({identity for identity in ids if ids.count(identity) > 1})
+    if twice:
+        raise ValueError(f"the ids {', '.join(twice)} are used twice")
+
+
+def require_evidence(errata: Errata | None, readings: Readings | None, findings: Findings) -> None:
+    """Refuse texts whose evidence does not hold.
+
+    Raises
+    ------
+    InswsnError
+        The sentence names the file, the entry and the evidence.
+    """
+    entries: list[tuple[str, str, Sequence[Evidence]]] = []
+    if errata is not None:
+        entries += [(ERRATA, e.id, e.evidence) for e in (*errata.errata, *errata.slips)]
+    if readings is not None:
+        entries += [
+            (READINGS, f"computed, {s.paper}, {s.says[:40]!r}", s.evidence)
+            for s in readings.computed
+        ]
+    for file, name, evidence in entries:
+        try:
+            failed = findings.failed(evidence)
+        except InswsnError as error:
+            raise InswsnError(f"{file}: {name}: {error}") from None
+        if failed:
+            said = ", ".join(f"{k}: {v}" for k, v in failed[0] if v is not None)
+            raise InswsnError(f"{file}: {name}: its evidence does not hold ({said}).")

@@ -13,7 +13,6 @@ from inswsn_book.experiments import EXPERIMENTS, Experiment, find_experiment
 from inswsn_book.files import file_digest, text_digest, tree_digest
 from inswsn_book.parameters import FILE_RULE, REGRESSOR_RULE, Schema, chapter_schema
 from inswsn_book.project import Chapter, Project
-from inswsn_book.running import find_chapter
 from inswsn_book.sweep_grid import Grid, read_grid
 from inswsn_book.sweep_store import FORM, as_text
 from inswsn_book.sweep_tasks import (
@@ -171,7 +170,7 @@ def make_plan(
         If a source cannot be read.
     """
     data = project.root / "data"
-    chapter = None if ":" in name else find_chapter(project, name)
+    chapter = None if ":" in name else project.find(name)
     if chapter and chapter.number not in EXPERIMENTS:
         return _plan_chapter(project, chapter, axes, settings, runs)
     source = chapter.number if chapter else name
@@ -271,7 +270,7 @@ def changed_since(project: Project, plan: Plan) -> list[str]:
     if plan.experiment is not None:
         now = {_OWN_FILES: _brought(plan.experiment.schema, plan.grid, data)}
     else:
-        chapter = find_chapter(project, plan.source)
+        chapter = project.find(plan.source)
         schema = chapter_schema(project.root, chapter.number)
         now = _files_of_chapter(project, chapter, schema, plan.grid)
         now[CODE] = plan.made_from[CODE].replace(

@@ -22,8 +22,7 @@ from threadpoolctl import threadpool_limits
 from inswsn_book.experiments import Experiment, Trial, find_experiment
 from inswsn_book.files import file_digest
 from inswsn_book.parameters import Value
-from inswsn_book.plugins import MODULES_VARIABLE
-from inswsn_book.project import Project
+from inswsn_book.project import MODULES_VARIABLE, Project
 from inswsn_book.provenance import installed_version
 from inswsn_lib.errors import InswsnError, ParameterError
 from inswsn_lib.evaluation import GROUP, monte_carlo
@@ -295,11 +294,12 @@ def _prepared(task: Task, experiment: Experiment) -> _Prepared:
 
 def execute_cell(task: Task) -> Outcome:
     """Execute a chapter with the parameters of a cell; its results file is the content."""
-    from inswsn_book.execution import (  # noqa: PLC0415  # papermill is slow
-        chosen_surroundings,
-        execute_once,
-    )
     from inswsn_book.progress import Progress  # noqa: PLC0415
+    from inswsn_book.runs import (  # noqa: PLC0415  # reading notebooks is slow
+        Request,
+        chosen_surroundings,
+        run,
+    )
 
     outcome = Outcome(library_state())
     ((cell, values),) = task.cells
@@ -307,8 +307,8 @@ def execute_cell(task: Task) -> Outcome:
     with _troubles_of(cell, outcome):
         chapter = next(c for c in project.chapters() if c.name == task.source)
         quiet = Progress(Console(file=io.StringIO()))
-        _, results, _ = execute_once(project, chapter, values, quiet, chosen_surroundings())
-        outcome.done = [(cell, task.parts[0], results.model_dump_json().encode())]
+        done = run(project, Request(chapter.number, values, chosen_surroundings()), quiet)
+        outcome.done = [(cell, task.parts[0], done.results.model_dump_json().encode())]
     return outcome
 
 

@@ -13,7 +13,6 @@ from pathlib import Path
 import pytest
 from bs4 import BeautifulSoup
 from conftest import MiniProject, run_command
-from inswsn_book.execution import ChapterError, together
 from inswsn_book.results import read_results
 
 CELL = "```{{code-cell}} ipython3\n{}\n```"
@@ -94,13 +93,6 @@ def test_a_chapter_that_writes_no_results(mini: MiniProject) -> None:
     assert "Chapter 00-mini wrote no results file 00.json" in done.stderr
 
 
-def test_every_chapter_that_failed_is_named() -> None:
-    first, second = ChapterError("Chapter 00 failed."), ChapterError("Chapter 01 failed.")
-    assert str(together([first, second])) == "Chapter 00 failed.\n\nChapter 01 failed."
-    broken = OSError("no space")
-    assert together([first, broken]) is broken
-
-
 @pytest.mark.parametrize(
     ("code", "said"),
     [
@@ -129,7 +121,7 @@ def test_a_chapter_that_changes_while_it_is_executed(mini: MiniProject) -> None:
     done = run_command(mini.root, "book")
     assert done.returncode == 1
     assert "changed while it was executed, or the library did; run it again." in done.stderr
-    assert not any(mini.cache.rglob("results.json"))
+    assert not any(mini.store.rglob("results.json"))
 
 
 @pytest.mark.parametrize(
@@ -187,7 +179,7 @@ def test_personal_settings_do_not_reach_a_chapter(
 
 
 def test_two_fresh_builds_are_the_same(built: MiniProject) -> None:
-    (first,) = built.cache.rglob("executed.ipynb")
+    (first,) = built.store.rglob("executed.ipynb")
     text, results = first.read_text(), read_results(built.results / "00.json")
     pages = {name: page_without_provenance(built.site / name) for name in PAGES}
     assert run_command(built.root, "book", "--fresh").returncode == 0
@@ -250,13 +242,13 @@ def test_a_page_that_does_not_hold_together(built: MiniProject, finder: str) -> 
     assert leftovers(built) == []
 
 
-def start_slow_build(project: MiniProject) -> tuple[subprocess.Popen[str], int]:
-    """Start a build whose chapter sleeps; return it and its kernel's process id once it does."""
+def start_slow_build(project: MiniProject) -> tuple[subprocess.Popen[str], list[int]]:
+    """Start a build whose chapter sleeps; return it and the ids of its kernel and its worker."""
     marker = project.root / "kernel-pid"
     project.chapter(
         CELL.format(
             "import os, pathlib, time\n"
-            f"pathlib.Path({str(marker)!r}).write_text(str(os.getpid()))\n"
+            f"pathlib.Path({str(marker)!r}).write_text(f'{{os.getpid()}} {{os.getppid()}}')\n"
             "time.sleep(120)"
         )
     )
@@ -275,7 +267,7 @@ def start_slow_build(project: MiniProject) -> tuple[subprocess.Popen[str], int]:
     signal.signal(signal.SIGHUP, hangup)
     for _ in range(600):
         if marker.is_file() and (text := marker.read_text()):
-            return process, int(text)
+            return process, [int(word) for word in text.split()]
         time.sleep(0.1)
     process.kill()
     raise AssertionError("the chapter did not start within a minute")
@@ -299,12 +291,12 @@ def ends(pid: int, seconds: float = 15.0) -> bool:
 )
 def test_an_interrupted_build(built: MiniProject, how: signal.Signals) -> None:
     before = state(built.site)
-    process, kernel = start_slow_build(built)
+    process, others = start_slow_build(built)
     process.send_signal(how)
     _, said = process.communicate(timeout=60)
     assert process.returncode == 128 + how, said
     assert said.strip().endswith("inswsn: stopped.")
-    assert ends(kernel), "the kernel was left running"
+    assert all(map(ends, others)), "the kernel or its worker was left running"
     assert state(built.site) == before
     assert leftovers(built) == []
     built.chapter()
@@ -313,10 +305,10 @@ def test_an_interrupted_build(built: MiniProject, how: signal.Signals) -> None:
 
 @pytest.mark.skipif(sys.platform == "win32", reason="There is no such signal on Windows.")
 def test_a_killed_build_leaves_nothing_that_stays(built: MiniProject) -> None:
-    process, kernel = start_slow_build(built)
+    process, others = start_slow_build(built)
     process.kill()
     process.communicate(timeout=60)
-    assert ends(kernel), "the kernel outlived the build"
+    assert all(map(ends, others)), "the kernel or its worker outlived the build"
     built.chapter()
     assert run_command(built.root, "book").returncode == 0
     assert leftovers(built) == []

@@ -27,8 +27,7 @@ from inswsn_book import sweep_tasks
 from inswsn_book.experiments import find_experiment
 from inswsn_book.experiments.networked import NETWORKED
 from inswsn_book.parameters import read_schema
-from inswsn_book.plugins import MODULES_VARIABLE
-from inswsn_book.project import Project
+from inswsn_book.project import MODULES_VARIABLE, Project
 from inswsn_book.sweep import ATTEMPTS, run_sweep
 from inswsn_book.sweep_grid import read_grid
 from inswsn_book.sweep_plan import Plan, make_plan
@@ -115,16 +114,16 @@ EXPERIMENT = Experiment(
     title="Mean against median",
     schema=read_schema("""
 # Seed of all random numbers.
-seed: int = 5  # 1; 0 <= value <= 1000
+seed: int = 5  # 1; in [0, 1000]
 # Standard deviation of a number.
-spread: float = 1.0  # m; value > 0
+spread: float = 1.0  # m; in (0, inf)
 # What is told.
 told: float = 0.0  # m; any
 # What goes wrong.
 trouble: str = "none"  # 1; one of none, refuse, raise, raise-twice, die, die-once, die-of-1, nan, \
 spoil, exit
 # How long a group takes.
-pause: float = 0.0  # s; 0 <= value <= 10
+pause: float = 0.0  # s; in [0, 10]
 """),
     begin=Numbers,
     methods={"mean": "the mean", "median": "the median"},
@@ -990,15 +989,15 @@ def test_another_solver_is_another_sweep(
 def test_a_chapter_is_executed_with_the_solver_that_is_chosen(
     mini: MiniProject, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from inswsn_book import execution
+    from inswsn_book import runs
 
     seen = []
 
-    def executed(*words: Any) -> Any:
-        seen.append(words[4].solver)
+    def executed(_: Any, request: runs.Request, __: Any) -> Any:
+        seen.append(request.surroundings.solver)
         raise InswsnError("seen")
 
-    monkeypatch.setattr(execution, "execute_once", executed)
+    monkeypatch.setattr(runs, "run", executed)
     monkeypatch.setenv("INSWSN_SOLVER", "scs")
     task = Task("", "00-mini", mini.root, ((0, {"scale": 1.0}),), (0,))
     assert sweep_tasks.execute_cell(task).refused == {0: "seen"}

@@ -1,0 +1,198 @@
+"""The figures of pages that no chapter draws: the front page's, and that of the assumptions."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import exp, log
+from pathlib import Path
+from typing import Any
+
+from inswsn_book.effects import Effect
+from inswsn_book.review import Findings
+from inswsn_lib.files import read_yaml
+
+# the chapters whose results the front page's figure draws
+_DRAWN = {"00", "02", "03", "04", "05"}
+_WIDE = 5  # a panel that spans more has a logarithmic axis
+
+
+@dataclass(frozen=True)
+class Contest:
+    """The error of a paper's method over that of its rival, as printed and as rebuilt.
+
+    Attributes
+    ----------
+    label : str
+        The method over its rival, and what is compared.
+    printed : float or None
+        By the paper's printed numbers; None if it prints no such comparison.
+    rebuilt : float
+        As the book finds it when both are treated alike.
+    recorded : float or None
+        The same on recorded data.
+    """
+
+    label: str
+    printed: float | None
+    rebuilt: float
+    recorded: float | None = None
+
+
+def contests(root: Path, findings: Findings) -> list[Contest]:
+    """Return the comparisons that the papers are about; none while a chapter is missing.
+
+    Parameters
+    ----------
+    root : Path
+        The checkout, for the printed numbers below ``data/papers``.
+    findings : Findings
+        Of the chapters.
+
+    Raises
+    ------
+    InswsnError
+        If a chapter has no such quantity.
+    """
+    if not findings.results.keys() >= _DRAWN:
+        return []
+    p2 = read_yaml(root / "data/papers/p2.yaml")["results"]
+    p3 = read_yaml(root / "data/papers/p3.yaml")
+
+    value = findings.quotient
+
+    def left(per_cent: Sequence[float]) -> float:
+        """Return the geometric mean of what reductions leave."""
+        return exp(sum(log(1 - p / 100) for p in per_cent) / len(per_cent))
+
+    bridged = [
+        q.value for q in findings.results["00"].quantities if q.name.startswith("table3.reduction.")
+    ]
+    return [
+        Contest(
+            "P1: HF over KF,\nposition",
+            1 / value("02", "headline.published-ratio"),
+            value("02", "fair.hf-exact-lmi.position") / value("02", "fair.kalman.position"),
+        ),
+        Contest(
+            "P1: LS-SVM over BP,\noutages",
+            left(bridged),
+            value("03", "fair.geometric.ls-svm-motion") / value("03", "fair.geometric.bp-motion"),
+        ),
+        Contest(
+            "P2: DHF over FKF,\nposition",
+            left([float(p2[c]["vs_fkf"]) for c in ("rx", "ry")]),
+            value("04", "fair.dhf-over-fkf.position"),
+        ),
+        Contest(
+            "P2: DHF over FKF,\nvelocity",
+            left([float(p2[c]["vs_fkf"]) for c in ("vx", "vy")]),
+            value("04", "fair.dhf-over-fkf.velocity"),
+        ),
+        Contest(
+            "P3: proposed over KF",
+            1 - float(p3["average_improvement_at_least"]) / 100,
+            value("05", "factor.lssvm-never"),
+            value("05", "recorded.factor.lssvm") / value("05", "recorded.factor.never"),
+        ),
+        Contest(
+            "P3: of that,\nthe LS-SVM",
+            None,
+            value("05", "methods.lssvm"),
+            value("05", "recorded.factor.lssvm"),
+        ),
+    ]
+
+
+def front_svg(rows: Sequence[Contest]) -> str:
+    """Draw the comparisons, as SVG."""
+    from inswsn_lib.plotting import COLOURS, figure  # noqa: PLC0415  # a list needs no figure
+
+    fig, axes = figure(height=3.9)
+    fig.set_size_inches(4.9, 3.9)  # beside the text, where its letters are as large as the text's
+    places = range(len(rows) - 1, -1, -1)
+    for place, row in zip(places, rows, strict=True):
+        if row.printed is not None:
+            ends = [row.printed, row.rebuilt]
+            axes.plot(ends, [place, place], "-", color="#bbbbbb", lw=1, zorder=1)
+    drawn: list[tuple[str, str, str, list[tuple[float, int]]]] = [
+        (
+            "as printed",
+            "o",
+            "published",
+            [(r.printed, p) for p, r in zip(places, rows, strict=True) if r.printed is not None],
+        ),
+        (
+            "on equal terms",
+            "s",
+            "rebuilt",
+            [(r.rebuilt, p) for p, r in zip(places, rows, strict=True)],
+        ),
+        (
+            "on a recorded drive",
+            "D",
+            "reproduced",
+            [(r.recorded, p) for p, r in zip(places, rows, strict=True) if r.recorded is not None],
+        ),
+    ]
+    for label, marker, colour, points in drawn:
+        axes.plot(*zip(*points, strict=True), marker, ms=8, color=COLOURS[colour], label=label)
+    axes.axvline(1, color=COLOURS["contradicted"], lw=1.2)
+    axes.set(xscale="log", xlim=(0.05, 4), ylim=(-0.6, len(rows) - 0.4))
+    axes.set_xticks([0.05, 0.1, 0.2, 0.5, 1, 2, 4], ["1/20", "1/10", "1/5", "1/2", "1", "2", "4"])
+    axes.minorticks_off()
+    axes.set_yticks(list(places), [row.label for row in rows])
+    axes.set_xlabel("error of the paper's method over its rival's")
+    fig.legend(loc="outside upper right", ncols=3, fontsize=9, columnspacing=1, handletextpad=0.2)
+    return _svg(fig)
+
+
+def _svg(fig: Any) -> str:
+    from matplotlib import pyplot as plt  # noqa: PLC0415
+
+    stream = io.StringIO()
+    fig.savefig(stream, format="svg", metadata={"Date": None, "Creator": None})
+    plt.close(fig)
+    return stream.getvalue()
+
+
+def tornado_svg(panels: Sequence[Sequence[tuple[str, Effect]]]) -> str:
+    """Draw by what factor the first headline of each chapter moves, as SVG.
+
+    Parameters
+    ----------
+    panels : sequence
+        From `panels_of`.
+    """
+    from matplotlib.ticker import LogLocator, NullLocator  # noqa: PLC0415
+
+    from inswsn_lib.plotting import COLOURS, figure  # noqa: PLC0415  # a list needs no figure
+
+    count = max(len(panels), 1)
+    fig, axes = figure(count, 1, height=1.75 * count + 0.3, squeeze=False)
+    for ax, found in zip(axes[:, 0], panels, strict=False):
+        first = found[0][1]
+        ratios = [effect.ratio or 1.0 for _, effect in found]
+        colours = [
+            COLOURS["contradicted" if e.turned else "rebuilt" if e.beyond else "published"]
+            for _, e in found
+        ]
+        places = range(len(found))[::-1]
+        low, high = 1 - first.band / first.before, 1 + first.band / first.before
+        if 0 < low < high:
+            ax.axvspan(low, high, color=COLOURS["published"], alpha=0.15, lw=0)
+        ax.barh(places, [r - 1 for r in ratios], left=1, color=colours, height=0.65)
+        ax.axvline(1, color=COLOURS["published"], lw=1)
+        if max(ratios) / min(ratios) > _WIDE:
+            ax.set_xscale("log")
+            ax.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+            ax.xaxis.set_major_formatter("{x:g}")
+            ax.xaxis.set_minor_locator(NullLocator())
+        ax.set_yticks(places, [name for name, _ in found], fontsize=8.5)
+        ax.set_title(
+            f"chapter {first.headline.chapter}, {first.headline.short}", loc="left", fontsize=9.5
+        )
+        ax.grid(axis="y", visible=False)
+    axes[-1, 0].set_xlabel("result over that of the unchanged run")
+    return _svg(fig)
