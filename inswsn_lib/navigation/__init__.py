@@ -1,5 +1,11 @@
 """Navigation: the hybrid of a filter and a regressor, and recordings to run it on."""
 
+from inswsn_lib.navigation.cluster_fusion import (
+    ClusterFusion,
+    cluster_fusion,
+    planar_rms,
+    widen_velocities,
+)
 from inswsn_lib.navigation.hybrid import (
     HybridNavigator,
     HybridRun,
@@ -22,6 +28,7 @@ from inswsn_lib.navigation.vehicle_hybrid import (
     VehicleHybrid,
     sensed_motion,
 )
+from inswsn_lib.navigation.vehicle_outages import VehicleOutages, vehicle_outages
 
 __all__ = [
     "FILTERS",
@@ -30,6 +37,7 @@ __all__ = [
     "TIME",
     "WSN",
     "Bridge",
+    "ClusterFusion",
     "HybridNavigator",
     "HybridRun",
     "Machine",
@@ -38,13 +46,18 @@ __all__ = [
     "RecordedTrials",
     "Recording",
     "VehicleHybrid",
+    "VehicleOutages",
+    "cluster_fusion",
     "fit_many",
     "observable_inputs",
     "outage_size",
     "p3_hybrids",
+    "planar_rms",
     "read_recording",
     "read_trials",
     "run_outages",
     "run_recorded_outages",
     "sensed_motion",
+    "vehicle_outages",
+    "widen_velocities",
 ]
