@@ -23,7 +23,6 @@ from inswsn_lib.files import DATA_VARIABLE
 ROOMS = (
     "claims",
     "evaluation",
-    "experiments",
     "filters",
     "learning",
     "lmi",

@@ -16,7 +16,6 @@ _EXECUTING = (
     *("execution.py", "notebooks.py", "worker.py"),
     *("checkout.py", "files.py", "labs.py", "ledger.py", "parameters.py", "plugins.py"),
     *("record.py", "results.py", "show.py", "verdicts.py"),
-    "experiments",
 )
 _CHAPTER_NAME = re.compile(r"^\d\d-[a-z0-9]+(-[a-z0-9]+)*$")
 
