@@ -5,8 +5,8 @@
 Executes the chapters again with one thing of their surroundings changed (see
 book/inswsn_book/elsewhere.py) and holds what they find against data/published. What comes of it
 is kept in data/elsewhere.json, from which the book's page is made. One variant takes about as long
-as the book does, SCS longer. The study may be stopped at any time: runs that have ended are kept in
-_build/elsewhere and are not made again.
+as the book does, SCS longer. The study may be stopped at any time: runs that have ended are in
+the store and are not made again.
 
 A second Python is one in whose environment the locked packages and inswsn are installed:
 
@@ -24,9 +24,7 @@ its results files, such as 01.json, as --results FOLDER.
 from __future__ import annotations
 
 import argparse
-import os
 import sys
-from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 from pathlib import Path
 
 from inswsn_book.elsewhere import (
@@ -35,35 +33,18 @@ from inswsn_book.elsewhere import (
     Variant,
     compared,
     found_elsewhere,
-    kept_run,
     merged,
     read_elsewhere,
-    run,
     variants,
     write_elsewhere,
 )
-from inswsn_book.execution import longest_first
-from inswsn_book.progress import Progress
+from inswsn_book.progress import Quiet
 from inswsn_book.project import Chapter, Project
-from inswsn_book.provenance import repository_state
-from inswsn_book.running import find_chapter
+from inswsn_book.runs import Request, Run, run_each
 
-from inswsn_lib.errors import InswsnError, ParameterError
+from inswsn_lib.errors import BuildError, InswsnError, ParameterError
 
 ROOT = Path(__file__).parent.parent
-
-
-class Quiet(Progress):
-    """Says nothing of the cells of a notebook; the study says when one is done."""
-
-    def started(self, chapter: str, cells: int) -> None:
-        """Say nothing."""
-
-    def cell(self, chapter: str, index: int) -> None:
-        """Say nothing."""
-
-    def finished(self, chapter: str) -> None:
-        """Say nothing."""
 
 
 def asked_for(names: list[str], python: str | None) -> list[Variant]:
@@ -78,34 +59,25 @@ def asked_for(names: list[str], python: str | None) -> list[Variant]:
     return [variant for variant in found if not names or variant.id in names]
 
 
-def run_all(
-    project: Project, todo: list[tuple[Variant, Chapter]], jobs: int, progress: Progress
+def run_study(
+    project: Project, todo: list[tuple[Variant, Chapter]], jobs: int | None, progress: Quiet
 ) -> None:
-    """Run what has not been run, and put the cells of all into the file."""
-    state = repository_state(project.root)  # before the file is written
+    """Run what has not been run, and put the cells of all that has ended into the file."""
+    cells: list[Cell] = []
 
-    def one(variant: Variant, chapter: Chapter) -> Cell:
-        ran = kept_run(project, variant, chapter)
-        if ran is None:
-            ran = run(project, variant, chapter, Quiet(), state)
-        cell = compared(project, variant, chapter, ran)
-        progress.say(said_of(cell, chapter))
-        return cell
+    def ended(place: int, outcome: Run | BuildError | InswsnError) -> None:
+        variant, chapter = todo[place]
+        found = outcome.results if isinstance(outcome, Run) else outcome
+        cells.append(compared(project, variant, chapter, found))
+        progress.say(line_of(cells[-1], chapter))
 
-    pool = ThreadPoolExecutor(max_workers=jobs)
+    requests = [
+        Request(chapter.number, surroundings=variant.surroundings) for variant, chapter in todo
+    ]
     try:
-        pending = [pool.submit(one, variant, chapter) for variant, chapter in todo]
-        wait(pending, return_when=FIRST_EXCEPTION)
-        for future in pending:
-            future.cancel()
-        done, _ = wait(pending)
-        ended = [future for future in done if not future.cancelled()]
-        keep(project, [future.result() for future in ended if not future.exception()])
-        for future in ended:
-            future.result()  # raises what a run raised, after what the others found is kept
+        run_each(project, requests, progress, ended, jobs=jobs)
     finally:
-        # an interrupt does not wait for the runs that are under way
-        pool.shutdown(wait=False, cancel_futures=True)
+        keep(project, cells)
 
 
 def keep(project: Project, cells: list[Cell]) -> None:
@@ -116,22 +88,20 @@ def keep(project: Project, cells: list[Cell]) -> None:
         write_elsewhere(merged(cells, before), path)
 
 
-def file_results(
-    project: Project, folder: Path, chapters: list[Chapter], progress: Progress
-) -> None:
+def file_results(project: Project, folder: Path, chapters: list[Chapter], progress: Quiet) -> None:
     """Hold the results of another build against the reference, and keep what comes of it."""
     cells = []
     for chapter in chapters:
         found = found_elsewhere(project, folder, chapter)
         if found is not None:
             cells.append(compared(project, found[0], chapter, found[1]))
-            progress.say(said_of(cells[-1], chapter))
+            progress.say(line_of(cells[-1], chapter))
     if not cells:
         raise ParameterError("--results", folder, "a folder with results files, such as 01.json")
     keep(project, cells)
 
 
-def said_of(cell: Cell, chapter: Chapter) -> str:
+def line_of(cell: Cell, chapter: Chapter) -> str:
     """Return a line for the terminal."""
     how = f"failed: {cell.failed}" if cell.failed else (
         f"{cell.compared} quantities, {len(cell.beyond)} beyond tolerance, "
@@ -152,21 +122,19 @@ def main() -> None:
     given = parser.parse_args()
     project = Project(ROOT.resolve())
     try:
-        if given.results is not None:
-            chapters = [find_chapter(project, word) for word in given.only] or project.chapters()
-            file_results(project, given.results, chapters, Progress())
-            return
-        chosen = asked_for(given.variant, given.python)
-        chapters = [find_chapter(project, word) for word in given.only] or project.chapters()
-        todo = [(v, chapter) for v in chosen for chapter in longest_first(project, chapters)]
-        with Progress() as progress:
+        chapters = [project.find(word) for word in given.only] or project.chapters()
+        with Quiet() as progress:
+            if given.results is not None:
+                file_results(project, given.results, chapters, progress)
+                return
+            chosen = asked_for(given.variant, given.python)
+            todo = [(variant, chapter) for variant in chosen for chapter in chapters]
             progress.say(f"elsewhere: {len(todo)} runs, of which those kept are not made again")
-            run_all(project, todo, given.jobs, progress)
+            run_study(project, todo, given.jobs, progress)
     except InswsnError as error:
         sys.exit(str(error))
     except KeyboardInterrupt:
-        # not after the runs that are under way: their workers end when this process is gone
-        os._exit(130)
+        sys.exit(130)
 
 
 if __name__ == "__main__":

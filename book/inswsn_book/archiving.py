@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import IO
 
 from inswsn_book.about import About, load_about
-from inswsn_book.cache import Executed, built_as_now
 from inswsn_book.citation import require_citations
 from inswsn_book.claim_ids import new_ids, require_ids_kept, verdicts_text
 from inswsn_book.crate import CRATE, Described, crate_text
@@ -25,6 +24,7 @@ from inswsn_book.project import Project
 from inswsn_book.provenance import repository_state
 from inswsn_book.references import read_articles
 from inswsn_book.rendering import require_current_site
+from inswsn_book.runs import Run, book_runs
 from inswsn_book.third_party import ThirdParty, licence_texts, load_third_party
 from inswsn_book.verdicts import verdicts
 from inswsn_lib.errors import InswsnError, ParameterError
@@ -81,18 +81,18 @@ def write_archive(project: Project, target: Path | None = None) -> Path:
     time = _time(about)
     require_citations(project)
     _require_ids_published(project)
-    executed = [built_as_now(project, chapter) for chapter in project.chapters()]
+    runs = book_runs(project)
     third_party = load_third_party(project.root)
-    files = _files(project, executed)
+    files = _files(project)
     _refuse_recordings(third_party, files)
-    require_current_site(project, executed)
-    texts = _texts(project, executed, third_party)
+    require_current_site(project, runs)
+    texts = _texts(project, runs, third_party)
     described = Described(
         about=about,
         articles=read_articles(project.root, about),
         third_party=third_party,
-        executed=executed,
-        titles={entry.chapter.number: _title(entry.chapter.source) for entry in executed},
+        runs=[(project.find(run.request.chapter), run.results) for run in runs],
+        titles={c.number: _title(c.source) for c in project.chapters()},
         commit=commit,
     )
     texts[CRATE] = crate_text(described, [*files, *texts])
@@ -143,15 +143,13 @@ def _time(about: About) -> datetime:
     return time
 
 
-def _files(project: Project, executed: list[Executed]) -> dict[str, Path]:
+def _files(project: Project) -> dict[str, Path]:
     """Return the files that are taken as they are, by their places in the archive."""
     files = {name: project.root / name for name in _tracked(project.root)}
     for path in sorted(project.site.rglob("*")):
         # .buildinfo and the renderer's key are notes of the build to itself
         if path.is_file() and not path.name.startswith("."):
             files[f"site/{path.relative_to(project.site).as_posix()}"] = path
-    for entry in executed:
-        files[f"executed/{entry.chapter.name}.ipynb"] = entry.notebook
     return files
 
 
@@ -162,11 +160,13 @@ def _tracked(root: Path) -> list[str]:
     return [name for name in done.stdout.decode("utf-8").split("\0") if name]
 
 
-def _texts(project: Project, executed: list[Executed], third_party: ThirdParty) -> dict[str, str]:
+def _texts(project: Project, runs: list[Run], third_party: ThirdParty) -> dict[str, str]:
     """Return the files that are made for the archive, by their places in it."""
-    results = [entry.results for entry in executed]
+    results = [run.results for run in runs]
     judged = verdicts(load_claims(project.root / LEDGER), results)
     texts = {f"licences/{name}": text for name, text in licence_texts(third_party).items()}
+    names = {chapter.number: chapter.name for chapter in project.chapters()}
+    texts |= {f"executed/{names[r.request.chapter]}.ipynb": r.notebook or "" for r in runs}
     texts |= {f"results/{r.chapter}.json": r.model_dump_json(indent=1) + "\n" for r in results}
     return texts | {"index.html": _INDEX, "verdicts.json": verdicts_text(judged) + "\n"}
 

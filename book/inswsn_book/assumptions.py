@@ -17,11 +17,12 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from inswsn_book.parameters import Value, chapter_schema
 from inswsn_book.project import Project
 from inswsn_book.results import Results
-from inswsn_book.study import ASSUMPTIONS
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.files import read_yaml
-from inswsn_lib.simulation import Setting, load_scenario
+from inswsn_lib.scenario import Setting, load_scenario
 
+#: Where the assumptions stand in a checkout.
+ASSUMPTIONS = "data/assumptions.yaml"
 #: The scenario files below ``data/scenarios``, each of whose numbers has an entry or is a paper's.
 SCENARIOS = ("p1", "p1-inertial", "p1-inertial-all-cells", "p2", "p3")
 #: Chapters from this number on retell a result, or work on a reader's own recording: their

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterator
-from contextlib import contextmanager
 
-from filelock import FileLock, Timeout
+import nbformat
 
-from inswsn_book.execution import execute_chapters
+from inswsn_book.files import restore_site
+from inswsn_book.notebooks import unrepeatable_outputs
 from inswsn_book.progress import Progress
 from inswsn_book.project import Project
-from inswsn_book.rendering import check_pages, render_book, restore_site
+from inswsn_book.rendering import check_pages, render_book
 from inswsn_book.results import write_results
-from inswsn_lib.errors import InswsnError
+from inswsn_book.runs import ChapterError, Request, Run, run_all
 
 
 def build_book(
@@ -28,14 +27,14 @@ def build_book(
     progress : Progress
         Told how it goes.
     fresh : bool
-        Ignore the cache and the last site.
+        Ignore the store and the last site.
     jobs : int, optional
         How many chapters at once. Default: one a core.
 
     Raises
     ------
     ChapterError
-        If a chapter fails.
+        If a chapter fails, or may not stand in the book as it is.
     RenderingError
         If the rendered book is not in order.
     InswsnError
@@ -44,45 +43,35 @@ def build_book(
         If a folder cannot be written.
     """
     chapters = project.chapters()
-    with alone(project):
-        _clear_leftovers(project)
+    with project.build_lock():
+        # what a build that was killed has left, and the site that it was swapping
+        restore_site(project.site)
+        for folder in project.build.glob("render-*"):
+            shutil.rmtree(folder)
         check_pages(project, chapters)  # before the chapters, which take long
-        executed = execute_chapters(project, chapters, progress, fresh=fresh, jobs=jobs)
-        render_book(project, executed, progress, fresh=fresh)
-        for entry in executed:
-            write_results(entry.results, project.results / f"{entry.chapter.number}.json")
+        requests = [Request(chapter.number) for chapter in chapters]
+        runs = run_all(project, requests, progress, fresh=fresh, jobs=jobs, check=check_page)
+        render_book(project, runs, progress, fresh=fresh)
+        for run in runs:
+            write_results(run.results, project.results / f"{run.request.chapter}.json")
 
 
-def _clear_leftovers(project: Project) -> None:
-    """Clear away what a build that was killed has left, and put back the site it was swapping."""
-    restore_site(project.site)
-    for folder in project.build.glob("render-*"):
-        shutil.rmtree(folder)
-
-
-@contextmanager
-def alone(project: Project) -> Iterator[None]:
-    """Hold the lock of a checkout's build, so that what is read does not change.
-
-    Parameters
-    ----------
-    project : Project
-        The checkout.
+def check_page(run: Run) -> None:
+    """Refuse a run that may not stand in the book.
 
     Raises
     ------
-    InswsnError
-        If another build of this checkout is running.
+    ChapterError
+        If a sentence does not hold in it, or an output does not belong on a page.
     """
-    project.build.mkdir(parents=True, exist_ok=True)
-    lock = FileLock(project.build / ".lock")
-    try:
-        lock.acquire(timeout=0)
-    except Timeout:
-        raise InswsnError(
-            f"Another build of {project.root} is running; wait for it, or stop it."
-        ) from None
-    try:
-        yield
-    finally:
-        lock.release()
+    assert run.notebook is not None
+    untrue = [sentence for sentence, held in run.results.sentences.items() if not held]
+    if untrue:
+        listing = "\n".join(f"  {sentence}" for sentence in untrue)
+        raise ChapterError(
+            f"Chapter {run.request.chapter} has sentences that its results do not bear out:\n"
+            + listing
+        )
+    problems = unrepeatable_outputs(nbformat.reads(run.notebook, as_version=4))
+    if problems:
+        raise ChapterError(f"Chapter {run.request.chapter}: " + "\n".join(problems))

@@ -10,8 +10,7 @@ from pathlib import Path
 
 import click
 
-from inswsn_book.checkout import find_root, is_checkout
-from inswsn_book.project import Project
+from inswsn_book.project import Project, find_root, is_checkout
 from inswsn_lib import __version__
 from inswsn_lib.errors import BuildError, InswsnError, ParameterError
 
@@ -45,7 +44,7 @@ def _project(root: Path | None) -> Project:
 
 
 @cli.command()
-@click.option("--fresh", is_flag=True, help="Ignore the cache: execute and render everything.")
+@click.option("--fresh", is_flag=True, help="Ignore what is kept: execute and render everything.")
 @click.option("--jobs", type=click.IntRange(min=1), help="Chapters at once. Default: one a core.")
 @click.pass_obj
 def book(root: Path | None, fresh: bool, jobs: int | None) -> None:
@@ -89,6 +88,7 @@ def chapters(root: Path | None) -> None:
     help="The folder of this run. Default: one below runs/ named for its parameters.",
 )
 @click.option("--html", is_flag=True, help="Render the book with this run in it.")
+@click.option("--fresh", is_flag=True, help="Execute it, even if the same has been run before.")
 @click.pass_obj
 def run(
     root: Path | None,
@@ -97,29 +97,34 @@ def run(
     file: Path | None,
     out: Path | None,
     html: bool,
+    fresh: bool,
 ) -> None:
     """Execute a chapter with other parameters and compare it with the published run."""
     from rich.console import Console
 
-    from inswsn_book import running
+    from inswsn_book.compare import show_comparison
+    from inswsn_book.ledger import LEDGER, claims_of, load_claims
     from inswsn_book.parameters import chapter_schema
     from inswsn_book.progress import Progress
-    from inswsn_book.publishing import reference_results
+    from inswsn_book.running import gather_parameters, run_chapter
+    from inswsn_book.runs import reference_results
 
     project = _project(root)
-    chapter = running.find_chapter(project, name)
-    schema = chapter_schema(project.root, chapter.number)
-    values = running.gather_parameters(schema, settings, file, project.root / "data")
+    number = project.find(name).number
+    schema = chapter_schema(project.root, number)
+    values = gather_parameters(schema, settings, file, project.root / "data")
     with Progress() as progress:
-        done = running.run_chapter(project, chapter, values, progress, out=out, html=html)
-    running.show_comparison(
-        reference_results(project, chapter),
-        done.results,
-        running.claims_of_chapter(project, chapter.number),
+        folder, results = run_chapter(
+            project, number, values, progress, out=out, html=html, fresh=fresh
+        )
+    show_comparison(
+        reference_results(project, number),
+        results,
+        claims_of(load_claims(project.root / LEDGER), number),
         ("published run", "this run"),
         Console(width=None if sys.stdout.isatty() else 120),
     )
-    click.echo(f"The run is in {done.folder}")
+    click.echo(f"The run is in {folder}")
 
 
 @cli.command()
@@ -130,8 +135,9 @@ def compare(root: Path | None, before: Path, after: Path) -> None:
     """Compare two results files of one chapter."""
     from rich.console import Console
 
+    from inswsn_book.compare import show_comparison
+    from inswsn_book.ledger import LEDGER, claims_of, load_claims
     from inswsn_book.results import read_results
-    from inswsn_book.running import claims_of_chapter, show_comparison
 
     first, second = read_results(before), read_results(after)
     if first.chapter != second.chapter:
@@ -139,8 +145,8 @@ def compare(root: Path | None, before: Path, after: Path) -> None:
             f"{before} is of chapter {first.chapter} and {after} of chapter {second.chapter}; "
             "two runs of one chapter can be compared."
         )
+    claims = claims_of(load_claims(_project(root).root / LEDGER), first.chapter)
     console = Console(width=None if sys.stdout.isatty() else 120)
-    claims = claims_of_chapter(_project(root), first.chapter)
     show_comparison(first, second, claims, ("first", "second"), console)
 
 
@@ -301,11 +307,10 @@ def tag(root: Path | None, name: str) -> None:
 @click.pass_obj
 def assets(root: Path | None) -> None:
     """Gather what is attached to a release: archive, executed notebooks, notes."""
-    from inswsn_book.building import alone
     from inswsn_book.release import gather_assets
 
     project = _project(root)
-    with alone(project):
+    with project.build_lock():
         click.echo(f"The files are in {gather_assets(project)}")
 
 
@@ -363,12 +368,11 @@ def citation(root: Path | None, check: bool) -> None:
 def archive(root: Path | None, output: Path | None) -> None:
     """Write one zip of the built release."""
     from inswsn_book.archiving import write_archive
-    from inswsn_book.building import alone
 
     if output is not None and output.suffix != ".zip":
         raise ParameterError("--output", str(output), "a file that ends in .zip")
     project = _project(root)
-    with alone(project):
+    with project.build_lock():
         written = write_archive(project, output)
     click.echo(f"wrote {written} ({written.stat().st_size / 1e6:.1f} MB)")
 

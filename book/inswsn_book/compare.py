@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+
+from rich.console import Console
+from rich.table import Table
 
 from inswsn_book.ledger import Claim
 from inswsn_book.results import Quantity, Results
@@ -127,7 +130,7 @@ def pair_quantities(before: Results, after: Results) -> list[Change]:
 
     Examples
     --------
-    >>> from inswsn_book.checkout import find_root
+    >>> from inswsn_book.project import find_root
     >>> from inswsn_book.compare import pair_quantities
     >>> from inswsn_book.results import read_results
     >>> results = read_results(find_root() / "data/published/00.json")
@@ -156,7 +159,7 @@ def compare(before: Results, after: Results) -> list[Change]:
 
     Examples
     --------
-    >>> from inswsn_book.checkout import find_root
+    >>> from inswsn_book.project import find_root
     >>> from inswsn_book.compare import compare
     >>> from inswsn_book.results import read_results
     >>> results = read_results(find_root() / "data/published/00.json")
@@ -183,7 +186,7 @@ class Flip:
 
     Examples
     --------
-    >>> from inswsn_book.checkout import find_root
+    >>> from inswsn_book.project import find_root
     >>> from inswsn_book.compare import flipped_verdicts
     >>> from inswsn_book.ledger import LEDGER, load_claims
     >>> from inswsn_book.results import read_results
@@ -231,7 +234,7 @@ def flipped_verdicts(claims: Iterable[Claim], before: Results, after: Results) -
     If the printed matrices held the sampling period of 1 s that P1 prints, the claim of it would be
     reproduced:
 
-    >>> from inswsn_book.checkout import find_root
+    >>> from inswsn_book.project import find_root
     >>> from inswsn_book.compare import flipped_verdicts
     >>> from inswsn_book.ledger import LEDGER, load_claims
     >>> from inswsn_book.results import read_results
@@ -289,3 +292,78 @@ def compare_conditions(before: Results, after: Results) -> list[str]:
             if old.get(name) != new.get(name)
         ]
     return lines
+
+
+def show_comparison(
+    before: Results,
+    after: Results,
+    claims: Sequence[Claim],
+    names: tuple[str, str],
+    console: Console,
+) -> None:
+    """Write two results side by side: quantities, sentences that differ, verdicts that flipped.
+
+    Parameters
+    ----------
+    before, after : Results
+        Two results of one chapter.
+    claims : sequence of Claim
+        The claims that the chapter decides.
+    names : tuple of two str
+        What they are, for the headings.
+    console : rich.console.Console
+        Where to write.
+    """
+    table = Table("quantity", *names, "change", "unit", box=None, pad_edge=False)
+    changes = [(pair, _difference(pair)) for pair in pair_quantities(before, after)]
+    for pair, difference in changes:
+        table.add_row(pair.name, _value(pair.before), _value(pair.after), difference, pair.unit)
+    console.print(table)
+    changed = sum(bool(difference) for _, difference in changes)
+
+    def say(line: str) -> None:
+        console.print(line, markup=False, soft_wrap=True)
+
+    for pair, _ in changes:
+        if pair.details:
+            say(f"{pair.name}: {'; '.join(pair.details)}")
+    for line in compare_conditions(before, after):
+        if not line.startswith(("sentences: ", "cells: ")):
+            say(line)
+    overturned = _overturned(before.sentences, after.sentences)
+    for line in overturned:
+        say(line)
+    flips = flipped_verdicts(claims, before, after)
+    for flip in flips:
+        say(f"verdict {flip}")
+    sentences = len(set(before.sentences) | set(after.sentences))
+    say(
+        f"{changed} of {len(changes)} quantities changed, "
+        f"{len(overturned)} of {sentences} sentences overturned, "
+        f"{len(flips)} of {len(claims)} verdicts flipped."
+    )
+
+
+def _overturned(before: Mapping[str, bool], after: Mapping[str, bool]) -> list[str]:
+    """Return a line for each sentence that holds in one run and not in the other."""
+    lines = []
+    for sentence in dict.fromkeys([*before, *after]):
+        old, new = before.get(sentence), after.get(sentence)
+        if old != new and False in (old, new):
+            lines.append(f"{'no longer holds' if new is False else 'holds now'}: {sentence}")
+        elif old != new:
+            lines.append(f"{'gone' if new is None else 'new'}: {sentence}")
+    return lines
+
+
+def _value(quantity: Quantity | None) -> str:
+    return "absent" if quantity is None else f"{quantity.value:.6g}"
+
+
+def _difference(pair: Change) -> str:
+    if pair.before is None or pair.after is None:
+        return "new" if pair.before is None else "gone"
+    difference = pair.after.value - pair.before.value
+    if abs(difference) > 1e-12 * abs(pair.before.value):
+        return f"{difference:+.3g}"
+    return "otherwise" if pair.details else ""

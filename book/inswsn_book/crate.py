@@ -12,7 +12,7 @@ from rocrate.model import ContextEntity, Dataset, File
 from rocrate.rocrate import ROCrate
 
 from inswsn_book.about import About, Author
-from inswsn_book.cache import Executed
+from inswsn_book.project import Chapter
 from inswsn_book.references import Article
 from inswsn_book.results import Provenance, Results
 from inswsn_book.third_party import Recording, ThirdParty
@@ -66,8 +66,8 @@ class Described:
     about : About
     articles : sequence of Article
     third_party : ThirdParty
-    executed : sequence of Executed
-        The chapters with their runs.
+    runs : sequence of (Chapter, Results)
+        The chapters with what their runs found.
     titles : dict of str to str
         The title of each chapter by its number.
     commit : str
@@ -77,7 +77,7 @@ class Described:
     about: About
     articles: Sequence[Article]
     third_party: ThirdParty
-    executed: Sequence[Executed]
+    runs: Sequence[tuple[Chapter, Results]]
     titles: dict[str, str]
     commit: str
 
@@ -104,8 +104,8 @@ def crate_text(described: Described, names: Sequence[str]) -> str:
             _file(crate, name, title, form)
     for recording in described.third_party.recorded:
         _describe_recording(crate, recording, names)
-    for executed in described.executed:
-        _describe_run(crate, described, executed, names)
+    for chapter, results in described.runs:
+        _describe_run(crate, described, chapter, results, names)
     _license_files(crate, described.about)
     text = json.dumps(crate.metadata.generate(), indent=1, ensure_ascii=False, allow_nan=False)
     return text + "\n"
@@ -231,10 +231,13 @@ def _describe_recording(crate: ROCrate, recording: Recording, names: Sequence[st
 
 
 def _describe_run(
-    crate: ROCrate, described: Described, executed: Executed, names: Sequence[str]
+    crate: ROCrate,
+    described: Described,
+    chapter: Chapter,
+    results: Results,
+    names: Sequence[str],
 ) -> None:
     """Add a chapter, its executed notebook, its results, and the run that made them."""
-    chapter, results = executed.chapter, executed.results
     number, title = chapter.number, described.titles[chapter.number]
     licences = [{"@id": _spdx(name)} for name in vars(described.about.licences).values()]
     code = {

@@ -9,31 +9,26 @@ are kept in ``data/elsewhere.json``.
 
 from __future__ import annotations
 
-import json
 import math
 import re
 import subprocess
-import time
 from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from hashlib import sha256
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from inswsn_book.cache import chapter_key
 from inswsn_book.compare import Change, flipped_verdicts, pair_quantities
-from inswsn_book.execution import ChapterError, Surroundings, execute_once
 from inswsn_book.files import file_digest, text_digest, tree_digest, write_whole
-from inswsn_book.kept import read_kept
 from inswsn_book.ledger import LEDGER, claims_of, load_claims
-from inswsn_book.progress import Progress
 from inswsn_book.project import Chapter, Project
-from inswsn_book.publishing import reference_results
+from inswsn_book.provenance import machine_facts, repository_state
 from inswsn_book.results import Results, read_results
-from inswsn_lib.errors import InswsnError, ParameterError
+from inswsn_book.runs import Surroundings, reference_results
+from inswsn_book.study import plain_sentence, read_kept
+from inswsn_lib.errors import BuildError, InswsnError, ParameterError
 
 Part = Literal["value", "lower end", "upper end"]
 
@@ -309,43 +304,9 @@ class Study(_Kept):
         return sorted({cell.chapter for cell in self.cells})
 
 
-class Ran(_Kept):
-    """A finished run, as it is kept while a study is under way."""
-
-    results: Results | None = None
-    failed: str | None = None
-    seconds: float
-    day: str
-    commit: str | None
-    clean: bool | None
-    cpu: str
-    system: str
-    sources: dict[str, str]
-
-
-def run_key(project: Project, variant: Variant, chapter: Chapter) -> str:
-    """Return the digest of all that a run is made from."""
-    given = variant.surroundings
-    facts = [
-        chapter_key(project, chapter, {}),
-        *(variant.id, variant.version, given.threads, given.solver, dict(given.variables)),
-    ]
-    return sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()
-
-
-def kept_run(project: Project, variant: Variant, chapter: Chapter) -> Ran | None:
-    """Return the run that an earlier call of `run` kept, if it was made from the same.
-
-    One that failed is made again: what it lacked may be there now.
-    """
-    try:
-        ran = Ran.model_validate_json(_place(project, variant, chapter).read_text("utf-8"))
-    except (OSError, ValueError):
-        return None
-    return None if ran.failed else ran
-
-
-def found_elsewhere(project: Project, folder: Path, chapter: Chapter) -> tuple[Variant, Ran] | None:
+def found_elsewhere(
+    project: Project, folder: Path, chapter: Chapter
+) -> tuple[Variant, Results] | None:
     """Return what another build found of a chapter; None if there is nothing of it.
 
     On the processor of the reference nothing was changed; else the machine is another one. Two
@@ -372,65 +333,78 @@ def found_elsewhere(project: Project, folder: Path, chapter: Chapter) -> tuple[V
         raise InswsnError(f"{path} does not say on what machine it was made.")
     if its.sources.get("chapter") != file_digest(chapter.source):
         raise InswsnError(f"{path} was made from another source of chapter {chapter.number}.")
-    first = reference_results(project, chapter).provenance
+    first = reference_results(project, chapter.number).provenance
     alike = first is not None and (first.cpu, first.blas) == (its.cpu, its.blas)
     name = AGAIN if alike else MACHINE
-    return Variant(name, *DESCRIPTIONS[name], Surroundings(), its.python), Ran(
-        results=results, seconds=its.seconds, day=its.finished[:10], commit=its.commit,
-        clean=its.clean, cpu=its.cpu, system=its.system, sources=its.sources,
-    )  # fmt: skip
+    return Variant(name, *DESCRIPTIONS[name], Surroundings(), its.python), results
 
 
-def _place(project: Project, variant: Variant, chapter: Chapter) -> Path:
-    key = run_key(project, variant, chapter)[:24]
-    return project.build / "elsewhere" / variant.id / f"{chapter.number}-{key}.json"
-
-
-def run(
+def compared(
     project: Project,
     variant: Variant,
     chapter: Chapter,
-    progress: Progress,
-    state: tuple[str | None, bool | None],
-) -> Ran:
-    """Execute a chapter in a variant, and keep what came of it below ``_build``.
-
-    `state` is that of the checkout when the study began, from `repository_state`.
+    outcome: Results | BuildError | InswsnError,
+) -> Cell:
+    """Hold what came of a chapter in a variant against the reference results.
 
     Raises
     ------
     InswsnError
         If the machine did not compute as the variant asks, so that the run would tell nothing.
     """
-    place = _place(project, variant, chapter)
-    made: dict[str, Any] = {
-        "day": datetime.now(UTC).date().isoformat(), "commit": state[0], "clean": state[1],
-        "sources": {
+    reference = reference_results(project, chapter.number)
+    first = reference.provenance
+    common: dict[str, Any] = {
+        "variant": variant.id, "chapter": chapter.number, "python": variant.version,
+        "reference_cpu": first.cpu if first else "",
+    }  # fmt: skip
+    digest = {"reference": text_digest(reference.found().model_dump_json())}
+    if not isinstance(outcome, Results):
+        commit, clean = repository_state(project.root)
+        machine = machine_facts()
+        sources = {
             "chapter": file_digest(chapter.source),
             "library": project.computing_digest(),
             "locks": tree_digest(project.root, project.locks),
-        },
-    }  # fmt: skip
-    began = time.monotonic()
-    try:
-        _, results, _ = execute_once(project, chapter, {}, progress, variant.surroundings)
-    except (InswsnError, ChapterError) as failure:
-        from inswsn_book.provenance import machine_facts  # noqa: PLC0415  # loads numerics
-
-        facts = machine_facts()
-        ran = Ran(
-            failed=plain_sentence(str(failure), project.root),
-            seconds=round(time.monotonic() - began, 1),
-            cpu=facts["cpu"], system=facts["system"], **made,
+        }
+        return Cell(
+            failed=plain_sentence(outcome), seconds=0, day=datetime.now(UTC).date().isoformat(),
+            commit=commit, clean=clean, cpu=machine["cpu"], system=machine["system"],
+            sources=sources | digest, **common,
         )  # fmt: skip
-    else:
-        its = results.provenance
-        assert its is not None
-        _check_machine(variant, chapter, its.blas)
-        ran = Ran(results=results, seconds=its.seconds, cpu=its.cpu, system=its.system, **made)
-    place.parent.mkdir(parents=True, exist_ok=True)
-    write_whole(place, ran.model_dump_json(indent=1) + "\n")
-    return ran
+    made = outcome.provenance
+    assert made is not None
+    _check_machine(variant, chapter, made.blas)
+    pairs = pair_quantities(reference, outcome)
+    moved = [moved_by(pair) for pair in pairs if _moved(pair)]
+    claims = claims_of(load_claims(project.root / LEDGER), chapter.number)
+    return Cell(
+        **common,
+        seconds=made.seconds,
+        day=made.finished[:10],
+        commit=made.commit,
+        clean=made.clean,
+        cpu=made.cpu,
+        system=made.system,
+        sources=made.sources | digest,
+        compared=len(pairs),
+        identical=len(pairs) - len(moved),
+        beyond=tuple(moved_by(pair) for pair in pairs if pair.beyond_tolerance),
+        farthest=max(moved, key=lambda one: one.size, default=None),
+        sentences=len(outcome.sentences),
+        overturned=tuple(text for text, held in outcome.sentences.items() if not held),
+        judged=len(claims),
+        flipped=tuple(
+            Flipped(
+                claim=flip.claim.id,
+                before=str(flip.before.verdict) if flip.before else None,
+                after=str(flip.after.verdict) if flip.after else None,
+            )
+            for flip in flipped_verdicts(claims, reference, outcome)
+        ),
+        solvers=outcome.solvers,
+        blas=made.blas,
+    )
 
 
 def _check_machine(variant: Variant, chapter: Chapter, blas: Iterable[str]) -> None:
@@ -442,52 +416,6 @@ def _check_machine(variant: Variant, chapter: Chapter, blas: Iterable[str]) -> N
         raise InswsnError(
             f"Chapter {chapter.number}, {variant.title}: {wrong[0]} computed, not {words}."
         )
-
-
-def plain_sentence(said: str, root: Path) -> str:
-    """Return the last line of a failure, without the paths and the colours of this machine."""
-    plain = re.sub(r"\x1b\[[0-9;]*m", "", said).replace(str(root), "")
-    lines = [line.strip() for line in plain.splitlines() if line.strip()]
-    return lines[-1][:300] if lines else "It ended without a word."
-
-
-def compared(project: Project, variant: Variant, chapter: Chapter, ran: Ran) -> Cell:
-    """Hold a run against the reference results of its chapter."""
-    reference = reference_results(project, chapter)
-    first = reference.provenance
-    common: dict[str, Any] = {
-        "variant": variant.id, "chapter": chapter.number, "seconds": ran.seconds,
-        "python": variant.version,
-        "reference_cpu": first.cpu if first else "", "day": ran.day,
-        "commit": ran.commit, "clean": ran.clean, "cpu": ran.cpu, "system": ran.system,
-        "sources": ran.sources | {"reference": text_digest(reference.found().model_dump_json())},
-    }  # fmt: skip
-    if ran.results is None:
-        return Cell(failed=ran.failed, **common)
-    pairs = pair_quantities(reference, ran.results)
-    moved = [moved_by(pair) for pair in pairs if _moved(pair)]
-    claims = claims_of(load_claims(project.root / LEDGER), chapter.number)
-    made = ran.results.provenance
-    return Cell(
-        **common,
-        compared=len(pairs),
-        identical=len(pairs) - len(moved),
-        beyond=tuple(moved_by(pair) for pair in pairs if pair.beyond_tolerance),
-        farthest=max(moved, key=lambda one: one.size, default=None),
-        sentences=len(ran.results.sentences),
-        overturned=tuple(text for text, held in ran.results.sentences.items() if not held),
-        judged=len(claims),
-        flipped=tuple(
-            Flipped(
-                claim=flip.claim.id,
-                before=str(flip.before.verdict) if flip.before else None,
-                after=str(flip.after.verdict) if flip.after else None,
-            )
-            for flip in flipped_verdicts(claims, reference, ran.results)
-        ),
-        solvers=ran.results.solvers,
-        blas=made.blas if made else (),
-    )
 
 
 def _moved(pair: Change) -> bool:

@@ -1,9 +1,10 @@
-"""Files that are written whole or not at all, and the digests that name their content."""
+"""Files and folders that are written whole or not at all, and the digests of their content."""
 
 from __future__ import annotations
 
 import hashlib
 import os
+import shutil
 import tempfile
 from collections.abc import Iterable
 from pathlib import Path
@@ -127,3 +128,36 @@ def tree_digest(root: Path, paths: Iterable[Path]) -> str:
     for path in sorted(set(paths)):
         digest.update(f"{path.relative_to(root).as_posix()}\0{file_digest(path)}\n".encode())
     return digest.hexdigest()
+
+
+def swap_folder(new: Path, site: Path) -> None:
+    """Put a new folder in the place of the old one; put the old one back if that fails.
+
+    Parameters
+    ----------
+    new, site : Path
+        The new folder, and where it goes; on one file system.
+    """
+    old = _set_aside(site)
+    try:
+        if site.exists():
+            site.rename(old)
+        new.rename(site)
+    except BaseException:  # an interrupt may fall between the two
+        restore_site(site)
+        raise
+    shutil.rmtree(old, ignore_errors=True)
+
+
+def restore_site(site: Path) -> None:
+    """Undo a swap that was cut short: put the old site back, or clear it away."""
+    old = _set_aside(site)
+    if old.exists() and not site.exists():
+        old.rename(site)
+    elif old.exists():
+        shutil.rmtree(old)
+
+
+def _set_aside(site: Path) -> Path:
+    # no name that a user would give to a folder of his own
+    return site.with_name(f".{site.name}.inswsn-set-aside")

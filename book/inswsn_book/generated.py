@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from inswsn_book.about import load_about
 from inswsn_book.accessibility import accessibility_text
+from inswsn_book.assumptions import ASSUMPTIONS
 from inswsn_book.citation import citation_page, verdict_page
 from inswsn_book.commands import commands_text
 from inswsn_book.elsewhere_page import elsewhere_texts
@@ -17,7 +18,6 @@ from inswsn_book.project import Project
 from inswsn_book.results import Results
 from inswsn_book.review import review_texts
 from inswsn_book.status import status_text
-from inswsn_book.study import ASSUMPTIONS
 from inswsn_book.verdicts import verdicts
 
 

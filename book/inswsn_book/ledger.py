@@ -75,7 +75,7 @@ class MissingCheck(_Entry):
 
     Examples
     --------
-    >>> from inswsn_book.checkout import find_root
+    >>> from inswsn_book.project import find_root
     >>> from inswsn_book.ledger import LEDGER, MissingCheck, load_claims
     >>> claims = load_claims(find_root() / LEDGER)
     >>> missing = [claim for claim in claims if isinstance(claim.check, MissingCheck)]
@@ -118,7 +118,7 @@ class Claim(_Entry):
 
     Examples
     --------
-    >>> from inswsn_book.checkout import find_root
+    >>> from inswsn_book.project import find_root
     >>> from inswsn_book.ledger import LEDGER, load_claims
     >>> claims = {claim.id: claim for claim in load_claims(find_root() / LEDGER)}
     >>> claim = claims["P1-P-T"]  # the sampling period of P1, printed as 1 s
@@ -305,7 +305,7 @@ def load_claims(path: Path) -> tuple[Claim, ...]:
 
     Examples
     --------
-    >>> from inswsn_book.checkout import find_root
+    >>> from inswsn_book.project import find_root
     >>> from inswsn_book.ledger import LEDGER, PAPERS, load_claims
     >>> claims = load_claims(find_root() / LEDGER)
     >>> {claim.paper for claim in claims} == set(PAPERS)
@@ -336,7 +336,7 @@ def claims_of(claims: Iterable[Claim], chapter: str) -> list[Claim]:
 
     Examples
     --------
-    >>> from inswsn_book.checkout import find_root
+    >>> from inswsn_book.project import find_root
     >>> from inswsn_book.ledger import LEDGER, claims_of, load_claims
     >>> claims = load_claims(find_root() / LEDGER)
     >>> {claim.chapter for claim in claims_of(claims, "00")}
@@ -372,7 +372,7 @@ def data_digest(root: Path, name: str) -> str | None:
     What the ledger says of the claims of each chapter has a digest of its own, so that an edit
     makes no other chapter due:
 
-    >>> from inswsn_book.checkout import find_root
+    >>> from inswsn_book.project import find_root
     >>> from inswsn_book.ledger import data_digest
     >>> root = find_root()
     >>> data_digest(root, "data/claims.yaml#00") == data_digest(root, "data/claims.yaml#01")

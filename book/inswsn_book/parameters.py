@@ -197,7 +197,7 @@ class Schema:
 
     Examples
     --------
-    >>> from inswsn_book.checkout import find_root
+    >>> from inswsn_book.project import find_root
     >>> from inswsn_book.parameters import chapter_schema
     >>> schema = chapter_schema(find_root(), "00")
     >>> schema["about_points"].unit, schema["about_points"].default
@@ -278,7 +278,7 @@ def chapter_schema(root: Path, number: str) -> Schema:
 
     Examples
     --------
-    >>> from inswsn_book.checkout import find_root
+    >>> from inswsn_book.project import find_root
     >>> from inswsn_book.parameters import chapter_schema
     >>> sorted(chapter_schema(find_root(), "00").defaults)
     ['about_points', 'outage_samples', 'training_samples']
@@ -286,11 +286,11 @@ def chapter_schema(root: Path, number: str) -> Schema:
     sources = sorted((root / "chapters").glob(f"{number}-*.md"))
     if not sources:
         raise InswsnError(f"There is no chapter {number} in {root / 'chapters'}.")
-    return _source_schema(sources[0].read_text(encoding="utf-8"), sources[0].name)
+    return source_schema(sources[0].read_text(encoding="utf-8"), sources[0].name)
 
 
 @cache
-def _source_schema(source: str, name: str) -> Schema:
+def source_schema(source: str, name: str) -> Schema:
     """Read the parameters of a chapter's source; a build asks for the same ones a hundred times."""
     return notebook_schema(jupytext.reads(source, fmt="md:myst"), name)
 

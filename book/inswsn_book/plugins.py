@@ -11,11 +11,10 @@ from typing import Any
 
 import numpy as np
 
+from inswsn_book.project import MODULES_VARIABLE
 from inswsn_lib.errors import ParameterError
 
 _FORM = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*:[A-Za-z_]\w*")
-#: Names the folder in which a reader's own modules are looked for; by default the working folder.
-MODULES_VARIABLE = "INSWSN_MODULES"
 
 #: What such a parameter may be
 ALLOWED = "package.module:Class, a scikit-learn regressor that needs no arguments"

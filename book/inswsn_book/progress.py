@@ -91,3 +91,19 @@ class Progress(Bars):
         if not self._live:
             seconds = time.monotonic() - self._starts[chapter]
             self.say(f"{chapter}: executed in {seconds:.0f} s")
+
+
+class Quiet(Progress):
+    """Says nothing of chapters and cells, for a study or a sweep, which says what has ended."""
+
+    def unchanged(self, chapter: str) -> None:
+        """Say nothing."""
+
+    def started(self, chapter: str, cells: int) -> None:
+        """Say nothing."""
+
+    def cell(self, chapter: str, index: int) -> None:
+        """Say nothing."""
+
+    def finished(self, chapter: str) -> None:
+        """Say nothing."""

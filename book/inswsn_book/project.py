@@ -1,23 +1,126 @@
-"""The project as folders: where the sources are and where what is made goes."""
+"""The project as folders: where the checkout is, its sources, and where what is made goes."""
 
 from __future__ import annotations
 
+import os
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
+from filelock import FileLock, Timeout
+
 import inswsn_lib
 from inswsn_book.files import text_digest, tree_digest
-from inswsn_lib.errors import InswsnError
+from inswsn_lib.errors import InswsnError, ParameterError
 
+#: Set by the executor, so that a chapter finds the project from any working folder.
+ROOT_VARIABLE = "INSWSN_ROOT"
+#: Set by the executor: the folder that results files go to, instead of ``results/``.
+RESULTS_VARIABLE = "INSWSN_RESULTS"
+#: Names the folder in which a reader's own modules are looked for; by default the working folder.
+MODULES_VARIABLE = "INSWSN_MODULES"
+
+_MARKERS = ("_config.yml", "environment.lock", "chapters", "data")
 # What a chapter's numbers and outputs may depend on, of the machinery: what executes chapters, and
 # what they import of it
 _EXECUTING = (
-    *("execution.py", "notebooks.py", "worker.py"),
-    *("checkout.py", "files.py", "labs.py", "ledger.py", "parameters.py", "plugins.py"),
+    *("runs.py", "notebooks.py", "worker.py"),
+    *("project.py", "files.py", "labs.py", "ledger.py", "parameters.py", "plugins.py"),
     *("record.py", "results.py", "show.py", "verdicts.py"),
 )
 _CHAPTER_NAME = re.compile(r"^\d\d-[a-z0-9]+(-[a-z0-9]+)*$")
+
+
+def is_checkout(folder: Path) -> bool:
+    """Tell whether `folder` is the root of a checkout of this project.
+
+    Parameters
+    ----------
+    folder : Path
+        The folder.
+
+    Returns
+    -------
+    bool
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> from inswsn_book.project import find_root, is_checkout
+    >>> is_checkout(find_root())
+    True
+    >>> with TemporaryDirectory() as folder:
+    ...     is_checkout(Path(folder))
+    False
+    """
+    return all((folder / marker).exists() for marker in _MARKERS)
+
+
+def find_root(start: Path | None = None) -> Path:
+    """Find the root of the checkout.
+
+    Parameters
+    ----------
+    start : Path, optional
+        Folder to look upward from. Default: what the executor set, else the working folder.
+
+    Returns
+    -------
+    Path
+        The absolute path of the checkout.
+
+    Raises
+    ------
+    InswsnError
+        If neither `start` nor a folder above it is a checkout.
+
+    Examples
+    --------
+    From anywhere in a checkout:
+
+    >>> from inswsn_book.project import find_root
+    >>> root = find_root()
+    >>> find_root(root / "data" / "papers") == root
+    True
+    """
+    if start is None:
+        start = Path(os.environ.get(ROOT_VARIABLE) or Path.cwd())
+    start = start.resolve()
+    for folder in (start, *start.parents):
+        if is_checkout(folder):
+            return folder
+    raise InswsnError(
+        f"{start} is not in a checkout of inswsn: go into one, or name it with --root."
+    )
+
+
+def results_folder(root: Path) -> Path:
+    """Return the folder that this run's results files go to.
+
+    Parameters
+    ----------
+    root : Path
+        The checkout.
+
+    Returns
+    -------
+    Path
+        What ``INSWSN_RESULTS`` names, else ``results`` in the checkout.
+
+    Examples
+    --------
+    >>> import os
+    >>> from pathlib import Path
+    >>> from unittest.mock import patch
+    >>> from inswsn_book.project import RESULTS_VARIABLE, results_folder
+    >>> with patch.dict(os.environ, {RESULTS_VARIABLE: ""}):
+    ...     results_folder(Path("checkout")).as_posix()
+    'checkout/results'
+    """
+    return Path(os.environ.get(RESULTS_VARIABLE) or root / "results")
 
 
 @dataclass(frozen=True)
@@ -69,9 +172,9 @@ class Project:
         return self.build / "html"
 
     @property
-    def cache(self) -> Path:
-        """Executed chapters by the content of what they were made from."""
-        return self.build / "cache"
+    def store(self) -> Path:
+        """Runs of chapters by the content of what they were made from."""
+        return self.build / "store"
 
     @property
     def results(self) -> Path:
@@ -132,6 +235,44 @@ class Project:
         if twice:
             raise InswsnError(f"The chapter number {twice[0]} is used twice.")
         return chapters
+
+    def find(self, word: str) -> Chapter:
+        """Return the chapter of a number such as ``"02"`` or ``"2"``, or of a whole name.
+
+        Raises
+        ------
+        ParameterError
+            If there is no such chapter.
+        """
+        chapters = self.chapters()
+        for chapter in chapters:
+            if word in (chapter.number, str(int(chapter.number)), chapter.name):
+                return chapter
+        raise ParameterError(
+            "NAME", word, "one of " + ", ".join(chapter.number for chapter in chapters)
+        )
+
+    @contextmanager
+    def build_lock(self) -> Iterator[None]:
+        """Hold the lock of the checkout's build, so that what is read does not change.
+
+        Raises
+        ------
+        InswsnError
+            If another build of this checkout is running.
+        """
+        self.build.mkdir(parents=True, exist_ok=True)
+        lock = FileLock(self.build / ".lock")
+        try:
+            lock.acquire(timeout=0)
+        except Timeout:
+            raise InswsnError(
+                f"Another build of {self.root} is running; wait for it, or stop it."
+            ) from None
+        try:
+            yield
+        finally:
+            lock.release()
 
 
 def _packages_digest(files: list[Path]) -> str:

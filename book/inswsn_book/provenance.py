@@ -5,16 +5,10 @@ from __future__ import annotations
 import os
 import platform
 import subprocess
-from datetime import UTC, datetime
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
-
-from inswsn_book.files import file_digest, tree_digest
-from inswsn_book.project import Chapter, Project
-from inswsn_book.results import Provenance
-from inswsn_lib import __version__
 
 # The packages whose numbers end up on a page; the lock names all the others.
 _COMPUTING = (
@@ -72,41 +66,6 @@ def machine_facts() -> dict[str, Any]:
 def available_cores() -> int:
     """Return the number of cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
-def source_facts(project: Project, chapter: Chapter) -> dict[str, Any]:
-    """Return what a run is about to be made from, as plain data: fields of `Provenance`."""
-    commit, clean = repository_state(project.root)
-    return {
-        "commit": commit,
-        "clean": clean,
-        "sources": {
-            "chapter": file_digest(chapter.source),
-            "library": project.library_digest(),
-            "locks": tree_digest(project.root, project.locks),
-        },
-    }
-
-
-def provenance(sources: dict[str, Any], machine: dict[str, Any], seconds: float) -> Provenance:
-    """Return the provenance of a run that has just ended.
-
-    Parameters
-    ----------
-    sources : dict
-        What `source_facts` returned before it began.
-    machine : dict
-        What `machine_facts` returned in the process that executed it.
-    seconds : float
-        How long it took.
-    """
-    return Provenance(
-        version=__version__,
-        finished=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
-        seconds=round(seconds, 1),
-        **sources,
-        **machine,
-    )
 
 
 def _git(root: Path, *words: str) -> str | None:

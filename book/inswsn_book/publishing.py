@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from inswsn_book.cache import built_as_now
 from inswsn_book.compare import Change, compare, compare_conditions
-from inswsn_book.project import Chapter, Project
-from inswsn_book.results import Results, read_results, write_results
-from inswsn_lib.errors import InswsnError
+from inswsn_book.project import Project
+from inswsn_book.results import Results, write_results
+from inswsn_book.runs import book_runs, reference_results
 
 
 @dataclass(frozen=True)
@@ -45,11 +44,10 @@ def differences(project: Project) -> list[Difference]:
         If a chapter has not been built as it is now.
     """
     found = []
-    for chapter in project.chapters():
-        before, after = reference_results(project, chapter), built_as_now(project, chapter).results
-        found.append(
-            Difference(chapter.number, compare(before, after), compare_conditions(before, after))
-        )
+    for run in book_runs(project):
+        number, after = run.request.chapter, run.results
+        before = reference_results(project, number)
+        found.append(Difference(number, compare(before, after), compare_conditions(before, after)))
     return found
 
 
@@ -69,26 +67,17 @@ def publish(project: Project) -> list[str]:
     OSError
         If ``data/published`` cannot be written.
     """
-    built = [(chapter, built_as_now(project, chapter).results) for chapter in project.chapters()]
     changed = [
-        (chapter, results)
-        for chapter, results in built
-        if _is_newer(results, reference_results(project, chapter))
+        run.results
+        for run in book_runs(project)
+        if _is_newer(run.results, reference_results(project, run.request.chapter))
     ]
-    for chapter, results in changed:
-        write_results(results, project.published / f"{chapter.number}.json")
-    return [chapter.number for chapter, _ in changed]
+    for results in changed:
+        write_results(results, project.published / f"{results.chapter}.json")
+    return [results.chapter for results in changed]
 
 
 def _is_newer(built: Results, reference: Results) -> bool:
     """Tell whether results differ, or are the same from a clean tree and the reference is not."""
     clean = [bool(r.provenance and r.provenance.clean) for r in (built, reference)]
     return built.found() != reference.found() or clean == [True, False]
-
-
-def reference_results(project: Project, chapter: Chapter) -> Results:
-    """Return the reference results of a chapter; without any quantity if there are none yet."""
-    try:
-        return read_results(project.published / f"{chapter.number}.json")
-    except InswsnError:  # none yet, or one of an older schema: all of it is new
-        return Results(chapter=chapter.number, parameters={}, data={}, quantities=())

@@ -9,10 +9,10 @@ from typing import Literal
 from IPython.display import display
 from pydantic import ValidationError
 
-from inswsn_book.checkout import find_root, results_folder
 from inswsn_book.files import file_digest, write_whole
 from inswsn_book.ledger import LEDGER, claims_digest, claims_of, load_claims
 from inswsn_book.parameters import Value, chapter_schema
+from inswsn_book.project import find_root, results_folder
 from inswsn_book.results import (
     IntervalKind,
     Quantity,
@@ -53,7 +53,7 @@ class ChapterRecord:
     --------
     What a cell of a chapter does. A plain interpreter prints what makes a number known to the text:
 
-    >>> from inswsn_book.checkout import find_root
+    >>> from inswsn_book.project import find_root
     >>> from inswsn_book.record import ChapterRecord
     >>> from inswsn_book.parameters import chapter_schema
     >>> record = ChapterRecord("00", chapter_schema(find_root(), "00").defaults)

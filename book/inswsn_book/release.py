@@ -11,13 +11,12 @@ from pathlib import Path
 import nbformat
 
 from inswsn_book.about import load_about
-from inswsn_book.cache import Executed, built_as_now
-from inswsn_book.files import file_digest, write_whole
+from inswsn_book.files import file_digest, swap_folder, write_whole
 from inswsn_book.launching import release_tag
 from inswsn_book.notebooks import notebook_text
 from inswsn_book.pages import with_links_and_provenance
 from inswsn_book.project import Project
-from inswsn_book.rendering import swap_folder
+from inswsn_book.runs import Run, book_runs
 from inswsn_lib.errors import InswsnError, ParameterError
 
 #: What the release says, beside its files in ``_build/release``.
@@ -89,13 +88,14 @@ def gather_assets(project: Project) -> Path:
     archive = project.build / f"inswsn-{load_about(project.root).version}.zip"
     if not archive.is_file():
         raise InswsnError(f"There is no {archive.name} in {archive.parent}; make it: make archive.")
-    executed = [built_as_now(project, chapter) for chapter in project.chapters()]
+    runs = book_runs(project)
     folder = project.build / "release"
     with tempfile.TemporaryDirectory(dir=project.build, prefix="release-") as name:
         made = Path(name) / "release"
         assets = made / "assets"
-        for entry in executed:
-            write_whole(assets / f"{entry.chapter.name}.ipynb", _asset_text(entry))
+        for run in runs:
+            chapter = project.find(run.request.chapter)
+            write_whole(assets / f"{chapter.name}.ipynb", _asset_text(run))
         shutil.copy(archive, assets)
         write_whole(assets / "SHA256SUMS", _digests(sorted(assets.iterdir())))
         write_whole(made / NOTES, notes)
@@ -103,9 +103,9 @@ def gather_assets(project: Project) -> Path:
     return folder
 
 
-def _asset_text(entry: Executed) -> str:
-    notebook = nbformat.read(entry.notebook, as_version=4)
-    return notebook_text(with_links_and_provenance(notebook, entry.results, ()))
+def _asset_text(run: Run) -> str:
+    notebook = nbformat.reads(run.notebook, as_version=4)
+    return notebook_text(with_links_and_provenance(notebook, run.results, ()))
 
 
 def _digests(files: Sequence[Path]) -> str:

@@ -15,8 +15,7 @@ from typing import Any
 
 import nbformat
 
-from inswsn_book.cache import Executed
-from inswsn_book.files import text_digest, tree_digest, write_whole
+from inswsn_book.files import swap_folder, text_digest, tree_digest, write_whole
 from inswsn_book.generated import generated_texts
 from inswsn_book.inspection import inspect_site
 from inswsn_book.launch_links import LAUNCH_VARIABLE, launch_setting
@@ -26,6 +25,7 @@ from inswsn_book.pages import with_links_and_provenance
 from inswsn_book.progress import Progress
 from inswsn_book.project import Chapter, Project
 from inswsn_book.results import Results, read_results, write_results
+from inswsn_book.runs import Run
 from inswsn_book.site_footer import FOOTER_VARIABLE, footer_text
 from inswsn_lib.errors import BuildError, InswsnError
 from inswsn_lib.files import read_yaml
@@ -45,7 +45,7 @@ class RenderingError(BuildError):
 
 
 def render_book(
-    project: Project, chapters: Sequence[Executed], progress: Progress, *, fresh: bool = False
+    project: Project, runs: Sequence[Run], progress: Progress, *, fresh: bool = False
 ) -> None:
     """Render the book to ``_build/html`` unless it is up to date.
 
@@ -57,8 +57,8 @@ def render_book(
     ----------
     project : Project
         The checkout.
-    chapters : sequence of Executed
-        The executed chapters, all of them.
+    runs : sequence of Run
+        Those of all chapters.
     progress : Progress
         Told whether it is rendered or up to date.
     fresh : bool
@@ -72,35 +72,35 @@ def render_book(
     OSError
         If a folder cannot be written.
     """
-    key = _site_key(project, chapters)
+    key = _site_key(project, runs)
     if not fresh and _kept_key(project) == key:
         progress.say("book: unchanged")
         return
     progress.say("book: rendering")
-    _place(project, chapters)
+    _place(project, runs)
     project.build.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=project.build, prefix="render-") as name:
         stage = Path(name)
         site = _run_jupyter_book(project, project.root / "book", stage)
-        if _site_key(project, chapters) != key:
+        if _site_key(project, runs) != key:
             raise RenderingError("Something changed while the book was rendered; build it again.")
         write_whole(site / _KEY_FILE, key)
         swap_folder(site, project.site)
 
 
-def require_current_site(project: Project, chapters: Sequence[Executed]) -> None:
+def require_current_site(project: Project, runs: Sequence[Run]) -> None:
     """Raise `InswsnError` if there is no site, or it was rendered from something else.
 
     Parameters
     ----------
     project : Project
         The checkout.
-    chapters : sequence of Executed
-        The executed chapters, all of them.
+    runs : sequence of Run
+        Those of all chapters.
     """
     if not (project.site / "index.html").is_file():
         raise InswsnError(f"There is no built book in {project.site}; build it first: make book.")
-    if _kept_key(project) != _site_key(project, chapters):
+    if _kept_key(project) != _site_key(project, runs):
         raise InswsnError(
             f"The built book in {project.site} is not up to date; build it again: make book."
         )
@@ -111,21 +111,15 @@ def _kept_key(project: Project) -> str | None:
     return path.read_text(encoding="utf-8") if path.is_file() else None
 
 
-def render_run(
-    project: Project, chapter: Chapter, executed: Any, results: Results, target: Path
-) -> None:
+def render_run(project: Project, run: Run, target: Path) -> None:
     """Render the book with another run of one chapter in it.
 
     Parameters
     ----------
     project : Project
         The checkout, with a built book: its other chapters stand beside the run.
-    chapter : Chapter
-        The chapter.
-    executed : nbformat.NotebookNode
-        The run.
-    results : Results
-        What it recorded.
+    run : Run
+        Of one chapter.
     target : Path
         Where the site goes, in a folder that is there; nothing is there yet.
 
@@ -142,7 +136,8 @@ def render_run(
         source = stage / "book"
         shutil.copytree(project.root / "book", source)
         claims = load_claims(project.root / LEDGER)
-        text = _page_text(executed, results, claims)
+        chapter, results = project.find(run.request.chapter), run.results
+        text = _page_text(nbformat.reads(run.notebook, as_version=4), results, claims)
         write_whole(source / "chapters" / f"{chapter.name}.ipynb", text)
         others = [read_results(path) for path in sorted((source / "generated").glob("*.json"))]
         shown = [results if other.chapter == results.chapter else other for other in others]
@@ -161,32 +156,32 @@ def require_built(project: Project) -> None:
             )
 
 
-def _site_key(project: Project, chapters: Sequence[Executed]) -> str:
+def _site_key(project: Project, runs: Sequence[Run]) -> str:
     book = project.root / "book"
     made = {book / "chapters", book / "generated"}
     pages = [path for path in book.rglob("*") if path.is_file() and not made & set(path.parents)]
     sources = [*pages, *project.locks, project.root / "_config.yml", project.root / LEDGER]
-    made_texts = generated_texts(project, [executed.results for executed in chapters])
+    made_texts = generated_texts(project, [run.results for run in runs])
     facts = [tree_digest(project.root, sources), project.library_digest(), footer_text(project)]
-    facts += [sha256(executed.notebook.read_bytes()).hexdigest() for executed in chapters]
+    facts += [text_digest(run.notebook or "") for run in runs]
     facts += [f"{name} {text_digest(text)}" for name, text in sorted(made_texts.items())]
     return sha256("\n".join(facts).encode()).hexdigest()
 
 
-def _place(project: Project, chapters: Sequence[Executed]) -> None:
+def _place(project: Project, runs: Sequence[Run]) -> None:
     """Put the executed chapters, their results and the page of claims into the book."""
     claims = load_claims(project.root / LEDGER)
     book = project.root / "book"
     texts = {
-        book / "chapters" / f"{executed.chapter.name}.ipynb": _page_text(
-            nbformat.read(executed.notebook, as_version=4), executed.results, claims
+        book / "chapters" / f"{project.find(run.request.chapter).name}.ipynb": _page_text(
+            nbformat.reads(run.notebook, as_version=4), run.results, claims
         )
-        for executed in chapters
+        for run in runs
     }
     _clear(book / "chapters", keep=set(texts))
     for path, text in texts.items():
         write_whole(path, text)
-    _place_results(project, book, [executed.results for executed in chapters])
+    _place_results(project, book, [run.results for run in runs])
 
 
 def _clear(folder: Path, keep: set[Path]) -> None:
@@ -287,39 +282,6 @@ def _run_jupyter_book(project: Project, source: Path, stage: Path) -> Path:
 def warnings_in(said: str) -> list[str]:
     """Return the lines of Sphinx's output that are warnings or errors."""
     return [line for line in said.splitlines() if _WARNING.search(line)]
-
-
-def swap_folder(new: Path, site: Path) -> None:
-    """Put a new folder in the place of the old one; put the old one back if that fails.
-
-    Parameters
-    ----------
-    new, site : Path
-        The new folder, and where it goes; on one file system.
-    """
-    old = _set_aside(site)
-    try:
-        if site.exists():
-            site.rename(old)
-        new.rename(site)
-    except BaseException:  # an interrupt may fall between the two
-        restore_site(site)
-        raise
-    shutil.rmtree(old, ignore_errors=True)
-
-
-def restore_site(site: Path) -> None:
-    """Undo a swap that was cut short: put the old site back, or clear it away."""
-    old = _set_aside(site)
-    if old.exists() and not site.exists():
-        old.rename(site)
-    elif old.exists():
-        shutil.rmtree(old)
-
-
-def _set_aside(site: Path) -> Path:
-    # no name that a user would give to a folder of his own
-    return site.with_name(f".{site.name}.inswsn-set-aside")
 
 
 def check_pages(project: Project, chapters: Sequence[Chapter]) -> None:

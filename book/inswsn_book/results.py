@@ -128,7 +128,7 @@ class Provenance(_Record):
 
     Examples
     --------
-    >>> from inswsn_book.checkout import find_root
+    >>> from inswsn_book.project import find_root
     >>> from inswsn_book.results import read_results
     >>> provenance = read_results(find_root() / "data/published/00.json").provenance
     >>> provenance.seconds > 0, sorted(provenance.sources)
@@ -177,7 +177,7 @@ class Results(_Record):
 
     Examples
     --------
-    >>> from inswsn_book.checkout import find_root
+    >>> from inswsn_book.project import find_root
     >>> from inswsn_book.results import read_results
     >>> results = read_results(find_root() / "data/published/00.json")
     >>> results.chapter, results["table1.position.rows-own"].unit
@@ -282,7 +282,7 @@ def read_results(path: Path) -> Results:
 
     Examples
     --------
-    >>> from inswsn_book.checkout import find_root
+    >>> from inswsn_book.project import find_root
     >>> from inswsn_book.results import read_results
     >>> read_results(find_root() / "data/published/00.json").parameters["about_points"]
     2.5

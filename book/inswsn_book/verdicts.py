@@ -64,7 +64,7 @@ class Judged:
 
     Examples
     --------
-    >>> from inswsn_book.checkout import find_root
+    >>> from inswsn_book.project import find_root
     >>> from inswsn_book.ledger import LEDGER, load_claims
     >>> from inswsn_book.results import read_results
     >>> from inswsn_book.verdicts import verdicts
@@ -260,7 +260,7 @@ def count_verdicts(judged: Iterable[Judged]) -> dict[Verdict, int]:
 
     Examples
     --------
-    >>> from inswsn_book.checkout import find_root
+    >>> from inswsn_book.project import find_root
     >>> from inswsn_book.ledger import LEDGER, claims_of, load_claims
     >>> from inswsn_book.results import read_results
     >>> from inswsn_book.verdicts import count_verdicts

@@ -25,11 +25,10 @@ from inswsn_book.assumptions import (
     load_assumptions,
     problems_of,
 )
-from inswsn_book.checkout import is_checkout
 from inswsn_book.effects import Effect, band_of, readings_of, rows_of
 from inswsn_book.generated import generated_texts
 from inswsn_book.progress import Progress
-from inswsn_book.project import Project
+from inswsn_book.project import Project, is_checkout
 from inswsn_book.results import Quantity, Results, read_results
 from inswsn_book.sensitivity import Cell, Working, cells_of, changed_checkout, run_cell
 from inswsn_book.study import ASSUMPTIONS, Made, Run, Study, merged, read_study, write_study

@@ -13,7 +13,6 @@ from pathlib import Path
 import pytest
 from bs4 import BeautifulSoup
 from conftest import MiniProject, run_command
-from inswsn_book.execution import ChapterError, together
 from inswsn_book.results import read_results
 
 CELL = "```{{code-cell}} ipython3\n{}\n```"
@@ -94,13 +93,6 @@ def test_a_chapter_that_writes_no_results(mini: MiniProject) -> None:
     assert "Chapter 00-mini wrote no results file 00.json" in done.stderr
 
 
-def test_every_chapter_that_failed_is_named() -> None:
-    first, second = ChapterError("Chapter 00 failed."), ChapterError("Chapter 01 failed.")
-    assert str(together([first, second])) == "Chapter 00 failed.\n\nChapter 01 failed."
-    broken = OSError("no space")
-    assert together([first, broken]) is broken
-
-
 @pytest.mark.parametrize(
     ("code", "said"),
     [
@@ -129,7 +121,7 @@ def test_a_chapter_that_changes_while_it_is_executed(mini: MiniProject) -> None:
     done = run_command(mini.root, "book")
     assert done.returncode == 1
     assert "changed while it was executed, or the library did; run it again." in done.stderr
-    assert not any(mini.cache.rglob("results.json"))
+    assert not any(mini.store.rglob("results.json"))
 
 
 @pytest.mark.parametrize(
@@ -187,7 +179,7 @@ def test_personal_settings_do_not_reach_a_chapter(
 
 
 def test_two_fresh_builds_are_the_same(built: MiniProject) -> None:
-    (first,) = built.cache.rglob("executed.ipynb")
+    (first,) = built.store.rglob("executed.ipynb")
     text, results = first.read_text(), read_results(built.results / "00.json")
     pages = {name: page_without_provenance(built.site / name) for name in PAGES}
     assert run_command(built.root, "book", "--fresh").returncode == 0

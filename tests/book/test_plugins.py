@@ -8,7 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from inswsn_book.plugins import ALLOWED, MODULES_VARIABLE, load_regressor
+from inswsn_book.plugins import ALLOWED, load_regressor
+from inswsn_book.project import MODULES_VARIABLE
 from sklearn.linear_model import LinearRegression
 from sklearn.neighbors import KNeighborsRegressor
 

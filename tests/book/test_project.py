@@ -5,8 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from inswsn_book.checkout import ROOT_VARIABLE, find_root
-from inswsn_book.project import Project
+from inswsn_book.project import ROOT_VARIABLE, Project, find_root
 
 from inswsn_lib.errors import InswsnError
 

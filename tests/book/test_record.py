@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import MiniProject
-from inswsn_book.checkout import RESULTS_VARIABLE, ROOT_VARIABLE
 from inswsn_book.files import file_digest
 from inswsn_book.ledger import data_digest
+from inswsn_book.project import RESULTS_VARIABLE, ROOT_VARIABLE
 from inswsn_book.record import ChapterRecord
 from inswsn_book.results import Quantity, Results, read_results, write_results
 

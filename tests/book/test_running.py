@@ -8,11 +8,12 @@ from pathlib import Path
 
 import pytest
 from conftest import MiniProject, run_command
+from inswsn_book.compare import show_comparison
 from inswsn_book.parameters import chapter_schema, read_schema
-from inswsn_book.plugins import MODULES_VARIABLE
+from inswsn_book.project import MODULES_VARIABLE
 from inswsn_book.record import ChapterRecord
 from inswsn_book.results import Quantity, Results, read_results
-from inswsn_book.running import gather_parameters, show_comparison
+from inswsn_book.running import gather_parameters
 from rich.console import Console
 
 from inswsn_lib.errors import InswsnError, ParameterError

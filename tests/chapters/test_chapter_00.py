@@ -9,8 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from inswsn_book.checkout import RESULTS_VARIABLE
-from inswsn_book.project import Project
+from inswsn_book.project import RESULTS_VARIABLE, Project
 from inswsn_book.results import Results, read_results
 
 

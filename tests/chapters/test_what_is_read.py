@@ -12,10 +12,9 @@ from pathlib import Path
 import nbformat
 import pytest
 from inswsn_book import worker
-from inswsn_book.checkout import RESULTS_VARIABLE, ROOT_VARIABLE
 from inswsn_book.notebooks import read_source
 from inswsn_book.parameters import Value
-from inswsn_book.project import Project
+from inswsn_book.project import RESULTS_VARIABLE, ROOT_VARIABLE, Project
 from inswsn_book.results import read_results
 
 # parameters with which a chapter is quick, and which are not those of the published run

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from inswsn_book import execution
+from inswsn_book import runs
 from scipy import sparse
 from threadpoolctl import threadpool_info, threadpool_limits
 
@@ -150,5 +150,5 @@ def test_clarabel_is_asked_where_scs_is_refused(monkeypatch: pytest.MonkeyPatch)
 
 def test_what_executes_chapters_knows_the_same_solvers() -> None:
     """It imports no numerics and so names them itself."""
-    assert execution.SOLVER_VARIABLE == SOLVER_VARIABLE
-    assert execution.SOLVERS == BOTH
+    assert runs.SOLVER_VARIABLE == SOLVER_VARIABLE
+    assert runs.SOLVERS == BOTH
