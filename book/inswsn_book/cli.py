@@ -128,6 +128,63 @@ def run(
 
 
 @cli.command()
+@click.argument("name")
+@click.option(
+    "--grid",
+    "axes",
+    multiple=True,
+    metavar="NAME=VALUE,VALUE,...",
+    help="An axis: a parameter, and the values that it goes through. One for each axis.",
+)
+@click.option("-p", "settings", multiple=True, metavar="NAME=VALUE", help="Set a parameter.")
+@click.option("--jobs", type=click.IntRange(min=1), help="Processes. Default: one a core.")
+@click.option("--dask", metavar="ADDRESS", help="Compute on the Dask cluster of this scheduler.")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    help="The folder of this sweep. Default: one below runs/ named for its grid.",
+)
+@click.option("--fresh", is_flag=True, help="Compute all cells, whatever is kept.")
+@click.pass_obj
+def sweep(
+    root: Path | None,
+    name: str,
+    axes: tuple[str, ...],
+    settings: tuple[str, ...],
+    jobs: int | None,
+    dask: str | None,
+    out: Path | None,
+    fresh: bool,
+) -> None:
+    """Run a chapter at each cell of a grid of its parameters.
+
+    For example: inswsn sweep 02 --grid q_scale=0.1,1,10 -p runs=1000
+
+    Of a chapter that has a core, the function that it computes its runs by, that is called in each
+    cell; of another one the notebook is executed. What is finished is kept, whatever ends the
+    command, and the same command goes on from there; it also tries failed cells again.
+    """
+    from rich.console import Console
+
+    from inswsn_book.sweep import SweepProgress, read_sweep, run_sweep, show_leaders
+
+    project = _project(root)
+    wanted = read_sweep(project, project.chapter(name), axes, settings)
+    with SweepProgress() as progress:
+        done = run_sweep(project, wanted, progress, out=out, jobs=jobs, dask=dask, fresh=fresh)
+    show_leaders(wanted, done, Console(width=None if sys.stdout.isatty() else 120))
+    if done.no_figure:
+        click.echo(f"There is no figure: {done.no_figure}")
+    click.echo(f"{done.computed} cells computed, {done.there} were there.")
+    click.echo(f"The sweep is in {done.folder}")
+    if done.failed:
+        raise BuildError(
+            f"{len(done.failed)} of {len(wanted.places)} cells failed, with the reasons in "
+            f"{done.folder / 'failed.csv'}; the same command tries them again."
+        )
+
+
+@cli.command()
 @click.argument("before", type=click.Path(exists=True, dir_okay=False, path_type=Path))
 @click.argument("after", type=click.Path(exists=True, dir_okay=False, path_type=Path))
 @click.pass_obj

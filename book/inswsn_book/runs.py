@@ -28,6 +28,7 @@ from typing import Any
 
 import nbformat
 
+from inswsn_book.cores import core_name, run_core
 from inswsn_book.files import file_digest, swap_folder, text_digest, tree_digest, write_whole
 from inswsn_book.ledger import data_digest
 from inswsn_book.notebooks import notebook_text, read_source, strip_run
@@ -472,15 +473,18 @@ def _published_seconds(project: Project, chapter: str) -> float:
     return math.inf if made is None else made.seconds
 
 
-def compute_core(project: Project, request: Request) -> Results:
-    """Return what the core function of a chapter finds, called in this process.
-
-    Raises
-    ------
-    InswsnError
-        If the chapter has no core.
-    """
-    raise InswsnError(f"Chapter {request.chapter} has no core.")
+def _compute_core(project: Project, request: Request) -> Run:
+    """Call the core function of a chapter in this process."""
+    source, around = _source(project, request), request.surroundings
+    name = core_name(source)
+    if name is None or request.overlay:
+        raise InswsnError(f"Chapter {request.chapter} has no core, or a changed one.")
+    schema = source_schema(source, project.chapter(request.chapter).source.name)
+    results, files = run_core(
+        project, request.chapter, name, schema.check(request.parameters),
+        threads=around.threads, solver=around.solver,
+    )  # fmt: skip
+    return Run(request, results, None, files)
 
 
 def _run_and_keep(project: Project, request: Request, progress: Progress, workers: _Workers) -> Run:
@@ -494,7 +498,7 @@ def _run_and_keep(project: Project, request: Request, progress: Progress, worker
     }
     began = time.monotonic()
     if request.core:
-        done = Run(request, compute_core(project, request))
+        done = _compute_core(project, request)
         machine = machine_facts()
     else:
         with _overlaid(project, request.overlay) as root:
