@@ -40,9 +40,9 @@ from inswsn_book.elsewhere import (
 )
 from inswsn_book.progress import Quiet
 from inswsn_book.project import Chapter, Project
-from inswsn_book.runs import Request, Run, run_each
+from inswsn_book.runs import Outcome, Request, Run, run_each
 
-from inswsn_lib.errors import BuildError, InswsnError, ParameterError
+from inswsn_lib.errors import InswsnError, ParameterError
 
 ROOT = Path(__file__).parent.parent
 
@@ -65,7 +65,7 @@ def run_study(
     """Run what has not been run, and put the cells of all that has ended into the file."""
     cells: list[Cell] = []
 
-    def ended(place: int, outcome: Run | BuildError | InswsnError) -> None:
+    def ended(place: int, outcome: Outcome) -> None:
         variant, chapter = todo[place]
         found = outcome.results if isinstance(outcome, Run) else outcome
         cells.append(compared(project, variant, chapter, found))

@@ -25,8 +25,7 @@ from inswsn_book.files import file_digest, tree_digest
 from inswsn_book.progress import Quiet
 from inswsn_book.project import Project
 from inswsn_book.provenance import machine_facts, repository_state
-from inswsn_book.runs import Run as ChapterRun
-from inswsn_book.runs import run_each
+from inswsn_book.runs import Outcome, run_each
 from inswsn_book.study import (
     SENSITIVITY,
     Made,
@@ -40,7 +39,7 @@ from inswsn_book.study import (
     write_study,
 )
 
-from inswsn_lib.errors import BuildError, InswsnError
+from inswsn_lib.errors import InswsnError
 from inswsn_lib.files import data_mirror
 
 ROOT = Path(__file__).parent.parent
@@ -81,7 +80,7 @@ def run_study(
     runs: list[Run] = []
     with Quiet() as progress:
 
-        def ended(place: int, outcome: ChapterRun | BuildError | InswsnError) -> None:
+        def ended(place: int, outcome: Outcome) -> None:
             cell = cells[place]
             run = run_of(project, cell, assumptions.of_chapter(cell.chapter), outcome)
             runs.append(run)

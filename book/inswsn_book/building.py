@@ -6,13 +6,14 @@ import shutil
 
 import nbformat
 
+from inswsn_book.execution import ChapterError
 from inswsn_book.files import restore_site
 from inswsn_book.notebooks import unrepeatable_outputs
 from inswsn_book.progress import Progress
 from inswsn_book.project import Project
 from inswsn_book.rendering import check_pages, render_book
 from inswsn_book.results import write_results
-from inswsn_book.runs import ChapterError, Request, Run, run_all
+from inswsn_book.runs import Request, Run, run_all
 
 
 def build_book(

@@ -169,7 +169,7 @@ def sweep(
     from inswsn_book.sweep import SweepProgress, read_sweep, run_sweep, show_leaders
 
     project = _project(root)
-    wanted = read_sweep(project, project.chapter(name), axes, settings)
+    wanted = read_sweep(project, project.find(name), axes, settings)
     with SweepProgress() as progress:
         done = run_sweep(project, wanted, progress, out=out, jobs=jobs, dask=dask, fresh=fresh)
     show_leaders(wanted, done, Console(width=None if sys.stdout.isatty() else 120))

@@ -12,11 +12,11 @@ import re
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from importlib import import_module
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from inswsn_book.files import file_digest
 from inswsn_book.parameters import Value
-from inswsn_book.project import Project
 from inswsn_book.results import Quantity, Results
 from inswsn_lib.errors import InswsnError
 
@@ -60,7 +60,7 @@ def load_core(name: str) -> Callable[..., Scores]:
 
 
 def run_core(
-    project: Project,
+    root: Path,
     chapter: str,
     name: str,
     values: Mapping[str, Value],
@@ -72,7 +72,7 @@ def run_core(
 
     Parameters
     ----------
-    project : Project
+    root : Path
         The checkout.
     chapter : str
         Its number.
@@ -92,7 +92,7 @@ def run_core(
     """
     with _surrounded(threads, solver):
         scores = load_core(name)(**values)
-    scenarios = sorted((project.root / _SCENARIOS).glob("*.yaml"))
+    scenarios = sorted((root / _SCENARIOS).glob("*.yaml"))
     results = Results(
         chapter=chapter,
         parameters=dict(values),

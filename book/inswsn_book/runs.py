@@ -2,8 +2,8 @@
 
 A `Request` says which chapter is run, with which parameters, in which surroundings, and over which
 changed files. `run` and `run_all` look its key up in the store, ``_build/store``, and execute the
-chapter in a process of its own only if nothing is there. The book, ``inswsn run``, sweeps and the
-two studies are sets of requests.
+chapter only if nothing is there. The book, ``inswsn run``, sweeps and the two studies are sets of
+requests.
 """
 
 from __future__ import annotations
@@ -15,26 +15,30 @@ import shutil
 import subprocess
 import sys
 import tempfile
-import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from functools import cache
 from pathlib import Path
 from typing import Any
 
-import nbformat
-
 from inswsn_book.cores import core_name, run_core
-from inswsn_book.files import file_digest, swap_folder, text_digest, tree_digest, write_whole
+from inswsn_book.execution import ChapterError, Workers, execute_notebook
+from inswsn_book.files import swap_folder, text_digest, tree_digest, write_whole
 from inswsn_book.ledger import data_digest
 from inswsn_book.notebooks import notebook_text, read_source, strip_run
 from inswsn_book.parameters import REGRESSOR_RULE, Value, source_schema
 from inswsn_book.progress import Progress
-from inswsn_book.project import MODULES_VARIABLE, RESULTS_VARIABLE, ROOT_VARIABLE, Chapter, Project
+from inswsn_book.project import (
+    MODULES_VARIABLE,
+    RESULTS_VARIABLE,
+    ROOT_VARIABLE,
+    Chapter,
+    Project,
+)
 from inswsn_book.provenance import available_cores, machine_facts, repository_state
 from inswsn_book.results import Provenance, Results, read_results, write_results
 from inswsn_lib import __version__
@@ -46,7 +50,6 @@ _FORM = 5
 # How many digits of a key tell the library, the locks and the chapter's source; and how many
 # entries of a chapter are kept that were made from others than the present ones.
 _ORIGIN, _KEPT = 12, 3
-_STOP_SECONDS = 10.0
 # Named here again: what executes chapters imports no numerics. A test holds them to be the same.
 SOLVER_VARIABLE = "INSWSN_SOLVER"
 SOLVERS = ("clarabel", "scs")
@@ -135,19 +138,51 @@ class Run:
     files: Mapping[str, str] = field(default_factory=dict)
 
 
-class ChapterError(BuildError):
-    """A chapter failed; the message names the chapter and the cell and holds the traceback.
-
-    Attributes
-    ----------
-    refusal : str or None
-        The sentence in which the library refused what it was given, if that was the reason.
-    """
-
-    refusal: str | None = None
+#: How a request ends
+Outcome = Run | BuildError | InswsnError
 
 
 # The store ----------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Prepared:
+    """A request as it is run now: its chapter, the source that it runs, and its key."""
+
+    chapter: Chapter
+    source: str
+    parameters: dict[str, Value]  # that differ from their defaults
+    sources: dict[str, str]  # for the provenance
+    key: str
+
+
+def _prepare(project: Project, request: Request) -> _Prepared:
+    chapter, around = project.find(request.chapter), request.surroundings
+    own = chapter.source.read_text(encoding="utf-8")
+    source = request.overlay.get(f"chapters/{chapter.source.name}", own)
+    schema = source_schema(source, chapter.source.name)
+    checked = {name: schema[name].check(value) for name, value in request.parameters.items()}
+    parameters = {name: v for name, v in checked.items() if v != schema[name].default}
+    library = project.computing_digest()
+    locks = tree_digest(project.root, project.locks)
+    origin = text_digest(json.dumps([_FORM, chapter.name, text_digest(own), library, locks]))
+    facts = {
+        "origin": origin,
+        "parameters": parameters,
+        "regressors": [
+            _modules_digest(str(value))
+            for name, value in parameters.items()
+            if schema[name].rule == REGRESSOR_RULE
+        ],
+        "python": _python_version(around.python),
+        "surroundings": [around.threads, around.solver, dict(around.variables)],
+        "overlay": {name: text_digest(text) for name, text in request.overlay.items()},
+        "recorded data": data_mirror() is not None,
+        "core": request.core,
+    }
+    key = f"{origin[:_ORIGIN]}-{text_digest(json.dumps(facts, sort_keys=True))[:32]}"
+    sources = {"chapter": text_digest(source), "library": library, "locks": locks}
+    return _Prepared(chapter, source, parameters, sources, key)
 
 
 def request_key(project: Project, request: Request) -> str:
@@ -162,34 +197,11 @@ def request_key(project: Project, request: Request) -> str:
     Raises
     ------
     ParameterError
-        If a parameter is not declared or may not have its value.
+        If there is no such chapter or parameter, or one may not have its value.
     InswsnError
-        If there is no such chapter, or its parameters cannot be read.
+        If the chapter's parameters cannot be read.
     """
-    chapter, around = project.find(request.chapter), request.surroundings
-    parameters = _set_parameters(project, request)
-    origin = text_digest(
-        json.dumps(
-            {
-                "form": _FORM,
-                "chapter": chapter.name,
-                "source": file_digest(chapter.source),
-                "library": project.computing_digest(),
-                "locks": tree_digest(project.root, project.locks),
-            }
-        )
-    )
-    facts = {
-        "origin": origin,
-        "parameters": parameters,
-        "regressors": _regressors_digest(project, request),
-        "python": _python_version(around.python),
-        "surroundings": [around.threads, around.solver, dict(around.variables)],
-        "overlay": {name: text_digest(text) for name, text in request.overlay.items()},
-        "recorded data": data_mirror() is not None,
-        "core": request.core,
-    }
-    return f"{origin[:_ORIGIN]}-{text_digest(json.dumps(facts, sort_keys=True))[:32]}"
+    return _prepare(project, request).key
 
 
 def lookup(project: Project, request: Request) -> Run | None:
@@ -204,15 +216,14 @@ def lookup(project: Project, request: Request) -> Run | None:
     try:
         results = read_results(entry / "results.json")
         notebook = None if request.core else _text_of(entry / "executed.ipynb")
-        names = sorted((entry / "files").iterdir()) if (entry / "files").is_dir() else []
-        files = {path.name: _text_of(path) for path in names}
+        written = sorted((entry / "files").iterdir()) if (entry / "files").is_dir() else []
+        files = {path.name: _text_of(path) for path in written}
     except (InswsnError, OSError, UnicodeDecodeError):
         return None
     for name, digest in results.data.items():
         # what the overlay replaces is a part of the key
-        if name.partition("#")[0] in request.overlay:
-            continue
-        if data_digest(project.root, name) != digest:
+        replaced = name.partition("#")[0] in request.overlay
+        if not replaced and data_digest(project.root, name) != digest:
             return None
     return Run(request, results, notebook, files)
 
@@ -267,47 +278,27 @@ def _text_of(path: Path) -> str:
     return path.read_bytes().decode("utf-8")  # line ends as they are
 
 
-def _source(project: Project, request: Request) -> str:
-    """Return the source of the chapter that a request runs."""
-    source = project.find(request.chapter).source
-    own = request.overlay.get(f"chapters/{source.name}")
-    return source.read_text(encoding="utf-8") if own is None else own
-
-
-def _set_parameters(project: Project, request: Request) -> dict[str, Value]:
-    """Return the parameters that a request sets to other values than their defaults, checked."""
-    schema = source_schema(_source(project, request), project.find(request.chapter).source.name)
-    given = {name: schema[name].check(value) for name, value in request.parameters.items()}
-    return {name: value for name, value in given.items() if value != schema.defaults[name]}
-
-
-def _regressors_digest(project: Project, request: Request) -> dict[str, str]:
-    """Return the digests of the modules that parameters name and that lie in a reader's folder."""
-    schema = source_schema(_source(project, request), project.find(request.chapter).source.name)
+def _modules_digest(regressor: str) -> str:
+    """Return the digest of the reader's own module, or package, that a regressor is in."""
     folder = Path(os.environ.get(MODULES_VARIABLE, str(Path.cwd())))
-    found = {}
-    for name, value in request.parameters.items():
-        if schema[name].rule == REGRESSOR_RULE:
-            top = str(value).partition(":")[0].partition(".")[0]
-            files = [folder / f"{top}.py", *(folder / top).rglob("*.py")]
-            found[name] = tree_digest(folder, [path for path in files if path.is_file()])
-    return found
+    top = regressor.partition(":")[0].partition(".")[0]
+    files = [folder / f"{top}.py", *(folder / top).rglob("*.py")]
+    return tree_digest(folder, [path for path in files if path.is_file()])
+
+
+def _python_version(python: str) -> str:
+    own = python == sys.executable
+    return ".".join(map(str, sys.version_info[:3])) if own else _asked_version(python)
 
 
 @cache
-def _python_version(python: str) -> str:
-    """Return the version of an interpreter."""
-    if python == sys.executable:
-        return ".".join(map(str, sys.version_info[:3]))
+def _asked_version(python: str) -> str:
     ask = "import platform; print(platform.python_version())"
     try:
         done = subprocess.run([python, "-c", ask], capture_output=True, text=True, check=True)
     except (OSError, subprocess.CalledProcessError):
         raise ParameterError("python", python, "the path of an interpreter") from None
     return done.stdout.strip()
-
-
-# What the book is made of -------------------------------------------------------------------------
 
 
 def book_runs(project: Project) -> list[Run]:
@@ -406,7 +397,7 @@ def run_all(
     """
     runs: dict[int, Run] = {}
 
-    def ended(place: int, outcome: Run | BuildError | InswsnError) -> None:
+    def ended(place: int, outcome: Outcome) -> None:
         if not isinstance(outcome, Run):
             raise outcome
         check(outcome)
@@ -420,12 +411,14 @@ def run_each(
     project: Project,
     requests: Sequence[Request],
     progress: Progress,
-    ended: Callable[[int, Run | BuildError | InswsnError], None],
+    ended: Callable[[int, Outcome], None],
     *,
     fresh: bool = False,
     jobs: int | None = None,
 ) -> None:
     """Run requests side by side, those that take long first, and tell how each of them ends.
+
+    Cores are called one after the other in this thread: they have threads of their own.
 
     Parameters
     ----------
@@ -443,23 +436,25 @@ def run_each(
         else:
             progress.unchanged(project.find(request.chapter).name)
             ended(place, found)
+    workers = Workers()
+
+    def one(place: int) -> Outcome:
+        try:
+            return _run_and_keep(project, requests[place], progress, workers)
+        except (BuildError, InswsnError) as failure:
+            return failure
+
+    for place in due:
+        if requests[place].core:
+            ended(place, one(place))
     seconds = {r.chapter: _published_seconds(project, r.chapter) for r in requests}
-    due.sort(key=lambda place: seconds[requests[place].chapter], reverse=True)
-    workers = _Workers()
+    rest = [place for place in due if not requests[place].core]
+    rest.sort(key=lambda place: seconds[requests[place].chapter], reverse=True)
     with ThreadPoolExecutor(max_workers=jobs or available_cores()) as pool:
-        pending = {
-            pool.submit(_run_and_keep, project, requests[place], progress, workers): place
-            for place in due
-        }
+        pending = {pool.submit(one, place): place for place in rest}
         try:
             for future in as_completed(pending):
-                error = future.exception()
-                if error is None:
-                    ended(pending[future], future.result())
-                elif isinstance(error, BuildError | InswsnError):
-                    ended(pending[future], error)
-                else:
-                    raise error
+                ended(pending[future], future.result())
         except BaseException:
             for future in pending:
                 future.cancel()
@@ -473,69 +468,90 @@ def _published_seconds(project: Project, chapter: str) -> float:
     return math.inf if made is None else made.seconds
 
 
-def _compute_core(project: Project, request: Request) -> Run:
+def _compute_core(project: Project, request: Request, prepared: _Prepared) -> Run:
     """Call the core function of a chapter in this process."""
-    source, around = _source(project, request), request.surroundings
-    name = core_name(source)
+    name, around = core_name(prepared.source), request.surroundings
     if name is None or request.overlay:
-        raise InswsnError(f"Chapter {request.chapter} has no core, or a changed one.")
-    schema = source_schema(source, project.chapter(request.chapter).source.name)
+        raise InswsnError(f"Chapter {request.chapter} has no core that could be called.")
+    values = source_schema(prepared.source, prepared.chapter.source.name).check(prepared.parameters)
     results, files = run_core(
-        project, request.chapter, name, schema.check(request.parameters),
-        threads=around.threads, solver=around.solver,
-    )  # fmt: skip
+        project.root, request.chapter, name, values, threads=around.threads, solver=around.solver
+    )
     return Run(request, results, None, files)
 
 
-def _run_and_keep(project: Project, request: Request, progress: Progress, workers: _Workers) -> Run:
-    key = request_key(project, request)
-    chapter = project.find(request.chapter)
+def _run_and_keep(project: Project, request: Request, progress: Progress, workers: Workers) -> Run:
+    prepared = _prepare(project, request)
     commit, clean = repository_state(project.root)
-    sources = {
-        "chapter": text_digest(_source(project, request)),
-        "library": project.computing_digest(),
-        "locks": tree_digest(project.root, project.locks),
-    }
     began = time.monotonic()
     if request.core:
-        done = _compute_core(project, request)
-        machine = machine_facts()
+        done, machine = _compute_core(project, request, prepared), machine_facts()
     else:
-        with _overlaid(project, request.overlay) as root:
-            done, machine = _execute(project, request, root, progress, workers)
+        done, machine = _execute(project, request, prepared, progress, workers)
     made = Provenance(
         version=__version__,
         commit=commit,
         clean=clean and not request.overlay,
-        sources=sources,
+        sources=prepared.sources,
         finished=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
         seconds=round(time.monotonic() - began, 1),
         **machine,
     )
-    results = done.results.model_copy(update={"provenance": made})
-    done = Run(request, results, done.notebook, done.files)
+    done = replace(done, results=done.results.model_copy(update={"provenance": made}))
     # the key was taken before anything was read
-    if request_key(project, request) != key:
+    if request_key(project, request) != prepared.key:
         raise ChapterError(
-            f"Chapter {chapter.name} changed while it was executed, or the library did; "
+            f"Chapter {prepared.chapter.name} changed while it was executed, or the library did; "
             "run it again."
         )
     keep(project, request, done)
     if not request.core:
-        progress.finished(chapter.name)
+        progress.finished(prepared.chapter.name)
     return done
 
 
+def _execute(
+    project: Project, request: Request, prepared: _Prepared, progress: Progress, workers: Workers
+) -> tuple[Run, dict[str, Any]]:
+    """Execute a chapter's notebook; return its run and the facts of its machine."""
+    chapter, around = prepared.chapter, request.surroundings
+    with (
+        _overlaid(project.root, request.overlay) as root,
+        tempfile.TemporaryDirectory(prefix=f"inswsn-{chapter.name}-") as name,
+    ):
+        folder = Path(name)
+        executed, machine = execute_notebook(
+            chapter.name,
+            read_source(Chapter(chapter.name, root / "chapters" / chapter.source.name)),
+            prepared.parameters,
+            folder,
+            around.python,
+            _environment(project, root, folder, around),
+            workers,
+            progress,
+        )
+        written = folder / "results" / f"{chapter.number}.json"
+        if not written.is_file():
+            raise ChapterError(
+                f"Chapter {chapter.name} wrote no results file {written.name}: "
+                "its last code cell calls record.write()."
+            )
+        results = read_results(written)
+        others = [path for path in sorted(written.parent.iterdir()) if path != written]
+        files = {path.name: _text_of(path) for path in others}
+    results = results.model_copy(update={"cells": _recording_cells(executed)})
+    return Run(request, results, notebook_text(strip_run(executed)), files), machine
+
+
 @contextmanager
-def _overlaid(project: Project, overlay: Mapping[str, str]) -> Iterator[Path]:
-    """Give a folder that is the checkout but for the files of an overlay: else it is links."""
+def _overlaid(root: Path, overlay: Mapping[str, str]) -> Iterator[Path]:
+    """Give a folder that is the checkout, by links, but for the files of an overlay."""
     if not overlay:
-        yield project.root
+        yield root
         return
     with tempfile.TemporaryDirectory(prefix="inswsn-overlay-") as name:
-        root = Path(name).resolve()
-        _link(project.root, root, overlay)
-        yield root
+        _link(root, Path(name).resolve(), overlay)
+        yield Path(name).resolve()
 
 
 def _link(source: Path, target: Path, overlay: Mapping[str, str]) -> None:
@@ -552,45 +568,6 @@ def _link(source: Path, target: Path, overlay: Mapping[str, str]) -> None:
             (target / head).write_text(changed[""], encoding="utf-8", newline="")
         else:
             _link(source / head, target / head, changed)
-
-
-def _execute(
-    project: Project, request: Request, root: Path, progress: Progress, workers: _Workers
-) -> tuple[Run, dict[str, Any]]:
-    """Execute a chapter's notebook in a process; return its run and the facts of its machine."""
-    chapter = project.find(request.chapter)
-    notebook = read_source(Chapter(chapter.name, root / "chapters" / chapter.source.name))
-    parameters = _set_parameters(project, request)
-    progress.started(chapter.name, len(notebook.cells) + bool(parameters))
-    with tempfile.TemporaryDirectory(prefix=f"inswsn-{chapter.name}-") as name:
-        folder = Path(name)
-        nbformat.write(notebook, folder / "source.ipynb")
-        job = {
-            "source": str(folder / "source.ipynb"),
-            "target": str(folder / "executed.ipynb"),
-            "parameters": parameters,
-            "folder": str(folder),
-        }
-        process = workers.start(
-            [request.surroundings.python, "-m", "inswsn_book.worker", json.dumps(job)],
-            _environment(project, root, folder, request.surroundings),
-        )
-        try:
-            machine = _follow(chapter, process, progress)
-        finally:
-            workers.ended(process)
-        written = folder / "results" / f"{chapter.number}.json"
-        if not written.is_file():
-            raise ChapterError(
-                f"Chapter {chapter.name} wrote no results file {written.name}: "
-                "its last code cell calls record.write()."
-            )
-        executed = strip_run(nbformat.read(folder / "executed.ipynb", as_version=4))
-        cells = {"cells": _recording_cells(executed)}
-        results = read_results(written).model_copy(update=cells)
-        others = [path for path in sorted(written.parent.iterdir()) if path != written]
-        files = {path.name: _text_of(path) for path in others}
-    return Run(request, results, notebook_text(executed), files), machine
 
 
 def _recording_cells(executed: Any) -> dict[str, str]:
@@ -629,84 +606,3 @@ def _environment(
         MODULES_VARIABLE: os.environ.get(MODULES_VARIABLE, str(Path.cwd())),
         **surroundings.variables,
     }
-
-
-@dataclass
-class _Workers:
-    """The processes that are running, so that all of them can be stopped."""
-
-    stopping: threading.Event = field(default_factory=threading.Event)
-    _processes: set[subprocess.Popen[str]] = field(default_factory=set)
-    _guard: threading.Lock = field(default_factory=threading.Lock)
-
-    def start(self, command: Sequence[str], environment: dict[str, str]) -> subprocess.Popen[str]:
-        with self._guard:
-            if self.stopping.is_set():
-                raise ChapterError("stopped")
-            process = subprocess.Popen(
-                command,
-                env=environment,
-                stdin=subprocess.PIPE,  # its end tells the worker that this process is gone
-                stdout=subprocess.PIPE,
-                stderr=subprocess.PIPE,
-                text=True,
-                start_new_session=True,  # an interrupt reaches this process only; it stops them
-            )
-            self._processes.add(process)
-        return process
-
-    def ended(self, process: subprocess.Popen[str]) -> None:
-        with self._guard:
-            self._processes.discard(process)
-
-    def stop(self) -> None:
-        with self._guard:
-            self.stopping.set()
-            running = list(self._processes)
-        for process in running:
-            process.terminate()
-        for process in running:
-            try:
-                process.wait(_STOP_SECONDS)
-            except subprocess.TimeoutExpired:
-                process.kill()
-
-
-def _follow(chapter: Chapter, process: subprocess.Popen[str], progress: Progress) -> dict[str, Any]:
-    """Read a worker's events until it ends; return its machine, or raise if it failed."""
-    assert process.stdout is not None
-    assert process.stderr is not None
-    noise: list[str] = []
-    reader = threading.Thread(target=noise.extend, args=(process.stderr,), daemon=True)
-    reader.start()
-    event: dict[str, Any] = {}
-    last_cell: dict[str, Any] = {}
-    for line in process.stdout:
-        try:
-            event = json.loads(line)
-        except json.JSONDecodeError:
-            noise.append(line)
-            continue
-        if "id" in event:
-            last_cell = event
-            progress.cell(chapter.name, event["cell"] + 1)
-    process.wait()
-    reader.join()
-    if event.get("done"):
-        return dict(event["machine"])
-    place = (
-        f"cell {last_cell['cell'] + 1} of {last_cell['of']} ({last_cell['id']})"
-        if last_cell
-        else "before its first cell"
-    )
-    if "failed" in event:
-        detail = event.get("traceback") or event["failed"]
-        source = f"\n\n{event['source']}\n" if event.get("source") else "\n"
-        failure = ChapterError(f"Chapter {chapter.name} failed in {place}:{source}\n{detail}")
-        if event.get("name") in (InswsnError.__name__, ParameterError.__name__):
-            failure.refusal = event["said"]
-        raise failure
-    raise ChapterError(
-        f"Chapter {chapter.name} ended in {place} with status {process.returncode}:\n"
-        + "".join(noise)
-    )

@@ -23,10 +23,10 @@ from inswsn_book.ledger import LEDGER, claims_of, load_claims
 from inswsn_book.parameters import Value
 from inswsn_book.project import Project
 from inswsn_book.results import Results
-from inswsn_book.runs import Request, request_key
+from inswsn_book.runs import Outcome, Request, request_key
 from inswsn_book.runs import Run as ChapterRun
 from inswsn_book.verdicts import verdicts
-from inswsn_lib.errors import BuildError, InswsnError
+from inswsn_lib.errors import InswsnError
 from inswsn_lib.files import read_yaml
 
 #: Where the study is kept.
@@ -326,7 +326,7 @@ def run_of(
     project: Project,
     cell: Cell,
     headlines: Iterable[Headline],
-    outcome: ChapterRun | BuildError | InswsnError,
+    outcome: Outcome,
 ) -> Run:
     """Return what came of a cell.
 

@@ -13,9 +13,10 @@ import json
 import logging
 import math
 import signal
+import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -182,7 +183,7 @@ def compute_cell(root: str, request: Request, key: str, fresh: bool) -> Run | st
         Compute it, whatever the store holds.
     """
     try:
-        project = _own_project(root)
+        project, request = _own(root, request)
         if request_key(project, request) != key:
             return "the library, the locks or the chapter are others than those of the command"
         return run(project, request, Quiet(), fresh=fresh)
@@ -192,13 +193,16 @@ def compute_cell(root: str, request: Request, key: str, fresh: bool) -> Run | st
         return f"{type(error).__name__}: {error}"
 
 
-def _own_project(root: str) -> Project:
+def _own(root: str, request: Request) -> tuple[Project, Request]:
+    """Return the checkout of a worker, and the request with the worker's interpreter."""
     here = Path(root)
-    return Project(here if is_checkout(here) else Path(inswsn_lib.__file__).parents[1])
+    project = Project(here if is_checkout(here) else Path(inswsn_lib.__file__).parents[1])
+    around = replace(request.surroundings, python=sys.executable)
+    return project, replace(request, surroundings=around)
 
 
 def _key_of(root: str, request: Request) -> str:
-    return request_key(_own_project(root), request)
+    return request_key(*_own(root, request))
 
 
 def _ignore_interrupts() -> None:
