@@ -31,14 +31,7 @@ _SOLVER_VARIABLE = "INSWSN_SOLVER"
 
 
 def core_name(source: str) -> str | None:
-    """Return what the source of a chapter names as its core; None if it names none.
-
-    Examples
-    --------
-    >>> from inswsn_book.cores import core_name
-    >>> core_name("---\\ncore: inswsn_lib.navigation:training_areas\\n---\\n# A chapter\\n")
-    'inswsn_lib.navigation:training_areas'
-    """
+    """Return what the source of a chapter names as its core; None if it names none."""
     head = source.partition("\n---\n")[0]
     found = re.search(r"^core: *(\S+:\S+)$", head, re.MULTILINE)
     return found[1] if found else None
@@ -103,17 +96,18 @@ def run_core(
 
 
 def _quantities(scores: Scores) -> Iterator[Quantity]:
-    for row in scores.table().itertuples():
+    for row in scores.table().to_dict("records"):
+        median = row["median"]
         yield Quantity(
-            name=f"{row.method}.{row.column}",
-            value=row.median,
-            unit=row.unit,
-            interval=(row.low, row.high),
+            name=f"{row['method']}.{row['column']}",
+            value=median,
+            unit=row["unit"],
+            interval=(row["low"], row["high"]),
             interval_kind="runs 95 %",
-            runs=row.runs,
+            runs=row["runs"],
             basis="simulation",
-            how=f"{row.column}, {scores.methods[row.method]}: median over runs.",
-            tolerance=float(f"{1e-3 * abs(row.median) + 1e-6:.0e}"),
+            how=f"{row['column']}, {scores.methods[row['method']]}: median over runs.",
+            tolerance=float(f"{1e-3 * abs(median) + 1e-6:.0e}"),
         )
 
 

@@ -303,7 +303,7 @@ def _compute(
         client.submit(compute_cell, root, request, key, fresh, pure=False): cell
         for cell, (request, key) in due.items()
     }
-    for future in distributed.as_completed(futures):
+    for future in distributed.as_completed(futures, loop=client.loop):
         try:
             outcome = future.result()
         except CancelledError:
@@ -363,14 +363,14 @@ def run_sweep(
     requests, places = sweep.requests, sweep.places
     outcomes: dict[int, Run | str] = {}
     for cell, request in enumerate(requests if not fresh else ()):
-        if (there := lookup(project, request)) is not None:
-            outcomes[cell] = there
+        if (found := lookup(project, request)) is not None:
+            outcomes[cell] = found
     due = {
         cell: (request, request_key(project, request))
         for cell, request in enumerate(requests)
         if cell not in outcomes
     }
-    progress.started(f"{sweep.chapter.number}, {sweep.core or 'the notebook'}", len(requests), len(outcomes))
+    progress.started(sweep.core or sweep.chapter.name, len(requests), len(outcomes))
 
     def ended(cell: int, outcome: Run | str) -> None:
         # a worker of this machine has put it there already
@@ -388,8 +388,8 @@ def run_sweep(
         )
         with clients as client:
             _compute(client, root, fresh, due, ended)
-    computed = sum(isinstance(outcomes[cell], Run) for cell in due)
-    return _write(project, sweep, folder, [outcomes[cell] for cell in range(len(requests))], computed)
+    there = len(requests) - len(due)
+    return _write(project, sweep, folder, [outcomes[cell] for cell in sorted(outcomes)], there)
 
 
 # What a sweep leaves ------------------------------------------------------------------------------
@@ -423,7 +423,7 @@ class Finished:
 
 
 def _write(
-    project: Project, sweep: Sweep, folder: Path, outcomes: Sequence[Run | str], computed: int
+    project: Project, sweep: Sweep, folder: Path, outcomes: Sequence[Run | str], there: int
 ) -> Finished:
     """Write the files of a sweep, each whole or not at all."""
     found = list(zip(sweep.places, outcomes, strict=True))
@@ -440,15 +440,14 @@ def _write(
             (folder / f"{name}.csv").unlink(missing_ok=True)
     no_figure = _write_figure(folder / "sweep.svg", sweep, rows, runs)
     write_whole(folder / "sweep.json", _provenance(project, sweep, len(failed)))
-    there = len(runs) - computed
-    return Finished(folder, leaders, failed, computed, there, no_figure)
+    return Finished(folder, leaders, failed, len(runs) - there, there, no_figure)
 
 
 def _rows(place: Mapping[str, Value], run: Run, of_core: bool) -> Iterator[Row]:
     for quantity in run.results.quantities:
         method, _, column = quantity.name.rpartition(".")
         low, high = quantity.interval or (None, None)
-        row = {"method": method, "column": column} if of_core else {}
+        row: Row = {"method": method, "column": column} if of_core else {}
         row |= {
             "quantity": quantity.name, "unit": quantity.unit, "runs": quantity.runs,
             "value": quantity.value, "low": low, "high": high,
