@@ -39,7 +39,7 @@ from inswsn_lib.errors import BuildError, InswsnError, ParameterError
 
 MOST_CELLS = 10_000
 _MOST_ROWS = 40
-_CONNECT_SECONDS = 10
+_CONNECT_SECONDS = 5
 _FILES = ("sweep.csv", "leaders.csv", "failed.csv", "sweep.svg", "sweep.json")
 
 Row = dict[str, Any]
