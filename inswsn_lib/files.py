@@ -19,7 +19,7 @@ _PACKAGE = Path(__file__).parent
 
 
 def data_file(name: str) -> Path:
-    """Return the path of a file that comes with the library, or lies below ``data/`` of a checkout.
+    """Return the path of a file or folder of the library's data.
 
     An installed library carries copies of the scenarios and of the example recording; one that is
     used from a checkout reads the checkout's own.
@@ -45,7 +45,7 @@ def data_file(name: str) -> Path:
     'ins-wsn.csv'
     """
     for folder in (_PACKAGE / "data", _PACKAGE.parent / "data"):
-        if (folder / name).is_file():
+        if (folder / name).exists():
             return folder / name
     raise InswsnError(f"There is no data file {name!r}: neither in the package nor in a checkout.")
 

@@ -43,7 +43,7 @@ class Setting:
     >>> from inswsn_lib.simulation import Setting
     >>> Setting(value=0.2, unit="m", source="paper", why="Section 3.").value
     0.2
-    >>> Setting(value=0.2, unit="m", source="guessed", why="It looks right.")
+    >>> Setting(value=0.2, unit="m", source="guessed", why="So.")  # doctest: +ELLIPSIS
     Traceback (most recent call last):
         ...
     inswsn_lib.errors.ParameterError: source is 'guessed'; it may be one of paper, inferred, ...

@@ -14,8 +14,6 @@ import pytest
 from threadpoolctl import threadpool_info
 
 from inswsn_lib import (
-    checkout,
-    claims,
     errors,
     evaluation,
     files,
@@ -25,28 +23,16 @@ from inswsn_lib import (
     models,
     navigation,
     papers,
-    parameters,
     plotting,
-    plugins,
     simulation,
     vehicle,
 )
 
 ROOMS = (
-    claims,
-    evaluation,
-    filters,
-    learning,
-    lmi,
-    models,
-    navigation,
-    papers,
-    plotting,
-    simulation,
-    vehicle,
-)
-# What a chapter or its reader meets of the modules below the rooms
-MODULES = (checkout, errors, files, parameters, plugins)
+    evaluation, filters, learning, lmi, models, navigation, papers, plotting, simulation, vehicle,
+)  # fmt: skip
+# What a reader meets of the modules below the rooms
+MODULES = (errors, files)
 
 
 @pytest.fixture(scope="module")

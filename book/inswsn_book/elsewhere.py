@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 import re
 import subprocess
+import sys
 from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -127,15 +128,15 @@ def variants(python: str | None = None) -> list[Variant]:
     ParameterError
         If there is no such interpreter, it lacks inswsn, or has another library of that name.
     """
-    plain = Surroundings()
     changed = {
-        AGAIN: plain,
+        # nobody reads this variable: it only asks for a run beside the one that the book has
+        AGAIN: Surroundings(variables={"INSWSN_VARIANT": AGAIN}),
         "threads-2": Surroundings(threads=2),
         "older-processor": Surroundings(variables=_OLDER),
         "scs": Surroundings(solver="scs"),
         "hash-seed": Surroundings(variables={"PYTHONHASHSEED": "1"}),
     }
-    own = _version_of(plain.python)
+    own = _version_of(sys.executable)
     found = [Variant(name, *DESCRIPTIONS[name], given, own) for name, given in changed.items()]
     if python is not None:
         version = _version_of(python)

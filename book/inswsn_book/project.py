@@ -198,7 +198,7 @@ class Project:
 
     def library_digest(self) -> str:
         """Return the digest of the source files of both packages."""
-        return _packages_digest([f for p in self.libraries for f in p.rglob("*.py")])
+        return self._digest([f for p in self.libraries for f in p.rglob("*.py")])
 
     def computing_digest(self) -> str:
         """Return the digest of the source files that a chapter may compute with.
@@ -210,7 +210,15 @@ class Project:
         own = [
             f for f in machinery.rglob("*.py") if f.relative_to(machinery).parts[0] in _EXECUTING
         ]
-        return _packages_digest([*science.rglob("*.py"), *own])
+        return self._digest([*science.rglob("*.py"), *own])
+
+    def _digest(self, files: list[Path]) -> str:
+        """Return one digest of source files, named from the folder of their package on."""
+        parts = [
+            tree_digest(package.parent, [f for f in files if f.is_relative_to(package)])
+            for package in self.libraries
+        ]
+        return text_digest("\n".join(parts))
 
     def chapters(self) -> list[Chapter]:
         """Return the chapters in the order of their numbers.
@@ -273,13 +281,3 @@ class Project:
             yield
         finally:
             lock.release()
-
-
-def _packages_digest(files: list[Path]) -> str:
-    """Return one digest of source files, which are named from the folder of their package on."""
-    science, machinery = Path(inswsn_lib.__file__).parent, Path(__file__).parent
-    parts = [
-        tree_digest(package.parent, [f for f in files if f.is_relative_to(package)])
-        for package in (science, machinery)
-    ]
-    return text_digest("\n".join(parts))

@@ -12,7 +12,6 @@ import itertools
 import json
 import logging
 import math
-import signal
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -40,6 +39,8 @@ from inswsn_lib.errors import BuildError, InswsnError, ParameterError
 MOST_CELLS = 10_000
 _MOST_ROWS = 40
 _CONNECT_SECONDS = 5
+# An interrupt is for the command, which ends its workers
+_IGNORE_INTERRUPTS = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"
 _FILES = ("sweep.csv", "leaders.csv", "failed.csv", "sweep.svg", "sweep.json")
 
 Row = dict[str, Any]
@@ -205,10 +206,6 @@ def _key_of(root: str, request: Request) -> str:
     return request_key(*_own(root, request))
 
 
-def _ignore_interrupts() -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # one is for the command, which ends the workers
-
-
 @contextmanager
 def local_client(jobs: int) -> Iterator[Any]:
     """Have processes of this machine, of one thread each, and end them."""
@@ -218,11 +215,10 @@ def local_client(jobs: int) -> Iterator[Any]:
         _quiet(),
         distributed.LocalCluster(
             n_workers=jobs, threads_per_worker=1, memory_limit=0, dashboard_address=None,
-            silence_logs=logging.CRITICAL,
+            silence_logs=logging.CRITICAL, preload=[_IGNORE_INTERRUPTS],
         ) as cluster,
         distributed.Client(cluster, set_as_default=False) as client,
     ):  # fmt: skip
-        client.run(_ignore_interrupts)
         yield client
 
 

@@ -13,7 +13,7 @@ from inswsn_lib.simulation.network import (
     position_covariance,
     velocity_slopes,
 )
-from inswsn_lib.simulation.scenario import Scene, Window
+from inswsn_lib.simulation.scene import Scene, Window
 from inswsn_lib.simulation.shapes import SHAPES, shaped_drift
 from inswsn_lib.simulation.stress import drifting, heavy_tailed, losing
 from inswsn_lib.simulation.traffic import OPERATIONS, Traffic, count_hops, count_traffic

@@ -20,6 +20,7 @@ from inswsn_book.assumption_pages import (
     summary,
 )
 from inswsn_book.assumptions import (
+    ASSUMPTIONS,
     Assumptions,
     Headline,
     load_assumptions,
@@ -27,11 +28,9 @@ from inswsn_book.assumptions import (
 )
 from inswsn_book.effects import Effect, band_of, readings_of, rows_of
 from inswsn_book.generated import generated_texts
-from inswsn_book.progress import Progress
-from inswsn_book.project import Project, is_checkout
+from inswsn_book.project import Project
 from inswsn_book.results import Quantity, Results, read_results
-from inswsn_book.sensitivity import Cell, Working, cells_of, changed_checkout, run_cell
-from inswsn_book.study import ASSUMPTIONS, Made, Run, Study, merged, read_study, write_study
+from inswsn_book.study import Made, Run, Study
 
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.files import read_yaml
@@ -249,135 +248,6 @@ def test_what_is_no_list_is_refused(tmp_path_factory: pytest.TempPathFactory, co
     (folder / ASSUMPTIONS).write_text(yaml.safe_dump(content))
     with pytest.raises(InswsnError):
         load_assumptions(folder)
-
-
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        ("{", "is not a study: the file: Invalid JSON"),
-        ("{}", "is not a study: made: Field required"),
-        ('{"made": 1, "runs": []}', "is not a study: made: "),
-    ],
-)
-def test_a_bad_study_gives_one_sentence(tmp_path: Path, text: str, said: str) -> None:
-    path = tmp_path / "study.json"
-    path.write_text(text)
-    with pytest.raises(InswsnError, match=r"\.$") as refused:
-        read_study(path)
-    assert said in str(refused.value)
-    assert "\n" not in str(refused.value)
-
-
-def test_no_study_is_told(tmp_path: Path) -> None:
-    with pytest.raises(InswsnError, match="make it with make studies"):
-        read_study(tmp_path / "none.json")
-
-
-# A changed checkout
-
-
-def test_a_change_is_made_in_a_copy(project: Project) -> None:
-    """The alternatives of the list itself, each in a folder of its own."""
-    cells = {cell.id + cell.chapter: cell for cell in cells_of(load_assumptions(project.root))}
-    scenarios = project.root / "data/scenarios"
-    before = {path.name: path.read_text() for path in scenarios.iterdir()}
-    with changed_checkout(project, cells["P1-M-path/corner02"]) as other:
-        changed = read_yaml(other.root / "data/scenarios/p1.yaml")
-        assert changed["waypoints"]["value"] == [[650, 0], [150, 200], [130, 400]]
-        assert changed["waypoints"]["unit"] == "m"
-        assert changed["speed"] == read_yaml(scenarios / "p1.yaml")["speed"]
-        assert (other.root / "data/scenarios/p2.yaml").read_text() == before["p2.yaml"]
-        assert is_checkout(other.root)
-        source = next((other.root / "chapters").glob("02-*.md")).read_text()
-        assert "## Exercises" not in source
-        assert "## Table 2, published and rebuilt" in source
-        assert "record.write()" in source
-    assert not other.root.exists()
-    with changed_checkout(project, cells["P3-M-imu/poor05"]) as other:
-        changed = read_yaml(other.root / "data/scenarios/p3.yaml")
-        told = read_yaml(scenarios / "p3.yaml")
-        for name in ("gyro_noise", "filter_gyro_noise", "accelerometer_bias"):
-            assert changed[name]["value"] == pytest.approx(3 * told[name]["value"], rel=1e-12)
-        assert changed["gps_position_noise"] == told["gps_position_noise"]
-    with changed_checkout(project, cells["P1-M-INS/all-cells03"]) as other:
-        changed = (other.root / "data/scenarios/p1-inertial.yaml").read_text()
-        assert changed == before["p1-inertial-all-cells.yaml"]
-    with changed_checkout(project, cells["P1-M-L/positions01"]) as other:
-        source = next((other.root / "chapters").glob("01-*.md")).read_text()
-        assert source.count("L=np.eye(2, 4)") == 2
-    assert {path.name: path.read_text() for path in scenarios.iterdir()} == before
-    assert "L=np.eye(2, 4)" not in next((project.root / "chapters").glob("01-*.md")).read_text()
-
-
-def test_a_section_that_is_not_there_is_told(project: Project) -> None:
-    cell = Cell("baseline", "01", skips=("No such section",))
-    with pytest.raises(InswsnError, match="has no section 'No such section'"):
-        changed_checkout(project, cell).__enter__()
-
-
-@pytest.fixture
-def studied(mini: MiniProject) -> MiniProject:
-    """A small project that a study can be made of."""
-    (mini.root / "data" / "scenarios").mkdir()
-    return mini
-
-
-def test_a_cell_gives_headlines_and_verdicts(studied: MiniProject) -> None:
-    """The chapter says twice the number 21, or what `scale` makes of it; the claim says 42."""
-    headlines = small().headlines[:1]
-    for scale, value, verdict in ((2.0, 42.0, "reproduced"), (3.0, 63.0, "contradicted by")):
-        run = run_cell(
-            studied, Cell("P1-M-scale/three", "00", {"scale": scale}), headlines, Progress()
-        )
-        assert run.failed is None
-        assert run.headlines == {"twice": value}
-        assert run.verdicts["P1-M-twice"].startswith(verdict)
-        assert run.seconds > 0
-
-
-def test_a_run_that_fails_is_a_result(studied: MiniProject) -> None:
-    studied.chapter('```{code-cell} ipython3\nraise ValueError("The design has no solution.")\n```')
-    run = run_cell(studied, Cell("baseline", "00"), small().headlines, Progress())
-    assert run.failed is not None
-    assert run.failed.endswith("The design has no solution.")
-    assert str(studied.root) not in run.failed
-    assert run.headlines == {}
-
-
-# A study that was stopped
-
-
-def test_what_was_run_is_not_run_again(tmp_path: Path) -> None:
-    path = tmp_path / "made" / "working.jsonl"
-    one, two = run_of("baseline", 42.0), run_of("seed-1", 43.0)
-    Working(path).add(one)
-    with path.open("a") as stream:
-        stream.write(two.model_dump_json()[:40])  # killed in the middle of a line
-    Working(path).add(two)
-    again = Working(path)
-    assert again.find(Cell("baseline", "00"), "0" * 64) == one
-    assert again.find(Cell("seed-1", "00"), "0" * 64) == two
-    assert again.find(Cell("seed-1", "00"), "1" * 64) is None, "made from something else"
-    assert again.find(Cell("seed-2", "00"), "0" * 64) is None
-
-
-def test_a_study_reads_back(tmp_path: Path) -> None:
-    study = study_of(*UNCHANGED)
-    write_study(study, tmp_path / "study.json")
-    assert read_study(tmp_path / "study.json") == study
-    other = run_of("seed-1", 50.0)
-    runs = merged([other], {(run.chapter, run.id): run for run in study.runs})
-    assert [run.id for run in runs] == ["baseline", "seed-1", "seed-2"]
-    assert runs[1] == other
-
-
-def test_the_cells_of_one_entry() -> None:
-    assert [cell.id for cell in cells_of(small(), ["P1-M-scale"])] == [
-        "baseline", "seed-1", "seed-2", "P1-M-scale/three", "P1-M-scale/ten",
-    ]  # fmt: skip
-    assert cells_of(small(), ["P2-M-word"]) == []
-    with pytest.raises(InswsnError, match="no assumption P9"):
-        cells_of(small(), ["P9-M-none"])
 
 
 # What a change does

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -12,17 +11,15 @@ from inswsn_book.elsewhere import (
     AGAIN,
     ELSEWHERE,
     Study,
-    Variant,
     compared,
-    kept_run,
     read_elsewhere,
-    run,
     variants,
 )
 from inswsn_book.elsewhere_page import EXPLANATIONS, elsewhere_texts, title_of
-from inswsn_book.progress import Progress
+from inswsn_book.progress import Quiet
 from inswsn_book.project import Project
 from inswsn_book.provenance import available_cores
+from inswsn_book.runs import Request, run, run_all
 
 from inswsn_lib.errors import InswsnError
 
@@ -45,10 +42,9 @@ def test_a_short_chapter_in_every_variant_that_each_machine_has(
     if available_cores() < 2:
         chosen = [v for v in chosen if v.surroundings.threads == 1]
 
-    def one(variant: Variant) -> None:
-        ran = run(project, variant, chapter, Progress(), (None, None))
-        assert kept_run(project, variant, chapter) == ran
-        cell = compared(project, variant, chapter, ran)
+    given = [Request(QUICK, surroundings=variant.surroundings) for variant in chosen]
+    for variant, done in zip(chosen, run_all(project, given, Quiet(), jobs=2), strict=True):
+        cell = compared(project, variant, chapter, done.results)
         assert cell.failed is None
         assert cell.compared > 0
         assert cell.beyond == cell.overturned == cell.flipped == ()
@@ -57,9 +53,6 @@ def test_a_short_chapter_in_every_variant_that_each_machine_has(
         if variant.id == "older-processor":
             # OpenBLAS calls what it has for processors before AVX by the name of the oldest
             assert all(re.search("Katmai|Prescott|Core2", library) for library in cell.blas)
-
-    with ThreadPoolExecutor(2) as pool:
-        list(pool.map(one, chosen))
 
 
 def test_another_python_must_be_one(project: Project, tmp_path: Path) -> None:
@@ -80,9 +73,8 @@ def test_a_design_is_asked_of_scs(
     monkeypatch.setattr(Project, "build", property(lambda _: tmp_path))
     (chapter,) = (c for c in project.chapters() if c.number == "71")
     (variant,) = (v for v in variants() if v.id == "scs")
-    cell = compared(
-        project, variant, chapter, run(project, variant, chapter, Progress(), (None, None))
-    )
+    done = run(project, Request("71", surroundings=variant.surroundings), Quiet())
+    cell = compared(project, variant, chapter, done.results)
     assert re.match(r"[1-9]\d* taken", cell.solvers["SCS, all designs"])
     assert cell.flipped == ()
 

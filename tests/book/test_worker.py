@@ -1,4 +1,4 @@
-"""The order of the chapters, and a kernel that does not start."""
+"""A kernel that does not start."""
 
 from __future__ import annotations
 
@@ -9,29 +9,8 @@ from typing import Any
 
 import nbformat
 import pytest
-from conftest import MiniProject
 from inswsn_book import worker
-from inswsn_book.execution import longest_first
-from inswsn_book.provenance import machine_facts, provenance, source_facts
-from inswsn_book.results import Results, write_results
 from jupyter_client.provisioning.local_provisioner import LocalPortCache
-
-
-def test_chapters_that_take_long_come_first(mini: MiniProject) -> None:
-    source = (mini.root / "chapters" / "00-mini.md").read_text()
-    took = {"00": 1.0, "01": 30.0, "02": None, "03": 30.0, "04": 4.0, "05": None}
-    for number in took:
-        (mini.root / "chapters" / f"{number}-mini.md").write_text(source)
-    machine = machine_facts()
-    for chapter in mini.chapters():
-        made = Results(chapter=chapter.number, parameters={}, data={}, quantities=())
-        if (seconds := took[chapter.number]) is not None:
-            facts = provenance(source_facts(mini, chapter), machine, seconds)
-            made = made.model_copy(update={"provenance": facts})
-        if chapter.number != "05":  # never published
-            write_results(made, mini.published / f"{chapter.number}.json")
-    order = [chapter.number for chapter in longest_first(mini, mini.chapters())]
-    assert order == ["02", "05", "01", "03", "04", "00"]
 
 
 @pytest.mark.parametrize(("times", "status"), [(1, 0), (2, 1)])
