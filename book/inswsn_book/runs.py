@@ -452,12 +452,20 @@ def _published_seconds(project: Project, chapter: str) -> float:
     return math.inf if made is None else made.seconds
 
 
-def _compute_core(project: Project, request: Request, prepared: _Prepared) -> Run:
-    """Call the core function of a chapter in this process."""
-    name, around = core_name(prepared.source), request.surroundings
-    if name is None or request.overlay:
-        raise InswsnError(f"Chapter {request.chapter} has no core that could be called.")
-    values = source_schema(prepared.source, prepared.chapter.source.name).check(prepared.parameters)
+def compute_core(project: Project, request: Request) -> Run:
+    """Return what the core function of a chapter finds, called in this process.
+
+    Raises
+    ------
+    InswsnError
+        If the chapter has no core, or the core refuses a parameter.
+    """
+    chapter, around = project.find(request.chapter), request.surroundings
+    source = chapter.source.read_text(encoding="utf-8")
+    name = core_name(source)
+    if name is None:
+        raise InswsnError(f"Chapter {request.chapter} has no core.")
+    values = source_schema(source, chapter.source.name).check(request.parameters)
     results, files = run_core(
         project.root, request.chapter, name, values, threads=around.threads, solver=around.solver
     )
@@ -469,7 +477,9 @@ def _run_and_keep(project: Project, request: Request, progress: Progress, worker
     commit, clean = repository_state(project.root)
     began = time.monotonic()
     if request.core:
-        done, machine = _compute_core(project, request, prepared), machine_facts()
+        if request.overlay:
+            raise InswsnError("A core is called on the files of the checkout, without an overlay.")
+        done, machine = compute_core(project, request), machine_facts()
     else:
         done, machine = _execute(project, request, prepared, progress, workers)
     made = Provenance(

@@ -39,6 +39,8 @@ from inswsn_lib.errors import BuildError, InswsnError, ParameterError
 MOST_CELLS = 10_000
 _MOST_ROWS = 40
 _CONNECT_SECONDS = 5
+# How often the processes of this machine are started, if one ends at once
+_STARTS = 3
 # An interrupt is for the command, which ends its workers
 _IGNORE_INTERRUPTS = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"
 _FILES = ("sweep.csv", "leaders.csv", "failed.csv", "sweep.svg", "sweep.json")
@@ -208,18 +210,35 @@ def _key_of(root: str, request: Request) -> str:
 
 @contextmanager
 def local_client(jobs: int) -> Iterator[Any]:
-    """Have processes of this machine, of one thread each, and end them."""
+    """Have processes of this machine, of one thread each, and end them.
+
+    Raises
+    ------
+    BuildError
+        If they cannot be started.
+    """
     import distributed  # noqa: PLC0415  # it takes a second to load
 
     with (
         _quiet(),
-        distributed.LocalCluster(
-            n_workers=jobs, threads_per_worker=1, memory_limit=0, dashboard_address=None,
-            silence_logs=logging.CRITICAL, preload=[_IGNORE_INTERRUPTS],
-        ) as cluster,
+        _local_cluster(jobs) as cluster,
         distributed.Client(cluster, set_as_default=False) as client,
-    ):  # fmt: skip
+    ):
         yield client
+
+
+def _local_cluster(jobs: int) -> Any:
+    import distributed  # noqa: PLC0415
+
+    for _ in range(_STARTS):
+        try:
+            return distributed.LocalCluster(
+                n_workers=jobs, threads_per_worker=1, memory_limit=0, dashboard_address=None,
+                silence_logs=logging.CRITICAL, preload=[_IGNORE_INTERRUPTS],
+            )  # fmt: skip
+        except RuntimeError:  # a process ended before it had begun: it is not replaced then
+            continue
+    raise BuildError("No process of this machine stayed alive long enough to compute.")
 
 
 @contextmanager
