@@ -55,17 +55,9 @@ Row = dict[str, Any]
 class Sweep:
     """A chapter over a grid.
 
-    Attributes
-    ----------
-    chapter : Chapter
-    schema : Schema
-        Its parameters.
-    core : str or None
-        The function that is called in each cell; None if the notebook is executed.
-    axes : mapping of str to tuple of value
-        Parameters, and the values that they go through.
-    settings : mapping of str to value
-        Parameters that are set for all cells.
+    `core` is the function that is called in each cell; without one the notebook is executed. `axes`
+    are parameters with the values that they go through, `settings` those that are the same in all
+    cells.
     """
 
     chapter: Chapter
@@ -110,7 +102,7 @@ def read_sweep(
     ------
     ParameterError
         If a name is not declared or given twice, a value may not be or stands twice on an axis, or
-        there are more than `MOST_CELLS` cells.
+        there are too many cells.
     """
     schema, data = chapter_schema(project.root, chapter.number), project.root / "data"
     found: dict[str, tuple[Value, ...]] = {}
@@ -136,7 +128,7 @@ def read_sweep(
     return Sweep(chapter, schema, core, found, chosen)
 
 
-def cell_name(place: Mapping[str, Value]) -> str:
+def _cell_name(place: Mapping[str, Value]) -> str:
     """Return what a cell is called: its values on the axes."""
     return ", ".join(f"{name}={value}" for name, value in place.items()) or "the one cell"
 
@@ -170,20 +162,11 @@ class SweepProgress(Bars):
             self.say(f"{cell}: done")
 
 
-def compute_cell(root: str, request: Request, key: str, fresh: bool) -> Run | str:
+def _compute_cell(root: str, request: Request, key: str, fresh: bool) -> Run | str:
     """Run a request in a worker; return why it failed, if it did.
 
-    Parameters
-    ----------
-    root : str
-        The checkout of the command. Where it is not, the worker takes its own.
-    request : Request
-        What is run.
-    key : str
-        The key that the command has for it: a worker with another library, other locks or another
-        chapter would find other numbers.
-    fresh : bool
-        Compute it, whatever the store holds.
+    The key is the command's. A worker with another library, other locks or another chapter, or one
+    that has loaded what was edited since, has another one, and would find other numbers.
     """
     try:
         project, request = _own(root, request)
@@ -209,14 +192,8 @@ def _key_of(root: str, request: Request) -> str:
 
 
 @contextmanager
-def local_client(jobs: int) -> Iterator[Any]:
-    """Have processes of this machine, of one thread each, and end them.
-
-    Raises
-    ------
-    BuildError
-        If they cannot be started.
-    """
+def _local_client(jobs: int) -> Iterator[Any]:
+    """Have processes of this machine, of one thread each, and end them."""
     import distributed  # noqa: PLC0415  # it takes a second to load
 
     with (
@@ -242,16 +219,8 @@ def _local_cluster(jobs: int) -> Any:
 
 
 @contextmanager
-def remote_client(address: str, root: str, request: Request, key: str) -> Iterator[Any]:
-    """Have the workers of a scheduler, if they would find what this command would.
-
-    Raises
-    ------
-    ParameterError
-        If nobody answers at the address.
-    InswsnError
-        If there is no worker, one has several threads, or another library.
-    """
+def _remote_client(address: str, root: str, request: Request, key: str) -> Iterator[Any]:
+    """Have the workers of a scheduler; refuse those that would find other numbers."""
     import dask  # noqa: PLC0415
     import distributed  # noqa: PLC0415
 
@@ -303,19 +272,13 @@ def _compute(
     due: Mapping[int, tuple[Request, str]],
     ended: Callable[[int, Run | str], None],
 ) -> None:
-    """Share cells out; tell of each as it ends.
-
-    Raises
-    ------
-    BuildError
-        If the scheduler is gone.
-    """
+    """Share cells out; tell of each as it ends."""
     from concurrent.futures import CancelledError  # noqa: PLC0415
 
     import distributed  # noqa: PLC0415
 
     futures = {
-        client.submit(compute_cell, root, request, key, fresh, pure=False): cell
+        client.submit(_compute_cell, root, request, key, fresh, pure=False): cell
         for cell, (request, key) in due.items()
     }
     for future in distributed.as_completed(futures, loop=client.loop):
@@ -392,14 +355,14 @@ def run_sweep(
         if isinstance(outcome, Run) and (fresh or lookup(project, requests[cell]) is None):
             keep(project, requests[cell], outcome)
         outcomes[cell] = outcome
-        progress.ended(cell_name(places[cell]), outcome if isinstance(outcome, str) else None)
+        progress.ended(_cell_name(places[cell]), outcome if isinstance(outcome, str) else None)
 
     if due:
         root = str(project.root)
         clients = (
-            local_client(min(jobs or available_cores(), len(due)))
+            _local_client(min(jobs or available_cores(), len(due)))
             if dask is None
-            else remote_client(dask, root, *next(iter(due.values())))
+            else _remote_client(dask, root, *next(iter(due.values())))
         )
         with clients as client:
             _compute(client, root, fresh, due, ended)
@@ -412,21 +375,11 @@ def run_sweep(
 
 @dataclass(frozen=True)
 class Finished:
-    """A sweep that has come to its end.
+    """A sweep that has come to its end: its folder, and what the terminal tells of it.
 
-    Attributes
-    ----------
-    folder : Path
-        Where its files are.
-    leaders : list of dict
-        For each cell its values on the axes, ``best``, ``error``, ``next``, and by how many per
-        cent the best is below the next, ``lead`` and ``within``; empty without a core.
-    failed : list of dict
-        The cells that failed, with the ``reason``.
-    computed, there : int
-        Cells that this call computed, and that were in the store.
-    no_figure : str
-        Why there is none, or empty.
+    Rows have the values of a cell on the axes: those of the leaders also ``best``, ``error``,
+    ``next``, and by how many per cent the best is below the next, ``lead`` and ``within``; those
+    that failed the ``reason``. Cells were computed by this call, or were there.
     """
 
     folder: Path
@@ -543,17 +496,7 @@ def _check_folder(folder: Path) -> None:
 
 
 def show_leaders(sweep: Sweep, finished: Finished, console: Console) -> None:
-    """Write which method leads in each cell, and by how much.
-
-    Parameters
-    ----------
-    sweep : Sweep
-        The sweep.
-    finished : Finished
-        What came of it.
-    console : rich.console.Console
-        Where to write.
-    """
+    """Write which method leads in each cell, and by how much."""
     if not finished.leaders:
         return
     table = Table(*sweep.axes, "best", "error", "next", "lead", box=None, pad_edge=False)
