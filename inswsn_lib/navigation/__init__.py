@@ -1,4 +1,4 @@
-"""Navigation: the hybrid of a filter and a regressor, and recordings to run it on."""
+"""Navigation: P1's training areas, the hybrid of a filter and a regressor, and recordings."""
 
 from inswsn_lib.navigation.cluster_fusion import (
     ClusterFusion,
@@ -14,6 +14,13 @@ from inswsn_lib.navigation.hybrid import (
 )
 from inswsn_lib.navigation.recorded_trials import RecordedTrials, read_trials, run_recorded_outages
 from inswsn_lib.navigation.recordings import INS, REFERENCE, TIME, WSN, Recording, read_recording
+from inswsn_lib.navigation.training_areas import (
+    TrainingAreas,
+    errors_by_area,
+    noise_sizes,
+    table2_cells,
+    training_areas,
+)
 from inswsn_lib.navigation.trials import (
     FILTERS,
     OutageTrials,
@@ -45,10 +52,13 @@ __all__ = [
     "Ramps",
     "RecordedTrials",
     "Recording",
+    "TrainingAreas",
     "VehicleHybrid",
     "VehicleOutages",
     "cluster_fusion",
+    "errors_by_area",
     "fit_many",
+    "noise_sizes",
     "observable_inputs",
     "outage_size",
     "p3_hybrids",
@@ -58,6 +68,8 @@ __all__ = [
     "run_outages",
     "run_recorded_outages",
     "sensed_motion",
+    "table2_cells",
+    "training_areas",
     "vehicle_outages",
     "widen_velocities",
 ]
