@@ -26,8 +26,8 @@ test: environment ## lint, types, and all tests
 	$(INSWSN) citation --check
 	$(RUN) -m pytest -n $(WORKERS) --dist worksteal
 
-serve: book ## open the built book in a browser
-	@$(INSWSN) serve --port $(PORT)
+serve: book ## show the built book at http://127.0.0.1:8000 (PORT=8001 for another port)
+	@$(RUN) -m http.server --directory _build/html --bind 127.0.0.1 $(PORT)
 
 notebooks: environment ## write the .ipynb twins of chapters/*.md
 	@$(INSWSN) notebooks
@@ -112,7 +112,7 @@ $(VENV)/package: $(VENV)/environment pyproject.toml book/pyproject.toml
 	@touch $@
 
 clean: ## remove what was built; the environment stays
-	rm -rf _build results book/chapters book/generated
+	rm -rf _build results
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "%-12s %s\n", $$1, $$2 }' Makefile

@@ -20,10 +20,10 @@ from inswsn_book.claim_ids import new_ids, require_ids_kept, verdicts_text
 from inswsn_book.crate import CRATE, Described, crate_text
 from inswsn_book.files import file_digest
 from inswsn_book.ledger import LEDGER, load_claims
+from inswsn_book.pages import require_current_site
 from inswsn_book.project import Project
 from inswsn_book.provenance import repository_state
 from inswsn_book.references import read_articles
-from inswsn_book.rendering import require_current_site
 from inswsn_book.runs import Run, book_runs
 from inswsn_book.third_party import ThirdParty, licence_texts, load_third_party
 from inswsn_book.verdicts import verdicts

@@ -5,7 +5,6 @@ from __future__ import annotations
 import signal
 import sys
 import textwrap
-import threading
 from pathlib import Path
 
 import click
@@ -294,34 +293,6 @@ def notebooks(root: Path | None, check: bool) -> None:
         return
     for chapter in write_twins(project.chapters()):
         click.echo(f"wrote chapters/{chapter.twin.name}")
-
-
-@cli.command()
-@click.option(
-    "--port",
-    type=click.IntRange(0, 65535),
-    default=8000,
-    show_default=True,
-    help="Where to serve; 0 for any free port.",
-)
-@click.option("--browser/--no-browser", default=True, help="Open the book in the browser.")
-@click.pass_obj
-def serve(root: Path | None, port: int, browser: bool) -> None:
-    """Show the built book from this machine."""
-    from inswsn_book.serving import address, make_server, open_in_browser
-
-    project = _project(root)
-    with make_server(project.site, port) as server:
-        click.echo(f"The book is at {address(server)} (stop with Ctrl-C)")
-        # a browser in the terminal holds this thread until it ends, so another one serves
-        serving = threading.Thread(target=server.serve_forever, daemon=True)
-        serving.start()
-        try:
-            if browser:
-                open_in_browser(address(server))
-            serving.join()
-        except KeyboardInterrupt:
-            click.echo()
 
 
 @cli.command()

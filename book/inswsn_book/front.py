@@ -1,4 +1,4 @@
-"""What the front page shows of the whole book: one picture, the verdicts, the way through."""
+"""What the front page draws and lists: the papers' contests in one picture, heads of chapters."""
 
 from __future__ import annotations
 
@@ -10,22 +10,13 @@ from math import exp, log
 from pathlib import Path
 from typing import Any
 
-from inswsn_book.about import ABOUT, load_about
-from inswsn_book.project import Chapter, Project
+from inswsn_book.project import Chapter
 from inswsn_book.results import Results
-from inswsn_book.tables import list_table
-from inswsn_book.verdicts import Judged, Verdict, count_verdicts
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.files import read_yaml
 
 # the chapters whose results the picture draws
 _DRAWN = {"00", "02", "03", "04", "05"}
-_CAPTION = (
-    "Left of the line the paper's method is better than its rival, right of it worse. On equal "
-    "terms: both get the same measurements and the same tuning; P1's learners get the best input "
-    "that exists in an outage. P3's method is a filter with aids and an LS-SVM, its rival KF has "
-    "neither; the last row leaves the aids to both."
-)
 _HEAD = re.compile(
     r"\*\*You need\*\*\s+(?P<need>.*?)\.\s+\*\*Reading time\*\*\s+(?P<minutes>\d+)\s+minutes?\.",
     re.DOTALL,
@@ -55,7 +46,7 @@ class Contest:
 
 
 def contests(root: Path, results: Mapping[str, Results]) -> list[Contest]:
-    """Return the comparisons that the papers are about.
+    """Return the comparisons that the papers are about; none without the chapters that have them.
 
     Parameters
     ----------
@@ -69,6 +60,8 @@ def contests(root: Path, results: Mapping[str, Results]) -> list[Contest]:
     InswsnError
         If a chapter has no such quantity.
     """
+    if not results.keys() >= _DRAWN:
+        return []
     p2 = read_yaml(root / "data/papers/p2.yaml")["results"]
     p3 = read_yaml(root / "data/papers/p3.yaml")
 
@@ -121,8 +114,8 @@ def contests(root: Path, results: Mapping[str, Results]) -> list[Contest]:
     ]
 
 
-def front_picture(rows: Sequence[Contest]) -> tuple[str, str]:
-    """Draw the comparisons; return the SVG and its alternative text."""
+def front_svg(rows: Sequence[Contest]) -> str:
+    """Draw the comparisons."""
     from inswsn_lib.plotting import COLOURS, figure  # noqa: PLC0415  # a list needs no figure
 
     fig, axes = figure(height=3.9)
@@ -161,7 +154,7 @@ def front_picture(rows: Sequence[Contest]) -> tuple[str, str]:
     axes.set_yticks(list(places), [row.label for row in rows])
     axes.set_xlabel("error of the paper's method over its rival's")
     fig.legend(loc="outside upper right", ncols=3, fontsize=9, columnspacing=1, handletextpad=0.2)
-    return _svg(fig), _alternative(rows)
+    return _svg(fig)
 
 
 def _svg(fig: Any) -> str:
@@ -171,93 +164,6 @@ def _svg(fig: Any) -> str:
     fig.savefig(stream, format="svg", metadata={"Date": None, "Creator": None})
     plt.close(fig)
     return stream.getvalue()
-
-
-def _alternative(rows: Sequence[Contest]) -> str:
-    parts = []
-    for row in rows:
-        values = {"printed": row.printed, "rebuilt": row.rebuilt, "recorded": row.recorded}
-        said = ", ".join(f"{v:.2f} {name}" for name, v in values.items() if v is not None)
-        parts.append(f"{' '.join(row.label.split())}: {said}")
-    return (
-        "A chart of the error of each paper's method over that of its rival, on a logarithmic "
-        "scale with a line at 1. " + "; ".join(parts) + "."
-    )
-
-
-def front_texts(
-    project: Project, results: Sequence[Results], judged: Sequence[Judged]
-) -> dict[str, str]:
-    """Return what the front page includes, by file name.
-
-    The picture is left out while a chapter that it draws is not there; a front page that includes
-    it then fails to build.
-
-    Parameters
-    ----------
-    project : Project
-        The checkout.
-    results : sequence of Results
-        Of the chapters that are shown.
-    judged : sequence of Judged
-        All claims.
-    """
-    by_chapter = {found.chapter: found for found in results}
-    texts = {
-        "front-verdicts.md": _verdicts(judged),
-        "front-chapters.md": _chapters(project, by_chapter),
-    }
-    if by_chapter.keys() >= _DRAWN:
-        svg, alt = front_picture(contests(project.root, by_chapter))
-        texts["front.svg"] = svg
-        # the path is read from the page that includes this
-        # without a number, so that the chapters' figures begin with 1
-        texts["front-picture.md"] = (
-            f"```{{image}} generated/front.svg\n:alt: {alt}\n```\n\n"
-            f":::{{div}} front-caption\n{_CAPTION}\n:::\n"
-        )
-    if (project.root / ABOUT).is_file():
-        about = load_about(project.root)
-        names = ", ".join(author.shown for author in about.authors)
-        year = about.released[:4]
-        texts["front-cite.md"] = f"{names} ({year}). *{about.title}*, version {about.version}.\n"
-    return texts
-
-
-def _verdicts(judged: Sequence[Judged]) -> str:
-    counts = count_verdicts(judged)
-    tested = {v: n for v, n in counts.items() if v.counts and v is not Verdict.UNTESTABLE}
-    others = {v: n for v, n in counts.items() if v not in tested}
-    return (
-        f"**{len(judged)} claims**, of which {sum(tested.values())} are put to the test: "
-        + ", ".join(f"**{n}** {v}" for v, n in tested.items())
-        + ". The others: "
-        + ", ".join(f"{n} {v}" for v, n in others.items())
-        + ".\n"
-    )
-
-
-def _chapters(project: Project, results: Mapping[str, Results]) -> str:
-    rows = [["no.", "chapter", "you need", "reading", "computing"]]
-    for chapter in project.chapters():
-        need, minutes = chapter_head(chapter)
-        found = results.get(chapter.number)
-        made = found.provenance if found else None
-        rows.append(
-            [
-                chapter.number,
-                f"{{doc}}`/chapters/{chapter.name}`",
-                need or "–",
-                f"{minutes} min" if minutes else "–",
-                f"{made.seconds:.0f} s" if made else "–",
-            ]
-        )
-    caption = "The chapters, what each asks of you, and how long each takes."
-    spent = sum(r.provenance.seconds for r in results.values() if r.provenance) / 60
-    return (
-        list_table(caption, "tbl-chapters", rows)
-        + f"\nAll chapters together took {spent:.0f} minutes of computing here.\n"
-    )
 
 
 def chapter_head(chapter: Chapter) -> tuple[str, int | None]:

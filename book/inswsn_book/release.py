@@ -8,15 +8,11 @@ import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
-import nbformat
-
 from inswsn_book.about import load_about
 from inswsn_book.files import file_digest, swap_folder, write_whole
-from inswsn_book.launching import release_tag
-from inswsn_book.notebooks import notebook_text
-from inswsn_book.pages import with_links_and_provenance
+from inswsn_book.pages import chapter_page
 from inswsn_book.project import Project
-from inswsn_book.runs import Run, book_runs
+from inswsn_book.runs import book_runs
 from inswsn_lib.errors import InswsnError, ParameterError
 
 #: What the release says, beside its files in ``_build/release``.
@@ -38,7 +34,7 @@ def check_tag(project: Project, tag: str) -> None:
     InswsnError
         If the tag is another one, or CHANGELOG.md has no section on the version.
     """
-    wanted = release_tag(load_about(project.root))
+    wanted = f"v{load_about(project.root).version}"
     if tag != wanted:
         raise ParameterError("TAG", tag, f"{wanted}, since pyproject.toml has that version")
     release_notes(project)
@@ -95,17 +91,12 @@ def gather_assets(project: Project) -> Path:
         assets = made / "assets"
         for run in runs:
             chapter = project.find(run.request.chapter)
-            write_whole(assets / f"{chapter.name}.ipynb", _asset_text(run))
+            write_whole(assets / f"{chapter.name}.ipynb", chapter_page(project, run))
         shutil.copy(archive, assets)
         write_whole(assets / "SHA256SUMS", _digests(sorted(assets.iterdir())))
         write_whole(made / NOTES, notes)
         swap_folder(made, folder)
     return folder
-
-
-def _asset_text(run: Run) -> str:
-    notebook = nbformat.reads(run.notebook, as_version=4)
-    return notebook_text(with_links_and_provenance(notebook, run.results, ()))
 
 
 def _digests(files: Sequence[Path]) -> str:

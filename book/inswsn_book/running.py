@@ -7,12 +7,10 @@ import tempfile
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
-import nbformat
 import yaml
 
 from inswsn_book.files import swap_folder, text_digest, write_whole
-from inswsn_book.notebooks import notebook_text
-from inswsn_book.pages import with_links_and_provenance
+from inswsn_book.pages import chapter_page, render_run
 from inswsn_book.parameters import (
     FILE_RULE,
     REGRESSOR_RULE,
@@ -24,9 +22,8 @@ from inswsn_book.parameters import (
 from inswsn_book.plugins import load_regressor
 from inswsn_book.progress import Progress
 from inswsn_book.project import Project
-from inswsn_book.rendering import render_run, require_built
 from inswsn_book.results import Results, write_results
-from inswsn_book.runs import SOLVERS, Request, chosen_surroundings, run
+from inswsn_book.runs import SOLVERS, Request, book_runs, chosen_surroundings, run
 from inswsn_lib.errors import InswsnError, ParameterError
 from inswsn_lib.files import read_yaml
 
@@ -153,14 +150,12 @@ def run_chapter(
     _check_folder(folder)
     folder = folder.resolve()
     if html:
-        require_built(project)
+        book_runs(project)  # refused before the chapter runs rather than after
     done = run(project, Request(number, values, surroundings), progress, fresh=fresh)
     folder.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=folder.parent, prefix=".run-") as temporary:
         made = Path(temporary) / "run"
-        notebook = nbformat.reads(done.notebook, as_version=4)
-        own = with_links_and_provenance(notebook, done.results, ())
-        write_whole(made / f"{name}.ipynb", notebook_text(own))
+        write_whole(made / f"{name}.ipynb", chapter_page(project, done))
         write_results(done.results, made / f"{number}.json")
         write_whole(made / "parameters.yml", text)
         for written, content in done.files.items():

@@ -1,0 +1,199 @@
+"""The finished pages: what the theme leaves out for some readers is added, and all is checked.
+
+Sphinx, the theme and MyST-NB write pages in which a screen reader cannot tell what the header of a
+table belongs to, two elements share an id, and a solution opens by a script alone. This goes over
+every page when all are written. What depends on the reader's screen is in ``access.js``, and what
+a style can do is in ``inswsn.css``. Since each page is parsed here anyway, its links, images and
+parts are checked on the way.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterator, Mapping
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+from urllib.parse import unquote, urlsplit
+
+from bs4 import BeautifulSoup, Tag
+from bs4.element import AttributeValueList
+
+_CODE = re.compile(r"<pre>(.*?)</pre>", re.DOTALL)
+_HEADINGS = ["h1", "h2", "h3", "h4", "h5", "h6"]
+# What a browser fetches by itself when it opens a page, as opposed to what a reader may follow.
+_FETCHED = {"img": "src", "script": "src", "link": "href", "source": "src", "iframe": "src"}
+_FOREIGN_STYLE = re.compile(r"url\(\s*['\"]?(https?:)?//|@import\s+['\"](https?:)?//")
+
+
+def finish_site(site: Path) -> list[str]:
+    """Make the pages of a site accessible, and return what is wrong with it, a sentence each.
+
+    Checked are: every link and image inside the site leads to a file, and to an element where it
+    names one; every image has an alternative text that is not its path; no page or style sheet
+    takes a part of itself from another host.
+
+    Parameters
+    ----------
+    site : Path
+        Folder of HTML pages, as Sphinx writes them; the pages are changed.
+    """
+    pages = [p for p in site.rglob("*.html") if "_static" not in p.relative_to(site).parts]
+    pages.sort(key=lambda page: page.stat().st_size, reverse=True)  # the long ones first
+    with ProcessPoolExecutor(max_workers=min(4, os.cpu_count() or 1)) as pool:
+        found = dict(zip(pages, pool.map(_rewrite, pages), strict=True))
+    problems = []
+    names = {page: ids for page, (ids, _, _) in found.items()}
+    for page, (_, links, own) in sorted(found.items()):
+        own += [said for link in links for said in _broken(site, page, link, names)]
+        problems += [f"{page.relative_to(site).as_posix()}: {said}" for said in own]
+    for sheet in sorted(site.rglob("*.css")):
+        if _FOREIGN_STYLE.search(sheet.read_text(encoding="utf-8", errors="replace")):
+            problems.append(f"{sheet.relative_to(site)}: takes a part of itself from another host.")
+    return problems
+
+
+def accessible(page: str) -> str:
+    """Return a page with what was left out.
+
+    Headers of tables get their scope, tables without a caption a name, and tables that only lay out
+    links (the index) the role that says so. Links to a heading are named by what they do. Solutions
+    become native disclosures, which open without a script and by the keyboard. Of elements that
+    share an id the first keeps it. The sidebar becomes a region with a name.
+
+    Parameters
+    ----------
+    page : str
+        A page of HTML, as Sphinx writes it.
+    """
+    return _improve(page)[0]
+
+
+def _rewrite(path: Path) -> tuple[set[str], list[str], list[str]]:
+    """Rewrite a page; return what a link may name in it, its links, and what is wrong in it."""
+    page, soup = _improve(path.read_text(encoding="utf-8"))
+    path.write_text(page, encoding="utf-8", newline="\n")
+    tags = soup.find_all()
+    names = {str(tag[key]) for key in ("id", "name") for tag in tags if tag.has_attr(key)}
+    links, problems = [], []
+    for tag in soup.find_all(["a", *_FETCHED]):
+        target = tag.get(_FETCHED.get(tag.name, "href"))
+        if target is None:
+            continue
+        parts = urlsplit(str(target))
+        if not parts.scheme and not parts.netloc:
+            links.append(str(target))
+        elif tag.name in _FETCHED and parts.scheme != "data" and tag.get("rel") != ["canonical"]:
+            problems.append(f"takes {target} from another host.")
+        if tag.name == "img":
+            alt = str(tag.get("alt") or "").strip()
+            if not alt or alt == target or re.search(r"\.(png|svg|jpe?g)$", alt):
+                problems.append(f"the image {target} has no alternative text.")
+    return names, links, problems
+
+
+def _broken(site: Path, page: Path, link: str, names: Mapping[Path, set[str]]) -> Iterator[str]:
+    parts = urlsplit(link)
+    path = page if not parts.path else Path(os.path.normpath(page.parent / unquote(parts.path)))
+    if path.is_dir():
+        path /= "index.html"
+    if not path.is_file() or not path.is_relative_to(site):
+        yield f"{link} leads to no file of the site."
+    elif parts.fragment and unquote(parts.fragment) not in names.get(path, {parts.fragment}):
+        yield f"{link} leads to no element of {path.name}."
+
+
+def _improve(page: str) -> tuple[str, BeautifulSoup]:
+    # coloured code is most of a page, and nothing in it is changed
+    code = _CODE.findall(page)
+    numbers = iter(range(len(code)))
+    soup = BeautifulSoup(_CODE.sub(lambda _: f"<pre>{next(numbers)}</pre>", page), "html.parser")
+    for table in soup.find_all("table"):
+        _table(table)
+    for solution in soup.select("div.solution.dropdown"):
+        _solution(soup, solution)
+    _names(soup)
+    for sidebar in soup.select("#pst-primary-sidebar"):
+        sidebar["role"] = "complementary"
+        sidebar["aria-label"] = "Book"
+    for printed in soup.select("#jb-print-docs-body"):
+        if printed.h1 is not None and not printed.h1.get_text(strip=True):
+            printed.decompose()  # an index has no title there
+    seen: set[str] = set()
+    for tag in soup.find_all(id=True):  # links lead to the first that has an id in any case
+        if tag["id"] in seen:
+            del tag["id"]
+        else:
+            seen.add(str(tag["id"]))
+    return _CODE.sub(lambda match: f"<pre>{code[int(match[1])]}</pre>", str(soup)), soup
+
+
+def _table(table: Tag) -> None:
+    """Give the headers of a table their scope, and the table a name."""
+    if {"genindextable", "indextable"} & set(table.get("class") or []):
+        table["role"] = "presentation"  # an index lays out links
+        for toggler in table.select("img.toggler"):
+            toggler.decompose()  # it folds a list for the mouse alone
+        return
+    for header in table.find_all("th"):
+        if not header.get_text(strip=True) and not header.find("img"):
+            header.name = "td"  # an empty corner heads neither a column nor a row
+            header["class"] = AttributeValueList([*(header.get("class") or []), "corner"])
+        elif not header.get("scope"):
+            kind, spans = ("col", "colspan") if header.find_parent("thead") else ("row", "rowspan")
+            header["scope"] = kind + ("group" if int(str(header.get(spans, "1"))) > 1 else "")
+    if table.find("caption") is None and not table.get("aria-label"):
+        above = table.find_previous(_names_what_follows)
+        if isinstance(above, Tag):
+            signs = {id(text) for link in above.select("a.headerlink") for text in link.strings}
+            words = "".join(text for text in above.strings if id(text) not in signs)
+            table["aria-label"] = " ".join(words.split())
+
+
+def _names_what_follows(tag: Tag) -> bool:
+    """Tell a heading, or bold words that begin a paragraph as one would."""
+    if tag.name != "strong":
+        return tag.name in _HEADINGS
+    block = tag.parent
+    return (
+        block is not None
+        and block.name == "p"
+        and block.find_parent("table") is None
+        and (next(block.stripped_strings, "") == next(tag.stripped_strings, ""))
+    )
+
+
+def _solution(soup: BeautifulSoup, solution: Tag) -> None:
+    """Make a folded solution a native disclosure; its title links nowhere, since it opens it."""
+    solution.name = "details"
+    kept = [word for word in solution["class"] if word != "dropdown"]
+    solution["class"] = AttributeValueList(kept)
+    title = solution.find("p", class_="admonition-title")
+    if isinstance(title, Tag):
+        title.name = "summary"
+        for link in title.find_all("a"):
+            link.unwrap()
+        body = soup.new_tag("div", attrs={"class": "solution-body"})
+        for part in list(title.next_siblings):
+            body.append(part)
+        title.insert_after(body)
+
+
+def _names(soup: BeautifulSoup) -> None:
+    """Name links and buttons by what they do."""
+    for link in soup.find_all("a"):
+        classes = list(link.get("class") or [])
+        if "headerlink" in classes:
+            link["aria-label"] = link.get("title") or "Link to this place"
+        address = link.get_text(strip=True) == link.get("href")
+        if address and {"reference", "external"} <= set(classes):
+            # a style writes such a link once on paper
+            link["class"] = AttributeValueList([*classes, "bare"])
+    for summary in soup.select(".hide > summary"):
+        # the name must hold the text that is seen, of which a style shows one of two
+        said = summary.find("p", class_="collapsed")
+        summary["aria-label"] = (said or summary).get_text(strip=True)
+    for entry in soup.find_all(role="doc-biblioentry"):
+        entry["role"] = "listitem"  # the other is none for this element any more
+    for button in soup.select("button.sidebar-toggle"):
+        button["aria-label"] = button.get("title") or "Toggle sidebar"
