@@ -6,6 +6,7 @@ VENV    := .venv
 RUN     := $(VENV)/bin/python
 INSWSN  := $(RUN) -m inswsn_lib
 INSTALL := $(RUN) -m pip install --quiet --disable-pip-version-check --require-hashes
+COMPILE := $(RUN) -m uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header environment.in -o environment.lock
 FRESH   ?=
 JOBS    ?=
 PORT    ?= 8000
@@ -20,26 +21,21 @@ test: environment ## lint, types, and all tests
 	$(RUN) -m ruff check .
 	$(RUN) -m ruff format --check .
 	$(VENV)/bin/lint-imports
-	$(INSWSN) lock --check
-	$(INSWSN) binder --check
-	$(INSWSN) notebooks --check
-	$(INSWSN) citation --check
+	$(RUN) -m inswsn_book.notebooks --check
 	$(RUN) -m pytest -n $(WORKERS) --dist worksteal
 
-serve: book ## show the built book at http://127.0.0.1:8000 (PORT=8001 for another port)
-	@$(RUN) -m http.server --directory _build/html --bind 127.0.0.1 $(PORT)
+serve: book ## show the built book at http://127.0.0.1:$(PORT)/
+	@echo "The book is at http://127.0.0.1:$(PORT)/ (stop with Ctrl-C)"
+	@$(RUN) -m http.server --directory _build/html --bind 127.0.0.1 $(PORT) >/dev/null 2>&1
 
 notebooks: environment ## write the .ipynb twins of chapters/*.md
-	@$(INSWSN) notebooks
+	@$(RUN) -m inswsn_book.notebooks
 
 publish: environment ## make the last build's results the reference in data/published, after showing what changes
 	@$(INSWSN) publish
 
-citation: environment ## write CITATION.cff, .zenodo.json and THIRD-PARTY.md from what data says of them
-	@$(INSWSN) citation
-
 archive: book ## make one zip of the release that opens offline, in _build
-	@$(INSWSN) archive
+	@$(RUN) -m inswsn_book.archive
 
 calibrate: environment ## fit the simulated INS to the INS-only cells and write data/scenarios/p1-inertial*.yaml
 	@$(RUN) studies/calibrate_imu.py
@@ -57,20 +53,19 @@ bench: environment ## speed against peers, as ratios; writes data/benchmarks*.ya
 	@$(RUN) benchmarks/fusion.py
 	@$(RUN) benchmarks/vehicle.py
 
-lock: environment ## compile environment.in to environment.lock, and write binder/
-	@$(INSWSN) lock
-	@$(INSWSN) binder
+# torch has a short lock of its own, changed by hand: its CPU wheel lives on an index of its own.
+lock: environment ## compile environment.in to environment.lock; versions stay unless it excludes them
+	@$(COMPILE) $(if $(UPGRADE),--upgrade)
 
-upgrade: environment ## the same with the newest versions that environment.in allows
-	@$(INSWSN) lock --upgrade
-	@$(INSWSN) binder
+upgrade: ## the same with the newest versions that environment.in allows
+	@$(MAKE) lock UPGRADE=1
 
 # TAG is left to the shell, which takes it as it is: a name from outside may hold anything
 tag: environment ## tell whether TAG=v1.0.0 names this version
-	@$(INSWSN) tag "$$TAG"
+	@$(RUN) -m inswsn_book.archive tag "$$TAG"
 
 assets: archive ## gather the files of a release in _build/release
-	@$(INSWSN) assets
+	@$(RUN) -m inswsn_book.archive assets
 
 release: ## publish _build/release as release TAG=v1.0.0 on the public host, by its command gh
 	@.ci/release
@@ -119,4 +114,4 @@ help: ## list the targets
 
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
-.PHONY: book test serve notebooks publish citation archive calibrate studies elsewhere bench lock upgrade tag assets release report actionlint format environment clean help
+.PHONY: book test serve notebooks publish archive calibrate studies elsewhere bench lock upgrade tag assets release report actionlint format environment clean help

@@ -19,12 +19,11 @@ import datetime
 import sys
 from pathlib import Path
 
-from inswsn_book.about import load_about
-from inswsn_book.assumptions import ASSUMPTIONS, Assumptions, load_assumptions, problems_of
 from inswsn_book.files import file_digest, tree_digest
 from inswsn_book.progress import Quiet
 from inswsn_book.project import Project
 from inswsn_book.provenance import machine_facts, repository_state
+from inswsn_book.review import ASSUMPTIONS, Assumptions, load_assumptions, problems_of
 from inswsn_book.runs import Outcome, run_each
 from inswsn_book.study import (
     SENSITIVITY,
@@ -50,7 +49,7 @@ def made_from(project: Project, assumptions: Assumptions) -> Made:
     machine = machine_facts()
     commit, clean = repository_state(project.root)
     return Made(
-        version=load_about(project.root).version,  # that of the checkout
+        version=project.about().version,  # that of the checkout
         day=datetime.datetime.now(datetime.UTC).date().isoformat(),
         commit=commit,
         clean=clean,

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
 import threading
 from collections.abc import Iterator
+from functools import partial
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,7 +25,6 @@ from hypothesis import settings
 os.environ.update({f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL", "NUMBA")})
 
 from inswsn_book.project import Project
-from inswsn_book.serving import address, make_server
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
@@ -51,7 +53,7 @@ kernelspec:
 :tags: [parameters]
 
 # What the number is multiplied by.
-scale: float = 2.0  # 1; 0 < value <= 100
+scale: float = 2.0  # 1; in (0, 100]
 ```
 
 ```{code-cell} ipython3
@@ -97,17 +99,6 @@ claims:
   check: {needs: [lost]}
   why: The page would say.
 """
-
-MINI_CLAIMS_PAGE = """\
-# Claims
-
-```{include} generated/claims-counts.md
-```
-
-```{include} generated/claims-list.md
-```
-"""
-
 
 WHOLE = os.environ.get("INSWSN_TESTS") == "whole"
 
@@ -229,21 +220,23 @@ def make_mini(folder: Path) -> MiniProject:
         "pyproject.toml",
         "environment.in",
         "environment.lock",
-        "environment-torch.in",
         "environment-torch.lock",
-        "data/about.yaml",
-        "data/third-party.yaml",
+        "CITATION.cff",
+        "THIRD-PARTY.md",
         "book/references.bib",
     ):
         shutil.copy(ROOT / name, folder / name)
-    shutil.copytree(ROOT / "book" / "_static", folder / "book" / "_static")
+    for name in ("_static", "_templates"):
+        shutil.copytree(ROOT / "book" / name, folder / "book" / name)
     (folder / "book" / "_toc.yml").write_text(
         "format: jb-book\nroot: index\nchapters:\n  - file: chapters/00-mini\n  - file: claims\n",
         encoding="utf-8",
     )
-    (folder / "book" / "claims.md").write_text(MINI_CLAIMS_PAGE, encoding="utf-8")
+    claims = (ROOT / "book" / "claims.md").read_text(encoding="utf-8")
+    # without the links to pages that it does not have
+    claims = re.sub(r"\{(doc|prf:ref)\}`([^`]*)`", r"\2", claims)
+    (folder / "book" / "claims.md").write_text(claims, encoding="utf-8")
     (folder / "data" / "claims.yaml").write_text(MINI_LEDGER, encoding="utf-8")
-    shutil.copy(ROOT / "data" / "about.yaml", folder / "data")
     (folder / "data" / "papers" / "number.txt").write_text("21", encoding="utf-8")
     made = MiniProject(folder)
     made.chapter()
@@ -290,10 +283,16 @@ def browser(chromium: str) -> Iterator[Browser]:
 @pytest.fixture(scope="session")
 def served(built_site: Path) -> Iterator[str]:
     """The address at which the built book is served."""
-    with make_server(built_site, port=0) as server:
+    handler = partial(_Quiet, directory=str(built_site))
+    with ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
         threading.Thread(target=server.serve_forever, daemon=True).start()
-        yield address(server)
+        yield f"http://127.0.0.1:{server.server_address[1]}/"
         server.shutdown()
+
+
+class _Quiet(SimpleHTTPRequestHandler):
+    def log_message(self, *_: object) -> None:
+        """Say nothing for each file."""
 
 
 @pytest.fixture(scope="session")

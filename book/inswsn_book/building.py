@@ -9,7 +9,7 @@ import nbformat
 from inswsn_book.execution import ChapterError
 from inswsn_book.files import restore_site
 from inswsn_book.notebooks import unrepeatable_outputs
-from inswsn_book.pages import check_contents, render_book
+from inswsn_book.pages import check_pages, render_book
 from inswsn_book.progress import Progress
 from inswsn_book.project import Project
 from inswsn_book.results import write_results
@@ -49,7 +49,7 @@ def build_book(
         restore_site(project.site)
         for folder in project.build.glob("render-*"):
             shutil.rmtree(folder)
-        check_contents(project, chapters)  # before the chapters, which take long
+        check_pages(project, chapters)  # before the chapters, which take long
         requests = [Request(chapter.number) for chapter in chapters]
         runs = run_all(project, requests, progress, fresh=fresh, jobs=jobs, check=check_page)
         render_book(project, runs, progress, fresh=fresh)

@@ -274,84 +274,6 @@ def claims(
 
 
 @cli.command()
-@click.option("--check", is_flag=True, help="Only tell whether the twins are up to date.")
-@click.pass_obj
-def notebooks(root: Path | None, check: bool) -> None:
-    """Write the .ipynb twins of the chapters."""
-    from inswsn_book.notebooks import orphan_twins, stale_twins, write_twins
-
-    project = _project(root)
-    if check:
-        stale = stale_twins(project.chapters())
-        for chapter in stale:
-            click.echo(f"chapters/{chapter.twin.name} differs from its source.", err=True)
-        orphans = orphan_twins(project.chapters())
-        for name in orphans:
-            click.echo(f"chapters/{name} has no source.", err=True)
-        if stale or orphans:
-            raise InswsnError("Notebooks are out of date; write them with `make notebooks`.")
-        return
-    for chapter in write_twins(project.chapters()):
-        click.echo(f"wrote chapters/{chapter.twin.name}")
-
-
-@cli.command()
-@click.option("--check", is_flag=True, help="Only tell whether the locks fit; uses no network.")
-@click.option("--upgrade", is_flag=True, help="Take the newest versions that are allowed.")
-@click.pass_obj
-def lock(root: Path | None, check: bool, upgrade: bool) -> None:
-    """Compile environment.in to environment.lock."""
-    from inswsn_book.environment import compile_locks, lock_problems
-
-    project = _project(root)
-    if not check:
-        compile_locks(project, upgrade=upgrade)
-    problems = lock_problems(project)
-    for problem in problems:
-        click.echo(problem, err=True)
-    if problems:
-        raise InswsnError("The lock is stale; compile it with `make lock`.")
-
-
-@cli.command()
-@click.option("--check", is_flag=True, help="Only tell whether the files are up to date.")
-@click.pass_obj
-def binder(root: Path | None, check: bool) -> None:
-    """Write the files from which Binder makes its image."""
-    from inswsn_book.binder import stale_binder_files, write_binder_files
-
-    project = _project(root)
-    if check:
-        stale = stale_binder_files(project)
-        if stale:
-            raise InswsnError(f"{', '.join(stale)}: out of date; write it with `make lock`.")
-        return
-    for name in write_binder_files(project):
-        click.echo(f"wrote {name}")
-
-
-@cli.command()
-@click.argument("name", metavar="TAG")
-@click.pass_obj
-def tag(root: Path | None, name: str) -> None:
-    """Tell whether TAG names this version, and whether CHANGELOG.md speaks of it."""
-    from inswsn_book.release import check_tag
-
-    check_tag(_project(root), name)
-
-
-@cli.command()
-@click.pass_obj
-def assets(root: Path | None) -> None:
-    """Gather what is attached to a release: archive, executed notebooks, notes."""
-    from inswsn_book.release import gather_assets
-
-    project = _project(root)
-    with project.build_lock():
-        click.echo(f"The files are in {gather_assets(project)}")
-
-
-@cli.command()
 @click.option("--check", is_flag=True, help="Only show what would change.")
 @click.pass_obj
 def publish(root: Path | None, check: bool) -> None:
@@ -380,46 +302,17 @@ def publish(root: Path | None, check: bool) -> None:
             click.echo(f"wrote data/published/{number}.json")
 
 
-@cli.command()
-@click.option("--check", is_flag=True, help="Only tell whether the files are up to date.")
-@click.pass_obj
-def citation(root: Path | None, check: bool) -> None:
-    """Write CITATION.cff, .zenodo.json and THIRD-PARTY.md from what data/ says of them."""
-    from inswsn_book.citation import require_citations, write_citations
-
-    project = _project(root)
-    if check:
-        require_citations(project)
-        return
-    for name in write_citations(project):
-        click.echo(f"wrote {name}")
-
-
-@cli.command()
-@click.option(
-    "--output",
-    type=click.Path(dir_okay=False, path_type=Path),
-    help="The file to write. Default: _build/inswsn-<version>.zip.",
-)
-@click.pass_obj
-def archive(root: Path | None, output: Path | None) -> None:
-    """Write one zip of the built release."""
-    from inswsn_book.archiving import write_archive
-
-    if output is not None and output.suffix != ".zip":
-        raise ParameterError("--output", str(output), "a file that ends in .zip")
-    project = _project(root)
-    with project.build_lock():
-        written = write_archive(project, output)
-    click.echo(f"wrote {written} ({written.stat().st_size / 1e6:.1f} MB)")
-
-
 def _stop(number: int, _: object) -> None:
     raise KeyboardInterrupt(number)
 
 
 def main() -> None:
-    """Run the command; a user's mistake is one sentence and exit status 2."""
+    """Run ``inswsn``."""
+    run_command(cli)
+
+
+def run_command(command: click.Group) -> None:
+    """Run a command; a user's mistake is one sentence and exit status 2."""
     # a job that is cancelled, or whose terminal is closed, ends as cleanly as an interrupted one
     for name in ("SIGTERM", "SIGHUP"):
         number = getattr(signal, name, None)
@@ -427,7 +320,7 @@ def main() -> None:
         if number is not None and signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, _stop)
     try:
-        status = cli.main(standalone_mode=False, prog_name="inswsn")
+        status = command.main(standalone_mode=False, prog_name="inswsn")
     except (click.exceptions.Abort, KeyboardInterrupt) as stopped:
         cause = stopped.__cause__ if isinstance(stopped, click.exceptions.Abort) else stopped
         number = cause.args[0] if cause is not None and cause.args else signal.SIGINT

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import math
 import statistics
 from collections.abc import Iterator, Mapping, Sequence
@@ -17,7 +16,6 @@ from inswsn_book.study import BASELINE, Run, Study
 MOVES = 0.1
 _BARS = 6  # a panel of the figure
 _PLAIN = 2.0  # a change to this factor is written as one
-_WIDE = 5  # a panel of the figure that spans more has a logarithmic axis
 _FINE = 10  # per cent, below which a change is written to a tenth
 
 
@@ -137,6 +135,12 @@ def band_of(values: list[float]) -> float:
     return quantile * math.sqrt(2) * statistics.stdev(values)
 
 
+def chance_band(study: Study, headline: Headline) -> float:
+    """Return the band of a headline in the unchanged runs of its chapter."""
+    values = [run.headlines.get(headline.key) for run in study.seeds(headline.chapter)]
+    return band_of([value for value in values if value is not None])
+
+
 def rows_of(assumptions: Assumptions, study: Study, chapter: str) -> list[Row]:
     """Return what the study has of a chapter, the largest changes first.
 
@@ -170,16 +174,14 @@ def _reruns(
 def _effects(assumptions: Assumptions, study: Study, run: Run | None) -> Iterator[Effect]:
     if run is None:
         return
-    unchanged = study.seeds(run.chapter)
     baseline = study.run(run.chapter, BASELINE)
     for headline in assumptions.of_chapter(run.chapter):
         if baseline and headline.key in baseline.headlines and headline.key in run.headlines:
-            values = [r.headlines[headline.key] for r in unchanged if headline.key in r.headlines]
             yield Effect(
                 headline,
                 baseline.headlines[headline.key],
                 run.headlines[headline.key],
-                band_of(values),
+                chance_band(study, headline),
             )
 
 
@@ -316,48 +318,3 @@ def panels_of(tables: Mapping[str, Sequence[Row]]) -> list[list[tuple[str, Effec
         if found:
             panels.append(found[:_BARS])
     return panels
-
-
-def tornado_svg(panels: Sequence[Sequence[tuple[str, Effect]]]) -> str:
-    """Draw by what factor the first headline of each chapter moves, as SVG.
-
-    Parameters
-    ----------
-    panels : sequence
-        From `panels_of`.
-    """
-    from matplotlib import pyplot as plt  # noqa: PLC0415  # most builds draw nothing
-    from matplotlib.ticker import LogLocator, NullLocator  # noqa: PLC0415
-
-    from inswsn_lib.plotting import COLOURS, figure  # noqa: PLC0415
-
-    count = max(len(panels), 1)
-    fig, axes = figure(count, 1, height=1.75 * count + 0.3, squeeze=False)
-    for ax, found in zip(axes[:, 0], panels, strict=False):
-        first = found[0][1]
-        ratios = [effect.ratio or 1.0 for _, effect in found]
-        colours = [
-            COLOURS["contradicted" if e.turned else "rebuilt" if e.beyond else "published"]
-            for _, e in found
-        ]
-        places = range(len(found))[::-1]
-        low, high = 1 - first.band / first.before, 1 + first.band / first.before
-        if 0 < low < high:
-            ax.axvspan(low, high, color=COLOURS["published"], alpha=0.15, lw=0)
-        ax.barh(places, [r - 1 for r in ratios], left=1, color=colours, height=0.65)
-        ax.axvline(1, color=COLOURS["published"], lw=1)
-        if max(ratios) / min(ratios) > _WIDE:
-            ax.set_xscale("log")
-            ax.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-            ax.xaxis.set_major_formatter("{x:g}")
-            ax.xaxis.set_minor_locator(NullLocator())
-        ax.set_yticks(places, [name for name, _ in found], fontsize=8.5)
-        ax.set_title(
-            f"chapter {first.headline.chapter}, {first.headline.short}", loc="left", fontsize=9.5
-        )
-        ax.grid(axis="y", visible=False)
-    axes[-1, 0].set_xlabel("result over that of the unchanged run")
-    stream = io.StringIO()
-    fig.savefig(stream, format="svg", metadata={"Date": None, "Creator": None})
-    plt.close(fig)
-    return stream.getvalue()

@@ -10,8 +10,8 @@ are kept in ``data/elsewhere.json``.
 from __future__ import annotations
 
 import math
-import re
 import subprocess
+import sys
 from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -30,8 +30,6 @@ from inswsn_book.runs import Surroundings, reference_results
 from inswsn_book.study import plain_sentence, read_kept
 from inswsn_lib.errors import BuildError, InswsnError, ParameterError
 
-Part = Literal["value", "lower end", "upper end"]
-
 #: Where the study is kept in a checkout.
 ELSEWHERE = "data/elsewhere.json"
 #: The variant in which nothing is changed
@@ -49,6 +47,16 @@ _OLDER = {
     "ATEN_CPU_CAPABILITY": "default",
     "MKL_ENABLE_INSTRUCTIONS": "SSE4_2",
 }
+# What runs here, by variant; its page says what each is for. Nobody reads the first variable: it
+# only asks for a run beside the one that the book has.
+_SURROUNDINGS = {
+    AGAIN: Surroundings(variables={"INSWSN_VARIANT": AGAIN}),
+    "threads-2": Surroundings(threads=2),
+    "older-processor": Surroundings(variables=_OLDER),
+    "hash-seed": Surroundings(variables={"PYTHONHASHSEED": "1"}),
+    "scs": Surroundings(solver="scs"),
+}
+_ORDER = (AGAIN, MACHINE, *list(_SURROUNDINGS)[1:])
 
 
 @dataclass(frozen=True)
@@ -57,60 +65,16 @@ class Variant:
 
     Attributes
     ----------
-    id, title : str
-    what : str
-        What is changed and why, for the page.
+    id : str
+        For another Python ``"python-3.13"``.
     surroundings : Surroundings
     version : str
         Of Python.
     """
 
     id: str
-    title: str
-    what: str
     surroundings: Surroundings
     version: str
-
-
-#: What each variant is called and why it is there; ``python-X.Y`` stands for another Python.
-DESCRIPTIONS = {
-    AGAIN: (
-        "nothing",
-        "The same again: one thread, Clarabel, the Python of the lock.",
-    ),
-    MACHINE: (
-        "another machine",
-        "What builds of the same chapters on another machine found. A build may have had an "
-        "earlier library: its commit stands at the end of this page.",
-    ),
-    "threads-2": (
-        "two threads",
-        "Two threads for the linear algebra instead of one, so that sums are formed in another "
-        "order. The networks of chapter 03 train with one thread in either case.",
-    ),
-    "older-processor": (
-        "older processor",
-        "OpenBLAS, numpy, the C library, torch and MKL are told to use no instructions that came "
-        "after 2008 (no AVX, no fused multiply-add): another code path in each of them, as on an "
-        "older machine. OpenBLAS names its path for such processors after one of 1999, Katmai.",
-    ),
-    "hash-seed": (
-        "hash seed",
-        "Another seed for Python's hashes, so that sets are gone through in another order.",
-    ),
-    "scs": (
-        "SCS",
-        "SCS, a first-order method, instead of Clarabel, an interior-point method, in every design "
-        "of a filter or a fusion. Its answer is taken if it passes the certificate, which knows of "
-        "no solver; where it is refused, Clarabel is asked. The comparison of solvers in chapter "
-        "01 and one least-squares problem of chapter 03 name their solvers and keep them.",
-    ),
-    "python": (
-        "Python {version}",
-        "The same locked packages on another version of Python: other compiled code of every "
-        "package.",
-    ),
-}
 
 
 def variants(python: str | None = None) -> list[Variant]:
@@ -120,29 +84,18 @@ def variants(python: str | None = None) -> list[Variant]:
     ----------
     python : str, optional
         The path of another interpreter, in an environment that has the locked packages and inswsn.
-        Its variant stands before SCS, which takes longest.
 
     Raises
     ------
     ParameterError
         If there is no such interpreter, it lacks inswsn, or has another library of that name.
     """
-    plain = Surroundings()
-    changed = {
-        AGAIN: plain,
-        "threads-2": Surroundings(threads=2),
-        "older-processor": Surroundings(variables=_OLDER),
-        "scs": Surroundings(solver="scs"),
-        "hash-seed": Surroundings(variables={"PYTHONHASHSEED": "1"}),
-    }
-    own = _version_of(plain.python)
-    found = [Variant(name, *DESCRIPTIONS[name], given, own) for name, given in changed.items()]
+    own = _version_of(sys.executable)
+    found = [Variant(name, given, own) for name, given in _SURROUNDINGS.items()]
     if python is not None:
         version = _version_of(python)
-        title, what = DESCRIPTIONS["python"]
         name = "python-" + ".".join(version.split(".")[:2])
-        other = Surroundings(python=python)
-        found.insert(3, Variant(name, title.format(version=version), what, other, version))
+        found.append(Variant(name, Surroundings(python=python), version))
     return found
 
 
@@ -196,7 +149,7 @@ class Moved(_Kept):
     unit: str
     before: float | None
     after: float | None
-    part: Part
+    part: Literal["value", "lower end", "upper end"]
     tolerance: float
     deviation: Annotated[float, Field(ge=0, allow_inf_nan=False)] | None
     other: tuple[str, ...] = ()
@@ -291,12 +244,9 @@ class Study(_Kept):
 
     @property
     def variants(self) -> list[str]:
-        """The variants in the order of `DESCRIPTIONS`."""
-        order = list(DESCRIPTIONS)
-        return sorted(
-            {cell.variant for cell in self.cells},
-            key=lambda name: (order.index(re.sub(r"^python-.*", "python", name)), name),
-        )
+        """The variants, another Python last."""
+        found = {cell.variant for cell in self.cells}
+        return [*(n for n in _ORDER if n in found), *sorted(found - set(_ORDER))]
 
     @property
     def chapters(self) -> list[str]:
@@ -336,7 +286,7 @@ def found_elsewhere(
     first = reference_results(project, chapter.number).provenance
     alike = first is not None and (first.cpu, first.blas) == (its.cpu, its.blas)
     name = AGAIN if alike else MACHINE
-    return Variant(name, *DESCRIPTIONS[name], Surroundings(), its.python), results
+    return Variant(name, Surroundings(), its.python), results
 
 
 def compared(
@@ -414,7 +364,7 @@ def _check_machine(variant: Variant, chapter: Chapter, blas: Iterable[str]) -> N
     wrong = [library for library in blas if not library.endswith(f", {words}")]
     if wrong:
         raise InswsnError(
-            f"Chapter {chapter.number}, {variant.title}: {wrong[0]} computed, not {words}."
+            f"Chapter {chapter.number}, {variant.id}: {wrong[0]} computed, not {words}."
         )
 
 
@@ -429,7 +379,7 @@ def moved_by(pair: Change) -> Moved:
     """Return how far a quantity moved."""
     known = pair.before or pair.after
     assert known is not None
-    numbers: list[tuple[Part, float | None, float | None]] = [("value", None, None)]
+    numbers: list[tuple[Any, float | None, float | None]] = [("value", None, None)]
     if pair.before and pair.after:
         numbers = [("value", pair.before.value, pair.after.value)]
         if pair.before.interval and pair.after.interval:

@@ -86,7 +86,7 @@ def execute_notebook(
     workers: Workers,
     progress: Progress,
 ) -> tuple[Any, dict[str, Any]]:
-    """Execute a notebook in a process.
+    """Execute a notebook in a process whose kernel works in `folder`.
 
     Parameters
     ----------
@@ -95,14 +95,6 @@ def execute_notebook(
     notebook : nbformat.NotebookNode
     parameters : mapping
         What papermill injects.
-    folder : Path
-        Where the kernel works; the caller removes it.
-    python : str
-        The interpreter.
-    environment : mapping of str to str
-        Of the process.
-    workers : Workers
-    progress : Progress
 
     Returns
     -------

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import sys
 from typing import Any
 
 import jupytext
@@ -10,7 +11,7 @@ import nbformat
 
 from inswsn_book.files import write_whole
 from inswsn_book.parameters import notebook_schema
-from inswsn_book.project import Chapter
+from inswsn_book.project import Chapter, Project, find_root
 from inswsn_lib.errors import InswsnError
 
 # as in "<object at 0x7fd54a263b90>"
@@ -161,3 +162,21 @@ def unrepeatable_outputs(notebook: Any) -> list[str]:
             if any(isinstance(text, str) and _ADDRESS.search(text) for text in shown):
                 problems.append(f"cell {cell['id']} shows an address in memory.")
     return problems
+
+
+def main(words: list[str]) -> int:
+    """Write the twins that are stale, or with ``--check`` only tell which are."""
+    chapters = Project(find_root()).chapters()
+    stale, orphans = stale_twins(chapters), orphan_twins(chapters)
+    if words != ["--check"]:
+        write_twins(chapters)
+        return 0
+    for chapter in stale:
+        print(f"chapters/{chapter.twin.name} differs from its source; write it: make notebooks.")
+    for name in orphans:
+        print(f"chapters/{name} has no source.")
+    return 1 if stale or orphans else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

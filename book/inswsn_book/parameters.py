@@ -1,14 +1,15 @@
 """The parameters of a chapter: declared once, in its parameters cell, and enforced from there.
 
 A declaration is an assignment with a type, a literal default, and a comment that gives the unit
-and the rule; comment lines above it say what the parameter is::
+and the rule, which ``papermill --help-notebook`` shows; comment lines above it say what the
+parameter is::
 
     # Samples over which Table 2 averages; P1 trains on 100 points.
-    training_samples: int = 100  # samples; 4 <= value <= 400
+    training_samples: int = 100  # samples; in [4, 400]
 
-A rule is ``any``, a chain of comparisons of ``value`` with numbers, ``one of`` a list of words,
-``a file``: the path of a file, or the name of one below ``data/``, or ``a regressor``: the module
-and the class of a scikit-learn regressor.
+A rule is ``any``, an interval of numbers such as ``in (0, 10]`` or ``in [0, inf)``, ``one of`` a
+list of words, ``a file``: the path of a file, or the name of one below ``data/``, or
+``a regressor``: the module and the class of a scikit-learn regressor.
 """
 
 from __future__ import annotations
@@ -16,7 +17,6 @@ from __future__ import annotations
 import ast
 import io
 import math
-import operator
 import re
 import tokenize
 from collections.abc import Callable, Mapping
@@ -38,8 +38,7 @@ REGRESSOR_RULE = "a regressor"
 
 _TYPES: dict[str, type] = {"bool": bool, "int": int, "float": float, "str": str}
 _KINDS = {"bool": "true or false", "int": "a whole number", "float": "a number", "str": "a word"}
-_COMPARE = {"<": operator.lt, "<=": operator.le, ">": operator.gt, ">=": operator.ge}
-_COMPARISON = re.compile(r"\s*(<=|>=|<|>)\s*")
+_INTERVAL = re.compile(r"in (?P<left>[\[(])(?P<low>[^,]+), (?P<high>[^,]+)(?P<right>[\])])")
 
 
 @dataclass(frozen=True)
@@ -57,16 +56,16 @@ class Parameter:
     unit : str
         Its unit; ``"1"`` for a pure number.
     rule : str
-        What it may be: ``"any"``, comparisons of ``value``, or ``"one of a, b"``.
+        What it may be: ``"any"``, an interval such as ``"in [0, 1)"``, or ``"one of a, b"``.
     meaning : str
         What it is, one or more sentences.
 
     Examples
     --------
     >>> from inswsn_book.parameters import Parameter
-    >>> steps = Parameter("steps", "int", 100, "periods", "1 <= value <= 500", "Periods to run.")
+    >>> steps = Parameter("steps", "int", 100, "periods", "in [1, 500]", "Periods to run.")
     >>> steps.allowed
-    'a whole number with 1 <= value <= 500'
+    'a whole number in [1, 500]'
     """
 
     name: str
@@ -88,7 +87,7 @@ class Parameter:
             return "package.module:Class, a scikit-learn regressor"
         if self.rule.startswith("one of "):
             return self.rule
-        return f"{kind} with {self.rule}"
+        return f"{kind} {self.rule}"
 
     def check(self, value: object) -> Value:
         """Return a value in the parameter's type.
@@ -114,13 +113,13 @@ class Parameter:
         A whole number is taken for a float, and nothing else is converted:
 
         >>> from inswsn_book.parameters import Parameter
-        >>> level = Parameter("level", "float", 2.0, "1", "value > 1", "The bound.")
+        >>> level = Parameter("level", "float", 2.0, "1", "in (1, inf)", "The bound.")
         >>> level.check(3)
         3.0
         >>> level.check("3")
         Traceback (most recent call last):
             ...
-        inswsn_lib.errors.ParameterError: level is '3'; it may be a number with value > 1.
+        inswsn_lib.errors.ParameterError: level is '3'; it may be a number in (1, inf).
         """
         if self.kind == "float" and type(value) is int:
             try:
@@ -157,13 +156,13 @@ class Parameter:
         Examples
         --------
         >>> from inswsn_book.parameters import Parameter
-        >>> level = Parameter("level", "float", 2.0, "1", "value > 1", "The bound.")
+        >>> level = Parameter("level", "float", 2.0, "1", "in (1, inf)", "The bound.")
         >>> level.read("1e1")
         10.0
         >>> level.read("1")
         Traceback (most recent call last):
             ...
-        inswsn_lib.errors.ParameterError: level is 1.0; it may be a number with value > 1.
+        inswsn_lib.errors.ParameterError: level is 1.0; it may be a number in (1, inf).
         """
         try:
             value = _READERS[self.kind](text.strip())
@@ -177,12 +176,10 @@ class Parameter:
             return True
         if self.rule.startswith("one of "):
             return value in _words(self.rule)
-        parts = _COMPARISON.split(self.rule)
         assert isinstance(value, int | float)  # such a rule is a number's, or is refused
-        terms = [value if part == "value" else float(part) for part in parts[::2]]
-        return all(
-            _COMPARE[sign](left, right)
-            for sign, left, right in zip(parts[1::2], terms, terms[1:], strict=False)
+        low, high, above, below = _ends(self.rule)
+        return (low < value if above else low <= value) and (
+            value < high if below else value <= high
         )
 
 
@@ -248,8 +245,8 @@ class Schema:
         What is not given is what the published run has:
 
         >>> from inswsn_book.parameters import Parameter, Schema
-        >>> level = Parameter("level", "float", 2.0, "1", "value > 1", "The bound.")
-        >>> steps = Parameter("steps", "int", 100, "periods", "value >= 1", "Periods to run.")
+        >>> level = Parameter("level", "float", 2.0, "1", "in (1, inf)", "The bound.")
+        >>> steps = Parameter("steps", "int", 100, "periods", "in [1, inf)", "Periods to run.")
         >>> Schema((level, steps)).check({"steps": 7})
         {'level': 2.0, 'steps': 7}
         """
@@ -321,7 +318,7 @@ def notebook_schema(notebook: Any, name: str) -> Schema:
     >>> from inswsn_book.parameters import notebook_schema
     >>> source = '''
     ... # Periods to run.
-    ... steps: int = 100  # periods; value > 0
+    ... steps: int = 100  # periods; in (0, inf)
     ... '''
     >>> cell = new_code_cell(source, metadata={"tags": ["parameters"]})
     >>> notebook_schema(new_notebook(cells=[cell]), "00-mine.md").defaults
@@ -404,23 +401,31 @@ def _check_rule(name: str, kind: str, rule: str) -> None:
     words = rule.startswith("one of ") and all(_words(rule))
     if rule == "any" or (kind == "str" and (rule in (FILE_RULE, REGRESSOR_RULE) or words)):
         return
-    parts = _COMPARISON.split(rule)
-    terms = [part for part in parts[::2] if part != "value"]
-    try:
-        numbers = [float(term) for term in terms]
-    except ValueError:
-        numbers = []
-    if (
-        kind not in ("int", "float")
-        or len(parts) < 3
-        or parts[::2].count("value") != 1
-        or not all(map(math.isfinite, numbers or [math.nan]))
-    ):
+    if kind not in ("int", "float") or not _is_interval(rule):
         raise InswsnError(
             f"The rule of {name} is {rule!r}; it may be any, 'one of' words, 'a file' or "
-            "'a regressor' for a str, or comparisons of value with numbers for a number, such as "
-            "0 <= value < 10."
+            "'a regressor' for a str, or an interval for a number, such as in [0, 10)."
         )
+
+
+def _is_interval(rule: str) -> bool:
+    try:
+        low, high, _, _ = _ends(rule)
+    except ValueError:
+        return False
+    return low < high
+
+
+def _ends(rule: str) -> tuple[float, float, bool, bool]:
+    """Return the ends of an interval, and whether each of them is outside it."""
+    match = _INTERVAL.fullmatch(rule)
+    if match is None:
+        raise ValueError(rule)
+    low, high = float(match["low"]), float(match["high"])
+    above, below = match["left"] == "(", match["right"] == ")"
+    if (math.isinf(low) and not above) or (math.isinf(high) and not below):
+        raise ValueError(rule)
+    return low, high, above, below
 
 
 def _words(rule: str) -> list[str]:

@@ -8,12 +8,14 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from filelock import FileLock, Timeout
 
 import inswsn_lib
 from inswsn_book.files import text_digest, tree_digest
 from inswsn_lib.errors import InswsnError, ParameterError
+from inswsn_lib.files import read_yaml
 
 #: Set by the executor, so that a chapter finds the project from any working folder.
 ROOT_VARIABLE = "INSWSN_ROOT"
@@ -151,6 +153,47 @@ class Chapter:
 
 
 @dataclass(frozen=True)
+class About:
+    """What ``CITATION.cff`` says of this work.
+
+    Attributes
+    ----------
+    title, abstract, version : str
+    released : str
+        Day of this version, ``2026-11-22``.
+    authors : tuple of str
+        As a list of references has them, family name first.
+    keywords : tuple of str
+    licence : str
+        Of the code, by its SPDX name.
+    repository : str or None
+        Address on its public host.
+    doi : str or None
+        Of the archived release.
+    references : tuple of dict
+        The papers that it rebuilds, as the file has them.
+    """
+
+    title: str
+    abstract: str
+    version: str
+    released: str
+    authors: tuple[str, ...]
+    keywords: tuple[str, ...]
+    licence: str
+    repository: str | None
+    doi: str | None
+    references: tuple[dict[str, Any], ...]
+
+    @property
+    def shown_authors(self) -> str:
+        """The authors in one line: ``"A, B and C"``."""
+        return " and ".join(
+            [", ".join(self.authors[:-1]), self.authors[-1]][len(self.authors) < 2 :]
+        )
+
+
+@dataclass(frozen=True)
 class Project:
     """The folders of a checkout.
 
@@ -191,6 +234,32 @@ class Project:
     def locks(self) -> tuple[Path, Path]:
         """The two files that pin the environment."""
         return self.root / "environment.lock", self.root / "environment-torch.lock"
+
+    def about(self) -> About:
+        """Read ``CITATION.cff``.
+
+        Raises
+        ------
+        InswsnError
+            If there is none, or it lacks a field.
+        """
+        path = self.root / "CITATION.cff"
+        said = read_yaml(path)
+        try:
+            return About(
+                title=said["title"],
+                abstract=said["abstract"],
+                version=said["version"],
+                released=said["date-released"],
+                authors=tuple(map(_listed, said["authors"])),
+                keywords=tuple(said["keywords"]),
+                licence=said["license"],
+                repository=said.get("repository-code"),
+                doi=said.get("doi"),
+                references=tuple(said.get("references", ())),
+            )
+        except (KeyError, TypeError) as error:
+            raise InswsnError(f"{path} is no citation file: it lacks {error}.") from None
 
     @property
     def libraries(self) -> tuple[Path, Path]:
@@ -282,3 +351,8 @@ class Project:
             yield
         finally:
             lock.release()
+
+
+def _listed(author: dict[str, str]) -> str:
+    """Return an author as a list of references has them: a group by its name."""
+    return author.get("name") or f"{author['family-names']}, {author['given-names']}"

@@ -7,10 +7,12 @@ import tempfile
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
+import nbformat
 import yaml
 
 from inswsn_book.files import swap_folder, text_digest, write_whole
-from inswsn_book.pages import chapter_page, render_run
+from inswsn_book.notebooks import notebook_text
+from inswsn_book.pages import environment, render_run, with_notes
 from inswsn_book.parameters import (
     FILE_RULE,
     REGRESSOR_RULE,
@@ -155,7 +157,9 @@ def run_chapter(
     folder.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=folder.parent, prefix=".run-") as temporary:
         made = Path(temporary) / "run"
-        write_whole(made / f"{name}.ipynb", chapter_page(project, done))
+        notebook = nbformat.reads(done.notebook, as_version=4)
+        own = with_notes(notebook, done.results, (), environment(project.root))
+        write_whole(made / f"{name}.ipynb", notebook_text(own))
         write_results(done.results, made / f"{number}.json")
         write_whole(made / "parameters.yml", text)
         for written, content in done.files.items():

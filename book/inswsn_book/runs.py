@@ -146,7 +146,7 @@ Outcome = Run | BuildError | InswsnError
 
 @dataclass(frozen=True)
 class _Prepared:
-    """A request as it is run now: its chapter, the source that it runs, and its key."""
+    """A request as it is run now: its chapter, the path of its source, and its key."""
 
     chapter: Chapter
     source: str
@@ -157,8 +157,9 @@ class _Prepared:
 
 def _prepare(project: Project, request: Request) -> _Prepared:
     chapter, around = project.find(request.chapter), request.surroundings
+    path = chapter.source.relative_to(project.root).as_posix()
     own = chapter.source.read_text(encoding="utf-8")
-    source = request.overlay.get(f"chapters/{chapter.source.name}", own)
+    source = request.overlay.get(path, own)
     schema = source_schema(source, chapter.source.name)
     checked = {name: schema[name].check(value) for name, value in request.parameters.items()}
     parameters = {name: v for name, v in checked.items() if v != schema[name].default}
@@ -181,7 +182,7 @@ def _prepare(project: Project, request: Request) -> _Prepared:
     }
     key = f"{origin[:_ORIGIN]}-{text_digest(json.dumps(facts, sort_keys=True))[:32]}"
     sources = {"chapter": text_digest(source), "library": library, "locks": locks}
-    return _Prepared(chapter, source, parameters, sources, key)
+    return _Prepared(chapter, path, parameters, sources, key)
 
 
 def request_key(project: Project, request: Request) -> str:
@@ -213,10 +214,13 @@ def lookup(project: Project, request: Request) -> Run | None:
     """
     entry = _entry(project, request)
     try:
+        folder = entry.stat().st_ino
         results = read_results(entry / "results.json")
         notebook = None if request.core else _text_of(entry / "executed.ipynb")
         written = sorted((entry / "files").iterdir()) if (entry / "files").is_dir() else []
         files = {path.name: _text_of(path) for path in written}
+        if entry.stat().st_ino != folder:  # another process has put its own there meanwhile
+            return lookup(project, request)
     except (InswsnError, OSError, UnicodeDecodeError):
         return None
     for name, digest in results.data.items():
@@ -332,18 +336,7 @@ def reference_results(project: Project, number: str) -> Results:
 
 
 def run(project: Project, request: Request, progress: Progress, *, fresh: bool = False) -> Run:
-    """Return the run of a request: from the store, or executed now and kept.
-
-    Parameters
-    ----------
-    project : Project
-        The checkout.
-    request : Request
-        What is run.
-    progress : Progress
-        Told of each cell.
-    fresh : bool
-        Execute it, whatever the store holds.
+    """Return the run of a request: from the store unless `fresh`, or executed now and kept.
 
     Raises
     ------
@@ -375,9 +368,7 @@ def run_all(
     Parameters
     ----------
     project : Project
-        The checkout.
     requests : sequence of Request
-        What is run.
     progress : Progress
         Told of each chapter and cell.
     fresh : bool
@@ -417,15 +408,9 @@ def run_each(
 ) -> None:
     """Run requests side by side, those that take long first, and tell how each of them ends.
 
-    Cores are called one after the other in this thread: they have threads of their own.
-
-    Parameters
-    ----------
-    project, requests, progress, fresh, jobs
-        As for `run_all`.
-    ended : callable
-        Called in this thread with the place of a request and its run or its failure, as they end.
-        What it raises stops all, as an interrupt does.
+    Cores are called one after the other in this thread. `ended` is called in this thread with the
+    place of a request and its run or its failure; what it raises stops all, as an interrupt does.
+    The other parameters are those of `run_all`.
     """
     due = []
     for place, request in enumerate(requests):
@@ -446,9 +431,8 @@ def run_each(
     for place in due:
         if requests[place].core:
             ended(place, one(place))
-    seconds = {r.chapter: _published_seconds(project, r.chapter) for r in requests}
     rest = [place for place in due if not requests[place].core]
-    rest.sort(key=lambda place: seconds[requests[place].chapter], reverse=True)
+    rest.sort(key=lambda place: _published_seconds(project, requests[place].chapter), reverse=True)
     with ThreadPoolExecutor(max_workers=jobs or available_cores()) as pool:
         pending = {pool.submit(one, place): place for place in rest}
         try:
@@ -483,6 +467,8 @@ def _run_and_keep(project: Project, request: Request, progress: Progress, worker
     commit, clean = repository_state(project.root)
     began = time.monotonic()
     if request.core:
+        if request.overlay:
+            raise InswsnError("A core is called on the files of the checkout, without an overlay.")
         done, machine = Run(request, compute_core(project, request)), machine_facts()
     else:
         done, machine = _execute(project, request, prepared, progress, workers)
@@ -520,7 +506,7 @@ def _execute(
         folder = Path(name)
         executed, machine = execute_notebook(
             chapter.name,
-            read_source(Chapter(chapter.name, root / "chapters" / chapter.source.name)),
+            read_source(Chapter(chapter.name, root / prepared.source)),
             prepared.parameters,
             folder,
             around.python,

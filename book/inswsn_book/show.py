@@ -50,10 +50,10 @@ def show_parameters(schema: Schema, *, name: str) -> None:
     >>> from inswsn_book.show import show_parameters
     >>> schema = read_schema('''
     ... # Periods to run.
-    ... steps: int = 100  # periods; value > 0
+    ... steps: int = 100  # periods; in (0, inf)
     ... ''')
     >>> show_parameters(schema, name="tbl-parameters")  # doctest: +ELLIPSIS
-    {'text/markdown': ...`steps`...Periods to run...a whole number with value > 0...}
+    {'text/markdown': ...`steps`...Periods to run...a whole number in (0, inf)...}
     """
     rows = [
         (

@@ -17,12 +17,12 @@ import numpy as np
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from inswsn_book.assumptions import Alternative, Assumptions, Headline
 from inswsn_book.files import write_whole
 from inswsn_book.ledger import LEDGER, claims_of, load_claims
 from inswsn_book.parameters import Value
 from inswsn_book.project import Project
 from inswsn_book.results import Results
+from inswsn_book.review import Alternative, Assumptions, Headline
 from inswsn_book.runs import Outcome, Request, request_key
 from inswsn_book.runs import Run as ChapterRun
 from inswsn_book.verdicts import verdicts

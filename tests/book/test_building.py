@@ -242,13 +242,13 @@ def test_a_page_that_does_not_hold_together(built: MiniProject, finder: str) -> 
     assert leftovers(built) == []
 
 
-def start_slow_build(project: MiniProject) -> tuple[subprocess.Popen[str], int]:
-    """Start a build whose chapter sleeps; return it and its kernel's process id once it does."""
+def start_slow_build(project: MiniProject) -> tuple[subprocess.Popen[str], list[int]]:
+    """Start a build whose chapter sleeps; return it and the ids of its kernel and its worker."""
     marker = project.root / "kernel-pid"
     project.chapter(
         CELL.format(
             "import os, pathlib, time\n"
-            f"pathlib.Path({str(marker)!r}).write_text(str(os.getpid()))\n"
+            f"pathlib.Path({str(marker)!r}).write_text(f'{{os.getpid()}} {{os.getppid()}}')\n"
             "time.sleep(120)"
         )
     )
@@ -267,7 +267,7 @@ def start_slow_build(project: MiniProject) -> tuple[subprocess.Popen[str], int]:
     signal.signal(signal.SIGHUP, hangup)
     for _ in range(600):
         if marker.is_file() and (text := marker.read_text()):
-            return process, int(text)
+            return process, [int(word) for word in text.split()]
         time.sleep(0.1)
     process.kill()
     raise AssertionError("the chapter did not start within a minute")
@@ -291,12 +291,12 @@ def ends(pid: int, seconds: float = 15.0) -> bool:
 )
 def test_an_interrupted_build(built: MiniProject, how: signal.Signals) -> None:
     before = state(built.site)
-    process, kernel = start_slow_build(built)
+    process, others = start_slow_build(built)
     process.send_signal(how)
     _, said = process.communicate(timeout=60)
     assert process.returncode == 128 + how, said
     assert said.strip().endswith("inswsn: stopped.")
-    assert ends(kernel), "the kernel was left running"
+    assert all(map(ends, others)), "the kernel or its worker was left running"
     assert state(built.site) == before
     assert leftovers(built) == []
     built.chapter()
@@ -305,10 +305,10 @@ def test_an_interrupted_build(built: MiniProject, how: signal.Signals) -> None:
 
 @pytest.mark.skipif(sys.platform == "win32", reason="There is no such signal on Windows.")
 def test_a_killed_build_leaves_nothing_that_stays(built: MiniProject) -> None:
-    process, kernel = start_slow_build(built)
+    process, others = start_slow_build(built)
     process.kill()
     process.communicate(timeout=60)
-    assert ends(kernel), "the kernel outlived the build"
+    assert all(map(ends, others)), "the kernel or its worker outlived the build"
     built.chapter()
     assert run_command(built.root, "book").returncode == 0
     assert leftovers(built) == []

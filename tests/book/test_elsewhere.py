@@ -87,7 +87,7 @@ def test_a_deviation_without_a_size() -> None:
 
 
 def variant(name: str = AGAIN, **given: Any) -> Variant:
-    return Variant(name, name, "", Surroundings(**given), "3.11.7")
+    return Variant(name, Surroundings(**given), "3.11.7")
 
 
 def test_a_run_is_held_against_the_reference(mini: MiniProject) -> None:

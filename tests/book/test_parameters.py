@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
+import ast
 import math
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from inswsn_book.parameters import Schema, read_schema
+from inswsn_book.parameters import Schema, chapter_schema, read_schema
+from inswsn_book.project import Project
+from papermill import inspect_notebook
 
 from inswsn_lib.errors import InswsnError, ParameterError
 
 CELL = """\
 # What "about" allows,
 # on either side.
-width: float = 2.5  # points; 0 <= value < 10
+width: float = 2.5  # points; in [0, 10)
 # Samples in a window.
-samples: int = 100  # samples; 4 <= value <= 400
+samples: int = 100  # samples; in [4, 400]
 # The form of the inequality.
 form: str = "exact"  # 1; one of exact, printed
 # Whether to draw.
@@ -42,7 +45,7 @@ def test_a_cell_is_read(schema: Schema) -> None:
     width = schema["width"]
     assert (width.kind, width.unit) == ("float", "points")
     assert width.meaning == 'What "about" allows, on either side.'
-    assert width.allowed == "a number with 0 <= value < 10"
+    assert width.allowed == "a number in [0, 10)"
     assert schema["form"].allowed == "one of exact, printed"
     assert schema["offset"].allowed == "any number"
 
@@ -102,12 +105,12 @@ def test_texts(schema: Schema, name: str, text: str, value: object) -> None:
 @pytest.mark.parametrize(
     ("values", "sentence"),
     [
-        ({"width": 10.0}, "width is 10.0; it may be a number with 0 <= value < 10."),
-        ({"width": True}, "width is True; it may be a number with 0 <= value < 10."),
+        ({"width": 10.0}, "width is 10.0; it may be a number in [0, 10)."),
+        ({"width": True}, "width is True; it may be a number in [0, 10)."),
         ({"offset": 10**400}, f"offset is {str(10**400)[:200]}…; it may be any number."),
-        ({"width": "3"}, "width is '3'; it may be a number with 0 <= value < 10."),
-        ({"samples": 50.0}, "samples is 50.0; it may be a whole number with 4 <= value <= 400."),
-        ({"samples": False}, "samples is False; it may be a whole number with 4 <= value <= 400."),
+        ({"width": "3"}, "width is '3'; it may be a number in [0, 10)."),
+        ({"samples": 50.0}, "samples is 50.0; it may be a whole number in [4, 400]."),
+        ({"samples": False}, "samples is False; it may be a whole number in [4, 400]."),
         ({"form": "other"}, "form is 'other'; it may be one of exact, printed."),
         ({"draw": 1}, "draw is 1; it may be true or false."),
         ({"offset": math.inf}, "offset is inf; it may be any number."),
@@ -136,11 +139,12 @@ def test_what_is_not_given_keeps_its_default(schema: Schema) -> None:
         "# X.\nx: list = []  # m; any",
         "# X.\nx: int  # m; any",
         "# X.\nx: int = 1  # m; positive",
-        "# X.\nx: int = 1  # m; 0 < value < y",
-        "# X.\nx: int = 1  # m; value",
-        "# X.\nx: int = 1  # m; 0 < 1",
-        "# X.\nx: int = 1  # m; 2 <= value",
-        "# X.\nx: float = 1  # m; value < 1",
+        "# X.\nx: int = 1  # m; in (0, y)",
+        "# X.\nx: int = 1  # m; in [0, inf]",
+        "# X.\nx: int = 1  # m; in [3, 1]",
+        "# X.\nx: int = 1  # m; in [nan, 1]",
+        "# X.\nx: int = 1  # m; in [2, 9]",
+        "# X.\nx: float = 1  # m; in [0, 1)",
         "# X.\nprint(1)  # m; any",
         "# X.\nx: int = 1  # m; a regressor",
         "# X.\nx: bool = True  # 1; a regressor",
@@ -151,6 +155,19 @@ def test_what_is_not_given_keeps_its_default(schema: Schema) -> None:
 def test_a_bad_declaration_is_refused(cell: str) -> None:
     with pytest.raises(InswsnError):
         read_schema(cell)
+
+
+def test_papermill_shows_every_parameter_of_every_chapter(project: Project) -> None:
+    """By its own inspection, which skips a line with a second sign of equality."""
+    for chapter in project.chapters():
+        shown = inspect_notebook(str(chapter.twin))
+        schema = chapter_schema(project.root, chapter.number)
+        assert list(shown) == list(schema.defaults), chapter.name
+        for parameter in schema.parameters:
+            found = shown[parameter.name]
+            assert found["inferred_type_name"] == parameter.kind
+            assert ast.literal_eval(found["default"]) == parameter.default
+            assert found["help"] == f"{parameter.unit}; {parameter.rule}"
 
 
 @given(st.text(max_size=20))

@@ -17,11 +17,11 @@ from inswsn_lib.errors import ParameterError
 SCHEMA = read_schema(
     """
 # Seed.
-seed: int = 1  # 1; value >= 0
+seed: int = 1  # 1; in [0, inf)
 # A number.
-size: float = 1.0  # m; value > 0
+size: float = 1.0  # m; in (0, inf)
 # Another.
-told: float = 1.0  # 1; value > 0
+told: float = 1.0  # 1; in (0, inf)
 # A word.
 word: str = "a"  # 1; one of a, b
 """

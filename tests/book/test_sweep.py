@@ -114,16 +114,16 @@ EXPERIMENT = Experiment(
     title="Mean against median",
     schema=read_schema("""
 # Seed of all random numbers.
-seed: int = 5  # 1; 0 <= value <= 1000
+seed: int = 5  # 1; in [0, 1000]
 # Standard deviation of a number.
-spread: float = 1.0  # m; value > 0
+spread: float = 1.0  # m; in (0, inf)
 # What is told.
 told: float = 0.0  # m; any
 # What goes wrong.
 trouble: str = "none"  # 1; one of none, refuse, raise, raise-twice, die, die-once, die-of-1, nan, \
 spoil, exit
 # How long a group takes.
-pause: float = 0.0  # s; 0 <= value <= 10
+pause: float = 0.0  # s; in [0, 10]
 """),
     begin=Numbers,
     methods={"mean": "the mean", "median": "the median"},

@@ -113,9 +113,9 @@ class Experiment:
     ...     title="Mean against median",
     ...     schema=read_schema('''
     ... # Seed of all random numbers.
-    ... seed: int = 1  # 1; value >= 0
+    ... seed: int = 1  # 1; in [0, inf)
     ... # Standard deviation of a number.
-    ... spread: float = 2.0  # m; value > 0
+    ... spread: float = 2.0  # m; in (0, inf)
     ... '''),
     ...     begin=Numbers,
     ...     methods={"mean": "mean", "median": "median"},

@@ -22,25 +22,25 @@ Array = NDArray[np.float64]
 
 _PARAMETERS = """
 # Seed of all random numbers.
-seed: int = 2012  # 1; 0 <= value <= 1000000
+seed: int = 2012  # 1; in [0, 1000000]
 # Sampling period in the first area and in the outage after it; that of the second keeps its
 # ratio to it, 0.21 / 0.2. P1 says 1 s; its matrices print 0.2. The speed is such that the node
 # drives the same path in the same samples.
-period: float = 0.2  # s; 0.01 <= value <= 2
+period: float = 0.2  # s; in [0.01, 2]
 # Factor on the Q that the filters are told, over the one that matches the simulation.
-q_scale: float = 1.0  # 1; 1e-8 <= value <= 1e8
+q_scale: float = 1.0  # 1; in [1e-8, 1e8]
 # Runs from which noise figures are fitted, others than those that are judged.
-other_runs: int = 256  # runs; 40 <= value <= 5000
+other_runs: int = 256  # runs; in [40, 5000]
 # Standard deviation of a range.
-range_noise: float = 0.38  # m; 0.02 <= value <= 2
+range_noise: float = 0.38  # m; in [0.02, 2]
 # Standard deviation of a velocity of the network, each component.
-velocity_noise: float = 0.126  # m/s; 0.01 <= value <= 2
+velocity_noise: float = 0.126  # m/s; in [0.01, 2]
 # Velocity random walk of the accelerometers.
-accelerometer_noise: float = 0.005  # m/s/s^0.5; 0 <= value <= 1
+accelerometer_noise: float = 0.005  # m/s/s^0.5; in [0, 1]
 # Angle random walk of the gyro.
-gyro_noise: float = 0.0005  # rad/s^0.5; 0 <= value <= 0.1
+gyro_noise: float = 0.0005  # rad/s^0.5; in [0, 0.1]
 # Factor on all fitted errors of the inertial sensors; 1 takes them as fitted.
-inertial_scale: float = 1.0  # 1; 0.1 <= value <= 10
+inertial_scale: float = 1.0  # 1; in [0.1, 10]
 """
 
 _FILES = ("scenarios/p1.yaml", "scenarios/p1-inertial.yaml")

@@ -1,26 +1,21 @@
-"""What the front page draws and lists: the papers' contests in one picture, heads of chapters."""
+"""The figures of pages that no chapter draws: the front page's, and that of the assumptions."""
 
 from __future__ import annotations
 
 import io
-import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import exp, log
 from pathlib import Path
 from typing import Any
 
-from inswsn_book.project import Chapter
-from inswsn_book.results import Results
-from inswsn_lib.errors import InswsnError
+from inswsn_book.effects import Effect
+from inswsn_book.review import Findings
 from inswsn_lib.files import read_yaml
 
-# the chapters whose results the picture draws
+# the chapters whose results the front page's figure draws
 _DRAWN = {"00", "02", "03", "04", "05"}
-_HEAD = re.compile(
-    r"\*\*You need\*\*\s+(?P<need>.*?)\.\s+\*\*Reading time\*\*\s+(?P<minutes>\d+)\s+minutes?\.",
-    re.DOTALL,
-)
+_WIDE = 5  # a panel that spans more has a logarithmic axis
 
 
 @dataclass(frozen=True)
@@ -45,39 +40,35 @@ class Contest:
     recorded: float | None = None
 
 
-def contests(root: Path, results: Mapping[str, Results]) -> list[Contest]:
-    """Return the comparisons that the papers are about; none without the chapters that have them.
+def contests(root: Path, findings: Findings) -> list[Contest]:
+    """Return the comparisons that the papers are about; none while a chapter is missing.
 
     Parameters
     ----------
     root : Path
         The checkout, for the printed numbers below ``data/papers``.
-    results : mapping of str to Results
-        By chapter.
+    findings : Findings
+        Of the chapters.
 
     Raises
     ------
     InswsnError
         If a chapter has no such quantity.
     """
-    if not results.keys() >= _DRAWN:
+    if not findings.results.keys() >= _DRAWN:
         return []
     p2 = read_yaml(root / "data/papers/p2.yaml")["results"]
     p3 = read_yaml(root / "data/papers/p3.yaml")
 
-    def value(chapter: str, name: str) -> float:
-        try:
-            return results[chapter][name].value
-        except KeyError:
-            raise InswsnError(
-                f"The front page draws {name} of chapter {chapter}, which records no such quantity."
-            ) from None
+    value = findings.quotient
 
     def left(per_cent: Sequence[float]) -> float:
         """Return the geometric mean of what reductions leave."""
         return exp(sum(log(1 - p / 100) for p in per_cent) / len(per_cent))
 
-    bridged = [q.value for q in results["00"].quantities if q.name.startswith("table3.reduction.")]
+    bridged = [
+        q.value for q in findings.results["00"].quantities if q.name.startswith("table3.reduction.")
+    ]
     return [
         Contest(
             "P1: HF over KF,\nposition",
@@ -115,7 +106,7 @@ def contests(root: Path, results: Mapping[str, Results]) -> list[Contest]:
 
 
 def front_svg(rows: Sequence[Contest]) -> str:
-    """Draw the comparisons."""
+    """Draw the comparisons, as SVG."""
     from inswsn_lib.plotting import COLOURS, figure  # noqa: PLC0415  # a list needs no figure
 
     fig, axes = figure(height=3.9)
@@ -166,22 +157,42 @@ def _svg(fig: Any) -> str:
     return stream.getvalue()
 
 
-def chapter_head(chapter: Chapter) -> tuple[str, int | None]:
-    """Return what a chapter says at its head of what it needs and how long it takes to read.
+def tornado_svg(panels: Sequence[Sequence[tuple[str, Effect]]]) -> str:
+    """Draw by what factor the first headline of each chapter moves, as SVG.
 
     Parameters
     ----------
-    chapter : Chapter
-        The chapter.
-
-    Returns
-    -------
-    need : str
-        Empty if it does not say.
-    minutes : int or None
-        None if it does not say.
+    panels : sequence
+        From `panels_of`.
     """
-    match = _HEAD.search(chapter.source.read_text(encoding="utf-8"))
-    if match is None:
-        return "", None
-    return " ".join(match["need"].split()), int(match["minutes"])
+    from matplotlib.ticker import LogLocator, NullLocator  # noqa: PLC0415
+
+    from inswsn_lib.plotting import COLOURS, figure  # noqa: PLC0415  # a list needs no figure
+
+    count = max(len(panels), 1)
+    fig, axes = figure(count, 1, height=1.75 * count + 0.3, squeeze=False)
+    for ax, found in zip(axes[:, 0], panels, strict=False):
+        first = found[0][1]
+        ratios = [effect.ratio or 1.0 for _, effect in found]
+        colours = [
+            COLOURS["contradicted" if e.turned else "rebuilt" if e.beyond else "published"]
+            for _, e in found
+        ]
+        places = range(len(found))[::-1]
+        low, high = 1 - first.band / first.before, 1 + first.band / first.before
+        if 0 < low < high:
+            ax.axvspan(low, high, color=COLOURS["published"], alpha=0.15, lw=0)
+        ax.barh(places, [r - 1 for r in ratios], left=1, color=colours, height=0.65)
+        ax.axvline(1, color=COLOURS["published"], lw=1)
+        if max(ratios) / min(ratios) > _WIDE:
+            ax.set_xscale("log")
+            ax.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+            ax.xaxis.set_major_formatter("{x:g}")
+            ax.xaxis.set_minor_locator(NullLocator())
+        ax.set_yticks(places, [name for name, _ in found], fontsize=8.5)
+        ax.set_title(
+            f"chapter {first.headline.chapter}, {first.headline.short}", loc="left", fontsize=9.5
+        )
+        ax.grid(axis="y", visible=False)
+    axes[-1, 0].set_xlabel("result over that of the unchanged run")
+    return _svg(fig)
