@@ -75,7 +75,7 @@ def environment(root: Path) -> Environment:
     made.filters |= {
         "code": _code,
         "escape_text": review.escape_text,
-        "number": lambda value, form="g": format(value, form).replace("-", "−"),
+        "number": _number,
         "one_line": lambda text: " ".join(text.split()),
         "quantity": _quantity,
         "slug": lambda word: str(word).lower().replace(" ", "-"),
@@ -94,6 +94,10 @@ def environment(root: Path) -> Environment:
         "papers": PAPERS,
     }
     return made
+
+
+def _number(value: float, form: str = "g") -> str:
+    return format(value, form).replace("-", "−")
 
 
 def _quantity(given: Any) -> str:
