@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import pytest
 from conftest import MINI_LEDGER, MiniProject, run_command
 from inswsn_book.judging import judge_claims, select_claims
 from inswsn_book.ledger import Claim, MissingCheck
-from inswsn_book.pages import claims_counts, claims_list
 from inswsn_book.project import Project
 from inswsn_book.results import Results, write_results
-from inswsn_book.verdicts import Verdict, count_verdicts, verdicts
 
 
 def test_claims_of_a_fresh_clone_need_no_build(project: Project) -> None:
@@ -94,11 +93,6 @@ def test_the_page_of_the_three_papers_claims(mini: MiniProject) -> None:
         )
         for i in range(374)
     ]  # fmt: skip
-    judged = verdicts(claims, [])
-    assert count_verdicts(judged) == {Verdict.UNTESTABLE: 374}
-    text = claims_list(judged)
-    assert all(f"({claim.anchor})=" in text for claim in claims)
-    assert "* - all\n  - 125\n  - 125\n  - 124\n  - 374" in claims_counts(judged)
     lines = ["missing: {lost: It is lost.}", "claims:"]
     for claim in claims:
         entry = claim.model_dump(exclude={"check", "value", "tolerance", "assumption"})
@@ -108,6 +102,8 @@ def test_the_page_of_the_three_papers_claims(mini: MiniProject) -> None:
     assert done.returncode == 0, done.stderr
     page = (mini.site / "claims.html").read_text()
     assert all(f'id="{claim.anchor}"' in page for claim in claims)
+    counts = page[page.index('id="tbl-claims"') :]
+    assert re.findall(r"<p>(\d+)</p>", counts)[-4:] == ["125", "125", "124", "374"]
 
 
 def test_results_of_another_folder(mini: MiniProject, tmp_path: Path) -> None:
