@@ -8,12 +8,12 @@ from hashlib import sha256
 
 import pytest
 from inswsn_book import runs as engine
-from inswsn_book.assumption_pages import assumption_texts
-from inswsn_book.assumptions import Assumptions, load_assumptions
 from inswsn_book.effects import band_of
+from inswsn_book.pages import context, environment
 from inswsn_book.progress import Quiet
 from inswsn_book.project import Project
 from inswsn_book.results import Results, read_results
+from inswsn_book.review import Assumptions, load_assumptions
 from inswsn_book.study import (
     BASELINE,
     SENSITIVITY,
@@ -95,7 +95,9 @@ def test_percentages_by_plain_arithmetic(
     project: Project, assumptions: Assumptions, published: dict[str, Results]
 ) -> None:
     """From the JSON alone: each change that the page shows is after over before, less one."""
-    text = assumption_texts(project, list(published.values()))["assumptions-reruns.md"]
+    page = (project.root / "book" / "assumptions.md").read_text(encoding="utf-8")
+    known = context(project, list(published.values()))
+    text = environment(project.root).from_string(page).render(known)
     text = text.replace("\N{NO-BREAK SPACE}", " ")
     runs = json.loads((project.root / SENSITIVITY).read_text())["runs"]
     before = {run["chapter"]: run["headlines"] for run in runs if run["id"] == "baseline"}
@@ -104,9 +106,8 @@ def test_percentages_by_plain_arithmetic(
         for entry in assumptions.assumptions
         for other in entry.alternatives
     }
-    tables = {
-        part.split(":", 1)[0].rsplit(" ", 1)[1]: part for part in text.split("{list-table}")[1:]
-    }
+    parts = text.split("{list-table} Chapter ")[1:]
+    tables = {part[:2]: part.split(":::::")[0] for part in parts}
     compared = 0
     for run in runs:
         if run["id"] not in alternatives or run["failed"] is not None:
