@@ -213,7 +213,7 @@ def built_mini(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def make_mini(folder: Path) -> MiniProject:
     """Write a small project."""
-    for name in ("book", "chapters", "data/papers"):
+    for name in ("book", "chapters", "data/claims", "data/papers"):
         (folder / name).mkdir(parents=True)
     for name in (
         "_config.yml",
@@ -236,7 +236,7 @@ def make_mini(folder: Path) -> MiniProject:
     # without the links to pages that it does not have
     claims = re.sub(r"\{(doc|prf:ref)\}`([^`]*)`", r"\2", claims)
     (folder / "book" / "claims.md").write_text(claims, encoding="utf-8")
-    (folder / "data" / "claims.yaml").write_text(MINI_LEDGER, encoding="utf-8")
+    (folder / "data" / "claims" / "mini.yaml").write_text(MINI_LEDGER, encoding="utf-8")
     (folder / "data" / "papers" / "number.txt").write_text("21", encoding="utf-8")
     made = MiniProject(folder)
     made.chapter()

@@ -1,23 +1,56 @@
-"""A Sphinx extension: what the theme leaves out for those who do not see a page, or have no mouse.
+"""The finished pages: what the theme leaves out for some readers is added, and all is checked.
 
 Sphinx, the theme and MyST-NB write pages in which a screen reader cannot tell what the header of a
 table belongs to, two elements share an id, and a solution opens by a script alone. This goes over
 every page when all are written. What depends on the reader's screen is in ``access.js``, and what
-a style can do is in ``inswsn.css``.
+a style can do is in ``inswsn.css``. Since each page is parsed here anyway, its links, images and
+parts are checked on the way.
 """
 
 from __future__ import annotations
 
 import os
 import re
+from collections.abc import Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
-from typing import Any
+from urllib.parse import unquote, urlsplit
 
 from bs4 import BeautifulSoup, Tag
+from bs4.element import AttributeValueList
 
 _CODE = re.compile(r"<pre>(.*?)</pre>", re.DOTALL)
 _HEADINGS = ["h1", "h2", "h3", "h4", "h5", "h6"]
+# What a browser fetches by itself when it opens a page, as opposed to what a reader may follow.
+_FETCHED = {"img": "src", "script": "src", "link": "href", "source": "src", "iframe": "src"}
+_FOREIGN_STYLE = re.compile(r"url\(\s*['\"]?(https?:)?//|@import\s+['\"](https?:)?//")
+
+
+def finish_site(site: Path) -> list[str]:
+    """Make the pages of a site accessible, and return what is wrong with it, a sentence each.
+
+    Checked are: every link and image inside the site leads to a file, and to an element where it
+    names one; every image has an alternative text that is not its path; no page or style sheet
+    takes a part of itself from another host.
+
+    Parameters
+    ----------
+    site : Path
+        Folder of HTML pages, as Sphinx writes them; the pages are changed.
+    """
+    pages = [p for p in site.rglob("*.html") if "_static" not in p.relative_to(site).parts]
+    pages.sort(key=lambda page: page.stat().st_size, reverse=True)  # the long ones first
+    with ProcessPoolExecutor(max_workers=min(4, os.cpu_count() or 1)) as pool:
+        found = dict(zip(pages, pool.map(_rewrite, pages), strict=True))
+    problems = []
+    names = {page: ids for page, (ids, _, _) in found.items()}
+    for page, (_, links, own) in sorted(found.items()):
+        own += [said for link in links for said in _broken(site, page, link, names)]
+        problems += [f"{page.relative_to(site).as_posix()}: {said}" for said in own]
+    for sheet in sorted(site.rglob("*.css")):
+        if _FOREIGN_STYLE.search(sheet.read_text(encoding="utf-8", errors="replace")):
+            problems.append(f"{sheet.relative_to(site)}: takes a part of itself from another host.")
+    return problems
 
 
 def accessible(page: str) -> str:
@@ -33,22 +66,66 @@ def accessible(page: str) -> str:
     page : str
         A page of HTML, as Sphinx writes it.
     """
-    code: list[str] = []
+    return _improve(page)[0]
 
-    def put_aside(match: re.Match[str]) -> str:
-        code.append(match[0])
-        return f"<pre>{len(code) - 1}</pre>"
 
+def _rewrite(path: Path) -> tuple[set[str], list[str], list[str]]:
+    """Rewrite a page; return what a link may name in it, its links, and what is wrong in it."""
+    page, soup = _improve(path.read_text(encoding="utf-8"))
+    path.write_text(page, encoding="utf-8", newline="\n")
+    tags = soup.find_all()
+    names = {str(tag[key]) for key in ("id", "name") for tag in tags if tag.has_attr(key)}
+    links, problems = [], []
+    for tag in soup.find_all(["a", *_FETCHED]):
+        target = tag.get(_FETCHED.get(tag.name, "href"))
+        if target is None:
+            continue
+        parts = urlsplit(str(target))
+        if not parts.scheme and not parts.netloc:
+            links.append(str(target))
+        elif tag.name in _FETCHED and parts.scheme != "data" and tag.get("rel") != ["canonical"]:
+            problems.append(f"takes {target} from another host.")
+        if tag.name == "img":
+            alt = str(tag.get("alt") or "").strip()
+            if not alt or alt == target or re.search(r"\.(png|svg|jpe?g)$", alt):
+                problems.append(f"the image {target} has no alternative text.")
+    return names, links, problems
+
+
+def _broken(site: Path, page: Path, link: str, names: Mapping[Path, set[str]]) -> Iterator[str]:
+    parts = urlsplit(link)
+    path = page if not parts.path else Path(os.path.normpath(page.parent / unquote(parts.path)))
+    if path.is_dir():
+        path /= "index.html"
+    if not path.is_file() or not path.is_relative_to(site):
+        yield f"{link} leads to no file of the site."
+    elif parts.fragment and unquote(parts.fragment) not in names.get(path, {parts.fragment}):
+        yield f"{link} leads to no element of {path.name}."
+
+
+def _improve(page: str) -> tuple[str, BeautifulSoup]:
     # coloured code is most of a page, and nothing in it is changed
-    soup = BeautifulSoup(_CODE.sub(put_aside, page), "html.parser")
+    code = _CODE.findall(page)
+    numbers = iter(range(len(code)))
+    soup = BeautifulSoup(_CODE.sub(lambda _: f"<pre>{next(numbers)}</pre>", page), "html.parser")
     for table in soup.find_all("table"):
         _table(table)
     for solution in soup.select("div.solution.dropdown"):
         _solution(soup, solution)
     _names(soup)
-    _landmarks(soup)
-    _ids(soup)
-    return _CODE.sub(lambda match: code[int(match[1])], str(soup))
+    for sidebar in soup.select("#pst-primary-sidebar"):
+        sidebar["role"] = "complementary"
+        sidebar["aria-label"] = "Book"
+    for printed in soup.select("#jb-print-docs-body"):
+        if printed.h1 is not None and not printed.h1.get_text(strip=True):
+            printed.decompose()  # an index has no title there
+    seen: set[str] = set()
+    for tag in soup.find_all(id=True):  # links lead to the first that has an id in any case
+        if tag["id"] in seen:
+            del tag["id"]
+        else:
+            seen.add(str(tag["id"]))
+    return _CODE.sub(lambda match: f"<pre>{code[int(match[1])]}</pre>", str(soup)), soup
 
 
 def _table(table: Tag) -> None:
@@ -60,20 +137,17 @@ def _table(table: Tag) -> None:
         return
     for header in table.find_all("th"):
         if not header.get_text(strip=True) and not header.find("img"):
-            _not_a_header(header)
-            continue
-        if not header.get("scope"):
-            header["scope"] = _scope(header)
+            header.name = "td"  # an empty corner heads neither a column nor a row
+            header["class"] = AttributeValueList([*(header.get("class") or []), "corner"])
+        elif not header.get("scope"):
+            kind, spans = ("col", "colspan") if header.find_parent("thead") else ("row", "rowspan")
+            header["scope"] = kind + ("group" if int(str(header.get(spans, "1"))) > 1 else "")
     if table.find("caption") is None and not table.get("aria-label"):
         above = table.find_previous(_names_what_follows)
         if isinstance(above, Tag):
-            table["aria-label"] = _words(above)
-
-
-def _scope(header: Tag) -> str:
-    """Tell what a header heads: a column or a row, or several of them."""
-    kind, spans = ("col", "colspan") if header.find_parent("thead") else ("row", "rowspan")
-    return kind + "group" if int(str(header.get(spans, "1"))) > 1 else kind
+            signs = {id(text) for link in above.select("a.headerlink") for text in link.strings}
+            words = "".join(text for text in above.strings if id(text) not in signs)
+            table["aria-label"] = " ".join(words.split())
 
 
 def _names_what_follows(tag: Tag) -> bool:
@@ -89,22 +163,11 @@ def _names_what_follows(tag: Tag) -> bool:
     )
 
 
-def _not_a_header(cell: Tag) -> None:
-    # the empty corner of a table heads neither a column nor a row
-    cell.name = "td"
-    cell["class"] = " ".join([*(cell.get("class") or []), "corner"])
-
-
-def _words(above: Tag) -> str:
-    """Return the text of a name without the sign of its link."""
-    signs = {id(text) for link in above.select("a.headerlink") for text in link.strings}
-    return " ".join("".join(t for t in above.strings if id(t) not in signs).split())
-
-
 def _solution(soup: BeautifulSoup, solution: Tag) -> None:
     """Make a folded solution a native disclosure; its title links nowhere, since it opens it."""
     solution.name = "details"
-    solution["class"] = " ".join(word for word in solution["class"] if word != "dropdown")
+    kept = [word for word in solution["class"] if word != "dropdown"]
+    solution["class"] = AttributeValueList(kept)
     title = solution.find("p", class_="admonition-title")
     if isinstance(title, Tag):
         title.name = "summary"
@@ -119,65 +182,18 @@ def _solution(soup: BeautifulSoup, solution: Tag) -> None:
 def _names(soup: BeautifulSoup) -> None:
     """Name links and buttons by what they do."""
     for link in soup.find_all("a"):
-        _link(link)
-    # the name must hold the text that is seen, of which a style shows one of two
-    for summary in soup.find_all("summary"):
-        if summary.parent is not None and "hide" in _classes(summary.parent):
-            said = summary.find("p", class_="collapsed")
-            summary["aria-label"] = (said or summary).get_text(strip=True)
+        classes = list(link.get("class") or [])
+        if "headerlink" in classes:
+            link["aria-label"] = link.get("title") or "Link to this place"
+        address = link.get_text(strip=True) == link.get("href")
+        if address and {"reference", "external"} <= set(classes):
+            # a style writes such a link once on paper
+            link["class"] = AttributeValueList([*classes, "bare"])
+    for summary in soup.select(".hide > summary"):
+        # the name must hold the text that is seen, of which a style shows one of two
+        said = summary.find("p", class_="collapsed")
+        summary["aria-label"] = (said or summary).get_text(strip=True)
     for entry in soup.find_all(role="doc-biblioentry"):
         entry["role"] = "listitem"  # the other is none for this element any more
-    for button in soup.find_all("button"):
-        if "sidebar-toggle" in _classes(button):
-            button["aria-label"] = button.get("title") or "Toggle sidebar"
-
-
-def _link(link: Tag) -> None:
-    """Name a link to a heading; mark one whose text is its address, written once on paper."""
-    classes = _classes(link)
-    if "headerlink" in classes:
-        link["aria-label"] = link.get("title") or "Link to this place"
-    if {"reference", "external"} <= set(classes) and link.get_text(strip=True) == link.get("href"):
-        link["class"] = " ".join([*classes, "bare"])
-
-
-def _classes(tag: Tag) -> list[str]:
-    """Return a tag's classes; a tag whose class was set to a text here has them in one string."""
-    classes = tag.get("class", "")
-    return classes.split() if isinstance(classes, str) else list(classes or [])
-
-
-def _landmarks(soup: BeautifulSoup) -> None:
-    """Give all that a page shows a place in a region with a name."""
-    for sidebar in soup.select("#pst-primary-sidebar"):
-        sidebar["role"] = "complementary"
-        sidebar["aria-label"] = "Book"
-    for printed in soup.select("#jb-print-docs-body"):
-        if printed.h1 is not None and not printed.h1.get_text(strip=True):
-            printed.decompose()  # an index has no title there
-
-
-def _ids(soup: BeautifulSoup) -> None:
-    """Leave an id to the first element that has it, which is where links lead in any case."""
-    seen = set()
-    for tag in soup.find_all(id=True):
-        if tag["id"] in seen:
-            del tag["id"]
-        else:
-            seen.add(tag["id"])
-
-
-def make_accessible(app: Any, error: Exception | None) -> None:
-    """Go over every page of a finished site; a handler of Sphinx's ``build-finished``."""
-    if error is not None or app.builder.format != "html":
-        return
-    site = Path(app.outdir)
-    pages = [p for p in site.rglob("*.html") if "_static" not in p.relative_to(site).parts]
-    pages.sort(key=lambda page: page.stat().st_size, reverse=True)  # the long ones first
-    with ProcessPoolExecutor(max_workers=min(4, os.cpu_count() or 1)) as pool:
-        list(pool.map(_rewrite, pages))
-
-
-def _rewrite(path: Path) -> None:
-    page = accessible(path.read_text(encoding="utf-8"))
-    path.write_text(page, encoding="utf-8", newline="\n")
+    for button in soup.select("button.sidebar-toggle"):
+        button["aria-label"] = button.get("title") or "Toggle sidebar"

@@ -735,7 +735,8 @@ def require_evidence(errata: Errata | None, readings: Readings | None, findings:
     """
     entries: list[tuple[str, str, Sequence[Evidence]]] = []
     if errata is not None:
-        entries += [(ERRATA, e.id, e.evidence) for e in (*errata.errata, *errata.slips)]
+        entries += [(ERRATA, e.id, e.evidence) for e in errata.errata]
+        entries += [(ERRATA, e.id, e.evidence) for e in errata.slips]
     if readings is not None:
         entries += [
             (READINGS, f"computed, {s.paper}, {s.says[:40]!r}", s.evidence)

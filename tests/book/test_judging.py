@@ -67,7 +67,7 @@ def test_a_wrong_selection_is_status_2(mini: MiniProject, words: list[str], said
 
 
 def test_a_typed_verdict_stops_the_build(mini: MiniProject) -> None:
-    ledger = mini.root / "data" / "claims.yaml"
+    ledger = mini.root / "data" / "claims" / "mini.yaml"
     ledger.write_text(MINI_LEDGER.replace("  why: It is", "  verdict: reproduced\n  why: It is"))
     done = run_command(mini.root, "book")
     assert done.returncode == 2
@@ -75,7 +75,7 @@ def test_a_typed_verdict_stops_the_build(mini: MiniProject) -> None:
 
 
 def test_a_claim_whose_check_does_not_resolve_stops_the_build(mini: MiniProject) -> None:
-    ledger = mini.root / "data" / "claims.yaml"
+    ledger = mini.root / "data" / "claims" / "mini.yaml"
     ledger.write_text(MINI_LEDGER.replace("quantity: twice", "quantity: thrice"))
     done = run_command(mini.root, "book")
     assert done.returncode == 2
@@ -103,7 +103,7 @@ def test_the_page_of_the_three_papers_claims(mini: MiniProject) -> None:
     for claim in claims:
         entry = claim.model_dump(exclude={"check", "value", "tolerance", "assumption"})
         lines.append("- " + json.dumps(entry | {"check": {"needs": ["lost"]}}))
-    (mini.root / "data" / "claims.yaml").write_text("\n".join(lines))
+    (mini.root / "data" / "claims" / "mini.yaml").write_text("\n".join(lines))
     done = run_command(mini.root, "book")
     assert done.returncode == 0, done.stderr
     page = (mini.site / "claims.html").read_text()
