@@ -31,6 +31,7 @@ import pytest
 from axe import AXE_TAGS, MADE_PAGES, SCREENS, axe_script
 from bs4 import BeautifulSoup, Tag
 from inswsn_book.project import Project
+from inswsn_book.runs import book_runs
 from PIL import Image
 from playwright.sync_api import Browser, Page
 from visiting import contrast_of, it_is_whole, page_names, visit
@@ -296,13 +297,13 @@ DIAGRAMS = {"fig-03-modes": "two block diagrams of the hybrid"}
 def figures(project: Project) -> list[tuple[str, dict[str, str], str]]:
     """Return chapter, name with alternative text, and all string literals, of each figure."""
     found = []
-    for path in sorted((project.root / "book" / "chapters").glob("*.ipynb")):
-        notebook = nbformat.read(path, as_version=4)
+    for run in book_runs(project):
+        notebook = nbformat.reads(run.notebook, as_version=4)
         code = "\n".join(cell.source for cell in notebook.cells if cell.cell_type == "code")
         for cell in notebook.cells:
             for output in cell.get("outputs", []):
                 if shown := output.get("metadata", {}).get("inswsn"):
-                    found.append((path.stem, dict(shown), code))
+                    found.append((run.request.chapter, dict(shown), code))
     return found
 
 
