@@ -5,6 +5,8 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+import json
+
 import pytest
 from inswsn_book.elsewhere import (
     AGAIN,
