@@ -4,7 +4,7 @@
 PYTHON  ?= $(firstword $(foreach name,python3.11 python3 python,$(shell command -v $(name) 2>/dev/null)))
 VENV    := .venv
 RUN     := $(VENV)/bin/python
-INSWSN  := $(RUN) -m inswsn_lib
+INSWSN  := $(RUN) -m inswsn_book
 INSTALL := $(RUN) -m pip install --quiet --disable-pip-version-check --require-hashes
 COMPILE := $(RUN) -m uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header environment.in -o environment.lock
 FRESH   ?=
