@@ -55,7 +55,7 @@ def rows(text: str, name: str) -> list[list[str]]:
     tables = re.findall(r"^:::::\{list-table\}(.*?)^:::::$", text, re.M | re.S)
     (table,) = (part for part in tables if f":name: {name}\n" in part)
     return [
-        [cell[4:].strip() for cell in row.splitlines() if cell.strip()]
+        [cell[4:].strip().replace("\xa0", " ") for cell in row.splitlines() if cell.strip()]
         for row in re.split(r"^(?=\* -)", table.split("\n\n", 1)[1], flags=re.M)
         if row.strip()
     ]
