@@ -136,12 +136,6 @@ def run(
     help="An axis: a parameter, and the values that it goes through. One for each axis.",
 )
 @click.option("-p", "settings", multiple=True, metavar="NAME=VALUE", help="Set a parameter.")
-@click.option(
-    "--runs",
-    type=int,
-    help="Runs of each cell. Default: 1000, or what the chapter declares. Where runs go in groups "
-    "(chapter 02, an experiment of your own), more of them later build on those that are there.",
-)
 @click.option("--jobs", type=click.IntRange(min=1), help="Processes. Default: one a core.")
 @click.option("--dask", metavar="ADDRESS", help="Compute on the Dask cluster of this scheduler.")
 @click.option(
@@ -149,45 +143,42 @@ def run(
     type=click.Path(path_type=Path),
     help="The folder of this sweep. Default: one below runs/ named for its grid.",
 )
-@click.option("--fresh", is_flag=True, help="Drop what an earlier sweep has left in the folder.")
+@click.option("--fresh", is_flag=True, help="Compute all cells, whatever is kept.")
 @click.pass_obj
 def sweep(
     root: Path | None,
     name: str,
     axes: tuple[str, ...],
     settings: tuple[str, ...],
-    runs: int | None,
     jobs: int | None,
     dask: str | None,
     out: Path | None,
     fresh: bool,
 ) -> None:
-    """Rerun a chapter's Monte Carlo at each cell of a grid of parameters.
+    """Run a chapter at each cell of a grid of its parameters.
 
-    NAME is a chapter or, for an experiment of your own, package.module:NAME. The runs of chapter 02
-    go in groups, over processes or a cluster; of every other chapter the notebook is executed once
-    a cell. What is finished is kept, whatever ends the command, and the same command goes on from
-    there; it also tries failed cells again.
+    For example: inswsn sweep 02 --grid q_scale=0.1,1,10 -p runs=1000
+
+    Of a chapter that has a core, the function that it computes its runs by, that is called in each
+    cell; of another one the notebook is executed. What is finished is kept, whatever ends the
+    command, and the same command goes on from there; it also tries failed cells again.
     """
     from rich.console import Console
 
-    from inswsn_book.sweep import run_sweep
-    from inswsn_book.sweep_plan import make_plan
-    from inswsn_book.sweep_progress import SweepProgress
-    from inswsn_book.sweep_results import show_leaders
+    from inswsn_book.sweep import SweepProgress, read_sweep, run_sweep, show_leaders
 
     project = _project(root)
-    plan = make_plan(project, name, axes, settings, runs)
+    wanted = read_sweep(project, project.find(name), axes, settings)
     with SweepProgress() as progress:
-        done = run_sweep(project, plan, progress, out=out, jobs=jobs, dask=dask, fresh=fresh)
-    show_leaders(plan, done, Console(width=None if sys.stdout.isatty() else 120))
+        done = run_sweep(project, wanted, progress, out=out, jobs=jobs, dask=dask, fresh=fresh)
+    show_leaders(wanted, done, Console(width=None if sys.stdout.isatty() else 120))
     if done.no_figure:
         click.echo(f"There is no figure: {done.no_figure}")
-    click.echo(f"{done.computed:,} {plan.counted} computed, {done.kept:,} were there.")
+    click.echo(f"{done.computed} cells computed, {done.there} were there.")
     click.echo(f"The sweep is in {done.folder}")
     if done.failed:
         raise BuildError(
-            f"{len(done.failed)} of {done.cells} cells failed, with the reasons in "
+            f"{len(done.failed)} of {len(wanted.places)} cells failed, with the reasons in "
             f"{done.folder / 'failed.csv'}; the same command tries them again."
         )
 

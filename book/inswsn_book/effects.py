@@ -236,10 +236,10 @@ def readings_of(assumptions: Assumptions, findings: Findings) -> list[Reading]:
     readings = []
     for entry in assumptions.assumptions:
         for within in entry.within:
-            after = findings.quotient(within.chapter, within.quantity, within.over)
+            after = findings.value(within)
             if within.headline is not None:
                 headline = assumptions.headline(within.chapter, within.headline)
-                before = findings.quotient(headline.chapter, headline.quantity, headline.over)
+                before = findings.value(headline)
                 turns, says = Effect(headline, before, after, 0.0).turns, headline.says
             else:
                 before = findings.quotient(within.chapter, str(within.against))

@@ -1,6 +1,19 @@
 """The claims of the papers: what each says, which quantity decides it, and within what.
 
-``data/claims.yaml`` holds them. A claim has no field for a verdict: `verdicts` computes it.
+``data/claims/`` holds them, a file for each paper. A claim has no field for a verdict: `verdicts`
+computes it. A *family* is an entry that stands for a whole table of claims: ``over`` gives its
+axes, each with the words that its places put into the texts, and ``values`` the cells, row by row::
+
+    - id: P1-T2-INS-{c}-{a}
+      says: "In area {a} the mean {what} error in ${axis}$ of INS-only is {value} {unit}."
+      over:
+        c: {rx: {what: position, axis: x, unit: m}, ry: {what: position, axis: y, unit: m}}
+        a: [1, 2]
+      values: |
+        7.8315 40.6179
+        4.7923 36.0891
+
+and so on for the other fields of a claim. ``-`` leaves a cell out.
 """
 
 from __future__ import annotations
@@ -9,8 +22,9 @@ import math
 import re
 from collections.abc import Iterable
 from decimal import Decimal, InvalidOperation
+from itertools import product
 from pathlib import Path
-from typing import Annotated, Literal, Self, get_args
+from typing import Annotated, Any, Literal, Self, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
@@ -21,7 +35,7 @@ from inswsn_lib.errors import InswsnError
 from inswsn_lib.files import read_yaml
 
 #: The ledger below the root of a checkout.
-LEDGER = "data/claims.yaml"
+LEDGER = "data/claims"
 
 Paper = Literal["P1", "P2", "P3"]
 Kind = Literal["numeric", "parameter", "qualitative", "formula"]
@@ -249,14 +263,19 @@ class Claim(_Entry):
 
 class _Ledger(_Entry):
     missing: dict[Name, Text] = {}
+    words: dict[str, Any] = {}  # for anchors that families share
     claims: tuple[Claim, ...]
+
+    @model_validator(mode="before")
+    @classmethod
+    def _families_are_written_out(cls, content: Any) -> Any:
+        if not isinstance(content, dict) or not isinstance(content.get("claims"), list):
+            return content
+        entries = [claim for entry in content["claims"] for claim in written_out(entry)]
+        return content | {"claims": entries}
 
     @model_validator(mode="after")
     def _holds_together(self) -> Self:
-        anchors = [claim.anchor for claim in self.claims]
-        twice = sorted({claim.id for claim in self.claims if anchors.count(claim.anchor) > 1})
-        if twice:
-            raise ValueError(f"the ids {', '.join(twice)} are used twice or differ in signs alone")
         for claim in self.claims:
             if not isinstance(claim.check, MissingCheck):
                 continue
@@ -284,24 +303,75 @@ class _Ledger(_Entry):
         )
 
 
+def written_out(entry: Any) -> list[Any]:
+    """Return the claims of a family; any other entry as it is.
+
+    Parameters
+    ----------
+    entry : object
+        An entry of a ledger, as it was read.
+
+    Raises
+    ------
+    ValueError
+        If a family has not a value for each of its places.
+
+    Examples
+    --------
+    >>> from inswsn_book.ledger import written_out
+    >>> family = {"id": "P1-X-{row}", "over": {"row": {"a": {"n": "1"}, "b": {"n": "2"}}}}
+    >>> written_out(family | {"says": "Row {n} is {value}.", "values": "0.10 0.2"})[1]
+    {'id': 'P1-X-b', 'says': 'Row 2 is 0.2.', 'value': '0.2'}
+    """
+    if not isinstance(entry, dict) or "over" not in entry:
+        return [entry]
+    axes = [
+        {str(key): words or {} for key, words in places.items()}
+        if isinstance(places, dict)
+        else {str(key): {} for key in places}
+        for places in entry["over"].values()
+    ]
+    values, places = str(entry.get("values", "")).split(), list(product(*axes))
+    if len(values) != len(places):
+        raise ValueError(f"{entry.get('id')} has {len(values)} values for {len(places)} places")
+    rest = {key: field for key, field in entry.items() if key not in ("over", "values")}
+    claims = []
+    for place, value in zip(places, values, strict=True):
+        if value != "-":
+            words = {"value": value, **dict(zip(entry["over"], place, strict=True))}
+            for axis, key in zip(axes, place, strict=True):
+                words |= axis[key]
+            claims.append(_with_words(rest, words) | {"value": value})
+    return claims
+
+
+def _with_words(field: Any, words: dict[str, str]) -> Any:
+    """Put words in the place of their names in braces, in all texts of a field."""
+    if isinstance(field, dict):
+        return {key: _with_words(value, words) for key, value in field.items()}
+    for name, word in words.items() if isinstance(field, str) else ():
+        field = field.replace(f"{{{name}}}", str(word))
+    return field
+
+
 def load_claims(path: Path) -> tuple[Claim, ...]:
     """Read and check the ledger of claims.
 
     Parameters
     ----------
     path : Path
-        The file, ``data/claims.yaml`` in a checkout.
+        The folder, ``data/claims`` in a checkout, or one file.
 
     Returns
     -------
     tuple of Claim
-        In the order of the file.
+        In the order of the files.
 
     Raises
     ------
     InswsnError
-        If there is no such file or it does not fit the schema; the sentence says where. A field
-        for a verdict does not fit.
+        If there is no such folder or a file does not fit the schema; the sentence says where. A
+        field for a verdict does not fit.
 
     Examples
     --------
@@ -311,6 +381,19 @@ def load_claims(path: Path) -> tuple[Claim, ...]:
     >>> {claim.paper for claim in claims} == set(PAPERS)
     True
     """
+    paths = sorted(path.glob("*.yaml")) if path.is_dir() else [path]
+    if not paths:
+        raise InswsnError(f"There is no ledger of claims in {path}.")
+    claims = tuple(claim for file in paths for claim in _read_ledger(file))
+    anchors = [claim.anchor for claim in claims]
+    if twice := sorted({c.id for c in claims if anchors.count(c.anchor) > 1}):
+        raise InswsnError(
+            f"{path}: the ids {', '.join(twice)} are used twice or differ in signs alone."
+        )
+    return claims
+
+
+def _read_ledger(path: Path) -> tuple[Claim, ...]:
     content = read_yaml(path)
     try:
         read = _Ledger.model_validate(content)
@@ -359,7 +442,7 @@ def data_digest(root: Path, name: str) -> str | None:
     root : Path
         The checkout.
     name : str
-        A path below it, or ``data/claims.yaml#NN`` for the claims that chapter NN decides, or
+        A path below it, or ``data/claims#NN`` for the claims that chapter NN decides, or
         ``data/published/NN.json#name`` for one quantity of the reference results.
 
     Returns
@@ -375,7 +458,7 @@ def data_digest(root: Path, name: str) -> str | None:
     >>> from inswsn_book.project import find_root
     >>> from inswsn_book.ledger import data_digest
     >>> root = find_root()
-    >>> data_digest(root, "data/claims.yaml#00") == data_digest(root, "data/claims.yaml#01")
+    >>> data_digest(root, "data/claims#00") == data_digest(root, "data/claims#01")
     False
     >>> data_digest(root, "data/absent.csv") is None
     True
@@ -399,7 +482,7 @@ def _first(error: ValidationError, content: object) -> str:
     place = [str(part) for part in first["loc"]]
     listed = content.get("claims") if isinstance(content, dict) else None
     if len(place) > 1 and place[0] == "claims" and isinstance(listed, list):
-        entry = listed[int(place[1])]
+        entry = [claim for entry in listed for claim in written_out(entry)][int(place[1])]
         name = entry.get("id", f"number {place[1]}") if isinstance(entry, dict) else place[1]
         place[:2] = [f"claim {name}"]
     return f"{': '.join(place) or 'the file'}: {first['msg'].removeprefix('Value error, ')}"

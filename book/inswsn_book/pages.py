@@ -76,7 +76,7 @@ def environment(root: Path) -> Environment:
     made.filters |= {
         "code": _code,
         "escape_text": review.escape_text,
-        "number": lambda value, form="g": format(value, form).replace("-", "−"),
+        "number": _number,
         "one_line": lambda text: " ".join(text.split()),
         "quantity": _quantity,
         "slug": lambda word: str(word).lower().replace(" ", "-"),
@@ -95,6 +95,10 @@ def environment(root: Path) -> Environment:
         "papers": PAPERS,
     }
     return made
+
+
+def _number(value: float, form: str = "g") -> str:
+    return format(value, form).replace("-", "−")
 
 
 def _quantity(given: Any) -> str:
@@ -178,7 +182,9 @@ def context(project: Project, results: Sequence[Results]) -> dict[str, Any]:
     if (project.root / review.ASSUMPTIONS).is_file():
         known |= _sensitivity(project, findings)
     if (project.root / elsewhere.ELSEWHERE).is_file():
-        known["elsewhere"] = elsewhere.read_elsewhere(project.root / elsewhere.ELSEWHERE)
+        kept = elsewhere.read_elsewhere(project.root / elsewhere.ELSEWHERE)
+        known["elsewhere"] = kept
+        known["elsewhere_changed"] = elsewhere.changed_since(project, kept)
     return known
 
 

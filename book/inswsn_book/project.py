@@ -28,10 +28,9 @@ _MARKERS = ("_config.yml", "environment.lock", "chapters", "data")
 # What a chapter's numbers and outputs may depend on, of the machinery: what executes chapters, and
 # what they import of it
 _EXECUTING = (
-    *("execution.py", "notebooks.py", "runs.py", "worker.py"),
+    *("cores.py", "execution.py", "notebooks.py", "runs.py", "worker.py"),
     *("project.py", "files.py", "labs.py", "ledger.py", "parameters.py", "plugins.py"),
     *("record.py", "results.py", "show.py", "verdicts.py"),
-    "experiments",
 )
 _CHAPTER_NAME = re.compile(r"^\d\d-[a-z0-9]+(-[a-z0-9]+)*$")
 

@@ -285,7 +285,7 @@ class ChapterRecord:
         Returns
         -------
         list of Judged
-            In the order of the ledger, ``data/claims.yaml``.
+            In the order of the ledger, ``data/claims``.
 
         Raises
         ------

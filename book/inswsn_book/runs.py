@@ -25,6 +25,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from inswsn_book.cores import core_name, run_core
 from inswsn_book.execution import ChapterError, Workers, execute_notebook
 from inswsn_book.files import swap_folder, text_digest, tree_digest, write_whole
 from inswsn_book.ledger import data_digest
@@ -451,15 +452,24 @@ def _published_seconds(project: Project, chapter: str) -> float:
     return math.inf if made is None else made.seconds
 
 
-def compute_core(project: Project, request: Request) -> Results:
+def compute_core(project: Project, request: Request) -> Run:
     """Return what the core function of a chapter finds, called in this process.
 
     Raises
     ------
     InswsnError
-        If the chapter has no core.
+        If the chapter has no core, or the core refuses a parameter.
     """
-    raise InswsnError(f"Chapter {request.chapter} has no core.")
+    chapter, around = project.find(request.chapter), request.surroundings
+    source = chapter.source.read_text(encoding="utf-8")
+    name = core_name(source)
+    if name is None:
+        raise InswsnError(f"Chapter {request.chapter} has no core.")
+    values = source_schema(source, chapter.source.name).check(request.parameters)
+    results, files = run_core(
+        project.root, request.chapter, name, values, threads=around.threads, solver=around.solver
+    )
+    return Run(request, results, None, files)
 
 
 def _run_and_keep(project: Project, request: Request, progress: Progress, workers: Workers) -> Run:
@@ -469,7 +479,7 @@ def _run_and_keep(project: Project, request: Request, progress: Progress, worker
     if request.core:
         if request.overlay:
             raise InswsnError("A core is called on the files of the checkout, without an overlay.")
-        done, machine = Run(request, compute_core(project, request)), machine_facts()
+        done, machine = compute_core(project, request), machine_facts()
     else:
         done, machine = _execute(project, request, prepared, progress, workers)
     made = Provenance(

@@ -1,211 +1,523 @@
-"""Many runs of an experiment over a grid: shared out, kept as they come, and summed up."""
+"""A sweep: one request for each cell of a grid of parameters, and a table over their runs.
+
+Cells are computed on Dask, by processes of this machine or by the workers of a scheduler. Each run
+goes to the one store as it ends, so that a cell which is there is not computed again.
+"""
 
 from __future__ import annotations
 
-import time
-from collections import deque
-from collections.abc import Callable, Mapping
-from concurrent.futures import FIRST_COMPLETED, Future, wait
-from contextlib import ExitStack
-from dataclasses import replace
-from functools import partial
+import csv
+import io
+import itertools
+import json
+import logging
+import math
+import sys
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from functools import cache
 from pathlib import Path
+from typing import Any
 
-from inswsn_book.project import Project
-from inswsn_book.provenance import available_cores
-from inswsn_book.sweep_plan import BLOCK, Plan, changed_since, default_folder
-from inswsn_book.sweep_progress import SweepProgress
-from inswsn_book.sweep_results import Finished, cell_name, write_results
-from inswsn_book.sweep_store import Store, check_folder
-from inswsn_book.sweep_tasks import Outcome, Task, library_state, own_source
-from inswsn_book.sweep_workers import (
-    WorkerDiedError,
-    Workers,
-    dask_workers,
-    local_workers,
-)
-from inswsn_lib.errors import BuildError, ParameterError
+from rich import progress as bars
+from rich.console import Console
+from rich.table import Table
 
-#: How often a task is tried in one call
-ATTEMPTS = 3
-_PAUSE = 1.0  # s; so often it is looked who is there
+import inswsn_lib
+from inswsn_book.cores import SCORES, core_name
+from inswsn_book.files import text_digest, write_whole
+from inswsn_book.parameters import Schema, Value, chapter_schema
+from inswsn_book.progress import Bars, Quiet
+from inswsn_book.project import Chapter, Project, is_checkout
+from inswsn_book.provenance import available_cores, machine_facts, repository_state
+from inswsn_book.running import gather_parameters
+from inswsn_book.runs import Request, Run, chosen_surroundings, keep, lookup, request_key, run
+from inswsn_lib import __version__
+from inswsn_lib.errors import BuildError, InswsnError, ParameterError
+
+MOST_CELLS = 10_000
+_MOST_ROWS = 40
+_CONNECT_SECONDS = 5
+# How often the processes of this machine are started, if one ends at once
+_STARTS = 3
+# An interrupt is for the command, which ends its workers
+_IGNORE_INTERRUPTS = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"
+_FILES = ("sweep.csv", "leaders.csv", "failed.csv", "sweep.svg", "sweep.json")
+
+Row = dict[str, Any]
+
+
+# The grid -----------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """A chapter over a grid.
+
+    `core` is the function that is called in each cell; without one the notebook is executed. `axes`
+    are parameters with the values that they go through, `settings` those that are the same in all
+    cells.
+    """
+
+    chapter: Chapter
+    schema: Schema
+    core: str | None
+    axes: Mapping[str, tuple[Value, ...]]
+    settings: Mapping[str, Value]
+
+    @property
+    def places(self) -> list[dict[str, Value]]:
+        """The values of each cell on the axes; the last axis goes fastest."""
+        values = itertools.product(*self.axes.values())
+        return [dict(zip(self.axes, cell, strict=True)) for cell in values]
+
+    @property
+    def requests(self) -> list[Request]:
+        """What is run in each cell."""
+        around, core = chosen_surroundings(), self.core is not None
+        return [
+            Request(self.chapter.number, {**self.settings, **place}, around, core=core)
+            for place in self.places
+        ]
+
+
+def read_sweep(
+    project: Project, chapter: Chapter, axes: Iterable[str], settings: Iterable[str]
+) -> Sweep:
+    """Return the sweep that a user asks for.
+
+    Parameters
+    ----------
+    project : Project
+        The checkout.
+    chapter : Chapter
+        The chapter.
+    axes : iterable of str
+        ``name=value,value,...``, each name once.
+    settings : iterable of str
+        ``name=value``, for parameters that are no axis.
+
+    Raises
+    ------
+    ParameterError
+        If a name is not declared or given twice, a value may not be or stands twice on an axis, or
+        there are too many cells.
+    """
+    schema, data = chapter_schema(project.root, chapter.number), project.root / "data"
+    found: dict[str, tuple[Value, ...]] = {}
+    for axis in axes:
+        name, equals, text = axis.partition("=")
+        if not equals or name in found:
+            raise ParameterError("--grid", axis, "name=value,value,..., once for each name")
+        values = [
+            gather_parameters(schema, (f"{name}={part}",), None, data)[name]
+            for part in text.split(",")
+        ]
+        if len(set(values)) < len(values):
+            raise ParameterError("--grid", axis, "a list without repetitions")
+        found[name] = tuple(values)
+    chosen = gather_parameters(schema, settings, None, data)
+    for name in chosen:
+        if name in found:
+            raise ParameterError("-p", f"{name}={chosen[name]}", f"left out: --grid varies {name}")
+    count = math.prod(map(len, found.values()))
+    if count > MOST_CELLS:
+        raise ParameterError("--grid", f"of {count} cells", f"of {MOST_CELLS} cells at most")
+    core = core_name(chapter.source.read_text(encoding="utf-8"))
+    return Sweep(chapter, schema, core, found, chosen)
+
+
+def _cell_name(place: Mapping[str, Value]) -> str:
+    """Return what a cell is called: its values on the axes."""
+    return ", ".join(f"{name}={value}" for name, value in place.items()) or "the one cell"
+
+
+# Computing ----------------------------------------------------------------------------------------
+
+
+class SweepProgress(Bars):
+    """Shows how many cells are done."""
+
+    def __init__(self, console: Console | None = None) -> None:
+        super().__init__(
+            console,
+            bars.TextColumn("{task.description}"),
+            bars.BarColumn(bar_width=24),
+            bars.TextColumn("{task.completed:.0f} of {task.total:.0f} cells"),
+            bars.TimeRemainingColumn(),
+        )
+
+    def started(self, name: str, cells: int, there: int) -> None:
+        """Say how many cells there are, and how many of them are in the store."""
+        self._task = self._bars.add_task(name, total=cells, completed=there)
+        self.say(f"{name}: {cells} cell{'s' if cells != 1 else ''}, of which {there} are there")
+
+    def ended(self, cell: str, failure: str | None) -> None:
+        """Say that a cell has ended."""
+        self._bars.advance(self._task)
+        if failure is not None:
+            self.say(f"{cell}: failed: {failure}")
+        elif not self._live:
+            self.say(f"{cell}: done")
+
+
+def _compute_cell(root: str, request: Request, state: str, fresh: bool) -> Run | str:
+    """Run a request in a worker; return why it failed, if it did.
+
+    The state is the command's. A worker with another one would find other numbers.
+    """
+    try:
+        project, request = _own(root, request)
+        if _state(project, request) != state:
+            return "the library, the locks or the chapter are others than those of the command"
+        return run(project, request, Quiet(), fresh=fresh)
+    except (InswsnError, BuildError) as error:
+        return str(error)
+    except Exception as error:
+        return f"{type(error).__name__}: {error}"
+
+
+def _own(root: str, request: Request) -> tuple[Project, Request]:
+    """Return the checkout of a worker, and the request with the worker's interpreter."""
+    here = Path(root)
+    project = Project(here if is_checkout(here) else Path(inswsn_lib.__file__).parents[1])
+    around = replace(request.surroundings, python=sys.executable)
+    return project, replace(request, surroundings=around)
+
+
+def _own_state(root: str, request: Request) -> str:
+    return _state(*_own(root, request))
+
+
+def _state(project: Project, request: Request) -> str:
+    """Return the key of a request, and what of the library this process has loaded."""
+    return f"{request_key(project, request)}-{_loaded_library()}"
+
+
+@cache
+def _loaded_library() -> str:
+    return Project(Path()).computing_digest()  # as it was when this process was first asked
+
+
+@contextmanager
+def _local_client(jobs: int) -> Iterator[Any]:
+    """Have processes of this machine, of one thread each, and end them."""
+    import dask  # noqa: PLC0415  # they take a second to load
+    import distributed  # noqa: PLC0415
+
+    # without Dask's own settings of the allocator, which make large arrays slow
+    environment = {f"{name}_NUM_THREADS": 1 for name in ("OMP", "OPENBLAS", "MKL", "NUMBA")}
+    with (
+        _quiet(),
+        dask.config.set({"distributed.nanny.pre-spawn-environ": environment}),
+        _local_cluster(jobs) as cluster,
+        distributed.Client(cluster, set_as_default=False) as client,
+    ):
+        yield client
+
+
+def _local_cluster(jobs: int) -> Any:
+    import distributed  # noqa: PLC0415
+
+    for _ in range(_STARTS):
+        try:
+            return distributed.LocalCluster(
+                n_workers=jobs, threads_per_worker=1, memory_limit=0, dashboard_address=None,
+                silence_logs=logging.CRITICAL, preload=[_IGNORE_INTERRUPTS],
+            )  # fmt: skip
+        except RuntimeError:  # a process ended before it had begun: it is not replaced then
+            continue
+    raise BuildError("No process of this machine stayed alive long enough to compute.")
+
+
+@contextmanager
+def _remote_client(address: str, root: str, request: Request, state: str) -> Iterator[Any]:
+    """Have the workers of a scheduler; refuse those that would find other numbers."""
+    import dask  # noqa: PLC0415
+    import distributed  # noqa: PLC0415
+
+    with _quiet(), dask.config.set({"distributed.comm.timeouts.connect": _CONNECT_SECONDS}):
+        try:
+            client = distributed.Client(address, timeout=_CONNECT_SECONDS, set_as_default=False)
+        except (OSError, ValueError, ImportError, TypeError):
+            raise ParameterError(
+                "--dask", address, "the address of a Dask scheduler that answers"
+            ) from None
+        with client:
+            threads = client.nthreads()
+            states = client.run(_own_state, root, request, on_error="return")
+            if not threads:
+                raise InswsnError(f"The Dask scheduler at {address} has no worker.")
+            for worker, count in threads.items():
+                if count != 1:
+                    raise InswsnError(
+                        f"The Dask worker at {worker} has {count} threads; start it with "
+                        "--nthreads 1, and more of them on a machine with more cores."
+                    )
+                if states.get(worker) != state:
+                    raise InswsnError(
+                        f"The Dask worker at {worker} has another library, other locks or another "
+                        "chapter than this command; install the same checkout there and restart it."
+                    )
+            yield client
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Keep Dask's tracebacks from the terminal: what they mean is told in a sentence."""
+    names = ("distributed", "tornado.application", "asyncio")
+    loggers = [logging.getLogger(name) for name in names]
+    levels = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.setLevel(logging.CRITICAL + 1)
+    try:
+        yield
+    finally:
+        for logger, level in zip(loggers, levels, strict=True):
+            logger.setLevel(level)
+
+
+def _compute(
+    client: Any,
+    root: str,
+    fresh: bool,
+    due: Mapping[int, tuple[Request, str]],
+    ended: Callable[[int, Run | str], None],
+) -> None:
+    """Share cells out; tell of each as it ends."""
+    from concurrent.futures import CancelledError  # noqa: PLC0415
+
+    import distributed  # noqa: PLC0415
+
+    futures = {
+        client.submit(_compute_cell, root, request, state, fresh, pure=False): cell
+        for cell, (request, state) in due.items()
+    }
+    for future in distributed.as_completed(futures, loop=client.loop):
+        try:
+            outcome = future.result()
+        except CancelledError:
+            raise BuildError(
+                "The Dask scheduler is gone; what is finished is kept, and the same command goes "
+                "on from there."
+            ) from None
+        except distributed.scheduler.KilledWorker:
+            outcome = "each process that computed it ended before it had"
+        ended(futures[future], outcome)
+        future.release()
 
 
 def run_sweep(
     project: Project,
-    plan: Plan,
+    sweep: Sweep,
     progress: SweepProgress,
     *,
     out: Path | None = None,
     jobs: int | None = None,
     dask: str | None = None,
     fresh: bool = False,
-    block: int = BLOCK,
-    workers: Workers | None = None,
 ) -> Finished:
-    """Compute what is not there of a sweep, and write its files.
+    """Compute the cells of a sweep that are not in the store, and write its files.
 
     Parameters
     ----------
     project : Project
         The checkout.
-    plan : Plan
-        The sweep.
+    sweep : Sweep
+        What is wanted.
     progress : SweepProgress
         Told how it goes.
     out : Path, optional
         The folder. Default: one below ``runs/``.
     jobs : int, optional
-        Processes. Default: one a core.
+        Processes of this machine. Default: one a core.
     dask : str, optional
         The address of a scheduler, in place of processes of this machine.
     fresh : bool
-        Drop what is there.
-    block : int
-        Groups of runs of a task, at most.
-    workers : Workers, optional
-        Who computes, in place of processes of this machine.
+        Compute all cells, whatever the store holds.
 
     Raises
     ------
     ParameterError
-        If the folder is of another kind, nobody answers at the address, or there are both `jobs`
-        and `dask`.
+        If the folder holds other files, nobody answers at the address, or there are both `jobs` and
+        `dask`.
     InswsnError
-        If the folder holds a sweep made from something else, or another one runs there.
+        If a worker of the scheduler would find other numbers.
     BuildError
-        If the scheduler of a cluster is gone, or a file that the numbers depend on is changed
-        meanwhile.
+        If the scheduler goes away.
     """
-    if dask is not None and plan.experiment is None:
-        raise ParameterError("--dask", dask, "left out: this chapter is executed as a whole")
     if dask is not None and jobs is not None:
         raise ParameterError("--jobs", jobs, "left out: the cluster of --dask has its own workers")
-    folder = out or default_folder(project, plan)
-    check_folder(folder)
-    with ExitStack() as stack:
-        if dask is not None:  # a wrong address leaves nothing behind
-            workers = stack.enter_context(dask_workers(dask, own_source(plan.source)))
-        store = stack.enter_context(Store(folder, plan.made_from, fresh=fresh))
-        done = store.done()
-        wanted = len(plan.grid.places()) * plan.parts
-        kept = sum(part < plan.parts for parts in done.values() for part in parts)
-        store.forget_failures()
-        sweep = _Sweep(plan, store, progress, partial(changed_since, project, plan))
-        size = plan.runs_of_part
-        progress.started(plan.name, kept * size, wanted * size, plan.counted)
-        at_once = workers.size() if workers else jobs or available_cores()
-        tasks = plan.shared_out(done, block, at_once)
-        if tasks:
-            if workers is None:
-                jobs = min(at_once, len(tasks))
-                workers = stack.enter_context(local_workers(jobs))
-                store.note(f"{jobs} process{'es' if jobs > 1 else ''} of this machine")
-            else:
-                store.note(f"the Dask cluster at {dask}" if dask else type(workers).__name__)
-            try:
-                sweep.work(tasks, workers)
-            except KeyboardInterrupt:
-                progress.say(
-                    f"What is finished is kept in {store.folder}; the same command goes on."
-                )
-                raise
-        return write_results(project, plan, store, kept=kept * size, computed=sweep.computed * size)
+    folder = out or _default_folder(project, sweep)
+    _check_folder(folder)
+    requests, places = sweep.requests, sweep.places
+    outcomes: dict[int, Run | str] = {}
+    for cell, request in enumerate(requests if not fresh else ()):
+        if (found := lookup(project, request)) is not None:
+            outcomes[cell] = found
+    due = {
+        cell: (request, _state(project, request))
+        for cell, request in enumerate(requests)
+        if cell not in outcomes
+    }
+    progress.started(sweep.core or sweep.chapter.name, len(requests), len(outcomes))
+
+    def ended(cell: int, outcome: Run | str) -> None:
+        # a worker of this machine has put it there already
+        if isinstance(outcome, Run) and (fresh or lookup(project, requests[cell]) is None):
+            keep(project, requests[cell], outcome)
+        outcomes[cell] = outcome
+        progress.ended(_cell_name(places[cell]), outcome if isinstance(outcome, str) else None)
+
+    if due:
+        root = str(project.root)
+        clients = (
+            _local_client(min(jobs or available_cores(), len(due)))
+            if dask is None
+            else _remote_client(dask, root, *next(iter(due.values())))
+        )
+        with clients as client:
+            _compute(client, root, fresh, due, ended)
+    there = len(requests) - len(due)
+    return _write(project, sweep, folder, [outcomes[cell] for cell in sorted(outcomes)], there)
 
 
-def _waits(task: Task, flying: Mapping[Future[Outcome], Task]) -> bool:
-    """Tell whether a task has to wait, since one that may have ended a worker is computed alone."""
-    return bool(flying) and (task.suspect or any(other.suspect for other in flying.values()))
+# What a sweep leaves ------------------------------------------------------------------------------
 
 
-class _Sweep:
-    """The loop of a sweep; it knows nothing of who computes."""
+@dataclass(frozen=True)
+class Finished:
+    """A sweep that has come to its end: its folder, and what the terminal tells of it.
 
-    def __init__(
-        self,
-        plan: Plan,
-        store: Store,
-        progress: SweepProgress,
-        changed: Callable[[], list[str]],
-    ) -> None:
-        self._plan, self._store, self._progress = plan, store, progress
-        self._changed = changed
-        self._names = [cell_name(place) for place in plan.grid.places()]
-        self._failed: set[int] = set()
-        self._left = [plan.parts] * len(self._names)
-        for cell, parts in store.done().items():
-            self._left[cell] -= sum(part < plan.parts for part in parts)
-        self._library = library_state(own_source(plan.source))
-        self.computed = 0
+    Rows have the values of a cell on the axes: those of the leaders also ``best``, ``error``,
+    ``next``, and by how many per cent the best is below the next, ``lead`` and ``within``; those
+    that failed the ``reason``. Cells were computed by this call, or were there.
+    """
 
-    def work(self, tasks: deque[Task], workers: Workers) -> None:
-        """Share tasks out until none is left; few are under way at a time."""
-        flying: dict[Future[Outcome], Task] = {}
-        told = ""
-        while tasks or flying:
-            trouble = workers.look()
-            if trouble and trouble != told:
-                self._progress.say(trouble)
-            told = trouble
-            while tasks and workers.has_room() and not _waits(tasks[0], flying):
-                task = self._still_wanted(tasks.popleft())
-                if task.cells:
-                    flying[workers.submit(self._plan.compute, task)] = task
-            if tasks and not flying:
-                time.sleep(_PAUSE)  # until there is a worker
-            finished, _ = wait(flying, timeout=_PAUSE, return_when=FIRST_COMPLETED)
-            for future in finished:
-                task = flying.pop(future)
-                try:
-                    again = self._taken(task, workers.outcome(future))
-                except WorkerDiedError as death:
-                    if death.shared and not task.suspect:  # after all others, and alone
-                        tasks.append(replace(task, suspect=True))
-                        continue
-                    again = {cell: str(death) for cell, _ in task.cells}
-                tasks.extendleft(reversed(self._tried_again(task, again)))
+    folder: Path
+    leaders: list[Row]
+    failed: list[Row]
+    computed: int
+    there: int
+    no_figure: str
 
-    def _still_wanted(self, task: Task) -> Task:
-        """Return the task without the cells that have failed meanwhile."""
-        return replace(task, cells=tuple(c for c in task.cells if c[0] not in self._failed))
 
-    def _taken(self, task: Task, outcome: Outcome) -> dict[int, str]:
-        """Keep what was computed; return the cells to be tried again, and why."""
-        if outcome.done and outcome.library != self._library:  # a worker that came later
-            reason = f"a worker has another library: {outcome.library}, not {self._library}"
-            return {cell: reason for cell, _ in task.cells}
-        if outcome.done and (changed := self._changed()):
-            raise BuildError(
-                f"Another {' and another '.join(changed)} than when the sweep began: what was "
-                "finished before is kept. Put it back and give the same command, or begin anew by "
-                "--fresh."
-            )
-        self._store.add(outcome.done)
-        self.computed += len(outcome.done)
-        self._progress.advanced(len(outcome.done) * self._plan.runs_of_part)
-        for cell, reason in outcome.refused.items():
-            self._fail(cell, reason)
-        for cell in {cell for cell, _, _ in outcome.done}:
-            self._left[cell] -= len(task.parts)
-            if not self._left[cell]:
-                left = sum(map(bool, self._left)) - len(self._failed)
-                self._progress.cell(self._names[cell], left)
-        return outcome.failed
+def _write(
+    project: Project, sweep: Sweep, folder: Path, outcomes: Sequence[Run | str], there: int
+) -> Finished:
+    """Write the files of a sweep, each whole or not at all."""
+    found = list(zip(sweep.places, outcomes, strict=True))
+    runs = [(place, run) for place, run in found if isinstance(run, Run)]
+    failed = [{**place, "reason": reason} for place, reason in found if isinstance(reason, str)]
+    rows = [row for place, run in runs for row in _rows(place, run, sweep.core is not None)]
+    leaders = [
+        {**place, **json.loads(run.files[SCORES])["leader"]} for place, run in runs if sweep.core
+    ]
+    for name, table in (("sweep", rows), ("leaders", leaders), ("failed", failed)):
+        if table or name == "sweep":
+            write_whole(folder / f"{name}.csv", _csv(table))
+        else:
+            (folder / f"{name}.csv").unlink(missing_ok=True)
+    no_figure = _write_figure(folder / "sweep.svg", sweep, rows, runs)
+    write_whole(folder / "sweep.json", _provenance(project, sweep, len(failed)))
+    return Finished(folder, leaders, failed, len(runs) - there, there, no_figure)
 
-    def _tried_again(self, task: Task, reasons: dict[int, str]) -> list[Task]:
-        """Return a task for each cell that may be tried again; the others have failed."""
-        alone = []
-        for cell, values in task.cells:
-            if cell not in reasons or cell in self._failed:
-                continue
-            if task.attempt + 1 < ATTEMPTS:
-                alone.append(replace(task, cells=((cell, values),), attempt=task.attempt + 1))
-            else:
-                self._fail(cell, f"{reasons[cell]} (tried {ATTEMPTS} times)")
-        return alone
 
-    def _fail(self, cell: int, reason: str) -> None:
-        if cell not in self._failed:
-            self._failed.add(cell)
-            self._store.fail(cell, reason)
-            self._progress.failed(self._names[cell], reason)
+def _rows(place: Mapping[str, Value], run: Run, of_core: bool) -> Iterator[Row]:
+    for quantity in run.results.quantities:
+        method, _, column = quantity.name.rpartition(".")
+        low, high = quantity.interval or (None, None)
+        row: Row = {"method": method, "column": column} if of_core else {}
+        row |= {
+            "quantity": quantity.name, "unit": quantity.unit, "runs": quantity.runs,
+            "value": quantity.value, "low": low, "high": high,
+        }  # fmt: skip
+        # an axis may be called as a column is, such as runs
+        yield {**place, **{name: value for name, value in row.items() if name not in place}}
+
+
+def _csv(rows: Sequence[Row]) -> str:
+    stream = io.StringIO()
+    writer = csv.DictWriter(stream, list(rows[0]) if rows else [], lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    return stream.getvalue()
+
+
+def _write_figure(
+    path: Path, sweep: Sweep, rows: Sequence[Row], runs: Sequence[tuple[Any, Run]]
+) -> str:
+    """Draw the figure, or return why there is none."""
+    path.unlink(missing_ok=True)
+    if sweep.core is None or not runs:
+        return "no cell is complete." if sweep.core else "the chapter has no core, and no headline."
+    import pandas as pd  # noqa: PLC0415  # what refuses a grid needs neither
+
+    from inswsn_lib.plotting import draw_scores  # noqa: PLC0415
+
+    words = json.loads(runs[0][1].files[SCORES])
+    methods = {m: label for m, label in words["methods"].items() if m not in words["baselines"]}
+    units = {name: sweep.schema[name].unit for name in sweep.axes}
+    frame = pd.DataFrame(rows).rename(columns={"value": "median"})
+    try:
+        fig = draw_scores(frame, units, words["headline"], methods)
+    except ParameterError as error:
+        return str(error)
+    # a file is passed on without the page that explains it
+    told = "Lines: medians of the runs. Bands: from 2.5 to 97.5 % of them."
+    fig.supxlabel(told, fontsize="small")
+    stream = io.StringIO()
+    facts = {"Title": f"{sweep.core}. {told}", "Date": None, "Creator": None}
+    fig.savefig(stream, format="svg", metadata=facts, facecolor="white")
+    write_whole(path, stream.getvalue())
+    return ""
+
+
+def _provenance(project: Project, sweep: Sweep, failed: int) -> str:
+    commit, clean = repository_state(project.root)
+    facts = {
+        "version": __version__,
+        "commit": commit,
+        "clean": clean,
+        "chapter": sweep.chapter.name,
+        "core": sweep.core,
+        "grid": {name: list(values) for name, values in sweep.axes.items()},
+        "parameters": {
+            name: value
+            for name, value in sweep.schema.check(sweep.settings).items()
+            if name not in sweep.axes
+        },
+        "solver": chosen_surroundings().solver,
+        "failed cells": failed,
+        "finished": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
+        "machine of the command": machine_facts(),
+    }
+    return json.dumps(facts, indent=2, ensure_ascii=False) + "\n"
+
+
+def _default_folder(project: Project, sweep: Sweep) -> Path:
+    wanted = json.dumps([sweep.axes, sweep.settings, chosen_surroundings().solver])
+    return project.root / "runs" / f"{sweep.chapter.name}-sweep-{text_digest(wanted)[:8]}"
+
+
+def _check_folder(folder: Path) -> None:
+    if folder.exists() and (
+        not folder.is_dir() or {path.name for path in folder.iterdir()} - set(_FILES)
+    ):
+        raise ParameterError("--out", str(folder), "a new folder, or one that holds a sweep alone")
+
+
+def show_leaders(sweep: Sweep, finished: Finished, console: Console) -> None:
+    """Write which method leads in each cell, and by how much."""
+    if not finished.leaders:
+        return
+    table = Table(*sweep.axes, "best", "error", "next", "lead", box=None, pad_edge=False)
+    for row in finished.leaders[:_MOST_ROWS]:
+        lead = "" if row["next"] is None else f"{row['lead']:.2f} ± {row['within']:.2f} %"
+        places = (str(row[name]) for name in sweep.axes)
+        table.add_row(*places, row["best"], f"{row['error']:.4g}", row["next"] or "", lead)
+    console.print(table)
+    if len(finished.leaders) > _MOST_ROWS:
+        console.print(f"and {len(finished.leaders) - _MOST_ROWS} cells more, in leaders.csv")

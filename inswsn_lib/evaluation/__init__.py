@@ -13,6 +13,7 @@ from inswsn_lib.evaluation.metrics import (
 )
 from inswsn_lib.evaluation.monte_carlo import GROUP, monte_carlo
 from inswsn_lib.evaluation.noise import NoiseFit, fit_noise
+from inswsn_lib.evaluation.scores import Lead, Leader, Scores, paired_lead
 from inswsn_lib.evaluation.tuning import PatternSearch, Tuning, search_pattern, tune
 
 __all__ = [
@@ -20,10 +21,13 @@ __all__ = [
     "MOTIONS",
     "WITHIN",
     "DriftBound",
+    "Lead",
+    "Leader",
     "Motion",
     "NoiseFit",
     "PatternSearch",
     "Score",
+    "Scores",
     "Spread",
     "Tuning",
     "cluster_interval",
@@ -35,6 +39,7 @@ __all__ = [
     "mean_bounds",
     "monte_carlo",
     "normalised_squares",
+    "paired_lead",
     "root_mean_square_error",
     "score_hypothesis",
     "search_pattern",

@@ -1,5 +1,11 @@
-"""Navigation: the hybrid of a filter and a regressor, and recordings to run it on."""
+"""Navigation: P1's training areas, the hybrid of a filter and a regressor, and recordings."""
 
+from inswsn_lib.navigation.cluster_fusion import (
+    ClusterFusion,
+    cluster_fusion,
+    planar_rms,
+    widen_velocities,
+)
 from inswsn_lib.navigation.hybrid import (
     HybridNavigator,
     HybridRun,
@@ -8,6 +14,13 @@ from inswsn_lib.navigation.hybrid import (
 )
 from inswsn_lib.navigation.recorded_trials import RecordedTrials, read_trials, run_recorded_outages
 from inswsn_lib.navigation.recordings import INS, REFERENCE, TIME, WSN, Recording, read_recording
+from inswsn_lib.navigation.training_areas import (
+    TrainingAreas,
+    errors_by_area,
+    noise_sizes,
+    table2_cells,
+    training_areas,
+)
 from inswsn_lib.navigation.trials import (
     FILTERS,
     OutageTrials,
@@ -22,6 +35,7 @@ from inswsn_lib.navigation.vehicle_hybrid import (
     VehicleHybrid,
     sensed_motion,
 )
+from inswsn_lib.navigation.vehicle_outages import VehicleOutages, vehicle_outages
 
 __all__ = [
     "FILTERS",
@@ -30,6 +44,7 @@ __all__ = [
     "TIME",
     "WSN",
     "Bridge",
+    "ClusterFusion",
     "HybridNavigator",
     "HybridRun",
     "Machine",
@@ -37,14 +52,24 @@ __all__ = [
     "Ramps",
     "RecordedTrials",
     "Recording",
+    "TrainingAreas",
     "VehicleHybrid",
+    "VehicleOutages",
+    "cluster_fusion",
+    "errors_by_area",
     "fit_many",
+    "noise_sizes",
     "observable_inputs",
     "outage_size",
     "p3_hybrids",
+    "planar_rms",
     "read_recording",
     "read_trials",
     "run_outages",
     "run_recorded_outages",
     "sensed_motion",
+    "table2_cells",
+    "training_areas",
+    "vehicle_outages",
+    "widen_velocities",
 ]

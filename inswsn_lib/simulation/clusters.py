@@ -239,6 +239,13 @@ class ClusterScene:
                 each[~there] = each[there].mean(axis=0)
         return out
 
+    @cached_property
+    def mean_covariance(self) -> Array:
+        """The mean of `measurement_covariance` over the steps with a fix, (clusters, 4, 4)."""
+        hears = ~np.isnan(self.fix_covariance[:, :, 0, 0])
+        R = self.measurement_covariance
+        return np.stack([R[c, hears[c]].mean(axis=0) for c in range(len(R))])
+
     def margins(self, length: float) -> Array:
         """Return how far each cluster's coverage reaches beyond the node, (clusters, steps).
 

@@ -31,7 +31,7 @@ def test_publishing_adds_ids_and_keeps_those_that_are_there(mini: MiniProject) -
     assert new_ids(mini) == ["P1-M-twice", "P2-M-lost"]
     assert publish_ids(mini) == ["P1-M-twice", "P2-M-lost"]
     assert publish_ids(mini) == []
-    ledger = mini.root / "data" / "claims.yaml"
+    ledger = mini.root / "data" / "claims" / "mini.yaml"
     text = ledger.read_text(encoding="utf-8")
     more = text[text.index("- id: P2-M-lost") :].replace("P2-M-lost", "P2-A-new")
     ledger.write_text(text + more, encoding="utf-8")
@@ -42,7 +42,7 @@ def test_publishing_adds_ids_and_keeps_those_that_are_there(mini: MiniProject) -
 def test_a_lost_id_is_shown_and_stops_publishing(built: MiniProject) -> None:
     assert run_command(built.root, "publish").returncode == 0
     kept = (built.root / "data" / "claim-ids.txt").read_bytes()
-    ledger = built.root / "data" / "claims.yaml"
+    ledger = built.root / "data" / "claims" / "mini.yaml"
     text = ledger.read_text(encoding="utf-8")
     ledger.write_text(text.replace("P2-M-lost", "P2-M-other"), encoding="utf-8")
     done = run_command(built.root, "publish", "--check")

@@ -41,7 +41,7 @@ def write(path: Path, *entries: dict[str, Any], **missing: str) -> Path:
 
 
 def test_every_check_of_the_ledger_resolves(project: Project) -> None:
-    claims = load_claims(project.root / "data" / "claims.yaml")
+    claims = load_claims(project.root / "data" / "claims")
     results = [read_results(path) for path in project.published.glob("*.json")]
     judged = verdicts(claims, results)
     assert len(judged) == len(claims) > 0
@@ -51,7 +51,7 @@ def test_every_check_of_the_ledger_resolves(project: Project) -> None:
 
 def test_the_ledger_says_what_the_second_transcription_says(project: Project) -> None:
     """Printed values in the ledger, against the transcriptions of the papers."""
-    claims = {c.id: c for c in load_claims(project.root / "data" / "claims.yaml")}
+    claims = {c.id: c for c in load_claims(project.root / "data" / "claims")}
     with (project.root / "data" / "papers" / "p1-table1.csv").open() as stream:
         for row in csv.DictReader(stream):
             for kind, column in (("mpos", "mean_position"), ("mvel", "mean_velocity")):
@@ -178,20 +178,20 @@ def test_a_share_of_a_negative_number_is_no_negative_width() -> None:
 
 
 def test_the_digest_of_a_chapter_is_of_its_claims_alone(tmp_path: Path) -> None:
-    (tmp_path / "data").mkdir()
-    path = tmp_path / "data" / "claims.yaml"
+    (tmp_path / "data" / "claims").mkdir(parents=True)
+    path = tmp_path / "data" / "claims" / "mini.yaml"
     other = ENTRY | {"id": "P1-T3-y", "check": {"chapter": "03", "quantity": "y"}}
     write(path, ENTRY, other)
-    before = {n: data_digest(tmp_path, f"data/claims.yaml#{n}") for n in ("02", "03")}
+    before = {n: data_digest(tmp_path, f"data/claims#{n}") for n in ("02", "03")}
     write(path, ENTRY, other | {"tolerance": "within 1"})
-    after = {n: data_digest(tmp_path, f"data/claims.yaml#{n}") for n in ("02", "03")}
+    after = {n: data_digest(tmp_path, f"data/claims#{n}") for n in ("02", "03")}
     assert before["02"] == after["02"]
     assert before["03"] != after["03"]
     assert [claim.id for claim in claims_of(load_claims(path), "03")] == ["P1-T3-y"]
     path.unlink()
-    assert data_digest(tmp_path, "data/claims.yaml#02") is None
+    assert data_digest(tmp_path, "data/claims#02") is None
     path.write_text("[")
-    assert data_digest(tmp_path, "data/claims.yaml#02") is None
+    assert data_digest(tmp_path, "data/claims#02") is None
 
 
 def test_a_ledger_of_all_shapes_of_ids(tmp_path: Path) -> None:

@@ -129,7 +129,7 @@ def test_claims_are_judged_by_what_has_been_recorded_so_far(record: ChapterRecor
         "kind: numeric, check: {{chapter: '00', quantity: {quantity}}}, tolerance: within 10 %, "
         "why: A tenth.}}\n"
     )
-    (root / "data" / "claims.yaml").write_text(
+    (root / "data" / "claims" / "mini.yaml").write_text(
         "claims:\n"
         + claim.format(id="P1-T9-1", value="3", quantity="x")
         + claim.format(id="P1-T9-2", value="5", quantity="x")
@@ -145,4 +145,4 @@ def test_claims_are_judged_by_what_has_been_recorded_so_far(record: ChapterRecor
         record.judge()
     add(record, "later", value=7.0)
     assert len(record.judge()) == 3
-    assert "data/claims.yaml#00" in record.results().data
+    assert "data/claims#00" in record.results().data

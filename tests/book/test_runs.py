@@ -378,9 +378,9 @@ def test_the_core_of_a_chapter(mini: MiniProject, monkeypatch: pytest.MonkeyPatc
         run(mini, request, Quiet())
     calls = []
 
-    def core(_: Project, asked: Request) -> Results:
+    def core(_: Project, asked: Request) -> Run:
         calls.append(asked)
-        return EMPTY
+        return Run(asked, EMPTY)
 
     monkeypatch.setattr(runs, "compute_core", core)
     done = run(mini, request, Quiet())

@@ -67,7 +67,7 @@ def test_the_kalman_end_of_the_curve(results: Results) -> None:
 
 def test_the_verdicts_are_those_of_the_proof(project: Project, results: Results) -> None:
     """One step contradicts itself; the theorem and two of its uses fail; the lemma stands."""
-    mine = claims_of(load_claims(project.root / "data" / "claims.yaml"), "01")
+    mine = claims_of(load_claims(project.root / "data" / "claims"), "01")
     by_id = {entry.claim.id: entry.verdict for entry in verdicts(mine, [results])}
     assert by_id.pop("P1-F-2.19") is Verdict.CONTRADICTED
     failed = {name for name, verdict in by_id.items() if verdict is Verdict.NOT_REPRODUCED}

@@ -1353,7 +1353,7 @@ def test_the_kalman_filter_has_the_least_error_of_many(results: Results) -> None
 
 @pytest.fixture(scope="module")
 def judged(results: Results, root: Path) -> dict[str, Judged]:
-    claims = [c for c in load_claims(root / "data" / "claims.yaml") if c.chapter == "04"]
+    claims = [c for c in load_claims(root / "data" / "claims") if c.chapter == "04"]
     return {entry.claim.id: entry for entry in verdicts(claims, [results])}
 
 

@@ -643,7 +643,7 @@ def test_a_radar_takes_most_of_the_error_away(page: str) -> None:
 
 @pytest.fixture(scope="module")
 def judged(results: Results, root: Path) -> dict[str, Judged]:
-    claims = [c for c in load_claims(root / "data" / "claims.yaml") if c.chapter == "05"]
+    claims = [c for c in load_claims(root / "data" / "claims") if c.chapter == "05"]
     return {entry.claim.id: entry for entry in verdicts(claims, [results])}
 
 

@@ -15,7 +15,6 @@ from inswsn_book.elsewhere import (
     read_elsewhere,
     variants,
 )
-from inswsn_book.elsewhere_page import EXPLANATIONS, elsewhere_texts, title_of
 from inswsn_book.progress import Quiet
 from inswsn_book.project import Project
 from inswsn_book.provenance import available_cores
@@ -79,18 +78,9 @@ def test_a_design_is_asked_of_scs(
     assert cell.flipped == ()
 
 
-def test_what_has_not_been_run_is_said_not_to_have_been(project: Project, study: Study) -> None:
+def test_each_chapter_stands_once_in_a_variant(study: Study) -> None:
     assert len({(c.variant, c.chapter) for c in study.cells}) == len(study.cells)
     assert {AGAIN, "threads-2", "older-processor"} <= set(study.variants)
-    texts = elsewhere_texts(project)
-    rows = texts["elsewhere-chapters.md"].split("* - ")[2:]
-    chapters = [chapter.number for chapter in project.chapters()]
-    for chapter, row in zip(chapters, rows, strict=True):
-        _, _, *entries = [entry.strip() for entry in row.split("\n  - ")]
-        for name, entry in zip(study.variants, entries, strict=True):
-            cell = study.cell(name, chapter)
-            ran = cell is not None and cell.failed is None
-            assert entry.startswith("not run") != ran
 
 
 def test_the_stored_machines_computed_as_asked(study: Study) -> None:
@@ -104,42 +94,9 @@ def test_the_stored_machines_computed_as_asked(study: Study) -> None:
             assert first is None or first.python != cell.python
 
 
-def test_the_table_by_plain_arithmetic(project: Project) -> None:
-    """From the JSON alone: what the row of each variant says."""
+def test_nothing_is_beyond_its_tolerance_without_being_listed(project: Project) -> None:
+    """Each deviation in the JSON, by its own numbers."""
     cells = json.loads((project.root / ELSEWHERE).read_text())["cells"]
-    table = elsewhere_texts(project)["elsewhere-table.md"]
-    rows = [
-        [entry.strip() for entry in re.split(r"\n  - ", part)] for part in table.split("* - ")[2:]
-    ]
-    study = read_elsewhere(project.root / ELSEWHERE)
-    chapters = len(project.chapters())
-    assert len(rows) == len(study.variants)
-    for row in rows:
-        (name,) = (name for name in study.variants if title_of(study, name) == row[0])
-        own = [c for c in cells if c["variant"] == name and "failed" not in c]
-        counts = [
-            (sum(len(c.get(part, [])) for c in own), sum(c.get(whole, 0) for c in own))
-            for part, whole in (
-                ("flipped", "judged"), ("overturned", "sentences"), ("beyond", "compared"),
-            )
-        ]  # fmt: skip
-        counts.append((sum(c.get("identical", 0) for c in own), counts[-1][1]))
-        said = [f"{part} of {whole}" if whole else "there are none" for part, whole in counts]
-        assert row[1:6] == [f"{len(own)} of {chapters}", *said]
-        sizes = [c["farthest"].get("deviation") or float("inf") for c in own if "farthest" in c]
-        far = row[6].removesuffix(":::::").strip().split(",")[0]
-        if not sizes:
-            assert far == "none moved"
-        elif max(sizes) < 0.001:
-            assert far == "below 0.001"
-        else:
-            assert float(far) == pytest.approx(max(sizes), rel=0.05)
-
-
-def test_nothing_is_beyond_its_tolerance_without_being_said_to_be(project: Project) -> None:
-    """Each deviation in the JSON, by its own numbers, and on the page by its name."""
-    cells = json.loads((project.root / ELSEWHERE).read_text())["cells"]
-    texts = elsewhere_texts(project)
     for cell in cells:
         far = cell.get("farthest")
         if far and far.get("deviation") is not None:
@@ -147,8 +104,3 @@ def test_nothing_is_beyond_its_tolerance_without_being_said_to_be(project: Proje
             assert far["deviation"] == pytest.approx(size, rel=1e-9)
             if size > 1:
                 assert far["name"] in {moved["name"] for moved in cell["beyond"]}
-        for moved in cell.get("beyond", []):
-            assert f"`{moved['name']}`" in texts["elsewhere-moved.md"]
-        for flip in cell.get("flipped", []):
-            assert flip["claim"] in texts["elsewhere-moved.md"]
-    assert (project.root / EXPLANATIONS).is_file()

@@ -1,0 +1,140 @@
+"""The core of a chapter: what it computes over many runs, as a function of the science library.
+
+The head of a chapter's source names it, ``core: package.module:function``. The function takes the
+chapter's parameters by name and returns `inswsn_lib.evaluation.Scores`.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from inswsn_book.files import file_digest
+from inswsn_book.parameters import Value
+from inswsn_book.results import Quantity, Results
+from inswsn_lib.errors import InswsnError
+
+if TYPE_CHECKING:
+    from inswsn_lib.evaluation import Scores
+
+#: The file of a run in which the words of a core's scores are kept, and who leads
+SCORES = "scores.json"
+# What a core may read, beside its parameters
+_SCENARIOS = "data/scenarios"
+_SOLVER_VARIABLE = "INSWSN_SOLVER"
+
+
+def core_name(source: str) -> str | None:
+    """Return what the source of a chapter names as its core; None if it names none."""
+    head = source.partition("\n---\n")[0]
+    found = re.search(r"^core: *(\S+:\S+)$", head, re.MULTILINE)
+    return found[1] if found else None
+
+
+def load_core(name: str) -> Callable[..., Scores]:
+    """Return the function of that name.
+
+    Raises
+    ------
+    InswsnError
+        If there is none.
+    """
+    module, _, function = name.partition(":")
+    try:
+        return getattr(import_module(module), function)  # type: ignore[no-any-return]
+    except (ImportError, AttributeError) as error:
+        raise InswsnError(f"There is no core {name}: {error}.") from None
+
+
+def run_core(
+    root: Path,
+    chapter: str,
+    name: str,
+    values: Mapping[str, Value],
+    *,
+    threads: int,
+    solver: str,
+) -> tuple[Results, dict[str, str]]:
+    """Call a core, and return its scores as results and as the file `SCORES`.
+
+    Parameters
+    ----------
+    root : Path
+        The checkout.
+    chapter : str
+        Its number.
+    name : str
+        The core.
+    values : mapping of str to value
+        All parameters of the chapter, checked.
+    threads : int
+        How many the linear algebra may use.
+    solver : str
+        The one that designs are given to.
+
+    Raises
+    ------
+    InswsnError
+        If there is no such core, or it refuses a parameter.
+    """
+    with _surrounded(threads, solver):
+        scores = load_core(name)(**values)
+    scenarios = sorted((root / _SCENARIOS).glob("*.yaml"))
+    results = Results(
+        chapter=chapter,
+        parameters=dict(values),
+        data={f"{_SCENARIOS}/{path.name}": file_digest(path) for path in scenarios},
+        quantities=tuple(_quantities(scores)),
+    )
+    return results, {SCORES: json.dumps(_words(scores), indent=1, ensure_ascii=False) + "\n"}
+
+
+def _quantities(scores: Scores) -> Iterator[Quantity]:
+    for row in scores.table().to_dict("records"):
+        median = row["median"]
+        yield Quantity(
+            name=f"{row['method']}.{row['column']}",
+            value=median,
+            unit=row["unit"],
+            interval=(row["low"], row["high"]),
+            interval_kind="runs 95 %",
+            runs=row["runs"],
+            basis="simulation",
+            how=f"{row['column']}, {scores.methods[row['method']]}: median over runs.",
+            tolerance=float(f"{1e-3 * abs(median) + 1e-6:.0e}"),
+        )
+
+
+def _words(scores: Scores) -> dict[str, Any]:
+    best, error, after, lead = scores.leader()
+    return {
+        "methods": dict(scores.methods),
+        "baselines": sorted(scores.baselines),
+        "headline": scores.headline,
+        "leader": {
+            "best": best, "error": error, "next": after,
+            "lead": lead.percent if after else None, "within": lead.within if after else None,
+        },
+    }  # fmt: skip
+
+
+@contextmanager
+def _surrounded(threads: int, solver: str) -> Iterator[None]:
+    """Let the linear algebra have so many threads, and name the solver, for a while."""
+    from threadpoolctl import threadpool_limits  # noqa: PLC0415  # the parent needs no numerics
+
+    before = os.environ.get(_SOLVER_VARIABLE)
+    os.environ[_SOLVER_VARIABLE] = solver
+    try:
+        with threadpool_limits(threads):
+            yield
+    finally:
+        os.environ.pop(_SOLVER_VARIABLE, None)
+        if before is not None:
+            os.environ[_SOLVER_VARIABLE] = before

@@ -1,0 +1,468 @@
+"""P2's clusters as a Monte Carlo: the scene, the filters tuned alike, their errors.
+
+This is what chapter 04 compares on equal terms over many runs, as a function of the chapter's own
+parameters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import block_diag
+
+from inswsn_lib.evaluation import PatternSearch, Scores, monte_carlo, search_pattern
+from inswsn_lib.files import data_file
+from inswsn_lib.filters import (
+    handover_weights,
+    patterns_of,
+    run_distributed,
+    run_federated,
+    run_fused_locals,
+    run_switched,
+)
+from inswsn_lib.lmi import FilterDesign, InfeasibleDesignError, design_filter
+from inswsn_lib.models import ErrorModel
+from inswsn_lib.scenario import Setting, load_scenario, with_values
+from inswsn_lib.simulation import ClusterScene
+
+Array = NDArray[np.float64]
+#: Which clusters hear the node
+Pattern = tuple[bool, ...]
+#: Measurements of the clusters, (N, steps, 4, runs), to estimates, (steps, 4, runs)
+Estimator = Callable[..., Array]
+
+#: The methods that are compared, and what they are called
+METHODS = {
+    "fkf-reset": "FKF, reset",
+    "fkf-no-reset": "FKF, no reset",
+    "covariance-intersection": "covariance intersection",
+    "best-cluster": "best cluster",
+    "dhf": "DHF",
+    "hf-centralised": "HF, centralised",
+    "kf-with-bias": "KF with bias",
+    "dhf-one-ins": "DHF, one INS",
+    "network-alone": "network alone",
+}
+#: The most trials that the search for the numbers of a method has
+TRIALS = 32
+# Where a search begins, and the ratios of its steps: an acceleration, a factor on the variance of
+# velocities, the weight of velocities in L
+_START = (1.0, 1.0)
+_STARTS = {
+    "dhf": (1.0, 1.0, 1.0),
+    "hf-centralised": (1.0, 1.0, 1.0),
+    "kf-with-bias": (0.03, 1.0),
+}
+_RATIOS = (2.5, 10.0, 3.0)
+# Position and velocity in the state
+_PARTS = (slice(0, 2), slice(2, 4))
+
+
+def p2_settings() -> dict[str, Setting]:
+    """Return the settings of P2's scene."""
+    return load_scenario(data_file("scenarios/p2.yaml"))
+
+
+@dataclass(frozen=True, eq=False)
+class ClusterFusion:
+    """P2's scene with its clusters, the filters of chapter 04 tuned alike, and their errors.
+
+    Every filter gives its estimate before the measurement of the step. Its numbers are tuned on
+    `other_runs` runs of the next seed: an acceleration that is its process noise, m/s^2 (of the
+    filter with bias how fast the bias wanders, m/s^2/s^0.5), a factor on the variance of measured
+    velocities, and, of H-infinity filters, the weight of a velocity against a position in L.
+
+    Attributes
+    ----------
+    published : mapping of str to Setting
+        The scenario file ``p2``.
+    seed : int
+        Of all random numbers.
+    runs : int
+        Runs that are judged.
+    other_runs : int
+        Runs of the next seed, on which the filters are tuned.
+    speed : float
+        Of the node along its path, m/s.
+    range_noise : float
+        Standard deviation of a range, m.
+    dropout : float
+        Share of ranges that are lost.
+    velocity_source : {"sensor", "difference", "window"}
+        As in `inswsn_lib.simulation.ClusterScene`.
+    velocity_noise : float
+        Standard deviation of a velocity from the sensor, m/s.
+    velocity_fixes : int
+        Fixes in a window.
+    accelerometer_bias : float
+        Of both accelerometers, m/s^2.
+
+    Examples
+    --------
+    Carlson's filter in a fast walk, told of 1 m/s^2, and the INS alone:
+
+    >>> import numpy as np
+    >>> from inswsn_lib.navigation import ClusterFusion, planar_rms
+    >>> fusion = ClusterFusion(runs=4, speed=6.0)
+    >>> ins = fusion.drawn["ins"]
+    >>> error = ins - fusion.federated(1.0, 1.0)(fusion.measurements)
+    >>> bool(np.all(planar_rms(error) < planar_rms(ins)))
+    True
+    """
+
+    published: Mapping[str, Setting] = field(default_factory=p2_settings)
+    seed: int = 2012
+    runs: int = 512
+    other_runs: int = 64
+    speed: float = 2.4
+    range_noise: float = 0.2
+    dropout: float = 0.0
+    velocity_source: str = "window"
+    velocity_noise: float = 0.126
+    velocity_fixes: int = 25
+    accelerometer_bias: float = 0.15
+
+    @cached_property
+    def settings(self) -> dict[str, Setting]:
+        """The settings of the scene with these parameters."""
+        return with_values(
+            self.published,
+            speed=self.speed,
+            noise=self.range_noise,
+            dropout=self.dropout,
+            velocity_source=self.velocity_source,
+            velocity_noise=self.velocity_noise,
+            velocity_fixes=self.velocity_fixes,
+            accelerometer_bias=[self.accelerometer_bias, self.accelerometer_bias],
+        )
+
+    @cached_property
+    def scene(self) -> ClusterScene:
+        """The scene."""
+        return ClusterScene.from_settings(self.settings)
+
+    @cached_property
+    def drawn(self) -> dict[str, Array]:
+        """What `ClusterScene.simulate` gives in the runs that are judged."""
+        return monte_carlo(self.scene.simulate, self.runs, self.seed)
+
+    @cached_property
+    def tuning(self) -> dict[str, Array]:
+        """The same in the runs on which filters are tuned."""
+        return monte_carlo(self.scene.simulate, self.other_runs, self.seed + 1)
+
+    @cached_property
+    def measurements(self) -> Array:
+        """INS less network of each cluster, (N, steps, 4, runs); NaN where it does not hear."""
+        return _measured(self.drawn)
+
+    @cached_property
+    def covariance(self) -> Array:
+        """The covariance of each cluster's measurement at each step, (N, steps, 4, 4)."""
+        return self.scene.measurement_covariance
+
+    @cached_property
+    def white(self) -> float:
+        """The white noise of an accelerometer in a sample, m/s^2."""
+        return float(self.scene.inertial.accelerometer_noise / self.scene.period**0.5)
+
+    @cached_property
+    def initial_covariance(self) -> Array:
+        """P_0 of the Kalman filters: 0.1 m and 0.1 m/s, (4, 4)."""
+        return np.diag(np.repeat([0.1, 0.1], 2) ** 2)
+
+    @cached_property
+    def sets(self) -> list[Pattern]:
+        """The sets of clusters in reach in any run."""
+        return sorted({*patterns_of(self.measurements), *patterns_of(_measured(self.tuning))})
+
+    def local_models(self, acceleration: float, covariances: Iterable[Array]) -> list[ErrorModel]:
+        """Return a model for each covariance of a measurement, (4, 4), m^2 and m^2/s^2.
+
+        Parameters
+        ----------
+        acceleration : float
+            What acts on the INS in a period, m/s^2: the process noise.
+        covariances : iterable of ndarray, (4, 4)
+        """
+        T = self.scene.period
+        plain = ErrorModel.p2(T)
+        q = np.repeat([acceleration * T**2 / 2, acceleration * T], 2)
+        return [plain.with_covariances(np.diag(q**2), R) for R in covariances]
+
+    def federated(
+        self,
+        acceleration: float,
+        factor: float,
+        *,
+        reset: Literal["fusion", "zero", "none"] = "fusion",
+        interval: int = 1,
+    ) -> Estimator:
+        """Return Carlson's federated filter, which knows the covariance of each fix."""
+        known = widen_velocities(self.covariance, factor)
+        model = self.local_models(acceleration, known[:, 0])[0]
+        return lambda y, **options: run_federated(
+            model, y, measurement_covariance=known, initial_covariance=self.initial_covariance,
+            predicted=True, reset=reset, interval=interval, **options,
+        )  # fmt: skip
+
+    def fused_locals(
+        self, acceleration: float, factor: float, rule: Literal["intersection", "best"]
+    ) -> Estimator:
+        """Return local Kalman filters, each with all of Q, fused by a rule."""
+        known = widen_velocities(self.covariance, factor)
+        model = self.local_models(acceleration, known[:, 0])[0]
+        return lambda y: run_fused_locals(
+            model, y, measurement_covariance=known, initial_covariance=self.initial_covariance,
+            rule=rule, predicted=True,
+        )  # fmt: skip
+
+    def local_designs(
+        self, acceleration: float, factor: float, weight: float
+    ) -> list[FilterDesign]:
+        """Return the local H-infinity filters; L weighs velocities by a number."""
+        return [design_filter(m) for m in self._weighed(acceleration, factor, weight)]
+
+    def distributed(
+        self,
+        acceleration: float,
+        factor: float,
+        weight: float,
+        *,
+        noise: Literal["independent", "common"] = "independent",
+        for_sets: Iterable[Pattern] | None = None,
+    ) -> Estimator:
+        """Return P2's distributed H-infinity filter with restart, weights for each set."""
+        designs = self.local_designs(acceleration, factor, weight)
+        weights = handover_weights(designs, for_sets or self.sets, noise, "block")
+        return lambda y, **options: run_distributed(designs, y, weights=weights, **options)
+
+    def central_hf(
+        self,
+        acceleration: float,
+        factor: float,
+        weight: float,
+        *,
+        for_sets: Iterable[Pattern] | None = None,
+    ) -> Estimator:
+        """Return the H-infinity filter of all measurements in reach, one gain for each set."""
+        models = self._weighed(acceleration, factor, weight)
+        gains = {}
+        for heard in for_sets or self.sets:
+            inside = [m for m, there in zip(models, heard, strict=True) if there]
+            C, D = np.vstack([m.C for m in inside]), block_diag(*[m.D for m in inside])
+            gains[heard] = design_filter(replace(inside[0], C=C, D=D))
+        return lambda y: run_switched(gains, y)
+
+    def with_bias(self, walk: float, factor: float) -> Estimator:
+        """Return a centralised Kalman filter with two states for the acceleration errors."""
+        known, T = widen_velocities(self.covariance, factor), self.scene.period
+        A = np.eye(6)
+        A[0, 2] = A[1, 3] = A[2, 4] = A[3, 5] = T
+        A[0, 4] = A[1, 5] = T**2 / 2
+        q = np.repeat([self.white * T**2 / 2, self.white * T, walk * T**0.5], 2)
+        model = ErrorModel(
+            A=A, B=np.diag(q), C=np.eye(4, 6), D=np.eye(4), L=np.eye(6), E=np.zeros((6, 6)),
+            period=T,
+        )  # fmt: skip
+        start = block_diag(self.initial_covariance, 0.3**2 * np.eye(2))
+        return lambda y: run_federated(
+            model, y, measurement_covariance=known, initial_covariance=start, predicted=True
+        )[:, :4]
+
+    def network_alone(self, y: Array) -> Array:
+        """Return the fixes weighted by covariance, one step late; the INS is left out.
+
+        NaN where no cluster heard the node in the step before.
+        """
+        information = np.linalg.inv(self.covariance)[..., None]
+        there = np.asarray(~np.isnan(y).any(axis=2))
+        heard = np.where(there[:, :, None, None], information, 0.0)
+        total = heard.sum(axis=0)
+        right = np.einsum("csijr,csjr->sir", heard, np.nan_to_num(y))
+        out = np.full(right.shape, np.nan)
+        k, r = np.nonzero(there.any(axis=0))
+        out[k, :, r] = np.linalg.solve(total[k, :, :, r], right[k, :, r, None])[..., 0]
+        return np.concatenate([np.full_like(out[:1], np.nan), out[:-1]])
+
+    @cached_property
+    def tuned(self) -> dict[str, PatternSearch]:
+        """The search for the numbers of each method that has some."""
+        make = self._makers()
+        return {name: self._tune(name, make[name]) for name in make}
+
+    @cached_property
+    def chosen(self) -> dict[str, tuple[float, ...]]:
+        """The numbers of each method; DHF for one INS has those of DHF."""
+        numbers = {name: search.best for name, search in self.tuned.items()}
+        return numbers | {"dhf-one-ins": numbers["dhf"]}
+
+    @cached_property
+    def filters(self) -> dict[str, Estimator]:
+        """Each of `METHODS` with its numbers."""
+        tuned = {name: make(*self.chosen[name]) for name, make in self._makers().items()}
+        one_ins = self.distributed(*self.chosen["dhf"], noise="common")
+        return tuned | {"dhf-one-ins": one_ins, "network-alone": self.network_alone}
+
+    @cached_property
+    def errors(self) -> dict[str, Array]:
+        """The errors of each of `METHODS` in the runs that are judged, (steps, 4, runs)."""
+        ins, y = self.drawn["ins"], self.measurements
+        return {name: ins - run(y) for name, run in self.filters.items()}
+
+    def scores(self) -> Scores:
+        """Return the RMS errors of each of `METHODS` over the whole path.
+
+        Returns
+        -------
+        Scores
+            ``position``, m, and ``velocity``, m/s: see `planar_rms`.
+        """
+        columns = {"position": "m", "velocity": "m/s"}
+        values = {
+            f"{method}.{column}": size
+            for method, error in self.errors.items()
+            for column, size in zip(columns, planar_rms(error), strict=True)
+        }
+        return Scores(methods=METHODS, columns=columns, values=values, headline="position")
+
+    def _weighed(self, acceleration: float, factor: float, weight: float) -> list[ErrorModel]:
+        known = widen_velocities(self.scene.mean_covariance, factor)
+        L = np.diag([1.0, 1.0, weight, weight])
+        return [replace(m, L=L) for m in self.local_models(acceleration, known)]
+
+    def _makers(self) -> dict[str, Callable[..., Estimator]]:
+        return {
+            "fkf-reset": self.federated,
+            "fkf-no-reset": lambda a, f: self.federated(a, f, reset="none"),
+            "covariance-intersection": lambda a, f: self.fused_locals(a, f, "intersection"),
+            "best-cluster": lambda a, f: self.fused_locals(a, f, "best"),
+            "dhf": self.distributed,
+            "hf-centralised": self.central_hf,
+            "kf-with-bias": self.with_bias,
+        }
+
+    def _tune(self, name: str, make: Callable[..., Estimator]) -> PatternSearch:
+        y = _measured(self.tuning)
+
+        def loss(*numbers: float) -> float:
+            try:
+                error = self.tuning["ins"] - make(*numbers)(y)
+            except InfeasibleDesignError:  # numbers too far apart for the solver
+                return np.inf
+            position, velocity = (
+                float(np.sqrt(np.nanmean(np.sum(error[:, rows] ** 2, axis=1)))) for rows in _PARTS
+            )
+            return float((position * velocity) ** 0.5)
+
+        begin = _STARTS.get(name, _START)
+        return search_pattern(METHODS[name], begin, _RATIOS[: len(begin)], loss, most=TRIALS)
+
+
+def cluster_fusion(
+    *,
+    seed: int = 2012,
+    runs: int = 512,
+    other_runs: int = 64,
+    speed: float = 2.4,
+    range_noise: float = 0.2,
+    dropout: float = 0.0,
+    velocity_source: str = "window",
+    velocity_noise: float = 0.126,
+    velocity_fixes: int = 25,
+    accelerometer_bias: float = 0.15,
+    fading_length: float = 3.0,
+    most_clusters: int = 128,
+) -> Scores:
+    """Compute chapter 04 over many runs: filters of P2's clusters on equal terms.
+
+    Parameters
+    ----------
+    seed, runs, other_runs, speed, range_noise, dropout, velocity_source, velocity_noise, \
+velocity_fixes, accelerometer_bias
+        Those of the chapter; see `ClusterFusion`.
+    fading_length, most_clusters
+        Those of the chapter, which change other sections of it only: they are ignored.
+
+    Returns
+    -------
+    Scores
+        As `ClusterFusion.scores`.
+
+    Raises
+    ------
+    ParameterError
+        If there can be no such scene.
+    InfeasibleDesignError
+        If an H-infinity filter cannot be designed where its search begins.
+
+    Examples
+    --------
+    Half a minute:
+
+    >>> from inswsn_lib.navigation import cluster_fusion
+    >>> scores = cluster_fusion(runs=64, other_runs=40, speed=6.0)  # doctest: +SKIP
+    >>> scores.leader().best  # doctest: +SKIP
+    'kf-with-bias'
+    """
+    parameters: dict[str, Any] = locals()
+    of_other_sections = ("fading_length", "most_clusters")
+    used = {name: value for name, value in parameters.items() if name not in of_other_sections}
+    return ClusterFusion(**used).scores()
+
+
+def planar_rms(error: Array) -> Array:
+    """Return the RMS lengths of the errors of position and velocity in each run.
+
+    Parameters
+    ----------
+    error : ndarray, (steps, 4, runs)
+        x, y, their velocities, m and m/s. A step with a NaN is left out.
+
+    Returns
+    -------
+    ndarray, (2, runs)
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from inswsn_lib.navigation import planar_rms
+    >>> planar_rms(np.tile([[3.0], [4.0], [0.6], [0.8]], (10, 1, 1))).ravel().tolist()
+    [5.0, 1.0]
+    """
+    return np.stack(
+        [np.sqrt(np.nanmean(np.sum(error[:, rows] ** 2, axis=1), axis=0)) for rows in _PARTS]
+    )
+
+
+def widen_velocities(covariance: Array, factor: float) -> Array:
+    """Return covariances with the part of the velocities times a factor.
+
+    Parameters
+    ----------
+    covariance : ndarray, (..., 4, 4)
+    factor : float
+
+    Returns
+    -------
+    ndarray, (..., 4, 4)
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from inswsn_lib.navigation import widen_velocities
+    >>> np.diag(widen_velocities(np.eye(4), 10.0)).tolist()
+    [1.0, 1.0, 10.0, 10.0]
+    """
+    out = covariance.copy()
+    out[..., 2:, 2:] *= factor
+    return out
+
+
+def _measured(drawn: Mapping[str, Array]) -> Array:
+    return np.asarray(drawn["ins"][None] - drawn["wsn"])

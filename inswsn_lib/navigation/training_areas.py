@@ -1,0 +1,427 @@
+"""P1's two training areas as a Monte Carlo: the scene, the noise told, the filters, their errors.
+
+This is what chapter 02 computes over many runs, as a function of the chapter's own parameters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inswsn_lib.evaluation import NoiseFit, Scores, fit_noise, mean_absolute_error, monte_carlo
+from inswsn_lib.files import data_file
+from inswsn_lib.filters import deadbeat_gain, run_hinfinity, run_kalman
+from inswsn_lib.lmi import FilterDesign, design_filter
+from inswsn_lib.models import ErrorModel
+from inswsn_lib.papers import AXES, COLUMNS
+from inswsn_lib.scenario import Setting, load_scenario, with_values
+from inswsn_lib.simulation import Scene
+
+Array = NDArray[np.float64]
+#: An array for each area, ``"1"`` and ``"2"``
+ByArea = dict[str, Array]
+#: Designs by the form of the inequality, ``"exact"`` or ``"printed"``, and by area
+Designs = dict[str, dict[str, FilterDesign]]
+
+AREAS = "12"
+#: P_0 of the Kalman filters: they know nothing before the first measurement
+UNKNOWN = 1e6 * np.eye(4)
+#: The methods that `training_areas` scores, of those that `TrainingAreas.estimate` knows
+SCORED = {
+    "ins": "INS alone",
+    "wsn": "network alone = published HF, filtered",
+    "kf-matched-filtered": "KF, filtered",
+    "hf-exact-matched-filtered": "HF, exact LMI, filtered",
+    "hf-printed-matched-filtered": "HF, printed LMI, filtered",
+    "hf-printed-predicted": "published HF, predicted",
+}
+
+
+def p1_settings() -> dict[str, Setting]:
+    """Return the settings of P1's scene and of the INS that fits its cells."""
+    scene, fitted = (data_file(f"scenarios/{name}.yaml") for name in ("p1", "p1-inertial"))
+    return load_scenario(scene) | load_scenario(fitted)
+
+
+@dataclass(frozen=True, eq=False)
+class TrainingAreas:
+    r"""P1's scene with its network, what the filters of chapter 02 are told, and their errors.
+
+    The filters are told one standard deviation for position and one for velocity of Q and of R,
+    fitted to other runs (`inswsn_lib.evaluation.fit_noise`): they are *matched*.
+
+    **What is held when the time is scaled.** The path sample by sample: the speed goes with one
+    over `time_scale`, and the periods, the times before and between the areas and the interval of
+    the inertial sensors with it. The errors of the sensors keep their values in SI units, and so do
+    the start of the INS, the noise of the network and the jitter. So an INS drifts for five times
+    as long at a period of 1 s as at 0.2 s; its errors were fitted to P1's table at 0.2 s only.
+
+    Attributes
+    ----------
+    published : mapping of str to Setting
+        The scenario files ``p1`` and ``p1-inertial``, joined.
+    seed : int
+        Of all random numbers.
+    runs : int
+        Runs that are judged.
+    other_runs : int
+        Runs of the next seed, from which noise figures are fitted.
+    period_area1, period_area2 : float
+        Sampling periods, s.
+    speed : float
+        m/s.
+    range_noise : float
+        Standard deviation of a range, m.
+    velocity_source : {"sensor", "difference", "window"}
+        As in `inswsn_lib.simulation.Scene`.
+    velocity_noise : float
+        Standard deviation of a measured velocity, m/s.
+    accelerometer_noise, gyro_noise : float
+        m/s/s^0.5 and rad/s^0.5.
+    inertial_scale : float
+        Factor on the fitted errors of the INS.
+    q_scale : float
+        Factor on the Q that matched filters are told.
+    time_scale : float
+        Factor on periods and times; the speed is divided by it.
+
+    Examples
+    --------
+    At 1 s the node walks, and the area begins at the same place of the path:
+
+    >>> from inswsn_lib.navigation import TrainingAreas
+    >>> for areas in (TrainingAreas(), TrainingAreas(time_scale=5.0)):
+    ...     scene = areas.scene
+    ...     print(scene.periods[0], scene.speed, round(scene.speed * scene.lead, 6))
+    0.2 7.5 130.8
+    1.0 1.5 130.8
+    """
+
+    published: Mapping[str, Setting] = field(default_factory=p1_settings)
+    seed: int = 2012
+    runs: int = 1024
+    other_runs: int = 256
+    period_area1: float = 0.2
+    period_area2: float = 0.21
+    speed: float = 7.5
+    range_noise: float = 0.38
+    velocity_source: str = "sensor"
+    velocity_noise: float = 0.126
+    accelerometer_noise: float = 0.005
+    gyro_noise: float = 0.0005
+    inertial_scale: float = 1.0
+    q_scale: float = 1.0
+    time_scale: float = 1.0
+
+    @cached_property
+    def settings(self) -> dict[str, Setting]:
+        """The settings of the scene with these parameters."""
+        slower = self.time_scale
+        times = ("lead", "between", "inertial_interval")
+        inertial = ("accelerometer_bias", "accelerometer_scale", "gyro_bias")
+        start = ("heading", "velocity", "position")
+        return with_values(
+            self.published,
+            periods=[slower * self.period_area1, slower * self.period_area2],
+            speed=self.speed / slower,
+            noise=self.range_noise,
+            velocity_source=self.velocity_source,
+            velocity_noise=self.velocity_noise,
+            accelerometer_noise=self.accelerometer_noise,
+            gyro_noise=self.gyro_noise,
+            **{name: slower * self.published[name].value for name in times},
+            **{
+                name: np.multiply(self.published[name].value, self.inertial_scale)
+                for name in (*inertial, *start)
+            },
+        )
+
+    @cached_property
+    def scene(self) -> Scene:
+        """The scene."""
+        return Scene.from_settings(self.settings)
+
+    @cached_property
+    def drawn(self) -> dict[str, ByArea]:
+        """Errors of ``ins`` and ``wsn`` in the runs that are judged, by area, (steps, 4, runs)."""
+        return self._draw(self.runs, self.seed)
+
+    @cached_property
+    def others(self) -> dict[str, ByArea]:
+        """The same in the runs from which noise figures are fitted."""
+        return self._draw(self.other_runs, self.seed + 1)
+
+    def _draw(self, runs: int, seed: int) -> dict[str, ByArea]:
+        return errors_by_area(monte_carlo(self.scene.simulate, runs, seed))
+
+    def told(self, q_scale: float) -> TrainingAreas:
+        """Return the same runs, with filters that are told another multiple of Q."""
+        other = replace(self, q_scale=q_scale)
+        # what is drawn does not depend on what filters are told
+        shared = ("scene", "drawn", "others", "noise")
+        vars(other).update({name: getattr(self, name) for name in shared})
+        return other
+
+    @cached_property
+    def models(self) -> dict[str, ErrorModel]:
+        """P1's model of each area with its jitter, noise of one unit."""
+        periods = zip(AREAS, self.scene.periods, self.scene.jitter, strict=True)
+        return {a: ErrorModel.p1(period, jitter) for a, period, jitter in periods}
+
+    @cached_property
+    def identity(self) -> dict[str, ErrorModel]:
+        """The same without the jitter: Q = R = I."""
+        return {a: replace(model, E=np.zeros((4, 4))) for a, model in self.models.items()}
+
+    @cached_property
+    def noise(self) -> dict[str, NoiseFit]:
+        """Q and R of each area that match the simulation."""
+        others = self.others
+        return {
+            a: fit_noise(model.A, others["ins"][a], others["wsn"][a])
+            for a, model in self.models.items()
+        }
+
+    def assuming(self, ratio: float) -> dict[str, ErrorModel]:
+        """Return the models that assume Q to be this many times the one that matches."""
+        models = {}
+        for a, fit in self.noise.items():
+            position, velocity = noise_sizes(fit.process)
+            models[a] = ErrorModel.p1(
+                self.models[a].period,
+                process_noise=(ratio**0.5 * position, ratio**0.5 * velocity),
+                measurement_noise=noise_sizes(fit.measurement),
+            )
+        return models
+
+    @cached_property
+    def matched(self) -> dict[str, ErrorModel]:
+        """The models that matched filters are told."""
+        return self.assuming(self.q_scale)
+
+    @cached_property
+    def matched_designs(self) -> Designs:
+        """H-infinity filters that are told the noise of `matched`."""
+        return _designs(self.matched)
+
+    @cached_property
+    def identity_designs(self) -> Designs:
+        """H-infinity filters that are told B = D = I."""
+        return _designs(self.identity)
+
+    @cached_property
+    def deadbeat(self) -> dict[str, tuple[ErrorModel, Array]]:
+        """The published filter: the model and the printed gain, B_f = A."""
+        return {a: (model, deadbeat_gain(model)) for a, model in self.identity.items()}
+
+    def estimate(self, method: str, area: str, y: Array) -> Array:
+        """Return what a method estimates the error of the INS to be.
+
+        Parameters
+        ----------
+        method : str
+            ``ins`` or ``wsn``, which is all or none of it; or a filter and whether it has seen the
+            measurement of the step, ``filtered`` or ``predicted``: ``kf-TOLD-filtered``,
+            ``hf-FORM-TOLD-filtered`` with FORM ``exact`` or ``printed``, or, for the printed
+            matrices, ``hf-printed-filtered``. TOLD is ``matched`` or ``identity``.
+        area : {"1", "2"}
+        y : ndarray, (steps, 4, runs)
+            INS less network.
+
+        Returns
+        -------
+        ndarray, (steps, 4, runs)
+        """
+        if method in ("ins", "wsn"):
+            return y if method == "wsn" else 0 * y
+        family, *told, word = method.split("-")
+        predicted = word == "predicted"
+        if family == "kf":
+            model = (self.matched if told == ["matched"] else self.identity)[area]
+            return run_kalman(model, y, initial_covariance=UNKNOWN, predicted=predicted)
+        start = np.nan_to_num(y[0])
+        if told == ["printed"]:
+            printed = self.deadbeat[area]
+            return run_hinfinity(printed, y, initial_state=start, predicted=predicted)
+        designs = self.matched_designs if told[1] == "matched" else self.identity_designs
+        return run_hinfinity(designs[told[0]][area], y, initial_state=start, predicted=predicted)
+
+    def errors(self, method: str) -> ByArea:
+        """Return the errors of a method in the runs that are judged, by area.
+
+        There is no prediction of the first step, so predicted errors leave it out.
+
+        Parameters
+        ----------
+        method : str
+            As in `estimate`.
+
+        Returns
+        -------
+        dict of str to ndarray
+            (steps, 4, runs), m and m/s.
+        """
+        ins, network = self.drawn["ins"], self.drawn["wsn"]
+        if method == "wsn":  # and not INS less (INS less network), which rounds
+            return network
+        first = 1 if method.endswith("predicted") else 0
+        return {a: (ins[a] - self.estimate(method, a, ins[a] - network[a]))[first:] for a in AREAS}
+
+    def scores(self) -> Scores:
+        """Return the cells of P1's Table 2 for each of `SCORED`, and their means.
+
+        Returns
+        -------
+        Scores
+            A cell is the mean absolute error of a run over the samples of an area. ``position`` and
+            ``velocity`` are the means of the four cells each.
+        """
+        values = {
+            f"{method}.{column}": cell
+            for method in SCORED
+            for column, cell in _with_means(table2_cells(self.errors(method))).items()
+        }
+        units = {c: "m" if c[0] == "r" else "m/s" for c in COLUMNS}
+        return Scores(
+            methods=SCORED,
+            columns=units | {"position": "m", "velocity": "m/s"},
+            values=values,
+            headline="position",
+            baselines=frozenset({"ins"}),
+        )
+
+
+def training_areas(
+    *,
+    seed: int = 2012,
+    runs: int = 1024,
+    other_runs: int = 256,
+    period_area1: float = 0.2,
+    period_area2: float = 0.21,
+    speed: float = 7.5,
+    range_noise: float = 0.38,
+    velocity_source: str = "sensor",
+    velocity_noise: float = 0.126,
+    accelerometer_noise: float = 0.005,
+    gyro_noise: float = 0.0005,
+    inertial_scale: float = 1.0,
+    q_scale: float = 1.0,
+    time_scale: float = 1.0,
+) -> Scores:
+    """Compute chapter 02 over many runs: methods on P1's training areas, in the cells of Table 2.
+
+    Parameters
+    ----------
+    seed, runs, other_runs, period_area1, period_area2, speed, range_noise, velocity_source, \
+velocity_noise, accelerometer_noise, gyro_noise, inertial_scale, q_scale, time_scale
+        Those of the chapter; see `TrainingAreas`.
+
+    Returns
+    -------
+    Scores
+        As `TrainingAreas.scores`.
+
+    Raises
+    ------
+    ParameterError
+        If the path ends before the last window.
+    InfeasibleDesignError
+        If an H-infinity filter cannot be designed.
+
+    Examples
+    --------
+    >>> from inswsn_lib.navigation import training_areas
+    >>> scores = training_areas(runs=40, other_runs=40)
+    >>> scores.leader().best
+    'kf-matched-filtered'
+    """
+    parameters = locals()
+    return TrainingAreas(**parameters).scores()
+
+
+def errors_by_area(drawn: Mapping[str, Array]) -> dict[str, ByArea]:
+    """Return what `Scene.simulate` gives as errors of ``ins`` and ``wsn`` by area.
+
+    Parameters
+    ----------
+    drawn : mapping of str to ndarray
+        ``ins.area1`` and so on; the outages are left out.
+
+    Returns
+    -------
+    dict of str to dict of str to ndarray
+
+    Examples
+    --------
+    >>> from inswsn_lib.evaluation import monte_carlo
+    >>> from inswsn_lib.navigation import TrainingAreas, errors_by_area
+    >>> drawn = monte_carlo(TrainingAreas().scene.simulate, 2, seed=0)
+    >>> errors_by_area(drawn)["wsn"]["1"].shape
+    (100, 4, 2)
+    """
+    return {part: {a: drawn[f"{part}.area{a}"] for a in AREAS} for part in ("ins", "wsn")}
+
+
+def noise_sizes(moment: Array) -> tuple[float, float]:
+    """Return one standard deviation for position and one for velocity of a second moment, (4, 4).
+
+    Parameters
+    ----------
+    moment : ndarray, (4, 4)
+
+    Returns
+    -------
+    position, velocity : float
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from inswsn_lib.navigation import noise_sizes
+    >>> noise_sizes(np.diag([4.0, 4.0, 9.0, 9.0]))
+    (2.0, 3.0)
+    """
+    position, velocity = np.sqrt(np.diag(moment).reshape(2, 2).mean(axis=1))
+    return float(position), float(velocity)
+
+
+def table2_cells(errors: ByArea) -> ByArea:
+    """Return the mean absolute errors of every run, (runs,), by column of P1's Table 2.
+
+    Parameters
+    ----------
+    errors : dict of str to ndarray
+        By area, (steps, 4, runs).
+
+    Returns
+    -------
+    dict of str to ndarray
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from inswsn_lib.navigation import table2_cells
+    >>> cells = table2_cells({"1": np.ones((100, 4, 3)), "2": -np.ones((100, 4, 3))})
+    >>> list(cells), cells["rx2"].tolist()
+    (['rx1', 'rx2', 'ry1', 'ry2', 'vx1', 'vx2', 'vy1', 'vy2'], [1.0, 1.0, 1.0])
+    """
+    means = {a: mean_absolute_error(errors[a]) for a in AREAS}
+    return {axis + a: means[a][i] for i, axis in enumerate(AXES) for a in AREAS}
+
+
+def _with_means(cells: ByArea) -> ByArea:
+    """Return the cells of a method and the means over those of position and of velocity."""
+    kinds = {"position": "r", "velocity": "v"}
+    return cells | {
+        name: np.asarray(np.mean([cells[c] for c in COLUMNS if c[0] == kind], axis=0))
+        for name, kind in kinds.items()
+    }
+
+
+def _designs(models: Mapping[str, ErrorModel]) -> Designs:
+    forms: tuple[Literal["exact", "printed"], ...] = ("exact", "printed")
+    return {form: {a: design_filter(model, form) for a, model in models.items()} for form in forms}

@@ -1,0 +1,281 @@
+"""P3's outages as a Monte Carlo: simulated drives, the filters, the learners, their errors.
+
+This is what chapter 05 compares over many drives, as a function of the chapter's own parameters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inswsn_lib.evaluation import Scores
+from inswsn_lib.files import data_file
+from inswsn_lib.learning import LSSVMRegressor, SelectedLSSVM
+from inswsn_lib.navigation.trials import OutageTrials, outage_size, p3_hybrids, run_outages
+from inswsn_lib.navigation.vehicle_hybrid import VehicleHybrid
+from inswsn_lib.scenario import Setting, load_scenario, with_values
+from inswsn_lib.vehicle import (
+    Drive,
+    FilterSettings,
+    horizontal_error,
+    simulate_sensors,
+    true_motion,
+)
+from inswsn_lib.vehicle.simulated import Truth
+
+Array = NDArray[np.float64]
+
+#: Length of an outage and of a longer one, as printed, s
+OUTAGE, LONG = 40, 50
+#: The methods that are compared, and what they are called
+METHODS = {
+    "never": "never aided",
+    "until": "aided before",
+    "through": "aided through",
+    "lssvm": "LS-SVM",
+    "rbf": "RBF",
+    "short": "LS-SVM, ramps of 10 s",
+    "no time": "LS-SVM without time",
+    "linear": "linear fit",
+    "hold": "last difference held",
+    "proven": "LS-SVM that has to prove itself",
+    "on never": "LS-SVM on never aided",
+}
+# First and last second of what is measured
+_SPANS = {"40": (1, OUTAGE), "50": (1, LONG), "late": (OUTAGE + 1, LONG)}
+# What is scored: a span, and whether it is the RMS or the largest error
+_SCORED = {"rms-40": ("40", 0), "max-40": ("40", 1), "rms-late": ("late", 0), "max-50": ("50", 1)}
+
+
+def p3_settings() -> dict[str, Setting]:
+    """Return the settings of P3's drives, of their sensors and of the filter."""
+    return load_scenario(data_file("scenarios/p3.yaml"))
+
+
+@dataclass(frozen=True, eq=False)
+class VehicleOutages:
+    """P3's simulated drives, and every method of chapter 05 through each of their outages.
+
+    Each of the eight places of a route has an outage of 50 s, of which the first 40 s are the
+    shorter one. The learners correct the filter that is aided through the outage, but for
+    ``on never``. ``short`` learns from simulated outages of 10 s whatever `tau` is; ``proven`` is
+    an LS-SVM that has to predict the last four simulated outages better than zero does.
+
+    Attributes
+    ----------
+    published : mapping of str to Setting
+        The scenario file ``p3``.
+    seed : int
+        Of all random numbers but the routes, which are the same for every seed.
+    routes : int
+        Simulated routes, each with eight places.
+    draws : int
+        Draws of the sensors' errors on each route. Routes times draws are drives.
+    tau : int
+        Length of the simulated outages in which a hybrid learns, s.
+    window : int
+        Of the training, s.
+    lateral : float
+        Standard deviation of the lateral velocity that the filter believes, m/s.
+    slip : float
+        Side slip for each m/s^2 of lateral acceleration, degrees.
+    compass_bias : float
+        Constant error of the compass, degrees.
+    compass_outliers : float
+        Share of compass measurements that are outliers.
+
+    Examples
+    --------
+    Two routes are different roads with the same kinds of place:
+
+    >>> from inswsn_lib.navigation import VehicleOutages
+    >>> first, second = VehicleOutages(routes=2).truths
+    >>> [place.name for place in first.places] == [place.name for place in second.places]
+    True
+    >>> first.places[7].start == second.places[7].start
+    False
+    """
+
+    published: Mapping[str, Setting] = field(default_factory=p3_settings)
+    seed: int = 2015
+    routes: int = 8
+    draws: int = 5
+    tau: int = 40
+    window: int = 40
+    lateral: float = 0.1
+    slip: float = 0.3
+    compass_bias: float = 0.0
+    compass_outliers: float = 0.02
+
+    @cached_property
+    def settings(self) -> dict[str, Setting]:
+        """The settings of the drives with these parameters."""
+        return with_values(
+            self.published,
+            slip=round(float(np.deg2rad(self.slip)), 8),
+            compass_bias=float(np.deg2rad(self.compass_bias)),
+            compass_outlier=self.compass_outliers,
+            filter_lateral=self.lateral,
+        )
+
+    @cached_property
+    def beliefs(self) -> FilterSettings:
+        """What the filters are told."""
+        return FilterSettings.from_settings(self.settings)
+
+    @cached_property
+    def truths(self) -> list[Truth]:
+        """What happened on each route."""
+        return [true_motion(self.settings, route=r) for r in range(self.routes)]
+
+    @cached_property
+    def drives(self) -> list[Drive]:
+        """What the sensors of all draws measured on each route."""
+        return [
+            simulate_sensors(truth, self.settings, runs=self.draws, seed=self.seed + r)
+            for r, truth in enumerate(self.truths)
+        ]
+
+    @cached_property
+    def starts(self) -> list[list[int]]:
+        """The last epochs with GPS on each route, by place."""
+        return [[place.start for place in truth.places] for truth in self.truths]
+
+    @property
+    def learning(self) -> dict[str, Any]:
+        """Length of the simulated outages and of the window, as `VehicleHybrid` takes them."""
+        return {"tau": self.tau, "window": self.window}
+
+    @cached_property
+    def hybrids(self) -> dict[str, VehicleHybrid]:
+        """The methods that learn, but for ``proven``."""
+        return {
+            **p3_hybrids(self.beliefs, **self.learning),
+            "on never": VehicleHybrid(self.beliefs, SelectedLSSVM(), aiding=False, **self.learning),
+            "short": VehicleHybrid(self.beliefs, SelectedLSSVM(), tau=10, window=self.window),
+        }
+
+    @cached_property
+    def trials(self) -> list[OutageTrials]:
+        """What each method did in the outages of each route."""
+        return [
+            self._with_proven(drive, run_outages(drive, self.beliefs, starts, LONG, self.hybrids))
+            for drive, starts in zip(self.drives, self.starts, strict=True)
+        ]
+
+    def _with_proven(self, drive: Drive, trials: OutageTrials) -> OutageTrials:
+        """Add the LS-SVM that has to prove itself, on the ramps of the LS-SVM."""
+        rivals = [LSSVMRegressor(sigma, eta) for sigma in (2.0, 8.0) for eta in (0.1, 10.0)]
+        hybrid = VehicleHybrid(
+            self.beliefs, SelectedLSSVM(), past=4, rivals=rivals, **self.learning
+        )
+        bridge = hybrid.bridge(
+            drive, trials.bases[True], trials.starts, LONG,
+            ramps=trials.ramps["lssvm"], branch=trials.branches["through"],
+        )  # fmt: skip
+        error = horizontal_error(bridge.branch, drive, bridge.position)
+        trials.errors["proven"] = error.reshape(trials.errors["through"].shape)
+        trials.bridges["proven"] = bridge
+        return trials
+
+    @cached_property
+    def errors(self) -> dict[str, Array]:
+        """Horizontal errors of each of `METHODS`, (51 epochs, 8 places, drives), m.
+
+        The draws of one route are next to one another.
+        """
+        return {
+            name: np.concatenate([trials.errors[name] for trials in self.trials], axis=2)
+            for name in METHODS
+        }
+
+    @cached_property
+    def sizes(self) -> dict[tuple[str, str], tuple[Array, Array]]:
+        """RMS and largest errors, each (8 places, drives), m, by method and span.
+
+        The spans are ``40`` and ``50`` s of the outage, and the ``late`` part from 41 s to 50 s.
+        """
+        return {
+            (name, span): outage_size(error, *limits)
+            for name, error in self.errors.items()
+            for span, limits in _SPANS.items()
+        }
+
+    def scores(self) -> Scores:
+        """Return the errors of each of `METHODS` in each outage.
+
+        Returns
+        -------
+        Scores
+            A run is one outage: place by place, the drives of each. RMS and largest horizontal
+            error in 40 s, ``rms-40`` and ``max-40``; RMS from 41 s to 50 s, ``rms-late``; largest
+            in 50 s, ``max-50``. Outages at one place of one route share their road.
+        """
+        values = {
+            f"{_key(method)}.{column}": self.sizes[method, span][index].ravel()
+            for method in METHODS
+            for column, (span, index) in _SCORED.items()
+        }
+        return Scores(
+            methods={_key(method): label for method, label in METHODS.items()},
+            columns=dict.fromkeys(_SCORED, "m"),
+            values=values,
+            headline="rms-40",
+        )
+
+
+def vehicle_outages(
+    *,
+    seed: int = 2015,
+    routes: int = 8,
+    draws: int = 5,
+    sweep_draws: int = 4,
+    recorded_draws: int = 4,
+    tau: int = 40,
+    window: int = 40,
+    lateral: float = 0.1,
+    slip: float = 0.3,
+    compass_bias: float = 0.0,
+    compass_outliers: float = 0.02,
+) -> Scores:
+    """Compute chapter 05 over many drives: filters and learners through outages of GPS.
+
+    Parameters
+    ----------
+    seed, routes, draws, tau, window, lateral, slip, compass_bias, compass_outliers
+        Those of the chapter; see `VehicleOutages`.
+    sweep_draws, recorded_draws
+        Those of the chapter, which change other sections of it only: they are ignored.
+
+    Returns
+    -------
+    Scores
+        As `VehicleOutages.scores`.
+
+    Raises
+    ------
+    ParameterError
+        If there can be no such drive, filter or hybrid.
+
+    Examples
+    --------
+    A minute or more:
+
+    >>> from inswsn_lib.navigation import vehicle_outages
+    >>> scores = vehicle_outages(routes=5, draws=2)  # doctest: +SKIP
+    >>> scores.leader().best  # doctest: +SKIP
+    'through'
+    """
+    parameters: dict[str, Any] = locals()
+    of_other_sections = ("sweep_draws", "recorded_draws")
+    used = {name: value for name, value in parameters.items() if name not in of_other_sections}
+    return VehicleOutages(**used).scores()
+
+
+def _key(method: str) -> str:
+    return method.replace(" ", "-")

@@ -1,0 +1,136 @@
+"""The core of chapter 04: what the chapter published, and filters whose answers are known."""
+
+from __future__ import annotations
+
+import inspect
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from inswsn_book.parameters import chapter_schema
+from inswsn_book.results import read_results
+
+from inswsn_lib.errors import ParameterError
+from inswsn_lib.filters import patterns_of
+from inswsn_lib.navigation import ClusterFusion, cluster_fusion, planar_rms, widen_velocities
+
+#: Numbers of each method, in place of a search
+CHOSEN = {
+    **dict.fromkeys(
+        ("fkf-reset", "fkf-no-reset", "covariance-intersection", "best-cluster"), (0.4, 10.0)
+    ),
+    **dict.fromkeys(("dhf", "hf-centralised", "dhf-one-ins"), (1.0, 1.0, 1.0)),
+    "kf-with-bias": (0.03, 10.0),
+}
+
+
+def fusion(**values: Any) -> ClusterFusion:
+    return ClusterFusion(**{"runs": 4, "other_runs": 4, "speed": 6.0, **values})
+
+
+@pytest.fixture(scope="module")
+def chosen() -> ClusterFusion:
+    there = fusion(runs=8)
+    vars(there)["chosen"] = CHOSEN
+    return there
+
+
+@pytest.mark.long
+def test_it_computes_what_the_chapter_published(root: Path) -> None:
+    published = read_results(root / "data" / "published" / "04.json")
+    found = cluster_fusion()
+    assert found.runs == published.parameters["runs"]
+    for method in found.methods:
+        for column, unit in found.columns.items():
+            quantity = published[f"fair.{method}.{column}"]
+            median = np.median(found.of(method, column))
+            assert median == pytest.approx(quantity.value, abs=quantity.tolerance), (method, column)
+            assert quantity.unit == unit
+
+
+def test_the_parameters_are_those_of_the_chapter(root: Path) -> None:
+    declared = chapter_schema(root, "04").defaults
+    parameters = inspect.signature(cluster_fusion).parameters.values()
+    assert {p.name: p.default for p in parameters} == declared
+    assert {p.name: type(p.default) for p in parameters} == {
+        name: type(value) for name, value in declared.items()
+    }
+    shared = inspect.signature(ClusterFusion).parameters
+    assert set(declared) - set(shared) == {"fading_length", "most_clusters"}
+    assert all(shared[n].default == declared[n] for n in declared if n in shared)
+
+
+def test_without_noise_the_network_is_a_step_late() -> None:
+    there = fusion(range_noise=1e-6, velocity_source="sensor")
+    ins = there.drawn["ins"]
+    error = ins - there.network_alone(there.measurements)
+    # what the INS has moved in the step
+    np.testing.assert_allclose(error[1:, :2], np.diff(ins, axis=0)[:, :2], atol=1e-4)
+    assert np.isnan(error[0]).all()
+
+
+def test_filters_that_hear_nothing_leave_the_ins(chosen: ClusterFusion) -> None:
+    nothing = np.full_like(chosen.measurements, np.nan)
+    for method, run in chosen.filters.items():
+        if method == "network-alone":
+            assert np.isnan(run(nothing)).all()
+        else:
+            np.testing.assert_array_equal(run(nothing), 0)
+
+
+def test_with_one_cluster_in_reach_every_fusion_is_its_filter(chosen: ClusterFusion) -> None:
+    y = chosen.measurements.copy()
+    (alone,) = patterns_of(y[:, :1])
+    assert sum(alone) == 1
+    y[~np.array(alone)] = np.nan
+    reset, *others = (
+        chosen.filters[name](y) for name in ("fkf-reset", "covariance-intersection", "best-cluster")
+    )
+    assert np.abs(reset).max() > 1
+    for other in others:
+        np.testing.assert_allclose(other, reset, atol=1e-9)
+
+
+def test_weights_for_one_ins_are_those_of_the_same_designs(chosen: ClusterFusion) -> None:
+    # with one cluster in reach its weight is one, whatever the noise
+    first = chosen.measurements.copy()
+    first[1:] = np.nan
+    dhf, one_ins = (chosen.filters[name](first) for name in ("dhf", "dhf-one-ins"))
+    np.testing.assert_allclose(one_ins, dhf, atol=1e-9)
+    both = [chosen.errors[name] for name in ("dhf", "dhf-one-ins")]
+    assert np.abs(both[0] - both[1]).max() > 1e-6
+
+
+def test_filters_are_tuned_on_runs_that_are_not_judged() -> None:
+    np.testing.assert_array_equal(fusion(seed=7).tuning["wsn"], fusion(seed=8).drawn["wsn"])
+
+
+def test_scores_are_the_errors_of_the_runs(chosen: ClusterFusion) -> None:
+    found = chosen.scores()
+    assert (found.runs, found.headline) == (8, "position")
+    error = chosen.drawn["ins"] - chosen.filters["kf-with-bias"](chosen.measurements)
+    by_hand = [np.sqrt(np.mean(np.hypot(*error[:, 2:, run].T) ** 2)) for run in range(8)]
+    np.testing.assert_allclose(found.of("kf-with-bias", "velocity"), by_hand, rtol=1e-12)
+    assert found.leader().best in ("kf-with-bias", "fkf-reset")
+    assert (found.of("network-alone") > found.of("fkf-reset")).all()
+
+
+def test_a_step_without_an_estimate_is_left_out() -> None:
+    error = np.ones((4, 4, 1))
+    error[0] = np.nan
+    assert planar_rms(error) == pytest.approx(np.sqrt([[2.0], [2.0]]))
+
+
+def test_velocities_are_believed_less() -> None:
+    R = np.arange(16.0).reshape(4, 4)
+    wider = widen_velocities(R, 10.0)
+    np.testing.assert_array_equal(wider[2:, 2:], 10 * R[2:, 2:])
+    wider[2:, 2:] = R[2:, 2:]
+    np.testing.assert_array_equal(wider, R)
+
+
+@pytest.mark.parametrize("values", [{"speed": -1.0}, {"velocity_source": "guess"}])
+def test_what_may_not_be_is_refused(values: dict[str, Any]) -> None:
+    with pytest.raises(ParameterError):
+        cluster_fusion(**values)
