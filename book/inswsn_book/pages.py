@@ -49,6 +49,7 @@ _JUPYTER_BOOK = (
 )
 # as Sphinx writes them: "place: WARNING: what", or the word first
 _WARNING = re.compile(r"(^|: )(WARNING|ERROR|CRITICAL|SEVERE): ")
+_COLOUR = re.compile(r"\x1b\[[\d;]*m")
 _HEAD = re.compile(
     r"\*\*You need\*\*\s+(?P<need>.*?)\.\s+\*\*Reading time\*\*\s+(?P<minutes>\d+)\s+minutes?\.",
     re.DOTALL,
@@ -407,8 +408,8 @@ def _render(project: Project, runs: Sequence[Run], stage: Path) -> Path:
         stdin=subprocess.DEVNULL,
         check=False,
     )
-    # what is to be edited lies in book/
-    said = (done.stdout + done.stderr).replace(str(stage / "source"), "book")
+    # without colours, and what is to be edited lies in book/
+    said = _COLOUR.sub("", done.stdout + done.stderr).replace(str(stage / "source"), "book")
     warnings = warnings_in(said)
     # jupyter-book's exit status alone is not to be trusted: it has been 0 after warnings
     if done.returncode != 0 or warnings:

@@ -8,7 +8,6 @@ from typing import Any
 from urllib.parse import urlsplit
 
 from jinja2 import TemplateError
-from sphinx.errors import ExtensionError
 from sphinx.util import logging
 
 from inswsn_book.access import finish_site
@@ -55,7 +54,8 @@ def _render(app: Any, page: str, source: list[str]) -> None:
     try:
         source[0] = app.inswsn_templates.from_string(source[0]).render(app.inswsn_context)
     except (TemplateError, InswsnError) as error:
-        raise ExtensionError(f"book/{page}.md: {error}") from None
+        _LOG.warning("%s", error, location=page)  # which ends the build once all pages are read
+        source[0] = f"# {page}\n"
 
 
 def _add_footer(
@@ -67,7 +67,7 @@ def _add_footer(
 def _finish(app: Any, error: Exception | None) -> None:
     if error is None and app.builder.format == "html":
         for problem in finish_site(Path(app.outdir)):
-            _LOG.warning(problem)  # which ends the build as any other warning does
+            _LOG.warning("%s", problem)
 
 
 def setup(app: Any) -> dict[str, bool]:

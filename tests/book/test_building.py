@@ -244,7 +244,7 @@ def test_a_page_whose_template_fails(built: MiniProject) -> None:
     built.page("# Mini\n\n{{ nothing.of_the_kind }}\n")
     done = run_command(built.root, "book")
     assert done.returncode == 1
-    assert "book/index.md: 'nothing' is undefined" in done.stderr
+    assert "book/index.md: WARNING: 'nothing' is undefined" in done.stderr
     assert "Traceback" not in done.stderr
     assert state(built.site) == before
 

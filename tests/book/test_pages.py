@@ -55,7 +55,7 @@ def rows(text: str, name: str) -> list[list[str]]:
     tables = re.findall(r"^:::::\{list-table\}(.*?)^:::::$", text, re.M | re.S)
     (table,) = (part for part in tables if f":name: {name}\n" in part)
     return [
-        [cell[4:].strip() for cell in row.splitlines() if cell.strip()]
+        [cell[4:].strip().replace("\xa0", " ") for cell in row.splitlines() if cell.strip()]
         for row in re.split(r"^(?=\* -)", table.split("\n\n", 1)[1], flags=re.M)
         if row.strip()
     ]
@@ -135,7 +135,7 @@ def test_every_chapter_says_what_it_needs_and_how_long_it_takes(known: dict[str,
 
 
 def test_the_heads_of_chapters(mini: Project) -> None:
-    (mini.root / "data/claims.yaml").write_text("missing: {}\nclaims: []\n")
+    (mini.root / "data/claims/mini.yaml").write_text("missing: {}\nclaims: []\n")
     (silent,) = context(mini, [])["chapters"]
     assert (silent.need, silent.minutes, silent.seconds) == ("", None, 0.0)
     source = mini.root / "chapters" / "00-mini.md"
@@ -347,7 +347,7 @@ def test_captions_move_to_the_cell() -> None:
 def test_nothing_is_written_into_the_folder_of_the_pages(mini: Project, tmp_path: Path) -> None:
     before = sorted((mini.root / "book").rglob("*"))
     results = found("00", 0, {}, None)
-    (mini.root / "data/claims.yaml").write_text("missing: {}\nclaims: []\n")
+    (mini.root / "data/claims/mini.yaml").write_text("missing: {}\nclaims: []\n")
     notebook = nbformat.writes(nbformat.v4.new_notebook())
     stage_book(mini, [Run(Request("00"), results, notebook)], tmp_path / "source")
     assert sorted((mini.root / "book").rglob("*")) == before
