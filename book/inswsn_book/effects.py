@@ -7,7 +7,7 @@ import statistics
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from inswsn_book.review import Assumption, Assumptions, Findings, Headline, Within
 from inswsn_book.study import BASELINE, Run, Study
@@ -131,7 +131,7 @@ def band_of(values: list[float]) -> float:
     """
     if len(values) < 2:  # a deviation takes two
         return 0.0
-    quantile = float(student.ppf(0.975, len(values) - 1))
+    quantile = float(stdtrit(len(values) - 1, 0.975))
     return quantile * math.sqrt(2) * statistics.stdev(values)
 
 

@@ -17,6 +17,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -162,15 +163,14 @@ class SweepProgress(Bars):
             self.say(f"{cell}: done")
 
 
-def _compute_cell(root: str, request: Request, key: str, fresh: bool) -> Run | str:
+def _compute_cell(root: str, request: Request, state: str, fresh: bool) -> Run | str:
     """Run a request in a worker; return why it failed, if it did.
 
-    The key is the command's. A worker with another library, other locks or another chapter, or one
-    that has loaded what was edited since, has another one, and would find other numbers.
+    The state is the command's. A worker with another one would find other numbers.
     """
     try:
         project, request = _own(root, request)
-        if request_key(project, request) != key:
+        if _state(project, request) != state:
             return "the library, the locks or the chapter are others than those of the command"
         return run(project, request, Quiet(), fresh=fresh)
     except (InswsnError, BuildError) as error:
@@ -187,17 +187,31 @@ def _own(root: str, request: Request) -> tuple[Project, Request]:
     return project, replace(request, surroundings=around)
 
 
-def _key_of(root: str, request: Request) -> str:
-    return request_key(*_own(root, request))
+def _own_state(root: str, request: Request) -> str:
+    return _state(*_own(root, request))
+
+
+def _state(project: Project, request: Request) -> str:
+    """Return the key of a request, and what of the library this process has loaded."""
+    return f"{request_key(project, request)}-{_loaded_library()}"
+
+
+@cache
+def _loaded_library() -> str:
+    return Project(Path()).computing_digest()  # as it was when this process was first asked
 
 
 @contextmanager
 def _local_client(jobs: int) -> Iterator[Any]:
     """Have processes of this machine, of one thread each, and end them."""
-    import distributed  # noqa: PLC0415  # it takes a second to load
+    import dask  # noqa: PLC0415  # they take a second to load
+    import distributed  # noqa: PLC0415
 
+    # without Dask's own settings of the allocator, which make large arrays slow
+    environment = {f"{name}_NUM_THREADS": 1 for name in ("OMP", "OPENBLAS", "MKL", "NUMBA")}
     with (
         _quiet(),
+        dask.config.set({"distributed.nanny.pre-spawn-environ": environment}),
         _local_cluster(jobs) as cluster,
         distributed.Client(cluster, set_as_default=False) as client,
     ):
@@ -219,7 +233,7 @@ def _local_cluster(jobs: int) -> Any:
 
 
 @contextmanager
-def _remote_client(address: str, root: str, request: Request, key: str) -> Iterator[Any]:
+def _remote_client(address: str, root: str, request: Request, state: str) -> Iterator[Any]:
     """Have the workers of a scheduler; refuse those that would find other numbers."""
     import dask  # noqa: PLC0415
     import distributed  # noqa: PLC0415
@@ -233,7 +247,7 @@ def _remote_client(address: str, root: str, request: Request, key: str) -> Itera
             ) from None
         with client:
             threads = client.nthreads()
-            keys = client.run(_key_of, root, request, on_error="return")
+            states = client.run(_own_state, root, request, on_error="return")
             if not threads:
                 raise InswsnError(f"The Dask scheduler at {address} has no worker.")
             for worker, count in threads.items():
@@ -242,7 +256,7 @@ def _remote_client(address: str, root: str, request: Request, key: str) -> Itera
                         f"The Dask worker at {worker} has {count} threads; start it with "
                         "--nthreads 1, and more of them on a machine with more cores."
                     )
-                if keys.get(worker) != key:
+                if states.get(worker) != state:
                     raise InswsnError(
                         f"The Dask worker at {worker} has another library, other locks or another "
                         "chapter than this command; install the same checkout there and restart it."
@@ -278,8 +292,8 @@ def _compute(
     import distributed  # noqa: PLC0415
 
     futures = {
-        client.submit(_compute_cell, root, request, key, fresh, pure=False): cell
-        for cell, (request, key) in due.items()
+        client.submit(_compute_cell, root, request, state, fresh, pure=False): cell
+        for cell, (request, state) in due.items()
     }
     for future in distributed.as_completed(futures, loop=client.loop):
         try:
@@ -344,7 +358,7 @@ def run_sweep(
         if (found := lookup(project, request)) is not None:
             outcomes[cell] = found
     due = {
-        cell: (request, request_key(project, request))
+        cell: (request, _state(project, request))
         for cell, request in enumerate(requests)
         if cell not in outcomes
     }

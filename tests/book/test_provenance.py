@@ -9,11 +9,9 @@ from importlib.metadata import version
 from pathlib import Path
 
 import pytest
-from inswsn_book.pages import provenance_text
+from inswsn_book.pages import footer
 from inswsn_book.project import Project
 from inswsn_book.provenance import machine_facts, repository_state
-from inswsn_book.results import Provenance, Results
-from inswsn_book.site_footer import footer_text
 
 
 def git(folder: Path, *words: str) -> str:
@@ -36,10 +34,10 @@ def test_the_state_of_a_checkout(mini: Project) -> None:
     git(root, "commit", "-qm", "first")
     head = git(root, "rev-parse", "HEAD")
     assert repository_state(root) == (head, True)
-    assert f"commit {head[:12]}, environment.lock" in footer_text(mini)
+    assert f"commit {head[:12]}, environment.lock" in footer(mini)
     (root / "data" / "papers" / "number.txt").write_text("1")
     assert repository_state(root) == (head, False)
-    assert "with changes that were not committed" in footer_text(mini)
+    assert "with changes that were not committed" in footer(mini)
     # a copy that lies inside another repository has no commit of its own
     assert repository_state(root / "data") == (None, None)
 
@@ -47,7 +45,7 @@ def test_the_state_of_a_checkout(mini: Project) -> None:
 def test_no_git_at_all(mini: Project, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PATH", "")
     assert repository_state(mini.root) == (None, None)
-    assert "files that are not a git checkout" in footer_text(mini)
+    assert "files that are not a git checkout" in footer(mini)
 
 
 def test_what_is_told_of_the_machine() -> None:
@@ -58,19 +56,3 @@ def test_what_is_told_of_the_machine() -> None:
     assert facts["cores"] >= 1
     assert facts["cpu"].strip()
     assert all("thread" in library for library in facts["blas"])
-
-
-def test_a_results_file_and_its_page() -> None:
-    made = Provenance(
-        version="1.0.0", commit=None, clean=None, sources={}, finished="2026-11-22 10:00 UTC",
-        seconds=12.3, **machine_facts(),
-    )  # fmt: skip
-    results = Results(
-        chapter="00", parameters={"seed": 7}, data={"data/x": "a" * 64}, quantities=(),
-        solvers={"HiGHS": "optimal"}, provenance=made,
-    )  # fmt: skip
-    text = provenance_text(results, made)
-    for words in ("`seed = 7`", "unknown: not a git checkout", "HiGHS: optimal", "12.3 s",
-                  f"numpy {version('numpy')}", "`data/x` `aaaaaaaaaaaa…`"):  # fmt: skip
-        assert words in text
-    assert provenance_text(results.model_copy(update={"parameters": {}, "solvers": {}}), made)

@@ -24,7 +24,7 @@ def test_chapters_lists_their_parameters(mini: MiniProject) -> None:
     done = run_command(mini.root, "chapters")
     assert done.stdout == (
         "00  mini\n"
-        "    scale = 2.0; a number with 0 < value <= 100\n"
+        "    scale = 2.0; a number in (0, 100]\n"
         "        What the number is multiplied by.\n"
     )
 
@@ -59,7 +59,7 @@ def test_a_run_and_its_comparison(built: MiniProject, tmp_path: Path) -> None:
     assert (built.published / "00.json").read_bytes() == published
     assert (built.results / "00.json").read_bytes() == results
     assert ">42<" in (built.site / "chapters" / "00-mini.html").read_text()
-    assert "book: unchanged" in run_command(built.root, "book").stderr
+    assert "00-mini: unchanged" in run_command(built.root, "book").stderr
 
     # a file of parameters, overridden; the folder of an earlier run may be used again
     file = tmp_path / "params.yml"
@@ -80,9 +80,9 @@ def test_a_run_and_its_comparison(built: MiniProject, tmp_path: Path) -> None:
     ("words", "sentence"),
     [
         (["00", "-p", "seed=7"], "parameter is 'seed'; it may be one of scale."),
-        (["00", "-p", "scale=0"], "scale is 0.0; it may be a number with 0 < value <= 100."),
-        (["00", "-p", "scale=inf"], "scale is inf; it may be a number with 0 < value <= 100."),
-        (["00", "-p", "scale=two"], "scale is 'two'; it may be a number with 0 < value <= 100."),
+        (["00", "-p", "scale=0"], "scale is 0.0; it may be a number in (0, 100]."),
+        (["00", "-p", "scale=inf"], "scale is inf; it may be a number in (0, 100]."),
+        (["00", "-p", "scale=two"], "scale is 'two'; it may be a number in (0, 100]."),
         (["00", "-p", "scale"], "-p is 'scale'; it may be name=value."),
         (
             ["00", "-p", "scale=1", "-p", "scale=2"],
@@ -140,7 +140,7 @@ def test_a_run_that_fails_writes_nothing(mini: MiniProject) -> None:
 def test_html_needs_a_built_book(mini: MiniProject, tmp_path: Path) -> None:
     done = run_command(mini.root, "run", "00", "--html", "--out", str(tmp_path / "out"))
     assert done.returncode == 2
-    assert "build the book first: make book" in done.stderr
+    assert "Chapter 00 has not been built as it is now" in done.stderr
     assert "executing" not in done.stderr
     assert not (tmp_path / "out").exists()
 

@@ -104,9 +104,8 @@ def test_percentages_by_plain_arithmetic(
         for entry in assumptions.assumptions
         for other in entry.alternatives
     }
-    tables = {
-        part.split(":", 1)[0].rsplit(" ", 1)[1]: part for part in text.split("{list-table}")[1:]
-    }
+    parts = text.split("{list-table} Chapter ")[1:]
+    tables = {part[:2]: part.split(":::::")[0] for part in parts}
     compared = 0
     for run in runs:
         if run["id"] not in alternatives or run["failed"] is not None:

@@ -275,21 +275,23 @@ def test_a_folder_with_other_files_is_left_alone(swept: SweepProject) -> None:
 def test_workers_that_would_find_other_numbers_are_refused(
     swept: SweepProject, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    # whether there is a folder of recorded data is a part of the key
+    swept.environment["INSWSN_DATA"] = ""
     for name, value in swept.environment.items():
         monkeypatch.setenv(name, value)
-    # whether there is a folder of recorded data is a part of the key
-    monkeypatch.setenv("INSWSN_DATA", "")
-    options: dict[str, Any] = {"memory_limit": 0, "dashboard_address": None, "n_workers": 1}
+    monkeypatch.syspath_prepend(swept.project.root)
+    options: dict[str, Any] = {"memory_limit": 0, "dashboard_address": ":0", "n_workers": 1}
     words = ("--grid", "scale=1,3")
     with distributed.LocalCluster(threads_per_worker=1, **options) as cluster:
         address = cluster.scheduler_address
         done = swept.run(*words, "--dask", address)
         assert done.returncode == 0, done.stderr
         assert swept.calls() == {1.0: 1, 3.0: 1}
-        swept.environment = {**swept.environment, "INSWSN_DATA": str(swept.project.root)}
+        swept.environment["INSWSN_DATA"] = str(swept.project.root)
         other = swept.run(*words, "--dask", address)
         assert (other.returncode, "another library" in other.stderr) == (2, True)
     with distributed.LocalCluster(threads_per_worker=2, **options) as cluster:
+        swept.environment["INSWSN_DATA"] = ""
         two = swept.run("--grid", "scale=5", "--dask", cluster.scheduler_address)
         assert (two.returncode, "has 2 threads" in two.stderr) == (2, True)
 

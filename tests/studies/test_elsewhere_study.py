@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from pathlib import Path
 
@@ -91,3 +92,15 @@ def test_the_stored_machines_computed_as_asked(study: Study) -> None:
             assert cell.variant == "python-" + ".".join(cell.python.split(".")[:2])
             first = study.cell(AGAIN, cell.chapter)
             assert first is None or first.python != cell.python
+
+
+def test_nothing_is_beyond_its_tolerance_without_being_listed(project: Project) -> None:
+    """Each deviation in the JSON, by its own numbers."""
+    cells = json.loads((project.root / ELSEWHERE).read_text())["cells"]
+    for cell in cells:
+        far = cell.get("farthest")
+        if far and far.get("deviation") is not None:
+            size = abs(far["after"] - far["before"]) / far["tolerance"]
+            assert far["deviation"] == pytest.approx(size, rel=1e-9)
+            if size > 1:
+                assert far["name"] in {moved["name"] for moved in cell["beyond"]}
