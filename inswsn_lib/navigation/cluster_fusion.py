@@ -403,12 +403,14 @@ velocity_fixes, accelerometer_bias
 
     Examples
     --------
-    Half a minute:
+    Half a minute, but for what is refused:
 
     >>> from inswsn_lib.navigation import cluster_fusion
     >>> scores = cluster_fusion(runs=64, other_runs=40, speed=6.0)  # doctest: +SKIP
-    >>> scores.leader().best  # doctest: +SKIP
-    'kf-with-bias'
+    >>> cluster_fusion(speed=-1.0)
+    Traceback (most recent call last):
+        ...
+    inswsn_lib.errors.ParameterError: speed is -1.0; it may be positive.
     """
     parameters: dict[str, Any] = locals()
     of_other_sections = ("fading_length", "most_clusters")

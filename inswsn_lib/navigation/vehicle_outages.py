@@ -163,8 +163,9 @@ class VehicleOutages:
     @cached_property
     def trials(self) -> list[OutageTrials]:
         """What each method did in the outages of each route."""
+        hybrids = self.hybrids  # before the drives, which take longer than a refusal
         return [
-            self._with_proven(drive, run_outages(drive, self.beliefs, starts, LONG, self.hybrids))
+            self._with_proven(drive, run_outages(drive, self.beliefs, starts, LONG, hybrids))
             for drive, starts in zip(self.drives, self.starts, strict=True)
         ]
 
@@ -264,12 +265,14 @@ def vehicle_outages(
 
     Examples
     --------
-    A minute or more:
+    A minute or more, but for what is refused:
 
     >>> from inswsn_lib.navigation import vehicle_outages
     >>> scores = vehicle_outages(routes=5, draws=2)  # doctest: +SKIP
-    >>> scores.leader().best  # doctest: +SKIP
-    'through'
+    >>> vehicle_outages(lateral=-0.1)
+    Traceback (most recent call last):
+        ...
+    inswsn_lib.errors.ParameterError: lateral is -0.1; it may be positive and finite.
     """
     parameters: dict[str, Any] = locals()
     of_other_sections = ("sweep_draws", "recorded_draws")
