@@ -9,7 +9,7 @@ import shutil
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -27,6 +27,7 @@ os.environ.update({f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "M
 from inswsn_book.project import Project
 
 if TYPE_CHECKING:
+    from inswsn_book.review import Findings
     from playwright.sync_api import Browser
 
 # the same examples in every run, and no limit of time that a busy machine could miss
@@ -131,6 +132,36 @@ def root() -> Path:
 def project(root: Path) -> Project:
     """The checkout under test as a project."""
     return Project(root)
+
+
+@pytest.fixture(scope="session")
+def known(project: Project) -> dict[str, Any]:
+    """What the templates of the book are rendered over, from the published results."""
+    from inswsn_book import pages
+    from inswsn_book.results import read_results
+
+    files = sorted(project.published.glob("[0-9][0-9].json"))
+    return pages.context(project, [read_results(path) for path in files])
+
+
+@pytest.fixture(scope="session")
+def findings(known: dict[str, Any]) -> Findings:
+    """What the chapters found, as published."""
+    found: Findings = known["findings"]
+    return found
+
+
+@pytest.fixture(scope="session")
+def render(project: Project, known: dict[str, Any]) -> Callable[..., str]:
+    """Render a page, such as ``"errata"``, with parts of what it is given replaced."""
+    from inswsn_book import pages
+
+    templates = pages.environment(project.root)
+
+    def rendered(name: str, **changes: Any) -> str:
+        return templates.get_template(f"{name}.md").render(known | changes)
+
+    return rendered
 
 
 @pytest.fixture(scope="session")

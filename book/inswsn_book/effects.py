@@ -7,7 +7,7 @@ import statistics
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from inswsn_book.review import Assumption, Assumptions, Findings, Headline, Within
 from inswsn_book.study import BASELINE, Run, Study
@@ -131,7 +131,7 @@ def band_of(values: list[float]) -> float:
     """
     if len(values) < 2:  # a deviation takes two
         return 0.0
-    quantile = float(student.ppf(0.975, len(values) - 1))
+    quantile = float(stdtrit(len(values) - 1, 0.975))
     return quantile * math.sqrt(2) * statistics.stdev(values)
 
 
@@ -236,10 +236,10 @@ def readings_of(assumptions: Assumptions, findings: Findings) -> list[Reading]:
     readings = []
     for entry in assumptions.assumptions:
         for within in entry.within:
-            after = findings.quotient(within.chapter, within.quantity, within.over)
+            after = findings.value(within)
             if within.headline is not None:
                 headline = assumptions.headline(within.chapter, within.headline)
-                before = findings.quotient(headline.chapter, headline.quantity, headline.over)
+                before = findings.value(headline)
                 turns, says = Effect(headline, before, after, 0.0).turns, headline.says
             else:
                 before = findings.quotient(within.chapter, str(within.against))

@@ -16,7 +16,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, NamedTuple
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -168,6 +168,18 @@ class Flipped(_Kept):
     after: str | None
 
 
+class Processors(NamedTuple):
+    """The processor of a run, and that of what it is held against."""
+
+    run: str
+    reference: str
+
+    @property
+    def alike(self) -> bool:
+        """Whether they have one name; two of one name may be unlike."""
+        return self.run == self.reference
+
+
 class Cell(_Kept):
     """What came of one chapter in one variant.
 
@@ -226,6 +238,17 @@ class Cell(_Kept):
     cpu: str
     system: str
     sources: dict[str, str]
+
+    @property
+    def processors(self) -> Processors:
+        """The processor of the run, and that of the reference."""
+        return Processors(self.cpu, self.reference_cpu)
+
+    @property
+    def designs(self) -> dict[str, str]:
+        """How many designs each solver made, by its name."""
+        whole = ", all designs"
+        return {n.removesuffix(whole): t for n, t in self.solvers.items() if n.endswith(whole)}
 
 
 class Study(_Kept):
@@ -424,3 +447,19 @@ def read_elsewhere(path: Path) -> Study:
         If there is none, or it is not of the form; the sentence says where.
     """
     return read_kept(path, Study, "elsewhere")
+
+
+def changed_since(project: Project, study: Study) -> list[str]:
+    """Return what the cells were made from that is another now."""
+    chapters = {chapter.number: chapter for chapter in project.chapters()}
+    library, locks = project.computing_digest(), tree_digest(project.root, project.locks)
+    changed = {
+        f"chapter {cell.chapter}"
+        for cell in study.cells
+        if cell.chapter in chapters
+        and cell.sources["chapter"] != file_digest(chapters[cell.chapter].source)
+    }
+    words = sorted(changed)
+    words += ["the library"] * any(cell.sources["library"] != library for cell in study.cells)
+    words += ["the locks"] * any(cell.sources["locks"] != locks for cell in study.cells)
+    return words

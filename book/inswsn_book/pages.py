@@ -181,7 +181,9 @@ def context(project: Project, results: Sequence[Results]) -> dict[str, Any]:
     if (project.root / review.ASSUMPTIONS).is_file():
         known |= _sensitivity(project, findings)
     if (project.root / elsewhere.ELSEWHERE).is_file():
-        known["elsewhere"] = elsewhere.read_elsewhere(project.root / elsewhere.ELSEWHERE)
+        kept = elsewhere.read_elsewhere(project.root / elsewhere.ELSEWHERE)
+        known["elsewhere"] = kept
+        known["elsewhere_changed"] = elsewhere.changed_since(project, kept)
     return known
 
 

@@ -72,6 +72,14 @@ class Titled(Entry):
         return f"{kind}-{self.id.lower()}"
 
 
+class Pointer(Entry):
+    """The one way to name a number: a quantity of a chapter, or its ratio to another one."""
+
+    chapter: Chapter
+    quantity: Name
+    over: Name | None = None
+
+
 # Evidence: what decides whether a text may stand
 
 
@@ -82,11 +90,9 @@ class Sentence(Entry):
     sentence: Line
 
 
-class Bound(Entry):
-    """A quantity of a chapter that must lie within bounds, in its unit; one of them or both."""
+class Bound(Pointer):
+    """A number that must lie within bounds, in its unit; one of them or both."""
 
-    chapter: Chapter
-    quantity: Name
     at_least: Finite | None = None
     at_most: Finite | None = None
 
@@ -151,12 +157,16 @@ class Findings:
         value = self.quantity(chapter, quantity).value
         return value if over is None else value / self.quantity(chapter, over).value
 
+    def value(self, named: Pointer) -> float:
+        """Return the number that is named."""
+        return self.quotient(named.chapter, named.quantity, named.over)
+
     def holds(self, evidence: Evidence) -> bool:
         """Tell whether evidence holds; `InswsnError` if it names what is not there."""
         if isinstance(evidence, Ruling):
             return self.claim(evidence.claim).verdict is evidence.verdict
         if isinstance(evidence, Bound):
-            value = self.quantity(evidence.chapter, evidence.quantity).value
+            value = self.value(evidence)
             low = evidence.at_least is None or value >= evidence.at_least
             return low and (evidence.at_most is None or value <= evidence.at_most)
         sentences = self._chapter(evidence.chapter).sentences
@@ -274,6 +284,11 @@ class Slip(Titled):
     printed: Line
     meant: Line
     evidence: tuple[Evidence, ...] = ()
+
+    @property
+    def texts(self) -> tuple[str, ...]:
+        """The texts with placeholders."""
+        return self.place, self.printed, self.meant
 
 
 class Errata(Entry):
@@ -419,15 +434,12 @@ def _changed_by(entry: Judged) -> tuple[str, tuple[str, ...]]:
 # Assumptions
 
 
-class Headline(Entry):
-    """A result that the sensitivity study watches: a quantity of a chapter, or the ratio of two.
+class Headline(Pointer):
+    """A number that the sensitivity study watches.
 
     `short` heads a column, `says` tells what it is; beyond `turns` the conclusion is another one.
     """
 
-    chapter: Chapter
-    quantity: str
-    over: str | None = None
     short: Line
     says: Line
     turns: float | None = None
@@ -439,7 +451,7 @@ class Headline(Entry):
 
     def value(self, results: Results) -> float:
         """Return it from the results of its chapter; `InswsnError` if they do not hold it."""
-        return Findings([results], []).quotient(self.chapter, self.quantity, self.over)
+        return Findings([results], []).value(self)
 
 
 class Reduced(Entry):
@@ -507,15 +519,12 @@ class Alternative(Entry):
         return self
 
 
-class Within(Entry):
+class Within(Pointer):
     """A reading that a chapter computes in each build, held against a headline or a quantity."""
 
-    chapter: Chapter
     reading: Line
-    quantity: str
-    over: str | None = None
     headline: str | None = None
-    against: str | None = None
+    against: Name | None = None
     says: Line | None = None
 
     @model_validator(mode="after")
@@ -661,7 +670,10 @@ def _without_an_entry(
         for name in sorted(names):
             entry, reason = (chapter, name) in stand, name in printed
             if entry and reason:
-                yield f"The parameter {name} of chapter {chapter} has an entry and needs none."
+                yield (
+                    f"The parameter {name} of chapter {chapter} has an entry and a reason for "
+                    "having none."
+                )
             elif not entry and not reason:
                 yield f"The parameter {name} of chapter {chapter} has no entry."
 
@@ -726,27 +738,33 @@ def _refuse_repeated(ids: Sequence[str]) -> None:
 
 
 def require_evidence(errata: Errata | None, readings: Readings | None, findings: Findings) -> None:
-    """Refuse texts whose evidence does not hold.
+    """Refuse texts whose evidence does not hold, or that name what is not there.
+
+    A run with other parameters may overturn evidence; then its pages say so. What is published may
+    not.
 
     Raises
     ------
     InswsnError
-        The sentence names the file, the entry and the evidence.
+        The sentence names the file, the entry and what is wrong.
     """
-    entries: list[tuple[str, str, Sequence[Evidence]]] = []
+    entries: list[tuple[str, Sequence[Evidence], Sequence[str]]] = []
     if errata is not None:
-        entries += [(ERRATA, e.id, e.evidence) for e in errata.errata]
-        entries += [(ERRATA, e.id, e.evidence) for e in errata.slips]
+        entries += [(f"{ERRATA}: {e.id}", e.evidence, e.texts) for e in errata.errata]
+        entries += [(f"{ERRATA}: {s.id}", s.evidence, s.texts) for s in errata.slips]
     if readings is not None:
+        entries += [(f"{READINGS}: {q.id}", (), q.texts) for q in readings.questions]
         entries += [
-            (READINGS, f"computed, {s.paper}, {s.says[:40]!r}", s.evidence)
+            (f"{READINGS}: computed, {s.paper}, {s.says[:40]!r}", s.evidence, (s.says,))
             for s in readings.computed
         ]
-    for file, name, evidence in entries:
+    for name, evidence, texts in entries:
         try:
             failed = findings.failed(evidence)
+            for text in texts:
+                findings.fill(text)
         except InswsnError as error:
-            raise InswsnError(f"{file}: {name}: {error}") from None
+            raise InswsnError(f"{name}: {error}") from None
         if failed:
-            said = ", ".join(f"{k}: {v}" for k, v in failed[0] if v is not None)
-            raise InswsnError(f"{file}: {name}: its evidence does not hold ({said}).")
+            said = ", ".join(f"{key}: {value}" for key, value in failed[0] if value is not None)
+            raise InswsnError(f"{name}: its evidence does not hold ({said}).")

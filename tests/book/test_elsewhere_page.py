@@ -1,31 +1,15 @@
-"""Cells of the study of other surroundings, and the page that is made of them."""
+"""The page of other surroundings, rendered over small studies and over the stored one."""
 
 from __future__ import annotations
 
 import json
 import re
+from collections.abc import Callable
 from typing import Any
 
 import pytest
-from conftest import MiniProject
-from inswsn_book.elsewhere import (
-    AGAIN,
-    ELSEWHERE,
-    Cell,
-    Flipped,
-    Moved,
-    Study,
-    write_elsewhere,
-)
-from inswsn_book.elsewhere_page import (
-    EXPLANATIONS,
-    chapters_table,
-    elsewhere_texts,
-    summary,
-    variants_table,
-)
-
-from inswsn_lib.errors import InswsnError
+from inswsn_book.elsewhere import AGAIN, ELSEWHERE, Cell, Flipped, Moved, Study
+from inswsn_book.project import Project
 
 
 def cell(variant: str = AGAIN, chapter: str = "00", **fields: Any) -> Cell:
@@ -44,72 +28,143 @@ def far(name: str = "a", deviation: float | None = 3.0) -> Moved:
     )
 
 
-def test_the_sentences_follow_the_cells() -> None:
-    none = Study(cells=(cell(), cell("threads-2", identical=4)))
-    text = summary(none, 3)
-    assert "In 1 way of changing the surroundings, 1 execution of chapters was held" in text
-    assert "of 3 that 3 chapters would make" in text
-    assert "Of 4 comparisons of a quantity with its own tolerance, 4 agreed" in text
-    assert "**none** went beyond" in text
-    assert "Of 1 verdicts, **none** changed. Of 2 sentences" in text
-    assert "**none** was overturned" in text
-    assert "With nothing changed, 3 of 4 quantities" in text
-    assert "another processor" in text  # the cell does not say that of the reference
-    flipped = cell(
-        "threads-2", identical=1, beyond=(far(),), farthest=far(),
-        overturned=("One.", "Two."), flipped=(Flipped(claim="P1-X", before="a", after=None),),
-    )  # fmt: skip
-    some = Study(
-        cells=(cell(reference_cpu="a processor"), flipped, cell("scs", failed="It broke."))
-    )
-    text = summary(some, 3)
-    assert "1 agreed to the last bit, 2 moved within the tolerance, and **1** went beyond" in text
-    assert "Of 1 verdicts, **1** changed." in text
-    assert "**2** were overturned" in text
-    assert "another processor" not in text
-    assert "What could not be run: {ref}`chapter 00 <chapter-00>` (It broke)." in text
-    rows = chapters_table(some, ["00", "01"]).split("* - ")[2:]
-    assert [re.findall(r"  - (.*)", row) for row in rows] == [
-        ["4", "same", "3, 1 beyond, 2 sentences, 1 verdict", "not run"],
-        ["–", "not run", "not run", "not run"],
-    ]
-    row = variants_table(some, 2).split("* - two threads")[1].split("* -")[0]
-    assert re.findall(r"  - (.*)", row) == [
-        "1 of 2", "1 of 1", "2 of 2", "1 of 4", "1 of 4", "3, {ref}`chapter 00 <chapter-00>`",
-    ]  # fmt: skip
+def page_of(render: Callable[..., str], *cells: Cell, changed: tuple[str, ...] = ()) -> str:
+    return render("elsewhere", elsewhere=Study(cells=cells), elsewhere_changed=changed)
 
 
-@pytest.mark.parametrize(
-    ("names", "said"),
-    [
-        ([], "00, scs: 'a' is not as in the reference, and data/elsewhere.yaml does not say why"),
-        (["a"], "'A sentence.' is not as"),
-        (["a", "A sent*"], "'P1-X' is not as"),
-        (["a", "A sentence.", "P1-X", "b*"], r"it: nothing like 'b\*' moved in chapter 00, scs"),
-        (["a", "A sentence.", "P1-*"], None),
-    ],
-)
-def test_what_moves_is_explained_and_what_is_explained_moves(
-    mini: MiniProject, names: list[str], said: str | None
-) -> None:
+def rows_of(page: str, name: str) -> list[list[str]]:
+    """Return the rows of a table below its head."""
+    table = page.split(f":name: {name}\n")[1].split(":::::", maxsplit=1)[0]
+    return [[part.strip() for part in row.split("\n  - ")] for row in table.split("* - ")[2:]]
+
+
+def test_nothing_that_moved(render: Callable[..., str], known: dict[str, Any]) -> None:
+    page = page_of(render, cell(), cell("threads-2", identical=4))
+    count = len(known["chapters"])
+    assert "In 1 way of changing the surroundings, 1 execution of chapters was held" in page
+    assert f"of {count} that {count} chapters would make" in page
+    assert "Of 4 comparisons of a quantity with its own tolerance, 4 agreed" in page
+    assert "**none** went beyond" in page
+    assert "Of 1 verdicts, **none** changed. Of 2 sentences" in page
+    assert "**none** was overturned" in page
+    assert "With nothing changed, 3 of 4 quantities" in page
+    assert "Some were made on another processor than the reference" in page
+    assert "Nothing: no quantity, no sentence and no verdict." in page
+    assert "Nothing that they were made from has changed since." in page
+    assert "What could not be run" not in page
+
+
+def test_all_that_moved_is_told(render: Callable[..., str], known: dict[str, Any]) -> None:
     moved = cell(
-        "scs", beyond=(far(),), farthest=far(), overturned=("A sentence.",),
-        flipped=(Flipped(claim="P1-X", before="reproduced", after="contradicted"),),
+        "threads-2", identical=1, beyond=(far(),), farthest=far(),
+        overturned=("One.", "Two."),
+        flipped=(Flipped(claim="P1-X", before="reproduced", after=None),),
     )  # fmt: skip
-    write_elsewhere(Study(cells=(cell(), moved)), mini.root / ELSEWHERE)
-    entry = {"id": "it", "variants": ["scs"], "chapter": "00", "names": names, "why": "So it is."}
-    entries = [entry] if names else []
-    (mini.root / EXPLANATIONS).write_text(json.dumps({"explanations": entries}))
-    if said is not None:
-        with pytest.raises(InswsnError, match=said):
-            elsewhere_texts(mini)
-        return
-    text = elsewhere_texts(mini)["elsewhere-moved.md"]
-    assert "So it is." in text
-    assert "`a`\n  - 1 m\n  - 2.5 m\n  - 3" in text
-    assert "this sentence does not hold: “A sentence.”" in text
-    assert "P1-X is contradicted, and was reproduced." in text
+    failed = cell("scs", failed="It broke.")
+    again = cell(reference_cpu="a processor")
+    page = page_of(render, again, moved, failed, changed=("chapter 00", "the locks"))
+    assert "1 agreed to the last bit, 2 moved within the tolerance, and **1** went beyond" in page
+    assert "Of 1 verdicts, **1** changed." in page
+    assert "**2** were overturned" in page
+    assert "on another processor" not in page
+    assert "What could not be run: {ref}`chapter 00 <chapter-00>` with SCS (It broke)." in page
+    first, *others = rows_of(page, "tbl-elsewhere-chapters")
+    assert first[1:] == ["4", "same", "3, 1 beyond, 2 sentences, 1 verdict", "not run"]
+    assert [row[1:] for row in others] == [["–", *["not run"] * 3]] * (len(known["chapters"]) - 1)
+    (row,) = (row for row in rows_of(page, "tbl-elsewhere") if row[0] == "two threads")
+    assert row[1:] == [
+        f"1 of {len(known['chapters'])}", "1 of 1", "2 of 2", "1 of 4", "1 of 4",
+        "3, {ref}`chapter 00 <chapter-00>`",
+    ]  # fmt: skip
+    assert rows_of(page, "tbl-elsewhere-00") == [["two threads", "`a`", "1 m", "2.5 m", "3"]]
+    assert "With two threads this sentence does not hold: “Two.”" in page
+    assert "With two threads P1-X is not judged, and was reproduced." in page
+    assert "Since then, these have changed: chapter 00, the locks." in page
 
 
-def test_a_checkout_without_explanations_has_no_texts(mini: MiniProject) -> None:
-    assert elsewhere_texts(mini) == {}
+def test_the_processors_of_another_machine(render: Callable[..., str]) -> None:
+    pairs = (("Third", "First"), ("Twin", "Twin"), ("Third", "First"))
+    cells = [
+        cell("other-machine", f"0{i}", cpu=run, reference_cpu=made)
+        for i, (run, made) in enumerate(pairs)
+    ]
+    page = page_of(render, cell(), *cells)
+    assert page.count("Runs are from Third, their references from First.") == 1
+    assert "are from two unlike processors that are called Twin." in page
+
+
+def test_the_solvers_of_designs(render: Callable[..., str]) -> None:
+    solvers = {"SCS, all designs": "4 taken", "Clarabel, all designs": "2", "SCS, one": "1"}
+    page = page_of(render, cell(), cell("scs", solvers=solvers), cell("scs", "61"))
+    assert "- {ref}`Chapter 00 <chapter-00>`: SCS 4 taken; Clarabel 2.\n" in page
+    assert "SCS changes nothing in them: {ref}`chapter 61 <chapter-61>`.\n" in page
+
+
+def test_a_deviation_in_tolerances(render: Callable[..., str]) -> None:
+    for deviation, said in ((None, "another quantity"), (1e-4, "below 0.001"), (0.5, "0.5")):
+        page = page_of(render, cell(), cell("scs", farthest=far(deviation=deviation)))
+        assert rows_of(page, "tbl-elsewhere-chapters")[0][3] == said
+
+
+@pytest.fixture(scope="module")
+def cells(project: Project) -> list[dict[str, Any]]:
+    """The stored cells, from the JSON alone."""
+    stored: list[dict[str, Any]] = json.loads((project.root / ELSEWHERE).read_text())["cells"]
+    return stored
+
+
+def test_the_table_by_plain_arithmetic(
+    cells: list[dict[str, Any]], known: dict[str, Any], render: Callable[..., str]
+) -> None:
+    """What the row of each variant says."""
+    rows = rows_of(render("elsewhere"), "tbl-elsewhere")
+    variants = known["elsewhere"].variants
+    assert len(rows) == len(variants) == len({c["variant"] for c in cells})
+    for name, row in zip(variants, rows, strict=True):
+        own = [c for c in cells if c["variant"] == name and "failed" not in c]
+        counts = [
+            (sum(len(c.get(part, [])) for c in own), sum(c.get(whole, 0) for c in own))
+            for part, whole in (
+                ("flipped", "judged"), ("overturned", "sentences"), ("beyond", "compared"),
+            )
+        ]  # fmt: skip
+        counts.append((sum(c.get("identical", 0) for c in own), counts[-1][1]))
+        said = [f"{part} of {whole}" if whole else "there are none" for part, whole in counts]
+        assert row[1:6] == [f"{len(own)} of {len(known['chapters'])}", *said]
+        sizes = [c["farthest"].get("deviation") or float("inf") for c in own if "farthest" in c]
+        far_ = row[6].split(",")[0]
+        if not sizes:
+            assert far_ == "none moved"
+        elif max(sizes) < 0.001:
+            assert far_ == "below 0.001"
+        else:
+            assert float(far_) == pytest.approx(max(sizes), rel=0.05)
+
+
+def test_what_has_not_been_run_is_said_not_to_have_been(
+    known: dict[str, Any], render: Callable[..., str]
+) -> None:
+    study = known["elsewhere"]
+    rows = rows_of(render("elsewhere"), "tbl-elsewhere-chapters")
+    for chapter, (_, _, *entries) in zip(known["chapters"], rows, strict=True):
+        for name, entry in zip(study.variants, entries, strict=True):
+            found = study.cell(name, chapter.number)
+            assert entry.startswith("not run") == (found is None or found.failed is not None)
+
+
+def test_nothing_is_beyond_its_tolerance_without_being_said_to_be(
+    cells: list[dict[str, Any]], render: Callable[..., str]
+) -> None:
+    """Each deviation by its own numbers, and on the page by its name."""
+    told = re.split(r"\n## ", render("elsewhere").split("## Beyond the tolerance")[1])[0]
+    for found in cells:
+        farthest = found.get("farthest")
+        if farthest and farthest.get("deviation") is not None:
+            size = abs(farthest["after"] - farthest["before"]) / farthest["tolerance"]
+            assert farthest["deviation"] == pytest.approx(size, rel=1e-9)
+            if size > 1:
+                assert farthest["name"] in {moved["name"] for moved in found["beyond"]}
+        for moved in found.get("beyond", []):
+            assert f"`{moved['name']}`" in told
+        for flip in found.get("flipped", []):
+            assert flip["claim"] in told

@@ -8,11 +8,8 @@ from pathlib import Path
 import pytest
 from conftest import MINI_LEDGER, MiniProject, run_command
 from inswsn_book.judging import judge_claims, select_claims
-from inswsn_book.ledger import Claim, MissingCheck
-from inswsn_book.pages import claims_counts, claims_list
 from inswsn_book.project import Project
 from inswsn_book.results import Results, write_results
-from inswsn_book.verdicts import Verdict, count_verdicts, verdicts
 
 
 def test_claims_of_a_fresh_clone_need_no_build(project: Project) -> None:
@@ -67,7 +64,7 @@ def test_a_wrong_selection_is_status_2(mini: MiniProject, words: list[str], said
 
 
 def test_a_typed_verdict_stops_the_build(mini: MiniProject) -> None:
-    ledger = mini.root / "data" / "claims" / "mini.yaml"
+    ledger = mini.root / "data" / "claims.yaml"
     ledger.write_text(MINI_LEDGER.replace("  why: It is", "  verdict: reproduced\n  why: It is"))
     done = run_command(mini.root, "book")
     assert done.returncode == 2
@@ -75,39 +72,12 @@ def test_a_typed_verdict_stops_the_build(mini: MiniProject) -> None:
 
 
 def test_a_claim_whose_check_does_not_resolve_stops_the_build(mini: MiniProject) -> None:
-    ledger = mini.root / "data" / "claims" / "mini.yaml"
+    ledger = mini.root / "data" / "claims.yaml"
     ledger.write_text(MINI_LEDGER.replace("quantity: twice", "quantity: thrice"))
     done = run_command(mini.root, "book")
     assert done.returncode == 2
     assert "decided by the quantity thrice, which chapter 00 does not record" in done.stderr
     assert not mini.site.exists()
-
-
-def test_the_page_of_the_three_papers_claims(mini: MiniProject) -> None:
-    """As many claims as the papers make, of every paper, kind and verdict, make one page."""
-    kinds = ("numeric", "parameter", "qualitative", "formula")
-    claims = [
-        Claim(
-            id=f"P{1 + i % 3}-X-{i:03d}", paper=f"P{1 + i % 3}", place=f"Table {i}",  # type: ignore[arg-type]
-            says="It is *so* & $x < y$.", kind=kinds[i % 4],  # type: ignore[arg-type]
-            check=MissingCheck(needs=("lost",), reasons=("It is lost.",)), why="For a test.",
-        )
-        for i in range(374)
-    ]  # fmt: skip
-    judged = verdicts(claims, [])
-    assert count_verdicts(judged) == {Verdict.UNTESTABLE: 374}
-    text = claims_list(judged)
-    assert all(f"({claim.anchor})=" in text for claim in claims)
-    assert "* - all\n  - 125\n  - 125\n  - 124\n  - 374" in claims_counts(judged)
-    lines = ["missing: {lost: It is lost.}", "claims:"]
-    for claim in claims:
-        entry = claim.model_dump(exclude={"check", "value", "tolerance", "assumption"})
-        lines.append("- " + json.dumps(entry | {"check": {"needs": ["lost"]}}))
-    (mini.root / "data" / "claims" / "mini.yaml").write_text("\n".join(lines))
-    done = run_command(mini.root, "book")
-    assert done.returncode == 0, done.stderr
-    page = (mini.site / "claims.html").read_text()
-    assert all(f'id="{claim.anchor}"' in page for claim in claims)
 
 
 def test_results_of_another_folder(mini: MiniProject, tmp_path: Path) -> None:

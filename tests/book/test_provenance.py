@@ -9,11 +9,9 @@ from importlib.metadata import version
 from pathlib import Path
 
 import pytest
-from inswsn_book.pages import environment, footer, with_notes
+from inswsn_book.pages import footer
 from inswsn_book.project import Project
 from inswsn_book.provenance import machine_facts, repository_state
-from inswsn_book.results import Provenance, Results
-from nbformat.v4 import new_notebook
 
 
 def git(folder: Path, *words: str) -> str:
@@ -58,19 +56,3 @@ def test_what_is_told_of_the_machine() -> None:
     assert facts["cores"] >= 1
     assert facts["cpu"].strip()
     assert all("thread" in library for library in facts["blas"])
-
-
-def test_what_a_page_says_of_its_run(project: Project) -> None:
-    made = Provenance(
-        version="1.0.0", commit=None, clean=None, sources={}, finished="2026-11-22 10:00 UTC",
-        seconds=12.3, **machine_facts(),
-    )  # fmt: skip
-    results = Results(
-        chapter="00", parameters={"seed": 7}, data={"data/x": "a" * 64}, quantities=(),
-        solvers={"HiGHS": "optimal"}, provenance=made,
-    )  # fmt: skip
-    page = with_notes(new_notebook(), results, (), environment(project.root))
-    text = page.cells[-1].source
-    for words in ("`seed = 7`", "unknown: not a git checkout", "HiGHS: optimal", "12.3 s",
-                  f"numpy {version('numpy')}", "`data/x` `aaaaaaaaaaaa…`"):  # fmt: skip
-        assert words in text

@@ -28,18 +28,10 @@ from typing import Any
 import nbformat
 import numpy as np
 import pytest
+from axe import AXE_TAGS, MADE_PAGES, SCREENS, axe_script
 from bs4 import BeautifulSoup, Tag
-from inswsn_book.accessibility import (
-    AXE_TAGS,
-    MADE_PAGES,
-    SCREENS,
-    accessibility_text,
-    axe_script,
-    axe_version,
-    count_pages,
-    count_rules,
-)
 from inswsn_book.project import Project
+from inswsn_book.runs import book_runs
 from PIL import Image
 from playwright.sync_api import Browser, Page
 from visiting import contrast_of, it_is_whole, page_names, visit
@@ -162,9 +154,8 @@ def parsed(built_site: Path, name: str) -> BeautifulSoup:
     return BeautifulSoup(re.sub(r"<pre>.*?</pre>", "<pre></pre>", text, flags=re.S), "html.parser")
 
 
-def test_each_page_of_the_site_is_looked_at(built_site: Path, project: Project) -> None:
+def test_each_page_of_the_site_is_looked_at(built_site: Path) -> None:
     assert page_names(built_site) == PAGES
-    assert count_pages(project) == len(PAGES)
 
 
 @pytest.mark.parametrize("name", PAGES)
@@ -242,24 +233,6 @@ def test_a_pale_text_is_found_among_many_of_its_kind(browser: Browser) -> None:
     page.close()
 
 
-def test_the_page_says_what_axe_is_and_how_many_rules_ran(
-    browser: Browser, project: Project
-) -> None:
-    page = browser.new_page()
-    script = axe_script()
-    page.evaluate(script)
-    options = {"runOnly": ALL_RULES}
-    kinds = ("violations", "incomplete", "passes", "inapplicable")
-    found = page.evaluate("options => axe.run(document, options)", options)
-    ran = {rule["id"] for kind in kinds for rule in found[kind]}
-    assert count_rules(script) == len(ran)
-    assert axe_version(script) == page.evaluate("axe.version")
-    page.close()
-    text = accessibility_text(project)
-    for said in (axe_version(script), f"{len(ran)} of its rules", f"the {len(PAGES)} pages"):
-        assert said in text
-
-
 @pytest.mark.parametrize("name", PAGES)
 def test_structure(built_site: Path, name: str) -> None:
     """Headings in order, tables with headers and a name, no id twice, a language, a title."""
@@ -324,13 +297,13 @@ DIAGRAMS = {"fig-03-modes": "two block diagrams of the hybrid"}
 def figures(project: Project) -> list[tuple[str, dict[str, str], str]]:
     """Return chapter, name with alternative text, and all string literals, of each figure."""
     found = []
-    for path in sorted((project.root / "book" / "chapters").glob("*.ipynb")):
-        notebook = nbformat.read(path, as_version=4)
+    for run in book_runs(project):
+        notebook = nbformat.reads(run.notebook, as_version=4)
         code = "\n".join(cell.source for cell in notebook.cells if cell.cell_type == "code")
         for cell in notebook.cells:
             for output in cell.get("outputs", []):
                 if shown := output.get("metadata", {}).get("inswsn"):
-                    found.append((path.stem, dict(shown), code))
+                    found.append((run.request.chapter, dict(shown), code))
     return found
 
 

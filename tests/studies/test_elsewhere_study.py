@@ -78,7 +78,7 @@ def test_a_design_is_asked_of_scs(
     assert cell.flipped == ()
 
 
-def test_each_cell_is_stored_once(study: Study) -> None:
+def test_each_chapter_stands_once_in_a_variant(study: Study) -> None:
     assert len({(c.variant, c.chapter) for c in study.cells}) == len(study.cells)
     assert {AGAIN, "threads-2", "older-processor"} <= set(study.variants)
 
