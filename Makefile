@@ -52,6 +52,7 @@ bench: environment ## speed against peers, as ratios; writes data/benchmarks*.ya
 	@$(RUN) benchmarks/throughput.py
 	@$(RUN) benchmarks/fusion.py
 	@$(RUN) benchmarks/vehicle.py
+	@$(RUN) benchmarks/sweep.py
 
 # torch has a short lock of its own, changed by hand: its CPU wheel lives on an index of its own.
 lock: environment ## compile environment.in to environment.lock; versions stay unless it excludes them
