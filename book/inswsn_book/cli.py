@@ -47,7 +47,10 @@ def _project(root: Path | None) -> Project:
 @click.option("--jobs", type=click.IntRange(min=1), help="Chapters at once. Default: one a core.")
 @click.pass_obj
 def book(root: Path | None, fresh: bool, jobs: int | None) -> None:
-    """Execute the chapters that changed and render the book."""
+    """Execute the chapters that changed and render the book.
+
+    For example: inswsn book --jobs 1
+    """
     from inswsn_book.building import build_book
     from inswsn_book.progress import Progress
 
@@ -60,7 +63,10 @@ def book(root: Path | None, fresh: bool, jobs: int | None) -> None:
 @cli.command()
 @click.pass_obj
 def chapters(root: Path | None) -> None:
-    """List the chapters with their parameters."""
+    """List the chapters with their parameters.
+
+    For example: inswsn chapters
+    """
     from inswsn_book.parameters import chapter_schema
 
     project = _project(root)
@@ -98,7 +104,10 @@ def run(
     html: bool,
     fresh: bool,
 ) -> None:
-    """Execute a chapter with other parameters and compare it with the published run."""
+    """Execute a chapter with other parameters and compare it with the published run.
+
+    For example: inswsn run 02 -p q_scale=0.1 -p runs=200
+    """
     from rich.console import Console
 
     from inswsn_book.compare import show_comparison
@@ -188,7 +197,10 @@ def sweep(
 @click.argument("after", type=click.Path(exists=True, dir_okay=False, path_type=Path))
 @click.pass_obj
 def compare(root: Path | None, before: Path, after: Path) -> None:
-    """Compare two results files of one chapter."""
+    """Compare two results files of one chapter.
+
+    For example: inswsn compare data/published/02.json results/02.json
+    """
     from rich.console import Console
 
     from inswsn_book.compare import show_comparison
@@ -231,7 +243,10 @@ def claims(
     results: Path | None,
     against: Path | None,
 ) -> None:
-    """Print what the papers claim and what became of it."""
+    """Print what the papers claim and what became of it.
+
+    For example: inswsn claims --paper P1 --verdict 'not reproduced'
+    """
     from rich.console import Console
 
     from inswsn_book.claim_ids import changed_verdicts, read_verdicts, verdicts_text
@@ -268,7 +283,10 @@ def claims(
 @click.option("--check", is_flag=True, help="Only show what would change.")
 @click.pass_obj
 def publish(root: Path | None, check: bool) -> None:
-    """Make the results of the last build the reference results."""
+    """Make the results of the last build the reference results.
+
+    For example: inswsn publish --check
+    """
     from inswsn_book.claim_ids import CLAIM_IDS, lost_ids, new_ids, publish_ids
     from inswsn_book.publishing import differences, orphan_references
     from inswsn_book.publishing import publish as publish_results

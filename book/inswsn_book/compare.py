@@ -25,24 +25,6 @@ class Change:
         The quantity.
     before, after : Quantity or None
         The quantity in each file; None where it is absent.
-
-    Examples
-    --------
-    >>> from inswsn_book.compare import Change
-    >>> from inswsn_book.results import Quantity
-    >>> before = Quantity(
-    ...     name="error.kf",
-    ...     value=2.9,
-    ...     unit="m",
-    ...     basis="simulation",
-    ...     how="The mean absolute error.",
-    ...     tolerance=0.01,
-    ... )
-    >>> change = Change("error.kf", before, before.model_copy(update={"value": 3.0}))
-    >>> print(change)
-    error.kf: 2.9 m -> 3 m (change +0.1, tolerance 0.01)
-    >>> change.beyond_tolerance
-    True
     """
 
     name: str
@@ -127,17 +109,6 @@ def pair_quantities(before: Results, after: Results) -> list[Change]:
     -------
     list of Change
         In the order of `before`; quantities that `before` lacks come last.
-
-    Examples
-    --------
-    >>> from inswsn_book.project import find_root
-    >>> from inswsn_book.compare import pair_quantities
-    >>> from inswsn_book.results import read_results
-    >>> results = read_results(find_root() / "data/published/00.json")
-    >>> fewer = results.model_copy(update={"quantities": results.quantities[1:]})
-    >>> pairs = pair_quantities(fewer, results)
-    >>> pairs[-1].name, pairs[-1].before
-    ('table1.position.rows-own', None)
     """
     old = {quantity.name: quantity for quantity in before.quantities}
     new = {quantity.name: quantity for quantity in after.quantities}
@@ -156,19 +127,6 @@ def compare(before: Results, after: Results) -> list[Change]:
     -------
     list of Change
         In the order of `before`; quantities that `before` lacks come last.
-
-    Examples
-    --------
-    >>> from inswsn_book.project import find_root
-    >>> from inswsn_book.compare import compare
-    >>> from inswsn_book.results import read_results
-    >>> results = read_results(find_root() / "data/published/00.json")
-    >>> compare(results, results)
-    []
-    >>> first = results.quantities[0].model_copy(update={"value": 4.0})
-    >>> moved = results.model_copy(update={"quantities": (first, *results.quantities[1:])})
-    >>> [change.name for change in compare(results, moved)]
-    ['table1.position.rows-own']
     """
     return [pair for pair in pair_quantities(before, after) if pair.before != pair.after]
 
@@ -183,21 +141,6 @@ class Flip:
         The claim.
     before, after : Judged or None
         The verdict by each; None where the results lack what decides it.
-
-    Examples
-    --------
-    >>> from inswsn_book.project import find_root
-    >>> from inswsn_book.compare import flipped_verdicts
-    >>> from inswsn_book.ledger import LEDGER, load_claims
-    >>> from inswsn_book.results import read_results
-    >>> root = find_root()
-    >>> results = read_results(root / "data/published/00.json")
-    >>> claims = [claim for claim in load_claims(root / LEDGER) if claim.id == "P1-P-T"]
-    >>> period = results["period.area1"].model_copy(update={"value": 1.0, "interval": (1.0, 1.0)})
-    >>> moved = results.model_copy(update={"quantities": (period,)})
-    >>> flip = flipped_verdicts(claims, results, moved)[0]
-    >>> print(flip.before.verdict, "->", flip.after.verdict)
-    contradicted by the paper itself -> reproduced
     """
 
     claim: Claim
@@ -228,23 +171,6 @@ def flipped_verdicts(claims: Iterable[Claim], before: Results, after: Results) -
     -------
     list of Flip
         In the order of `claims`.
-
-    Examples
-    --------
-    If the printed matrices held the sampling period of 1 s that P1 prints, the claim of it would be
-    reproduced:
-
-    >>> from inswsn_book.project import find_root
-    >>> from inswsn_book.compare import flipped_verdicts
-    >>> from inswsn_book.ledger import LEDGER, load_claims
-    >>> from inswsn_book.results import read_results
-    >>> root = find_root()
-    >>> results = read_results(root / "data/published/00.json")
-    >>> claims = [claim for claim in load_claims(root / LEDGER) if claim.id == "P1-P-T"]
-    >>> period = results["period.area1"].model_copy(update={"value": 1.0, "interval": (1.0, 1.0)})
-    >>> moved = results.model_copy(update={"quantities": (period,)})
-    >>> [flip.claim.id for flip in flipped_verdicts(claims, results, moved)]
-    ['P1-P-T']
     """
     pairs = [Flip(claim, _judge(claim, before), _judge(claim, after)) for claim in claims]
     return [pair for pair in pairs if _verdict(pair.before) != _verdict(pair.after)]
@@ -273,15 +199,6 @@ def compare_conditions(before: Results, after: Results) -> list[str]:
     -------
     list of str
         One line for each parameter, data file, sentence, solver and cell that differs.
-
-    Examples
-    --------
-    >>> from inswsn_book.compare import compare_conditions
-    >>> from inswsn_book.results import Results
-    >>> before = Results(chapter="00", parameters={"steps": 100}, data={}, quantities=())
-    >>> after = Results(chapter="00", parameters={"steps": 50}, data={}, quantities=())
-    >>> compare_conditions(before, after)
-    ['parameters: steps: 100 -> 50']
     """
     lines = []
     for field in ("parameters", "data", "sentences", "solvers", "cells"):

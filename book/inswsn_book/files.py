@@ -24,16 +24,6 @@ def write_whole(path: Path, text: str) -> None:
     ------
     OSError
         If the folder cannot be written. Nothing is left behind.
-
-    Examples
-    --------
-    >>> from pathlib import Path
-    >>> from tempfile import TemporaryDirectory
-    >>> from inswsn_book.files import write_whole
-    >>> with TemporaryDirectory() as folder:
-    ...     write_whole(Path(folder) / "new" / "name.txt", "whole")
-    ...     [path.name for path in (Path(folder) / "new").iterdir()]
-    ['name.txt']
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
@@ -60,12 +50,6 @@ def text_digest(text: str) -> str:
     Returns
     -------
     str
-
-    Examples
-    --------
-    >>> from inswsn_book.files import text_digest
-    >>> text_digest("abc")[:16]  # the example of FIPS 180-2
-    'ba7816bf8f01cfea'
     """
     return hashlib.sha256(text.encode("utf-8")).hexdigest()
 
@@ -81,16 +65,6 @@ def file_digest(path: Path) -> str:
     Returns
     -------
     str
-
-    Examples
-    --------
-    >>> from pathlib import Path
-    >>> from tempfile import TemporaryDirectory
-    >>> from inswsn_book.files import file_digest, text_digest, write_whole
-    >>> with TemporaryDirectory() as folder:
-    ...     write_whole(Path(folder) / "abc.txt", "abc")
-    ...     file_digest(Path(folder) / "abc.txt") == text_digest("abc")
-    True
     """
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
@@ -109,20 +83,6 @@ def tree_digest(root: Path, paths: Iterable[Path]) -> str:
     -------
     str
         64 hexadecimal digits.
-
-    Examples
-    --------
-    The same content below another name has another digest; the folder itself has no part in it:
-
-    >>> from pathlib import Path
-    >>> from tempfile import TemporaryDirectory
-    >>> from inswsn_book.files import tree_digest, write_whole
-    >>> def digest(name):
-    ...     with TemporaryDirectory() as folder:
-    ...         write_whole(Path(folder) / name, "abc")
-    ...         return tree_digest(Path(folder), Path(folder).iterdir())
-    >>> digest("a.txt") == digest("a.txt"), digest("a.txt") == digest("b.txt")
-    (True, False)
     """
     digest = hashlib.sha256()
     for path in sorted(set(paths)):

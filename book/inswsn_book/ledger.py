@@ -64,13 +64,6 @@ class QuantityCheck(_Entry):
         The chapter that records it, two digits.
     quantity : str
         Its name there.
-
-    Examples
-    --------
-    >>> from inswsn_book.ledger import QuantityCheck
-    >>> check = QuantityCheck(chapter="00", quantity="period.area1")
-    >>> check.chapter, check.quantity
-    ('00', 'period.area1')
     """
 
     chapter: Annotated[str, Field(pattern=r"^\d\d$")]
@@ -86,15 +79,6 @@ class MissingCheck(_Entry):
         Names in the ledger's list of what is missing.
     reasons : tuple of str
         What that list says of them; filled in when the ledger is read.
-
-    Examples
-    --------
-    >>> from inswsn_book.project import find_root
-    >>> from inswsn_book.ledger import LEDGER, MissingCheck, load_claims
-    >>> claims = load_claims(find_root() / LEDGER)
-    >>> missing = [claim for claim in claims if isinstance(claim.check, MissingCheck)]
-    >>> all(len(claim.check.reasons) == len(claim.check.needs) for claim in missing)
-    True
     """
 
     needs: Annotated[tuple[Name, ...], Field(min_length=1)]
@@ -129,17 +113,6 @@ class Claim(_Entry):
         Why this check and this tolerance.
     assumption : str, optional
         What has to be assumed for the check to speak of the claim.
-
-    Examples
-    --------
-    >>> from inswsn_book.project import find_root
-    >>> from inswsn_book.ledger import LEDGER, load_claims
-    >>> claims = {claim.id: claim for claim in load_claims(find_root() / LEDGER)}
-    >>> claim = claims["P1-P-T"]  # the sampling period of P1, printed as 1 s
-    >>> claim.value, claim.unit, claim.tolerance, claim.chapter
-    ('1', 's', 'digits', '00')
-    >>> claim.published({})
-    (0.5, 1.5)
     """
 
     id: Annotated[str, Field(pattern=r"^P[123](-[A-Za-z0-9.]+)+$", max_length=40)]
@@ -315,13 +288,6 @@ def written_out(entry: Any) -> list[Any]:
     ------
     ValueError
         If a family has not a value for each of its places.
-
-    Examples
-    --------
-    >>> from inswsn_book.ledger import written_out
-    >>> family = {"id": "P1-X-{row}", "over": {"row": {"a": {"n": "1"}, "b": {"n": "2"}}}}
-    >>> written_out(family | {"says": "Row {n} is {value}.", "values": "0.10 0.2"})[1]
-    {'id': 'P1-X-b', 'says': 'Row 2 is 0.2.', 'value': '0.2'}
     """
     if not isinstance(entry, dict) or "over" not in entry:
         return [entry]
@@ -372,14 +338,6 @@ def load_claims(path: Path) -> tuple[Claim, ...]:
     InswsnError
         If there is no such folder or a file does not fit the schema; the sentence says where. A
         field for a verdict does not fit.
-
-    Examples
-    --------
-    >>> from inswsn_book.project import find_root
-    >>> from inswsn_book.ledger import LEDGER, PAPERS, load_claims
-    >>> claims = load_claims(find_root() / LEDGER)
-    >>> {claim.paper for claim in claims} == set(PAPERS)
-    True
     """
     paths = sorted(path.glob("*.yaml")) if path.is_dir() else [path]
     if not paths:
@@ -416,14 +374,6 @@ def claims_of(claims: Iterable[Claim], chapter: str) -> list[Claim]:
     -------
     list of Claim
         In the order of the ledger.
-
-    Examples
-    --------
-    >>> from inswsn_book.project import find_root
-    >>> from inswsn_book.ledger import LEDGER, claims_of, load_claims
-    >>> claims = load_claims(find_root() / LEDGER)
-    >>> {claim.chapter for claim in claims_of(claims, "00")}
-    {'00'}
     """
     return [claim for claim in claims if claim.chapter == chapter]
 
@@ -449,19 +399,6 @@ def data_digest(root: Path, name: str) -> str | None:
     -------
     str or None
         None if there is no such file or part, or it cannot be read.
-
-    Examples
-    --------
-    What the ledger says of the claims of each chapter has a digest of its own, so that an edit
-    makes no other chapter due:
-
-    >>> from inswsn_book.project import find_root
-    >>> from inswsn_book.ledger import data_digest
-    >>> root = find_root()
-    >>> data_digest(root, "data/claims#00") == data_digest(root, "data/claims#01")
-    False
-    >>> data_digest(root, "data/absent.csv") is None
-    True
     """
     path, _, part = name.partition("#")
     if not (root / path).is_file():

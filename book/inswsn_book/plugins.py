@@ -42,16 +42,6 @@ def import_object(name: str, text: str, allowed: str, kind: type) -> Any:
     ------
     ParameterError
         If the text has another form, or there is no such module or object.
-
-    Examples
-    --------
-    >>> from inswsn_book.plugins import import_object
-    >>> import_object("number", "math:tau", "module:NAME, a number", float)
-    6.283185307179586
-    >>> import_object("number", "math:cos", "a number", float)  # doctest: +ELLIPSIS
-    Traceback (most recent call last):
-        ...
-    inswsn_lib.errors.ParameterError: number is 'math:cos'; it may be ...
     """
     if not _FORM.fullmatch(text):
         raise ParameterError(name, text, allowed)
@@ -93,17 +83,6 @@ def load_regressor(name: str, text: str) -> Any:
     ParameterError
         If the text has another form, there is no such module or class, it cannot be made without
         arguments, or the trial fails.
-
-    Examples
-    --------
-    >>> from inswsn_book.plugins import load_regressor
-    >>> machine = load_regressor("machine", "sklearn.linear_model:LinearRegression")
-    >>> print(machine)
-    LinearRegression()
-    >>> load_regressor("machine", "LinearRegression")  # doctest: +ELLIPSIS
-    Traceback (most recent call last):
-        ...
-    inswsn_lib.errors.ParameterError: machine is 'LinearRegression'; it may be package.module:...
     """
     found = import_object(name, text, ALLOWED, type)
     class_name = text.partition(":")[2]

@@ -46,17 +46,6 @@ def is_checkout(folder: Path) -> bool:
     Returns
     -------
     bool
-
-    Examples
-    --------
-    >>> from pathlib import Path
-    >>> from tempfile import TemporaryDirectory
-    >>> from inswsn_book.project import find_root, is_checkout
-    >>> is_checkout(find_root())
-    True
-    >>> with TemporaryDirectory() as folder:
-    ...     is_checkout(Path(folder))
-    False
     """
     return all((folder / marker).exists() for marker in _MARKERS)
 
@@ -78,15 +67,6 @@ def find_root(start: Path | None = None) -> Path:
     ------
     InswsnError
         If neither `start` nor a folder above it is a checkout.
-
-    Examples
-    --------
-    From anywhere in a checkout:
-
-    >>> from inswsn_book.project import find_root
-    >>> root = find_root()
-    >>> find_root(root / "data" / "papers") == root
-    True
     """
     if start is None:
         start = Path(os.environ.get(ROOT_VARIABLE) or Path.cwd())
@@ -111,16 +91,6 @@ def results_folder(root: Path) -> Path:
     -------
     Path
         What ``INSWSN_RESULTS`` names, else ``results`` in the checkout.
-
-    Examples
-    --------
-    >>> import os
-    >>> from pathlib import Path
-    >>> from unittest.mock import patch
-    >>> from inswsn_book.project import RESULTS_VARIABLE, results_folder
-    >>> with patch.dict(os.environ, {RESULTS_VARIABLE: ""}):
-    ...     results_folder(Path("checkout")).as_posix()
-    'checkout/results'
     """
     return Path(os.environ.get(RESULTS_VARIABLE) or root / "results")
 

@@ -53,30 +53,6 @@ class Quantity(_Record):
         How it was obtained, one sentence.
     tolerance : float
         How far a fresh build may be from the reference results, absolute, in `unit`.
-
-    Examples
-    --------
-    An interval that does not hold the value is refused; pydantic's error says so:
-
-    >>> from inswsn_book.results import Quantity
-    >>> quantity = Quantity(
-    ...     name="error.kf",
-    ...     value=2.9,
-    ...     unit="m",
-    ...     interval=(2.7, 3.1),
-    ...     interval_kind="confidence 95 %",
-    ...     runs=200,
-    ...     basis="simulation",
-    ...     how="The mean absolute error of all runs.",
-    ...     tolerance=0.01,
-    ... )
-    >>> quantity.role
-    'found'
-    >>> try:
-    ...     Quantity(**quantity.model_dump() | {"value": 4.0})
-    ... except ValueError as error:
-    ...     print("does not hold the value 4.0" in str(error))
-    True
     """
 
     name: Name
@@ -125,14 +101,6 @@ class Provenance(_Record):
         The linear algebra libraries, each with its version and number of threads.
     packages : dict of str to str
         The versions of the packages that compute.
-
-    Examples
-    --------
-    >>> from inswsn_book.project import find_root
-    >>> from inswsn_book.results import read_results
-    >>> provenance = read_results(find_root() / "data/published/00.json").provenance
-    >>> provenance.seconds > 0, sorted(provenance.sources)
-    (True, ['chapter', 'library', 'locks'])
     """
 
     version: str
@@ -174,16 +142,6 @@ class Results(_Record):
         The cell that recorded each quantity.
     provenance : Provenance, optional
         What the run was made with.
-
-    Examples
-    --------
-    >>> from inswsn_book.project import find_root
-    >>> from inswsn_book.results import read_results
-    >>> results = read_results(find_root() / "data/published/00.json")
-    >>> results.chapter, results["table1.position.rows-own"].unit
-    ('00', 'rows')
-    >>> results.found().provenance is None
-    True
     """
 
     schema_version: Literal[2] = SCHEMA_VERSION
@@ -247,17 +205,6 @@ def write_results(results: Results, path: Path) -> None:
     ------
     OSError
         If the folder cannot be written.
-
-    Examples
-    --------
-    >>> from pathlib import Path
-    >>> from tempfile import TemporaryDirectory
-    >>> from inswsn_book.results import Results, read_results, write_results
-    >>> results = Results(chapter="00", parameters={"steps": 100}, data={}, quantities=())
-    >>> with TemporaryDirectory() as folder:
-    ...     write_results(results, Path(folder) / "00.json")
-    ...     read_results(Path(folder) / "00.json") == results
-    True
     """
     write_whole(path, results.model_dump_json(indent=1) + "\n")
 
@@ -279,13 +226,6 @@ def read_results(path: Path) -> Results:
     ------
     InswsnError
         If there is no such file, or it does not fit the schema; the sentence says where.
-
-    Examples
-    --------
-    >>> from inswsn_book.project import find_root
-    >>> from inswsn_book.results import read_results
-    >>> read_results(find_root() / "data/published/00.json").parameters["about_points"]
-    2.5
     """
     try:
         content = json.loads(path.read_text(encoding="utf-8"))

@@ -19,14 +19,7 @@ _ROUNDING = 1e-6
 
 
 class Verdict(StrEnum):
-    """What became of a claim.
-
-    Examples
-    --------
-    >>> from inswsn_book.verdicts import Verdict
-    >>> [str(verdict) for verdict in Verdict if not verdict.counts]
-    ['taken as input', 'calibrated']
-    """
+    """What became of a claim."""
 
     REPRODUCED = "reproduced"
     ASSUMED = "reproduced under a stated assumption"
@@ -61,20 +54,6 @@ class Judged:
         What decided it.
     cell : str, optional
         The cell that recorded the quantity.
-
-    Examples
-    --------
-    >>> from inswsn_book.project import find_root
-    >>> from inswsn_book.ledger import LEDGER, load_claims
-    >>> from inswsn_book.results import read_results
-    >>> from inswsn_book.verdicts import verdicts
-    >>> root = find_root()
-    >>> claims = [claim for claim in load_claims(root / LEDGER) if claim.id == "P1-P-T"]
-    >>> judged = verdicts(claims, [read_results(root / "data/published/00.json")])[0]
-    >>> judged.published_text, judged.rebuilt_text
-    ('1 (0.5 to 1.5) s', '0.200 (0.150 to 0.250) s')
-    >>> print(judged.verdict)
-    contradicted by the paper itself
     """
 
     claim: Claim
@@ -204,40 +183,6 @@ def verdicts(claims: Iterable[Claim], results: Iterable[Results]) -> list[Judged
     InswsnError
         If a claim's check does not resolve: there are no results of its chapter, its quantity is
         not among them or has another unit, or its tolerance is no parameter of the run.
-
-    Examples
-    --------
-    A claim of 42 m within 1 %, judged by two runs:
-
-    >>> from inswsn_book.ledger import Claim, QuantityCheck
-    >>> from inswsn_book.results import Quantity, Results
-    >>> from inswsn_book.verdicts import verdicts
-    >>> claim = Claim(
-    ...     id="P1-S1-twice",
-    ...     paper="P1",
-    ...     place="Section 1",
-    ...     says="Twice the number is 42 m.",
-    ...     value="42",
-    ...     unit="m",
-    ...     kind="numeric",
-    ...     check=QuantityCheck(chapter="00", quantity="twice"),
-    ...     tolerance="within 1 %",
-    ...     why="The number is printed in whole metres.",
-    ... )
-    >>> for value in (42.3, 43.0):
-    ...     twice = Quantity(
-    ...         name="twice",
-    ...         value=value,
-    ...         unit="m",
-    ...         basis="simulation",
-    ...         how="The number, doubled.",
-    ...         tolerance=0.5,
-    ...     )
-    ...     found = Results(chapter="00", parameters={}, data={}, quantities=(twice,))
-    ...     judged = verdicts([claim], [found])[0]
-    ...     print(f"{judged.published_text}, found {judged.rebuilt_text}: {judged.verdict}")
-    42 ± 0.42 m, found 42.3 m: reproduced
-    42 ± 0.42 m, found 43 m: not reproduced
     """
     by_chapter: dict[str, Results] = {}
     for result in results:
@@ -257,19 +202,6 @@ def count_verdicts(judged: Iterable[Judged]) -> dict[Verdict, int]:
     Returns
     -------
     dict of Verdict to int
-
-    Examples
-    --------
-    >>> from inswsn_book.project import find_root
-    >>> from inswsn_book.ledger import LEDGER, claims_of, load_claims
-    >>> from inswsn_book.results import read_results
-    >>> from inswsn_book.verdicts import count_verdicts
-    >>> from inswsn_book.verdicts import verdicts
-    >>> root = find_root()
-    >>> claims = claims_of(load_claims(root / LEDGER), "00")
-    >>> judged = verdicts(claims, [read_results(root / "data/published/00.json")])
-    >>> sum(count_verdicts(judged).values()) == len(claims)
-    True
     """
     counts = Counter(entry.verdict for entry in judged)
     return {verdict: counts[verdict] for verdict in Verdict if counts[verdict]}
@@ -350,17 +282,6 @@ def judge_own_cells(rebuilt: tuple[float, float], published: tuple[float, float]
     Verdict
         Reproduced if the two intervals have a value in common, else contradicted by the paper
         itself.
-
-    Examples
-    --------
-    Cells that give 86.69 % to 86.70 % contradict a printed 85 %. They do not contradict "about
-    85 %", if about means 2.5 points:
-
-    >>> from inswsn_book.verdicts import judge_own_cells
-    >>> print(judge_own_cells((86.69, 86.70), (84.5, 85.5)))
-    contradicted by the paper itself
-    >>> print(judge_own_cells((86.69, 86.70), (82.5, 87.5)))
-    reproduced
     """
     # an end that is not a number compares as false, and then nothing is reproduced
     meets = rebuilt[0] <= rebuilt[1] >= published[0] <= published[1] >= rebuilt[0]
@@ -389,18 +310,6 @@ def judge_rebuilt(
         Reproduced, not reproduced, or not decided.
     reason : str
         Why, one sentence.
-
-    Examples
-    --------
-    The paper prints 4.0, within 0.5:
-
-    >>> from inswsn_book.verdicts import judge_rebuilt
-    >>> for value, rebuilt in ((4.1, (3.9, 4.3)), (6.0, (5.8, 6.2)), (4.1, (2.0, 6.0))):
-    ...     verdict, reason = judge_rebuilt(value, rebuilt, published=(3.5, 4.5), reference=4.0)
-    ...     print(verdict)
-    reproduced
-    not reproduced
-    not decided
     """
     if published[0] <= rebuilt[0] <= rebuilt[1] <= published[1]:
         return Verdict.REPRODUCED, "The whole rebuilt interval lies within the tolerance."
