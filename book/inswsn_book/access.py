@@ -60,11 +60,6 @@ def accessible(page: str) -> str:
     links (the index) the role that says so. Links to a heading are named by what they do. Solutions
     become native disclosures, which open without a script and by the keyboard. Of elements that
     share an id the first keeps it. The sidebar becomes a region with a name.
-
-    Parameters
-    ----------
-    page : str
-        A page of HTML, as Sphinx writes it.
     """
     return _improve(page)[0]
 

@@ -84,8 +84,6 @@ def write_archive(project: Project, target: Path | None = None) -> Path:
 
     Parameters
     ----------
-    project : Project
-        The checkout, built and committed.
     target : Path, optional
         The file to write. Default: ``_build/inswsn-<version>.zip``.
 

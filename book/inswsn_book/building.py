@@ -21,17 +21,6 @@ def build_book(
 ) -> None:
     """Execute what is due and render the book.
 
-    Parameters
-    ----------
-    project : Project
-        The checkout.
-    progress : Progress
-        Told how it goes.
-    fresh : bool
-        Ignore the store and the last site.
-    jobs : int, optional
-        How many chapters at once. Default: one a core.
-
     Raises
     ------
     ChapterError

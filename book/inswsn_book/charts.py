@@ -47,8 +47,6 @@ def contests(root: Path, findings: Findings) -> list[Contest]:
     ----------
     root : Path
         The checkout, for the printed numbers below ``data/papers``.
-    findings : Findings
-        Of the chapters.
 
     Raises
     ------
@@ -158,13 +156,7 @@ def _svg(fig: Any) -> str:
 
 
 def tornado_svg(panels: Sequence[Sequence[tuple[str, Effect]]]) -> str:
-    """Draw by what factor the first headline of each chapter moves, as SVG.
-
-    Parameters
-    ----------
-    panels : sequence
-        From `panels_of`.
-    """
+    """Draw by what factor the first headline of each chapter moves, as SVG."""
     from matplotlib.ticker import LogLocator, NullLocator  # noqa: PLC0415
 
     from inswsn_lib.plotting import COLOURS, figure  # noqa: PLC0415  # a list needs no figure

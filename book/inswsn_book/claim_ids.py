@@ -119,15 +119,7 @@ def read_verdicts(path: Path) -> dict[str, str]:
 
 
 def changed_verdicts(before: dict[str, str], judged: Sequence[Judged]) -> list[ChangedVerdict]:
-    """Return the claims whose verdicts differ, those that are new, and those that are gone.
-
-    Parameters
-    ----------
-    before : dict of str to str
-        Verdicts by id.
-    judged : sequence of Judged
-        The claims now.
-    """
+    """Return the claims whose verdicts differ, those that are new, and those that are gone."""
     after = {entry.claim.id: str(entry.verdict) for entry in judged}
     return [
         ChangedVerdict(name, before.get(name), after.get(name))

@@ -100,11 +100,6 @@ def _same_tolerance(before: Quantity, after: Quantity) -> bool:
 def pair_quantities(before: Results, after: Results) -> list[Change]:
     """Return every quantity of two results, whether it differs or not.
 
-    Parameters
-    ----------
-    before, after : Results
-        Two results of one chapter.
-
     Returns
     -------
     list of Change
@@ -117,11 +112,6 @@ def pair_quantities(before: Results, after: Results) -> list[Change]:
 
 def compare(before: Results, after: Results) -> list[Change]:
     """Return every quantity that differs at all between two results.
-
-    Parameters
-    ----------
-    before, after : Results
-        Two results of one chapter.
 
     Returns
     -------
@@ -162,15 +152,8 @@ def flipped_verdicts(claims: Iterable[Claim], before: Results, after: Results) -
 
     Parameters
     ----------
-    claims : iterable of Claim
-        Claims that the chapter of the results decides.
     before, after : Results
         Two results of that chapter, which may be of different versions.
-
-    Returns
-    -------
-    list of Flip
-        In the order of `claims`.
     """
     pairs = [Flip(claim, _judge(claim, before), _judge(claim, after)) for claim in claims]
     return [pair for pair in pairs if _verdict(pair.before) != _verdict(pair.after)]
@@ -189,11 +172,6 @@ def _verdict(judged: Judged | None) -> str | None:
 
 def compare_conditions(before: Results, after: Results) -> list[str]:
     """Return every way in which two results differ beside their quantities.
-
-    Parameters
-    ----------
-    before, after : Results
-        Two results of one chapter.
 
     Returns
     -------
@@ -218,19 +196,7 @@ def show_comparison(
     names: tuple[str, str],
     console: Console,
 ) -> None:
-    """Write two results side by side: quantities, sentences that differ, verdicts that flipped.
-
-    Parameters
-    ----------
-    before, after : Results
-        Two results of one chapter.
-    claims : sequence of Claim
-        The claims that the chapter decides.
-    names : tuple of two str
-        What they are, for the headings.
-    console : rich.console.Console
-        Where to write.
-    """
+    """Write two results side by side: quantities, sentences that differ, verdicts that flipped."""
     table = Table("quantity", *names, "change", "unit", box=None, pad_edge=False)
     changes = [(pair, _difference(pair)) for pair in pair_quantities(before, after)]
     for pair, difference in changes:

@@ -63,21 +63,6 @@ def run_core(
 ) -> tuple[Results, dict[str, str]]:
     """Call a core, and return its scores as results and as the file `SCORES`.
 
-    Parameters
-    ----------
-    root : Path
-        The checkout.
-    chapter : str
-        Its number.
-    name : str
-        The core.
-    values : mapping of str to value
-        All parameters of the chapter, checked.
-    threads : int
-        How many the linear algebra may use.
-    solver : str
-        The one that designs are given to.
-
     Raises
     ------
     InswsnError

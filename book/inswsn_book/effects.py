@@ -123,11 +123,6 @@ def band_of(values: list[float]) -> float:
     ----------
     values : list of float
         A headline in the unchanged runs, each with a seed of its own.
-
-    Returns
-    -------
-    float
-        Zero for fewer than two values: a chapter without chance.
     """
     if len(values) < 2:  # a deviation takes two
         return 0.0
@@ -142,15 +137,7 @@ def chance_band(study: Study, headline: Headline) -> float:
 
 
 def rows_of(assumptions: Assumptions, study: Study, chapter: str) -> list[Row]:
-    """Return what the study has of a chapter, the largest changes first.
-
-    Parameters
-    ----------
-    assumptions : Assumptions
-    study : Study
-    chapter : str
-        Two digits.
-    """
+    """Return what the study has of a chapter, the largest changes first."""
     rows = [
         Row(entry, set_, run, tuple(_effects(assumptions, study, run)), _flipped(study, run))
         for entry, set_, run in _reruns(assumptions, study, chapter)

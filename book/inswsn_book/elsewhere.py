@@ -289,7 +289,6 @@ def found_elsewhere(
     ----------
     folder : Path
         Results files of chapters, named as those of the reference.
-    chapter : Chapter
 
     Raises
     ------

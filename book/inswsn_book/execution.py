@@ -88,14 +88,6 @@ def execute_notebook(
 ) -> tuple[Any, dict[str, Any]]:
     """Execute a notebook in a process whose kernel works in `folder`.
 
-    Parameters
-    ----------
-    name : str
-        The chapter, for progress and failures.
-    notebook : nbformat.NotebookNode
-    parameters : mapping
-        What papermill injects.
-
     Returns
     -------
     executed : nbformat.NotebookNode

@@ -17,8 +17,6 @@ def write_whole(path: Path, text: str) -> None:
     ----------
     path : Path
         Where to write; the folder is made if it is absent.
-    text : str
-        The whole content, written as UTF-8.
 
     Raises
     ------
@@ -40,50 +38,17 @@ def write_whole(path: Path, text: str) -> None:
 
 
 def text_digest(text: str) -> str:
-    """Return the SHA-256 of a text's UTF-8 bytes as 64 hexadecimal digits.
-
-    Parameters
-    ----------
-    text : str
-        The text.
-
-    Returns
-    -------
-    str
-    """
+    """Return the SHA-256 of a text's UTF-8 bytes as 64 hexadecimal digits."""
     return hashlib.sha256(text.encode("utf-8")).hexdigest()
 
 
 def file_digest(path: Path) -> str:
-    """Return the SHA-256 of a file's bytes as 64 hexadecimal digits.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-
-    Returns
-    -------
-    str
-    """
+    """Return the SHA-256 of a file's bytes as 64 hexadecimal digits."""
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def tree_digest(root: Path, paths: Iterable[Path]) -> str:
-    """Return one SHA-256 for a set of files: of their names below `root` and their contents.
-
-    Parameters
-    ----------
-    root : Path
-        Folder that the names are relative to.
-    paths : iterable of Path
-        The files, in any order.
-
-    Returns
-    -------
-    str
-        64 hexadecimal digits.
-    """
+    """Return one SHA-256 for a set of files: of their names below `root` and their contents."""
     digest = hashlib.sha256()
     for path in sorted(set(paths)):
         digest.update(f"{path.relative_to(root).as_posix()}\0{file_digest(path)}\n".encode())

@@ -20,8 +20,6 @@ def judge_claims(project: Project, folder: Path | None = None) -> list[Judged]:
 
     Parameters
     ----------
-    project : Project
-        The checkout.
     folder : Path, optional
         Where results files are that go before the reference results of their chapters.
 

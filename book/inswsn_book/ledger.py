@@ -279,11 +279,6 @@ class _Ledger(_Entry):
 def written_out(entry: Any) -> list[Any]:
     """Return the claims of a family; any other entry as it is.
 
-    Parameters
-    ----------
-    entry : object
-        An entry of a ledger, as it was read.
-
     Raises
     ------
     ValueError
@@ -328,11 +323,6 @@ def load_claims(path: Path) -> tuple[Claim, ...]:
     path : Path
         The folder, ``data/claims`` in a checkout, or one file.
 
-    Returns
-    -------
-    tuple of Claim
-        In the order of the files.
-
     Raises
     ------
     InswsnError
@@ -361,20 +351,7 @@ def _read_ledger(path: Path) -> tuple[Claim, ...]:
 
 
 def claims_of(claims: Iterable[Claim], chapter: str) -> list[Claim]:
-    """Return the claims that a chapter decides.
-
-    Parameters
-    ----------
-    claims : iterable of Claim
-        The ledger, from `load_claims`.
-    chapter : str
-        The chapter's number, two digits.
-
-    Returns
-    -------
-    list of Claim
-        In the order of the ledger.
-    """
+    """Return the claims that a chapter decides."""
     return [claim for claim in claims if claim.chapter == chapter]
 
 
@@ -389,16 +366,9 @@ def data_digest(root: Path, name: str) -> str | None:
 
     Parameters
     ----------
-    root : Path
-        The checkout.
     name : str
         A path below it, or ``data/claims#NN`` for the claims that chapter NN decides, or
         ``data/published/NN.json#name`` for one quantity of the reference results.
-
-    Returns
-    -------
-    str or None
-        None if there is no such file or part, or it cannot be read.
     """
     path, _, part = name.partition("#")
     if not (root / path).is_file():

@@ -24,16 +24,6 @@ def read_source(chapter: Chapter) -> Any:
 
     The id of a cell is the chapter's number and the cell's place, for example ``ch00-003``.
 
-    Parameters
-    ----------
-    chapter : Chapter
-        The chapter.
-
-    Returns
-    -------
-    nbformat.NotebookNode
-        The notebook, format 4.5.
-
     Raises
     ------
     InswsnError
@@ -108,16 +98,6 @@ def strip_run(notebook: Any) -> Any:
 
     A kernel sends what a cell prints in pieces, whose number depends on how fast it prints. Pieces
     of one stream that follow each other become one output.
-
-    Parameters
-    ----------
-    notebook : nbformat.NotebookNode
-        An executed notebook; it is changed in place.
-
-    Returns
-    -------
-    nbformat.NotebookNode
-        The same notebook.
     """
     notebook.metadata.pop("papermill", None)
     notebook.metadata.pop("widgets", None)
@@ -146,11 +126,6 @@ def unrepeatable_outputs(notebook: Any) -> list[str]:
 
     That is anything on standard error, such as a warning, and addresses in memory, which differ
     from run to run.
-
-    Parameters
-    ----------
-    notebook : nbformat.NotebookNode
-        An executed notebook.
     """
     problems = []
     for cell in notebook.cells:

@@ -147,13 +147,6 @@ def _facts_of(chapter: Chapter, results: Results | None) -> ChapterFacts:
 def context(project: Project, results: Sequence[Results]) -> dict[str, Any]:
     """Return what the templates are rendered over.
 
-    Parameters
-    ----------
-    project : Project
-        The checkout.
-    results : sequence of Results
-        Of the chapters that are shown.
-
     Raises
     ------
     InswsnError
@@ -333,17 +326,6 @@ def render_book(
     leaves the last good site as it was. Every build starts from clean doctrees, since Sphinx does
     not repeat the warnings of pages that it does not read again.
 
-    Parameters
-    ----------
-    project : Project
-        The checkout.
-    runs : sequence of Run
-        Those of all chapters.
-    progress : Progress
-        Told whether it is rendered or up to date.
-    fresh : bool
-        Render even if nothing has changed.
-
     Raises
     ------
     RenderingError
@@ -371,8 +353,6 @@ def render_run(project: Project, run: Run, target: Path) -> None:
     ----------
     project : Project
         The checkout, with a built book: its other chapters stand beside the run.
-    run : Run
-        Of one chapter.
     target : Path
         Where the site goes, in a folder that is there; nothing is there yet.
 

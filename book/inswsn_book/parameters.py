@@ -98,11 +98,6 @@ class Parameter:
             What somebody set it to. A whole number is taken for a ``float``, and nothing else is
             converted.
 
-        Returns
-        -------
-        bool, int, float or str
-            The value.
-
         Raises
         ------
         ParameterError
@@ -137,16 +132,6 @@ class Parameter:
 
     def read(self, text: str) -> Value:
         """Return the value that a text stands for, as on a command line.
-
-        Parameters
-        ----------
-        text : str
-            The text; spaces around it do not count.
-
-        Returns
-        -------
-        bool, int, float or str
-            The value, checked.
 
         Raises
         ------
@@ -225,16 +210,6 @@ class Schema:
     def check(self, values: Mapping[str, object]) -> dict[str, Value]:
         """Return all parameters: those given, checked, and the defaults of the others.
 
-        Parameters
-        ----------
-        values : mapping of str to object
-            Values by name.
-
-        Returns
-        -------
-        dict of str to bool, int, float or str
-            In the order of the cell.
-
         Raises
         ------
         ParameterError
@@ -255,18 +230,6 @@ class Schema:
 
 def chapter_schema(root: Path, number: str) -> Schema:
     """Read the parameters of a chapter from its source.
-
-    Parameters
-    ----------
-    root : Path
-        The checkout.
-    number : str
-        The chapter's number, two digits.
-
-    Returns
-    -------
-    Schema
-        The declared parameters.
 
     Raises
     ------
@@ -295,18 +258,6 @@ def source_schema(source: str, name: str) -> Schema:
 def notebook_schema(notebook: Any, name: str) -> Schema:
     """Read the parameters of a notebook from its one cell tagged ``parameters``.
 
-    Parameters
-    ----------
-    notebook : nbformat.NotebookNode
-        The notebook.
-    name : str
-        The name of its file, for an error.
-
-    Returns
-    -------
-    Schema
-        The declared parameters.
-
     Raises
     ------
     InswsnError
@@ -334,16 +285,6 @@ def notebook_schema(notebook: Any, name: str) -> Schema:
 
 def read_schema(cell: str) -> Schema:
     """Read the declarations of a parameters cell.
-
-    Parameters
-    ----------
-    cell : str
-        The source of the cell.
-
-    Returns
-    -------
-    Schema
-        The declared parameters.
 
     Raises
     ------

@@ -25,18 +25,8 @@ def import_object(name: str, text: str, allowed: str, kind: type) -> Any:
 
     Parameters
     ----------
-    name : str
-        The parameter, for an error.
     text : str
         ``package.module:Name``; the module is installed or lies in the working folder.
-    allowed : str
-        What the parameter may be, for an error.
-    kind : type
-        What the object is an instance of.
-
-    Returns
-    -------
-    object
 
     Raises
     ------
@@ -68,15 +58,8 @@ def load_regressor(name: str, text: str) -> Any:
 
     Parameters
     ----------
-    name : str
-        The parameter, for an error.
     text : str
         ``package.module:Class``; the module is installed or lies in the working folder.
-
-    Returns
-    -------
-    object
-        A scikit-learn regressor, not fitted.
 
     Raises
     ------

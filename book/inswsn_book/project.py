@@ -36,17 +36,7 @@ _CHAPTER_NAME = re.compile(r"^\d\d-[a-z0-9]+(-[a-z0-9]+)*$")
 
 
 def is_checkout(folder: Path) -> bool:
-    """Tell whether `folder` is the root of a checkout of this project.
-
-    Parameters
-    ----------
-    folder : Path
-        The folder.
-
-    Returns
-    -------
-    bool
-    """
+    """Tell whether `folder` is the root of a checkout of this project."""
     return all((folder / marker).exists() for marker in _MARKERS)
 
 
@@ -57,11 +47,6 @@ def find_root(start: Path | None = None) -> Path:
     ----------
     start : Path, optional
         Folder to look upward from. Default: what the executor set, else the working folder.
-
-    Returns
-    -------
-    Path
-        The absolute path of the checkout.
 
     Raises
     ------
@@ -81,11 +66,6 @@ def find_root(start: Path | None = None) -> Path:
 
 def results_folder(root: Path) -> Path:
     """Return the folder that this run's results files go to.
-
-    Parameters
-    ----------
-    root : Path
-        The checkout.
 
     Returns
     -------

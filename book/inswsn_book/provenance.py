@@ -20,11 +20,6 @@ _COMPUTING = (
 def repository_state(root: Path) -> tuple[str | None, bool | None]:
     """Return the commit that is checked out and whether the work tree is that commit.
 
-    Parameters
-    ----------
-    root : Path
-        The checkout.
-
     Returns
     -------
     commit : str or None

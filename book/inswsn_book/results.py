@@ -177,12 +177,7 @@ class Results(_Record):
         raise KeyError(name)
 
     def found(self) -> Self:
-        """Return it without its provenance: what a run on another machine finds as well.
-
-        Returns
-        -------
-        Results
-        """
+        """Return it without its provenance: what a run on another machine finds as well."""
         return self.model_copy(update={"provenance": None})
 
 
@@ -194,13 +189,6 @@ def quantity_digest(quantity: Quantity) -> str:
 def write_results(results: Results, path: Path) -> None:
     """Write a results file, whole or not at all.
 
-    Parameters
-    ----------
-    results : Results
-        What to write.
-    path : Path
-        Where; the folder is made if it is absent.
-
     Raises
     ------
     OSError
@@ -211,16 +199,6 @@ def write_results(results: Results, path: Path) -> None:
 
 def read_results(path: Path) -> Results:
     """Read and check a results file.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-
-    Returns
-    -------
-    Results
-        Those of an older version are raised to this one.
 
     Raises
     ------

@@ -40,12 +40,8 @@ def gather_parameters(
 
     Parameters
     ----------
-    schema : Schema
-        The declared parameters.
     settings : iterable of str
         ``name=value``, as on the command line; each name once. They override the file.
-    file : Path, optional
-        A YAML file of names and values.
     data : Path
         The folder ``data`` of the checkout. The path of a file that a parameter names is made
         absolute, unless the file lies there.
@@ -112,21 +108,11 @@ def run_chapter(
 
     Parameters
     ----------
-    project : Project
-        The checkout.
-    number : str
-        The chapter, two digits.
-    values : mapping of str to value
-        Checked values; the others keep their defaults.
-    progress : Progress
-        Told of each cell.
     out : Path, optional
         The folder: new, empty, or with nothing but an earlier run in it. Default: one below
         ``runs/`` in the checkout, named for the chapter and its parameters.
     html : bool
         Render the book with this run in the place of the published one, to ``html/`` in the folder.
-    fresh : bool
-        Execute it, whatever the store holds.
 
     Returns
     -------

@@ -368,14 +368,6 @@ def run_all(
 
     Parameters
     ----------
-    project : Project
-    requests : sequence of Request
-    progress : Progress
-        Told of each chapter and cell.
-    fresh : bool
-        Execute all of them, whatever the store holds.
-    jobs : int, optional
-        How many at once. Default: one a core.
     check : callable, optional
         Called with each run as it ends; what it raises stops all.
 

@@ -157,10 +157,6 @@ def read_kept(path: Path, model: type[_Model], make: str) -> _Model:
 
     Parameters
     ----------
-    path : Path
-        The file.
-    model : type
-        The pydantic model of the whole file.
     make : str
         The goal of the Makefile that makes it, for the sentence of an error.
 
@@ -217,8 +213,6 @@ def cells_of(assumptions: Assumptions, only: Iterable[str] = ()) -> list[Cell]:
 
     Parameters
     ----------
-    assumptions : Assumptions
-        From `load_assumptions`.
     only : iterable of str
         Only the alternatives of the entries with these ids, and the unchanged runs that they are
         held against. Default: all.
@@ -334,11 +328,6 @@ def run_of(
 
     Parameters
     ----------
-    project : Project
-        The checkout.
-    cell : Cell
-    headlines : iterable of Headline
-        Those of the chapter.
     outcome
         How `inswsn_book.runs.run_each` says that the cell's request has ended.
     """

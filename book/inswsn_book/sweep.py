@@ -88,17 +88,6 @@ def read_sweep(
 ) -> Sweep:
     """Return the sweep that a user asks for.
 
-    Parameters
-    ----------
-    project : Project
-        The checkout.
-    chapter : Chapter
-        The chapter.
-    axes : iterable of str
-        ``name=value,value,...``, each name once.
-    settings : iterable of str
-        ``name=value``, for parameters that are no axis.
-
     Raises
     ------
     ParameterError
@@ -323,20 +312,8 @@ def run_sweep(
 
     Parameters
     ----------
-    project : Project
-        The checkout.
-    sweep : Sweep
-        What is wanted.
-    progress : SweepProgress
-        Told how it goes.
-    out : Path, optional
-        The folder. Default: one below ``runs/``.
-    jobs : int, optional
-        Processes of this machine. Default: one a core.
     dask : str, optional
         The address of a scheduler, in place of processes of this machine.
-    fresh : bool
-        Compute all cells, whatever the store holds.
 
     Raises
     ------

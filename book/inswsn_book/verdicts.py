@@ -97,13 +97,7 @@ class Judged:
         return _with_unit(f"{value:.{digits}f} ({low:.{digits}f} to {high:.{digits}f})", unit)
 
     def row(self) -> dict[str, str]:
-        """Return its row in a chapter's table of verdicts; the claim links to its entry.
-
-        Returns
-        -------
-        dict of str to str
-            The cells by column, MyST Markdown.
-        """
+        """Return its row in a chapter's table of verdicts; the claim links to its entry."""
         return {
             "claim": f"[{self.claim.id}](#{self.claim.anchor})",
             "the paper says": self.claim.says,
@@ -113,13 +107,7 @@ class Judged:
         }
 
     def as_json(self) -> dict[str, Any]:
-        """Return it as plain data: the form of ``inswsn claims --json``.
-
-        Returns
-        -------
-        dict
-            JSON values only: an infinite end is None.
-        """
+        """Return it as plain data: the form of ``inswsn claims --json``."""
         return {
             "id": self.claim.id,
             "paper": self.claim.paper,
@@ -168,15 +156,8 @@ def verdicts(claims: Iterable[Claim], results: Iterable[Results]) -> list[Judged
 
     Parameters
     ----------
-    claims : iterable of Claim
-        The claims, for example from `load_claims`.
     results : iterable of Results
         The results of every chapter that decides one of them.
-
-    Returns
-    -------
-    list of Judged
-        In the order of `claims`.
 
     Raises
     ------
@@ -192,17 +173,7 @@ def verdicts(claims: Iterable[Claim], results: Iterable[Results]) -> list[Judged
 
 
 def count_verdicts(judged: Iterable[Judged]) -> dict[Verdict, int]:
-    """Return how many claims have each verdict, in the order of `Verdict`, without zeros.
-
-    Parameters
-    ----------
-    judged : iterable of Judged
-        Claims with their verdicts, from `verdicts`.
-
-    Returns
-    -------
-    dict of Verdict to int
-    """
+    """Return how many claims have each verdict, in the order of `Verdict`, without zeros."""
     counts = Counter(entry.verdict for entry in judged)
     return {verdict: counts[verdict] for verdict in Verdict if counts[verdict]}
 
@@ -295,21 +266,12 @@ def judge_rebuilt(
 
     Parameters
     ----------
-    value : float
-        The rebuilt number.
     rebuilt : tuple of two floats
         The ends of its interval; twice the number if there is no chance in it.
     published : tuple of two floats
         The ends of what the claim stands for, its tolerance included; they may be infinite.
     reference : float
         The published number; the width of the rebuilt interval is measured by it.
-
-    Returns
-    -------
-    verdict : Verdict
-        Reproduced, not reproduced, or not decided.
-    reason : str
-        Why, one sentence.
     """
     if published[0] <= rebuilt[0] <= rebuilt[1] <= published[1]:
         return Verdict.REPRODUCED, "The whole rebuilt interval lies within the tolerance."
