@@ -371,10 +371,8 @@ def data_digest(root: Path, name: str) -> str | None:
         ``data/published/NN.json#name`` for one quantity of the reference results.
     """
     path, _, part = name.partition("#")
-    if not (root / path).is_file():
-        return None
     if not part:
-        return file_digest(root / path)
+        return file_digest(root / path) if (root / path).is_file() else None
     try:
         if path == LEDGER:
             return claims_digest(root / path, part)

@@ -64,7 +64,7 @@ def test_a_wrong_selection_is_status_2(mini: MiniProject, words: list[str], said
 
 
 def test_a_typed_verdict_stops_the_build(mini: MiniProject) -> None:
-    ledger = mini.root / "data" / "claims.yaml"
+    ledger = mini.root / "data" / "claims" / "mini.yaml"
     ledger.write_text(MINI_LEDGER.replace("  why: It is", "  verdict: reproduced\n  why: It is"))
     done = run_command(mini.root, "book")
     assert done.returncode == 2
@@ -72,7 +72,7 @@ def test_a_typed_verdict_stops_the_build(mini: MiniProject) -> None:
 
 
 def test_a_claim_whose_check_does_not_resolve_stops_the_build(mini: MiniProject) -> None:
-    ledger = mini.root / "data" / "claims.yaml"
+    ledger = mini.root / "data" / "claims" / "mini.yaml"
     ledger.write_text(MINI_LEDGER.replace("quantity: twice", "quantity: thrice"))
     done = run_command(mini.root, "book")
     assert done.returncode == 2
