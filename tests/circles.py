@@ -9,8 +9,8 @@ from pathlib import Path
 
 import networkx as nx
 
-# such as "inswsn_lib.navigation:training_areas", for an import by name
-_NAMED = re.compile(r"^[A-Za-z_]\w*(\.[A-Za-z_]\w*)*(:[A-Za-z_]\w*)?$")
+# such as "inswsn_lib.navigation:training_areas" or ".inner", for an import by name
+_NAMED = re.compile(r"\.?[A-Za-z_]\w*(\.[A-Za-z_]\w*)*(:[A-Za-z_]\w*)?")
 
 
 def modules(package: Path) -> dict[str, Path]:
@@ -26,68 +26,91 @@ def modules(package: Path) -> dict[str, Path]:
 class Imports:
     """What each module of some packages takes from which.
 
-    Imports count wherever they stand: inside functions, relative ones, and texts that name a module
-    or a name in it, as tables of names imported on demand have them. A name that a package takes
-    over from a module below it leads to that module.
+    Imports count wherever they stand: inside functions, relative ones, attributes of an imported
+    package, and texts that name a module or a name in it, as tables of names imported on demand
+    have them. A name that a package takes over from a module below it leads to that module.
     """
 
     def __init__(self, packages: Iterable[Path]) -> None:
         self._paths = {n: p for package in packages for n, p in modules(package).items()}
         self._trees = {n: ast.parse(p.read_text(encoding="utf-8")) for n, p in self._paths.items()}
         self._faces = {n for n, p in self._paths.items() if p.name == "__init__.py"}
-        self._homes = {name: dict(self._taken_over(name)) for name in self._faces}
+        self._homes: dict[str, dict[str, str]] = {}
+        self._homes |= {name: dict(self._taken_over(name)) for name in self._faces}
 
     def circles(self) -> list[list[str]]:
         """Return the circles, each as the sorted names of its modules."""
         graph = nx.DiGraph()
         for name in self._paths:
-            graph.add_edges_from((name, used) for used in self._used(name) if used != name)
+            found = (self._home(wanted) for wanted in self._wanted(name))
+            graph.add_edges_from((name, home) for home in found if home not in {None, name})
         found = nx.strongly_connected_components(graph)
         return sorted(sorted(group) for group in found if len(group) > 1)
 
-    def _used(self, name: str) -> Iterator[str]:
-        for module, member in self._imported(name):
-            yield from self._home(module, member)
-
-    def _imported(self, name: str) -> Iterator[tuple[str, str]]:
-        """Return what a module takes: modules, and names in them or empty."""
-        for node in ast.walk(self._trees[name]):
+    def _wanted(self, name: str) -> Iterator[str]:
+        """Return what a module takes, each as a dotted name from its package on."""
+        nodes = list(ast.walk(self._trees[name]))
+        bound: dict[str, str] = {}
+        for node in nodes:
             if isinstance(node, ast.Import):
-                yield from ((alias.name, "") for alias in node.names)
+                for alias in node.names:
+                    first = alias.name.partition(".")[0]
+                    bound |= {alias.asname: alias.name} if alias.asname else {first: first}
+                    yield alias.name
             elif isinstance(node, ast.ImportFrom):
-                module = self._absolute(name, node)
-                yield from ((module, alias.name) for alias in node.names)
-            elif isinstance(node, ast.Constant) and _NAMED.match(str(node.value)):
-                module, _, member = str(node.value).partition(":")
-                yield module, member
+                for alias in node.names:
+                    bound[alias.asname or alias.name] = f"{self._source(name, node)}.{alias.name}"
+                    yield bound[alias.asname or alias.name]
+            elif isinstance(node, ast.Constant) and _NAMED.fullmatch(str(node.value)):
+                yield from self._named(name, str(node.value))
+        for node in nodes:
+            if isinstance(node, ast.Attribute):
+                first, *rest = ast.unparse(node).split(".")
+                if first in bound:
+                    yield ".".join([bound[first], *rest])
 
-    def _absolute(self, name: str, node: ast.ImportFrom) -> str:
+    def _named(self, name: str, text: str) -> Iterator[str]:
+        """Return the dotted names that a text may mean in a module."""
+        wanted = text.replace(":", ".")
+        yield wanted
+        # a table of names may leave out the package: ".inner" or "inner" for what lies beside
+        room = name if name in self._faces else name.rpartition(".")[0]
+        beside = f"{room}.{wanted.removeprefix('.')}"
+        first = f"{room}.{wanted.removeprefix('.').partition('.')[0]}"
+        if (wanted[0] == "." or name in self._faces) and first in self._paths:
+            yield beside
+
+    def _source(self, name: str, node: ast.ImportFrom) -> str:
         if not node.level:
             return node.module or ""
         parts = name.split(".")
         up = node.level - (name in self._faces)
         return ".".join([*parts[: len(parts) - up], *([node.module] if node.module else [])])
 
-    def _home(self, module: str, member: str) -> Iterator[str]:
-        """Return the module that a name is defined in."""
-        if f"{module}.{member}" in self._paths:
-            yield f"{module}.{member}"
-        elif member in self._homes.get(module, {}):
-            yield from self._home(*self._homes[module][member])
-        elif module in self._paths and not (module in self._faces and not member):
-            yield module
+    def _home(self, wanted: str) -> str | None:
+        """Return the module that a dotted name leads to, None if it is none of ours."""
+        module, rest = wanted, list[str]()
+        while module and module not in self._paths:
+            module, _, last = module.rpartition(".")
+            rest.insert(0, last)
+        if rest and rest[0] in self._homes.get(module, {}):
+            return self._home(".".join([self._homes[module][rest[0]], *rest[1:]]))
+        return module or None
 
-    def _taken_over(self, face: str) -> Iterator[tuple[str, tuple[str, str]]]:
+    def _taken_over(self, face: str) -> Iterator[tuple[str, str]]:
         """Return the names that a package offers from elsewhere: imported, or on demand."""
-        for node in self._trees[face].body:
+        for node in ast.walk(self._trees[face]):
             if isinstance(node, ast.ImportFrom):
                 for alias in node.names:
-                    yield alias.asname or alias.name, (self._absolute(face, node), alias.name)
-        for node in ast.walk(self._trees[face]):
-            if isinstance(node, ast.Dict):
+                    wanted = f"{self._source(face, node)}.{alias.name}"
+                    if wanted != f"{face}.{alias.name}":
+                        yield alias.asname or alias.name, wanted
+            elif isinstance(node, ast.Dict):
                 for key, value in zip(node.keys, node.values, strict=True):
-                    if isinstance(key, ast.Constant) and isinstance(value, ast.Constant):
-                        module, _, member = str(value.value).partition(":")
-                        module = face + module if module.startswith(".") else module
-                        if module in self._paths:
-                            yield str(key.value), (module, member or str(key.value))
+                    texts = [n.value for n in (key, value) if isinstance(n, ast.Constant)]
+                    if len(texts) == 2 and isinstance(texts[1], str) and texts[1]:
+                        for wanted in self._named(face, texts[1]):
+                            # a table names the module alone, or the module and the name in it
+                            member = f".{texts[0]}" if wanted in self._paths else ""
+                            if self._home(wanted) is not None:
+                                yield str(texts[0]), wanted + member

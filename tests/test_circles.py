@@ -21,6 +21,17 @@ PLANTED = {
         "a": "from pack import x",
         "b": "from pack.a import y",
     },
+    "by a table that leaves out the package": {
+        "__init__": "_WHERE = {'x': 'b'}\n\ndef __getattr__(name):\n    ...",
+        "a": "from pack import x",
+        "b": "from pack.a import y",
+    },
+    "by an attribute of a package": {
+        "a": "import pack.room as r\n\ndef f():\n    return r.x",
+        "room/__init__": "from pack.room.inner import x",
+        "room/inner": "from pack import a",
+    },
+    "by a relative text": {"a": "load('.b', 'pack')", "b": "from pack.a import y"},
     "by a text": {"a": "load('pack.b:x')", "b": "from pack.a import y"},
 }
 
@@ -37,8 +48,7 @@ def plant(folder: Path, files: dict[str, str], package: str = "pack") -> Path:
 @pytest.mark.parametrize("kind", PLANTED)
 def test_a_planted_circle_is_found(tmp_path: Path, kind: str) -> None:
     (found,) = Imports([plant(tmp_path, PLANTED[kind])]).circles()
-    assert "pack.a" in found
-    assert len(found) == 2
+    assert {*found} - {"pack.room"} in ({"pack.a", "pack.b"}, {"pack.a", "pack.room.inner"})
 
 
 def test_a_circle_across_packages_is_found(tmp_path: Path) -> None:

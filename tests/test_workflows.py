@@ -186,7 +186,7 @@ def test_a_tag_reaches_the_command_as_it_is(root: Path, tmp_path: Path) -> None:
     """What a tag holds is never a line of shell: the recipe is run on its own, with other tools."""
     recipe = re.search(r"^tag: .*\n\t@(.*)$", (root / "Makefile").read_text(), re.MULTILINE)
     assert recipe is not None
-    command = recipe[1].replace("$(RUN) -m inswsn_book.archive", "printf %s,")
+    command = recipe[1].replace("$(RUN) -m inswsn_book.archive tag", "printf %s,")
     (tmp_path / "Makefile").write_text(f"tag:\n\t@{command}\n")
     for tag in ("v1.0.0", "v1$(touch owned)", "v1; touch owned", 'v1" && touch owned "'):
         done = lint("make", "-s", "tag", cwd=tmp_path, env={"TAG": tag, "PATH": "/usr/bin:/bin"})
