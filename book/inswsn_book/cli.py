@@ -245,7 +245,7 @@ def claims(
 ) -> None:
     """Print what the papers claim and what became of it.
 
-    For example: inswsn claims --paper P1 --verdict 'not reproduced'
+    For example: inswsn claims --paper P1 --kind formula
     """
     from rich.console import Console
 

@@ -173,7 +173,7 @@ class ClusterFusion:
 
     @cached_property
     def initial_covariance(self) -> Array:
-        """P_0 of the Kalman filters: 0.1 m and 0.1 m/s, (4, 4)."""
+        """Covariance of the error at the start of the Kalman filters, 0.1 m and 0.1 m/s, (4, 4)."""
         return np.diag(np.repeat([0.1, 0.1], 2) ** 2)
 
     @cached_property
