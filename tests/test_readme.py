@@ -37,6 +37,14 @@ def test_there_are_commands() -> None:
     assert all(any(c.startswith(start) for c in COMMANDS) for start in SHORT)
 
 
+@pytest.mark.parametrize("name", ["README.md", "CONTRIBUTING.md"])
+def test_each_make_that_is_named_is_a_target(name: str, root: Path) -> None:
+    named = re.findall(r"^make ([a-z]+)|`make ([a-z]+)`", (root / name).read_text(), re.MULTILINE)
+    makefile = (root / "Makefile").read_text(encoding="utf-8")
+    targets = set(re.findall(r"^([a-z]+):(?!=)", makefile, re.MULTILINE))
+    assert {"book", "test"} <= {one or other for one, other in named} <= targets
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("command", COMMANDS)
 def test_a_command_runs_as_written(command: str, root: Path, tmp_path: Path) -> None:
