@@ -438,7 +438,7 @@ def test_words_where_numbers_belong_and_numbers_for_words(settings: dict[str, Se
                       [[1.0, 2.0], [3.0]], [1.0, float("nan")], ["a", "b"], {"a": 1.0}, 1j, 10**400,
                       [True, False], [[1.0, 2.0, 3.0, float("inf")]], [1.0, 2.0, 3.0]):  # fmt: skip
             # as a file could not hold it: the scene does not trust the settings
-            changed = setting.model_copy(update={"value": value})
+            changed = replace(setting, value=value)
             with pytest.raises(ParameterError, match=f"^{name} is .*; it may be "):
                 ClusterScene.from_settings(settings | {name: changed})
 
