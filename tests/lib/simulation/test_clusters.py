@@ -437,10 +437,9 @@ def test_words_where_numbers_belong_and_numbers_for_words(settings: dict[str, Se
         for value in ("fast", float("nan"), float("inf"), -1e300, [], [[]], [[[1.0]]], None, True,
                       [[1.0, 2.0], [3.0]], [1.0, float("nan")], ["a", "b"], {"a": 1.0}, 1j, 10**400,
                       [True, False], [[1.0, 2.0, 3.0, float("inf")]], [1.0, 2.0, 3.0]):  # fmt: skip
-            # as a file could not hold it: the scene does not trust the settings
-            changed = replace(setting, value=value)
-            with pytest.raises(ParameterError, match=f"^{name} is .*; it may be "):
-                ClusterScene.from_settings(settings | {name: changed})
+            # by the setting itself if no setting could have it, else by the scene
+            with pytest.raises(ParameterError, match=f"^({name}|value) is .*; it may be "):
+                ClusterScene.from_settings(settings | {name: replace(setting, value=value)})
 
 
 @pytest.mark.parametrize(
