@@ -25,13 +25,14 @@ import click
 from rocrate.model import ContextEntity, Dataset, File
 from rocrate.rocrate import ROCrate
 
-from inswsn_book.claim_ids import new_ids, require_ids_kept, verdicts_text
 from inswsn_book.cli import run_command
 from inswsn_book.files import file_digest, swap_folder, write_whole
+from inswsn_book.judging import verdicts_text
 from inswsn_book.ledger import LEDGER, load_claims
 from inswsn_book.pages import require_current_site
 from inswsn_book.project import About, Project, find_root
 from inswsn_book.provenance import repository_state
+from inswsn_book.publishing import new_ids, require_ids_kept
 from inswsn_book.results import Provenance
 from inswsn_book.runs import Run, book_runs
 from inswsn_book.verdicts import verdicts

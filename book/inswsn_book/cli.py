@@ -1,4 +1,7 @@
-"""The ``inswsn`` command."""
+"""The ``inswsn`` command: what a user asks for, and how a mistake is told.
+
+What computes is imported where it is called, so that a mistake is told at once.
+"""
 
 from __future__ import annotations
 
@@ -6,12 +9,28 @@ import signal
 import sys
 import textwrap
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from inswsn_book.project import Project, find_root, is_checkout
 from inswsn_lib import __version__
 from inswsn_lib.errors import BuildError, InswsnError, ParameterError
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+_FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
+_FOLDER = click.Path(exists=True, file_okay=False, path_type=Path)
+_settings = click.option(
+    "-p", "settings", multiple=True, metavar="NAME=VALUE", help="Set a parameter."
+)
+_out = click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    help="The folder of what is made. Default: one below runs/ named for the parameters.",
+)
+_jobs = click.option("--jobs", type=click.IntRange(min=1), help="Processes. Default: one a core.")
 
 
 @click.group()
@@ -42,9 +61,15 @@ def _project(root: Path | None) -> Project:
     return project
 
 
+def _console(width: int = 120) -> Console:
+    from rich.console import Console
+
+    return Console(width=None if sys.stdout.isatty() else width)
+
+
 @cli.command()
 @click.option("--fresh", is_flag=True, help="Ignore what is kept: execute and render everything.")
-@click.option("--jobs", type=click.IntRange(min=1), help="Chapters at once. Default: one a core.")
+@_jobs
 @click.pass_obj
 def book(root: Path | None, fresh: bool, jobs: int | None) -> None:
     """Execute the chapters that changed and render the book.
@@ -80,18 +105,9 @@ def chapters(root: Path | None) -> None:
 
 @cli.command()
 @click.argument("name")
-@click.option("-p", "settings", multiple=True, metavar="NAME=VALUE", help="Set a parameter.")
-@click.option(
-    "-f",
-    "file",
-    type=click.Path(exists=True, dir_okay=False, path_type=Path),
-    help="A YAML file of parameters; -p overrides it.",
-)
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path),
-    help="The folder of this run. Default: one below runs/ named for its parameters.",
-)
+@_settings
+@click.option("-f", "file", type=_FILE, help="A YAML file of parameters; -p overrides it.")
+@_out
 @click.option("--html", is_flag=True, help="Render the book with this run in it.")
 @click.option("--fresh", is_flag=True, help="Execute it, even if the same has been run before.")
 @click.pass_obj
@@ -108,8 +124,6 @@ def run(
 
     For example: inswsn run 02 -p q_scale=0.1 -p runs=200
     """
-    from rich.console import Console
-
     from inswsn_book.compare import show_comparison
     from inswsn_book.ledger import LEDGER, claims_of, load_claims
     from inswsn_book.parameters import chapter_schema
@@ -125,13 +139,9 @@ def run(
         folder, results = run_chapter(
             project, number, values, progress, out=out, html=html, fresh=fresh
         )
-    show_comparison(
-        reference_results(project, number),
-        results,
-        claims_of(load_claims(project.root / LEDGER), number),
-        ("published run", "this run"),
-        Console(width=None if sys.stdout.isatty() else 120),
-    )
+    claims = claims_of(load_claims(project.root / LEDGER), number)
+    reference = reference_results(project, number)
+    show_comparison(reference, results, claims, ("published run", "this run"), _console())
     click.echo(f"The run is in {folder}")
 
 
@@ -144,14 +154,10 @@ def run(
     metavar="NAME=VALUE,VALUE,...",
     help="An axis: a parameter, and the values that it goes through. One for each axis.",
 )
-@click.option("-p", "settings", multiple=True, metavar="NAME=VALUE", help="Set a parameter.")
-@click.option("--jobs", type=click.IntRange(min=1), help="Processes. Default: one a core.")
+@_settings
+@_jobs
 @click.option("--dask", metavar="ADDRESS", help="Compute on the Dask cluster of this scheduler.")
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path),
-    help="The folder of this sweep. Default: one below runs/ named for its grid.",
-)
+@_out
 @click.option("--fresh", is_flag=True, help="Compute all cells, whatever is kept.")
 @click.pass_obj
 def sweep(
@@ -172,15 +178,13 @@ def sweep(
     cell; of another one the notebook is executed. What is finished is kept, whatever ends the
     command, and the same command goes on from there; it also tries failed cells again.
     """
-    from rich.console import Console
-
     from inswsn_book.sweep import SweepProgress, read_sweep, run_sweep, show_leaders
 
     project = _project(root)
     wanted = read_sweep(project, project.find(name), axes, settings)
     with SweepProgress() as progress:
         done = run_sweep(project, wanted, progress, out=out, jobs=jobs, dask=dask, fresh=fresh)
-    show_leaders(wanted, done, Console(width=None if sys.stdout.isatty() else 120))
+    show_leaders(wanted, done, _console())
     if done.no_figure:
         click.echo(f"There is no figure: {done.no_figure}")
     click.echo(f"{done.computed} cells computed, {done.there} were there.")
@@ -193,16 +197,14 @@ def sweep(
 
 
 @cli.command()
-@click.argument("before", type=click.Path(exists=True, dir_okay=False, path_type=Path))
-@click.argument("after", type=click.Path(exists=True, dir_okay=False, path_type=Path))
+@click.argument("before", type=_FILE)
+@click.argument("after", type=_FILE)
 @click.pass_obj
 def compare(root: Path | None, before: Path, after: Path) -> None:
     """Compare two results files of one chapter.
 
     For example: inswsn compare data/published/02.json results/02.json
     """
-    from rich.console import Console
-
     from inswsn_book.compare import show_comparison
     from inswsn_book.ledger import LEDGER, claims_of, load_claims
     from inswsn_book.results import read_results
@@ -214,8 +216,7 @@ def compare(root: Path | None, before: Path, after: Path) -> None:
             "two runs of one chapter can be compared."
         )
     claims = claims_of(load_claims(_project(root).root / LEDGER), first.chapter)
-    console = Console(width=None if sys.stdout.isatty() else 120)
-    show_comparison(first, second, claims, ("first", "second"), console)
+    show_comparison(first, second, claims, ("first", "second"), _console())
 
 
 @cli.command()
@@ -225,58 +226,56 @@ def compare(root: Path | None, before: Path, after: Path) -> None:
 @click.option("--json", "as_json", is_flag=True, help="A list of objects, for a program.")
 @click.option(
     "--results",
-    type=click.Path(exists=True, file_okay=False, path_type=Path),
+    type=_FOLDER,
     help="A folder of results files that go before the reference, data/published.",
 )
 @click.option(
     "--against",
-    type=click.Path(exists=True, dir_okay=False, path_type=Path),
+    type=_FILE,
     help="Print the verdicts that differ from those in a file that --json wrote before.",
 )
 @click.pass_obj
 def claims(
     root: Path | None,
-    paper: str | None,
-    kind: str | None,
-    verdict: str | None,
+    /,
     as_json: bool,
     results: Path | None,
     against: Path | None,
+    **wanted: str | None,
 ) -> None:
     """Print what the papers claim and what became of it.
 
     For example: inswsn claims --paper P1 --kind formula
     """
-    from rich.console import Console
-
-    from inswsn_book.claim_ids import changed_verdicts, read_verdicts, verdicts_text
-    from inswsn_book.judging import judge_claims, select_claims, show_claims
+    from inswsn_book.judging import (
+        changed_verdicts,
+        judge_claims,
+        read_verdicts,
+        select_claims,
+        show_claims,
+        verdicts_text,
+    )
     from inswsn_book.ledger import KINDS, PAPERS
     from inswsn_book.verdicts import Verdict
 
-    options = (
-        ("paper", paper, PAPERS),
-        ("kind", kind, KINDS),
-        ("verdict", verdict, tuple(Verdict)),
-    )
-    for name, word, words in options:
-        if word is not None and word not in words:
-            raise ParameterError(f"--{name}", word, "one of " + ", ".join(words))
-    if against is not None and (as_json or any(word is not None for _, word, _ in options)):
+    words = {"paper": PAPERS, "kind": KINDS, "verdict": tuple(Verdict)}
+    for name, word in wanted.items():
+        if word is not None and word not in words[name]:
+            raise ParameterError(f"--{name}", word, "one of " + ", ".join(words[name]))
+    if against is not None and (as_json or any(wanted.values())):
         raise ParameterError(
             "--against", str(against), "given without --paper, --kind, --verdict and --json"
         )
-    project = _project(root)
-    judged = judge_claims(project, results)
+    judged = judge_claims(_project(root), results)
     if against is not None:
-        for change in changed_verdicts(read_verdicts(against), judged):
-            click.echo(change)
+        for line in changed_verdicts(read_verdicts(against), judged):
+            click.echo(line)
         return
-    selected = select_claims(judged, paper=paper, kind=kind, verdict=verdict)
+    selected = select_claims(judged, **wanted)
     if as_json:
         click.echo(verdicts_text(selected))
-        return
-    show_claims(selected, Console(width=None if sys.stdout.isatty() else 150))
+    else:
+        show_claims(selected, _console(150))
 
 
 @cli.command()
@@ -287,28 +286,14 @@ def publish(root: Path | None, check: bool) -> None:
 
     For example: inswsn publish --check
     """
-    from inswsn_book.claim_ids import CLAIM_IDS, lost_ids, new_ids, publish_ids
-    from inswsn_book.publishing import differences, orphan_references
-    from inswsn_book.publishing import publish as publish_results
+    from inswsn_book import publishing
 
     project = _project(root)
-    for difference in differences(project):
-        for change in difference.changes:
-            mark = "!" if change.beyond_tolerance else " "
-            click.echo(f"{mark} {difference.number} {change}")
-        for condition in difference.conditions:
-            click.echo(f"! {difference.number} {condition}")
-    for name in orphan_references(project):
-        click.echo(f"! data/published/{name} belongs to no chapter; remove it.")
-    for name in lost_ids(project):
-        click.echo(f"! the claim {name} has been published, and the ledger has it no more.")
-    if added := new_ids(project):
-        click.echo(f"  {len(added)} claims that have not been published, from {added[0]} on")
+    for line in publishing.changes(project):
+        click.echo(line)
     if not check:
-        if publish_ids(project):
-            click.echo(f"wrote {CLAIM_IDS}")
-        for number in publish_results(project):
-            click.echo(f"wrote data/published/{number}.json")
+        for name in publishing.publish(project):
+            click.echo(f"wrote {name}")
 
 
 def _stop(number: int, _: object) -> None:
@@ -329,26 +314,19 @@ def run_command(command: click.Group) -> None:
         if number is not None and signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, _stop)
     try:
-        status = command.main(standalone_mode=False, prog_name="inswsn")
+        sys.exit(command.main(standalone_mode=False, prog_name="inswsn") or 0)
     except (click.exceptions.Abort, KeyboardInterrupt) as stopped:
         cause = stopped.__cause__ if isinstance(stopped, click.exceptions.Abort) else stopped
-        number = cause.args[0] if cause is not None and cause.args else signal.SIGINT
-        click.echo("inswsn: stopped.", err=True)
-        sys.exit(128 + number)
+        status, said = 128 + (cause.args[0] if cause and cause.args else signal.SIGINT), "stopped."
     except click.ClickException as error:
         error.show()
         sys.exit(2)
-    except InswsnError as error:
-        click.echo(f"inswsn: {error}", err=True)
-        sys.exit(2)
+    except (InswsnError, BuildError) as error:
+        status, said = 1 if isinstance(error, BuildError) else 2, str(error)
     except UnicodeDecodeError as error:
-        click.echo(f"inswsn: a text file of the checkout is not UTF-8: {error.reason}.", err=True)
-        sys.exit(2)
+        status, said = 2, f"a text file of the checkout is not UTF-8: {error.reason}."
     except OSError as error:
         what = f" {error.filename}" if error.filename else ""
-        click.echo(f"inswsn: cannot read or write{what}: {error.strerror or error}.", err=True)
-        sys.exit(2)
-    except BuildError as error:
-        click.echo(f"inswsn: {error}", err=True)
-        sys.exit(1)
-    sys.exit(status or 0)
+        status, said = 2, f"cannot read or write{what}: {error.strerror or error}."
+    click.echo(f"inswsn: {said}", err=True)
+    sys.exit(status)

@@ -1,4 +1,4 @@
-"""How one results file differs from another, quantity by quantity."""
+"""How one results file differs from another: quantities, conditions, verdicts."""
 
 from __future__ import annotations
 
@@ -14,18 +14,13 @@ from inswsn_book.results import Quantity, Results
 from inswsn_book.verdicts import Judged, verdicts
 from inswsn_lib.errors import InswsnError
 
+# What a quantity is, beside its numbers
+_KIND = ("unit", "interval_kind", "runs", "basis", "role")
+
 
 @dataclass(frozen=True)
 class Change:
-    """One quantity in two results files.
-
-    Attributes
-    ----------
-    name : str
-        The quantity.
-    before, after : Quantity or None
-        The quantity in each file; None where it is absent.
-    """
+    """One quantity in two results files; None where it is absent."""
 
     name: str
     before: Quantity | None
@@ -42,15 +37,12 @@ class Change:
         """What differs beside the value, its wording and small changes of its interval."""
         if self.before is None or self.after is None:
             return []
-        found = [
-            f"{field} {getattr(self.before, field)} -> {getattr(self.after, field)}"
-            for field in ("unit", "interval_kind", "runs", "basis", "role", "tolerance")
-            if getattr(self.before, field) != getattr(self.after, field)
-            and not (field == "tolerance" and _same_tolerance(self.before, self.after))
-        ]
+        found = self._differing(_KIND)
+        if not self._same_tolerance:
+            found += self._differing(["tolerance"])
         old, new = self.before.interval, self.after.interval
         if old and new and any(abs(b - a) > 1e-12 * abs(a) for a, b in zip(old, new, strict=True)):
-            found.append(f"interval {old} -> {new}")
+            found += self._differing(["interval"])
         return found
 
     @property
@@ -59,79 +51,58 @@ class Change:
 
         The ends of its interval may move by the tolerance, as its value may.
         """
-        if self.before is None or self.after is None:
-            return True
         before, after = self.before, self.after
-        fixed = ("unit", "interval_kind", "runs", "basis", "role")
-        if any(getattr(before, field) != getattr(after, field) for field in fixed):
-            return True
-        # a reference that had its tolerance widened would vouch for anything
-        if not _same_tolerance(before, after):
+        if before is None or after is None or self._differing(_KIND) or not self._same_tolerance:
             return True
         old = (before.value, *(before.interval or ()))
         new = (after.value, *(after.interval or ()))
         return not all(abs(b - a) <= before.tolerance for a, b in zip(old, new, strict=True))
 
+    @property
+    def _same_tolerance(self) -> bool:
+        # a reference that had its tolerance widened would vouch for anything; one that is a share
+        # of the value carries the value's rounding
+        assert self.before is not None
+        assert self.after is not None
+        return math.isclose(self.before.tolerance, self.after.tolerance, rel_tol=1e-3)
+
+    def _differing(self, fields: Iterable[str]) -> list[str]:
+        return [
+            f"{field} {getattr(self.before, field)} -> {getattr(self.after, field)}"
+            for field in fields
+            if getattr(self.before, field) != getattr(self.after, field)
+        ]
+
     def __str__(self) -> str:
         """Return one line: the name, the value before, the value after, the difference."""
-        before = "absent" if self.before is None else f"{self.before.value:.10g} {self.before.unit}"
-        after = "absent" if self.after is None else f"{self.after.value:.10g} {self.after.unit}"
-        if self.before is None or self.after is None:
-            return f"{self.name}: {before} -> {after}"
-        difference = self.after.value - self.before.value
-        others = [
-            f"{field} {getattr(self.before, field)} -> {getattr(self.after, field)}"
-            for field in Quantity.model_fields
-            if field not in ("name", "value", "unit")
-            and getattr(self.before, field) != getattr(self.after, field)
-        ]
-        return (
-            f"{self.name}: {before} -> {after} "
-            f"(change {difference:+.3g}, tolerance {self.before.tolerance:.3g})"
-            + "".join(f"; {other}" for other in others)
+        before, after = (
+            "absent" if quantity is None else f"{quantity.value:.10g} {quantity.unit}"
+            for quantity in (self.before, self.after)
         )
-
-
-def _same_tolerance(before: Quantity, after: Quantity) -> bool:
-    # one that is a share of the value carries the value's rounding
-    return math.isclose(before.tolerance, after.tolerance, rel_tol=1e-3)
+        line = f"{self.name}: {before} -> {after}"
+        if self.before is None or self.after is None:
+            return line
+        difference = self.after.value - self.before.value
+        line += f" (change {difference:+.3g}, tolerance {self.before.tolerance:.3g})"
+        others = [f for f in Quantity.model_fields if f not in ("name", "value", "unit")]
+        return "; ".join([line, *self._differing(others)])
 
 
 def pair_quantities(before: Results, after: Results) -> list[Change]:
-    """Return every quantity of two results, whether it differs or not.
-
-    Returns
-    -------
-    list of Change
-        In the order of `before`; quantities that `before` lacks come last.
-    """
+    """Return every quantity of two results; those that `before` lacks come last."""
     old = {quantity.name: quantity for quantity in before.quantities}
     new = {quantity.name: quantity for quantity in after.quantities}
     return [Change(name, old.get(name), new.get(name)) for name in dict.fromkeys([*old, *new])]
 
 
 def compare(before: Results, after: Results) -> list[Change]:
-    """Return every quantity that differs at all between two results.
-
-    Returns
-    -------
-    list of Change
-        In the order of `before`; quantities that `before` lacks come last.
-    """
+    """Return every quantity that differs at all between two results."""
     return [pair for pair in pair_quantities(before, after) if pair.before != pair.after]
 
 
 @dataclass(frozen=True)
 class Flip:
-    """A claim whose verdict is not the same by two results.
-
-    Attributes
-    ----------
-    claim : Claim
-        The claim.
-    before, after : Judged or None
-        The verdict by each; None where the results lack what decides it.
-    """
+    """A claim whose verdict is another one by other results; None where nothing decides it."""
 
     claim: Claim
     before: Judged | None
@@ -148,13 +119,7 @@ class Flip:
 
 
 def flipped_verdicts(claims: Iterable[Claim], before: Results, after: Results) -> list[Flip]:
-    """Return the claims whose verdict differs between two results.
-
-    Parameters
-    ----------
-    before, after : Results
-        Two results of that chapter, which may be of different versions.
-    """
+    """Return the claims of a chapter whose verdict differs between two results of it."""
     pairs = [Flip(claim, _judge(claim, before), _judge(claim, after)) for claim in claims]
     return [pair for pair in pairs if _verdict(pair.before) != _verdict(pair.after)]
 
@@ -171,13 +136,7 @@ def _verdict(judged: Judged | None) -> str | None:
 
 
 def compare_conditions(before: Results, after: Results) -> list[str]:
-    """Return every way in which two results differ beside their quantities.
-
-    Returns
-    -------
-    list of str
-        One line for each parameter, data file, sentence, solver and cell that differs.
-    """
+    """Return a line for each parameter, data file, sentence, solver and cell that differs."""
     lines = []
     for field in ("parameters", "data", "sentences", "solvers", "cells"):
         old, new = getattr(before, field), getattr(after, field)
@@ -198,33 +157,30 @@ def show_comparison(
 ) -> None:
     """Write two results side by side: quantities, sentences that differ, verdicts that flipped."""
     table = Table("quantity", *names, "change", "unit", box=None, pad_edge=False)
-    changes = [(pair, _difference(pair)) for pair in pair_quantities(before, after)]
-    for pair, difference in changes:
-        table.add_row(pair.name, _value(pair.before), _value(pair.after), difference, pair.unit)
+    pairs = pair_quantities(before, after)
+    changes = [_difference(pair) for pair in pairs]
+    for pair, difference in zip(pairs, changes, strict=True):
+        values = ("absent" if q is None else f"{q.value:.6g}" for q in (pair.before, pair.after))
+        table.add_row(pair.name, *values, difference, pair.unit)
     console.print(table)
-    changed = sum(bool(difference) for _, difference in changes)
-
-    def say(line: str) -> None:
-        console.print(line, markup=False, soft_wrap=True)
-
-    for pair, _ in changes:
-        if pair.details:
-            say(f"{pair.name}: {'; '.join(pair.details)}")
-    for line in compare_conditions(before, after):
-        if not line.startswith(("sentences: ", "cells: ")):
-            say(line)
     overturned = _overturned(before.sentences, after.sentences)
-    for line in overturned:
-        say(line)
     flips = flipped_verdicts(claims, before, after)
-    for flip in flips:
-        say(f"verdict {flip}")
     sentences = len(set(before.sentences) | set(after.sentences))
-    say(
-        f"{changed} of {len(changes)} quantities changed, "
+    lines = [f"{pair.name}: {'; '.join(pair.details)}" for pair in pairs if pair.details]
+    lines += [
+        line
+        for line in compare_conditions(before, after)
+        if not line.startswith(("sentences: ", "cells: "))
+    ]
+    lines += overturned
+    lines += [f"verdict {flip}" for flip in flips]
+    lines.append(
+        f"{sum(map(bool, changes))} of {len(changes)} quantities changed, "
         f"{len(overturned)} of {sentences} sentences overturned, "
         f"{len(flips)} of {len(claims)} verdicts flipped."
     )
+    for line in lines:
+        console.print(line, markup=False, soft_wrap=True)
 
 
 def _overturned(before: Mapping[str, bool], after: Mapping[str, bool]) -> list[str]:
@@ -232,15 +188,15 @@ def _overturned(before: Mapping[str, bool], after: Mapping[str, bool]) -> list[s
     lines = []
     for sentence in dict.fromkeys([*before, *after]):
         old, new = before.get(sentence), after.get(sentence)
-        if old != new and False in (old, new):
-            lines.append(f"{'no longer holds' if new is False else 'holds now'}: {sentence}")
-        elif old != new:
-            lines.append(f"{'gone' if new is None else 'new'}: {sentence}")
+        if old == new:
+            continue
+        if new is False:
+            lines.append(f"no longer holds: {sentence}")
+        elif new is None:
+            lines.append(f"gone: {sentence}")
+        else:
+            lines.append(f"{'holds now' if old is False else 'new'}: {sentence}")
     return lines
-
-
-def _value(quantity: Quantity | None) -> str:
-    return "absent" if quantity is None else f"{quantity.value:.6g}"
 
 
 def _difference(pair: Change) -> str:

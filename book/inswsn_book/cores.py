@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 from inswsn_book.files import file_digest
 from inswsn_book.parameters import Value
+from inswsn_book.project import Chapter
 from inswsn_book.results import Quantity, Results
 from inswsn_lib.errors import InswsnError
 
@@ -38,13 +39,7 @@ def core_name(source: str) -> str | None:
 
 
 def load_core(name: str) -> Callable[..., Scores]:
-    """Return the function of that name.
-
-    Raises
-    ------
-    InswsnError
-        If there is none.
-    """
+    """Return the function of that name; refuse one that is not there."""
     module, _, function = name.partition(":")
     try:
         return getattr(import_module(module), function)  # type: ignore[no-any-return]
@@ -53,26 +48,17 @@ def load_core(name: str) -> Callable[..., Scores]:
 
 
 def run_core(
-    root: Path,
-    chapter: str,
-    name: str,
-    values: Mapping[str, Value],
-    *,
-    threads: int,
-    solver: str,
+    root: Path, chapter: Chapter, values: Mapping[str, Value], threads: int, solver: str
 ) -> tuple[Results, dict[str, str]]:
-    """Call a core, and return its scores as results and as the file `SCORES`.
-
-    Raises
-    ------
-    InswsnError
-        If there is no such core, or it refuses a parameter.
-    """
+    """Call the core of a chapter; return its scores as results and as the file `SCORES`."""
+    name = core_name(chapter.source.read_text(encoding="utf-8"))
+    if name is None:
+        raise InswsnError(f"Chapter {chapter.number} has no core.")
     with _surrounded(threads, solver):
         scores = load_core(name)(**values)
     scenarios = sorted((root / _SCENARIOS).glob("*.yaml"))
     results = Results(
-        chapter=chapter,
+        chapter=chapter.number,
         parameters=dict(values),
         data={f"{_SCENARIOS}/{path.name}": file_digest(path) for path in scenarios},
         quantities=tuple(_quantities(scores)),

@@ -1,150 +1,102 @@
-"""Executes one notebook in a process of its own: the parent's side of `inswsn_book.worker`."""
+"""Executes a notebook by papermill, in a kernel with an interpreter and an environment of its own.
+
+papermill takes half a second to load, so this module is imported where something is executed.
+"""
 
 from __future__ import annotations
 
 import json
 import subprocess
-import threading
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from functools import cache
 from pathlib import Path
 from typing import Any
 
-import nbformat
+import papermill
+from papermill.clientwrap import PapermillNotebookClient
+from papermill.engines import NBClientEngine, papermill_engines
 
-from inswsn_book.progress import Progress
-from inswsn_lib.errors import BuildError, InswsnError, ParameterError
-
-_STOP_SECONDS = 10.0
-
-
-class ChapterError(BuildError):
-    """A chapter failed; the message names the chapter and the cell and holds the traceback.
-
-    Attributes
-    ----------
-    refusal : str or None
-        The sentence in which the library refused what it was given, if that was the reason.
-    """
-
-    refusal: str | None = None
+# What Jupyter says of a kernel that ends before its first cell, or does not answer. Its ports are
+# chosen before it starts, so one that starts at the same moment may have taken them; then it is
+# worth another try.
+_NO_START = ("Kernel died before replying to kernel_info", "Kernel didn't respond in")
+_START_TIMEOUT = 60  # s
 
 
-@dataclass
-class Workers:
-    """The processes that are running, so that all of them can be stopped."""
+class _Engine(NBClientEngine):  # type: ignore[misc]  # papermill has no types
+    """papermill's own engine, which tells of each cell as it starts, and of its kernel."""
 
-    stopping: threading.Event = field(default_factory=threading.Event)
-    _processes: set[subprocess.Popen[str]] = field(default_factory=set)
-    _guard: threading.Lock = field(default_factory=threading.Lock)
+    @classmethod
+    def execute_managed_notebook(
+        cls, nb_man: Any, kernel_name: str, *, python: str, options: dict[str, Any],
+        tell_kernel: Callable[[Any], None], tell_cell: Callable[[int, int, str], None], **_: Any,
+    ) -> None:  # fmt: skip
+        """Execute the notebook; see papermill."""
+        start, total = nb_man.cell_start, len(nb_man.nb.cells)
 
-    def start(
-        self, command: Sequence[str], environment: Mapping[str, str]
-    ) -> subprocess.Popen[str]:
-        """Start a process, which ends when this one does."""
-        with self._guard:
-            if self.stopping.is_set():
-                raise ChapterError("stopped")
-            process = subprocess.Popen(
-                command,
-                env=environment,
-                stdin=subprocess.PIPE,  # its end tells the worker that this process is gone
-                stdout=subprocess.PIPE,
-                stderr=subprocess.PIPE,
-                text=True,
-                start_new_session=True,  # an interrupt reaches this process only; it stops them
-            )
-            self._processes.add(process)
-        return process
+        def started(cell: Any, cell_index: int = -1, **details: Any) -> Any:
+            tell_cell(cell_index + 1, total, cell.get("id", ""))
+            return start(cell, cell_index=cell_index, **details)
 
-    def ended(self, process: subprocess.Popen[str]) -> None:
-        """Forget a process that has ended."""
-        with self._guard:
-            self._processes.discard(process)
+        nb_man.cell_start = started
+        client = PapermillNotebookClient(
+            nb_man, kernel_name=kernel_name, timeout=None, startup_timeout=_START_TIMEOUT
+        )
+        kernel = client.create_kernel_manager()
+        kernel.kernel_spec.argv[0] = python
+        tell_kernel(kernel)
+        client.execute(**options)
 
-    def stop(self) -> None:
-        """Stop all that are running, and start no other."""
-        with self._guard:
-            self.stopping.set()
-            running = list(self._processes)
-        for process in running:
-            process.terminate()
-        for process in running:
-            try:
-                process.wait(_STOP_SECONDS)
-            except subprocess.TimeoutExpired:
-                process.kill()
+
+papermill_engines.register("inswsn", _Engine)
 
 
 def execute_notebook(
-    name: str,
     notebook: Any,
     parameters: Mapping[str, object],
     folder: Path,
     python: str,
     environment: Mapping[str, str],
-    workers: Workers,
-    progress: Progress,
-) -> tuple[Any, dict[str, Any]]:
-    """Execute a notebook in a process whose kernel works in `folder`.
+    tell_kernel: Callable[[Any], None] = lambda _: None,
+    tell_cell: Callable[[int, int, str], None] = lambda *_: None,
+) -> Any:
+    """Return the executed notebook; its kernel works in `folder`.
 
-    Returns
-    -------
-    executed : nbformat.NotebookNode
-    machine : dict
-        The facts of the machine, `inswsn_book.provenance.machine_facts`, from that process.
-
-    Raises
-    ------
-    ChapterError
-        If a cell raises, or the process ends before its time.
+    Raises what papermill and nbclient raise where a cell fails or the kernel dies. Before that the
+    manager of the kernel and, as each starts, the number of the cell, of how many, and its id are
+    told.
     """
-    progress.started(name, len(notebook.cells) + bool(parameters))
-    source, target = folder / "source.ipynb", folder / "executed.ipynb"
-    nbformat.write(notebook, source)
-    job = {
-        "source": str(source),
-        "target": str(target),
-        "parameters": dict(parameters),
-        "folder": str(folder),
-    }
-    process = workers.start([python, "-m", "inswsn_book.worker", json.dumps(job)], environment)
-    try:
-        machine = _follow(name, process, progress)
-    finally:
-        workers.ended(process)
-    return nbformat.read(target, as_version=4), machine
 
-
-def _follow(name: str, process: subprocess.Popen[str], progress: Progress) -> dict[str, Any]:
-    """Read a worker's events until it ends; return its machine, or raise if it failed."""
-    assert process.stdout is not None
-    assert process.stderr is not None
-    noise: list[str] = []
-    reader = threading.Thread(target=noise.extend, args=(process.stderr,), daemon=True)
-    reader.start()
-    event: dict[str, Any] = {}
-    place = "before its first cell"
-    for line in process.stdout:
-        try:
-            event = json.loads(line)
-        except json.JSONDecodeError:
-            noise.append(line)
-            continue
-        if "id" in event:
-            place = f"in cell {event['cell'] + 1} of {event['of']} ({event['id']})"
-            progress.cell(name, event["cell"] + 1)
-    process.wait()
-    reader.join()
-    if event.get("done"):
-        return dict(event["machine"])
-    if "failed" not in event:
-        raise ChapterError(
-            f"Chapter {name} ended {place} with status {process.returncode}:\n" + "".join(noise)
+    def execute() -> Any:
+        return papermill.execute_notebook(
+            notebook,
+            None,
+            parameters=dict(parameters),
+            engine_name="inswsn",
+            kernel_name="python3",
+            progress_bar=False,
+            python=python,
+            options={"cwd": str(folder), "env": dict(environment)},
+            tell_kernel=tell_kernel,
+            tell_cell=tell_cell,
         )
-    source = f"\n\n{event['source']}\n" if event.get("source") else "\n"
-    said = event.get("traceback") or event["failed"]
-    failure = ChapterError(f"Chapter {name} failed {place}:{source}\n{said}")
-    if event.get("name") in (InswsnError.__name__, ParameterError.__name__):
-        failure.refusal = event["said"]
-    raise failure
+
+    try:
+        return execute()
+    except RuntimeError as error:
+        if not str(error).startswith(_NO_START):
+            raise
+    return execute()
+
+
+@cache
+def machine_of(python: str, environment: frozenset[tuple[str, str]]) -> dict[str, Any]:
+    """Return `inswsn_book.provenance.machine_facts` of an interpreter in an environment."""
+    ask = (
+        "import json; from inswsn_book.provenance import machine_facts; "
+        "print(json.dumps(machine_facts()))"
+    )
+    done = subprocess.run(
+        [python, "-c", ask], env=dict(environment), capture_output=True, text=True, check=True
+    )
+    return dict(json.loads(done.stdout))

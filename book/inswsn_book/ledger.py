@@ -20,13 +20,13 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from decimal import Decimal, InvalidOperation
 from itertools import product
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, get_args
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from inswsn_book.files import file_digest, text_digest
 from inswsn_book.parameters import Value
@@ -43,12 +43,12 @@ Kind = Literal["numeric", "parameter", "qualitative", "formula"]
 PAPERS: tuple[str, ...] = get_args(Paper)
 KINDS: tuple[str, ...] = get_args(Kind)
 Text = Annotated[str, Field(min_length=3, pattern=r"^[^\n]+$")]
-Printed = str | list[str] | list[list[str]]
 
 _SIZE = r"\d+(?:\.\d+)?(?:[eE][+-]?\d+)?"
-_NUMBER = rf"[+-]?{_SIZE}"
-_WITHIN = re.compile(rf"^within (?:(?P<share>{_SIZE}) %|(?P<size>{_SIZE})|(?P<name>[a-z]\w*))$")
-_BOUND = re.compile(rf"^(?P<word>at least|at most|exactly) (?P<number>{_NUMBER})$")
+_TOLERANCE = re.compile(
+    rf"digits|within (?:(?P<share>{_SIZE}) %|(?P<size>{_SIZE})|(?P<name>[a-z]\w*))"
+    rf"|(?P<word>at least|at most|exactly) (?P<bound>[+-]?{_SIZE})"
+)
 
 
 class _Entry(BaseModel):
@@ -56,86 +56,40 @@ class _Entry(BaseModel):
 
 
 class QuantityCheck(_Entry):
-    """The quantity that decides a claim.
-
-    Attributes
-    ----------
-    chapter : str
-        The chapter that records it, two digits.
-    quantity : str
-        Its name there.
-    """
+    """The quantity of a chapter that decides a claim."""
 
     chapter: Annotated[str, Field(pattern=r"^\d\d$")]
     quantity: Name
 
 
 class MissingCheck(_Entry):
-    """What would be needed to decide a claim and cannot be had.
-
-    Attributes
-    ----------
-    needs : tuple of str
-        Names in the ledger's list of what is missing.
-    reasons : tuple of str
-        What that list says of them; filled in when the ledger is read.
-    """
+    """What would be needed to decide a claim and cannot be had, by its names in ``missing``."""
 
     needs: Annotated[tuple[Name, ...], Field(min_length=1)]
-    reasons: tuple[str, ...] = ()
+    reasons: tuple[str, ...] = ()  # what that list says of them; filled in by `load_claims`
 
 
 class Claim(_Entry):
-    """One claim of a paper.
+    """One claim of a paper; its id never changes.
 
-    Attributes
-    ----------
-    id : str
-        Its name; it never changes.
-    paper : {"P1", "P2", "P3"}
-    place : str
-        Where it stands in the paper.
-    says : str
-        What the paper says, in our words.
-    value : str or list, optional
-        The number, or the row or matrix of numbers, exactly as printed.
-    unit : str, optional
-        The unit of what is compared; ``"1"`` for a pure number.
-    kind : {"numeric", "parameter", "qualitative", "formula"}
-    check : QuantityCheck or MissingCheck
-        What decides it.
-    tolerance : str, optional
-        What the quantity is held against: ``digits`` (all that rounds to the printed value),
-        ``within 0.5`` or ``within 10 %`` of the value, ``within about_points`` (a parameter of the
-        chapter), ``at least 8``, ``at most 1``, ``exactly 8``. Not given if the claim cannot be
-        tested.
-    why : str
-        Why this check and this tolerance.
-    assumption : str, optional
-        What has to be assumed for the check to speak of the claim.
+    `value` is what is printed, to the digit, and `unit` that of what is compared. `tolerance` is
+    what the quantity is held against: ``digits`` (all that rounds to the printed value), ``within
+    0.5`` or ``within 10 %`` of it, ``within about_points`` (a parameter of the chapter), ``at least
+    8``, ``at most 1`` or ``exactly 8``; `why` says why, and `assumption` what has to be assumed for
+    the check to speak of the claim. A claim that cannot be tested has neither.
     """
 
     id: Annotated[str, Field(pattern=r"^P[123](-[A-Za-z0-9.]+)+$", max_length=40)]
     paper: Paper
     place: Text
     says: Text
-    value: Printed | None = None
+    value: str | list[str] | list[list[str]] | None = None
     unit: Annotated[str, Field(min_length=1)] = "1"
     kind: Kind
     check: QuantityCheck | MissingCheck
     tolerance: str | None = None
     why: Text
     assumption: Text | None = None
-
-    @field_validator("tolerance")
-    @classmethod
-    def _tolerance_is_one(cls, text: str | None) -> str | None:
-        if text is None or text == "digits" or _WITHIN.match(text) or _BOUND.match(text):
-            return text
-        raise ValueError(
-            f"{text!r} is no tolerance; it may be digits, within 0.5, within 10 %, within a "
-            "parameter, at least 8, at most 1, or exactly 8"
-        )
 
     @model_validator(mode="after")
     def _parts_fit(self) -> Self:
@@ -144,31 +98,34 @@ class Claim(_Entry):
         if isinstance(self.check, MissingCheck):
             if self.tolerance is not None or self.assumption is not None:
                 raise ValueError("a claim that cannot be tested has no tolerance and no assumption")
-            return self
-        if self.tolerance is None:
+        elif self.tolerance is None:
             raise ValueError("a claim that is checked has a tolerance")
-        if bound := _BOUND.match(self.tolerance):
-            self._check_bound(bound["word"], float(bound["number"]))
-            return self
-        if not isinstance(self.value, str):
-            raise ValueError(f"the tolerance {self.tolerance!r} needs one printed value")
-        value, within = float(_decimal(self.value)), _WITHIN.match(self.tolerance)
-        if within and not within["name"]:
-            half = float(self._half_width(_decimal(self.value), {}))
-            # a tolerance as wide as the number would reproduce anything: a typed verdict
-            if not math.isfinite(half) or (value != 0 and half >= abs(value)):
-                raise ValueError(f"the tolerance {self.tolerance!r} is as wide as {self.value}")
+        else:
+            self._check_tolerance(self.tolerance)
         return self
 
-    def _check_bound(self, word: str, number: float) -> None:
-        if not math.isfinite(number):
-            raise ValueError(f"the tolerance {self.tolerance!r} has no finite bound")
-        if word == "exactly" and not number.is_integer():
-            raise ValueError(f"the tolerance {self.tolerance!r} is no whole number")
-        if isinstance(self.value, str):
-            value = float(_decimal(self.value))
-            if (word != "at least" and value > number) or (word != "at most" and value < number):
-                raise ValueError(f"the tolerance {self.tolerance!r} excludes {self.value} itself")
+    def _check_tolerance(self, tolerance: str) -> None:
+        """Refuse one that is none, and one that vouches for anything or for nothing."""
+        parts = _TOLERANCE.fullmatch(tolerance)
+        if parts is None:
+            raise ValueError(
+                f"{tolerance!r} is no tolerance; it may be digits, within 0.5, within 10 %, within "
+                "a parameter, at least 8, at most 1, or exactly 8"
+            )
+        if parts["bound"]:
+            if not math.isfinite(float(parts["bound"])):
+                raise ValueError(f"the tolerance {tolerance!r} has no finite bound")
+            if parts["word"] == "exactly" and not float(parts["bound"]).is_integer():
+                raise ValueError(f"the tolerance {tolerance!r} is no whole number")
+        elif not isinstance(self.value, str):
+            raise ValueError(f"the tolerance {tolerance!r} needs one printed value")
+        if isinstance(self.value, str) and not parts["name"]:
+            value, (low, high) = float(_decimal(self.value)), self.published({})
+            if not low <= value <= high:
+                raise ValueError(f"the tolerance {tolerance!r} excludes {self.value} itself")
+            # a tolerance as wide as the number would reproduce anything: a typed verdict
+            if not parts["bound"] and (math.isinf(high) or low <= 0 <= high) and value != 0:
+                raise ValueError(f"the tolerance {tolerance!r} is as wide as {self.value}")
 
     @property
     def chapter(self) -> str | None:
@@ -185,53 +142,43 @@ class Claim(_Entry):
         """The number that widths are measured by: the printed one, or that of the bound."""
         if isinstance(self.value, str):
             return float(_decimal(self.value))
-        bound = _BOUND.match(self.tolerance or "")
-        return float(bound["number"]) if bound else math.nan
+        return float(self._tolerance_parts().get("bound") or math.nan)
 
-    def published(self, parameters: dict[str, Value]) -> tuple[float, float]:
-        """Return the lower and the upper end of what the claim stands for.
+    def published(self, parameters: Mapping[str, Value]) -> tuple[float, float]:
+        """Return the ends of what the claim stands for, infinite where it bounds one side alone.
 
-        Parameters
-        ----------
-        parameters : dict
-            The parameters of the run; one of them may be the tolerance.
-
-        Returns
-        -------
-        low, high : float
-            In the unit of the claim; infinite where it is a bound on one side.
-
-        Raises
-        ------
-        InswsnError
-            If the tolerance names a parameter that the run does not have, or that is no number.
+        One of the parameters of the run may be the tolerance; one that is no size is refused.
         """
-        tolerance = self.tolerance or ""
-        if bound := _BOUND.match(tolerance):
-            number = float(bound["number"])
+        parts = self._tolerance_parts()
+        if parts.get("bound"):
+            number = float(parts["bound"])
             return (
-                -math.inf if bound["word"] == "at most" else number,
-                math.inf if bound["word"] == "at least" else number,
+                -math.inf if parts["word"] == "at most" else number,
+                math.inf if parts["word"] == "at least" else number,
             )
         value = _decimal(str(self.value))
-        half = self._half_width(value, parameters)
+        if parts.get("share"):
+            half = abs(value) * Decimal(parts["share"]) / 100
+        elif parts.get("size"):
+            half = Decimal(parts["size"])
+        elif parts.get("name"):
+            half = self._half_width_by(parts["name"], parameters)
+        else:  # digits: half a unit of the last digit printed
+            half = Decimal(5).scaleb(int(value.as_tuple().exponent) - 1)
         return float(value - half), float(value + half)
 
-    def _half_width(self, value: Decimal, parameters: dict[str, Value]) -> Decimal:
-        within = _WITHIN.match(self.tolerance or "")
-        if within is None:  # digits: half a unit of the last digit printed
-            return Decimal(5).scaleb(int(value.as_tuple().exponent) - 1)
-        if within["share"]:
-            return abs(value) * Decimal(within["share"]) / 100
-        if within["size"]:
-            return Decimal(within["size"])
-        size = parameters.get(within["name"])
+    def _half_width_by(self, name: str, parameters: Mapping[str, Value]) -> Decimal:
+        size = parameters.get(name)
         if isinstance(size, bool) or not isinstance(size, int | float) or size < 0:
             raise InswsnError(
-                f"The tolerance of claim {self.id} is the parameter {within['name']} of chapter "
+                f"The tolerance of claim {self.id} is the parameter {name} of chapter "
                 f"{self.chapter}, which is {size!r}; it may be a number that is not negative."
             )
         return Decimal(str(size))
+
+    def _tolerance_parts(self) -> dict[str, str]:
+        parts = _TOLERANCE.fullmatch(self.tolerance or "")
+        return parts.groupdict() if parts else {}
 
 
 class _Ledger(_Entry):
@@ -247,47 +194,27 @@ class _Ledger(_Entry):
         entries = [claim for entry in content["claims"] for claim in written_out(entry)]
         return content | {"claims": entries}
 
-    @model_validator(mode="after")
-    def _holds_together(self) -> Self:
-        for claim in self.claims:
-            if not isinstance(claim.check, MissingCheck):
-                continue
-            if claim.check.reasons:
-                raise ValueError(f"claim {claim.id} gives reasons; they stand in the list missing")
-            for need in claim.check.needs:
-                if need not in self.missing:
-                    raise ValueError(f"claim {claim.id} needs {need}, which is not listed missing")
-        return self
-
-    def resolved(self) -> tuple[Claim, ...]:
+    def resolved(self) -> list[Claim]:
         """Return the claims, with the reasons of those that cannot be tested."""
-        return tuple(
-            claim.model_copy(
-                update={
-                    "check": MissingCheck(
-                        needs=claim.check.needs,
-                        reasons=tuple(self.missing[need] for need in claim.check.needs),
-                    )
-                }
-            )
-            if isinstance(claim.check, MissingCheck)
-            else claim
-            for claim in self.claims
-        )
+        return [self._with_reasons(claim) for claim in self.claims]
+
+    def _with_reasons(self, claim: Claim) -> Claim:
+        if not isinstance(claim.check, MissingCheck):
+            return claim
+        for need in claim.check.needs:
+            if need not in self.missing:
+                raise InswsnError(f"claim {claim.id} needs {need}, which is not listed missing")
+        reasons = tuple(self.missing[need] for need in claim.check.needs)
+        check = claim.check.model_copy(update={"reasons": reasons})
+        return claim.model_copy(update={"check": check})
 
 
 def written_out(entry: Any) -> list[Any]:
-    """Return the claims of a family; any other entry as it is.
-
-    Raises
-    ------
-    ValueError
-        If a family has not a value for each of its places.
-    """
+    """Return the claims of a family, which has a value for each place; another entry as it is."""
     if not isinstance(entry, dict) or "over" not in entry:
         return [entry]
     axes = [
-        {str(key): words or {} for key, words in places.items()}
+        {str(key): places[key] or {} for key in places}
         if isinstance(places, dict)
         else {str(key): {} for key in places}
         for places in entry["over"].values()
@@ -306,7 +233,7 @@ def written_out(entry: Any) -> list[Any]:
     return claims
 
 
-def _with_words(field: Any, words: dict[str, str]) -> Any:
+def _with_words(field: Any, words: Mapping[str, str]) -> Any:
     """Put words in the place of their names in braces, in all texts of a field."""
     if isinstance(field, dict):
         return {key: _with_words(value, words) for key, value in field.items()}
@@ -316,19 +243,7 @@ def _with_words(field: Any, words: dict[str, str]) -> Any:
 
 
 def load_claims(path: Path) -> tuple[Claim, ...]:
-    """Read and check the ledger of claims.
-
-    Parameters
-    ----------
-    path : Path
-        The folder, ``data/claims`` in a checkout, or one file.
-
-    Raises
-    ------
-    InswsnError
-        If there is no such folder or a file does not fit the schema; the sentence says where. A
-        field for a verdict does not fit.
-    """
+    """Read the ledger: the folder ``data/claims``, or one file; what is wrong is refused."""
     paths = sorted(path.glob("*.yaml")) if path.is_dir() else [path]
     if not paths:
         raise InswsnError(f"There is no ledger of claims in {path}.")
@@ -341,13 +256,27 @@ def load_claims(path: Path) -> tuple[Claim, ...]:
     return claims
 
 
-def _read_ledger(path: Path) -> tuple[Claim, ...]:
+def _read_ledger(path: Path) -> list[Claim]:
     content = read_yaml(path)
     try:
-        read = _Ledger.model_validate(content)
+        return _Ledger.model_validate(content).resolved()
     except ValidationError as error:
-        raise InswsnError(f"{path} is not a ledger of claims: {_first(error, content)}.") from None
-    return read.resolved()
+        said = _first(error, content)
+    except InswsnError as error:
+        said = str(error)
+    raise InswsnError(f"{path} is not a ledger of claims: {said}.")
+
+
+def _first(error: ValidationError, content: Any) -> str:
+    """Return what is wrong first, with the id of the claim rather than its number."""
+    first = error.errors()[0]
+    place = [str(part) for part in first["loc"]]
+    if len(place) > 1 and place[0] == "claims":
+        entries = [claim for entry in content["claims"] for claim in written_out(entry)]
+        entry = entries[int(place[1])]
+        name = entry.get("id") if isinstance(entry, dict) else None
+        place[:2] = [f"claim {name or f'number {place[1]}'}"]
+    return f"{': '.join(place) or 'the file'}: {first['msg'].removeprefix('Value error, ')}"
 
 
 def claims_of(claims: Iterable[Claim], chapter: str) -> list[Claim]:
@@ -364,11 +293,8 @@ def claims_digest(path: Path, chapter: str) -> str:
 def data_digest(root: Path, name: str) -> str | None:
     """Return the SHA-256 of a file that a chapter reads, or of the part of it that it reads.
 
-    Parameters
-    ----------
-    name : str
-        A path below it, or ``data/claims#NN`` for the claims that chapter NN decides, or
-        ``data/published/NN.json#name`` for one quantity of the reference results.
+    A name is a path, or ``data/claims#NN`` for the claims that chapter NN decides, or
+    ``data/published/NN.json#name`` for one quantity of the reference results.
     """
     path, _, part = name.partition("#")
     if not part:
@@ -379,18 +305,6 @@ def data_digest(root: Path, name: str) -> str | None:
         return quantity_digest(read_results(root / path)[part])
     except (InswsnError, KeyError):
         return None
-
-
-def _first(error: ValidationError, content: object) -> str:
-    """Return what is wrong first, with the id of the claim rather than its number."""
-    first = error.errors()[0]
-    place = [str(part) for part in first["loc"]]
-    listed = content.get("claims") if isinstance(content, dict) else None
-    if len(place) > 1 and place[0] == "claims" and isinstance(listed, list):
-        entry = [claim for entry in listed for claim in written_out(entry)][int(place[1])]
-        name = entry.get("id", f"number {place[1]}") if isinstance(entry, dict) else place[1]
-        place[:2] = [f"claim {name}"]
-    return f"{': '.join(place) or 'the file'}: {first['msg'].removeprefix('Value error, ')}"
 
 
 def _decimal(text: str) -> Decimal:

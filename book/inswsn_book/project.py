@@ -28,7 +28,7 @@ _MARKERS = ("_config.yml", "environment.lock", "chapters", "data")
 # What a chapter's numbers and outputs may depend on, of the machinery: what executes chapters, and
 # what they import of it
 _EXECUTING = (
-    *("cores.py", "execution.py", "notebooks.py", "runs.py", "worker.py"),
+    *("cores.py", "execution.py", "notebooks.py", "runs.py"),
     *("project.py", "files.py", "labs.py", "ledger.py", "parameters.py", "plugins.py"),
     *("record.py", "results.py", "show.py", "verdicts.py"),
 )

@@ -36,27 +36,14 @@ _MADE = ".inswsn-run"
 def gather_parameters(
     schema: Schema, settings: Iterable[str], file: Path | None, data: Path
 ) -> dict[str, Value]:
-    """Return the parameters that a user sets, checked.
+    """Return the parameters that a user sets, checked; ``name=value`` overrides the file.
 
-    Parameters
-    ----------
-    settings : iterable of str
-        ``name=value``, as on the command line; each name once. They override the file.
-    data : Path
-        The folder ``data`` of the checkout. The path of a file that a parameter names is made
-        absolute, unless the file lies there.
-
-    Raises
-    ------
-    ParameterError
-        If a name is not declared or set twice, a value may not be, or there is no such file or
-        regressor.
-    InswsnError
-        If the file cannot be read.
+    The path of a file that a parameter names is made absolute, unless the file lies in `data`.
     """
-    values: dict[str, Value] = {}
-    if file is not None:
-        values = {name: schema[name].check(value) for name, value in _read_file(file).items()}
+    content = {} if file is None else read_yaml(file) or {}
+    if not isinstance(content, dict) or not all(isinstance(name, str) for name in content):
+        raise InswsnError(f"{file} is not a list of parameters; it holds lines such as seed: 7.")
+    values = {name: schema[name].check(value) for name, value in content.items()}
     seen: set[str] = set()
     for setting in settings:
         name, equals, text = setting.partition("=")
@@ -75,23 +62,12 @@ def _found(parameter: Parameter, value: Value, data: Path) -> Value:
         load_regressor(parameter.name, str(value))
     if parameter.rule != FILE_RULE:
         return value
-    try:
-        path = Path(str(value)).expanduser()
-    except RuntimeError:  # ~name, and there is no such user
-        path = Path(str(value))
+    path = Path(os.path.expanduser(str(value)))  # noqa: PTH111  # Path's own may raise
     if path.is_file():
         return str(path.resolve())
     if (data / path).is_file():
         return path.as_posix()
     raise ParameterError(parameter.name, value, f"{parameter.allowed}, and there is no such file")
-
-
-def _read_file(path: Path) -> Mapping[str, object]:
-    content = read_yaml(path)
-    content = {} if content is None else content
-    if not isinstance(content, dict) or not all(isinstance(name, str) for name in content):
-        raise InswsnError(f"{path} is not a list of parameters; it holds lines such as seed: 7.")
-    return content
 
 
 def run_chapter(
@@ -104,31 +80,12 @@ def run_chapter(
     html: bool = False,
     fresh: bool = False,
 ) -> tuple[Path, Results]:
-    """Run a chapter and write what comes of it to a folder of its own.
+    """Run a chapter and write what comes of it to a folder of its own, whole or not at all.
 
-    Parameters
-    ----------
-    out : Path, optional
-        The folder: new, empty, or with nothing but an earlier run in it. Default: one below
-        ``runs/`` in the checkout, named for the chapter and its parameters.
-    html : bool
-        Render the book with this run in the place of the published one, to ``html/`` in the folder.
-
-    Returns
-    -------
-    folder : Path
-        It holds the executed notebook, ``NN.json``, ``parameters.yml``, what the chapter wrote for
-        its reader, and ``html/`` if it was rendered.
-    results : Results
-
-    Raises
-    ------
-    ParameterError
-        If `out` is another kind of folder, or ``INSWSN_SOLVER`` names no solver.
-    ChapterError, RenderingError
-        If a cell raises, or the book cannot be rendered. Then nothing is written.
-    InswsnError
-        If `html` is asked for and the book has not been built.
+    The folder `out` is new, empty, or has nothing but an earlier run in it; by default it is one
+    below ``runs/`` named for the chapter and its parameters. It holds the executed notebook, its
+    results, ``parameters.yml``, what the chapter wrote for its reader, and, if asked for, the book
+    rendered with this run in it.
     """
     name = project.find(number).name
     text = yaml.safe_dump(chapter_schema(project.root, number).check(values), sort_keys=False)
@@ -145,11 +102,10 @@ def run_chapter(
         made = Path(temporary) / "run"
         notebook = nbformat.reads(done.notebook, as_version=4)
         own = with_notes(notebook, done.results, (), environment(project.root))
-        write_whole(made / f"{name}.ipynb", notebook_text(own))
-        write_results(done.results, made / f"{number}.json")
-        write_whole(made / "parameters.yml", text)
-        for written, content in done.files.items():
+        files = {f"{name}.ipynb": notebook_text(own), "parameters.yml": text, **done.files}
+        for written, content in files.items():
             write_whole(made / written, content)
+        write_results(done.results, made / f"{number}.json")
         if html:
             progress.say("book: rendering with this run in it")
             render_run(project, done, made / "html")

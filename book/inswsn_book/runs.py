@@ -15,6 +15,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
@@ -25,12 +26,11 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from inswsn_book.cores import core_name, run_core
-from inswsn_book.execution import ChapterError, Workers, execute_notebook
+from inswsn_book.cores import run_core
 from inswsn_book.files import swap_folder, text_digest, tree_digest, write_whole
 from inswsn_book.ledger import data_digest
 from inswsn_book.notebooks import notebook_text, read_source, strip_run
-from inswsn_book.parameters import REGRESSOR_RULE, Value, source_schema
+from inswsn_book.parameters import REGRESSOR_RULE, Schema, Value, source_schema
 from inswsn_book.progress import Progress
 from inswsn_book.project import (
     MODULES_VARIABLE,
@@ -57,34 +57,16 @@ SOLVERS = ("clarabel", "scs")
 
 @dataclass(frozen=True)
 class Surroundings:
-    """What a chapter is executed in, beside its sources and its environment.
-
-    Attributes
-    ----------
-    python : str
-        The interpreter, a path.
-    threads : int
-        How many threads the linear algebra may use.
-    solver : str
-        Which one convex problems are given to where a design does not name one.
-    variables : mapping of str to str
-        Environment variables that are set on top of all others.
-    """
+    """What a chapter is executed in, beside its sources and its environment."""
 
     python: str = sys.executable
-    threads: int = 1
-    solver: str = SOLVERS[0]
-    variables: Mapping[str, str] = field(default_factory=dict)
+    threads: int = 1  # that the linear algebra may use
+    solver: str = SOLVERS[0]  # of convex problems, where a design does not name one
+    variables: Mapping[str, str] = field(default_factory=dict)  # set on top of all others
 
 
 def chosen_surroundings() -> Surroundings:
-    """Return those of the book, but for the solver that ``INSWSN_SOLVER`` names.
-
-    Raises
-    ------
-    ParameterError
-        If it names none.
-    """
+    """Return those of the book, but for the solver that ``INSWSN_SOLVER`` names."""
     solver = os.environ.get(SOLVER_VARIABLE) or SOLVERS[0]
     if solver not in SOLVERS:
         raise ParameterError(SOLVER_VARIABLE, solver, 'one of "clarabel", "scs"')
@@ -93,21 +75,11 @@ def chosen_surroundings() -> Surroundings:
 
 @dataclass(frozen=True)
 class Request:
-    """What is to be run.
+    """What is to be run; parameters that are not set keep their defaults.
 
-    Attributes
-    ----------
-    chapter : str
-        Its number, two digits.
-    parameters : mapping of str to value
-        Those that are set; the others keep their defaults.
-    surroundings : Surroundings
-        Default: those in which the book is made, whatever the caller's environment says.
-    overlay : mapping of str to str
-        By path below the checkout: the whole text that stands in the place of that file for this
-        run, such as a changed scenario or a changed source of a chapter.
-    core : bool
-        Call the chapter's core function and do not execute its notebook.
+    An overlay gives, by path below the checkout, the whole text that stands in the place of that
+    file, such as a changed scenario or source. `core` asks for the chapter's core function in place
+    of its notebook. The surroundings are those of the book whatever the caller's environment says.
     """
 
     chapter: str
@@ -119,27 +91,23 @@ class Request:
 
 @dataclass(frozen=True)
 class Run:
-    """What came of a request.
-
-    Attributes
-    ----------
-    request : Request
-    results : Results
-        What the chapter recorded.
-    notebook : str or None
-        The text of the executed notebook, without times and paths; None for a core.
-    files : dict of str to str
-        The files that the chapter wrote for its reader, by name.
-    """
+    """What came of a request."""
 
     request: Request
     results: Results
-    notebook: str | None = None
-    files: Mapping[str, str] = field(default_factory=dict)
+    notebook: str | None = None  # executed, without times and paths; None for a core
+    files: Mapping[str, str] = field(default_factory=dict)  # written for the reader, by name
 
 
 #: How a request ends
 Outcome = Run | BuildError | InswsnError
+
+
+class ChapterError(BuildError):
+    """A chapter failed; the message names the chapter and the cell and holds the traceback."""
+
+    #: The sentence in which the library refused what it was given, if that was the reason.
+    refusal: str | None = None
 
 
 # The store ----------------------------------------------------------------------------------------
@@ -147,10 +115,11 @@ Outcome = Run | BuildError | InswsnError
 
 @dataclass(frozen=True)
 class _Prepared:
-    """A request as it is run now: its chapter, the path of its source, and its key."""
+    """A request as it is run now."""
 
     chapter: Chapter
-    source: str
+    path: str  # of its source, below the checkout
+    schema: Schema
     parameters: dict[str, Value]  # that differ from their defaults
     sources: dict[str, str]  # for the provenance
     key: str
@@ -183,7 +152,7 @@ def _prepare(project: Project, request: Request) -> _Prepared:
     }
     key = f"{origin[:_ORIGIN]}-{text_digest(json.dumps(facts, sort_keys=True))[:32]}"
     sources = {"chapter": text_digest(source), "library": library, "locks": locks}
-    return _Prepared(chapter, path, parameters, sources, key)
+    return _Prepared(chapter, path, schema, parameters, sources, key)
 
 
 def request_key(project: Project, request: Request) -> str:
@@ -194,32 +163,18 @@ def request_key(project: Project, request: Request) -> str:
     interpreter, the overlay, a reader's own regressor, and whether there is a local folder of
     recorded data, not which one or what is in it. The data files that a chapter reads are known
     once it has run: they stand in its results with their digests, and `lookup` checks them.
-
-    Raises
-    ------
-    ParameterError
-        If there is no such chapter or parameter, or one may not have its value.
-    InswsnError
-        If the chapter's parameters cannot be read.
     """
     return _prepare(project, request).key
 
 
 def lookup(project: Project, request: Request) -> Run | None:
-    """Return the run of a request if the store has it and the data that it read are unchanged.
-
-    Raises
-    ------
-    InswsnError
-        As `request_key`.
-    """
+    """Return the run of a request if the store has it and the data that it read are unchanged."""
     entry = _entry(project, request)
     try:
         folder = entry.stat().st_ino
         results = read_results(entry / "results.json")
         notebook = None if request.core else _text_of(entry / "executed.ipynb")
-        written = sorted((entry / "files").iterdir()) if (entry / "files").is_dir() else []
-        files = {path.name: _text_of(path) for path in written}
+        files = _texts_of(entry / "files") if (entry / "files").is_dir() else {}
         if entry.stat().st_ino != folder:  # another process has put its own there meanwhile
             return lookup(project, request)
     except (InswsnError, OSError, UnicodeDecodeError):
@@ -237,11 +192,6 @@ def keep(project: Project, request: Request, run: Run) -> None:
 
     Those that were made from another library, other locks or another source of the chapter go, but
     for the last few.
-
-    Raises
-    ------
-    OSError
-        If the store cannot be written.
     """
     entry = _entry(project, request)
     entry.parent.mkdir(parents=True, exist_ok=True)
@@ -257,14 +207,9 @@ def keep(project: Project, request: Request, run: Run) -> None:
         except OSError:  # another process has just put there what it found for the same key
             if not (entry / "results.json").is_file():
                 raise
-    _prune(entry)
-
-
-def _prune(entry: Path) -> None:
-    origin = entry.name[:_ORIGIN]
-    others = [other for other in entry.parent.iterdir() if not other.name.startswith(origin)]
-    for other in sorted(others, key=_modified, reverse=True)[_KEPT:]:
-        shutil.rmtree(other, ignore_errors=True)
+    others = [e for e in entry.parent.iterdir() if e.name[:_ORIGIN] != entry.name[:_ORIGIN]]
+    for old in sorted(others, key=_modified, reverse=True)[_KEPT:]:
+        shutil.rmtree(old, ignore_errors=True)
 
 
 def _modified(path: Path) -> float:
@@ -280,6 +225,10 @@ def _entry(project: Project, request: Request) -> Path:
 
 def _text_of(path: Path) -> str:
     return path.read_bytes().decode("utf-8")  # line ends as they are
+
+
+def _texts_of(folder: Path) -> dict[str, str]:
+    return {path.name: _text_of(path) for path in sorted(folder.iterdir())}
 
 
 def _modules_digest(regressor: str) -> str:
@@ -306,13 +255,7 @@ def _asked_version(python: str) -> str:
 
 
 def book_runs(project: Project) -> list[Run]:
-    """Return the runs of all chapters as the book has them, in order, from the store.
-
-    Raises
-    ------
-    InswsnError
-        If a chapter has not been built as it is now.
-    """
+    """Return the runs of all chapters as the book has them; refuse if one is not in the store."""
     runs = []
     for chapter in project.chapters():
         run = lookup(project, Request(chapter.number))
@@ -337,14 +280,10 @@ def reference_results(project: Project, number: str) -> Results:
 
 
 def run(project: Project, request: Request, progress: Progress, *, fresh: bool = False) -> Run:
-    """Return the run of a request: from the store unless `fresh`, or executed now and kept.
+    """Return the run of a request, from the store unless `fresh`.
 
-    Raises
-    ------
-    ChapterError
-        If a cell raises.
-    InswsnError
-        If the library refuses, in a cell, what a parameter leads it to; the sentence is its own.
+    A sentence in which the library refuses, in a cell, what a parameter leads it to is raised as it
+    is; any other failure is a `ChapterError`.
     """
     try:
         (done,) = run_all(project, [request], progress, fresh=fresh, jobs=1)
@@ -364,19 +303,9 @@ def run_all(
     jobs: int | None = None,
     check: Callable[[Run], None] = lambda _: None,
 ) -> list[Run]:
-    """Return the runs of requests, in their order; the first failure stops all.
+    """Return the runs of requests, in their order; the first failure, or one of `check`, stops all.
 
-    Parameters
-    ----------
-    check : callable, optional
-        Called with each run as it ends; what it raises stops all.
-
-    Raises
-    ------
-    ChapterError
-        If a cell raises. The others that run are stopped; those that have ended are kept.
-    InswsnError
-        If a source cannot be read.
+    What has ended by then is kept.
     """
     runs: dict[int, Run] = {}
 
@@ -401,9 +330,8 @@ def run_each(
 ) -> None:
     """Run requests side by side, those that take long first, and tell how each of them ends.
 
-    Cores are called one after the other in this thread. `ended` is called in this thread with the
-    place of a request and its run or its failure; what it raises stops all, as an interrupt does.
-    The other parameters are those of `run_all`.
+    `ended` is called in this thread with the place of a request and its run or its failure; what it
+    raises stops all, as an interrupt does. Cores are called one after the other in this thread.
     """
     due = []
     for place, request in enumerate(requests):
@@ -413,11 +341,11 @@ def run_each(
         else:
             progress.unchanged(project.find(request.chapter).name)
             ended(place, found)
-    workers = Workers()
+    kernels = _Kernels()
 
     def one(place: int) -> Outcome:
         try:
-            return _run_and_keep(project, requests[place], progress, workers)
+            return _run_and_keep(project, requests[place], progress, kernels)
         except (BuildError, InswsnError) as failure:
             return failure
 
@@ -434,7 +362,7 @@ def run_each(
         except BaseException:
             for future in pending:
                 future.cancel()
-            workers.stop()
+            kernels.stop()
             raise
 
 
@@ -444,36 +372,14 @@ def _published_seconds(project: Project, chapter: str) -> float:
     return math.inf if made is None else made.seconds
 
 
-def compute_core(project: Project, request: Request) -> Run:
-    """Return what the core function of a chapter finds, called in this process.
-
-    Raises
-    ------
-    InswsnError
-        If the chapter has no core, or the core refuses a parameter.
-    """
-    chapter, around = project.find(request.chapter), request.surroundings
-    source = chapter.source.read_text(encoding="utf-8")
-    name = core_name(source)
-    if name is None:
-        raise InswsnError(f"Chapter {request.chapter} has no core.")
-    values = source_schema(source, chapter.source.name).check(request.parameters)
-    results, files = run_core(
-        project.root, request.chapter, name, values, threads=around.threads, solver=around.solver
-    )
-    return Run(request, results, None, files)
-
-
-def _run_and_keep(project: Project, request: Request, progress: Progress, workers: Workers) -> Run:
+def _run_and_keep(project: Project, request: Request, progress: Progress, kernels: _Kernels) -> Run:
     prepared = _prepare(project, request)
     commit, clean = repository_state(project.root)
     began = time.monotonic()
     if request.core:
-        if request.overlay:
-            raise InswsnError("A core is called on the files of the checkout, without an overlay.")
         done, machine = compute_core(project, request), machine_facts()
     else:
-        done, machine = _execute(project, request, prepared, progress, workers)
+        done, machine = _execute(project, request, prepared, progress, kernels)
     made = Provenance(
         version=__version__,
         commit=commit,
@@ -496,37 +402,95 @@ def _run_and_keep(project: Project, request: Request, progress: Progress, worker
     return done
 
 
+def compute_core(project: Project, request: Request) -> Run:
+    """Return what the core function of a chapter finds, called in this process."""
+    if request.overlay:
+        raise InswsnError("A core is called on the files of the checkout, without an overlay.")
+    prepared, around = _prepare(project, request), request.surroundings
+    values = prepared.schema.check(request.parameters)
+    results, files = run_core(project.root, prepared.chapter, values, around.threads, around.solver)
+    return Run(request, results, None, files)
+
+
 def _execute(
-    project: Project, request: Request, prepared: _Prepared, progress: Progress, workers: Workers
+    project: Project, request: Request, prepared: _Prepared, progress: Progress, kernels: _Kernels
 ) -> tuple[Run, dict[str, Any]]:
     """Execute a chapter's notebook; return its run and the facts of its machine."""
+    from inswsn_book.execution import execute_notebook, machine_of  # noqa: PLC0415  # takes long
+
     chapter, around = prepared.chapter, request.surroundings
+    place = "before its first cell"
+
+    def tell_cell(number: int, total: int, identity: str) -> None:
+        nonlocal place
+        place = f"in cell {number} of {total} ({identity})"
+        progress.cell(chapter.name, number)
+
     with (
         _overlaid(project.root, request.overlay) as root,
         tempfile.TemporaryDirectory(prefix=f"inswsn-{chapter.name}-") as name,
     ):
         folder = Path(name)
-        executed, machine = execute_notebook(
-            chapter.name,
-            read_source(Chapter(chapter.name, root / prepared.source)),
-            prepared.parameters,
-            folder,
-            around.python,
-            _environment(project, root, folder, around),
-            workers,
-            progress,
-        )
-        written = folder / "results" / f"{chapter.number}.json"
-        if not written.is_file():
+        notebook = read_source(Chapter(chapter.name, root / prepared.path))
+        progress.started(chapter.name, len(notebook.cells) + bool(prepared.parameters))
+        environment = _environment(project, around)
+        own = {
+            "IPYTHONDIR": str(folder / "ipython"),
+            ROOT_VARIABLE: str(root),
+            RESULTS_VARIABLE: str(folder / "results"),
+        }
+        try:
+            executed = execute_notebook(
+                notebook, prepared.parameters, folder, around.python, environment | own,
+                kernels.add, tell_cell,
+            )  # fmt: skip
+        except Exception as error:  # whatever papermill, nbclient or the kernel raise
+            raise _failure(chapter.name, place, error) from None
+        if not (folder / "results" / f"{chapter.number}.json").is_file():
             raise ChapterError(
-                f"Chapter {chapter.name} wrote no results file {written.name}: "
+                f"Chapter {chapter.name} wrote no results file {chapter.number}.json: "
                 "its last code cell calls record.write()."
             )
-        results = read_results(written)
-        others = [path for path in sorted(written.parent.iterdir()) if path != written]
-        files = {path.name: _text_of(path) for path in others}
+        files = _texts_of(folder / "results")
+        results = read_results(folder / "results" / f"{chapter.number}.json")
+    del files[f"{chapter.number}.json"]
     results = results.model_copy(update={"cells": _recording_cells(executed)})
+    machine = machine_of(around.python, frozenset(environment.items()))
     return Run(request, results, notebook_text(strip_run(executed)), files), machine
+
+
+def _failure(name: str, place: str, error: Exception) -> ChapterError:
+    """Return what a user is told of a chapter that failed."""
+    said = f"{type(error).__name__}: {error}"
+    if hasattr(error, "traceback"):  # papermill's, of a cell
+        said = "\n".join(error.traceback)
+        place += f":\n\n{error.source}\n"  # type: ignore[attr-defined]
+    failure = ChapterError(f"Chapter {name} failed {place}\n{said}")
+    if getattr(error, "ename", "") in (InswsnError.__name__, ParameterError.__name__):
+        failure.refusal = error.evalue  # type: ignore[attr-defined]
+    return failure
+
+
+class _Kernels:
+    """The kernels that are running, so that all of them can be stopped."""
+
+    def __init__(self) -> None:
+        self._managers: list[Any] = []
+        self._stopping = threading.Event()
+
+    def add(self, manager: Any) -> None:
+        """Note a kernel that is about to start."""
+        if self._stopping.is_set():
+            raise ChapterError("stopped")
+        self._managers.append(manager)
+
+    def stop(self) -> None:
+        """End all that are running, and let no other start."""
+        self._stopping.set()
+        for manager in self._managers:
+            process = getattr(manager.provisioner, "process", None)
+            if process is not None:
+                process.terminate()
 
 
 @contextmanager
@@ -536,31 +500,17 @@ def _overlaid(root: Path, overlay: Mapping[str, str]) -> Iterator[Path]:
         yield root
         return
     with tempfile.TemporaryDirectory(prefix="inswsn-overlay-") as name:
-        _link(root, Path(name).resolve(), overlay)
-        yield Path(name).resolve()
-
-
-def _link(source: Path, target: Path, overlay: Mapping[str, str]) -> None:
-    target.mkdir(exist_ok=True)
-    below: dict[str, dict[str, str]] = {}
-    for name, text in overlay.items():
-        head, _, rest = name.partition("/")
-        below.setdefault(head, {})[rest] = text
-    for path in source.iterdir() if source.is_dir() else ():
-        if path.name not in below:
-            (target / path.name).symlink_to(path)
-    for head, changed in below.items():
-        if "" in changed:
-            (target / head).write_text(changed[""], encoding="utf-8", newline="")
-        else:
-            _link(source / head, target / head, changed)
+        copy = Path(name).resolve() / "checkout"
+        unread = shutil.ignore_patterns(".*", "_build", "runs", "tests")
+        shutil.copytree(root, copy, copy_function=os.symlink, ignore=unread)
+        for path, text in overlay.items():
+            (copy / path).unlink(missing_ok=True)
+            write_whole(copy / path, text)
+        yield copy
 
 
 def _recording_cells(executed: Any) -> dict[str, str]:
-    """Return the cell that recorded each quantity of an executed notebook, by their names.
-
-    `ChapterRecord.quantity` leaves the name in the metadata of an output.
-    """
+    """Return the cell that recorded each quantity: `ChapterRecord.quantity` leaves its name."""
     return {
         output["metadata"]["scrapbook"]["quantity"]: cell["id"]
         for cell in executed.cells
@@ -569,10 +519,8 @@ def _recording_cells(executed: Any) -> dict[str, str]:
     }
 
 
-def _environment(
-    project: Project, root: Path, folder: Path, surroundings: Surroundings
-) -> dict[str, str]:
-    """Return the environment of a worker: so many threads a chapter, nothing left to chance."""
+def _environment(project: Project, surroundings: Surroundings) -> dict[str, str]:
+    """Return the environment of kernels: so many threads, nothing personal or left to chance."""
     threads = ("OMP", "OPENBLAS", "MKL", "NUMBA")
     personal = ("PYTHONPATH", "PYTHONSTARTUP", "MATPLOTLIBRC", "MPLBACKEND")
     kept = {name: value for name, value in os.environ.items() if name not in personal}
@@ -582,12 +530,8 @@ def _environment(
         **{f"{name}_NUM_THREADS": str(surroundings.threads) for name in threads},
         SOLVER_VARIABLE: surroundings.solver,
         "PYTHONHASHSEED": "0",
-        "PYTHONUNBUFFERED": "1",
         "PYDEVD_DISABLE_FILE_VALIDATION": "1",
-        "IPYTHONDIR": str(folder / "ipython"),
         "MPLCONFIGDIR": str(project.build / "matplotlib"),  # its font cache, and no settings
-        ROOT_VARIABLE: str(root),
-        RESULTS_VARIABLE: str(folder / "results"),
         # where a reader's own modules lie
         MODULES_VARIABLE: os.environ.get(MODULES_VARIABLE, str(Path.cwd())),
         **surroundings.variables,

@@ -6,7 +6,6 @@ goes to the one store as it ends, so that a cell which is there is not computed 
 
 from __future__ import annotations
 
-import csv
 import io
 import itertools
 import json
@@ -54,11 +53,9 @@ Row = dict[str, Any]
 
 @dataclass(frozen=True)
 class Sweep:
-    """A chapter over a grid.
+    """A chapter over a grid: axes with the values that they go through, and fixed settings.
 
-    `core` is the function that is called in each cell; without one the notebook is executed. `axes`
-    are parameters with the values that they go through, `settings` those that are the same in all
-    cells.
+    `core` names the function that is called in each cell; without one the notebook is executed.
     """
 
     chapter: Chapter
@@ -86,14 +83,7 @@ class Sweep:
 def read_sweep(
     project: Project, chapter: Chapter, axes: Iterable[str], settings: Iterable[str]
 ) -> Sweep:
-    """Return the sweep that a user asks for.
-
-    Raises
-    ------
-    ParameterError
-        If a name is not declared or given twice, a value may not be or stands twice on an axis, or
-        there are too many cells.
-    """
+    """Return the sweep that a user asks for; refuse names and values that may not be."""
     schema, data = chapter_schema(project.root, chapter.number), project.root / "data"
     found: dict[str, tuple[Value, ...]] = {}
     for axis in axes:
@@ -118,11 +108,6 @@ def read_sweep(
     return Sweep(chapter, schema, core, found, chosen)
 
 
-def _cell_name(place: Mapping[str, Value]) -> str:
-    """Return what a cell is called: its values on the axes."""
-    return ", ".join(f"{name}={value}" for name, value in place.items()) or "the one cell"
-
-
 # Computing ----------------------------------------------------------------------------------------
 
 
@@ -143,68 +128,89 @@ class SweepProgress(Bars):
         self._task = self._bars.add_task(name, total=cells, completed=there)
         self.say(f"{name}: {cells} cell{'s' if cells != 1 else ''}, of which {there} are there")
 
-    def ended(self, cell: str, failure: str | None) -> None:
+    def ended(self, place: Mapping[str, Value], failure: str | None) -> None:
         """Say that a cell has ended."""
         self._bars.advance(self._task)
+        cell = ", ".join(f"{name}={value}" for name, value in place.items()) or "the one cell"
         if failure is not None:
             self.say(f"{cell}: failed: {failure}")
         elif not self._live:
             self.say(f"{cell}: done")
 
 
-def _compute_cell(root: str, request: Request, state: str, fresh: bool) -> Run | str:
-    """Run a request in a worker; return why it failed, if it did.
+def run_sweep(
+    project: Project,
+    sweep: Sweep,
+    progress: SweepProgress,
+    *,
+    out: Path | None = None,
+    jobs: int | None = None,
+    dask: str | None = None,
+    fresh: bool = False,
+) -> Finished:
+    """Compute the cells of a sweep that are not in the store, and write its files.
 
-    The state is the command's. A worker with another one would find other numbers.
+    `dask` is the address of a scheduler, in place of `jobs` processes of this machine. A cell that
+    fails leaves a reason; a worker that would find other numbers, and a scheduler that goes away,
+    end the sweep.
     """
-    try:
-        project, request = _own(root, request)
-        if _state(project, request) != state:
-            return "the library, the locks or the chapter are others than those of the command"
-        return run(project, request, Quiet(), fresh=fresh)
-    except (InswsnError, BuildError) as error:
-        return str(error)
-    except Exception as error:
-        return f"{type(error).__name__}: {error}"
+    if dask is not None and jobs is not None:
+        raise ParameterError("--jobs", jobs, "left out: the cluster of --dask has its own workers")
+    folder = out or _default_folder(project, sweep)
+    if folder.exists() and (
+        not folder.is_dir() or {path.name for path in folder.iterdir()} - set(_FILES)
+    ):
+        raise ParameterError("--out", str(folder), "a new folder, or one that holds a sweep alone")
+    requests, places = sweep.requests, sweep.places
+    found = {} if fresh else {c: lookup(project, request) for c, request in enumerate(requests)}
+    outcomes: dict[int, Run | str] = {cell: run for cell, run in found.items() if run is not None}
+    due = {cell: request for cell, request in enumerate(requests) if cell not in outcomes}
+    there = len(outcomes)
+    progress.started(sweep.core or sweep.chapter.name, len(requests), there)
 
+    def ended(cell: int, outcome: Run | str) -> None:
+        # a worker of this machine has put it there already
+        if isinstance(outcome, Run) and (fresh or lookup(project, requests[cell]) is None):
+            keep(project, requests[cell], outcome)
+        outcomes[cell] = outcome
+        progress.ended(places[cell], outcome if isinstance(outcome, str) else None)
 
-def _own(root: str, request: Request) -> tuple[Project, Request]:
-    """Return the checkout of a worker, and the request with the worker's interpreter."""
-    here = Path(root)
-    project = Project(here if is_checkout(here) else Path(inswsn_lib.__file__).parents[1])
-    around = replace(request.surroundings, python=sys.executable)
-    return project, replace(request, surroundings=around)
-
-
-def _own_state(root: str, request: Request) -> str:
-    return _state(*_own(root, request))
-
-
-def _state(project: Project, request: Request) -> str:
-    """Return the key of a request, and what of the library this process has loaded."""
-    return f"{request_key(project, request)}-{_loaded_library()}"
-
-
-@cache
-def _loaded_library() -> str:
-    return Project(Path()).computing_digest()  # as it was when this process was first asked
+    if due:
+        with _client(dask, min(jobs or available_cores(), len(due))) as client:
+            _compute(client, project, fresh, due, ended)
+    return _write(project, sweep, folder, [outcomes[cell] for cell in sorted(outcomes)], there)
 
 
 @contextmanager
-def _local_client(jobs: int) -> Iterator[Any]:
-    """Have processes of this machine, of one thread each, and end them."""
+def _client(address: str | None, jobs: int) -> Iterator[Any]:
+    """Have the workers of a scheduler, or processes of this machine, which end with it."""
     import dask  # noqa: PLC0415  # they take a second to load
     import distributed  # noqa: PLC0415
 
-    # without Dask's own settings of the allocator, which make large arrays slow
-    environment = {f"{name}_NUM_THREADS": 1 for name in ("OMP", "OPENBLAS", "MKL", "NUMBA")}
-    with (
-        _quiet(),
-        dask.config.set({"distributed.nanny.pre-spawn-environ": environment}),
-        _local_cluster(jobs) as cluster,
-        distributed.Client(cluster, set_as_default=False) as client,
-    ):
-        yield client
+    for name in ("distributed", "tornado.application", "asyncio"):
+        # Dask's tracebacks are kept from the terminal: what they mean is told in a sentence
+        logging.getLogger(name).setLevel(logging.CRITICAL + 1)
+    # one thread each, and without Dask's own settings of the allocator: they slow large arrays
+    threads = {f"{name}_NUM_THREADS": 1 for name in ("OMP", "OPENBLAS", "MKL", "NUMBA")}
+    options = {
+        "distributed.nanny.pre-spawn-environ": threads,
+        "distributed.comm.timeouts.connect": _CONNECT_SECONDS,
+    }
+    with dask.config.set(options):
+        if address is None:
+            with _local_cluster(jobs) as cluster, distributed.Client(cluster) as client:
+                yield client
+            return
+        try:
+            client = distributed.Client(address, timeout=_CONNECT_SECONDS)
+        except (OSError, ValueError, ImportError, TypeError):
+            raise ParameterError(
+                "--dask", address, "the address of a Dask scheduler that answers"
+            ) from None
+        with client:
+            if not client.nthreads():
+                raise InswsnError(f"The Dask scheduler at {address} has no worker.")
+            yield client
 
 
 def _local_cluster(jobs: int) -> Any:
@@ -221,58 +227,11 @@ def _local_cluster(jobs: int) -> Any:
     raise BuildError("No process of this machine stayed alive long enough to compute.")
 
 
-@contextmanager
-def _remote_client(address: str, root: str, request: Request, state: str) -> Iterator[Any]:
-    """Have the workers of a scheduler; refuse those that would find other numbers."""
-    import dask  # noqa: PLC0415
-    import distributed  # noqa: PLC0415
-
-    with _quiet(), dask.config.set({"distributed.comm.timeouts.connect": _CONNECT_SECONDS}):
-        try:
-            client = distributed.Client(address, timeout=_CONNECT_SECONDS, set_as_default=False)
-        except (OSError, ValueError, ImportError, TypeError):
-            raise ParameterError(
-                "--dask", address, "the address of a Dask scheduler that answers"
-            ) from None
-        with client:
-            threads = client.nthreads()
-            states = client.run(_own_state, root, request, on_error="return")
-            if not threads:
-                raise InswsnError(f"The Dask scheduler at {address} has no worker.")
-            for worker, count in threads.items():
-                if count != 1:
-                    raise InswsnError(
-                        f"The Dask worker at {worker} has {count} threads; start it with "
-                        "--nthreads 1, and more of them on a machine with more cores."
-                    )
-                if states.get(worker) != state:
-                    raise InswsnError(
-                        f"The Dask worker at {worker} has another library, other locks or another "
-                        "chapter than this command; install the same checkout there and restart it."
-                    )
-            yield client
-
-
-@contextmanager
-def _quiet() -> Iterator[None]:
-    """Keep Dask's tracebacks from the terminal: what they mean is told in a sentence."""
-    names = ("distributed", "tornado.application", "asyncio")
-    loggers = [logging.getLogger(name) for name in names]
-    levels = [logger.level for logger in loggers]
-    for logger in loggers:
-        logger.setLevel(logging.CRITICAL + 1)
-    try:
-        yield
-    finally:
-        for logger, level in zip(loggers, levels, strict=True):
-            logger.setLevel(level)
-
-
 def _compute(
     client: Any,
-    root: str,
+    project: Project,
     fresh: bool,
-    due: Mapping[int, tuple[Request, str]],
+    due: Mapping[int, Request],
     ended: Callable[[int, Run | str], None],
 ) -> None:
     """Share cells out; tell of each as it ends."""
@@ -281,8 +240,10 @@ def _compute(
     import distributed  # noqa: PLC0415
 
     futures = {
-        client.submit(_compute_cell, root, request, state, fresh, pure=False): cell
-        for cell, (request, state) in due.items()
+        client.submit(
+            _compute_cell, str(project.root), request, _state(project, request), fresh, pure=False
+        ): cell
+        for cell, request in due.items()
     }
     for future in distributed.as_completed(futures, loop=client.loop):
         try:
@@ -298,67 +259,43 @@ def _compute(
         future.release()
 
 
-def run_sweep(
-    project: Project,
-    sweep: Sweep,
-    progress: SweepProgress,
-    *,
-    out: Path | None = None,
-    jobs: int | None = None,
-    dask: str | None = None,
-    fresh: bool = False,
-) -> Finished:
-    """Compute the cells of a sweep that are not in the store, and write its files.
+def _compute_cell(root: str, request: Request, state: str, fresh: bool) -> Run | str:
+    """Run a request in a worker; return why it failed, if it did.
 
-    Parameters
-    ----------
-    dask : str, optional
-        The address of a scheduler, in place of processes of this machine.
-
-    Raises
-    ------
-    ParameterError
-        If the folder holds other files, nobody answers at the address, or there are both `jobs` and
-        `dask`.
-    InswsnError
-        If a worker of the scheduler would find other numbers.
-    BuildError
-        If the scheduler goes away.
+    A worker is refused that would find other numbers: whose state is not the command's, or that
+    computes in several threads.
     """
-    if dask is not None and jobs is not None:
-        raise ParameterError("--jobs", jobs, "left out: the cluster of --dask has its own workers")
-    folder = out or _default_folder(project, sweep)
-    _check_folder(folder)
-    requests, places = sweep.requests, sweep.places
-    outcomes: dict[int, Run | str] = {}
-    for cell, request in enumerate(requests if not fresh else ()):
-        if (found := lookup(project, request)) is not None:
-            outcomes[cell] = found
-    due = {
-        cell: (request, _state(project, request))
-        for cell, request in enumerate(requests)
-        if cell not in outcomes
-    }
-    progress.started(sweep.core or sweep.chapter.name, len(requests), len(outcomes))
+    import distributed  # noqa: PLC0415
 
-    def ended(cell: int, outcome: Run | str) -> None:
-        # a worker of this machine has put it there already
-        if isinstance(outcome, Run) and (fresh or lookup(project, requests[cell]) is None):
-            keep(project, requests[cell], outcome)
-        outcomes[cell] = outcome
-        progress.ended(_cell_name(places[cell]), outcome if isinstance(outcome, str) else None)
-
-    if due:
-        root = str(project.root)
-        clients = (
-            _local_client(min(jobs or available_cores(), len(due)))
-            if dask is None
-            else _remote_client(dask, root, *next(iter(due.values())))
+    worker = distributed.get_worker()
+    here = Path(root)
+    project = Project(here if is_checkout(here) else Path(inswsn_lib.__file__).parents[1])
+    request = replace(request, surroundings=replace(request.surroundings, python=sys.executable))
+    if worker.state.nthreads != 1:
+        raise InswsnError(
+            f"The Dask worker at {worker.address} has {worker.state.nthreads} threads; start it "
+            "with --nthreads 1, and more of them on a machine with more cores."
         )
-        with clients as client:
-            _compute(client, root, fresh, due, ended)
-    there = len(requests) - len(due)
-    return _write(project, sweep, folder, [outcomes[cell] for cell in sorted(outcomes)], there)
+    try:
+        if _state(project, request) == state:
+            return run(project, request, Quiet(), fresh=fresh)
+    except Exception as error:
+        known = isinstance(error, InswsnError | BuildError)
+        return str(error) if known else f"{type(error).__name__}: {error}"
+    raise InswsnError(
+        f"The Dask worker at {worker.address} has another library, other locks or another chapter "
+        "than this command; install the same checkout there and restart it."
+    )
+
+
+def _state(project: Project, request: Request) -> str:
+    """Return the key of a request, and what of the library this process has loaded."""
+    return f"{request_key(project, request)}-{_loaded_library()}"
+
+
+@cache
+def _loaded_library() -> str:
+    return Project(Path()).computing_digest()  # as it was when this process was first asked
 
 
 # What a sweep leaves ------------------------------------------------------------------------------
@@ -370,7 +307,7 @@ class Finished:
 
     Rows have the values of a cell on the axes: those of the leaders also ``best``, ``error``,
     ``next``, and by how many per cent the best is below the next, ``lead`` and ``within``; those
-    that failed the ``reason``. Cells were computed by this call, or were there.
+    that failed the ``reason``.
     """
 
     folder: Path
@@ -378,13 +315,15 @@ class Finished:
     failed: list[Row]
     computed: int
     there: int
-    no_figure: str
+    no_figure: str  # why there is none
 
 
 def _write(
     project: Project, sweep: Sweep, folder: Path, outcomes: Sequence[Run | str], there: int
 ) -> Finished:
     """Write the files of a sweep, each whole or not at all."""
+    import pandas as pd  # noqa: PLC0415  # what refuses a grid needs no numerics
+
     found = list(zip(sweep.places, outcomes, strict=True))
     runs = [(place, run) for place, run in found if isinstance(run, Run)]
     failed = [{**place, "reason": reason} for place, reason in found if isinstance(reason, str)]
@@ -393,11 +332,12 @@ def _write(
         {**place, **json.loads(run.files[SCORES])["leader"]} for place, run in runs if sweep.core
     ]
     for name, table in (("sweep", rows), ("leaders", leaders), ("failed", failed)):
+        path = folder / f"{name}.csv"
+        path.unlink(missing_ok=True)
         if table or name == "sweep":
-            write_whole(folder / f"{name}.csv", _csv(table))
-        else:
-            (folder / f"{name}.csv").unlink(missing_ok=True)
-    no_figure = _write_figure(folder / "sweep.svg", sweep, rows, runs)
+            frame = pd.DataFrame(table, dtype=object)  # each number with all its digits
+            write_whole(path, frame.to_csv(index=False, lineterminator="\n"))
+    no_figure = _write_figure(folder / "sweep.svg", sweep, pd.DataFrame(rows), runs)
     write_whole(folder / "sweep.json", _provenance(project, sweep, len(failed)))
     return Finished(folder, leaders, failed, len(runs) - there, there, no_figure)
 
@@ -415,31 +355,20 @@ def _rows(place: Mapping[str, Value], run: Run, of_core: bool) -> Iterator[Row]:
         yield {**place, **{name: value for name, value in row.items() if name not in place}}
 
 
-def _csv(rows: Sequence[Row]) -> str:
-    stream = io.StringIO()
-    writer = csv.DictWriter(stream, list(rows[0]) if rows else [], lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    return stream.getvalue()
-
-
-def _write_figure(
-    path: Path, sweep: Sweep, rows: Sequence[Row], runs: Sequence[tuple[Any, Run]]
-) -> str:
+def _write_figure(path: Path, sweep: Sweep, frame: Any, runs: Sequence[tuple[Any, Run]]) -> str:
     """Draw the figure, or return why there is none."""
+    from inswsn_lib.plotting import draw_scores  # noqa: PLC0415
+
     path.unlink(missing_ok=True)
     if sweep.core is None or not runs:
         return "no cell is complete." if sweep.core else "the chapter has no core, and no headline."
-    import pandas as pd  # noqa: PLC0415  # what refuses a grid needs neither
-
-    from inswsn_lib.plotting import draw_scores  # noqa: PLC0415
-
     words = json.loads(runs[0][1].files[SCORES])
     methods = {m: label for m, label in words["methods"].items() if m not in words["baselines"]}
     units = {name: sweep.schema[name].unit for name in sweep.axes}
-    frame = pd.DataFrame(rows).rename(columns={"value": "median"})
     try:
-        fig = draw_scores(frame, units, words["headline"], methods)
+        fig = draw_scores(
+            frame.rename(columns={"value": "median"}), units, words["headline"], methods
+        )
     except ParameterError as error:
         return str(error)
     # a file is passed on without the page that explains it
@@ -454,6 +383,7 @@ def _write_figure(
 
 def _provenance(project: Project, sweep: Sweep, failed: int) -> str:
     commit, clean = repository_state(project.root)
+    settings = sweep.schema.check(sweep.settings)
     facts = {
         "version": __version__,
         "commit": commit,
@@ -461,11 +391,7 @@ def _provenance(project: Project, sweep: Sweep, failed: int) -> str:
         "chapter": sweep.chapter.name,
         "core": sweep.core,
         "grid": {name: list(values) for name, values in sweep.axes.items()},
-        "parameters": {
-            name: value
-            for name, value in sweep.schema.check(sweep.settings).items()
-            if name not in sweep.axes
-        },
+        "parameters": {name: v for name, v in settings.items() if name not in sweep.axes},
         "solver": chosen_surroundings().solver,
         "failed cells": failed,
         "finished": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
@@ -477,13 +403,6 @@ def _provenance(project: Project, sweep: Sweep, failed: int) -> str:
 def _default_folder(project: Project, sweep: Sweep) -> Path:
     wanted = json.dumps([sweep.axes, sweep.settings, chosen_surroundings().solver])
     return project.root / "runs" / f"{sweep.chapter.name}-sweep-{text_digest(wanted)[:8]}"
-
-
-def _check_folder(folder: Path) -> None:
-    if folder.exists() and (
-        not folder.is_dir() or {path.name for path in folder.iterdir()} - set(_FILES)
-    ):
-        raise ParameterError("--out", str(folder), "a new folder, or one that holds a sweep alone")
 
 
 def show_leaders(sweep: Sweep, finished: Finished, console: Console) -> None:

@@ -9,13 +9,15 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
 
-from inswsn_book.ledger import Claim, MissingCheck
+from inswsn_book.ledger import Claim, MissingCheck, QuantityCheck
 from inswsn_book.results import Quantity, Results
 from inswsn_lib.errors import InswsnError
 
 # A rebuilt interval that is wider than this share of the published value decides nothing.
 _WIDEST = 0.25
 _ROUNDING = 1e-6
+
+Ends = tuple[float, float]
 
 
 class Verdict(StrEnum):
@@ -38,47 +40,32 @@ class Verdict(StrEnum):
 
 @dataclass(frozen=True)
 class Judged:
-    """A claim with its verdict.
-
-    Attributes
-    ----------
-    claim : Claim
-        The claim.
-    verdict : Verdict
-        What became of it.
-    reason : str
-        Why, one sentence.
-    published : tuple of two floats, optional
-        The ends of what the claim stands for; None if it cannot be tested.
-    quantity : Quantity, optional
-        What decided it.
-    cell : str, optional
-        The cell that recorded the quantity.
-    """
+    """A claim with its verdict, and why."""
 
     claim: Claim
     verdict: Verdict
     reason: str
-    published: tuple[float, float] | None = None
-    quantity: Quantity | None = None
-    cell: str | None = None
+    published: Ends | None = None  # the ends of what the claim stands for
+    quantity: Quantity | None = None  # what decided it
+    cell: str | None = None  # that recorded the quantity
 
     @property
     def published_text(self) -> str:
         """When the claim holds, written with its unit: ``"85 ± 2.5 %"``, ``"at most 1"``."""
-        claim = self.claim
         if self.published is None:
             return "–"
         low, high = self.published
         if math.isinf(low):
-            return _with_unit(f"at most {high:g}", claim.unit)
-        if math.isinf(high):
-            return _with_unit(f"at least {low:g}", claim.unit)
-        if not isinstance(claim.value, str):
-            return _with_unit(f"exactly {low:g}", claim.unit)
-        if claim.tolerance == "digits":
-            return _with_unit(f"{claim.value} ({low:g} to {high:g})", claim.unit)
-        return _with_unit(f"{claim.value} ± {(high - low) / 2:.4g}", claim.unit)
+            text = f"at most {high:g}"
+        elif math.isinf(high):
+            text = f"at least {low:g}"
+        elif not isinstance(self.claim.value, str):
+            text = f"exactly {low:g}"
+        elif self.claim.tolerance == "digits":
+            text = f"{self.claim.value} ({low:g} to {high:g})"
+        else:
+            text = f"{self.claim.value} ± {(high - low) / 2:.4g}"
+        return _with_unit(text, self.claim.unit)
 
     @property
     def rebuilt_text(self) -> str:
@@ -89,12 +76,8 @@ class Judged:
         low, high = self.quantity.interval or (value, value)
         if low == high:  # of a number that is rounding error, two digits say it all
             return _with_unit(f"{value:.2g}" if abs(value) < _ROUNDING else f"{value:.6g}", unit)
-        digits = max(0, 1 - math.floor(math.log10(high - low)))
-        if digits > 8:  # small numbers: two digits of the width in powers of ten
-            size = max(abs(low), abs(high))
-            some = 2 + max(0, math.floor(math.log10(size)) - math.floor(math.log10(high - low)))
-            return _with_unit(f"{value:.{some}g} ({low:.{some}g} to {high:.{some}g})", unit)
-        return _with_unit(f"{value:.{digits}f} ({low:.{digits}f} to {high:.{digits}f})", unit)
+        form = _form(low, high)
+        return _with_unit(f"{value:{form}} ({low:{form}} to {high:{form}})", unit)
 
     def row(self) -> dict[str, str]:
         """Return its row in a chapter's table of verdicts; the claim links to its entry."""
@@ -108,35 +91,42 @@ class Judged:
 
     def as_json(self) -> dict[str, Any]:
         """Return it as plain data: the form of ``inswsn claims --json``."""
+        claim, quantity, ends = self.claim, self.quantity, self.published
+        fields = {"value", "unit", "interval", "basis", "runs"}
         return {
-            "id": self.claim.id,
-            "paper": self.claim.paper,
-            "place": self.claim.place,
-            "kind": self.claim.kind,
+            "id": claim.id,
+            "paper": claim.paper,
+            "place": claim.place,
+            "kind": claim.kind,
             "published": {
-                "value": self.claim.value,
-                "unit": self.claim.unit,
-                "tolerance": self.claim.tolerance,
-                "interval": None if self.published is None else list(map(_finite, self.published)),
+                "value": claim.value,
+                "unit": claim.unit,
+                "tolerance": claim.tolerance,
+                "interval": ends and [end if math.isfinite(end) else None for end in ends],
             },
-            "rebuilt": None
-            if self.quantity is None
-            else {
-                "value": self.quantity.value,
-                "unit": self.quantity.unit,
-                "interval": self.quantity.interval,
-                "basis": self.quantity.basis,
-                "runs": self.quantity.runs,
-            },
+            "rebuilt": quantity and quantity.model_dump(include=fields),
             "verdict": str(self.verdict),
             "reason": self.reason,
-            "chapter": self.claim.chapter,
+            "chapter": claim.chapter,
             "cell": self.cell,
         }
 
 
+def _form(low: float, high: float) -> str:
+    """Return the format that shows two digits of the width of an interval."""
+    width = math.floor(math.log10(high - low))
+    if width >= -7:
+        return f".{max(0, 1 - width)}f"
+    size = math.floor(math.log10(max(abs(low), abs(high))))  # small numbers: in powers of ten
+    return f".{2 + max(0, size - width)}g"
+
+
+def _with_unit(text: str, unit: str) -> str:
+    return text if unit == "1" else f"{text} {unit}"
+
+
 def verdicts(claims: Iterable[Claim], results: Iterable[Results]) -> list[Judged]:
-    """Judge claims by the results of the chapters.
+    """Judge claims by the results of the chapters that decide them.
 
     The rule follows from what the deciding quantity is, so that what was put in cannot count as
     found:
@@ -152,18 +142,8 @@ def verdicts(claims: Iterable[Claim], results: Iterable[Results]) -> list[Judged
       value, else its value decides.
 
     A claim with an assumption is at best *reproduced under a stated assumption*. A claim that needs
-    what is missing *cannot be tested*.
-
-    Parameters
-    ----------
-    results : iterable of Results
-        The results of every chapter that decides one of them.
-
-    Raises
-    ------
-    InswsnError
-        If a claim's check does not resolve: there are no results of its chapter, its quantity is
-        not among them or has another unit, or its tolerance is no parameter of the run.
+    what is missing *cannot be tested*. A check that does not resolve is refused: no results of its
+    chapter, no such quantity, another unit, a tolerance that is no parameter of the run.
     """
     by_chapter: dict[str, Results] = {}
     for result in results:
@@ -181,7 +161,7 @@ def count_verdicts(judged: Iterable[Judged]) -> dict[Verdict, int]:
 def _judge(claim: Claim, results: Mapping[str, Results]) -> Judged:
     if isinstance(claim.check, MissingCheck):
         return Judged(claim, Verdict.UNTESTABLE, " ".join(claim.check.reasons))
-    found, quantity = _resolve(claim, claim.check.chapter, claim.check.quantity, results)
+    found, quantity = _resolve(claim, claim.check, results)
     published = claim.published(found.parameters)
     verdict, reason = _rule(claim, quantity, published)
     if verdict is Verdict.REPRODUCED and claim.assumption:
@@ -190,15 +170,15 @@ def _judge(claim: Claim, results: Mapping[str, Results]) -> Judged:
 
 
 def _resolve(
-    claim: Claim, chapter: str, name: str, results: Mapping[str, Results]
+    claim: Claim, check: QuantityCheck, results: Mapping[str, Results]
 ) -> tuple[Results, Quantity]:
-    found = results.get(chapter)
-    if found is None:
+    chapter, name = check.chapter, check.quantity
+    if chapter not in results:
         raise InswsnError(
             f"Claim {claim.id} is decided by chapter {chapter}, of which there are no results."
         )
     try:
-        quantity = found[name]
+        quantity = results[chapter][name]
     except KeyError:
         raise InswsnError(
             f"Claim {claim.id} is decided by the quantity {name}, which chapter {chapter} does "
@@ -209,50 +189,39 @@ def _resolve(
             f"Claim {claim.id} is in {claim.unit}, and the quantity {name} of chapter {chapter} "
             f"in {quantity.unit}."
         )
-    return found, quantity
+    return results[chapter], quantity
 
 
-def _rule(claim: Claim, quantity: Quantity, published: tuple[float, float]) -> tuple[Verdict, str]:
-    if quantity.role == "input":
-        if published[0] <= quantity.value <= published[1]:
-            return Verdict.INPUT, "The run was given what the paper prints."
-        given = f"{quantity.value:.6g} {quantity.unit}"
-        return Verdict.UNTESTABLE, f"The run was given {given} instead of what the paper prints."
+def _rule(claim: Claim, quantity: Quantity, published: Ends) -> tuple[Verdict, str]:
     if quantity.role == "calibrated":
         return Verdict.CALIBRATED, "The simulation was fitted to this cell, among others."
+    if quantity.role == "input":
+        return _judge_input(quantity, published)
     rebuilt = quantity.interval or (quantity.value, quantity.value)
-    if quantity.basis == "printed":
-        verdict = judge_own_cells(rebuilt, published)
-        if verdict is Verdict.REPRODUCED and _too_wide(rebuilt, claim.reference):
-            return Verdict.NOT_DECIDED, (
-                "The printed cells allow it, and so much else that they decide nothing: the "
-                "interval of their rounding is wider than a quarter of the published value."
-            )
-        return verdict, _OWN[verdict]
-    return judge_rebuilt(quantity.value, rebuilt, published, claim.reference)
+    if quantity.basis != "printed":
+        return judge_rebuilt(quantity.value, rebuilt, published, claim.reference)
+    if judge_own_cells(rebuilt, published) is Verdict.CONTRADICTED:
+        return Verdict.CONTRADICTED, "No numbers that round to the printed cells allow it."
+    if _too_wide(rebuilt, claim.reference):
+        return Verdict.NOT_DECIDED, (
+            "The printed cells allow it, and so much else that they decide nothing: the "
+            "interval of their rounding is wider than a quarter of the published value."
+        )
+    return Verdict.REPRODUCED, "The printed cells, within their rounding, allow it."
 
 
-_OWN = {
-    Verdict.REPRODUCED: "The printed cells, within their rounding, allow it.",
-    Verdict.CONTRADICTED: "No numbers that round to the printed cells allow it.",
-}
+def _judge_input(quantity: Quantity, published: Ends) -> tuple[Verdict, str]:
+    if published[0] <= quantity.value <= published[1]:
+        return Verdict.INPUT, "The run was given what the paper prints."
+    given = f"{quantity.value:.6g} {quantity.unit}"
+    return Verdict.UNTESTABLE, f"The run was given {given} instead of what the paper prints."
 
 
-def judge_own_cells(rebuilt: tuple[float, float], published: tuple[float, float]) -> Verdict:
+def judge_own_cells(rebuilt: Ends, published: Ends) -> Verdict:
     """Judge a statement that a paper derives from its own printed numbers.
 
-    Parameters
-    ----------
-    rebuilt : tuple of two floats
-        Lower and upper end of what the printed numbers, within their rounding, give.
-    published : tuple of two floats
-        Lower and upper end of what the printed statement stands for.
-
-    Returns
-    -------
-    Verdict
-        Reproduced if the two intervals have a value in common, else contradicted by the paper
-        itself.
+    Reproduced if what these give, within their rounding, and what the statement stands for have a
+    value in common, else contradicted by the paper itself.
     """
     # an end that is not a number compares as false, and then nothing is reproduced
     meets = rebuilt[0] <= rebuilt[1] >= published[0] <= published[1] >= rebuilt[0]
@@ -260,18 +229,13 @@ def judge_own_cells(rebuilt: tuple[float, float], published: tuple[float, float]
 
 
 def judge_rebuilt(
-    value: float, rebuilt: tuple[float, float], published: tuple[float, float], reference: float
+    value: float, rebuilt: Ends, published: Ends, reference: float
 ) -> tuple[Verdict, str]:
     """Judge a claim by an experiment that was built again.
 
-    Parameters
-    ----------
-    rebuilt : tuple of two floats
-        The ends of its interval; twice the number if there is no chance in it.
-    published : tuple of two floats
-        The ends of what the claim stands for, its tolerance included; they may be infinite.
-    reference : float
-        The published number; the width of the rebuilt interval is measured by it.
+    The ends of the rebuilt interval are twice the number if there is no chance in it; those of what
+    the claim stands for may be infinite. The width of the rebuilt interval is measured by the
+    published number, `reference`.
     """
     if published[0] <= rebuilt[0] <= rebuilt[1] <= published[1]:
         return Verdict.REPRODUCED, "The whole rebuilt interval lies within the tolerance."
@@ -287,13 +251,5 @@ def judge_rebuilt(
     return Verdict.NOT_REPRODUCED, "The rebuilt number lies outside the tolerance."
 
 
-def _too_wide(rebuilt: tuple[float, float], reference: float) -> bool:
+def _too_wide(rebuilt: Ends, reference: float) -> bool:
     return not rebuilt[1] - rebuilt[0] <= _WIDEST * abs(reference)
-
-
-def _with_unit(text: str, unit: str) -> str:
-    return text if unit == "1" else f"{text} {unit}"
-
-
-def _finite(end: float) -> float | None:
-    return end if math.isfinite(end) else None

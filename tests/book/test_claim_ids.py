@@ -10,14 +10,9 @@ import pytest
 from conftest import MiniProject, run_command
 from hypothesis import given
 from hypothesis import strategies as st
-from inswsn_book.claim_ids import (
-    lost_ids,
-    new_ids,
-    publish_ids,
-    published_ids,
-    read_verdicts,
-)
+from inswsn_book.judging import read_verdicts
 from inswsn_book.project import Project
+from inswsn_book.publishing import lost_ids, new_ids, publish, published_ids
 
 from inswsn_lib.errors import InswsnError
 
@@ -27,16 +22,17 @@ def test_no_published_id_is_missing(project: Project) -> None:
     assert lost_ids(project) == []
 
 
-def test_publishing_adds_ids_and_keeps_those_that_are_there(mini: MiniProject) -> None:
-    assert new_ids(mini) == ["P1-M-twice", "P2-M-lost"]
-    assert publish_ids(mini) == ["P1-M-twice", "P2-M-lost"]
-    assert publish_ids(mini) == []
-    ledger = mini.root / "data" / "claims" / "mini.yaml"
+def test_publishing_adds_ids_and_keeps_those_that_are_there(built: MiniProject) -> None:
+    ids, reference = "data/claim-ids.txt", "data/published/00.json"
+    assert new_ids(built) == ["P1-M-twice", "P2-M-lost"]
+    assert publish(built) == [ids, reference]
+    assert new_ids(built) == publish(built) == []
+    ledger = built.root / "data" / "claims" / "mini.yaml"
     text = ledger.read_text(encoding="utf-8")
     more = text[text.index("- id: P2-M-lost") :].replace("P2-M-lost", "P2-A-new")
     ledger.write_text(text + more, encoding="utf-8")
-    assert publish_ids(mini) == ["P2-A-new"]
-    assert published_ids(mini) == ["P1-M-twice", "P2-A-new", "P2-M-lost"]
+    assert publish(built) == [ids]
+    assert published_ids(built) == ["P1-M-twice", "P2-A-new", "P2-M-lost"]
 
 
 def test_a_lost_id_is_shown_and_stops_publishing(built: MiniProject) -> None:

@@ -21,12 +21,11 @@ from inswsn_book.elsewhere import (
     read_elsewhere,
     write_elsewhere,
 )
-from inswsn_book.execution import ChapterError
 from inswsn_book.files import file_digest
 from inswsn_book.progress import Quiet
 from inswsn_book.project import Project
 from inswsn_book.results import Quantity, read_results, write_results
-from inswsn_book.runs import Request, Surroundings, run
+from inswsn_book.runs import ChapterError, Request, Surroundings, run
 
 from inswsn_lib.errors import InswsnError
 

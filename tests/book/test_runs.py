@@ -13,13 +13,13 @@ from typing import Any
 import pytest
 from conftest import MiniProject, run_command
 from inswsn_book import runs
-from inswsn_book.execution import ChapterError
 from inswsn_book.files import file_digest
 from inswsn_book.progress import Quiet
 from inswsn_book.project import MODULES_VARIABLE, Project
 from inswsn_book.provenance import machine_facts
 from inswsn_book.results import Provenance, Results, write_results
 from inswsn_book.runs import (
+    ChapterError,
     Outcome,
     Request,
     Run,
@@ -46,7 +46,7 @@ def packages(mini: Project, monkeypatch: pytest.MonkeyPatch) -> Path:
     folders = mini.root / "inswsn_lib", mini.root / "inswsn_book"
     for folder in folders:
         folder.mkdir()
-        for name in ("a.py", "worker.py", "rendering.py"):
+        for name in ("a.py", "record.py", "rendering.py"):
             (folder / name).write_text("x = 1\n")
     monkeypatch.setattr(Project, "libraries", property(lambda _: folders))
     return mini.root
@@ -70,11 +70,11 @@ def append(name: str) -> Callable[[Path], None]:
         append("environment.lock"),
         append("environment-torch.lock"),
         append("inswsn_lib/a.py"),
-        append("inswsn_book/worker.py"),
+        append("inswsn_book/record.py"),
         lambda root: (root / "inswsn_lib" / "b.py").write_text(""),
         lambda root: (root / "inswsn_lib" / "a.py").rename(root / "inswsn_lib" / "c.py"),
     ],
-    ids=["source", "lock", "torch lock", "library", "worker", "new module", "renamed module"],
+    ids=["source", "lock", "torch lock", "library", "record", "new module", "renamed module"],
 )
 def test_a_change_of_content_changes_the_key(
     mini: Project, packages: Path, change: Callable[[Path], None]
@@ -397,7 +397,7 @@ def test_only_a_run_of_ones_own_listens_to_the_variable(
 ) -> None:
     monkeypatch.setenv("INSWSN_SOLVER", "scs")
     for surroundings, solver in ((Surroundings(), "clarabel"), (chosen_surroundings(), "scs")):
-        told = runs._environment(mini, mini.root, mini.root, surroundings)
+        told = runs._environment(mini, surroundings)
         assert told["INSWSN_SOLVER"] == solver
     monkeypatch.setenv("INSWSN_SOLVER", "")
     assert chosen_surroundings() == Surroundings()

@@ -8,11 +8,10 @@ from typing import Any
 import pytest
 import yaml
 from conftest import MiniProject
-from inswsn_book.execution import ChapterError
 from inswsn_book.progress import Quiet
 from inswsn_book.project import Project
 from inswsn_book.review import Assumptions, load_assumptions
-from inswsn_book.runs import request_key, run
+from inswsn_book.runs import ChapterError, request_key, run
 from inswsn_book.study import (
     Cell,
     Made,

@@ -7,11 +7,13 @@ with INSWSN_TESTS=whole only, and their code is looked through in every run of t
 from __future__ import annotations
 
 import ast
+import os
+import sys
 from pathlib import Path
 
 import nbformat
 import pytest
-from inswsn_book import worker
+from inswsn_book.execution import execute_notebook
 from inswsn_book.notebooks import read_source
 from inswsn_book.parameters import Value
 from inswsn_book.project import RESULTS_VARIABLE, ROOT_VARIABLE, Project
@@ -96,7 +98,7 @@ def test_what_may_read_without_a_record_is_found(
 @pytest.mark.long
 @pytest.mark.parametrize("number", EXECUTED)
 def test_it_reads_what_it_says_and_nothing_else(
-    number: str, project: Project, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    number: str, project: Project, tmp_path: Path
 ) -> None:
     """An audit hook sees every file that the kernel opens below data/."""
     chapter = next(c for c in project.chapters() if c.number == number)
@@ -111,12 +113,12 @@ def test_it_reads_what_it_says_and_nothing_else(
         "sys.addaudithook(_hook)\n"
     )
     notebook.cells.insert(0, nbformat.v4.new_code_cell(spy))
-    monkeypatch.setenv(ROOT_VARIABLE, str(project.root))
-    monkeypatch.setenv(RESULTS_VARIABLE, str(tmp_path / "results"))
-    monkeypatch.setenv("IPYTHONDIR", str(tmp_path / "ipython"))
-    nbformat.write(notebook, tmp_path / "in.ipynb")
-    source, target = tmp_path / "in.ipynb", tmp_path / "out.ipynb"
-    assert worker.run(source, target, dict(QUICK[number]), tmp_path) == 0
+    own = {
+        ROOT_VARIABLE: str(project.root),
+        RESULTS_VARIABLE: str(tmp_path / "results"),
+        "IPYTHONDIR": str(tmp_path / "ipython"),
+    }
+    execute_notebook(notebook, QUICK[number], tmp_path, sys.executable, os.environ | own)
     data = project.root / "data"
     opened = {
         Path(line).resolve().relative_to(project.root).as_posix()
