@@ -32,7 +32,7 @@ from inswsn_book.ledger import LEDGER, load_claims
 from inswsn_book.pages import require_current_site
 from inswsn_book.project import About, Project, find_root
 from inswsn_book.provenance import repository_state
-from inswsn_book.publishing import new_ids, require_ids_kept
+from inswsn_book.publishing import CLAIM_IDS, compare_ids
 from inswsn_book.results import Provenance
 from inswsn_book.runs import Run, book_runs
 from inswsn_book.verdicts import verdicts
@@ -105,11 +105,9 @@ def write_archive(project: Project, target: Path | None = None) -> Path:
         )
     about = project.about()
     time = _time(about)
-    require_ids_kept(project)
-    if new := new_ids(project):
-        raise InswsnError(
-            f"data/claim-ids.txt lacks {new[0]}, which is in the ledger: make publish."
-        )
+    lost, new = compare_ids(project)
+    if lost or new:
+        raise InswsnError(f"{CLAIM_IDS} and the ledger differ, in {(lost + new)[0]}: make publish.")
     runs = book_runs(project)
     require_current_site(project, runs)
     files = _files(project)

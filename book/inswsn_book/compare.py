@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from rich.console import Console
@@ -27,23 +27,15 @@ class Change:
     after: Quantity | None
 
     @property
-    def unit(self) -> str:
-        """The unit of the quantity, in the later results if both have it."""
-        quantity = self.after or self.before
-        return quantity.unit if quantity else ""
-
-    @property
     def details(self) -> list[str]:
         """What differs beside the value, its wording and small changes of its interval."""
         if self.before is None or self.after is None:
             return []
-        found = self._differing(_KIND)
-        if not self._same_tolerance:
-            found += self._differing(["tolerance"])
+        fields = [*_KIND, *([] if self._same_tolerance else ["tolerance"])]
         old, new = self.before.interval, self.after.interval
         if old and new and any(abs(b - a) > 1e-12 * abs(a) for a, b in zip(old, new, strict=True)):
-            found += self._differing(["interval"])
-        return found
+            fields.append("interval")
+        return self._differing(fields)
 
     @property
     def beyond_tolerance(self) -> bool:
@@ -120,8 +112,12 @@ class Flip:
 
 def flipped_verdicts(claims: Iterable[Claim], before: Results, after: Results) -> list[Flip]:
     """Return the claims of a chapter whose verdict differs between two results of it."""
-    pairs = [Flip(claim, _judge(claim, before), _judge(claim, after)) for claim in claims]
-    return [pair for pair in pairs if _verdict(pair.before) != _verdict(pair.after)]
+    flips = [Flip(claim, _judge(claim, before), _judge(claim, after)) for claim in claims]
+    return [
+        flip
+        for flip in flips
+        if (flip.before and flip.before.verdict) != (flip.after and flip.after.verdict)
+    ]
 
 
 def _judge(claim: Claim, results: Results) -> Judged | None:
@@ -131,10 +127,6 @@ def _judge(claim: Claim, results: Results) -> Judged | None:
         return None
 
 
-def _verdict(judged: Judged | None) -> str | None:
-    return None if judged is None else judged.verdict
-
-
 def compare_conditions(before: Results, after: Results) -> list[str]:
     """Return a line for each parameter, data file, sentence, solver and cell that differs."""
     lines = []
@@ -142,7 +134,7 @@ def compare_conditions(before: Results, after: Results) -> list[str]:
         old, new = getattr(before, field), getattr(after, field)
         lines += [
             f"{field}: {name}: {old.get(name, 'absent')} -> {new.get(name, 'absent')}"
-            for name in [*new, *(name for name in old if name not in new)]
+            for name in dict.fromkeys([*new, *old])
             if old.get(name) != new.get(name)
         ]
     return lines
@@ -155,51 +147,31 @@ def show_comparison(
     names: tuple[str, str],
     console: Console,
 ) -> None:
-    """Write two results side by side: quantities, sentences that differ, verdicts that flipped."""
+    """Write what differs between two results: quantities, conditions, verdicts."""
     table = Table("quantity", *names, "change", "unit", box=None, pad_edge=False)
     pairs = pair_quantities(before, after)
-    changes = [_difference(pair) for pair in pairs]
-    for pair, difference in zip(pairs, changes, strict=True):
-        values = ("absent" if q is None else f"{q.value:.6g}" for q in (pair.before, pair.after))
-        table.add_row(pair.name, *values, difference, pair.unit)
+    changed = [(pair, word) for pair in pairs if (word := _difference(pair))]
+    for pair, word in changed:
+        both = (pair.before, pair.after)
+        values = ("absent" if q is None else f"{q.value:.6g}" for q in both)
+        table.add_row(pair.name, *values, word, next(q.unit for q in both[::-1] if q))
     console.print(table)
-    overturned = _overturned(before.sentences, after.sentences)
+    conditions = compare_conditions(before, after)
     flips = flipped_verdicts(claims, before, after)
-    sentences = len(set(before.sentences) | set(after.sentences))
-    lines = [f"{pair.name}: {'; '.join(pair.details)}" for pair in pairs if pair.details]
-    lines += [
-        line
-        for line in compare_conditions(before, after)
-        if not line.startswith(("sentences: ", "cells: "))
-    ]
-    lines += overturned
-    lines += [f"verdict {flip}" for flip in flips]
-    lines.append(
-        f"{sum(map(bool, changes))} of {len(changes)} quantities changed, "
-        f"{len(overturned)} of {sentences} sentences overturned, "
-        f"{len(flips)} of {len(claims)} verdicts flipped."
-    )
-    for line in lines:
+    overturned = sum(line.startswith("sentences: ") for line in conditions)
+    sentences = len(before.sentences.keys() | after.sentences.keys())
+    for line in [
+        *(f"{pair.name}: {'; '.join(pair.details)}" for pair, _ in changed if pair.details),
+        *(line for line in conditions if not line.startswith("cells: ")),
+        *(f"verdict {flip}" for flip in flips),
+        f"{len(changed)} of {len(pairs)} quantities changed, {overturned} of {sentences} sentences "
+        f"overturned, {len(flips)} of {len(claims)} verdicts flipped.",
+    ]:
         console.print(line, markup=False, soft_wrap=True)
 
 
-def _overturned(before: Mapping[str, bool], after: Mapping[str, bool]) -> list[str]:
-    """Return a line for each sentence that holds in one run and not in the other."""
-    lines = []
-    for sentence in dict.fromkeys([*before, *after]):
-        old, new = before.get(sentence), after.get(sentence)
-        if old == new:
-            continue
-        if new is False:
-            lines.append(f"no longer holds: {sentence}")
-        elif new is None:
-            lines.append(f"gone: {sentence}")
-        else:
-            lines.append(f"{'holds now' if old is False else 'new'}: {sentence}")
-    return lines
-
-
 def _difference(pair: Change) -> str:
+    """Return a word on how a quantity differs, none if it does not beyond rounding."""
     if pair.before is None or pair.after is None:
         return "new" if pair.before is None else "gone"
     difference = pair.after.value - pair.before.value

@@ -416,7 +416,7 @@ def moved_by(pair: Change) -> Moved:
         deviation = None  # not a number has moved, but what it is
     return Moved(
         name=pair.name,
-        unit=pair.unit,
+        unit=known.unit,
         before=before if pair.after else getattr(pair.before, "value", None),
         after=after if pair.before else getattr(pair.after, "value", None),
         part=part,

@@ -6,9 +6,7 @@ It is the results in ``data/published``, and the ids of all claims that were eve
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
-from inswsn_book.compare import Change, compare, compare_conditions
+from inswsn_book.compare import compare, compare_conditions
 from inswsn_book.files import write_whole
 from inswsn_book.ledger import LEDGER, load_claims
 from inswsn_book.project import Project
@@ -25,51 +23,27 @@ _HEAD = """\
 """
 
 
-@dataclass(frozen=True)
-class Difference:
-    """How the build of one chapter differs from its reference: in quantities, and otherwise."""
-
-    number: str
-    changes: list[Change]
-    conditions: list[str]
-
-    @property
-    def beyond_tolerance(self) -> list[str]:
-        """What a fresh build may not differ in, one line each."""
-        beyond = [str(change) for change in self.changes if change.beyond_tolerance]
-        return [f"{self.number} {line}" for line in [*beyond, *self.conditions]]
-
-
-def differences(project: Project) -> list[Difference]:
-    """Return how the build of the present sources differs; refuse one that is not current."""
-    found = []
-    for run in book_runs(project):
-        number, after = run.request.chapter, run.results
-        before = reference_results(project, number)
-        found.append(Difference(number, compare(before, after), compare_conditions(before, after)))
-    return found
-
-
 def changes(project: Project) -> list[str]:
     """Return a line for each thing that publishing changes; what a build may not change has a !."""
     lines = []
-    for difference in differences(project):
-        for change in difference.changes:
-            mark = "!" if change.beyond_tolerance else " "
-            lines.append(f"{mark} {difference.number} {change}")
-        lines += [f"! {difference.number} {condition}" for condition in difference.conditions]
+    for run in book_runs(project):
+        number, after = run.request.chapter, run.results
+        before = reference_results(project, number)
+        for change in compare(before, after):
+            lines.append(f"{'!' if change.beyond_tolerance else ' '} {number} {change}")
+        lines += [f"! {number} {condition}" for condition in compare_conditions(before, after)]
     numbers = {chapter.number for chapter in project.chapters()}
     lines += [
         f"! data/published/{path.name} belongs to no chapter; remove it."
         for path in sorted(project.published.glob("*.json"))
         if path.stem not in numbers
     ]
+    lost, new = compare_ids(project)
     lines += [
-        f"! the claim {name} has been published, and the ledger has it no more."
-        for name in lost_ids(project)
+        f"! the claim {name} has been published, and the ledger has it no more." for name in lost
     ]
-    if added := new_ids(project):
-        lines.append(f"  {len(added)} claims that have not been published, from {added[0]} on")
+    if new:
+        lines.append(f"  {len(new)} claims that have not been published, from {new[0]} on")
     return lines
 
 
@@ -78,21 +52,23 @@ def publish(project: Project) -> list[str]:
 
     Nothing is written if a chapter has not been built as it is now, or a published id is lost.
     """
-    require_ids_kept(project)
+    lost, new = compare_ids(project)
+    if lost:
+        raise InswsnError(
+            f"{LEDGER} has no claim {lost[0]}, which has been published; an id stays, and a claim "
+            "that was a mistake says so."
+        )
     changed = [
         run.results
         for run in book_runs(project)
         if _is_newer(run.results, reference_results(project, run.request.chapter))
     ]
-    written = []
-    if added := new_ids(project):
-        lines = "".join(f"{name}\n" for name in sorted({*published_ids(project), *added}))
-        write_whole(project.root / CLAIM_IDS, _HEAD + lines)
-        written.append(CLAIM_IDS)
     for results in changed:
         write_results(results, project.published / f"{results.chapter}.json")
-        written.append(f"data/published/{results.chapter}.json")
-    return written
+    if new:
+        lines = "".join(f"{name}\n" for name in sorted({*published_ids(project), *new}))
+        write_whole(project.root / CLAIM_IDS, _HEAD + lines)
+    return [CLAIM_IDS] * bool(new) + [f"data/published/{r.chapter}.json" for r in changed]
 
 
 def _is_newer(built: Results, reference: Results) -> bool:
@@ -108,22 +84,8 @@ def published_ids(project: Project) -> list[str]:
     return [line for line in map(str.strip, lines) if line and not line.startswith("#")]
 
 
-def lost_ids(project: Project) -> list[str]:
-    """Return the published ids that the ledger no longer has."""
-    there = {claim.id for claim in load_claims(project.root / LEDGER)}
-    return [name for name in published_ids(project) if name not in there]
-
-
-def new_ids(project: Project) -> list[str]:
-    """Return the ids of the ledger that have not been published."""
-    known = set(published_ids(project))
-    return [claim.id for claim in load_claims(project.root / LEDGER) if claim.id not in known]
-
-
-def require_ids_kept(project: Project) -> None:
-    """Refuse a ledger that lacks a published id."""
-    if lost := lost_ids(project):
-        raise InswsnError(
-            f"{LEDGER} has no claim {lost[0]}, which has been published; an id stays, and a claim "
-            "that was a mistake says so."
-        )
+def compare_ids(project: Project) -> tuple[list[str], list[str]]:
+    """Return the published ids that the ledger lacks, and its ids that are not published."""
+    published = published_ids(project)
+    there = [claim.id for claim in load_claims(project.root / LEDGER)]
+    return [n for n in published if n not in there], [n for n in there if n not in published]

@@ -11,6 +11,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import platform
 import shutil
 import subprocess
 import sys
@@ -19,7 +20,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from functools import cache
@@ -118,18 +119,16 @@ class _Prepared:
     """A request as it is run now."""
 
     chapter: Chapter
-    path: str  # of its source, below the checkout
     schema: Schema
     parameters: dict[str, Value]  # that differ from their defaults
-    sources: dict[str, str]  # for the provenance
+    sources: dict[str, str]  # their digests, for the provenance
     key: str
 
 
 def _prepare(project: Project, request: Request) -> _Prepared:
     chapter, around = project.find(request.chapter), request.surroundings
-    path = chapter.source.relative_to(project.root).as_posix()
     own = chapter.source.read_text(encoding="utf-8")
-    source = request.overlay.get(path, own)
+    source = request.overlay.get(f"chapters/{chapter.source.name}", own)
     schema = source_schema(source, chapter.source.name)
     checked = {name: schema[name].check(value) for name, value in request.parameters.items()}
     parameters = {name: v for name, v in checked.items() if v != schema[name].default}
@@ -144,7 +143,7 @@ def _prepare(project: Project, request: Request) -> _Prepared:
             for name, value in parameters.items()
             if schema[name].rule == REGRESSOR_RULE
         ],
-        "python": _python_version(around.python),
+        "python": _version_of(around.python),
         "surroundings": [around.threads, around.solver, dict(around.variables)],
         "overlay": {name: text_digest(text) for name, text in request.overlay.items()},
         "recorded data": data_mirror() is not None,
@@ -152,7 +151,7 @@ def _prepare(project: Project, request: Request) -> _Prepared:
     }
     key = f"{origin[:_ORIGIN]}-{text_digest(json.dumps(facts, sort_keys=True))[:32]}"
     sources = {"chapter": text_digest(source), "library": library, "locks": locks}
-    return _Prepared(chapter, path, schema, parameters, sources, key)
+    return _Prepared(chapter, schema, parameters, sources, key)
 
 
 def request_key(project: Project, request: Request) -> str:
@@ -171,12 +170,9 @@ def lookup(project: Project, request: Request) -> Run | None:
     """Return the run of a request if the store has it and the data that it read are unchanged."""
     entry = _entry(project, request)
     try:
-        folder = entry.stat().st_ino
         results = read_results(entry / "results.json")
         notebook = None if request.core else _text_of(entry / "executed.ipynb")
         files = _texts_of(entry / "files") if (entry / "files").is_dir() else {}
-        if entry.stat().st_ino != folder:  # another process has put its own there meanwhile
-            return lookup(project, request)
     except (InswsnError, OSError, UnicodeDecodeError):
         return None
     for name, digest in results.data.items():
@@ -207,16 +203,10 @@ def keep(project: Project, request: Request, run: Run) -> None:
         except OSError:  # another process has just put there what it found for the same key
             if not (entry / "results.json").is_file():
                 raise
-    others = [e for e in entry.parent.iterdir() if e.name[:_ORIGIN] != entry.name[:_ORIGIN]]
-    for old in sorted(others, key=_modified, reverse=True)[_KEPT:]:
-        shutil.rmtree(old, ignore_errors=True)
-
-
-def _modified(path: Path) -> float:
-    try:
-        return path.stat().st_mtime
-    except OSError:  # another process has just removed it
-        return 0.0
+    with suppress(OSError):  # another process has just removed some
+        others = [e for e in entry.parent.iterdir() if e.name[:_ORIGIN] != entry.name[:_ORIGIN]]
+        for old in sorted(others, key=lambda e: e.stat().st_mtime, reverse=True)[_KEPT:]:
+            shutil.rmtree(old, ignore_errors=True)
 
 
 def _entry(project: Project, request: Request) -> Path:
@@ -239,13 +229,10 @@ def _modules_digest(regressor: str) -> str:
     return tree_digest(folder, [path for path in files if path.is_file()])
 
 
-def _python_version(python: str) -> str:
-    own = python == sys.executable
-    return ".".join(map(str, sys.version_info[:3])) if own else _asked_version(python)
-
-
 @cache
-def _asked_version(python: str) -> str:
+def _version_of(python: str) -> str:
+    if python == sys.executable:
+        return platform.python_version()
     ask = "import platform; print(platform.python_version())"
     try:
         done = subprocess.run([python, "-c", ask], capture_output=True, text=True, check=True)
@@ -431,7 +418,7 @@ def _execute(
         tempfile.TemporaryDirectory(prefix=f"inswsn-{chapter.name}-") as name,
     ):
         folder = Path(name)
-        notebook = read_source(Chapter(chapter.name, root / prepared.path))
+        notebook = read_source(Chapter(chapter.name, root / "chapters" / chapter.source.name))
         progress.started(chapter.name, len(notebook.cells) + bool(prepared.parameters))
         environment = _environment(project, around)
         own = {

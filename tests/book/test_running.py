@@ -204,10 +204,10 @@ def test_compare_on_files_that_do_not_hold_the_same(capsys: pytest.CaptureFixtur
         "parameters: b: absent -> 2",
         "parameters: a: 1 -> absent",
         "data: data/x: absent -> " + "a" * 64,
-        "no longer holds: It rains.",
-        "holds now: It pours.",
-        "gone: It is gone.",
-        "no longer holds: It snows.",
+        "sentences: It rains.: True -> False",
+        "sentences: It pours.: False -> True",
+        "sentences: It snows.: absent -> False",
+        "sentences: It is gone.: True -> absent",
         "3 of 3 quantities changed, 4 of 4 sentences overturned, 0 of 0 verdicts flipped.",
     ]
 
