@@ -44,7 +44,7 @@ PAPERS: tuple[str, ...] = get_args(Paper)
 KINDS: tuple[str, ...] = get_args(Kind)
 Text = Annotated[str, Field(min_length=3, pattern=r"^[^\n]+$")]
 
-_SIZE = r"\d+(?:\.\d+)?(?:[eE][+-]?\d+)?"
+_SIZE = r"\d+(?:\.\d+)?(?:[eE][+-]?\d\d?)?"
 _TOLERANCE = re.compile(
     rf"digits|within (?:(?P<share>{_SIZE}) %|(?P<size>{_SIZE})|(?P<name>[a-z]\w*))"
     rf"|(?P<word>at least|at most|exactly) (?P<bound>[+-]?{_SIZE})"
@@ -112,20 +112,16 @@ class Claim(_Entry):
                 f"{tolerance!r} is no tolerance; it may be digits, within 0.5, within 10 %, within "
                 "a parameter, at least 8, at most 1, or exactly 8"
             )
-        if parts["bound"]:
-            if not math.isfinite(float(parts["bound"])):
-                raise ValueError(f"the tolerance {tolerance!r} has no finite bound")
-            if parts["word"] == "exactly" and not float(parts["bound"]).is_integer():
-                raise ValueError(f"the tolerance {tolerance!r} is no whole number")
-        elif not isinstance(self.value, str):
-            raise ValueError(f"the tolerance {tolerance!r} needs one printed value")
-        if isinstance(self.value, str) and not parts["name"]:
-            value, (low, high) = float(_decimal(self.value)), self.published({})
-            if not low <= value <= high:
-                raise ValueError(f"the tolerance {tolerance!r} excludes {self.value} itself")
-            # a tolerance as wide as the number would reproduce anything: a typed verdict
-            if not parts["bound"] and (math.isinf(high) or low <= 0 <= high) and value != 0:
-                raise ValueError(f"the tolerance {tolerance!r} is as wide as {self.value}")
+        if not isinstance(self.value, str):
+            if not parts["bound"]:
+                raise ValueError(f"the tolerance {tolerance!r} needs one printed value")
+            return
+        value, (low, high) = float(_decimal(self.value)), self.published({parts["name"]: 0})
+        if not low <= value <= high:
+            raise ValueError(f"the tolerance {tolerance!r} excludes {self.value} itself")
+        # a tolerance as wide as the number would reproduce anything: a typed verdict
+        if not parts["bound"] and low <= 0 <= high and value != 0:
+            raise ValueError(f"the tolerance {tolerance!r} is as wide as {self.value}")
 
     @property
     def chapter(self) -> str | None:
@@ -161,20 +157,17 @@ class Claim(_Entry):
             half = abs(value) * Decimal(parts["share"]) / 100
         elif parts.get("size"):
             half = Decimal(parts["size"])
-        elif parts.get("name"):
-            half = self._half_width_by(parts["name"], parameters)
+        elif name := parts.get("name"):
+            size = parameters.get(name)
+            if isinstance(size, bool) or not isinstance(size, int | float) or size < 0:
+                raise InswsnError(
+                    f"The tolerance of claim {self.id} is the parameter {name} of chapter "
+                    f"{self.chapter}, which is {size!r}; it may be a number that is not negative."
+                )
+            half = Decimal(str(size))
         else:  # digits: half a unit of the last digit printed
             half = Decimal(5).scaleb(int(value.as_tuple().exponent) - 1)
         return float(value - half), float(value + half)
-
-    def _half_width_by(self, name: str, parameters: Mapping[str, Value]) -> Decimal:
-        size = parameters.get(name)
-        if isinstance(size, bool) or not isinstance(size, int | float) or size < 0:
-            raise InswsnError(
-                f"The tolerance of claim {self.id} is the parameter {name} of chapter "
-                f"{self.chapter}, which is {size!r}; it may be a number that is not negative."
-            )
-        return Decimal(str(size))
 
     def _tolerance_parts(self) -> dict[str, str]:
         parts = _TOLERANCE.fullmatch(self.tolerance or "")
@@ -194,11 +187,8 @@ class _Ledger(_Entry):
         entries = [claim for entry in content["claims"] for claim in written_out(entry)]
         return content | {"claims": entries}
 
-    def resolved(self) -> list[Claim]:
-        """Return the claims, with the reasons of those that cannot be tested."""
-        return [self._with_reasons(claim) for claim in self.claims]
-
-    def _with_reasons(self, claim: Claim) -> Claim:
+    def with_reasons(self, claim: Claim) -> Claim:
+        """Return a claim with the reasons for which it cannot be tested."""
         if not isinstance(claim.check, MissingCheck):
             return claim
         for need in claim.check.needs:
@@ -259,7 +249,8 @@ def load_claims(path: Path) -> tuple[Claim, ...]:
 def _read_ledger(path: Path) -> list[Claim]:
     content = read_yaml(path)
     try:
-        return _Ledger.model_validate(content).resolved()
+        ledger = _Ledger.model_validate(content)
+        return [ledger.with_reasons(claim) for claim in ledger.claims]
     except ValidationError as error:
         said = _first(error, content)
     except InswsnError as error:
