@@ -13,15 +13,7 @@ from pathlib import Path
 def write_whole(path: Path, text: str) -> None:
     """Write a text file in one step: a reader sees the old file or the new one, never a part.
 
-    Parameters
-    ----------
-    path : Path
-        Where to write; the folder is made if it is absent.
-
-    Raises
-    ------
-    OSError
-        If the folder cannot be written. Nothing is left behind.
+    The folder is made if it is absent; nothing is left behind if it cannot be written.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
@@ -56,13 +48,7 @@ def tree_digest(root: Path, paths: Iterable[Path]) -> str:
 
 
 def swap_folder(new: Path, site: Path) -> None:
-    """Put a new folder in the place of the old one; put the old one back if that fails.
-
-    Parameters
-    ----------
-    new, site : Path
-        The new folder, and where it goes; on one file system.
-    """
+    """Put a new folder in the place of the old one; put the old one back if that fails."""
     old = _set_aside(site)
     try:
         if site.exists():

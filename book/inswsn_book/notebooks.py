@@ -20,22 +20,16 @@ _KERNEL = {"display_name": "Python 3", "language": "python", "name": "python3"}
 
 
 def read_source(chapter: Chapter) -> Any:
-    """Read a chapter's source as a notebook with stable cell ids and no outputs.
+    """Read a chapter's source as a notebook without outputs; refuse one that is none.
 
     The id of a cell is the chapter's number and the cell's place, for example ``ch00-003``.
-
-    Raises
-    ------
-    InswsnError
-        If the source is not a MyST notebook, or its parameters are not declared in one cell.
     """
     try:
         notebook = jupytext.read(chapter.source, fmt="md:myst")
     except Exception as error:  # jupytext has no error class of its own for a broken source
-        first = str(error).strip().splitlines()
+        said = (str(error).strip() or repr(error)).splitlines()[0]
         raise InswsnError(
-            f"chapters/{chapter.source.name} is not a MyST notebook: "
-            f"{first[0] if first else repr(error)}."
+            f"chapters/{chapter.source.name} is not a MyST notebook: {said}."
         ) from None
     for place, cell in enumerate(notebook.cells):
         cell["id"] = f"ch{chapter.number}-{place:03d}"
@@ -52,27 +46,13 @@ def read_source(chapter: Chapter) -> Any:
 
 
 def twin_text(chapter: Chapter) -> str:
-    """Return the text of a chapter's .ipynb twin.
-
-    Raises
-    ------
-    InswsnError
-        As `read_source`.
-    """
+    """Return the text of a chapter's .ipynb twin."""
     return notebook_text(read_source(chapter))
 
 
 def notebook_text(notebook: Any) -> str:
     """Return a notebook as the text of an .ipynb file, with a line end at its end."""
     return str(nbformat.writes(notebook)) + "\n"
-
-
-def write_twins(chapters: list[Chapter]) -> list[Chapter]:
-    """Write the twins that differ from their sources; return the chapters that were written."""
-    stale = stale_twins(chapters)
-    for chapter in stale:
-        write_whole(chapter.twin, twin_text(chapter))
-    return stale
 
 
 def stale_twins(chapters: list[Chapter]) -> list[Chapter]:
@@ -85,19 +65,11 @@ def stale_twins(chapters: list[Chapter]) -> list[Chapter]:
     ]
 
 
-def orphan_twins(chapters: list[Chapter]) -> list[str]:
-    """Return the names of notebooks beside the chapters that have no source."""
-    twins = {chapter.twin for chapter in chapters}
-    folders = {chapter.twin.parent for chapter in chapters}
-    found = [path for folder in folders for path in folder.glob("[!.]*.ipynb")]
-    return sorted(path.name for path in found if path not in twins)
-
-
 def strip_run(notebook: Any) -> Any:
-    """Remove what differs from one execution to the next: times, paths, counters, pieces of a text.
+    """Remove what differs from one execution to the next: times, paths, counters.
 
-    A kernel sends what a cell prints in pieces, whose number depends on how fast it prints. Pieces
-    of one stream that follow each other become one output.
+    A kernel sends what a cell prints in pieces, whose number depends on how fast it prints: pieces
+    that follow each other become one output.
     """
     notebook.metadata.pop("papermill", None)
     notebook.metadata.pop("widgets", None)
@@ -122,11 +94,7 @@ def _joined_streams(outputs: list[Any]) -> list[Any]:
 
 
 def unrepeatable_outputs(notebook: Any) -> list[str]:
-    """Return what cells show that does not belong on a page, one sentence each.
-
-    That is anything on standard error, such as a warning, and addresses in memory, which differ
-    from run to run.
-    """
+    """Return a sentence for what does not belong on a page: warnings, and addresses in memory."""
     problems = []
     for cell in notebook.cells:
         for output in cell.get("outputs", []):
@@ -141,15 +109,18 @@ def unrepeatable_outputs(notebook: Any) -> list[str]:
 
 def main(words: list[str]) -> int:
     """Write the twins that are stale, or with ``--check`` only tell which are."""
-    chapters = Project(find_root()).chapters()
-    stale, orphans = stale_twins(chapters), orphan_twins(chapters)
+    project = Project(find_root())
+    chapters = project.chapters()
+    stale, twins = stale_twins(chapters), {chapter.twin for chapter in chapters}
     if words != ["--check"]:
-        write_twins(chapters)
+        for chapter in stale:
+            write_whole(chapter.twin, twin_text(chapter))
         return 0
+    orphans = set((project.root / "chapters").glob("[!.]*.ipynb")) - twins
     for chapter in stale:
         print(f"chapters/{chapter.twin.name} differs from its source; write it: make notebooks.")
-    for name in orphans:
-        print(f"chapters/{name} has no source.")
+    for path in sorted(orphans):
+        print(f"chapters/{path.name} has no source.")
     return 1 if stale or orphans else 0
 
 

@@ -36,6 +36,7 @@ FILE_RULE = "a file"
 #: The rule of a parameter that names a regressor
 REGRESSOR_RULE = "a regressor"
 
+_FORM = "name: type = default  # unit; rule, with its meaning in comment lines above it"
 _TYPES: dict[str, type] = {"bool": bool, "int": int, "float": float, "str": str}
 _KINDS = {"bool": "true or false", "int": "a whole number", "float": "a number", "str": "a word"}
 _INTERVAL = re.compile(r"in (?P<left>[\[(])(?P<low>[^,]+), (?P<high>[^,]+)(?P<right>[\])])")
@@ -43,35 +44,26 @@ _INTERVAL = re.compile(r"in (?P<left>[\[(])(?P<low>[^,]+), (?P<high>[^,]+)(?P<ri
 
 @dataclass(frozen=True)
 class Parameter:
-    """One declared parameter.
-
-    Attributes
-    ----------
-    name : str
-        Its name, as in the cell.
-    kind : {"bool", "int", "float", "str"}
-        Its type.
-    default : bool, int, float or str
-        Its value in the published run.
-    unit : str
-        Its unit; ``"1"`` for a pure number.
-    rule : str
-        What it may be: ``"any"``, an interval such as ``"in [0, 1)"``, or ``"one of a, b"``.
-    meaning : str
-        What it is, one or more sentences.
+    """One declared parameter: its type, default, unit, rule, and what it is.
 
     Examples
     --------
+    A whole number is taken for a float, and nothing else is converted:
+
     >>> from inswsn_book.parameters import Parameter
-    >>> steps = Parameter("steps", "int", 100, "periods", "in [1, 500]", "Periods to run.")
-    >>> steps.allowed
-    'a whole number in [1, 500]'
+    >>> level = Parameter("level", "float", 2.0, "1", "in (1, inf)", "The bound.")
+    >>> level.check(3), level.read("1e1")
+    (3.0, 10.0)
+    >>> level.check("3")
+    Traceback (most recent call last):
+        ...
+    inswsn_lib.errors.ParameterError: level is '3'; it may be a number in (1, inf).
     """
 
     name: str
-    kind: str
+    kind: str  # "bool", "int", "float" or "str"
     default: Value
-    unit: str
+    unit: str  # "1" for a pure number
     rule: str
     meaning: str
 
@@ -85,70 +77,20 @@ class Parameter:
             return "the path of a file, or the name of one below data/"
         if self.rule == REGRESSOR_RULE:
             return "package.module:Class, a scikit-learn regressor"
-        if self.rule.startswith("one of "):
-            return self.rule
-        return f"{kind} {self.rule}"
+        return self.rule if self.rule.startswith("one of ") else f"{kind} {self.rule}"
 
     def check(self, value: object) -> Value:
-        """Return a value in the parameter's type.
-
-        Parameters
-        ----------
-        value : object
-            What somebody set it to. A whole number is taken for a ``float``, and nothing else is
-            converted.
-
-        Raises
-        ------
-        ParameterError
-            If it has another type, is not finite, or breaks the rule.
-
-        Examples
-        --------
-        A whole number is taken for a float, and nothing else is converted:
-
-        >>> from inswsn_book.parameters import Parameter
-        >>> level = Parameter("level", "float", 2.0, "1", "in (1, inf)", "The bound.")
-        >>> level.check(3)
-        3.0
-        >>> level.check("3")
-        Traceback (most recent call last):
-            ...
-        inswsn_lib.errors.ParameterError: level is '3'; it may be a number in (1, inf).
-        """
-        if self.kind == "float" and type(value) is int:
-            try:
-                value = float(value)
-            except OverflowError:
-                raise ParameterError(self.name, value, self.allowed) from None
-        if type(value) is not _TYPES[self.kind]:
-            raise ParameterError(self.name, value, self.allowed)
-        if isinstance(value, float) and not math.isfinite(value):
-            raise ParameterError(self.name, value, self.allowed)
-        if not self._obeys(value):
+        """Return a value in the parameter's type; refuse one that may not be."""
+        if self.kind == "float" and type(value) is int and abs(value) < 10**300:
+            value = float(value)
+        finite = not isinstance(value, float) or math.isfinite(value)
+        if type(value) is not _TYPES[self.kind] or not finite or not self._obeys(value):
             raise ParameterError(self.name, value, self.allowed)
         assert isinstance(value, bool | int | float | str)
         return value
 
     def read(self, text: str) -> Value:
-        """Return the value that a text stands for, as on a command line.
-
-        Raises
-        ------
-        ParameterError
-            If the text is not one of this type, or breaks the rule.
-
-        Examples
-        --------
-        >>> from inswsn_book.parameters import Parameter
-        >>> level = Parameter("level", "float", 2.0, "1", "in (1, inf)", "The bound.")
-        >>> level.read("1e1")
-        10.0
-        >>> level.read("1")
-        Traceback (most recent call last):
-            ...
-        inswsn_lib.errors.ParameterError: level is 1.0; it may be a number in (1, inf).
-        """
+        """Return the value that a text stands for, as on a command line; refuse another one."""
         try:
             value = _READERS[self.kind](text.strip())
         except (ValueError, KeyError):
@@ -156,13 +98,13 @@ class Parameter:
         return self.check(value)
 
     def _obeys(self, value: object) -> bool:
-        # the run looks for the file, and tries the regressor
-        if self.rule in ("any", FILE_RULE, REGRESSOR_RULE):
-            return True
         if self.rule.startswith("one of "):
             return value in _words(self.rule)
+        ends = _ends(self.rule)
+        if ends is None:  # any; the run looks for the file, and tries the regressor
+            return True
+        low, high, above, below = ends
         assert isinstance(value, int | float)  # such a rule is a number's, or is refused
-        low, high, above, below = _ends(self.rule)
         return (low < value if above else low <= value) and (
             value < high if below else value <= high
         )
@@ -172,30 +114,19 @@ class Parameter:
 class Schema:
     """The parameters of a chapter, in the order of its cell.
 
-    Attributes
-    ----------
-    parameters : tuple of Parameter
-        The declared parameters.
-
     Examples
     --------
     >>> from inswsn_book.project import find_root
     >>> from inswsn_book.parameters import chapter_schema
     >>> schema = chapter_schema(find_root(), "00")
-    >>> schema["about_points"].unit, schema["about_points"].default
-    ('points', 2.5)
+    >>> schema["about_points"].unit, schema.check({"about_points": 3})["about_points"]
+    ('points', 3.0)
     """
 
     parameters: tuple[Parameter, ...]
 
     def __getitem__(self, name: str) -> Parameter:
-        """Return the parameter of that name.
-
-        Raises
-        ------
-        ParameterError
-            If there is none.
-        """
+        """Return the parameter of that name; refuse a name that is not declared."""
         for parameter in self.parameters:
             if parameter.name == name:
                 return parameter
@@ -208,41 +139,12 @@ class Schema:
         return {parameter.name: parameter.default for parameter in self.parameters}
 
     def check(self, values: Mapping[str, object]) -> dict[str, Value]:
-        """Return all parameters: those given, checked, and the defaults of the others.
-
-        Raises
-        ------
-        ParameterError
-            If a name is not declared or a value may not be.
-
-        Examples
-        --------
-        What is not given is what the published run has:
-
-        >>> from inswsn_book.parameters import Parameter, Schema
-        >>> level = Parameter("level", "float", 2.0, "1", "in (1, inf)", "The bound.")
-        >>> steps = Parameter("steps", "int", 100, "periods", "in [1, inf)", "Periods to run.")
-        >>> Schema((level, steps)).check({"steps": 7})
-        {'level': 2.0, 'steps': 7}
-        """
+        """Return all parameters: those given, checked, and the defaults of the others."""
         return self.defaults | {name: self[name].check(value) for name, value in values.items()}
 
 
 def chapter_schema(root: Path, number: str) -> Schema:
-    """Read the parameters of a chapter from its source.
-
-    Raises
-    ------
-    InswsnError
-        If there is no such chapter, or its parameters cell is not one.
-
-    Examples
-    --------
-    >>> from inswsn_book.project import find_root
-    >>> from inswsn_book.parameters import chapter_schema
-    >>> sorted(chapter_schema(find_root(), "00").defaults)
-    ['about_points', 'outage_samples', 'training_samples']
-    """
+    """Read the parameters of a chapter from its source."""
     sources = sorted((root / "chapters").glob(f"{number}-*.md"))
     if not sources:
         raise InswsnError(f"There is no chapter {number} in {root / 'chapters'}.")
@@ -256,25 +158,7 @@ def source_schema(source: str, name: str) -> Schema:
 
 
 def notebook_schema(notebook: Any, name: str) -> Schema:
-    """Read the parameters of a notebook from its one cell tagged ``parameters``.
-
-    Raises
-    ------
-    InswsnError
-        If it has not exactly one such cell, or the cell holds anything but declarations.
-
-    Examples
-    --------
-    >>> from nbformat.v4 import new_code_cell, new_notebook
-    >>> from inswsn_book.parameters import notebook_schema
-    >>> source = '''
-    ... # Periods to run.
-    ... steps: int = 100  # periods; in (0, inf)
-    ... '''
-    >>> cell = new_code_cell(source, metadata={"tags": ["parameters"]})
-    >>> notebook_schema(new_notebook(cells=[cell]), "00-mine.md").defaults
-    {'steps': 100}
-    """
+    """Read the parameters of a notebook from its one cell tagged ``parameters``."""
     tagged = [cell for cell in notebook.cells if "parameters" in cell.metadata.get("tags", [])]
     if len(tagged) != 1:
         raise InswsnError(
@@ -284,12 +168,7 @@ def notebook_schema(notebook: Any, name: str) -> Schema:
 
 
 def read_schema(cell: str) -> Schema:
-    """Read the declarations of a parameters cell.
-
-    Raises
-    ------
-    InswsnError
-        If a line is not a declaration, or a default breaks its own rule.
+    """Read the declarations of a parameters cell; refuse a line that is none.
 
     Examples
     --------
@@ -300,10 +179,6 @@ def read_schema(cell: str) -> Schema:
     ... ''')
     >>> schema["method"].allowed
     'one of plain, robust'
-    >>> schema.check({"method": "best"})
-    Traceback (most recent call last):
-        ...
-    inswsn_lib.errors.ParameterError: method is 'best'; it may be one of plain, robust.
     """
     comments = {
         token.start[0]: token.string.lstrip("#").strip()
@@ -320,7 +195,6 @@ def read_schema(cell: str) -> Schema:
 
 
 def _declared(node: ast.stmt, comment: str, meaning: str) -> Parameter:
-    form = "name: type = default  # unit; rule, with its meaning in comment lines above it"
     if (
         not isinstance(node, ast.AnnAssign)
         or not isinstance(node.target, ast.Name)
@@ -330,42 +204,37 @@ def _declared(node: ast.stmt, comment: str, meaning: str) -> Parameter:
         or comment.count(";") != 1
         or not meaning
     ):
-        raise InswsnError(f"{ast.unparse(node)!r} is not a declaration of the form {form}.")
+        raise InswsnError(f"{ast.unparse(node)!r} is not a declaration of the form {_FORM}.")
     unit, rule = (part.strip() for part in comment.split(";"))
     name, kind = node.target.id, node.annotation.id
-    _check_rule(name, kind, rule)
-    draft = Parameter(name, kind, ast.literal_eval(node.value), unit, rule, meaning)
-    return Parameter(name, kind, draft.check(draft.default), unit, rule, meaning)
-
-
-def _check_rule(name: str, kind: str, rule: str) -> None:
-    words = rule.startswith("one of ") and all(_words(rule))
-    if rule == "any" or (kind == "str" and (rule in (FILE_RULE, REGRESSOR_RULE) or words)):
-        return
-    if kind not in ("int", "float") or not _is_interval(rule):
+    of_words = rule in (FILE_RULE, REGRESSOR_RULE) or (
+        rule.startswith("one of ") and all(_words(rule))
+    )
+    of_numbers = _ends(rule) is not None
+    if not (rule == "any" or (of_words and kind == "str") or (of_numbers and kind in _NUMBERS)):
         raise InswsnError(
             f"The rule of {name} is {rule!r}; it may be any, 'one of' words, 'a file' or "
             "'a regressor' for a str, or an interval for a number, such as in [0, 10)."
         )
+    draft = Parameter(name, kind, ast.literal_eval(node.value), unit, rule, meaning)
+    return Parameter(name, kind, draft.check(draft.default), unit, rule, meaning)
 
 
-def _is_interval(rule: str) -> bool:
-    try:
-        low, high, _, _ = _ends(rule)
-    except ValueError:
-        return False
-    return low < high
+_NUMBERS = ("int", "float")
 
 
-def _ends(rule: str) -> tuple[float, float, bool, bool]:
-    """Return the ends of an interval, and whether each of them is outside it."""
+def _ends(rule: str) -> tuple[float, float, bool, bool] | None:
+    """Return the ends of an interval, and whether each of them is outside it; None for no one."""
     match = _INTERVAL.fullmatch(rule)
-    if match is None:
-        raise ValueError(rule)
-    low, high = float(match["low"]), float(match["high"])
+    try:
+        low, high = (float(match["low"]), float(match["high"])) if match else (0.0, 0.0)
+    except ValueError:
+        return None
+    if match is None or not low < high:
+        return None
     above, below = match["left"] == "(", match["right"] == ")"
     if (math.isinf(low) and not above) or (math.isinf(high) and not below):
-        raise ValueError(rule)
+        return None
     return low, high, above, below
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from types import TracebackType
 from typing import Any, Self
 
 from rich import progress as bars
@@ -11,37 +10,18 @@ from rich.console import Console
 
 
 class Bars:
-    """Bars on a terminal and lines above them; used as a context manager, from any thread.
+    """Bars on a terminal, by default standard error, and lines above them; from any thread."""
 
-    Parameters
-    ----------
-    console : rich.console.Console, optional
-        Where to write. Default: standard error. Where it is no terminal there are no bars.
-    columns : rich.progress.ProgressColumn
-        What a bar shows.
-    options
-        Further options of `rich.progress.Progress`.
-    """
-
-    def __init__(
-        self, console: Console | None, *columns: bars.ProgressColumn, **options: Any
-    ) -> None:
+    def __init__(self, console: Console | None, *columns: bars.ProgressColumn) -> None:
         self._console = console or Console(stderr=True)
         self._live = self._console.is_terminal
-        self._bars = bars.Progress(
-            *columns, console=self._console, disable=not self._live, **options
-        )
+        self._bars = bars.Progress(*columns, console=self._console, disable=not self._live)
 
     def __enter__(self) -> Self:
         self._bars.start()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._bars.stop()
 
     def say(self, text: str) -> None:
@@ -50,13 +30,7 @@ class Bars:
 
 
 class Progress(Bars):
-    """Shows chapter, cell and elapsed time.
-
-    Parameters
-    ----------
-    console : rich.console.Console, optional
-        Where to write. Default: standard error.
-    """
+    """Shows chapter, cell and elapsed time."""
 
     def __init__(self, console: Console | None = None) -> None:
         super().__init__(
@@ -70,7 +44,7 @@ class Progress(Bars):
         self._starts: dict[str, float] = {}
 
     def unchanged(self, chapter: str) -> None:
-        """Say that a chapter is taken from the cache."""
+        """Say that a chapter is taken from the store."""
         self.say(f"{chapter}: unchanged")
 
     def started(self, chapter: str, cells: int) -> None:
@@ -80,9 +54,9 @@ class Progress(Bars):
         if not self._live:
             self.say(f"{chapter}: executing {cells} cells")
 
-    def cell(self, chapter: str, index: int) -> None:
-        """Say that a chapter has come to the cell of that index."""
-        self._bars.update(self._tasks[chapter], completed=index)
+    def cell(self, chapter: str, number: int) -> None:
+        """Say that a chapter has come to the cell of that number."""
+        self._bars.update(self._tasks[chapter], completed=number)
 
     def finished(self, chapter: str) -> None:
         """Say that a chapter is done."""
@@ -96,14 +70,7 @@ class Progress(Bars):
 class Quiet(Progress):
     """Says nothing of chapters and cells, for a study or a sweep, which says what has ended."""
 
-    def unchanged(self, chapter: str) -> None:
-        """Say nothing."""
+    def _nothing(self, *_: Any, **__: Any) -> Any:
+        pass
 
-    def started(self, chapter: str, cells: int) -> None:
-        """Say nothing."""
-
-    def cell(self, chapter: str, index: int) -> None:
-        """Say nothing."""
-
-    def finished(self, chapter: str) -> None:
-        """Say nothing."""
+    unchanged = started = cell = finished = _nothing

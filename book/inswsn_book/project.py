@@ -7,6 +7,7 @@ import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +30,7 @@ _MARKERS = ("_config.yml", "environment.lock", "chapters", "data")
 # what they import of it
 _EXECUTING = (
     *("cores.py", "execution.py", "notebooks.py", "runs.py"),
-    *("project.py", "files.py", "labs.py", "ledger.py", "parameters.py", "plugins.py"),
+    *("project.py", "files.py", "labs.py", "ledger.py", "parameters.py"),
     *("record.py", "results.py", "show.py", "verdicts.py"),
 )
 _CHAPTER_NAME = re.compile(r"^\d\d-[a-z0-9]+(-[a-z0-9]+)*$")
@@ -41,18 +42,7 @@ def is_checkout(folder: Path) -> bool:
 
 
 def find_root(start: Path | None = None) -> Path:
-    """Find the root of the checkout.
-
-    Parameters
-    ----------
-    start : Path, optional
-        Folder to look upward from. Default: what the executor set, else the working folder.
-
-    Raises
-    ------
-    InswsnError
-        If neither `start` nor a folder above it is a checkout.
-    """
+    """Return the checkout at or above a folder: what the executor set, else the working folder."""
     if start is None:
         start = Path(os.environ.get(ROOT_VARIABLE) or Path.cwd())
     start = start.resolve()
@@ -65,27 +55,13 @@ def find_root(start: Path | None = None) -> Path:
 
 
 def results_folder(root: Path) -> Path:
-    """Return the folder that this run's results files go to.
-
-    Returns
-    -------
-    Path
-        What ``INSWSN_RESULTS`` names, else ``results`` in the checkout.
-    """
+    """Return the folder of results files: what ``INSWSN_RESULTS`` names, else ``results``."""
     return Path(os.environ.get(RESULTS_VARIABLE) or root / "results")
 
 
 @dataclass(frozen=True)
 class Chapter:
-    """One chapter.
-
-    Attributes
-    ----------
-    name : str
-        For example ``"00-the-published-numbers"``.
-    source : Path
-        The MyST notebook, written by hand.
-    """
+    """One chapter: its name, such as ``00-the-published-numbers``, and its MyST notebook."""
 
     name: str
     source: Path
@@ -103,54 +79,29 @@ class Chapter:
 
 @dataclass(frozen=True)
 class About:
-    """What ``CITATION.cff`` says of this work.
-
-    Attributes
-    ----------
-    title, abstract, version : str
-    released : str
-        Day of this version, ``2026-11-22``.
-    authors : tuple of str
-        As a list of references has them, family name first.
-    keywords : tuple of str
-    licence : str
-        Of the code, by its SPDX name.
-    repository : str or None
-        Address on its public host.
-    doi : str or None
-        Of the archived release.
-    references : tuple of dict
-        The papers that it rebuilds, as the file has them.
-    """
+    """What ``CITATION.cff`` says of this work."""
 
     title: str
     abstract: str
     version: str
-    released: str
-    authors: tuple[str, ...]
+    released: str  # the day of this version
+    authors: tuple[str, ...]  # as a list of references has them, family name first
     keywords: tuple[str, ...]
-    licence: str
-    repository: str | None
-    doi: str | None
-    references: tuple[dict[str, Any], ...]
+    licence: str  # of the code, by its SPDX name
+    repository: str | None  # its address on the public host
+    doi: str | None  # of the archived release
+    references: tuple[dict[str, Any], ...]  # the papers that it rebuilds
 
     @property
     def shown_authors(self) -> str:
         """The authors in one line: ``"A, B and C"``."""
-        return " and ".join(
-            [", ".join(self.authors[:-1]), self.authors[-1]][len(self.authors) < 2 :]
-        )
+        *others, last = self.authors
+        return f"{', '.join(others)} and {last}" if others else last
 
 
 @dataclass(frozen=True)
 class Project:
-    """The folders of a checkout.
-
-    Attributes
-    ----------
-    root : Path
-        The checkout.
-    """
+    """The folders of a checkout, and what they hold."""
 
     root: Path
 
@@ -185,13 +136,7 @@ class Project:
         return self.root / "environment.lock", self.root / "environment-torch.lock"
 
     def about(self) -> About:
-        """Read ``CITATION.cff``.
-
-        Raises
-        ------
-        InswsnError
-            If there is none, or it lacks a field.
-        """
+        """Read ``CITATION.cff``; refuse one that lacks a field."""
         path = self.root / "CITATION.cff"
         said = read_yaml(path)
         try:
@@ -220,15 +165,13 @@ class Project:
         return self._digest([f for p in self.libraries for f in p.rglob("*.py")])
 
     def computing_digest(self) -> str:
-        """Return the digest of the source files that a chapter may compute with.
+        """Return the digest of what a chapter may compute with.
 
-        They are all of the science, and of the machinery what executes chapters or is imported by
+        That is all of the science, and of the machinery what executes chapters or is imported by
         them.
         """
         science, machinery = self.libraries
-        own = [
-            f for f in machinery.rglob("*.py") if f.relative_to(machinery).parts[0] in _EXECUTING
-        ]
+        own = [machinery / name for name in _EXECUTING if (machinery / name).is_file()]
         return self._digest([*science.rglob("*.py"), *own])
 
     def _digest(self, files: list[Path]) -> str:
@@ -240,13 +183,7 @@ class Project:
         return text_digest("\n".join(parts))
 
     def chapters(self) -> list[Chapter]:
-        """Return the chapters in the order of their numbers.
-
-        Raises
-        ------
-        InswsnError
-            If there is none, a name does not fit ``NN-words``, or a number is used twice.
-        """
+        """Return the chapters in the order of their numbers, which are used once each."""
         chapters = [
             Chapter(path.stem, path) for path in sorted((self.root / "chapters").glob("[!.]*.md"))
         ]
@@ -257,20 +194,13 @@ class Project:
                 raise InswsnError(
                     f"chapters/{chapter.name}.md does not fit NN-words.md, lower case with dashes."
                 )
-        numbers = [chapter.number for chapter in chapters]
-        twice = sorted({number for number in numbers if numbers.count(number) > 1})
-        if twice:
-            raise InswsnError(f"The chapter number {twice[0]} is used twice.")
+        for first, second in pairwise(chapters):
+            if first.number == second.number:
+                raise InswsnError(f"The chapter number {first.number} is used twice.")
         return chapters
 
     def find(self, word: str) -> Chapter:
-        """Return the chapter of a number such as ``"02"`` or ``"2"``, or of a whole name.
-
-        Raises
-        ------
-        ParameterError
-            If there is no such chapter.
-        """
+        """Return the chapter of a number such as ``"02"`` or ``"2"``, or of a whole name."""
         chapters = self.chapters()
         for chapter in chapters:
             if word in (chapter.number, str(int(chapter.number)), chapter.name):
@@ -281,13 +211,7 @@ class Project:
 
     @contextmanager
     def build_lock(self) -> Iterator[None]:
-        """Hold the lock of the checkout's build, so that what is read does not change.
-
-        Raises
-        ------
-        InswsnError
-            If another build of this checkout is running.
-        """
+        """Hold the lock of the checkout's build; refuse if another build holds it."""
         self.build.mkdir(parents=True, exist_ok=True)
         lock = FileLock(self.build / ".lock")
         try:

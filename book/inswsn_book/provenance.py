@@ -20,18 +20,23 @@ _COMPUTING = (
 def repository_state(root: Path) -> tuple[str | None, bool | None]:
     """Return the commit that is checked out and whether the work tree is that commit.
 
-    Returns
-    -------
-    commit : str or None
-    clean : bool or None
-        None if `root` is not the top of a git checkout, or there is no git.
+    Both are None if `root` is not the top of a git checkout, or there is no git.
     """
-    top = _git(root, "rev-parse", "--show-toplevel")
-    commit = _git(root, "rev-parse", "HEAD")
+    top, commit = (_git(root, "rev-parse", word) for word in ("--show-toplevel", "HEAD"))
     # a copy without a history may lie inside another repository
     if top is None or commit is None or Path(top).resolve() != root.resolve():
         return None, None
     return commit, _git(root, "status", "--porcelain") == ""
+
+
+def _git(root: Path, *words: str) -> str | None:
+    try:
+        done = subprocess.run(
+            ["git", "-C", str(root), *words], capture_output=True, text=True, check=False
+        )
+    except OSError:
+        return None
+    return done.stdout.strip() if done.returncode == 0 else None
 
 
 def machine_facts() -> dict[str, Any]:
@@ -48,13 +53,14 @@ def machine_facts() -> dict[str, Any]:
         for entry in threadpool_info()
         if entry["user_api"] == "blas"
     }
+    packages = {name: _installed_version(name) for name in _COMPUTING}
     return {
         "python": platform.python_version(),
         "system": f"{platform.system()} {platform.machine()}",
         "cpu": _cpu_name(),
         "cores": available_cores(),
         "blas": sorted(libraries),
-        "packages": {name: found for name in _COMPUTING if (found := installed_version(name))},
+        "packages": {name: found for name, found in packages.items() if found},
     }
 
 
@@ -63,25 +69,13 @@ def available_cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def _git(root: Path, *words: str) -> str | None:
-    try:
-        done = subprocess.run(
-            ["git", "-C", str(root), *words], capture_output=True, text=True, check=False
-        )
-    except OSError:
-        return None
-    return done.stdout.strip() if done.returncode == 0 else None
-
-
 def _cpu_name() -> str:
     # platform.processor() is empty on most Linux systems
-    try:
-        for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
-            name, _, value = line.partition(":")
-            if name.strip() == "model name":
-                return value.strip()
-    except OSError:
-        pass
+    info = Path("/proc/cpuinfo")
+    for line in info.read_text(encoding="utf-8").splitlines() if info.is_file() else ():
+        name, _, value = line.partition(":")
+        if name.strip() == "model name":
+            return value.strip()
     return platform.processor() or platform.machine() or "unknown"
 
 
@@ -91,8 +85,7 @@ def _owner(path: str) -> str:
     return folder.removesuffix(".libs") if folder.endswith(".libs") else "the system"
 
 
-def installed_version(name: str) -> str | None:
-    """Return the version of a package, None if it is not installed."""
+def _installed_version(name: str) -> str | None:
     try:
         return version(name)
     except PackageNotFoundError:

@@ -17,6 +17,7 @@ from inswsn_book.results import (
     IntervalKind,
     Quantity,
     Results,
+    first_problem,
     quantity_digest,
     read_results,
     write_results,
@@ -33,21 +34,9 @@ _GLUE_TYPE = "application/papermill.record/text/plain"
 class ChapterRecord:
     """The record that a chapter keeps while it runs, and writes at its end.
 
-    Parameters
-    ----------
-    chapter : str
-        The chapter's number, two digits.
-    parameters : dict
-        The parameters of this run: the names and values of the parameters cell.
-    root : Path, optional
-        The checkout. Default: found by looking upward from the working folder.
-
-    Raises
-    ------
-    InswsnError
-        If there is no checkout or no such chapter in it, or a declared parameter is not recorded.
-    ParameterError
-        If a parameter is not declared in the chapter's parameters cell, or may not have its value.
+    It is made from the chapter's number and the names and values of its parameters cell; what is
+    not declared there, or may not be, is refused. The checkout `root` is looked for upward from the
+    working folder.
 
     Examples
     --------
@@ -71,15 +60,10 @@ class ChapterRecord:
     >>> record.holds("The error is below 3 m.", quantity.value < 3)
     >>> record.results()["error.kf"].value, record.results().sentences
     (2.9, {'The error is below 3 m.': True})
-    >>> list(record.results().data)
-    ['data/papers/p1-table2.csv']
     """
 
     def __init__(
-        self,
-        chapter: str,
-        parameters: dict[str, Value],
-        root: Path | None = None,
+        self, chapter: str, parameters: dict[str, Value], root: Path | None = None
     ) -> None:
         self._root = find_root() if root is None else root
         self._chapter = chapter
@@ -97,23 +81,8 @@ class ChapterRecord:
     def data(self, name: str) -> Path:
         """Return the path of a file and note that this chapter reads it.
 
-        The build executes the chapter again when the content of a noted file changes.
-
-        Parameters
-        ----------
-        name : str
-            Path below ``data/`` with forward slashes, for example ``"papers/p1.yaml"``, or the
-            absolute path of a reader's own file.
-
-        Returns
-        -------
-        Path
-            Where the file is.
-
-        Raises
-        ------
-        InswsnError
-            If there is no such file.
+        The name is its path below ``data/`` with forward slashes, or the absolute path of a
+        reader's own file. The build executes the chapter again when its content changes.
         """
         if Path(name).is_absolute():
             path, key = Path(name), name
@@ -125,22 +94,10 @@ class ChapterRecord:
         return path
 
     def reference(self, chapter: str, name: str) -> Quantity:
-        """Return a quantity of the reference results and note that this chapter reads it.
+        """Return a quantity of a chapter's reference results and note that this chapter reads it.
 
         The build executes the chapter again when the reference says something else of this
         quantity; other quantities, and what the reference was made with, make no chapter due.
-
-        Parameters
-        ----------
-        chapter : str
-            The number of the chapter whose reference results are read, two digits.
-        name : str
-            The quantity.
-
-        Raises
-        ------
-        InswsnError
-            If there are no reference results of that chapter, or they lack the quantity.
         """
         key = f"data/published/{chapter}.json"
         try:
@@ -166,36 +123,19 @@ class ChapterRecord:
     ) -> Quantity:
         """Record a number, and make it known to the text as ``{glue:text}`name```.
 
-        Parameters
-        ----------
-        name, value, unit, how, basis, tolerance, runs, role
-            See `Quantity`.
-        interval : tuple of two floats, optional
-            Its interval.
-        interval_kind : {"rounding", "confidence 95 %", "runs 95 %"}, optional
-            What that is. Default: the rounding interval for a number computed from printed cells,
-            else a confidence interval.
-
-        Returns
-        -------
-        Quantity
-            What has been recorded.
-
-        Raises
-        ------
-        InswsnError
-            If a field does not fit the schema.
+        The fields are those of `Quantity`, which refuses what does not fit. An interval is a
+        rounding interval of a number computed from printed cells, else a confidence interval,
+        unless `interval_kind` says otherwise.
         """
-        kind = interval_kind
-        if interval is not None and kind is None:
-            kind = "rounding" if basis == "printed" else "confidence 95 %"
+        if interval is not None and interval_kind is None:
+            interval_kind = "rounding" if basis == "printed" else "confidence 95 %"
         try:
             quantity = Quantity(
                 name=name,
                 value=value,
                 unit=unit,
                 interval=interval,
-                interval_kind=kind,
+                interval_kind=interval_kind,
                 runs=runs,
                 basis=basis,
                 role=role,
@@ -203,11 +143,8 @@ class ChapterRecord:
                 tolerance=tolerance,
             )
         except ValidationError as error:
-            first = error.errors()[0]
-            place = ".".join(map(str, first["loc"])) or "interval"
-            raise InswsnError(
-                f"The quantity {name!r} cannot be recorded: {place}: {first['msg']}."
-            ) from None
+            said = first_problem(error, "interval")
+            raise InswsnError(f"The quantity {name!r} cannot be recorded: {said}.") from None
         if name in self._quantities:
             raise InswsnError(f"The quantity {name!r} is recorded already.")
         self._quantities[name] = quantity
@@ -215,36 +152,16 @@ class ChapterRecord:
         return quantity
 
     def say(self, name: str, text: str) -> None:
-        """Make a computed word known to the text as ``{glue:text}`name```, without recording it.
-
-        Parameters
-        ----------
-        name : str
-            By which the text calls it.
-        text : str
-            The word.
-        """
+        """Make a word known to the text as ``{glue:text}`name```, without recording it."""
         if type(text) is not str:
             raise InswsnError(f"The word {name!r} is {text!r}; it may be a text.")
         _glue(name, text)
 
     def holds(self, sentence: str, condition: object) -> None:
-        """Bind a sentence of the page to the condition that makes it true.
+        """Bind a sentence of the page, or its gist, to the condition that makes it true.
 
         The build of the book fails if the condition is false. A rerun with other parameters goes
         on, and its results file tells which sentences no longer hold.
-
-        Parameters
-        ----------
-        sentence : str
-            The sentence, or its gist in a few words.
-        condition : bool
-            Whether it holds in this run.
-
-        Raises
-        ------
-        InswsnError
-            If the condition is not a truth value, or the sentence has been bound already.
         """
         # also numpy's truth value; a number or a text would always vouch for the sentence
         if type(condition).__name__ not in ("bool", "bool_"):
@@ -256,18 +173,7 @@ class ChapterRecord:
         self._sentences[sentence] = bool(condition)
 
     def solver(self, name: str, status: str) -> None:
-        """Record a solver that the chapter called, and the status that it ended with.
-
-        Parameters
-        ----------
-        name, status : str
-            For example ``"HiGHS"`` and ``"optimal"``.
-
-        Raises
-        ------
-        InswsnError
-            If the solver is recorded already.
-        """
+        """Record a solver that the chapter called, and the status that it ended with."""
         if name in self._solvers:
             raise InswsnError(f"The solver {name!r} is recorded already.")
         self._solvers[name] = status
@@ -275,22 +181,8 @@ class ChapterRecord:
     def judge(self, prefix: str = "") -> list[Judged]:
         """Judge the claims that this chapter decides by what has been recorded so far.
 
-        The build executes the chapter again when what the ledger says of these claims changes.
-
-        Parameters
-        ----------
-        prefix : str
-            Only the claims whose ids begin with it, for example ``"P1-T2-"``.
-
-        Returns
-        -------
-        list of Judged
-            In the order of the ledger, ``data/claims``.
-
-        Raises
-        ------
-        InswsnError
-            If the ledger cannot be read, or a claim's quantity has not been recorded.
+        A prefix such as ``"P1-T2-"`` takes those alone whose ids begin with it. The build executes
+        the chapter again when what the ledger says of its claims changes.
         """
         path = self._root / LEDGER
         self._data[f"{LEDGER}#{self._chapter}"] = claims_digest(path, self._chapter)
@@ -298,32 +190,13 @@ class ChapterRecord:
         return verdicts([c for c in mine if c.id.startswith(prefix)], [self.results()])
 
     def write_file(self, name: str, text: str) -> None:
-        """Write a file beside the results file, for whoever reruns the chapter.
-
-        Parameters
-        ----------
-        name : str
-            A file name, lower case, such as ``"corrected.csv"``.
-        text : str
-            The content.
-
-        Raises
-        ------
-        InswsnError
-            If the name is none, or ends in ``.json``.
-        """
+        """Write a file such as ``corrected.csv`` beside the results file, for whoever reruns."""
         if not _FILE_NAME.match(name) or name.endswith(".json"):
             raise InswsnError(f"The file name is {name!r}; it may be such as corrected.csv.")
         write_whole(results_folder(self._root) / name, text)
 
     def results(self) -> Results:
-        """Return what has been recorded so far.
-
-        Returns
-        -------
-        Results
-            Without provenance, which the executor adds.
-        """
+        """Return what has been recorded so far, without provenance, which the executor adds."""
         return Results(
             chapter=self._chapter,
             parameters=self._parameters,
@@ -334,13 +207,7 @@ class ChapterRecord:
         )
 
     def write(self) -> Results:
-        """Write the results file ``NN.json``, whole or not at all, and return what it holds.
-
-        Returns
-        -------
-        Results
-            What the file holds.
-        """
+        """Write the results file ``NN.json``, whole or not at all, and return what it holds."""
         results = self.results()
         write_results(results, results_folder(self._root) / f"{self._chapter}.json")
         return results

@@ -21,7 +21,6 @@ from inswsn_book.parameters import (
     Value,
     chapter_schema,
 )
-from inswsn_book.plugins import load_regressor
 from inswsn_book.progress import Progress
 from inswsn_book.project import Project
 from inswsn_book.results import Results, write_results
@@ -59,6 +58,8 @@ def gather_parameters(
 def _found(parameter: Parameter, value: Value, data: Path) -> Value:
     """Look for a file that a parameter names, and try a regressor."""
     if parameter.rule == REGRESSOR_RULE:
+        from inswsn_lib.learning import load_regressor  # noqa: PLC0415  # numerics take a second
+
         load_regressor(parameter.name, str(value))
     if parameter.rule != FILE_RULE:
         return value

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 from inswsn_lib.learning.adapting import as_multi_output
 from inswsn_lib.learning.lssvm import LSSVMRegressor
+from inswsn_lib.learning.named import load_regressor
 from inswsn_lib.learning.rbf_network import RBFNetworkRegressor
 from inswsn_lib.learning.selected import HoldRegressor, SelectedLSSVM
 from inswsn_lib.learning.selection import Selection, leave_one_out, select_lssvm
@@ -21,6 +22,7 @@ __all__ = [
     "Selection",
     "as_multi_output",
     "leave_one_out",
+    "load_regressor",
     "select_lssvm",
 ]
 

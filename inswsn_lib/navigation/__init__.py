@@ -1,5 +1,11 @@
 """Navigation: P1's training areas, the hybrid of a filter and a regressor, and recordings."""
 
+from inswsn_lib.navigation.bridged_outages import (
+    BridgedOutages,
+    Judged,
+    Passage,
+    bridged_outages,
+)
 from inswsn_lib.navigation.cluster_fusion import (
     ClusterFusion,
     cluster_fusion,
@@ -44,17 +50,21 @@ __all__ = [
     "TIME",
     "WSN",
     "Bridge",
+    "BridgedOutages",
     "ClusterFusion",
     "HybridNavigator",
     "HybridRun",
+    "Judged",
     "Machine",
     "OutageTrials",
+    "Passage",
     "Ramps",
     "RecordedTrials",
     "Recording",
     "TrainingAreas",
     "VehicleHybrid",
     "VehicleOutages",
+    "bridged_outages",
     "cluster_fusion",
     "errors_by_area",
     "fit_many",

@@ -7,14 +7,14 @@ import json
 import nbformat
 import pytest
 from inswsn_book.notebooks import (
+    main,
     read_source,
     stale_twins,
     strip_run,
     twin_text,
     unrepeatable_outputs,
-    write_twins,
 )
-from inswsn_book.project import Project
+from inswsn_book.project import ROOT_VARIABLE, Project
 
 from inswsn_lib.errors import InswsnError
 
@@ -36,12 +36,21 @@ def test_a_twin_is_the_same_every_time_and_holds_no_output(mini: Project) -> Non
     assert first["metadata"]["tags"] == ["parameters"]
 
 
-def test_write_twins_writes_only_what_differs(mini: Project) -> None:
+def test_stale_twins_are_told_and_written(
+    mini: Project, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv(ROOT_VARIABLE, str(mini.root))
     (chapter,) = mini.chapters()
-    assert write_twins([chapter]) == [chapter]
-    assert write_twins([chapter]) == []
-    chapter.twin.write_text(chapter.twin.read_text().replace("float = 2.0", "float = 3.0"))
     assert stale_twins([chapter]) == [chapter]
+    assert main([]) == 0
+    assert stale_twins([chapter]) == []
+    chapter.twin.write_text(chapter.twin.read_text().replace("float = 2.0", "float = 3.0"))
+    (mini.root / "chapters" / "07-lost.ipynb").write_text("{}")
+    assert main(["--check"]) == 1
+    assert capsys.readouterr().out.splitlines() == [
+        "chapters/00-mini.ipynb differs from its source; write it: make notebooks.",
+        "chapters/07-lost.ipynb has no source.",
+    ]
 
 
 @pytest.mark.parametrize("change", ["no tag", "two tags"])

@@ -25,7 +25,6 @@ BY_HAND = {
     "table1.velocity.rows-own": 10,
     "table1.selected.position-mean": (0.2903 + 0.1063) / 2,
     "table1.selected.position-rank": 8,
-    "table1.selected.velocity-rank": 1,
     "table1.best-position.row": 3,
     "table1.best-position.mean": (0.2331 + 0.1067) / 2,
     "table1.velocity.margin": 0.0002,
@@ -58,8 +57,6 @@ BY_HAND = {
     "period.area1": 0.2,
     "period.area2": 0.21,
     "period.area1.a-f-at-1s": 0.8,
-    # v = k, p = k (k - 1) / 2 over 100 samples: T <= 3 |p| n / ((n - 2) n |v|)
-    "drift.table2.y1.motion1": 3 * 4.79235 / (98 * 1.57765),
 }
 
 

@@ -25,8 +25,6 @@ BY_HAND = {
     "worst.full.level": 1.01 * 1.489671439,  # the margin; gamma with jitter by SCS
     "jitter.spread-theory": 1000 * 0.0012 * 10,  # mm, after 100 steps at 1 m/s
     "cost.unseen": 1 / (1 - 0.8),
-    "buildable.radius": 1.0,
-    "buildable.sum10000": 0.0012 / (2 * np.sin(np.pi / 40_002)),
     "buildable.minutes": 10.0,
     "proof.2.19.extra": 1.0,
     "printed.largest-entry": 1.602,  # 0.1602e-11, area 2

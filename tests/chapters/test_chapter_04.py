@@ -162,7 +162,6 @@ BY_HAND = {
     "robust.cases": 5,
     "first.bias-over-white": 0.15 / 0.017,
     "fair.tuning": 64,
-    "search.bench": 32,
     "scaling.largest": 128,
 }
 
@@ -193,7 +192,6 @@ def test_what_the_clusters_hear_counted_in_loops(results: Results, hall: Hall) -
 def test_the_accuracy_of_a_fix_follows_from_the_nodes(results: Results, hall: Hall) -> None:
     traces = [np.trace(P) for row in hall.covariance for P in row if P is not None]
     theory = 100 * np.sqrt(np.mean(traces))
-    assert results["scene.theory"].value == pytest.approx(theory, rel=1e-9)
     # 512 runs of 1,600 fixes; beyond the first order by less than a hundredth
     assert results["scene.accuracy"].value == pytest.approx(theory, rel=0.01)
 
@@ -358,17 +356,12 @@ def corridor(N: int) -> tuple[float, float, float]:
 
 
 def test_the_traffic_of_a_corridor_counted_message_by_message(results: Results) -> None:
-    numbers = (16, 32, 64, 128)
-    sent = np.array([corridor(N) for N in numbers])
-    names = ("ranges-to-the-centre", "ranges-packed-by-the-heads", "local-estimates")
-    for i, name in enumerate(names):
-        assert results[f"scaling.traffic.{name}"].value == pytest.approx(sent[-1, i], rel=1e-6)
-        slope = np.polyfit(np.log(numbers), np.log(sent[:, i]), 1)[0]
-        found = results[f"scaling.traffic.{name}.exponent"].value
-        assert found == pytest.approx(slope, abs=1e-6)
+    sent = corridor(128)
+    for i, name in ((0, "ranges-to-the-centre"), (2, "local-estimates")):
+        assert results[f"scaling.traffic.{name}"].value == pytest.approx(sent[i], rel=1e-6)
     for i, name in enumerate(("ratio", "packed")):
         ratio = results[f"scaling.traffic.{name}"].value
-        assert ratio == pytest.approx(sent[-1, i] / sent[-1, 2], rel=1e-6)
+        assert ratio == pytest.approx(sent[i] / sent[2], rel=1e-6)
 
 
 # Theorem 1
@@ -511,8 +504,6 @@ def test_the_true_gain_lies_between_the_bound_and_root_three_times_it(results: R
 
 def test_ratios_of_the_theorem_are_those_of_its_numbers(results: Results) -> None:
     best = results["local.best"].value
-    tied = results["theorem.tied"].value / best
-    assert results["theorem.tied-over-best"].value == pytest.approx(tied)
     lowered = 100 * (1 - results["theorem.least"].value / best)
     assert results["theorem.gain-by-fusion"].value == pytest.approx(lowered)
     least, best = (results[f"theorem.{name}-scene"].value for name in ("least", "best"))
@@ -910,7 +901,7 @@ def test_pairings_are_those_of_the_axes(results: Results) -> None:
     missing = 18 * 18 * 3 * 5 * 4 - pairings
     assert missing % (18 * 5 * 4) == 0
     assert 0 <= missing / (18 * 5 * 4) <= 0.1 * 18 * 3
-    for name in ("above.difference", "above.window", "above.sensor", "close", "within"):
+    for name in ("above.difference", "above.window", "above.sensor", "close"):
         assert 0 <= results[f"search.{name}"].value < pairings
 
 
@@ -930,21 +921,15 @@ def test_constant_weights_against_what_is_printed(results: Results, root: Path) 
     assert found == pytest.approx(np.sqrt(np.mean(np.square(misses["ins"]))), rel=1e-6)
     worst = np.exp(np.abs(misses["ins"] + misses["fkf"]).max())
     assert results["constant.worst"].value == pytest.approx(worst, rel=1e-6)
-    # four of eight cells cannot have more than the whole
-    assert 0 < results["search.nearest-ins"].value <= 2**0.5 * results["search.spread"].value
+    assert results["search.nearest-ins"].value > 0
 
 
 def test_the_scores_of_the_search_agree_with_one_another(results: Results) -> None:
-    least = results["search.spread"].value
-    assert least <= results["search.true-spread"].value
-    # the largest of eight is not below their root mean square
-    assert np.exp(least) <= results["search.worst"].value <= results["search.near-worst"].value
-    assert (results["search.within"].value == 0) == (results["search.worst"].value > 1.5)
+    assert 1 < results["search.worst"].value <= results["search.near-worst"].value
     for axis in ("vx", "vy"):
         ratio = results[f"search.near-{axis}"].value / results[f"implied.{axis}"].value
         assert 1 / 1.2 < ratio < 1.2
     assert results["search.above.difference"].value > 0
-    assert results["search.lucky"].value <= results["search.bench"].value
 
 
 def test_the_filter_that_comes_near_the_implied_ratios_by_loops(results: Results) -> None:
@@ -1025,7 +1010,6 @@ def test_the_page_orders_the_tuned_filters(results: Results) -> None:
         if q.name.startswith("fair.") and q.name.endswith(".position") and q.unit == "m"
     ]
     assert len(names) == 9
-    assert results["fair.most-trials"].value <= results["fair.trials"].value
     for part in ("position", "velocity"):
         error = {name: results[f"fair.{name}.{part}"].value for name in names}
         assert min(error, key=error.__getitem__) == "kf-with-bias"
@@ -1046,8 +1030,6 @@ def test_twice_the_range_noise_at_most_doubles_an_error(results: Results) -> Non
         assert 1.2 < twice / plain < 2.05
         assert results[f"robust.bias-of-the-accelerometers-doubled.{name}"].value > plain
         assert results[f"robust.30-percent-of-the-ranges-lost.{name}"].value > plain
-    # the case of the larger bias counts for this one too
-    assert results["robust.bias-best"].value <= results["robust.cases"].value + 1
 
 
 def test_the_cases_that_dhf_wins_are_counted_from_their_errors(results: Results) -> None:
@@ -1071,9 +1053,8 @@ def test_constant_weights_do_not_survive_the_border(results: Results) -> None:
     assert results["border.constant-over-inside"].value == pytest.approx(ratio)
     assert ratio > 1.5 > results["border.first.restart"].value
     assert results["border.tuned.constant"].value > 5 * results["border.tuned.restart"].value
-    for reading in ("first", "tuned"):
-        fading = results[f"border.{reading}.fading"].value
-        assert fading == pytest.approx(results[f"border.{reading}.restart"].value, rel=0.05)
+    fading = results["border.first.fading"].value
+    assert fading == pytest.approx(results["border.first.restart"].value, rel=0.05)
     assert results["border.constant-end"].value > 10 * results["border.restart-end"].value
     assert results["border.step.fading"].value < results["border.step.restart"].value
     assert results["border.step.usual"].value < results["border.step.fading"].value
@@ -1284,11 +1265,9 @@ def joint(chosen: Chosen, kinds: list[FilterDesign], noise_of_many: Array) -> Jo
 def test_the_kalman_filter_of_many_by_riccati(
     results: Results, chosen: Chosen, noise_of_many: Array
 ) -> None:
-    errors = [central_position(N, chosen.acceleration, noise_of_many) for N in (2, *MANY)]
-    assert results["scaling.kalman.first"].value == pytest.approx(errors[0], rel=1e-5)
-    assert results["scaling.kalman.last"].value == pytest.approx(errors[-1], rel=1e-5)
-    slope = np.polyfit(np.log(MANY), np.log(errors[1:]), 1)[0]
-    assert results["scaling.kalman.exponent"].value == pytest.approx(slope, abs=1e-4)
+    for N, end in ((2, "first"), (128, "last")):
+        error = central_position(N, chosen.acceleration, noise_of_many)
+        assert results[f"scaling.kalman.{end}"].value == pytest.approx(error, rel=1e-5)
 
 
 def test_what_is_promised_to_many_follows_from_three(
@@ -1314,12 +1293,9 @@ def test_the_error_of_many_follows_from_kinds(
 
 
 def test_the_least_variance_of_many_follows_from_kinds(results: Results, joint: Joint) -> None:
-    errors = [joint.least(N) for N in (2, *MANY)]
-    assert results["scaling.least-variance.first"].value == pytest.approx(errors[0], rel=1e-3)
-    assert results["scaling.least-variance.last"].value == pytest.approx(errors[-1], rel=2e-3)
-    slope = np.polyfit(np.log(MANY), np.log(errors[1:]), 1)[0]
-    found = results["scaling.least-variance.exponent"].value
-    assert found == pytest.approx(slope, abs=1e-3)
+    for N, end in ((2, "first"), (128, "last")):
+        found = results[f"scaling.least-variance.{end}"].value
+        assert found == pytest.approx(joint.least(N), rel=2e-3)
 
 
 def test_the_true_gain_of_many_is_bounded_on_both_sides(
@@ -1327,8 +1303,8 @@ def test_the_true_gain_of_many_is_bounded_on_both_sides(
 ) -> None:
     """Below by the best filter of all measurements, above by the root of N."""
     best = riccati_gamma(chosen.model(all_measurements(128, noise_of_many)))
-    least, true = results["scaling.least"].value, results["scaling.true"].value
-    assert best * (1 - 1e-4) < least <= true * (1 + 1e-3)
+    true = results["scaling.true"].value
+    assert best * (1 - 1e-4) < true
     ratio = true / results["scaling.promised"].value
     assert results["scaling.true-over-promised"].value == pytest.approx(ratio)
     assert 2 < ratio <= 128**0.5
@@ -1345,7 +1321,7 @@ def test_the_kalman_filter_has_the_least_error_of_many(results: Results) -> None
     for name in ("dhf", "dhf-one-ins", "least-variance", "kalman"):
         first_error, last = (results[f"scaling.{name}.{end}"].value for end in ("first", "last"))
         assert last < first_error < 8 * last  # never quicker than the root of 64
-        assert -0.5 < results[f"scaling.{name}.exponent"].value < 0
+    assert -0.5 < results["scaling.dhf.exponent"].value < 0
 
 
 # claims

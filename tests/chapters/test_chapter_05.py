@@ -460,13 +460,6 @@ def test_an_error_that_grows_by_the_square_of_time(results: Results) -> None:
     assert 1 / np.sqrt(40) < results["never.rms-over-max"].value < 12 / 17.97
 
 
-def test_correlation_and_mean_product_of_ramps_are_one_thing(results: Results) -> None:
-    """Ends of either sign have a mean near zero."""
-    correlation, mean = results["ramps.correlation"].value, results["ramps.product"].value
-    assert correlation == pytest.approx(mean, abs=0.02)
-    assert abs(correlation) < 0.15
-
-
 def test_one_aid_at_a_time(results: Results) -> None:
     neither, lateral, compass, both = (
         results[f"aids.{name}"].value

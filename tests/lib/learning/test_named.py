@@ -8,12 +8,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from inswsn_book.plugins import ALLOWED, load_regressor
-from inswsn_book.project import MODULES_VARIABLE
 from sklearn.linear_model import LinearRegression
 from sklearn.neighbors import KNeighborsRegressor
 
 from inswsn_lib.errors import ParameterError
+from inswsn_lib.learning.named import ALLOWED, MODULES_VARIABLE, load_regressor
 
 MEAN = """\
 import numpy as np

@@ -1,0 +1,499 @@
+"""P1's two outages as a Monte Carlo: learners that stand in for the filter, tuned by rehearsal.
+
+This is what chapter 03 computes over many runs, as a function of the chapter's own parameters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from itertools import product
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from sklearn.dummy import DummyRegressor
+from sklearn.gaussian_process import GaussianProcessRegressor
+from sklearn.gaussian_process.kernels import RBF, DotProduct, WhiteKernel
+from sklearn.linear_model import LinearRegression
+from sklearn.pipeline import make_pipeline
+from sklearn.preprocessing import PolynomialFeatures
+
+from inswsn_lib.evaluation import (
+    NoiseFit,
+    Scores,
+    Tuning,
+    fit_noise,
+    mean_absolute_error,
+    monte_carlo,
+    tune,
+)
+from inswsn_lib.filters import deadbeat_gain, run_hinfinity, run_kalman
+from inswsn_lib.learning import (
+    LSSVMRegressor,
+    RBFNetworkRegressor,
+    as_multi_output,
+    load_regressor,
+)
+from inswsn_lib.models import ErrorModel
+from inswsn_lib.navigation.hybrid import HybridNavigator, observable_inputs
+from inswsn_lib.navigation.training_areas import AREAS, UNKNOWN, noise_sizes, p1_settings
+from inswsn_lib.papers import AXES, COLUMNS
+from inswsn_lib.scenario import Setting, with_values
+from inswsn_lib.simulation import Scene
+
+Array = NDArray[np.float64]
+
+#: Inputs of a learner; with ``state`` it maps the estimate of a step to that of the next
+KINDS = ("oracle", "time", "motion", "inertial", "state")
+#: Runs on which tuned methods are judged, at most: a network is trained in each
+MOST_JUDGED = 100
+#: The Kalman filter among the methods
+COASTING = "Kalman filter, coasting"
+_TRIALS = 12
+_WORST = 1e6
+
+
+@dataclass(frozen=True, eq=False)
+class Passage:
+    """Samples in which the network is heard, and the outage after them, in many runs.
+
+    Attributes
+    ----------
+    area : {"1", "2"}
+    heard : int
+        Samples before the outage.
+    error : ndarray, (steps, 4, runs)
+        Of the INS: position and velocity, m and m/s.
+    y : ndarray, (steps, 4, runs)
+        INS less network; NaN in the outage.
+    inputs : mapping of str to ndarray or None
+        By `KINDS`, (steps, inputs, runs).
+    time : ndarray, (steps,)
+        s.
+
+    Examples
+    --------
+    >>> from inswsn_lib.navigation import BridgedOutages
+    >>> passage = BridgedOutages(runs=2).judged["1"]
+    >>> passage.error.shape, passage.heard, passage.rehearsal().heard
+    ((140, 4, 2), 100, 50)
+    """
+
+    area: str
+    heard: int
+    error: Array
+    y: Array
+    inputs: Mapping[str, Array | None]
+    time: Array
+
+    def rehearsal(self) -> Passage:
+        """Return the samples that are heard, their second half taken for an outage.
+
+        What was measured there stands in the place of the error, which nobody knows.
+        """
+        first, y = self.heard // 2, self.y[: self.heard].copy()
+        y[first:] = np.nan
+        inputs = {n: None if u is None else u[: self.heard] for n, u in self.inputs.items()}
+        return Passage(self.area, first, self.y[: self.heard], y, inputs, self.time[: self.heard])
+
+    def shares(self, left: Array) -> Array:
+        """Return the mean absolute error left in the outage over that of the INS, (4, runs)."""
+        return np.asarray(np.abs(left).mean(axis=0) / np.abs(self.error[self.heard :]).mean(axis=0))
+
+    def loss(self, left: Array) -> float:
+        """Return the same over all runs together, mean over the components."""
+        means = [np.abs(e).mean(axis=(0, 2)) for e in (left, self.error[self.heard :])]
+        return float((means[0] / means[1]).mean())
+
+
+class Judged(NamedTuple):
+    """A method with the setting that its rehearsal chose.
+
+    Attributes
+    ----------
+    tuning : Tuning
+    shares : ndarray, (4 for each outage, runs)
+        As `Passage.shares`, one outage after the other.
+    choice : object
+        The number or the regressor that was chosen.
+
+    Examples
+    --------
+    >>> from inswsn_lib.navigation import Judged
+    >>> Judged._fields
+    ('tuning', 'shares', 'choice')
+    """
+
+    tuning: Tuning
+    shares: Array
+    choice: Any
+
+
+@dataclass(frozen=True, eq=False)
+class BridgedOutages:
+    r"""P1's scene with its two outages, the hybrid of filter and learner, and its rivals.
+
+    Every method has twelve trials and chooses by *rehearsal*: in the training areas of other runs
+    the second half is taken for an outage and predicted from the first. The choice is judged in the
+    outages. The Kalman filter coasts by :math:`\hat e_{k+1} = A \hat e_k`; the ratio of its Q to
+    the one that matches the simulated noise is tuned.
+
+    Attributes
+    ----------
+    published : mapping of str to Setting
+        The scenario files ``p1`` and ``p1-inertial``, joined.
+    seed : int
+        Of all random numbers.
+    runs : int
+        Runs of the tables; tuned methods are judged on the first `MOST_JUDGED` of them.
+    tuning_runs : int
+        Runs of the next seed, on whose training areas methods are tuned.
+    networks : int
+        Networks that differ in their random numbers alone; of the chapter's page, not of a score.
+    sigma, eta : float
+        Kernel width, m, and regularisation that P1 chooses.
+    hidden : int
+        Neurons of the network.
+    range_noise : float
+        Standard deviation of a range, m.
+    inertial_scale : float
+        Factor on the fitted errors of the INS.
+    learner : str
+        A scikit-learn regressor, ``package.module:Class``; it takes part as it is made.
+
+    Examples
+    --------
+    >>> from inswsn_lib.navigation import BridgedOutages
+    >>> outages = BridgedOutages(runs=2, inertial_scale=2.0)
+    >>> passage = outages.judged["2"]
+    >>> left = outages.bridge(passage, outages.printed, "oracle", scaled=False)
+    >>> left.shape
+    (40, 4, 2)
+    """
+
+    published: Mapping[str, Setting] = field(default_factory=p1_settings)
+    seed: int = 2012
+    runs: int = 256
+    tuning_runs: int = 8
+    networks: int = 200
+    sigma: float = 1000.0
+    eta: float = 1000.0
+    hidden: int = 10
+    range_noise: float = 0.38
+    inertial_scale: float = 1.0
+    learner: str = "sklearn.linear_model:LinearRegression"
+
+    @cached_property
+    def settings(self) -> dict[str, Setting]:
+        """The settings of the scene with these parameters."""
+        fitted = ("accelerometer_bias", "accelerometer_scale", "gyro_bias")
+        start = ("heading", "velocity", "position")
+        scaled = {
+            name: np.multiply(self.published[name].value, self.inertial_scale)
+            for name in (*fitted, *start)
+        }
+        return with_values(self.published, noise=self.range_noise, **scaled)
+
+    @cached_property
+    def scene(self) -> Scene:
+        """The scene."""
+        return Scene.from_settings(self.settings)
+
+    @cached_property
+    def drawn(self) -> dict[str, Array]:
+        """What `Scene.simulate` gives in the runs of the tables."""
+        return monte_carlo(self.scene.simulate, self.runs, self.seed)
+
+    @cached_property
+    def others(self) -> dict[str, Array]:
+        """The same in the runs on which methods are tuned."""
+        return monte_carlo(self.scene.simulate, self.tuning_runs, self.seed + 1)
+
+    def passages(self, drawn: Mapping[str, Array]) -> dict[str, Passage]:
+        """Return each area and the outage after it, from what `Scene.simulate` gives."""
+        return {a: self.passage(drawn, a) for a in AREAS}
+
+    def passage(self, drawn: Mapping[str, Array], area: str, scene: Scene | None = None) -> Passage:
+        """Return an area and the outage after it; of another scene with the same area if given."""
+        scene = scene or self.scene
+        names, heard = (f"area{area}", f"outage{area}"), scene.training_samples
+        error = np.concatenate([drawn[f"ins.{name}"] for name in names])
+        gap = np.full_like(error[heard:], np.nan)
+        y = np.concatenate([error[:heard] - drawn[f"wsn.{names[0]}"], gap])
+        time = np.concatenate([scene.windows[name].times for name in names])
+        drive = scene.path.drive(scene.speed, time)
+        truth = np.hstack([drive.position, drive.velocity])[:, :, None]
+        inputs = observable_inputs(time, truth + error) | {"oracle": error, "state": None}
+        return Passage(area, heard, error, y, inputs, time)
+
+    @cached_property
+    def judged(self) -> dict[str, Passage]:
+        """The passages on which tuned methods are judged."""
+        few = min(self.runs, MOST_JUDGED)
+        return self.passages({name: values[..., :few] for name, values in self.drawn.items()})
+
+    @cached_property
+    def rehearsals(self) -> list[Passage]:
+        """The rehearsals of both areas, in the runs on which methods are tuned."""
+        return [passage.rehearsal() for passage in self.passages(self.others).values()]
+
+    @cached_property
+    def models(self) -> dict[str, ErrorModel]:
+        """P1's model of each area without its jitter, noise of one unit."""
+        return {a: ErrorModel.p1(self.scene.windows[f"area{a}"].period, 0.0) for a in AREAS}
+
+    @cached_property
+    def noise(self) -> dict[str, NoiseFit]:
+        """Q and R of each area that match the simulation."""
+        return {
+            a: fit_noise(model.A, self.others[f"ins.area{a}"], self.others[f"wsn.area{a}"])
+            for a, model in self.models.items()
+        }
+
+    def published_filter(self, area: str) -> Callable[[Array], Array]:
+        """Return P1's H-infinity filter with its printed gain: measurements in, estimates out."""
+        model = self.models[area]
+        gain = deadbeat_gain(model)
+        return lambda y: run_hinfinity(
+            (model, gain), y, initial_state=np.nan_to_num(y[0]), predicted=False
+        )
+
+    def coasting(self, area: str, ratio: float) -> Callable[[Array], Array]:
+        """Return a Kalman filter that assumes Q to be this many times the one that matches."""
+        fit = self.noise[area]
+        model = ErrorModel.p1(
+            self.models[area].period,
+            process_noise=tuple(ratio**0.5 * size for size in noise_sizes(fit.process)),
+            measurement_noise=noise_sizes(fit.measurement),
+        )
+        return lambda y: run_kalman(model, y, initial_covariance=UNKNOWN)
+
+    @cached_property
+    def printed(self) -> LSSVMRegressor:
+        """The LS-SVM with the kernel width and the regularisation that P1 prints."""
+        return LSSVMRegressor(self.sigma, self.eta)
+
+    @cached_property
+    def toolbox(self) -> Any:
+        """The network that a toolbox of 2011 makes by default."""
+        from inswsn_lib.learning import BackpropRegressor  # noqa: PLC0415  # needs torch
+
+        return BackpropRegressor(
+            hidden=self.hidden, trainer="levenberg-marquardt", scaling="range",
+            validation_share=0.15, epochs=100, random_state=10_000 * self.seed,
+        )  # fmt: skip
+
+    @cached_property
+    def own(self) -> Any:
+        """The regressor of the parameter `learner`, as it is made."""
+        machine = load_regressor("learner", self.learner)
+        if "random_state" in machine.get_params():
+            machine.set_params(random_state=self.seed)
+        return as_multi_output(machine)
+
+    def navigator(self, area: str, regressor: Any, kind: str, **options: Any) -> HybridNavigator:
+        """Return the hybrid of the published filter and a regressor on one kind of input."""
+        return HybridNavigator(
+            self.published_filter(area), regressor, feedback=kind == "state", **options
+        )
+
+    def bridge(self, passage: Passage, regressor: Any, kind: str, **options: Any) -> Array:
+        """Return what the hybrid leaves of the error of the INS in the outage, (steps, 4, runs)."""
+        hybrid = self.navigator(passage.area, regressor, kind, **options)
+        ran = hybrid.run(passage.y, passage.inputs[kind])
+        return np.asarray((passage.error - ran.estimates)[passage.heard :])
+
+    def coast(self, passage: Passage, ratio: float) -> Array:
+        """Return what the coasting Kalman filter leaves in the outage, (steps, 4, runs)."""
+        estimates = self.coasting(passage.area, ratio)(passage.y)
+        return np.asarray((passage.error - estimates)[passage.heard :])
+
+    @cached_property
+    def fits(self) -> dict[str, tuple[Any, list[int]]]:
+        """What fits the last fixes alone: regressors on time, and the numbers of fixes."""
+        quadratic = make_pipeline(PolynomialFeatures(2), LinearRegression())
+        lasts = [2, 4, 6, 8, 12, 16, 20, 25, 30, 35, 40, 50]
+        return {
+            "mean of the last fixes": (
+                DummyRegressor(), [1, 2, 3, 4, 6, 8, 12, 16, 20, 30, 40, 50],
+            ),
+            "line in time": (LinearRegression(), lasts),
+            "parabola in time": (quadratic, [n + 2 for n in lasts]),
+        }  # fmt: skip
+
+    @cached_property
+    def learners(self) -> dict[str, list[Any]]:
+        """The settings of each learner that are tried."""
+        from inswsn_lib.learning import BackpropRegressor  # noqa: PLC0415  # needs torch
+
+        def network(hidden: int, decay: float) -> Any:
+            return BackpropRegressor(
+                hidden=hidden, weight_decay=decay, scaling="none",
+                validation_share=0.15, epochs=50, random_state=10_000 * self.seed,
+            )  # fmt: skip
+
+        return {
+            "LS-SVM": _every(LSSVMRegressor, [1, 10, 100, 1000], [1e2, 1e4, 1e6]),
+            "LS-SVM, linear kernel": [
+                LSSVMRegressor(1.0, s, "linear") for s in np.logspace(-3, 2.5, _TRIALS)
+            ],
+            "BP": _every(network, [2, 5, 10], [0, 1e-4, 1e-3, 1e-2]),
+            "RBF network": _every(
+                lambda s, n: RBFNetworkRegressor(s, max_neurons=n), [1, 3, 10, 30], [3, 6, 12]
+            ),
+            "Gaussian process": _every(_gaussian_process, [0.3, 1, 3, 10], [0.03, 0.1, 0.3]),
+        }
+
+    def rehearsal_loss(
+        self, regressor: Any, kind: str, rehearsals: Iterable[Passage], **options: Any
+    ) -> float:
+        """Return the loss of a method in rehearsals, mean over them."""
+        losses = [p.loss(self.bridge(p, regressor, kind, **options)) for p in rehearsals]
+        return min(float(np.mean(losses)), _WORST)
+
+    def judge(
+        self, passages: Iterable[Passage], regressor: Any, kind: str, **options: Any
+    ) -> Array:
+        """Return the shares that a method leaves, one outage after the other."""
+        found = [p.shares(self.bridge(p, regressor, kind, **options)) for p in passages]
+        return np.concatenate(found)
+
+    def compare(
+        self, passages: Sequence[Passage], rehearsals: Sequence[Passage], kinds: Iterable[str]
+    ) -> dict[tuple[str, str], Judged]:
+        """Tune every learner and fit by rehearsal, with equal trials, and judge it.
+
+        Returns
+        -------
+        dict of (str, str) to Judged
+            By method and kind of input.
+        """
+        found = {}
+        for name, (regressor, lasts) in self.fits.items():
+
+            def fit_loss(last: float, regressor: Any = regressor) -> float:
+                return self.rehearsal_loss(regressor, "time", rehearsals, window=int(last), least=1)
+
+            tuning = tune(name, lasts, fit_loss)
+            shares = self.judge(passages, regressor, "time", window=int(tuning.best), least=1)
+            found[name, "time"] = Judged(tuning, shares, f"last {tuning.best:.0f}")
+        for (name, machines), kind in product(self.learners.items(), kinds):
+
+            def loss(place: float, machines: Any = machines, kind: str = kind) -> float:
+                return self.rehearsal_loss(machines[int(place)], kind, rehearsals)
+
+            tuning = tune(name, range(len(machines)), loss)
+            best = machines[int(tuning.best)]
+            found[name, kind] = Judged(tuning, self.judge(passages, best, kind), best)
+        return found
+
+    def compare_coasting(
+        self, passages: Sequence[Passage], rehearsals: Sequence[Passage]
+    ) -> Judged:
+        """Tune the coasting Kalman filter in the same way, and judge it."""
+        ratios = np.logspace(-4, 4, _TRIALS).tolist()
+        tuning = tune(
+            COASTING,
+            ratios,
+            lambda r: float(np.mean([p.loss(self.coast(p, r)) for p in rehearsals])),
+        )
+        shares = np.concatenate([p.shares(self.coast(p, tuning.best)) for p in passages])
+        return Judged(tuning, shares, f"Q times {tuning.best:.2g}")
+
+    def scores(self) -> Scores:
+        """Return Table 3 with equal terms: each method on the motion, and what needs no input.
+
+        Returns
+        -------
+        Scores
+            The cells of P1's Table 3, mean absolute errors over an outage, and ``left``, what is
+            left of the error of the INS, mean over the cells.
+        """
+        passages = list(self.judged.values())
+        shares = {name: entry.shares for (name, _), entry in self._compared(passages).items()}
+        shares["printed"] = self.judge(passages, self.printed, "motion", scaled=False)
+        shares["toolbox"] = self.judge(passages, self.toolbox, "motion", scaled=False)
+        shares["own"] = self.judge(passages, self.own, "motion")
+        shares["ins"] = np.ones_like(shares["own"])
+        alone = np.concatenate([mean_absolute_error(p.error[p.heard :]) for p in passages])
+        cells = [axis + a for a in AREAS for axis in AXES]
+        values: dict[str, Array] = {}
+        for name, share in shares.items():
+            left = dict(zip(cells, share * alone, strict=True))
+            values |= {f"{_slug(name)}.{c}": left[c] for c in COLUMNS}
+            values[f"{_slug(name)}.left"] = share.mean(axis=0)
+        labels = {
+            "ins": "INS alone",
+            "own": self.learner,
+            "printed": "LS-SVM as printed",
+            "toolbox": "BP of a toolbox",
+        }
+        units = {c: "m" if c[0] == "r" else "m/s" for c in COLUMNS}
+        return Scores(
+            methods={_slug(name): labels.get(name, name) for name in shares},
+            columns=units | {"left": "1"},
+            values=values,
+            headline="left",
+            baselines=frozenset({"ins"}),
+        )
+
+    def _compared(self, passages: Sequence[Passage]) -> dict[tuple[str, str], Judged]:
+        found = self.compare(passages, self.rehearsals, ("motion",))
+        return found | {(COASTING, "state"): self.compare_coasting(passages, self.rehearsals)}
+
+
+def bridged_outages(
+    *,
+    seed: int = 2012,
+    runs: int = 256,
+    tuning_runs: int = 8,
+    networks: int = 200,
+    sigma: float = 1000.0,
+    eta: float = 1000.0,
+    hidden: int = 10,
+    range_noise: float = 0.38,
+    inertial_scale: float = 1.0,
+    learner: str = "sklearn.linear_model:LinearRegression",
+) -> Scores:
+    """Compute chapter 03 over many runs: methods in P1's outages, on the indicated motion.
+
+    Parameters
+    ----------
+    seed, runs, tuning_runs, networks, sigma, eta, hidden, range_noise, inertial_scale, learner
+        Those of the chapter; see `BridgedOutages`.
+
+    Returns
+    -------
+    Scores
+        As `BridgedOutages.scores`.
+
+    Raises
+    ------
+    ParameterError
+        If there is no such learner, or the path ends before the last window.
+
+    Examples
+    --------
+    >>> from inswsn_lib.navigation import bridged_outages
+    >>> scores = bridged_outages(runs=40, tuning_runs=4)
+    >>> scores.leader().best in scores.methods
+    True
+    """
+    parameters = locals()
+    return BridgedOutages(**parameters).scores()
+
+
+def _every(make: Callable[..., Any], *axes: Sequence[float]) -> list[Any]:
+    """Return what is made at each point of a grid."""
+    return [make(*point) for point in product(*axes)]
+
+
+def _gaussian_process(length: float, deviation: float) -> GaussianProcessRegressor:
+    kernel = 1.0 * DotProduct(1.0) + RBF(length) + WhiteKernel(deviation**2)
+    return GaussianProcessRegressor(kernel, optimizer=None)
+
+
+def _slug(name: str) -> str:
+    return name.lower().replace(", ", "-").replace(" ", "-")
