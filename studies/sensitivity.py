@@ -16,32 +16,293 @@ from __future__ import annotations
 
 import argparse
 import datetime
+import re
 import sys
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 
-from inswsn_book.files import file_digest, tree_digest
+import numpy as np
+import yaml
+from inswsn_book.files import file_digest, tree_digest, write_whole
+from inswsn_book.ledger import LEDGER, claims_of, load_claims
+from inswsn_book.parameters import Value
 from inswsn_book.progress import Quiet
 from inswsn_book.project import Project
 from inswsn_book.provenance import machine_facts, repository_state
-from inswsn_book.review import ASSUMPTIONS, Assumptions, load_assumptions, problems_of
-from inswsn_book.runs import Outcome, run_each
-from inswsn_book.study import (
-    SENSITIVITY,
-    Made,
-    Run,
-    Study,
-    cells_of,
-    merged,
-    read_study,
-    request_of,
-    run_of,
-    write_study,
+from inswsn_book.results import Results
+from inswsn_book.review import (
+    ASSUMPTIONS,
+    Alternative,
+    Assumptions,
+    Headline,
+    load_assumptions,
+    load_schemas,
+    load_settings,
 )
+from inswsn_book.runs import Outcome, Request, request_key, run_each
+from inswsn_book.runs import Run as ChapterRun
+from inswsn_book.study import BASELINE, SENSITIVITY, Made, Run, Study, read_study
+from inswsn_book.verdicts import verdicts
 
 from inswsn_lib.errors import InswsnError
-from inswsn_lib.files import data_mirror
+from inswsn_lib.files import data_mirror, read_yaml
+from inswsn_lib.scenario import Setting
 
 ROOT = Path(__file__).parent.parent
+_CHANGED = "Set for this run."
+
+
+def write_study(study: Study, path: Path) -> None:
+    """Write a study, whole or not at all."""
+    write_whole(path, study.model_dump_json(indent=1) + "\n")
+
+
+def merged(runs: Iterable[Run], before: Mapping[tuple[str, str], Run]) -> tuple[Run, ...]:
+    """Return runs together with earlier ones that they do not replace."""
+    together = dict(before) | {(run.chapter, run.id): run for run in runs}
+    return tuple(together[key] for key in sorted(together))
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One run of the study that is to be made."""
+
+    id: str  # ``"baseline"``, ``"seed-2"`` or such as ``"P1-M-B/small"``
+    chapter: str  # two digits
+    # all that differ from the published run
+    parameters: dict[str, Value] = field(default_factory=dict)
+    change: Alternative | None = None  # what is changed beside parameters
+    skips: tuple[str, ...] = ()  # titles of sections of the chapter that are left out
+
+
+def cells_of(assumptions: Assumptions, only: Iterable[str] = ()) -> list[Cell]:
+    """Return the cells of the study, the unchanged runs of each chapter first."""
+    wanted = set(only)
+    missing = wanted - {entry.id for entry in assumptions.assumptions}
+    if missing:
+        raise InswsnError(f"There is no assumption {min(missing)}.")
+    entries = [entry for entry in assumptions.assumptions if not wanted or entry.id in wanted]
+    changed = [
+        Cell(
+            f"{entry.id}/{other.id}",
+            chapter,
+            assumptions.reduced[chapter].parameters | other.parameters.get(chapter, {}),
+            other,
+            assumptions.reduced[chapter].skips,
+        )
+        for entry in entries
+        for other in entry.alternatives
+        for chapter in other.chapters
+    ]
+    chapters = {cell.chapter for cell in changed} | {c for entry in entries for c in entry.seeds}
+    unchanged = []
+    for chapter, reduced in assumptions.reduced.items():
+        if chapter in chapters:
+            runs: dict[str, dict[str, Value]] = {BASELINE: {}}
+            runs |= {f"seed-{seed}": {"seed": seed} for seed in reduced.seeds}
+            unchanged += [
+                Cell(name, chapter, reduced.parameters | chance, skips=reduced.skips)
+                for name, chance in runs.items()
+            ]
+    return unchanged + changed
+
+
+def request_of(project: Project, cell: Cell) -> Request:
+    """Return the request of a cell."""
+    overlay: dict[str, str] = {}
+    if cell.change is not None:
+        overlay |= _changed_scenarios(project.root, cell.change)
+    source = project.find(cell.chapter).source
+    before = source.read_text(encoding="utf-8")
+    after = before if cell.change is None else _edited(before, cell.chapter, cell.change)
+    after = _without(after, cell.skips, source.name)
+    if after != before:
+        overlay[f"chapters/{source.name}"] = after
+    return Request(cell.chapter, cell.parameters, overlay=overlay)
+
+
+def _changed_scenarios(root: Path, change: Alternative) -> dict[str, str]:
+    """Return the texts of the scenario files that an alternative changes, by their paths."""
+    folder = "data/scenarios"
+    texts = {
+        f"{folder}/{scenario}.yaml": (root / folder / f"{file}.yaml").read_text(encoding="utf-8")
+        for scenario, file in change.files.items()
+    }
+    for scenario in {*change.values, *change.factors}:
+        content = read_yaml(root / folder / f"{scenario}.yaml")
+        values = dict(change.values.get(scenario, {}))
+        for key, factor in change.factors.get(scenario, {}).items():
+            values[key] = (np.asarray(content[key]["value"]) * factor).tolist()
+        for key, value in values.items():
+            content[key] |= {"value": value, "source": "assumed", "why": _CHANGED}
+        texts[f"{folder}/{scenario}.yaml"] = yaml.safe_dump(content, sort_keys=False)
+    return texts
+
+
+def _edited(source: str, chapter: str, change: Alternative) -> str:
+    for edit in change.edits:
+        if edit.chapter != chapter:
+            continue
+        if source.count(edit.old) != 1:
+            raise InswsnError(
+                f"The passage that {change.id} replaces does not stand in chapter {chapter} "
+                "exactly once."
+            )
+        source = source.replace(edit.old, edit.new)
+    return source
+
+
+def _without(source: str, titles: Iterable[str], name: str) -> str:
+    """Return a source without the sections of these titles."""
+    for title in titles:
+        # to the next heading of the same rank; a label before that heading goes, too
+        source, found = re.subn(
+            rf"^## {re.escape(title)}\n.*?(?=^## |\Z)", "", source, flags=re.MULTILINE | re.DOTALL
+        )
+        if found != 1:
+            raise InswsnError(f"{name} has no section {title!r}, or more than one.")
+    return source
+
+
+def run_of(
+    project: Project,
+    cell: Cell,
+    headlines: Iterable[Headline],
+    outcome: Outcome,
+) -> Run:
+    """Return what came of a cell.
+
+    A run that fails is a result: a design that is not feasible, or a scene that cannot be.
+    """
+    bare = Run(
+        id=cell.id,
+        chapter=cell.chapter,
+        parameters=cell.parameters,
+        seconds=0,
+        key=request_key(project, request_of(project, cell)),
+    )
+    if not isinstance(outcome, ChapterRun):
+        return bare.model_copy(update={"failed": plain_sentence(outcome)})
+    results = outcome.results
+    made = results.provenance
+    return bare.model_copy(
+        update={
+            "headlines": _headlines(results, headlines),
+            "verdicts": _verdicts(project, results),
+            "overturned": sum(not held for held in results.sentences.values()),
+            "seconds": made.seconds if made else 0,
+        }
+    )
+
+
+def _headlines(results: Results, headlines: Iterable[Headline]) -> dict[str, float]:
+    found = {}
+    for headline in headlines:
+        try:
+            value = headline.value(results)
+        except (InswsnError, ZeroDivisionError):
+            continue
+        if np.isfinite(value):
+            found[headline.key] = value
+    return found
+
+
+def _verdicts(project: Project, results: Results) -> dict[str, str]:
+    found = {}
+    for claim in claims_of(load_claims(project.root / LEDGER), results.chapter):
+        try:
+            found[claim.id] = str(verdicts([claim], [results])[0].verdict)
+        except InswsnError:  # this run did not record what decides it
+            continue
+    return found
+
+
+def plain_sentence(failure: BaseException) -> str:
+    """Return the last line of a failure, without the colours of a terminal and folders."""
+    plain = re.sub(r"\x1b\[[0-9;]*m", "", str(failure))
+    plain = re.sub(r"/\S*/(?=(chapters|data)/)", "", plain)  # of the checkout or an overlay
+    lines = [line.strip() for line in plain.splitlines() if line.strip()]
+    return lines[-1][:300] if lines else "It ended without a word."
+
+
+def problems_of(project: Project, assumptions: Assumptions) -> list[str]:
+    """Return all in which the assumptions do not fit the checkout, a sentence each.
+
+    Every setting of a scenario whose source is not the paper, and every parameter of a chapter, has
+    an entry or a reason why it needs none; and what an entry names is there.
+    """
+    settings = load_settings(project.root)
+    parameters = {number: set(s.defaults) for number, s in load_schemas(project).items()}
+    return [
+        *_names_that_are_nowhere(assumptions, settings, parameters),
+        *_without_an_entry(assumptions, settings, parameters),
+        *_edits_that_do_not_fit(project, assumptions),
+    ]
+
+
+def _names_that_are_nowhere(
+    assumptions: Assumptions,
+    settings: Mapping[str, Mapping[str, Setting]],
+    parameters: Mapping[str, set[str]],
+) -> Iterator[str]:
+    for entry in assumptions.assumptions:
+        named = [(c.scenario, c.setting) for c in entry.chosen if c.scenario and c.setting]
+        set_ = [(c.chapter, c.parameter) for c in entry.chosen if c.chapter and c.parameter]
+        for other in entry.alternatives:
+            for by_scenario in (other.values, other.factors):
+                named += [(s, key) for s, keys in by_scenario.items() for key in keys]
+            set_ += [(c, key) for c, keys in other.parameters.items() for key in keys]
+            for scenario, file in other.files.items():
+                if scenario not in settings or file not in settings:
+                    yield f"{entry.id}: there is no scenario {scenario} or {file}."
+        for scenario, key in named:
+            if key not in settings.get(scenario, {}):
+                yield f"{entry.id}: the scenario {scenario} has no setting {key}."
+        for chapter, key in set_:
+            if key not in parameters.get(chapter, set()):
+                yield f"{entry.id}: chapter {chapter} has no parameter {key}."
+
+
+def _without_an_entry(
+    assumptions: Assumptions,
+    settings: Mapping[str, Mapping[str, Setting]],
+    parameters: Mapping[str, set[str]],
+) -> Iterator[str]:
+    chosen = [choice for entry in assumptions.assumptions for choice in entry.chosen]
+    covered = {(choice.scenario, choice.setting) for choice in chosen}
+    # the fit to all cells has the same numbers, fitted otherwise
+    covered |= {("p1-inertial-all-cells", key) for s, key in covered if s == "p1-inertial"}
+    for scenario, keys in settings.items():
+        for key, setting in keys.items():
+            if setting.source != "paper" and (scenario, key) not in covered:
+                yield f"The setting {key} of the scenario {scenario} has no entry."
+    stand = {(choice.chapter, choice.parameter) for choice in chosen}
+    for chapter, names in parameters.items():
+        printed = set(assumptions.printed.get(chapter, {}))
+        for name in sorted(printed - names):
+            yield f"printed: chapter {chapter} has no parameter {name}."
+        for name in sorted(names):
+            entry, reason = (chapter, name) in stand, name in printed
+            if entry and reason:
+                yield (
+                    f"The parameter {name} of chapter {chapter} has an entry and a reason for "
+                    "having none."
+                )
+            elif not entry and not reason:
+                yield f"The parameter {name} of chapter {chapter} has no entry."
+
+
+def _edits_that_do_not_fit(project: Project, assumptions: Assumptions) -> Iterator[str]:
+    sources = {c.number: c.source.read_text(encoding="utf-8") for c in project.chapters()}
+    for entry in assumptions.assumptions:
+        for other in entry.alternatives:
+            for edit in other.edits:
+                if sources.get(edit.chapter, "").count(edit.old) != 1:
+                    yield (
+                        f"{entry.id}/{other.id}: the passage that it replaces does not stand in "
+                        f"chapter {edit.chapter} exactly once."
+                    )
 
 
 def made_from(project: Project, assumptions: Assumptions) -> Made:

@@ -32,11 +32,6 @@ def finish_site(site: Path) -> list[str]:
     Checked are: every link and image inside the site leads to a file, and to an element where it
     names one; every image has an alternative text that is not its path; no page or style sheet
     takes a part of itself from another host.
-
-    Parameters
-    ----------
-    site : Path
-        Folder of HTML pages, as Sphinx writes them; the pages are changed.
     """
     pages = [p for p in site.rglob("*.html") if "_static" not in p.relative_to(site).parts]
     pages.sort(key=lambda page: page.stat().st_size, reverse=True)  # the long ones first

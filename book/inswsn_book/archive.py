@@ -82,19 +82,6 @@ def write_archive(project: Project, target: Path | None = None) -> Path:
     It holds every file that git keeps, the built site, the executed notebooks, the results, the
     verdicts, the licences of what the site holds of others, and the description of it all. Two
     archives of one build are the same, byte for byte.
-
-    Parameters
-    ----------
-    target : Path, optional
-        The file to write. Default: ``_build/inswsn-<version>.zip``.
-
-    Raises
-    ------
-    InswsnError
-        If the work tree is not a commit, the book has not been built as it is now, an id of a claim
-        has not been published, or a file is not ours to give.
-    OSError
-        If the file cannot be written; then nothing is left behind.
     """
     commit, clean = repository_state(project.root)
     if commit is None:

@@ -20,39 +20,16 @@ _WIDE = 5  # a panel that spans more has a logarithmic axis
 
 @dataclass(frozen=True)
 class Contest:
-    """The error of a paper's method over that of its rival, as printed and as rebuilt.
+    """The error of a paper's method over that of its rival, as printed and as rebuilt."""
 
-    Attributes
-    ----------
-    label : str
-        The method over its rival, and what is compared.
-    printed : float or None
-        By the paper's printed numbers; None if it prints no such comparison.
-    rebuilt : float
-        As the book finds it when both are treated alike.
-    recorded : float or None
-        The same on recorded data.
-    """
-
-    label: str
-    printed: float | None
-    rebuilt: float
-    recorded: float | None = None
+    label: str  # the method over its rival, and what is compared
+    printed: float | None  # by the paper's printed numbers; None if it prints no such comparison
+    rebuilt: float  # as the book finds it when both are treated alike
+    recorded: float | None = None  # the same on recorded data
 
 
 def contests(root: Path, findings: Findings) -> list[Contest]:
-    """Return the comparisons that the papers are about; none while a chapter is missing.
-
-    Parameters
-    ----------
-    root : Path
-        The checkout, for the printed numbers below ``data/papers``.
-
-    Raises
-    ------
-    InswsnError
-        If a chapter has no such quantity.
-    """
+    """Return the comparisons that the papers are about; none while a chapter is missing."""
     if not findings.results.keys() >= _DRAWN:
         return []
     p2 = read_yaml(root / "data/papers/p2.yaml")["results"]

@@ -21,21 +21,13 @@ _FINE = 10  # per cent, below which a change is written to a tenth
 
 @dataclass(frozen=True)
 class Effect:
-    """What one rerun does to one headline.
-
-    Attributes
-    ----------
-    headline : Headline
-    before, after : float
-        Its value in the unchanged run and in the rerun.
-    band : float
-        How far two unchanged runs that differ in their seed may be from one another, see `band_of`;
-        in the unit of the headline.
-    """
+    """What one rerun does to one headline."""
 
     headline: Headline
-    before: float
-    after: float
+    before: float  # its value in the unchanged run and in the rerun
+    after: float  # its value in the unchanged run and in the rerun
+    # how far two unchanged runs that differ in their seed may be from one another, see `band_of`;
+    # in the unit of the headline
     band: float
 
     @property
@@ -75,26 +67,13 @@ class Effect:
 
 @dataclass(frozen=True)
 class Row:
-    """What one rerun does to all headlines of its chapter.
-
-    Attributes
-    ----------
-    entry : Assumption
-    set : str
-        What was chosen instead.
-    run : Run or None
-        The rerun; None if it has not been made.
-    effects : tuple of Effect
-        One for each headline that the rerun gives.
-    flipped : dict of str to str
-        By the id of a claim: its verdict, where no unchanged run has it.
-    """
+    """What one rerun does to all headlines of its chapter."""
 
     entry: Assumption
-    set: str
-    run: Run | None
-    effects: tuple[Effect, ...]
-    flipped: Mapping[str, str]
+    set: str  # what was chosen instead
+    run: Run | None  # the rerun; None if it has not been made
+    effects: tuple[Effect, ...]  # one for each headline that the rerun gives
+    flipped: Mapping[str, str]  # by the id of a claim: its verdict, where no unchanged run has it
 
     @property
     def turned(self) -> list[Effect]:
@@ -118,11 +97,6 @@ def band_of(values: list[float]) -> float:
     deviation is known from `values` alone: Student's t for n - 1 degrees of freedom times the root
     of two times the sample deviation. A rerun has the seed of the unchanged run, so it differs from
     that by chance less than this.
-
-    Parameters
-    ----------
-    values : list of float
-        A headline in the unchanged runs, each with a seed of its own.
     """
     if len(values) < 2:  # a deviation takes two
         return 0.0
@@ -185,26 +159,14 @@ def _flipped(study: Study, run: Run | None) -> dict[str, str]:
 
 @dataclass(frozen=True)
 class Reading:
-    """What another reading gives that a chapter computes in each build.
-
-    Attributes
-    ----------
-    entry : Assumption
-    within : Within
-    says : str
-        What is compared.
-    before, after : float
-        With the choice of the chapter, and with the other reading.
-    turns : bool
-        Whether a headline comes to lie where its conclusion is another one.
-    """
+    """What another reading gives that a chapter computes in each build."""
 
     entry: Assumption
     within: Within
-    says: str
-    before: float
-    after: float
-    turns: bool
+    says: str  # what is compared
+    before: float  # with the choice of the chapter, and with the other reading
+    after: float  # with the choice of the chapter, and with the other reading
+    turns: bool  # whether a headline comes to lie where its conclusion is another one
 
     @property
     def change(self) -> float:
@@ -213,13 +175,7 @@ class Reading:
 
 
 def readings_of(assumptions: Assumptions, findings: Findings) -> list[Reading]:
-    """Return the readings that the chapters compute, the largest changes first.
-
-    Raises
-    ------
-    InswsnError
-        If the results lack a quantity.
-    """
+    """Return the readings that the chapters compute, the largest changes first."""
     readings = []
     for entry in assumptions.assumptions:
         for within in entry.within:

@@ -145,14 +145,7 @@ def _facts_of(chapter: Chapter, results: Results | None) -> ChapterFacts:
 
 
 def context(project: Project, results: Sequence[Results]) -> dict[str, Any]:
-    """Return what the templates are rendered over.
-
-    Raises
-    ------
-    InswsnError
-        If a file cannot be read, names what is not there, or rests on evidence that does not hold
-        in a run with the declared parameters.
-    """
+    """Return what the templates are rendered over."""
     judged = verdicts(load_claims(project.root / LEDGER), results)
     findings = review.Findings(results, judged)
     known: dict[str, Any] = {
@@ -255,11 +248,6 @@ def with_captions(notebook: Any) -> Any:
 
     `inswsn_book.show.show_figure` leaves them in the metadata of the output; MyST-NB reads the
     metadata of the cell. The notebook is changed in place and returned.
-
-    Raises
-    ------
-    RenderingError
-        If a cell shows more than one figure: they would share one caption.
     """
     for cell in notebook.cells:
         shown = [
@@ -325,12 +313,6 @@ def render_book(
     The site is built beside the old one, inspected, and only then put in its place: a failure
     leaves the last good site as it was. Every build starts from clean doctrees, since Sphinx does
     not repeat the warnings of pages that it does not read again.
-
-    Raises
-    ------
-    RenderingError
-        If Sphinx warns, a link inside the site leads nowhere, an image is missing, or one has no
-        alternative text.
     """
     key = _site_key(project, runs)
     if not fresh and _kept_key(project) == key:
@@ -347,22 +329,7 @@ def render_book(
 
 
 def render_run(project: Project, run: Run, target: Path) -> None:
-    """Render the book with another run of one chapter in it.
-
-    Parameters
-    ----------
-    project : Project
-        The checkout, with a built book: its other chapters stand beside the run.
-    target : Path
-        Where the site goes, in a folder that is there; nothing is there yet.
-
-    Raises
-    ------
-    RenderingError
-        If Sphinx warns or the site does not hold together.
-    InswsnError
-        If the book has not been built.
-    """
+    """Render the book with another run of one chapter in it."""
     shown = [
         run if other.request.chapter == run.request.chapter else other
         for other in book_runs(project)
@@ -447,13 +414,7 @@ def footer(project: Project) -> str:
 
 
 def check_pages(project: Project, chapters: Sequence[Chapter]) -> None:
-    """Refuse a configuration that cannot be read, and a contents list without every chapter.
-
-    Raises
-    ------
-    InswsnError
-        If `_config.yml` or `book/_toc.yml` cannot be read, or chapters and contents list differ.
-    """
+    """Refuse a configuration that cannot be read, and a contents list without every chapter."""
     read_yaml(project.root / "_config.yml")
     toc = read_yaml(project.root / "book" / "_toc.yml")
     listed = {

@@ -9,7 +9,7 @@ results do not bear the evidence out is refused. The pages are templates in ``bo
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, TypeVar
@@ -114,15 +114,7 @@ Evidence = Sentence | Bound | Ruling
 
 
 class Findings:
-    """All that the chapters found: their results, and the claims judged by them.
-
-    Parameters
-    ----------
-    results : iterable of Results
-        One of each chapter.
-    judged : iterable of Judged
-        The claims of the ledger.
-    """
+    """All that the chapters found: their results, and the claims judged by them."""
 
     def __init__(self, results: Iterable[Results], judged: Iterable[Judged]) -> None:
         self.results = {result.chapter: result for result in results}
@@ -181,20 +173,7 @@ class Findings:
         return [entry for entry in evidence if not self.holds(entry)]
 
     def fill(self, text: str) -> str:
-        """Put numbers and verdicts in the place of placeholders.
-
-        Parameters
-        ----------
-        text : str
-            With ``{01:name:.2f}`` for a number, ``{01:name@low:.2f}`` and ``@high`` for the ends of
-            its interval, ``{01:name:.0%}`` for a share in per cent, and ``{claim:P1-P-T}`` for a
-            claim with its verdict.
-
-        Raises
-        ------
-        InswsnError
-            If a placeholder names nothing, or its format does not fit a number.
-        """
+        """Put numbers and verdicts in the place of placeholders."""
         return _PLACEHOLDER.sub(self._filled, text.strip())
 
     def _filled(self, match: re.Match[str]) -> str:
@@ -385,13 +364,7 @@ class Readings(Entry):
 
 
 def judged_anew(reading: Reading, findings: Findings) -> list[tuple[Judged, Judged]]:
-    """Return the claims that a reading judges by another quantity: as they are, as they would be.
-
-    Raises
-    ------
-    InswsnError
-        If a claim or a quantity is not there, or its unit is not the claim's.
-    """
+    """Return the claims that a reading judges by another quantity: as they are, and would be."""
     pairs = []
     for identity, check in reading.judged.items():
         now = findings.claim(identity)
@@ -403,14 +376,7 @@ def judged_anew(reading: Reading, findings: Findings) -> list[tuple[Judged, Judg
 def other_claims(
     readings: Readings, findings: Findings
 ) -> list[tuple[str, tuple[str, ...], list[Judged]]]:
-    """Return the claims that no question names, by what would change their verdicts.
-
-    Returns
-    -------
-    list of (str, tuple of str, list of Judged)
-        The kind of what would change them (``print``, ``algebra``, ``data``, ``nothing`` or
-        ``missing``), what is missing, and the claims; in this order.
-    """
+    """Return the claims that no question names, by what would change their verdicts."""
     named = {e.claim.id for question in readings.questions for e in question.hanging(findings)}
     groups: dict[tuple[str, tuple[str, ...]], list[Judged]] = {}
     for name, entry in findings.judged.items():
@@ -611,85 +577,6 @@ def load_schemas(project: Project) -> dict[str, Schema]:
     return {number: chapter_schema(project.root, number) for number in numbers}
 
 
-def problems_of(project: Project, assumptions: Assumptions) -> list[str]:
-    """Return all in which the assumptions do not fit the checkout, a sentence each.
-
-    Every setting of a scenario whose source is not the paper, and every parameter of a chapter, has
-    an entry or a reason why it needs none; and what an entry names is there.
-    """
-    settings = load_settings(project.root)
-    parameters = {number: set(s.defaults) for number, s in load_schemas(project).items()}
-    return [
-        *_names_that_are_nowhere(assumptions, settings, parameters),
-        *_without_an_entry(assumptions, settings, parameters),
-        *_edits_that_do_not_fit(project, assumptions),
-    ]
-
-
-def _names_that_are_nowhere(
-    assumptions: Assumptions,
-    settings: Mapping[str, Mapping[str, Setting]],
-    parameters: Mapping[str, set[str]],
-) -> Iterator[str]:
-    for entry in assumptions.assumptions:
-        named = [(c.scenario, c.setting) for c in entry.chosen if c.scenario and c.setting]
-        set_ = [(c.chapter, c.parameter) for c in entry.chosen if c.chapter and c.parameter]
-        for other in entry.alternatives:
-            for by_scenario in (other.values, other.factors):
-                named += [(s, key) for s, keys in by_scenario.items() for key in keys]
-            set_ += [(c, key) for c, keys in other.parameters.items() for key in keys]
-            for scenario, file in other.files.items():
-                if scenario not in settings or file not in settings:
-                    yield f"{entry.id}: there is no scenario {scenario} or {file}."
-        for scenario, key in named:
-            if key not in settings.get(scenario, {}):
-                yield f"{entry.id}: the scenario {scenario} has no setting {key}."
-        for chapter, key in set_:
-            if key not in parameters.get(chapter, set()):
-                yield f"{entry.id}: chapter {chapter} has no parameter {key}."
-
-
-def _without_an_entry(
-    assumptions: Assumptions,
-    settings: Mapping[str, Mapping[str, Setting]],
-    parameters: Mapping[str, set[str]],
-) -> Iterator[str]:
-    chosen = [choice for entry in assumptions.assumptions for choice in entry.chosen]
-    covered = {(choice.scenario, choice.setting) for choice in chosen}
-    # the fit to all cells has the same numbers, fitted otherwise
-    covered |= {("p1-inertial-all-cells", key) for s, key in covered if s == "p1-inertial"}
-    for scenario, keys in settings.items():
-        for key, setting in keys.items():
-            if setting.source != "paper" and (scenario, key) not in covered:
-                yield f"The setting {key} of the scenario {scenario} has no entry."
-    stand = {(choice.chapter, choice.parameter) for choice in chosen}
-    for chapter, names in parameters.items():
-        printed = set(assumptions.printed.get(chapter, {}))
-        for name in sorted(printed - names):
-            yield f"printed: chapter {chapter} has no parameter {name}."
-        for name in sorted(names):
-            entry, reason = (chapter, name) in stand, name in printed
-            if entry and reason:
-                yield (
-                    f"The parameter {name} of chapter {chapter} has an entry and a reason for "
-                    "having none."
-                )
-            elif not entry and not reason:
-                yield f"The parameter {name} of chapter {chapter} has no entry."
-
-
-def _edits_that_do_not_fit(project: Project, assumptions: Assumptions) -> Iterator[str]:
-    sources = {c.number: c.source.read_text(encoding="utf-8") for c in project.chapters()}
-    for entry in assumptions.assumptions:
-        for other in entry.alternatives:
-            for edit in other.edits:
-                if sources.get(edit.chapter, "").count(edit.old) != 1:
-                    yield (
-                        f"{entry.id}/{other.id}: the passage that it replaces does not stand in "
-                        f"chapter {edit.chapter} exactly once."
-                    )
-
-
 # Reading the files
 
 _Model = TypeVar("_Model", bound=BaseModel)
@@ -742,11 +629,6 @@ def require_evidence(errata: Errata | None, readings: Readings | None, findings:
 
     A run with other parameters may overturn evidence; then its pages say so. What is published may
     not.
-
-    Raises
-    ------
-    InswsnError
-        The sentence names the file, the entry and what is wrong.
     """
     entries: list[tuple[str, Sequence[Evidence], Sequence[str]]] = []
     if errata is not None:

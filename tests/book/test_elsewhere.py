@@ -8,19 +8,9 @@ from typing import Any
 
 import pytest
 from conftest import MiniProject
+from elsewhere import Variant, compared, found_elsewhere, merged, moved_by, write_elsewhere
 from inswsn_book.compare import Change
-from inswsn_book.elsewhere import (
-    AGAIN,
-    MACHINE,
-    Cell,
-    Variant,
-    compared,
-    found_elsewhere,
-    merged,
-    moved_by,
-    read_elsewhere,
-    write_elsewhere,
-)
+from inswsn_book.elsewhere import AGAIN, MACHINE, Cell, read_elsewhere
 from inswsn_book.files import file_digest
 from inswsn_book.progress import Quiet
 from inswsn_book.project import Project

@@ -31,10 +31,10 @@ from inswsn_book.review import (
     load_errata,
     load_readings,
     other_claims,
-    problems_of,
     require_evidence,
 )
 from inswsn_book.verdicts import Judged, Verdict
+from sensitivity import problems_of
 
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.files import read_yaml

@@ -14,15 +14,8 @@ from inswsn_book.progress import Quiet
 from inswsn_book.project import Project
 from inswsn_book.results import Results, read_results
 from inswsn_book.review import Assumptions, load_assumptions
-from inswsn_book.study import (
-    BASELINE,
-    SENSITIVITY,
-    Study,
-    cells_of,
-    read_study,
-    request_of,
-    run_of,
-)
+from inswsn_book.study import BASELINE, SENSITIVITY, Study, read_study
+from sensitivity import cells_of, request_of, run_of
 
 QUICK = 60.0  # seconds that a run may have taken in the study
 NOT_REDUCED = ("00", "01")  # chapters whose headlines have no chance in them

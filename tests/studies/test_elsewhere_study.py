@@ -7,14 +7,8 @@ import re
 from pathlib import Path
 
 import pytest
-from inswsn_book.elsewhere import (
-    AGAIN,
-    ELSEWHERE,
-    Study,
-    compared,
-    read_elsewhere,
-    variants,
-)
+from elsewhere import compared, variants
+from inswsn_book.elsewhere import AGAIN, ELSEWHERE, Study, read_elsewhere
 from inswsn_book.progress import Quiet
 from inswsn_book.project import Project
 from inswsn_book.provenance import available_cores
