@@ -20,12 +20,12 @@ _WIDE = 5  # a panel that spans more has a logarithmic axis
 
 @dataclass(frozen=True)
 class Contest:
-    """The error of a paper's method over that of its rival, as printed and as rebuilt."""
+    """The error of a paper's method over that of its rival: printed, rebuilt, and recorded."""
 
     label: str  # the method over its rival, and what is compared
-    printed: float | None  # by the paper's printed numbers; None if it prints no such comparison
+    printed: float | None  # None if the paper prints no such comparison
     rebuilt: float  # as the book finds it when both are treated alike
-    recorded: float | None = None  # the same on recorded data
+    recorded: float | None = None
 
 
 def contests(root: Path, findings: Findings) -> list[Contest]:
@@ -34,7 +34,6 @@ def contests(root: Path, findings: Findings) -> list[Contest]:
         return []
     p2 = read_yaml(root / "data/papers/p2.yaml")["results"]
     p3 = read_yaml(root / "data/papers/p3.yaml")
-
     value = findings.quotient
 
     def left(per_cent: Sequence[float]) -> float:
@@ -44,40 +43,21 @@ def contests(root: Path, findings: Findings) -> list[Contest]:
     bridged = [
         q.value for q in findings.results["00"].quantities if q.name.startswith("table3.reduction.")
     ]
+    average = float(p3["average_improvement_at_least"])
     return [
-        Contest(
-            "P1: HF over KF,\nposition",
-            1 / value("02", "headline.published-ratio"),
-            value("02", "fair.hf-exact-lmi.position") / value("02", "fair.kalman.position"),
-        ),
-        Contest(
-            "P1: LS-SVM over BP,\noutages",
-            left(bridged),
-            value("03", "fair.geometric.ls-svm-motion") / value("03", "fair.geometric.bp-motion"),
-        ),
-        Contest(
-            "P2: DHF over FKF,\nposition",
-            left([float(p2[c]["vs_fkf"]) for c in ("rx", "ry")]),
-            value("04", "fair.dhf-over-fkf.position"),
-        ),
-        Contest(
-            "P2: DHF over FKF,\nvelocity",
-            left([float(p2[c]["vs_fkf"]) for c in ("vx", "vy")]),
-            value("04", "fair.dhf-over-fkf.velocity"),
-        ),
-        Contest(
-            "P3: proposed over KF",
-            1 - float(p3["average_improvement_at_least"]) / 100,
-            value("05", "factor.lssvm-never"),
-            value("05", "recorded.factor.lssvm") / value("05", "recorded.factor.never"),
-        ),
-        Contest(
-            "P3: of that,\nthe LS-SVM",
-            None,
-            value("05", "methods.lssvm"),
-            value("05", "recorded.factor.lssvm"),
-        ),
-    ]
+        Contest("P1: HF over KF,\nposition", 1 / value("02", "headline.published-ratio"),
+                value("02", "fair.hf-exact-lmi.position", "fair.kalman.position")),
+        Contest("P1: LS-SVM over BP,\noutages", left(bridged),
+                value("03", "fair.geometric.ls-svm-motion", "fair.geometric.bp-motion")),
+        Contest("P2: DHF over FKF,\nposition", left([float(p2[c]["vs_fkf"]) for c in ("rx", "ry")]),
+                value("04", "fair.dhf-over-fkf.position")),
+        Contest("P2: DHF over FKF,\nvelocity", left([float(p2[c]["vs_fkf"]) for c in ("vx", "vy")]),
+                value("04", "fair.dhf-over-fkf.velocity")),
+        Contest("P3: proposed over KF", 1 - average / 100, value("05", "factor.lssvm-never"),
+                value("05", "recorded.factor.lssvm", "recorded.factor.never")),
+        Contest("P3: of that,\nthe LS-SVM", None, value("05", "methods.lssvm"),
+                value("05", "recorded.factor.lssvm")),
+    ]  # fmt: skip
 
 
 def front_svg(rows: Sequence[Contest]) -> str:
@@ -91,28 +71,14 @@ def front_svg(rows: Sequence[Contest]) -> str:
         if row.printed is not None:
             ends = [row.printed, row.rebuilt]
             axes.plot(ends, [place, place], "-", color="#bbbbbb", lw=1, zorder=1)
-    drawn: list[tuple[str, str, str, list[tuple[float, int]]]] = [
-        (
-            "as printed",
-            "o",
-            "published",
-            [(r.printed, p) for p, r in zip(places, rows, strict=True) if r.printed is not None],
-        ),
-        (
-            "on equal terms",
-            "s",
-            "rebuilt",
-            [(r.rebuilt, p) for p, r in zip(places, rows, strict=True)],
-        ),
-        (
-            "on a recorded drive",
-            "D",
-            "reproduced",
-            [(r.recorded, p) for p, r in zip(places, rows, strict=True) if r.recorded is not None],
-        ),
-    ]
-    for label, marker, colour, points in drawn:
-        axes.plot(*zip(*points, strict=True), marker, ms=8, color=COLOURS[colour], label=label)
+    for field, label, marker, colour in (
+        ("printed", "as printed", "o", "published"),
+        ("rebuilt", "on equal terms", "s", "rebuilt"),
+        ("recorded", "on a recorded drive", "D", "reproduced"),
+    ):
+        values = [getattr(row, field) for row in rows]  # one that is None is not drawn
+        numbers = [float("nan") if value is None else value for value in values]
+        axes.plot(numbers, places, marker, ms=8, color=COLOURS[colour], label=label)
     axes.axvline(1, color=COLOURS["contradicted"], lw=1.2)
     axes.set(xscale="log", xlim=(0.05, 4), ylim=(-0.6, len(rows) - 0.4))
     axes.set_xticks([0.05, 0.1, 0.2, 0.5, 1, 2, 4], ["1/20", "1/10", "1/5", "1/2", "1", "2", "4"])
@@ -121,15 +87,6 @@ def front_svg(rows: Sequence[Contest]) -> str:
     axes.set_xlabel("error of the paper's method over its rival's")
     fig.legend(loc="outside upper right", ncols=3, fontsize=9, columnspacing=1, handletextpad=0.2)
     return _svg(fig)
-
-
-def _svg(fig: Any) -> str:
-    from matplotlib import pyplot as plt  # noqa: PLC0415
-
-    stream = io.StringIO()
-    fig.savefig(stream, format="svg", metadata={"Date": None, "Creator": None})
-    plt.close(fig)
-    return stream.getvalue()
 
 
 def tornado_svg(panels: Sequence[Sequence[tuple[str, Effect]]]) -> str:
@@ -159,9 +116,17 @@ def tornado_svg(panels: Sequence[Sequence[tuple[str, Effect]]]) -> str:
             ax.xaxis.set_major_formatter("{x:g}")
             ax.xaxis.set_minor_locator(NullLocator())
         ax.set_yticks(places, [name for name, _ in found], fontsize=8.5)
-        ax.set_title(
-            f"chapter {first.headline.chapter}, {first.headline.short}", loc="left", fontsize=9.5
-        )
+        title = f"chapter {first.headline.chapter}, {first.headline.short}"
+        ax.set_title(title, loc="left", fontsize=9.5)
         ax.grid(axis="y", visible=False)
     axes[-1, 0].set_xlabel("result over that of the unchanged run")
     return _svg(fig)
+
+
+def _svg(fig: Any) -> str:
+    from matplotlib import pyplot as plt  # noqa: PLC0415
+
+    stream = io.StringIO()
+    fig.savefig(stream, format="svg", metadata={"Date": None, "Creator": None})
+    plt.close(fig)
+    return stream.getvalue()

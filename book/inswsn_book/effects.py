@@ -21,13 +21,11 @@ _FINE = 10  # per cent, below which a change is written to a tenth
 
 @dataclass(frozen=True)
 class Effect:
-    """What one rerun does to one headline."""
+    """What one rerun does to one headline, and how far chance reaches, see `band_of`."""
 
     headline: Headline
-    before: float  # its value in the unchanged run and in the rerun
-    after: float  # its value in the unchanged run and in the rerun
-    # how far two unchanged runs that differ in their seed may be from one another, see `band_of`;
-    # in the unit of the headline
+    before: float  # in the unchanged run
+    after: float
     band: float
 
     @property
@@ -54,15 +52,15 @@ class Effect:
         return self.after / self.before if self.before > 0 and self.after > 0 else None
 
     @property
-    def turned(self) -> bool:
-        """Whether the conclusion turns, beyond chance."""
-        return self.turns and self.beyond
-
-    @property
     def turns(self) -> bool:
         """Whether the result comes to lie on the other side of where its conclusion turns."""
         edge = self.headline.turns
         return edge is not None and (self.before - edge) * (self.after - edge) < 0
+
+    @property
+    def turned(self) -> bool:
+        """Whether the conclusion turns, beyond chance."""
+        return self.turns and self.beyond
 
 
 @dataclass(frozen=True)
@@ -71,7 +69,7 @@ class Row:
 
     entry: Assumption
     set: str  # what was chosen instead
-    run: Run | None  # the rerun; None if it has not been made
+    run: Run | None  # None if it has not been made
     effects: tuple[Effect, ...]  # one for each headline that the rerun gives
     flipped: Mapping[str, str]  # by the id of a claim: its verdict, where no unchanged run has it
 
@@ -91,12 +89,12 @@ class Row:
 
 
 def band_of(values: list[float]) -> float:
-    """Return how far two runs may be from one another by chance.
+    """Return how far two runs may be from one another by chance, from some with seeds of their own.
 
     It is the 95 % interval of the difference of two draws from a normal distribution whose
-    deviation is known from `values` alone: Student's t for n - 1 degrees of freedom times the root
-    of two times the sample deviation. A rerun has the seed of the unchanged run, so it differs from
-    that by chance less than this.
+    deviation is known from the values alone: Student's t for n - 1 degrees of freedom times the
+    root of two times the sample deviation. A rerun has the seed of the unchanged run, so it differs
+    from that by chance less than this.
     """
     if len(values) < 2:  # a deviation takes two
         return 0.0
@@ -112,48 +110,39 @@ def chance_band(study: Study, headline: Headline) -> float:
 
 def rows_of(assumptions: Assumptions, study: Study, chapter: str) -> list[Row]:
     """Return what the study has of a chapter, the largest changes first."""
+    reruns: list[tuple[Assumption, str, Run | None]] = []
+    for entry in assumptions.assumptions:
+        for other in entry.alternatives:
+            if chapter in other.chapters:
+                reruns.append((entry, other.set, study.run(chapter, f"{entry.id}/{other.id}")))
+        if chapter in entry.seeds:
+            seeds = [run for run in study.seeds(chapter) if run.id != BASELINE]
+            reruns += [(entry, f"seed {run.parameters['seed']}", run) for run in seeds]
     rows = [
         Row(entry, set_, run, tuple(_effects(assumptions, study, run)), _flipped(study, run))
-        for entry, set_, run in _reruns(assumptions, study, chapter)
+        for entry, set_, run in reruns
     ]
     return sorted(rows, key=lambda row: -row.size)
 
 
-def _reruns(
-    assumptions: Assumptions, study: Study, chapter: str
-) -> Iterator[tuple[Assumption, str, Run | None]]:
-    for entry in assumptions.assumptions:
-        for other in entry.alternatives:
-            if chapter in other.chapters:
-                yield entry, other.set, study.run(chapter, f"{entry.id}/{other.id}")
-        if chapter in entry.seeds:
-            for run in study.seeds(chapter):
-                if run.id != BASELINE:
-                    yield entry, f"seed {run.parameters['seed']}", run
-
-
 def _effects(assumptions: Assumptions, study: Study, run: Run | None) -> Iterator[Effect]:
-    if run is None:
+    baseline = study.run(run.chapter, BASELINE) if run else None
+    if run is None or baseline is None:
         return
-    baseline = study.run(run.chapter, BASELINE)
     for headline in assumptions.of_chapter(run.chapter):
-        if baseline and headline.key in baseline.headlines and headline.key in run.headlines:
-            yield Effect(
-                headline,
-                baseline.headlines[headline.key],
-                run.headlines[headline.key],
-                chance_band(study, headline),
-            )
+        before, after = (r.headlines.get(headline.key) for r in (baseline, run))
+        if before is not None and after is not None:
+            yield Effect(headline, before, after, chance_band(study, headline))
 
 
 def _flipped(study: Study, run: Run | None) -> dict[str, str]:
-    if run is None or run.failed is not None:
+    unchanged = study.seeds(run.chapter) if run else []
+    if run is None or run.failed is not None or not unchanged:
         return {}
-    unchanged = study.seeds(run.chapter)
     return {
         claim: verdict
         for claim, verdict in run.verdicts.items()
-        if unchanged and all(other.verdicts.get(claim) != verdict for other in unchanged)
+        if all(other.verdicts.get(claim) != verdict for other in unchanged)
     }
 
 
@@ -164,8 +153,8 @@ class Reading:
     entry: Assumption
     within: Within
     says: str  # what is compared
-    before: float  # with the choice of the chapter, and with the other reading
-    after: float  # with the choice of the chapter, and with the other reading
+    before: float  # with the choice of the chapter
+    after: float
     turns: bool  # whether a headline comes to lie where its conclusion is another one
 
     @property
@@ -179,14 +168,14 @@ def readings_of(assumptions: Assumptions, findings: Findings) -> list[Reading]:
     readings = []
     for entry in assumptions.assumptions:
         for within in entry.within:
-            after = findings.value(within)
+            after, turns = findings.value(within), False
             if within.headline is not None:
                 headline = assumptions.headline(within.chapter, within.headline)
-                before = findings.value(headline)
-                turns, says = Effect(headline, before, after, 0.0).turns, headline.says
+                before, says = findings.value(headline), headline.says
+                turns = Effect(headline, before, after, 0.0).turns
             else:
                 before = findings.quotient(within.chapter, str(within.against))
-                turns, says = False, str(within.says)
+                says = str(within.says)
             readings.append(Reading(entry, within, says, before, after, turns))
     return sorted(readings, key=lambda r: -abs(math.log(max(r.after, 1e-9) / r.before)))
 
@@ -218,6 +207,7 @@ def summarise(
     flipping = {row.entry.id for row in made if row.flipped}
     tried = {row.entry.id for row in made} | {reading.entry.id for reading in readings}
     waiting = {row.entry.id for row in reruns if row.run is None}
+    never = {e.id for e in assumptions.assumptions if not (e.alternatives or e.within or e.seeds)}
     return Summary(
         made=made,
         failed=[row for row in made if row.run is not None and row.run.failed is not None],
@@ -225,11 +215,7 @@ def summarise(
         moving=moving,
         flipping=flipping,
         still=tried - moving - turning - flipping - waiting,
-        untried={
-            entry.id
-            for entry in assumptions.assumptions
-            if not (entry.alternatives or entry.within or entry.seeds)
-        },
+        untried=never,
         waiting=waiting,
     )
 

@@ -114,35 +114,36 @@ Evidence = Sentence | Bound | Ruling
 
 
 class Findings:
-    """All that the chapters found: their results, and the claims judged by them."""
+    """All that the chapters found: their results, and the claims judged by them.
+
+    What names a thing that is not there is refused.
+    """
 
     def __init__(self, results: Iterable[Results], judged: Iterable[Judged]) -> None:
         self.results = {result.chapter: result for result in results}
         self.judged = {entry.claim.id: entry for entry in judged}
 
     def quantity(self, chapter: str, name: str) -> Quantity:
-        """Return a quantity of a chapter; `InswsnError` if there is none."""
+        """Return a quantity of a chapter."""
         try:
             return self._chapter(chapter)[name]
         except KeyError:
             raise InswsnError(f"chapter {chapter} records no quantity {name}.") from None
 
     def claim(self, identity: str) -> Judged:
-        """Return a judged claim; `InswsnError` if there is none."""
-        try:
-            return self.judged[identity]
-        except KeyError:
-            raise InswsnError(f"the ledger has no claim {identity}.") from None
+        """Return a judged claim."""
+        if identity not in self.judged:
+            raise InswsnError(f"the ledger has no claim {identity}.")
+        return self.judged[identity]
 
     def claims(self, identities: Iterable[str]) -> list[Judged]:
         """Return judged claims."""
         return [self.claim(identity) for identity in identities]
 
     def _chapter(self, chapter: str) -> Results:
-        try:
-            return self.results[chapter]
-        except KeyError:
-            raise InswsnError(f"there are no results of chapter {chapter}.") from None
+        if chapter not in self.results:
+            raise InswsnError(f"there are no results of chapter {chapter}.")
+        return self.results[chapter]
 
     def quotient(self, chapter: str, quantity: str, over: str | None = None) -> float:
         """Return the value of a quantity, or that of one over another."""
@@ -154,7 +155,7 @@ class Findings:
         return self.quotient(named.chapter, named.quantity, named.over)
 
     def holds(self, evidence: Evidence) -> bool:
-        """Tell whether evidence holds; `InswsnError` if it names what is not there."""
+        """Tell whether evidence holds."""
         if isinstance(evidence, Ruling):
             return self.claim(evidence.claim).verdict is evidence.verdict
         if isinstance(evidence, Bound):
@@ -173,7 +174,12 @@ class Findings:
         return [entry for entry in evidence if not self.holds(entry)]
 
     def fill(self, text: str) -> str:
-        """Put numbers and verdicts in the place of placeholders."""
+        """Put numbers and verdicts in the place of placeholders.
+
+        They are ``{01:name:.2f}`` for a number, ``{01:name@low:.2f}`` and ``@high`` for the ends of
+        its interval, ``{01:name:.0%}`` for a share in per cent, and ``{claim:P1-P-T}`` for a claim
+        with its verdict.
+        """
         return _PLACEHOLDER.sub(self._filled, text.strip())
 
     def _filled(self, match: re.Match[str]) -> str:
@@ -229,25 +235,21 @@ def escape_text(text: str) -> str:
 
 
 class Erratum(Titled):
-    """One error of a paper.
-
-    `printed` is what stands there, `derivation` why it is wrong, `effect` what changes in numbers,
-    `correction` what is right. All `evidence` must hold; `tested` names the test that confirms it
-    by a small computation of its own; `claims` are those of the ledger that it touches.
-    """
+    """One error of a paper, with what must hold for it to stand."""
 
     id: Annotated[str, Field(pattern=r"^E-P[123]-[0-4]\d$")]
     place: Line
     kind: Literal["algebra", "number", "notation", "statement", "missing condition", "labelling"]
     title: Line
-    printed: Prose
-    derivation: Prose
-    effect: Prose
+    printed: Prose  # what stands there
+    derivation: Prose  # why it is wrong
+    effect: Prose  # what changes in numbers
     correction: Prose
     changes: Literal["yes", "no", "unknown"]
     evidence: Annotated[tuple[Evidence, ...], Field(min_length=1)]
+    # the test that confirms it by a small computation of its own
     tested: Annotated[str, Field(pattern=r"^test_\w+$")] | None = None
-    claims: tuple[str, ...] = ()
+    claims: tuple[str, ...] = ()  # of the ledger that it touches
 
     @property
     def texts(self) -> tuple[str, ...]:
@@ -330,15 +332,14 @@ class Question(Titled):
         return *(reading.found for reading in self.readings), self.why, self.decides, self.changes
 
     def hanging(self, findings: Findings) -> list[Judged]:
-        """Return the claims that hang on it; `InswsnError` if a pattern fits none."""
+        """Return the claims that hang on it; refuse a pattern that fits none."""
+        found: set[str] = set()
         for pattern in self.claims:
-            if not any(fnmatchcase(name, pattern) for name in findings.judged):
+            fitting = [name for name in findings.judged if fnmatchcase(name, pattern)]
+            if not fitting:
                 raise InswsnError(f"no claim of the ledger fits {pattern}.")
-        return [
-            entry
-            for name, entry in findings.judged.items()
-            if any(fnmatchcase(name, pattern) for pattern in self.claims)
-        ]
+            found |= set(fitting)
+        return [entry for name, entry in findings.judged.items() if name in found]
 
 
 class Statement(Entry):
@@ -376,7 +377,11 @@ def judged_anew(reading: Reading, findings: Findings) -> list[tuple[Judged, Judg
 def other_claims(
     readings: Readings, findings: Findings
 ) -> list[tuple[str, tuple[str, ...], list[Judged]]]:
-    """Return the claims that no question names, by what would change their verdicts."""
+    """Return the claims that no question names, by what would change their verdicts.
+
+    That is the kind (``print``, ``algebra``, ``data``, ``nothing`` or ``missing``, in this order)
+    and what is missing.
+    """
     named = {e.claim.id for question in readings.questions for e in question.hanging(findings)}
     groups: dict[tuple[str, tuple[str, ...]], list[Judged]] = {}
     for name, entry in findings.judged.items():
@@ -401,13 +406,10 @@ def _changed_by(entry: Judged) -> tuple[str, tuple[str, ...]]:
 
 
 class Headline(Pointer):
-    """A number that the sensitivity study watches.
+    """A number that the sensitivity study watches; beyond `turns` the conclusion is another one."""
 
-    `short` heads a column, `says` tells what it is; beyond `turns` the conclusion is another one.
-    """
-
-    short: Line
-    says: Line
+    short: Line  # heads a column
+    says: Line  # what it is
     turns: float | None = None
 
     @property
@@ -416,7 +418,7 @@ class Headline(Pointer):
         return self.quantity if self.over is None else f"{self.quantity}/{self.over}"
 
     def value(self, results: Results) -> float:
-        """Return it from the results of its chapter; `InswsnError` if they do not hold it."""
+        """Return it from the results of its chapter."""
         return Findings([results], []).value(self)
 
 
@@ -439,10 +441,8 @@ class Chosen(Entry):
 
     @model_validator(mode="after")
     def _one_kind(self) -> Self:
-        pairs = ((self.scenario, self.setting), (self.chapter, self.parameter), (self.text,) * 2)
-        if any((a is None) != (b is None) for a, b in pairs) or (
-            sum(a is not None for a, _ in pairs) != 1
-        ):
+        given = frozenset(name for name, value in self if value is not None)
+        if given not in ({"scenario", "setting"}, {"chapter", "parameter"}, {"text"}):
             raise ValueError(
                 "a choice is a scenario with a setting, a chapter with a parameter, or a text"
             )
@@ -458,19 +458,15 @@ class Edit(Entry):
 
 
 class Alternative(Entry):
-    """What the study sets an assumption to, in which chapters, and how.
-
-    `values` and `factors` are by scenario and setting, `files` puts another scenario file in the
-    place of one, `parameters` are by chapter.
-    """
+    """What the study sets an assumption to, in which chapters, and how."""
 
     id: Annotated[str, Field(pattern=r"^[a-z0-9]+(-[a-z0-9]+)*$")]
     set: Annotated[str, Field(min_length=1, pattern=r"^[^\n]+$")]
     why: Line
     chapters: Annotated[tuple[Chapter, ...], Field(min_length=1)]
-    values: dict[str, dict[str, Number]] = {}
+    values: dict[str, dict[str, Number]] = {}  # by scenario and setting
     factors: dict[str, dict[str, float]] = {}
-    files: dict[str, str] = {}
+    files: dict[str, str] = {}  # another scenario file in the place of one
     parameters: dict[Chapter, dict[str, Value]] = {}
     edits: tuple[Edit, ...] = ()
 
@@ -505,23 +501,18 @@ class Within(Pointer):
 
 
 class Assumption(Titled):
-    """One thing that a paper leaves unsaid.
-
-    `place` is where one would look for it, `bounds` whether what is printed bounds it. `varied`
-    says why no rerun varies it, or what does; `seeds` are, for the entry on chance, the chapters
-    whose other seeds are its alternatives.
-    """
+    """One thing that a paper leaves unsaid, and what was chosen."""
 
     id: Annotated[str, Field(pattern=r"^P[123]-M-[A-Za-z0-9]+$")]
     unsaid: Line
-    place: Line
-    bounds: Line
+    place: Line  # where one would look for it
+    bounds: Line  # whether what is printed bounds it
     chosen: Annotated[tuple[Chosen, ...], Field(min_length=1)]
     why: Line | None = None
-    varied: Line | None = None
+    varied: Line | None = None  # why no rerun varies it, or what does
     alternatives: Annotated[tuple[Alternative, ...], Field(max_length=2)] = ()
     within: tuple[Within, ...] = ()
-    seeds: tuple[Chapter, ...] = ()
+    seeds: tuple[Chapter, ...] = ()  # of the entry on chance: whose other seeds are alternatives
 
     @model_validator(mode="after")
     def _whole(self) -> Self:
@@ -559,11 +550,8 @@ class Assumptions(Entry):
         return [headline for headline in self.headlines if headline.chapter == chapter]
 
     def headline(self, chapter: str, key: str) -> Headline:
-        """Return the headline of that key; ``KeyError`` if there is none."""
-        for headline in self.of_chapter(chapter):
-            if headline.key == key:
-                return headline
-        raise KeyError(key)
+        """Return the headline of that key."""
+        return next(headline for headline in self.of_chapter(chapter) if headline.key == key)
 
 
 def load_settings(root: Path) -> dict[str, dict[str, Setting]]:
@@ -583,21 +571,21 @@ _Model = TypeVar("_Model", bound=BaseModel)
 
 
 def load_errata(root: Path) -> Errata:
-    """Read ``data/errata.yaml``; `InswsnError` names the entry that is not of the form."""
-    return _load(root / ERRATA, Errata, "a list of errata")
+    """Read ``data/errata.yaml``; refuse it with the entry that is not of the form."""
+    return _load(root / ERRATA, Errata)
 
 
 def load_readings(root: Path) -> Readings:
-    """Read ``data/readings.yaml``; `InswsnError` names the entry that is not of the form."""
-    return _load(root / READINGS, Readings, "a list of readings")
+    """Read ``data/readings.yaml``; refuse it with the entry that is not of the form."""
+    return _load(root / READINGS, Readings)
 
 
 def load_assumptions(root: Path) -> Assumptions:
-    """Read ``data/assumptions.yaml``; `InswsnError` names the entry that is not of the form."""
-    return _load(root / ASSUMPTIONS, Assumptions, "a list of assumptions")
+    """Read ``data/assumptions.yaml``; refuse it with the entry that is not of the form."""
+    return _load(root / ASSUMPTIONS, Assumptions)
 
 
-def _load(path: Path, model: type[_Model], what: str) -> _Model:
+def _load(path: Path, model: type[_Model]) -> _Model:
     content = read_yaml(path)
     try:
         return model.model_validate(content)
@@ -605,7 +593,7 @@ def _load(path: Path, model: type[_Model], what: str) -> _Model:
         first = error.errors()[0]
         place = _place([str(part) for part in first["loc"]], content)
         said = first["msg"].removeprefix("Value error, ")
-        raise InswsnError(f"{path} is not {what}: {place}: {said}.") from None
+        raise InswsnError(f"{path} is not a list of {path.stem}: {place}: {said}.") from None
 
 
 def _place(parts: list[str], content: Any) -> str:
@@ -619,8 +607,7 @@ def _place(parts: list[str], content: Any) -> str:
 
 
 def _refuse_repeated(ids: Sequence[str]) -> None:
-    twice = sorted({identity for identity in ids if ids.count(identity) > 1})
-    if twice:
+    if twice := sorted({identity for identity in ids if ids.count(identity) > 1}):
         raise ValueError(f"the ids {', '.join(twice)} are used twice")
 
 
