@@ -84,12 +84,9 @@ def write_archive(project: Project, target: Path | None = None) -> Path:
     archives of one build are the same, byte for byte.
     """
     commit, clean = repository_state(project.root)
-    if commit is None:
-        raise InswsnError(f"{project.root} is no git checkout; an archive is made of a commit.")
-    if not clean:
-        raise InswsnError(
-            f"{project.root} has changes that are not committed; an archive is made of a commit."
-        )
+    if commit is None or not clean:
+        state = "has changes that are not committed" if commit else "is no git checkout"
+        raise InswsnError(f"{project.root} {state}; an archive is made of a commit.")
     about = project.about()
     time = _time(about)
     lost, new = compare_ids(project)

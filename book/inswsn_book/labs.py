@@ -25,32 +25,9 @@ LABS = ("gain", "kernel")
 
 @dataclass(frozen=True)
 class Slider:
-    """A number that a reader of a lab may move.
+    """A number that a reader of a lab may move; with `log` its places are powers of ten.
 
-    Attributes
-    ----------
-    name : str
-        What the script calls it.
-    label : str
-        What the reader is told.
-    low, high, step : float
-        Its ends, and the distance of its places. With `log` all are powers of ten.
-    start : float
-        Where it stands at first.
-    unit : str
-        Of the value, said after it.
-    log : bool
-        Whether the slider moves the logarithm, base ten, of the value.
-    by : str
-        The choice on which the unit depends, if it does.
-    units : mapping of str to str
-        The unit of each option of that choice.
-
-    Raises
-    ------
-    ParameterError
-        If the ends are not finite and in order, the step does not lead from one to the other, or
-        the start is not one of its places.
+    Its ends are finite and in order, and a whole number of steps apart.
 
     Examples
     --------
@@ -58,22 +35,20 @@ class Slider:
 
     >>> from inswsn_book.labs import Slider
     >>> slider = Slider("ratio", "assumed over true", -1.0, 1.0, 0.5, start=0.0, log=True)
-    >>> slider.places.tolist()
-    [-1.0, -0.5, 0.0, 0.5, 1.0]
     >>> slider.values.round(3).tolist()
     [0.1, 0.316, 1.0, 3.162, 10.0]
     """
 
-    name: str
-    label: str
+    name: str  # for the script
+    label: str  # for the reader
     low: float
     high: float
     step: float
-    start: float
+    start: float  # where it stands at first
     unit: str = ""
     log: bool = False
-    by: str = ""
-    units: Mapping[str, str] = field(default_factory=dict)
+    by: str = ""  # the choice on which the unit depends, if it does
+    units: Mapping[str, str] = field(default_factory=dict)  # of each option of that choice
 
     def __post_init__(self) -> None:
         if not (np.isfinite([self.low, self.high]).all() and self.low < self.high):
@@ -98,23 +73,7 @@ class Slider:
 
 @dataclass(frozen=True)
 class Choice:
-    """One of a few things that a reader of a lab may choose, by radio buttons.
-
-    Attributes
-    ----------
-    name : str
-        What the script calls it.
-    label : str
-        What the reader is told.
-    options : mapping of str to str
-        What the script calls each, and what the reader is told.
-    start : str
-        What is chosen at first.
-
-    Raises
-    ------
-    ParameterError
-        If there are fewer than two options, or the start is none of them.
+    """One of two or more things that a reader of a lab may choose, by radio buttons.
 
     Examples
     --------
@@ -127,7 +86,7 @@ class Choice:
 
     name: str
     label: str
-    options: Mapping[str, str]
+    options: Mapping[str, str]  # for the script, and for the reader
     start: str
 
     def __post_init__(self) -> None:
@@ -146,30 +105,12 @@ def show_lab(
     choices: Sequence[Choice],
     data: Mapping[str, Any],
 ) -> None:
-    """Show a lab in the place of a still figure of the same page.
+    """Show a lab in the place of a still figure of the same page, given by its label.
 
     The output is a hidden section that holds the numbers as JSON. ``labs.js`` fills it with
     controls, a table and charts and puts it where the picture is; without the script nothing
-    changes.
-
-    Parameters
-    ----------
-    kind : {"gain", "kernel"}
-        Which lab.
-    title : str
-        Its name, for those who do not see the page.
-    figure : str
-        The label of the figure, as `inswsn_book.show.show_figure` was given it.
-    sliders, choices : sequence
-        What the reader may move.
-    data : mapping
-        What the lab computes from; of strings, finite numbers, lists and mappings. Arrays are
-        written as lists of lists, each number with all its digits.
-
-    Raises
-    ------
-    ParameterError
-        If there is no such lab, the title is empty, the label is none, or a number is not finite.
+    changes. The title is for those who do not see the page. What the lab computes from is made of
+    strings, finite numbers, lists, mappings and arrays.
 
     Examples
     --------

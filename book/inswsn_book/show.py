@@ -16,15 +16,6 @@ from inswsn_lib.errors import ParameterError
 def tick(held: bool) -> str:
     """Return "yes" or "no" for a table cell: words, since a colour alone tells nobody.
 
-    Parameters
-    ----------
-    held : bool
-        Whether it holds.
-
-    Returns
-    -------
-    str
-
     Examples
     --------
     >>> from inswsn_book.show import tick
@@ -35,14 +26,7 @@ def tick(held: bool) -> str:
 
 
 def show_parameters(schema: Schema, *, name: str) -> None:
-    """Show the declared parameters of a chapter in a table.
-
-    Parameters
-    ----------
-    schema : Schema
-        The parameters, as ``ChapterRecord.schema`` has them.
-    name : str
-        The label that ``{numref}`` uses, for example ``"tbl-00-parameters"``.
+    """Show the declared parameters of a chapter, `ChapterRecord.schema`, in a table of that label.
 
     Examples
     --------
@@ -56,13 +40,7 @@ def show_parameters(schema: Schema, *, name: str) -> None:
     {'text/markdown': ...`steps`...Periods to run...a whole number in (0, inf)...}
     """
     rows = [
-        (
-            f"`{p.name}`",
-            p.meaning,
-            "–" if p.kind == "str" else p.unit,
-            f"{p.default}",
-            p.allowed,
-        )
+        (f"`{p.name}`", p.meaning, "–" if p.kind == "str" else p.unit, f"{p.default}", p.allowed)
         for p in schema.parameters
     ]
     columns = ["parameter", "what it is", "unit", "published run", "it may be"]
@@ -71,22 +49,10 @@ def show_parameters(schema: Schema, *, name: str) -> None:
 
 
 def show_table(frame: pd.DataFrame, *, name: str, caption: str) -> None:
-    """Show a table with a caption; in the book it is numbered and can be referred to.
+    """Show a table with a caption; the book numbers it, and ``{numref}`` refers to it by its label.
 
-    Parameters
-    ----------
-    frame : DataFrame
-        The table; its index names the rows. Cells are written with ``str`` and may hold MyST
-        Markdown.
-    name : str
-        The label that ``{numref}`` uses, for example ``"tbl-table1-means"``.
-    caption : str
-        What to see in it, one line of MyST Markdown.
-
-    Raises
-    ------
-    ParameterError
-        If the caption or a cell has more than one line.
+    The index names the rows. Cells are written with ``str`` and may hold MyST Markdown of one line,
+    as the caption may.
 
     Examples
     --------
@@ -107,13 +73,8 @@ def show_table(frame: pd.DataFrame, *, name: str, caption: str) -> None:
         if "\n" in text:
             raise ParameterError("caption or cell", text, "one line")
     fence = "~~~" if "`" in caption else "```"  # backticks do not stand behind backticks
-    lines = [
-        f"{fence}{{list-table}} {caption}",
-        f":name: {name}",
-        ":header-rows: 1",
-        ":stub-columns: 1",
-        "",
-    ]
+    lines = [f"{fence}{{list-table}} {caption}", f":name: {name}"]
+    lines += [":header-rows: 1", ":stub-columns: 1", ""]
     for row in cells:
         lines += [f"{'* -' if i == 0 else '  -'} {cell}".rstrip() for i, cell in enumerate(row)]
     lines.append(fence)
@@ -128,37 +89,18 @@ def show_table(frame: pd.DataFrame, *, name: str, caption: str) -> None:
 
 
 def show_figure(fig: Figure, *, name: str, caption: str, alt: str) -> None:
-    """Show a figure with its caption and alternative text; the last thing a cell does.
+    """Show a figure, which is closed, with its label, caption and alternative text.
 
-    Parameters
-    ----------
-    fig : Figure
-        The figure; it is closed.
-    name : str
-        The label that ``{numref}`` uses, for example ``"fig-table1-shifts"``.
-    caption : str
-        What to see in it, in MyST Markdown.
-    alt : str
-        What a reader who cannot see it needs: the message and its numbers.
-
-    Raises
-    ------
-    ParameterError
-        If the name, the caption or the alternative text is empty.
+    It is the last thing that a cell does. The caption says what to see in it, in MyST Markdown; the
+    alternative text what a reader who cannot see it needs: the message and its numbers. Neither may
+    be empty.
 
     Examples
     --------
-    In a notebook the figure is shown; a plain interpreter prints what is sent to it, and a missing
-    caption or alternative text is refused:
-
     >>> from inswsn_book.show import show_figure
     >>> from inswsn_lib.plotting import figure
     >>> fig, axes = figure()
     >>> line = axes.plot([0, 1], [0, 2])
-    >>> show_figure(fig, name="fig-line", caption="A line.", alt=" ")
-    Traceback (most recent call last):
-        ...
-    inswsn_lib.errors.ParameterError: alt is ' '; it may be a text that is not empty.
     >>> show_figure(  # doctest: +ELLIPSIS
     ...     fig, name="fig-line", caption="A line.", alt="A line from 0 to 2."
     ... )
