@@ -62,24 +62,25 @@ def execute_notebook(
 ) -> Any:
     """Return the executed notebook; its kernel works in `folder`.
 
-    Raises what papermill and nbclient raise where a cell fails or the kernel dies. Before that the
-    manager of the kernel and, as each starts, the number of the cell, of how many, and its id are
-    told.
+    Raises what papermill and nbclient raise where a cell fails or the kernel dies; what the kernel
+    itself says on standard error is in ``kernel.log``. Before that the manager of the kernel and,
+    as each starts, the number of the cell, of how many, and its id are told.
     """
 
     def execute() -> Any:
-        return papermill.execute_notebook(
-            notebook,
-            None,
-            parameters=dict(parameters),
-            engine_name="inswsn",
-            kernel_name="python3",
-            progress_bar=False,
-            python=python,
-            options={"cwd": str(folder), "env": dict(environment)},
-            tell_kernel=tell_kernel,
-            tell_cell=tell_cell,
-        )
+        with (folder / "kernel.log").open("w", encoding="utf-8") as log:
+            return papermill.execute_notebook(
+                notebook,
+                None,
+                parameters=dict(parameters),
+                engine_name="inswsn",
+                kernel_name="python3",
+                progress_bar=False,
+                python=python,
+                options={"cwd": str(folder), "env": dict(environment), "stderr": log},
+                tell_kernel=tell_kernel,
+                tell_cell=tell_cell,
+            )
 
     try:
         return execute()

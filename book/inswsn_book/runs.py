@@ -432,7 +432,8 @@ def _execute(
                 kernels.add, tell_cell,
             )  # fmt: skip
         except Exception as error:  # whatever papermill, nbclient or the kernel raise
-            raise _failure(chapter.name, place, error) from None
+            log = (folder / "kernel.log").read_text(encoding="utf-8", errors="replace")
+            raise _failure(chapter.name, place, error, log) from None
         if not (folder / "results" / f"{chapter.number}.json").is_file():
             raise ChapterError(
                 f"Chapter {chapter.name} wrote no results file {chapter.number}.json: "
@@ -446,9 +447,9 @@ def _execute(
     return Run(request, results, notebook_text(strip_run(executed)), files), machine
 
 
-def _failure(name: str, place: str, error: Exception) -> ChapterError:
+def _failure(name: str, place: str, error: Exception, log: str) -> ChapterError:
     """Return what a user is told of a chapter that failed."""
-    said = f"{type(error).__name__}: {error}"
+    said = f"{log}{type(error).__name__}: {error}"
     if hasattr(error, "traceback"):  # papermill's, of a cell
         said = "\n".join(error.traceback)
         place += f":\n\n{error.source}\n"  # type: ignore[attr-defined]
