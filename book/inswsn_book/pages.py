@@ -13,7 +13,6 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -120,28 +119,18 @@ def _code(text: str) -> str:
     return f"{fence}{pad}{' '.join(text.split())}{pad}{fence}"
 
 
-@dataclass(frozen=True)
-class ChapterFacts:
-    """What pages say of a chapter: what it needs, how long it takes, what it found."""
-
-    number: str
-    name: str
-    need: str
-    minutes: int | None
-    results: Results | None
-
-    @property
-    def seconds(self) -> float:
-        """How long its run took; zero if that is not known."""
-        made = self.results.provenance if self.results else None
-        return made.seconds if made else 0.0
-
-
-def _facts_of(chapter: Chapter, results: Results | None) -> ChapterFacts:
+def _facts_of(chapter: Chapter, results: Results | None) -> dict[str, Any]:
+    """Return what pages say of a chapter: what it needs, how long it takes, what it found."""
     head = _HEAD.search(chapter.source.read_text(encoding="utf-8"))
-    need = " ".join(head["need"].split()) if head else ""
-    minutes = int(head["minutes"]) if head else None
-    return ChapterFacts(chapter.number, chapter.name, need, minutes, results)
+    made = results.provenance if results else None
+    return {
+        "number": chapter.number,
+        "name": chapter.name,
+        "need": " ".join(head["need"].split()) if head else "",
+        "minutes": int(head["minutes"]) if head else None,
+        "results": results,
+        "seconds": made.seconds if made else 0.0,
+    }
 
 
 def context(project: Project, results: Sequence[Results]) -> dict[str, Any]:
@@ -179,14 +168,7 @@ def _machines(results: Sequence[Results]) -> list[tuple[list[str], Provenance]]:
     groups: dict[tuple[object, ...], tuple[list[str], Provenance]] = {}
     for found in results:
         if (made := found.provenance) is not None:
-            key = (
-                made.cpu,
-                made.cores,
-                made.system,
-                made.blas,
-                made.python,
-                *made.packages.items(),
-            )
+            key = (made.cpu, made.cores, made.system, made.blas, made.python, str(made.packages))
             groups.setdefault(key, ([], made))[0].append(found.chapter)
     return list(groups.values())
 
