@@ -33,7 +33,6 @@ from inswsn_book.pages import require_current_site
 from inswsn_book.project import About, Project, find_root
 from inswsn_book.provenance import repository_state
 from inswsn_book.publishing import CLAIM_IDS, compare_ids
-from inswsn_book.results import Provenance
 from inswsn_book.runs import Run, book_runs
 from inswsn_book.verdicts import verdicts
 from inswsn_lib.errors import InswsnError, ParameterError
@@ -50,6 +49,7 @@ SITE_PACKAGES = (
 # what a zip can say of a file's time
 _FIRST, _LAST = datetime(1980, 1, 1, tzinfo=UTC), datetime(2107, 12, 31, 23, 59, 58, tzinfo=UTC)
 _PLAIN, _EXECUTABLE = 0o100644, 0o100755
+_LOCKS = ("environment.lock", "environment-torch.lock")
 _DIGEST = re.compile(r"\b[0-9a-f]{64}\b")
 _TITLE = re.compile(r"^# +(.+)$", re.MULTILINE)
 # What each chapter run is: https://www.researchobject.org/workflow-run-crate/profiles/process_run_crate
@@ -223,12 +223,12 @@ def _crate_text(project: Project, runs: Sequence[Run], commit: str, names: Seque
     _entity(crate, "#inswsn", {
         "@type": "SoftwareApplication", "name": "inswsn", "softwareVersion": about.version,
         "identifier": commit, "description": "The library and the command, from that commit.",
-        "softwareRequirements": [{"@id": "environment.lock"}, {"@id": "environment-torch.lock"}],
+        "softwareRequirements": [{"@id": name} for name in _LOCKS],
     })  # fmt: skip
     for folder, title in _FOLDERS.items():
         if any(name.startswith(folder) for name in names):
             crate.add(Dataset(crate, dest_path=folder, properties={"name": title}))
-    for name in ("environment.lock", "environment-torch.lock", "verdicts.json", "SHA256SUMS"):
+    for name in (*_LOCKS, "verdicts.json", "SHA256SUMS"):
         _file(crate, name, name)
     for run in runs:
         _describe_run(crate, project, run, names)
@@ -238,10 +238,12 @@ def _crate_text(project: Project, runs: Sequence[Run], commit: str, names: Seque
 
 def _article(crate: ROCrate, reference: Mapping[str, Any]) -> Any:
     authors = [f"{a['given-names']} {a['family-names']}" for a in reference["authors"]]
-    return _entity(crate, f"https://doi.org/{reference['doi']}", {
-        "@type": "ScholarlyArticle", "name": reference["title"], "author": ", ".join(authors),
-        "datePublished": str(reference["year"]),
-    })  # fmt: skip
+    facts = {"name": reference["title"], "datePublished": str(reference["year"])}
+    return _entity(
+        crate,
+        f"https://doi.org/{reference['doi']}",
+        {"@type": "ScholarlyArticle", "author": ", ".join(authors), **facts},
+    )
 
 
 def _licence(crate: ROCrate, name: str) -> Any:
@@ -270,8 +272,7 @@ def _describe_run(crate: ROCrate, project: Project, run: Run, names: Sequence[st
             ),
             *(_file(crate, file, f"Read by chapters: {file}") for file in sorted(read)
               if file in names),
-            {"@id": "environment.lock"},
-            {"@id": "environment-torch.lock"},
+            *({"@id": name} for name in _LOCKS),
         ],
         "result": [
             _file(crate, f"executed/{chapter.name}.ipynb", f"{name}, executed"),
@@ -279,21 +280,17 @@ def _describe_run(crate: ROCrate, project: Project, run: Run, names: Sequence[st
         ],
         "actionStatus": {"@id": "http://schema.org/CompletedActionStatus"},
     }  # fmt: skip
-    if (made := results.provenance) is not None:
-        action |= _times(made)
+    if (made := results.provenance) is not None:  # which has its end to the minute
+        ended = datetime.strptime(made.finished, "%Y-%m-%d %H:%M UTC").replace(tzinfo=UTC)
+        action |= {
+            "startTime": (ended - timedelta(seconds=round(made.seconds))).isoformat(),
+            "endTime": ended.isoformat(),
+            "description": (
+                f"{made.seconds:g} s on {made.cpu}, {made.system}, Python {made.python}; "
+                f"commit {made.commit or 'unknown'}."
+            ),
+        }
     crate.root_dataset.append_to("mentions", _entity(crate, f"#run-{chapter.number}", action))
-
-
-def _times(made: Provenance) -> dict[str, str]:
-    """Return when a run began and ended, and where; the provenance has its end to the minute."""
-    ended = datetime.strptime(made.finished, "%Y-%m-%d %H:%M UTC").replace(tzinfo=UTC)
-    began = ended - timedelta(seconds=round(made.seconds))
-    return {
-        "startTime": began.isoformat(),
-        "endTime": ended.isoformat(),
-        "description": f"{made.seconds:g} s on {made.cpu}, {made.system}, Python {made.python}; "
-        f"commit {made.commit or 'unknown'}.",
-    }
 
 
 def _file(crate: ROCrate, name: str, title: str, **properties: Any) -> Any:
