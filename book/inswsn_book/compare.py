@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import chain, zip_longest
 
 from rich.console import Console
 from rich.table import Table
@@ -163,11 +164,20 @@ def show_comparison(
     for line in [
         *(f"{pair.name}: {'; '.join(pair.details)}" for pair, _ in changed if pair.details),
         *(line for line in conditions if not line.startswith("cells: ")),
+        *_tables_that_differ(before, after),
         *(f"verdict {flip}" for flip in flips),
         f"{len(changed)} of {len(pairs)} quantities changed, {overturned} of {sentences} sentences "
         f"overturned, {len(flips)} of {len(claims)} verdicts flipped.",
     ]:
         console.print(line, markup=False, soft_wrap=True)
+
+
+def _tables_that_differ(before: Results, after: Results) -> Iterator[str]:
+    for name in sorted(before.tables.keys() & after.tables.keys()):
+        old, new = (list(chain(*results.tables[name])) for results in (before, after))
+        changed = sum(a != b for a, b in zip_longest(old, new))
+        if changed:
+            yield f"table {name}: {changed} of {max(len(old), len(new))} cells differ"
 
 
 def _difference(pair: Change) -> str:

@@ -18,7 +18,7 @@ Finite = Annotated[float, Field(allow_inf_nan=False)]
 IntervalKind = Literal["rounding", "confidence 95 %", "runs 95 %"]
 
 #: The version of the results file that is written
-SCHEMA_VERSION: Literal[2] = 2
+SCHEMA_VERSION: Literal[3] = 3
 
 
 class _Record(BaseModel):
@@ -75,10 +75,10 @@ class Provenance(_Record):
 class Results(_Record):
     """All that a chapter found in one run.
 
-    Files of schema version 1, which had no solvers, cells and provenance, are read as well.
+    Files of older versions are read as well: 1 had no solvers, cells and provenance, 2 no tables.
     """
 
-    schema_version: Literal[2] = SCHEMA_VERSION
+    schema_version: Literal[3] = SCHEMA_VERSION
     chapter: Annotated[str, Field(pattern=r"^\d\d$")]
     parameters: dict[Name, bool | int | Finite | str]
     data: dict[str, Digest]  # the files that it read, as `inswsn_book.ledger.data_digest`
@@ -86,12 +86,13 @@ class Results(_Record):
     sentences: dict[str, bool] = {}  # of the page that rest on results, and whether they hold
     solvers: dict[str, str] = {}  # that it called, with the status that they ended with
     cells: dict[Name, str] = {}  # that recorded each quantity
+    tables: dict[str, list[list[str]]] = {}  # as they are shown, by label; the header comes first
     provenance: Provenance | None = None
 
     @model_validator(mode="before")
     @classmethod
     def _older_version_is_raised(cls, content: Any) -> Any:
-        if isinstance(content, dict) and content.get("schema_version") == 1:
+        if isinstance(content, dict) and content.get("schema_version") in (1, 2):
             return content | {"schema_version": SCHEMA_VERSION}
         return content
 

@@ -442,7 +442,7 @@ def _execute(
         files = _texts_of(folder / "results")
         results = read_results(folder / "results" / f"{chapter.number}.json")
     del files[f"{chapter.number}.json"]
-    results = results.model_copy(update={"cells": _recording_cells(executed)})
+    results = results.model_copy(update=_shown(executed))
     machine = machine_of(around.python, frozenset(environment.items()))
     return Run(request, results, notebook_text(strip_run(executed)), files), machine
 
@@ -497,14 +497,20 @@ def _overlaid(root: Path, overlay: Mapping[str, str]) -> Iterator[Path]:
         yield copy
 
 
-def _recording_cells(executed: Any) -> dict[str, str]:
-    """Return the cell that recorded each quantity: `ChapterRecord.quantity` leaves its name."""
-    return {
-        output["metadata"]["scrapbook"]["quantity"]: cell["id"]
-        for cell in executed.cells
-        for output in cell.get("outputs", [])
-        if "quantity" in output.get("metadata", {}).get("scrapbook", {})
-    }
+def _shown(executed: Any) -> dict[str, Any]:
+    """Return the cell that recorded each quantity, and each table: outputs have them as metadata.
+
+    `ChapterRecord.quantity` and `inswsn_book.show.show_table` leave them there.
+    """
+    cells, tables = {}, {}
+    for cell in executed.cells:
+        for output in cell.get("outputs", []):
+            metadata = output.get("metadata", {})
+            if "quantity" in metadata.get("scrapbook", {}):
+                cells[metadata["scrapbook"]["quantity"]] = cell["id"]
+            if "table" in metadata:
+                tables[metadata["table"]["name"]] = metadata["table"]["cells"]
+    return {"cells": cells, "tables": tables}
 
 
 def _environment(project: Project, surroundings: Surroundings) -> dict[str, str]:

@@ -84,6 +84,7 @@ def show_table(frame: pd.DataFrame, *, name: str, caption: str) -> None:
             "text/html": frame.to_html(),
             "text/plain": f"{caption}\n\n{frame.to_string()}",
         },
+        metadata={"table": {"name": name, "cells": cells}},  # for the results file
         raw=True,
     )
 

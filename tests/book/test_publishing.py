@@ -46,7 +46,7 @@ def test_publish_shows_what_changes_and_then_writes_it(mini: MiniProject) -> Non
 
     # a reference of another schema is shown as all new, and replaced
     reference.write_text(
-        reference.read_text().replace('"schema_version": 2', '"schema_version": 9')
+        reference.read_text().replace('"schema_version": 3', '"schema_version": 9')
     )
     assert "! 00 twice: absent -> 42.4 m" in run_command(mini.root, "publish").stdout
     assert run_command(mini.root, "publish", "--check").stdout == ""

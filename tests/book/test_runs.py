@@ -6,6 +6,7 @@ import os
 import sys
 import time
 from collections.abc import Callable
+from io import StringIO
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ from typing import Any
 import pytest
 from conftest import MiniProject, run_command
 from inswsn_book import runs
+from inswsn_book.compare import show_comparison
 from inswsn_book.files import file_digest
 from inswsn_book.progress import Quiet
 from inswsn_book.project import MODULES_VARIABLE, Project
@@ -32,6 +34,7 @@ from inswsn_book.runs import (
     run_all,
     run_each,
 )
+from rich.console import Console
 
 from inswsn_lib.errors import InswsnError, ParameterError
 from inswsn_lib.files import DATA_VARIABLE
@@ -298,6 +301,21 @@ def test_a_run_that_the_book_refuses_is_refused_from_the_store_too(built: MiniPr
     assert done.returncode == 1
     assert "00-mini: unchanged" in done.stderr
     assert "has sentences that its results do not bear out:\n  Twice it is odd." in done.stderr
+
+
+def test_a_table_is_recorded_as_it_is_shown(mini: MiniProject) -> None:
+    mini.chapter(
+        "```{code-cell} ipython3\nimport pandas as pd\nfrom inswsn_book.show import show_table\n\n"
+        "frame = pd.DataFrame({'a (m)': [f'{scale:.2f}']}, index=pd.Index(['x'], name='row'))\n"
+        "show_table(frame, name='tbl-mini', caption='A table.')\n```"
+    )
+    done = run(mini, PLAIN, Quiet())
+    assert done.results.tables == {"tbl-mini": [["row", "a (m)"], ["x", "2.00"]]}
+    other = run(mini, Request("00", {"scale": 3.0}), Quiet()).results
+    assert other.tables["tbl-mini"][1] == ["x", "3.00"]
+    console = Console(width=80, record=True, file=StringIO())
+    show_comparison(done.results, other, [], ("first", "second"), console)
+    assert "table tbl-mini: 1 of 4 cells differ" in console.export_text()
 
 
 def test_an_overlay_is_as_an_edited_checkout(mini: MiniProject) -> None:
