@@ -9,7 +9,7 @@ import signal
 import sys
 import textwrap
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -112,13 +112,7 @@ def chapters(root: Path | None) -> None:
 @click.option("--fresh", is_flag=True, help="Execute it, even if the same has been run before.")
 @click.pass_obj
 def run(
-    root: Path | None,
-    name: str,
-    settings: tuple[str, ...],
-    file: Path | None,
-    out: Path | None,
-    html: bool,
-    fresh: bool,
+    root: Path | None, /, name: str, settings: tuple[str, ...], file: Path | None, **how: Any
 ) -> None:
     """Execute a chapter with other parameters and compare it with the published run.
 
@@ -136,9 +130,7 @@ def run(
     schema = chapter_schema(project.root, number)
     values = gather_parameters(schema, settings, file, project.root / "data")
     with Progress() as progress:
-        folder, results = run_chapter(
-            project, number, values, progress, out=out, html=html, fresh=fresh
-        )
+        folder, results = run_chapter(project, number, values, progress, **how)
     claims = claims_of(load_claims(project.root / LEDGER), number)
     reference = reference_results(project, number)
     show_comparison(reference, results, claims, ("published run", "this run"), _console())
@@ -161,14 +153,7 @@ def run(
 @click.option("--fresh", is_flag=True, help="Compute all cells, whatever is kept.")
 @click.pass_obj
 def sweep(
-    root: Path | None,
-    name: str,
-    axes: tuple[str, ...],
-    settings: tuple[str, ...],
-    jobs: int | None,
-    dask: str | None,
-    out: Path | None,
-    fresh: bool,
+    root: Path | None, /, name: str, axes: tuple[str, ...], settings: tuple[str, ...], **how: Any
 ) -> None:
     """Run a chapter at each cell of a grid of its parameters.
 
@@ -183,7 +168,7 @@ def sweep(
     project = _project(root)
     wanted = read_sweep(project, project.find(name), axes, settings)
     with SweepProgress() as progress:
-        done = run_sweep(project, wanted, progress, out=out, jobs=jobs, dask=dask, fresh=fresh)
+        done = run_sweep(project, wanted, progress, **how)
     show_leaders(wanted, done, _console())
     if done.no_figure:
         click.echo(f"There is no figure: {done.no_figure}")

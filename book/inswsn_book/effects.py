@@ -6,6 +6,7 @@ import math
 import statistics
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from scipy.special import stdtrit
 
@@ -180,24 +181,13 @@ def readings_of(assumptions: Assumptions, findings: Findings) -> list[Reading]:
     return sorted(readings, key=lambda r: -abs(math.log(max(r.after, 1e-9) / r.before)))
 
 
-@dataclass(frozen=True)
-class Summary:
-    """What the tables of reruns and readings come to: ids of assumptions, by what they do."""
-
-    made: list[Row]
-    failed: list[Row]
-    turning: set[str]
-    moving: set[str]
-    flipping: set[str]
-    still: set[str]
-    untried: set[str]
-    waiting: set[str]
-
-
 def summarise(
     assumptions: Assumptions, tables: Mapping[str, Sequence[Row]], readings: Sequence[Reading]
-) -> Summary:
-    """Tell what reruns and readings come to; rows with another seed alone do not count."""
+) -> dict[str, Any]:
+    """Return the reruns that were made and that failed, and ids of assumptions by what they do.
+
+    Rows with another seed alone do not count.
+    """
     reruns = [row for rows in tables.values() for row in rows if not row.entry.seeds]
     made = [row for row in reruns if row.run is not None]
     moving = {row.entry.id for row in made if any(e.moves for e in row.effects)}
@@ -208,16 +198,16 @@ def summarise(
     tried = {row.entry.id for row in made} | {reading.entry.id for reading in readings}
     waiting = {row.entry.id for row in reruns if row.run is None}
     never = {e.id for e in assumptions.assumptions if not (e.alternatives or e.within or e.seeds)}
-    return Summary(
-        made=made,
-        failed=[row for row in made if row.run is not None and row.run.failed is not None],
-        turning=turning,
-        moving=moving,
-        flipping=flipping,
-        still=tried - moving - turning - flipping - waiting,
-        untried=never,
-        waiting=waiting,
-    )
+    return {
+        "made": made,
+        "failed": [row for row in made if row.run is not None and row.run.failed is not None],
+        "turning": turning,
+        "moving": moving,
+        "flipping": flipping,
+        "still": tried - moving - turning - flipping - waiting,
+        "untried": never,
+        "waiting": waiting,
+    }
 
 
 def change_text(before: float, after: float) -> str:

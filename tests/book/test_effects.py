@@ -202,10 +202,10 @@ def test_the_rows_of_a_small_study() -> None:
     (reading,) = readings_of(ASSUMED, Findings([RESULTS], []))
     assert reading.change == pytest.approx(10.5 / 42 - 1)
     came = summarise(ASSUMED, {"00": rows}, [])
-    assert (len(came.made), len(came.failed)) == (2, 1)
-    assert came.turning == came.moving == came.flipping == {"P1-M-scale"}
-    assert came.untried == {"P2-M-word"}
-    assert came.waiting == came.still == set()
+    assert (len(came["made"]), len(came["failed"])) == (2, 1)
+    assert came["turning"] == came["moving"] == came["flipping"] == {"P1-M-scale"}
+    assert came["untried"] == {"P2-M-word"}
+    assert came["waiting"] == came["still"] == set()
     panels = panels_of({"00": rows})
     assert [name for name, _ in panels[0]] == ["P1-M-scale, 3"]
     svg = tornado_svg(panels)
