@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Literal
+from typing import Any
 
 from IPython.display import display
 from pydantic import ValidationError
@@ -14,7 +14,6 @@ from inswsn_book.ledger import LEDGER, claims_digest, claims_of, load_claims
 from inswsn_book.parameters import Value, chapter_schema
 from inswsn_book.project import find_root, results_folder
 from inswsn_book.results import (
-    IntervalKind,
     Quantity,
     Results,
     first_problem,
@@ -107,41 +106,18 @@ class ChapterRecord:
         self._data[f"{key}#{name}"] = quantity_digest(found)
         return found
 
-    def quantity(
-        self,
-        name: str,
-        value: float,
-        unit: str,
-        *,
-        how: str,
-        basis: Literal["printed", "simulation", "emulation", "recorded"],
-        tolerance: float,
-        interval: tuple[float, float] | None = None,
-        runs: int = 1,
-        interval_kind: IntervalKind | None = None,
-        role: Literal["found", "input", "calibrated"] = "found",
-    ) -> Quantity:
+    def quantity(self, name: str, value: float, unit: str, **fields: Any) -> Quantity:
         """Record a number, and make it known to the text as ``{glue:text}`name```.
 
         The fields are those of `Quantity`, which refuses what does not fit. An interval is a
         rounding interval of a number computed from printed cells, else a confidence interval,
-        unless `interval_kind` says otherwise.
+        unless ``interval_kind`` says otherwise.
         """
-        if interval is not None and interval_kind is None:
-            interval_kind = "rounding" if basis == "printed" else "confidence 95 %"
+        if fields.get("interval") is not None and fields.get("interval_kind") is None:
+            printed = fields.get("basis") == "printed"
+            fields["interval_kind"] = "rounding" if printed else "confidence 95 %"
         try:
-            quantity = Quantity(
-                name=name,
-                value=value,
-                unit=unit,
-                interval=interval,
-                interval_kind=interval_kind,
-                runs=runs,
-                basis=basis,
-                role=role,
-                how=how,
-                tolerance=tolerance,
-            )
+            quantity = Quantity(name=name, value=value, unit=unit, **fields)
         except ValidationError as error:
             said = first_problem(error, "interval")
             raise InswsnError(f"The quantity {name!r} cannot be recorded: {said}.") from None
