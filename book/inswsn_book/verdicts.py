@@ -91,23 +91,16 @@ class Judged:
 
     def as_json(self) -> dict[str, Any]:
         """Return it as plain data: the form of ``inswsn claims --json``."""
-        claim, quantity, ends = self.claim, self.quantity, self.published
+        ends = self.published and [e if math.isfinite(e) else None for e in self.published]
+        printed = self.claim.model_dump(include={"value", "unit", "tolerance"})
         fields = {"value", "unit", "interval", "basis", "runs"}
         return {
-            "id": claim.id,
-            "paper": claim.paper,
-            "place": claim.place,
-            "kind": claim.kind,
-            "published": {
-                "value": claim.value,
-                "unit": claim.unit,
-                "tolerance": claim.tolerance,
-                "interval": ends and [end if math.isfinite(end) else None for end in ends],
-            },
-            "rebuilt": quantity and quantity.model_dump(include=fields),
+            **self.claim.model_dump(include={"id", "paper", "place", "kind"}),
+            "published": printed | {"interval": ends},
+            "rebuilt": self.quantity and self.quantity.model_dump(include=fields),
             "verdict": str(self.verdict),
             "reason": self.reason,
-            "chapter": claim.chapter,
+            "chapter": self.claim.chapter,
             "cell": self.cell,
         }
 
