@@ -78,7 +78,7 @@ class Passage:
     >>> from inswsn_lib.navigation import BridgedOutages
     >>> passage = BridgedOutages(runs=2).judged["1"]
     >>> passage.error.shape, passage.heard, passage.rehearsal().heard
-    ((140, 4, 2), 100, 50)
+    ((150, 4, 2), 100, 50)
     """
 
     area: str
@@ -170,7 +170,7 @@ class BridgedOutages:
     >>> passage = outages.judged["2"]
     >>> left = outages.bridge(passage, outages.printed, "oracle", scaled=False)
     >>> left.shape
-    (40, 4, 2)
+    (50, 4, 2)
     """
 
     published: Mapping[str, Setting] = field(default_factory=p1_settings)

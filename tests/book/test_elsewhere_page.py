@@ -148,7 +148,7 @@ def test_what_has_not_been_run_is_said_not_to_have_been(
     rows = rows_of(render("elsewhere"), "tbl-elsewhere-chapters")
     for chapter, (_, _, *entries) in zip(known["chapters"], rows, strict=True):
         for name, entry in zip(study.variants, entries, strict=True):
-            found = study.cell(name, chapter.number)
+            found = study.cell(name, chapter["number"])
             assert entry.startswith("not run") == (found is None or found.failed is not None)
 
 
