@@ -6,20 +6,19 @@ this version, with ``assets`` it gathers what is attached to a release.
 
 from __future__ import annotations
 
+import io
 import json
-import os
 import re
 import shutil
 import subprocess
 import tempfile
 import zipfile
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime, timedelta
 from hashlib import sha256
 from importlib.metadata import distribution
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import click
 from rocrate.model import ContextEntity, Dataset, File
@@ -30,24 +29,19 @@ from inswsn_book.files import file_digest, swap_folder, write_whole
 from inswsn_book.judging import verdicts_text
 from inswsn_book.ledger import LEDGER, load_claims
 from inswsn_book.pages import require_current_site
-from inswsn_book.project import About, Project, find_root
+from inswsn_book.project import Project, find_root
 from inswsn_book.provenance import repository_state
 from inswsn_book.publishing import CLAIM_IDS, compare_ids
 from inswsn_book.runs import Run, book_runs
 from inswsn_book.verdicts import verdicts
 from inswsn_lib.errors import InswsnError, ParameterError
 
-#: Gives the time of every file in the archive, in seconds since 1970; else it is the day of the
-#: release: https://reproducible-builds.org/specs/source-date-epoch/
-EPOCH_VARIABLE = "SOURCE_DATE_EPOCH"
 #: Whose style sheets, scripts, fonts and icons the site holds; THIRD-PARTY.md says which
 SITE_PACKAGES = (
     *("sphinx", "pygments", "pydata-sphinx-theme", "sphinx-book-theme", "sphinx-copybutton"),
     *("sphinx-togglebutton", "sphinx-design", "myst-nb", "sphinx-exercise", "sphinx-proof"),
     "packaging",  # its text of Apache-2.0 stands for sphinx-mathjax-offline, which ships none
 )
-# what a zip can say of a file's time
-_FIRST, _LAST = datetime(1980, 1, 1, tzinfo=UTC), datetime(2107, 12, 31, 23, 59, 58, tzinfo=UTC)
 _PLAIN, _EXECUTABLE = 0o100644, 0o100755
 _LOCKS = ("environment.lock", "environment-torch.lock")
 _DIGEST = re.compile(r"\b[0-9a-f]{64}\b")
@@ -88,7 +82,6 @@ def write_archive(project: Project, target: Path | None = None) -> Path:
         state = "has changes that are not committed" if commit else "is no git checkout"
         raise InswsnError(f"{project.root} {state}; an archive is made of a commit.")
     about = project.about()
-    time = _time(about)
     lost, new = compare_ids(project)
     if lost or new:
         raise InswsnError(f"{CLAIM_IDS} and the ledger differ, in {(lost + new)[0]}: make publish.")
@@ -100,28 +93,8 @@ def write_archive(project: Project, target: Path | None = None) -> Path:
     texts["ro-crate-metadata.json"] = _crate_text(project, runs, commit, [*files, *texts])
     texts["SHA256SUMS"] = _sums(files, texts)
     target = target or project.build / f"inswsn-{about.version}.zip"
-    with _whole(target) as stream:
-        _write_zip(stream, files, texts, time)
+    write_whole(target, _zipped(files, texts, about.released))
     return target
-
-
-def _time(about: About) -> datetime:
-    """Return the time that every file in the archive has."""
-    said = os.environ.get(EPOCH_VARIABLE)
-    try:
-        time = (
-            datetime.fromtimestamp(int(said), UTC)
-            if said
-            else datetime.fromisoformat(about.released).replace(tzinfo=UTC)
-        )
-    except (ValueError, OverflowError, OSError):
-        time = None
-    if time is None or not _FIRST <= time <= _LAST:
-        raise ParameterError(
-            EPOCH_VARIABLE if said else "date-released", said or about.released,
-            "a time from 1980 to 2107" + (", in seconds since 1970" if said else ""),
-        )  # fmt: skip
-    return time
 
 
 def _files(project: Project) -> dict[str, Path]:
@@ -167,33 +140,20 @@ def _sums(files: Mapping[str, Path], texts: Mapping[str, str]) -> str:
     return "".join(f"{digests[name]}  {name}\n" for name in sorted(digests))
 
 
-def _write_zip(
-    stream: IO[bytes], files: Mapping[str, Path], texts: Mapping[str, str], time: datetime
-) -> None:
+def _zipped(files: Mapping[str, Path], texts: Mapping[str, str], day: str) -> bytes:
+    """Return a zip in which every file has one time, so that the same files give the same zip."""
+    time = datetime.fromisoformat(day).timetuple()[:6]
+    stream = io.BytesIO()
     with zipfile.ZipFile(stream, "w") as archive:
         for name in sorted({*files, *texts}):
-            entry = zipfile.ZipInfo(name, time.timetuple()[:6])
+            entry = zipfile.ZipInfo(name, time)
             entry.compress_type = zipfile.ZIP_DEFLATED
             entry.create_system = 3  # Unix, wherever it is written, so that the modes count
             content = texts[name].encode() if name in texts else files[name].read_bytes()
             runs = name in files and files[name].stat().st_mode & 0o100
             entry.external_attr = (_EXECUTABLE if runs else _PLAIN) << 16
             archive.writestr(entry, content, compresslevel=9)
-
-
-@contextmanager
-def _whole(target: Path) -> Iterator[IO[bytes]]:
-    """Open a file that appears under its name when it is complete, or not at all."""
-    target.parent.mkdir(parents=True, exist_ok=True)
-    handle, temporary = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.")
-    try:
-        with os.fdopen(handle, "wb") as stream:
-            yield stream
-        Path(temporary).chmod(0o644)
-        Path(temporary).replace(target)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise
+    return stream.getvalue()
 
 
 # The description

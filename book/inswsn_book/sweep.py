@@ -156,7 +156,9 @@ def run_sweep(
     """
     if dask is not None and jobs is not None:
         raise ParameterError("--jobs", jobs, "left out: the cluster of --dask has its own workers")
-    folder = out or _default_folder(project, sweep)
+    wanted = json.dumps([sweep.axes, sweep.settings, chosen_surroundings().solver])
+    name = f"{sweep.chapter.name}-sweep-{text_digest(wanted)[:8]}"
+    folder = out or project.root / "runs" / name
     if folder.exists() and (
         not folder.is_dir() or {path.name for path in folder.iterdir()} - set(_FILES)
     ):
@@ -374,8 +376,8 @@ def _write_figure(path: Path, sweep: Sweep, frame: Any, runs: Sequence[tuple[Any
     # a file is passed on without the page that explains it
     told = "Lines: medians of the runs. Bands: from 2.5 to 97.5 % of them."
     fig.supxlabel(told, fontsize="small")
-    stream = io.StringIO()
     facts = {"Title": f"{sweep.core}. {told}", "Date": None, "Creator": None}
+    stream = io.StringIO()
     fig.savefig(stream, format="svg", metadata=facts, facecolor="white")
     write_whole(path, stream.getvalue())
     return ""
@@ -398,11 +400,6 @@ def _provenance(project: Project, sweep: Sweep, failed: int) -> str:
         "machine of the command": machine_facts(),
     }
     return json.dumps(facts, indent=2, ensure_ascii=False) + "\n"
-
-
-def _default_folder(project: Project, sweep: Sweep) -> Path:
-    wanted = json.dumps([sweep.axes, sweep.settings, chosen_surroundings().solver])
-    return project.root / "runs" / f"{sweep.chapter.name}-sweep-{text_digest(wanted)[:8]}"
 
 
 def show_leaders(sweep: Sweep, finished: Finished, console: Console) -> None:

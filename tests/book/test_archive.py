@@ -126,16 +126,6 @@ def test_a_recording_is_not_ours_to_give(released: MiniProject) -> None:
     assert "imu.csv is not ours to give" in done.stderr
 
 
-def test_a_time_that_a_zip_cannot_tell_is_refused(released: MiniProject) -> None:
-    command = [sys.executable, "-m", "inswsn_book.archive"]
-    done = subprocess.run(
-        command, cwd=released.root, capture_output=True, text=True, check=False,
-        env=os.environ | {"SOURCE_DATE_EPOCH": "-1"},
-    )  # fmt: skip
-    assert done.returncode == 2
-    assert "SOURCE_DATE_EPOCH is '-1'" in done.stderr
-
-
 def test_a_release_needs_its_tag_and_its_notes(released: MiniProject) -> None:
     version = released.about().version
     done = archive(released.root, "tag", "v0.0.1")

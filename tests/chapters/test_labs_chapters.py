@@ -20,6 +20,19 @@ def results(built_site: Path, project: Project) -> dict[str, Results]:
     return {number: read_results(project.results / f"{number}.json") for number in ("71", "72")}
 
 
+def test_what_a_reader_moves_begins_at_one_of_its_places(labs: dict[str, Any]) -> None:
+    for lab in labs.values():
+        for slider in lab["sliders"]:
+            steps = (slider["high"] - slider["low"]) / slider["step"]
+            from_low = (slider["start"] - slider["low"]) / slider["step"]
+            assert steps >= 1
+            assert (steps, from_low) == pytest.approx((round(steps), round(from_low)))
+            assert 0 <= from_low <= steps
+        for choice in lab["choices"]:
+            assert choice["start"] in dict(choice["options"])
+            assert len(choice["options"]) >= 2
+
+
 @pytest.mark.parametrize("name", RUNS)
 def test_a_gain_of_one_leaves_the_error_of_the_network(
     results: dict[str, Results], labs: dict[str, Any], name: str
