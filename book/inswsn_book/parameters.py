@@ -20,7 +20,7 @@ import math
 import re
 import tokenize
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -180,6 +180,12 @@ def read_schema(cell: str) -> Schema:
     >>> schema["method"].allowed
     'one of plain, robust'
     """
+    try:
+        body = ast.parse(cell).body
+    except SyntaxError as error:
+        raise InswsnError(
+            f"A parameters cell is not Python: {error.msg}, line {error.lineno}."
+        ) from None
     comments = {
         token.start[0]: token.string.lstrip("#").strip()
         for token in tokenize.generate_tokens(io.StringIO(cell).readline)
@@ -187,10 +193,12 @@ def read_schema(cell: str) -> Schema:
     }
     parameters = []
     above = 1
-    for node in ast.parse(cell).body:
+    for node in body:
         meaning = " ".join(comments[i] for i in range(above, node.lineno) if i in comments)
         parameters.append(_declared(node, comments.get(node.lineno, ""), meaning))
         above = (node.end_lineno or node.lineno) + 1
+        if parameters[-1].name in [earlier.name for earlier in parameters[:-1]]:
+            raise InswsnError(f"The parameter {parameters[-1].name} is declared twice.")
     return Schema(tuple(parameters))
 
 
@@ -211,16 +219,19 @@ def _declared(node: ast.stmt, comment: str, meaning: str) -> Parameter:
         rule.startswith("one of ") and all(_words(rule))
     )
     of_numbers = _ends(rule) is not None
-    if not (rule == "any" or (of_words and kind == "str") or (of_numbers and kind in _NUMBERS)):
+    if not (
+        rule == "any" or (of_words and kind == "str") or (of_numbers and kind in ("int", "float"))
+    ):
         raise InswsnError(
             f"The rule of {name} is {rule!r}; it may be any, 'one of' words, 'a file' or "
             "'a regressor' for a str, or an interval for a number, such as in [0, 10)."
         )
-    draft = Parameter(name, kind, ast.literal_eval(node.value), unit, rule, meaning)
-    return Parameter(name, kind, draft.check(draft.default), unit, rule, meaning)
-
-
-_NUMBERS = ("int", "float")
+    try:
+        default = ast.literal_eval(node.value)
+    except ValueError:
+        raise InswsnError(f"The default of {name} is no literal.") from None
+    draft = Parameter(name, kind, default, unit, rule, meaning)
+    return replace(draft, default=draft.check(default))
 
 
 def _ends(rule: str) -> tuple[float, float, bool, bool] | None:

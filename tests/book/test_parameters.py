@@ -150,6 +150,9 @@ def test_what_is_not_given_keeps_its_default(schema: Schema) -> None:
         "# X.\nx: bool = True  # 1; a regressor",
         "# X.\nx: str = 'a:B'  # 1; a regressor, a file",
         "# X.\nx: str = 3  # 1; a regressor",
+        "# X.\nx: int = len('ab')  # m; any",
+        "# X.\nx: int = 1  # m; any\n# Y.\nx: int = 2  # m; any",
+        "# X.\nx: int = = 1  # m; any",
     ],
 )
 def test_a_bad_declaration_is_refused(cell: str) -> None:
