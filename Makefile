@@ -21,7 +21,6 @@ test: environment ## lint, types, and all tests
 	$(RUN) -m ruff check .
 	$(RUN) -m ruff format --check .
 	$(VENV)/bin/lint-imports
-	$(RUN) -m inswsn_book.notebooks --check
 	$(RUN) -m pytest -n $(WORKERS) --dist worksteal
 
 serve: book ## show the built book at http://127.0.0.1:$(PORT)/
@@ -33,6 +32,7 @@ notebooks: environment ## write the .ipynb twins of chapters/*.md
 
 publish: environment ## make the last build's results the reference in data/published, after showing what changes
 	@$(INSWSN) publish
+	@$(RUN) studies/front_picture.py
 
 archive: book ## make one zip of the release that opens offline, in _build
 	@$(RUN) -m inswsn_book.archive
@@ -45,8 +45,8 @@ studies: environment ## run the long studies again: the recorded drive, fixes by
 	@$(RUN) studies/radio_fixes.py
 	@$(RUN) studies/sensitivity.py
 
-elsewhere: environment ## run every chapter in other surroundings, for the book's table; OTHER=PATH names a second Python
-	@$(RUN) studies/elsewhere.py $(if $(OTHER),--python $(OTHER)) $(if $(JOBS),--jobs $(JOBS))
+elsewhere: environment ## run every chapter in other surroundings, for the book's table
+	@$(RUN) studies/elsewhere.py $(if $(JOBS),--jobs $(JOBS))
 
 bench: environment ## speed against peers, as ratios; writes data/benchmarks*.yaml, for the book
 	@$(RUN) benchmarks/throughput.py
@@ -61,15 +61,15 @@ lock: environment ## compile environment.in to environment.lock; versions stay u
 upgrade: ## the same with the newest versions that environment.in allows
 	@$(MAKE) lock UPGRADE=1
 
-# TAG is left to the shell, which takes it as it is: a name from outside may hold anything
-tag: environment ## tell whether TAG=v1.0.0 names this version
-	@$(RUN) -m inswsn_book.archive tag "$$TAG"
+# TAG is left to the script, which takes it as it is: a name from outside may hold anything
+tag: ## tell whether TAG=v2.0.0 names this version
+	@.ci/release check
 
 assets: archive ## gather the files of a release in _build/release
-	@$(RUN) -m inswsn_book.archive assets
+	@.ci/release gather
 
 release: ## publish _build/release as release TAG=v1.0.0 on the public host, by its command gh
-	@.ci/release
+	@.ci/release publish
 
 report: ## say in an issue on the public host that the weekly run failed, by its command gh
 	@.ci/report

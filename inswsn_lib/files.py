@@ -88,7 +88,7 @@ class _Loader(*_PARSERS):  # type: ignore[misc]
         _PARSERS[-1].__init__(self, text)
         Composer.__init__(self)
 
-    yaml_implicit_resolvers = {  # noqa: RUF012  # as in the base class
+    yaml_implicit_resolvers = {  # as in the base class
         first: [(tag, pattern) for tag, pattern in resolvers if not tag.endswith(":timestamp")]
         for first, resolvers in yaml.SafeLoader.yaml_implicit_resolvers.items()
     }

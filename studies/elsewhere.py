@@ -1,67 +1,133 @@
 """Whether other surroundings give the same results, by reruns of every chapter: `make elsewhere`.
 
-    python studies/elsewhere.py [--variant threads-2] [--only 02] [--python PATH] [--jobs 2]
+    python studies/elsewhere.py [--variant threads-2] [--only 02] [--jobs 2]
 
-Executes the chapters again with one thing of their surroundings changed (see
-book/inswsn_book/elsewhere.py) and holds what they find against data/published. What comes of it
+Executes the chapters again with one thing of their surroundings changed and holds
+what they find against data/published. What comes of it
 is kept in data/elsewhere.json, from which the book's page is made. One variant takes about as long
 as the book does, SCS longer. The study may be stopped at any time: runs that have ended are in
 the store and are not made again.
 
-A second Python is one in whose environment the locked packages and inswsn are installed:
+Cells that are not asked for stay as they were stored. What a build of the same chapters by another
+Python or on another machine has found needs no run here: give the folder of its results files, such
+as 01.json, as --results FOLDER. A second Python builds in a clone of its own:
 
-    python3.13 -m venv elsewhere
-    elsewhere/bin/python -m pip install --require-hashes -r environment.lock
-    elsewhere/bin/python -m pip install --no-deps --no-build-isolation -e .
-    python studies/elsewhere.py --python elsewhere/bin/python
-
-Without --python its cells stay as they were stored, as do all cells that are not asked for.
-
-What a build of the same chapters on another machine has found needs no run here: give a folder of
-its results files, such as 01.json, as --results FOLDER.
+    python3.13 -m venv .venv
+    .venv/bin/python -m pip install --require-hashes -r environment.lock
+    .venv/bin/python -m pip install --no-deps --no-build-isolation -e . -e book
+    .venv/bin/python -m inswsn_book book
 """
 
 from __future__ import annotations
 
 import argparse
-import subprocess
+import math
+import platform
 import sys
 from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
 from inswsn_book.compare import Change, flipped_verdicts, pair_quantities
-from inswsn_book.elsewhere import (
-    AGAIN,
-    ELSEWHERE,
-    MACHINE,
-    Cell,
-    Flipped,
-    Moved,
-    Study,
-    read_elsewhere,
-)
 from inswsn_book.files import file_digest, text_digest, tree_digest, write_whole
 from inswsn_book.ledger import LEDGER, claims_of, load_claims
 from inswsn_book.progress import Quiet
 from inswsn_book.project import Chapter, Project
 from inswsn_book.provenance import machine_facts, repository_state
-from inswsn_book.results import Results, read_results
+from inswsn_book.results import Frozen, Results, read_results
 from inswsn_book.runs import (
     Outcome,
     Request,
     Run,
     Surroundings,
     reference_results,
-    run_each,
+    run_all,
 )
+from pydantic import Field
 from sensitivity import plain_sentence
+from study import read_kept
 
 from inswsn_lib.errors import BuildError, InswsnError, ParameterError
 
 ROOT = Path(__file__).parent.parent
+
+#: Where the study is kept in a checkout.
+ELSEWHERE = "data/elsewhere.json"
+#: The variant in which nothing is changed
+AGAIN = "again"
+#: The variant whose results another machine has found
+MACHINE = "other-machine"
+
+
+class Moved(Frozen):
+    """A quantity that is not what the reference says; None where one does not record it.
+
+    Its numbers are those that moved most, of the value and the ends of its interval.
+    """
+
+    name: str
+    unit: str
+    before: float | None
+    after: float | None
+    part: Literal["value", "lower end", "upper end"]
+    tolerance: float
+    # in tolerances; None if it has no size, as where the tolerance is zero
+    deviation: Annotated[float, Field(ge=0, allow_inf_nan=False)] | None
+    other: tuple[str, ...] = ()  # what else differs, such as the number of runs
+
+    @property
+    def size(self) -> float:
+        """The deviation, infinite if it has no size: to find the farthest."""
+        return math.inf if self.deviation is None else self.deviation
+
+
+class Flipped(Frozen):
+    """A claim whose verdict is another one; None where it could not be judged."""
+
+    claim: str
+    before: str | None
+    after: str | None
+
+
+class Cell(Frozen):
+    """What came of one chapter in one variant."""
+
+    variant: Annotated[str, Field(pattern=r"^(python-\d+\.\d+|[a-z]+(-[a-z0-9]+)*)$")]
+    chapter: Annotated[str, Field(pattern=r"^\d\d$")]
+    compared: int = 0  # quantities
+    identical: int = 0  # those that are the same to the last bit, interval and all
+    beyond: tuple[Moved, ...] = ()  # their tolerance
+    farthest: Moved | None = None  # moved, in tolerances
+    sentences: int = 0  # that were bound to conditions
+    overturned: tuple[str, ...] = ()  # those that no longer hold
+    judged: int = 0  # claims that the chapter decides
+    flipped: tuple[Flipped, ...] = ()
+    solvers: dict[str, str] = Field(default_factory=dict)  # as the run recorded them
+    failed: str | None = None  # the sentence with which it ended before its end
+    seconds: float
+    python: str
+    blas: tuple[str, ...] = ()
+    reference_cpu: str = ""
+    day: Annotated[str, Field(pattern=r"^\d{4}-\d\d-\d\d$")]
+    commit: str | None
+    clean: bool | None
+    cpu: str
+    system: str
+    sources: dict[str, str]  # digests of the chapter, the library, the locks and the reference
+
+
+class Study(Frozen):
+    """What the file holds: one cell for each chapter and variant."""
+
+    schema_version: Literal[1] = 1
+    cells: Annotated[tuple[Cell, ...], Field(min_length=1)]
+
+
+def read_elsewhere(path: Path) -> Study:
+    """Read the study; refuse a file that is none."""
+    return read_kept(path, Study, "elsewhere")
 
 
 # What a processor of 2008 could do, told to each library that chooses its code by the processor:
@@ -96,39 +162,10 @@ class Variant:
     version: str  # of Python
 
 
-def variants(python: str | None = None) -> list[Variant]:
-    """Return the variants that can be had."""
-    own = _version_of(sys.executable)
-    found = [Variant(name, given, own) for name, given in _SURROUNDINGS.items()]
-    if python is not None:
-        version = _version_of(python)
-        name = "python-" + ".".join(version.split(".")[:2])
-        found.append(Variant(name, Surroundings(python=python), version))
-    return found
-
-
-def _version_of(python: str) -> str:
-    """Return the version of an interpreter that has this library."""
-    ask = (
-        "import platform\nfrom pathlib import Path\n"
-        "from inswsn_book.project import Project\n"
-        "print(platform.python_version(), Project(Path()).computing_digest())"
-    )
-    try:
-        # from a folder without sources, so that only what is installed there counts
-        done = subprocess.run(
-            [python, "-c", ask], capture_output=True, text=True, check=True, cwd="/"
-        )
-    except (OSError, subprocess.CalledProcessError):
-        raise ParameterError(
-            "--python", python, "an interpreter in whose environment inswsn is installed"
-        ) from None
-    version, library = done.stdout.split()
-    if library != Project(Path()).computing_digest():
-        raise ParameterError(
-            "--python", python, "an interpreter that has the inswsn of this checkout"
-        )
-    return version
+def variants() -> list[Variant]:
+    """Return the variants that run here."""
+    own = platform.python_version()
+    return [Variant(name, given, own) for name, given in _SURROUNDINGS.items()]
 
 
 def found_elsewhere(
@@ -136,7 +173,8 @@ def found_elsewhere(
 ) -> tuple[Variant, Results] | None:
     """Return what another build found of a chapter; None if there is nothing of it.
 
-    On the processor of the reference nothing was changed; else the machine is another one. Two
+    It may have another Python. With that of the reference, on the processor of the reference,
+    nothing was changed; else the machine is another one. Two
     processors of one name may be unlike: then the linear algebra chooses other code on them.
     """
     path = folder / f"{chapter.number}.json"
@@ -151,6 +189,10 @@ def found_elsewhere(
     first = reference_results(project, chapter.number).provenance
     alike = first is not None and (first.cpu, first.blas) == (its.cpu, its.blas)
     name = AGAIN if alike else MACHINE
+    versions = [its.python, first.python if first else its.python]
+    minors = [version.rpartition(".")[0] for version in versions]
+    if minors[0] != minors[1]:
+        name = f"python-{minors[0]}"
     return Variant(name, Surroundings(), its.python), results
 
 
@@ -205,11 +247,11 @@ def compared(
         judged=len(claims),
         flipped=tuple(
             Flipped(
-                claim=flip.claim.id,
-                before=str(flip.before.verdict) if flip.before else None,
-                after=str(flip.after.verdict) if flip.after else None,
+                claim=claim.id,
+                before=str(old.verdict) if old else None,
+                after=str(new.verdict) if new else None,
             )
-            for flip in flipped_verdicts(claims, reference, outcome)
+            for claim, old, new in flipped_verdicts(claims, reference, outcome)
         ),
         solvers=outcome.solvers,
         blas=made.blas,
@@ -259,7 +301,7 @@ def moved_by(pair: Change) -> Moved:
         part=part,
         tolerance=known.tolerance,
         deviation=deviation,
-        other=tuple(text for text in pair.details if not text.startswith("interval (")),
+        other=tuple(pair.kind),
     )
 
 
@@ -271,17 +313,15 @@ def merged(cells: Iterable[Cell], before: Iterable[Cell]) -> Study:
 
 def write_elsewhere(study: Study, path: Path) -> None:
     """Write a study, whole or not at all."""
-    write_whole(path, study.model_dump_json(indent=1, exclude_defaults=True) + "\n")
+    write_whole(path, study.model_dump_json(indent=1) + "\n")
 
 
-def asked_for(names: list[str], python: str | None) -> list[Variant]:
+def asked_for(names: list[str]) -> list[Variant]:
     """Return the variants of these names; all that can be had if there are none."""
-    found = variants(python)
+    found = variants()
     wrong = [name for name in names if name not in {variant.id for variant in found}]
     if wrong:
         may_be = "one of " + ", ".join(variant.id for variant in found)
-        if python is None:
-            may_be += "; python-X.Y needs --python"
         raise ParameterError("--variant", wrong[0], may_be)
     return [variant for variant in found if not names or variant.id in names]
 
@@ -302,7 +342,7 @@ def run_study(
         Request(chapter.number, surroundings=variant.surroundings) for variant, chapter in todo
     ]
     try:
-        run_each(project, requests, progress, ended, jobs=jobs)
+        run_all(project, requests, progress, ended, jobs=jobs)
     finally:
         keep(project, cells)
 
@@ -343,7 +383,6 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--variant", action="append", default=[], help="only this one; repeatable")
     parser.add_argument("--only", action="append", default=[], metavar="CHAPTER", help="repeatable")
-    parser.add_argument("--python", help="another interpreter, in an environment with inswsn")
     parser.add_argument("--jobs", type=int, default=1, help="chapters at once")
     parser.add_argument("--results", type=Path, help="a folder of what another build found")
     given = parser.parse_args()
@@ -354,7 +393,7 @@ def main() -> None:
             if given.results is not None:
                 file_results(project, given.results, chapters, progress)
                 return
-            chosen = asked_for(given.variant, given.python)
+            chosen = asked_for(given.variant)
             todo = [(variant, chapter) for variant in chosen for chapter in chapters]
             progress.say(f"elsewhere: {len(todo)} runs, of which those kept are not made again")
             run_study(project, todo, given.jobs, progress)

@@ -1,6 +1,7 @@
 """How much each headline result moves when an assumption changes, by reruns: `make studies`.
 
     python studies/sensitivity.py [--only P1-M-B] [--jobs 2]
+    python studies/sensitivity.py --page
 
 Runs the chapters again with one assumption of data/assumptions.yaml changed, everything else as
 published but for fewer runs, and keeps what comes of it in data/sensitivity.json, from which the
@@ -9,7 +10,9 @@ other seeds, which tells what is chance. It takes about an hour and a half of on
 stopped at any time: what has finished is in the store of runs and is not run again.
 
 With --only the alternatives of one assumption are run and take their place in the file, whose
-provenance then tells of the last run alone: good for a look, and the whole for keeps.
+provenance then tells of the last run alone: good for a look, and the whole for keeps. With --page
+nothing is run: what the page shows is computed again from the runs that are kept and from the
+reference results.
 """
 
 from __future__ import annotations
@@ -24,14 +27,7 @@ from pathlib import Path
 
 import numpy as np
 import yaml
-from inswsn_book.files import file_digest, tree_digest, write_whole
-from inswsn_book.ledger import LEDGER, claims_of, load_claims
-from inswsn_book.parameters import Value
-from inswsn_book.progress import Quiet
-from inswsn_book.project import Project
-from inswsn_book.provenance import machine_facts, repository_state
-from inswsn_book.results import Results
-from inswsn_book.review import (
+from assumptions import (
     ASSUMPTIONS,
     Alternative,
     Assumptions,
@@ -40,10 +36,19 @@ from inswsn_book.review import (
     load_schemas,
     load_settings,
 )
-from inswsn_book.runs import Outcome, Request, request_key, run_each
+from effects import page_of, panels_of, rows_of, tornado_svg
+from inswsn_book.files import file_digest, tree_digest, write_whole
+from inswsn_book.ledger import LEDGER, claims_of, load_claims
+from inswsn_book.parameters import Value
+from inswsn_book.progress import Quiet
+from inswsn_book.project import Project
+from inswsn_book.provenance import machine_facts, repository_state
+from inswsn_book.results import Results, read_results
+from inswsn_book.review import Findings
+from inswsn_book.runs import Outcome, Request, request_key, run_all
 from inswsn_book.runs import Run as ChapterRun
-from inswsn_book.study import BASELINE, SENSITIVITY, Made, Run, Study, read_study
 from inswsn_book.verdicts import verdicts
+from study import BASELINE, SENSITIVITY, Made, Run, Study, read_study
 
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.files import data_mirror, read_yaml
@@ -53,9 +58,20 @@ ROOT = Path(__file__).parent.parent
 _CHANGED = "Set for this run."
 
 
+#: The figure of the page, below the root of a checkout
+FIGURE = "data/sensitivity.svg"
+
+
 def write_study(study: Study, path: Path) -> None:
     """Write a study, whole or not at all."""
     write_whole(path, study.model_dump_json(indent=1) + "\n")
+
+
+def with_page(project: Project, assumptions: Assumptions, study: Study) -> Study:
+    """Return a study with what its page shows, by the reference results of the readings."""
+    results = [read_results(path) for path in sorted(project.published.glob("*.json"))]
+    page = page_of(assumptions, study, Findings(results, []))
+    return study.model_copy(update={"page": page})
 
 
 def merged(runs: Iterable[Run], before: Mapping[tuple[str, str], Run]) -> tuple[Run, ...]:
@@ -310,7 +326,7 @@ def made_from(project: Project, assumptions: Assumptions) -> Made:
     machine = machine_facts()
     commit, clean = repository_state(project.root)
     return Made(
-        version=project.about().version,  # that of the checkout
+        version=project.about()["version"],  # that of the checkout
         day=datetime.datetime.now(datetime.UTC).date().isoformat(),
         commit=commit,
         clean=clean,
@@ -348,7 +364,7 @@ def run_study(
             progress.say(f"{len(runs)} of {len(cells)}: chapter {run.chapter}, {run.id}: {how}")
 
         requests = [request_of(project, cell) for cell in cells]
-        run_each(project, requests, progress, ended, jobs=jobs)
+        run_all(project, requests, progress, ended, jobs=jobs)
     return runs
 
 
@@ -357,6 +373,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--only", action="append", default=[], metavar="ID")
     parser.add_argument("--jobs", type=int, default=1, help="chapters at once")
+    parser.add_argument("--page", action="store_true", help="compute what the page shows again")
     given = parser.parse_args()
     project = Project(ROOT.resolve())
     try:
@@ -364,11 +381,17 @@ def main() -> None:
         problems = problems_of(project, assumptions)
         if problems:
             raise InswsnError("\n".join(problems))
-        made = made_from(project, assumptions)
-        runs = run_study(project, assumptions, given.only, given.jobs)
         path = project.root / SENSITIVITY
-        before = {(r.chapter, r.id): r for r in read_study(path).runs} if given.only else {}
-        write_study(Study(made=made, runs=merged(runs, before)), path)
+        if given.page:
+            study = read_study(path)
+        else:
+            made = made_from(project, assumptions)
+            runs = run_study(project, assumptions, given.only, given.jobs)
+            before = {(r.chapter, r.id): r for r in read_study(path).runs} if given.only else {}
+            study = Study(made=made, runs=merged(runs, before))
+        write_study(with_page(project, assumptions, study), path)
+        panels = panels_of({c: rows_of(assumptions, study, c) for c in assumptions.reduced})
+        write_whole(project.root / FIGURE, tornado_svg(panels))
     except InswsnError as error:
         sys.exit(str(error))
 

@@ -59,4 +59,4 @@ def test_the_versions_agree(root: Path) -> None:
     from inswsn_book.project import Project
 
     version = tomllib.loads((root / "pyproject.toml").read_text())["project"]["version"]
-    assert Project(root).about().version == version
+    assert Project(root).about()["version"] == version

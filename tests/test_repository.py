@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import importlib
 import inspect
+import json
 import re
 import shutil
 import subprocess
+from hashlib import sha256
 from pathlib import Path
 from types import ModuleType
 
 import pytest
+from inswsn_book.project import Project
+from inswsn_book.runs import book_runs
 from threadpoolctl import threadpool_info
 
 from inswsn_lib import (
@@ -72,6 +76,25 @@ def test_no_path_of_a_machine_and_no_registry_host(tracked: list[Path], root: Pa
 def test_nothing_heavy_is_kept(tracked: list[Path], root: Path) -> None:
     heavy = [p.relative_to(root).as_posix() for p in tracked if p.stat().st_size > 400_000]
     assert heavy == []
+
+
+def test_no_recording_of_others_is_kept(tracked: list[Path], root: Path) -> None:
+    """Whatever it is called: by the digests of THIRD-PARTY.md."""
+    text = (root / "THIRD-PARTY.md").read_text(encoding="utf-8")
+    others = set(re.findall(r"\b[0-9a-f]{64}\b", text))
+    assert others
+    assert [path for path in tracked if sha256(path.read_bytes()).hexdigest() in others] == []
+
+
+def test_no_page_has_what_changes_from_run_to_run(root: Path, built_site: Path) -> None:
+    """A warning on standard error, or an address in memory, in the output of a cell."""
+    for run in book_runs(Project(root)):
+        for cell in json.loads(run.notebook or "{}")["cells"]:
+            for output in cell.get("outputs", []):
+                assert output.get("name") != "stderr", cell["id"]
+                shown = [output.get("text", ""), *output.get("data", {}).values()]
+                words = " ".join("".join(part) for part in shown if isinstance(part, str | list))
+                assert not re.search(r"\bat 0x[0-9a-f]{6,}", words), cell["id"]
 
 
 def test_the_tests_compute_with_one_thread_a_process() -> None:

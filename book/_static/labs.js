@@ -1,6 +1,6 @@
 /* The labs: charts in a page that a reader moves by sliders, without a server.
 
-   A cell shows a lab by inswsn_book.labs.show_lab: a hidden <section class="lab"> with its data as
+   A cell shows a lab by inswsn_book.show.show_lab: a hidden <section class="lab"> with its data as
    JSON. This script builds controls, a table and charts in it and puts it in the place of the still
    picture of the figure that it names. Without this script, and in print, the picture stays.
 

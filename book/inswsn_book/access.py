@@ -1,10 +1,8 @@
 """The finished pages: what the theme leaves out for some readers is added, and all is checked.
 
 Sphinx, the theme and MyST-NB write pages in which a screen reader cannot tell what the header of a
-table belongs to, two elements share an id, and a solution opens by a script alone. This goes over
-every page when all are written. What depends on the reader's screen is in ``access.js``, and what
-a style can do is in ``inswsn.css``. Since each page is parsed here anyway, its links, images and
-parts are checked on the way.
+table belongs to, two elements share an id, and a solution opens by a script alone. What depends on
+the reader's screen is in ``access.js``, and what a style can do in ``inswsn.css``.
 """
 
 from __future__ import annotations
@@ -48,20 +46,9 @@ def finish_site(site: Path) -> list[str]:
     return problems
 
 
-def accessible(page: str) -> str:
-    """Return a page with what was left out.
-
-    Headers of tables get their scope, tables without a caption a name, and tables that only lay out
-    links (the index) the role that says so. Links to a heading are named by what they do. Solutions
-    become native disclosures, which open without a script and by the keyboard. Of elements that
-    share an id the first keeps it. The sidebar becomes a region with a name.
-    """
-    return _improve(page)[0]
-
-
 def _rewrite(path: Path) -> tuple[set[str], list[str], list[str]]:
     """Rewrite a page; return what a link may name in it, its links, and what is wrong in it."""
-    page, soup = _improve(path.read_text(encoding="utf-8"))
+    page, soup = improve(path.read_text(encoding="utf-8"))
     path.write_text(page, encoding="utf-8", newline="\n")
     tags = soup.find_all()
     names = {str(tag[key]) for key in ("id", "name") for tag in tags if tag.has_attr(key)}
@@ -93,7 +80,12 @@ def _broken(site: Path, page: Path, link: str, names: Mapping[Path, set[str]]) -
         yield f"{link} leads to no element of {path.name}."
 
 
-def _improve(page: str) -> tuple[str, BeautifulSoup]:
+def improve(page: str) -> tuple[str, BeautifulSoup]:
+    """Return a page with what was left out, and its tree.
+
+    Headers of tables get their scope, tables a name. Links to a heading are named by what they do.
+    Solutions become native disclosures. Of elements that share an id the first keeps it.
+    """
     # coloured code is most of a page, and nothing in it is changed
     code = _CODE.findall(page)
     numbers = iter(range(len(code)))

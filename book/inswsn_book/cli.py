@@ -9,7 +9,7 @@ import signal
 import sys
 import textwrap
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
@@ -17,29 +17,19 @@ from inswsn_book.project import Project, find_root, is_checkout
 from inswsn_lib import __version__
 from inswsn_lib.errors import BuildError, InswsnError, ParameterError
 
-if TYPE_CHECKING:
-    from rich.console import Console
-
+_PATH = click.Path(path_type=Path)
 _FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
 _FOLDER = click.Path(exists=True, file_okay=False, path_type=Path)
 _settings = click.option(
     "-p", "settings", multiple=True, metavar="NAME=VALUE", help="Set a parameter."
 )
-_out = click.option(
-    "--out",
-    type=click.Path(path_type=Path),
-    help="The folder of what is made. Default: one below runs/ named for the parameters.",
-)
+_out = click.option("--out", type=_PATH, help="The folder to write. Default: one in runs/.")
 _jobs = click.option("--jobs", type=click.IntRange(min=1), help="Processes. Default: one a core.")
 
 
 @click.group()
 @click.version_option(__version__, prog_name="inswsn")
-@click.option(
-    "--root",
-    type=click.Path(path_type=Path),
-    help="The checkout to work on. Default: found by looking upward from the working folder.",
-)
+@click.option("--root", type=_PATH, help="The checkout. Default: looked for upward from here.")
 @click.pass_context
 def cli(context: click.Context, root: Path | None) -> None:
     """Rebuild three papers on integrated navigation, chapter by chapter."""
@@ -61,12 +51,6 @@ def _project(root: Path | None) -> Project:
     return project
 
 
-def _console(width: int = 120) -> Console:
-    from rich.console import Console
-
-    return Console(width=None if sys.stdout.isatty() else width)
-
-
 @cli.command()
 @click.option("--fresh", is_flag=True, help="Ignore what is kept: execute and render everything.")
 @_jobs
@@ -76,8 +60,8 @@ def book(root: Path | None, fresh: bool, jobs: int | None) -> None:
 
     For example: inswsn book --jobs 1
     """
-    from inswsn_book.building import build_book
     from inswsn_book.progress import Progress
+    from inswsn_book.running import build_book
 
     project = _project(root)
     with Progress() as progress:
@@ -118,7 +102,7 @@ def run(
 
     For example: inswsn run 02 -p q_scale=0.1 -p runs=200
     """
-    from inswsn_book.compare import show_comparison
+    from inswsn_book.compare import comparison
     from inswsn_book.ledger import LEDGER, claims_of, load_claims
     from inswsn_book.parameters import chapter_schema
     from inswsn_book.progress import Progress
@@ -133,7 +117,7 @@ def run(
         folder, results = run_chapter(project, number, values, progress, **how)
     claims = claims_of(load_claims(project.root / LEDGER), number)
     reference = reference_results(project, number)
-    show_comparison(reference, results, claims, ("published run", "this run"), _console())
+    click.echo("\n".join(comparison(reference, results, claims)))
     click.echo(f"The run is in {folder}")
 
 
@@ -163,21 +147,18 @@ def sweep(
     cell; of another one the notebook is executed. What is finished is kept, whatever ends the
     command, and the same command goes on from there; it also tries failed cells again.
     """
-    from inswsn_book.sweep import SweepProgress, read_sweep, run_sweep, show_leaders
+    from inswsn_book.progress import Progress
+    from inswsn_book.sweep import read_sweep, run_sweep
 
     project = _project(root)
     wanted = read_sweep(project, project.find(name), axes, settings)
-    with SweepProgress() as progress:
-        done = run_sweep(project, wanted, progress, **how)
-    show_leaders(wanted, done, _console())
-    if done.no_figure:
-        click.echo(f"There is no figure: {done.no_figure}")
-    click.echo(f"{done.computed} cells computed, {done.there} were there.")
-    click.echo(f"The sweep is in {done.folder}")
-    if done.failed:
+    with Progress() as progress:
+        lines, failed = run_sweep(project, wanted, progress, **how)
+    click.echo("\n".join(lines))
+    if failed:
         raise BuildError(
-            f"{len(done.failed)} of {len(wanted.places)} cells failed, with the reasons in "
-            f"{done.folder / 'failed.csv'}; the same command tries them again."
+            f"{failed} of {len(wanted.places)} cells failed, with the reasons in failed.csv; the "
+            "same command tries them again."
         )
 
 
@@ -190,7 +171,7 @@ def compare(root: Path | None, before: Path, after: Path) -> None:
 
     For example: inswsn compare data/published/02.json results/02.json
     """
-    from inswsn_book.compare import show_comparison
+    from inswsn_book.compare import comparison
     from inswsn_book.ledger import LEDGER, claims_of, load_claims
     from inswsn_book.results import read_results
 
@@ -201,7 +182,7 @@ def compare(root: Path | None, before: Path, after: Path) -> None:
             "two runs of one chapter can be compared."
         )
     claims = claims_of(load_claims(_project(root).root / LEDGER), first.chapter)
-    show_comparison(first, second, claims, ("first", "second"), _console())
+    click.echo("\n".join(comparison(first, second, claims)))
 
 
 @cli.command()
@@ -209,16 +190,8 @@ def compare(root: Path | None, before: Path, after: Path) -> None:
 @click.option("--kind", help="Only claims of this kind, such as numeric.")
 @click.option("--verdict", help="Only claims with this verdict, such as 'not reproduced'.")
 @click.option("--json", "as_json", is_flag=True, help="A list of objects, for a program.")
-@click.option(
-    "--results",
-    type=_FOLDER,
-    help="A folder of results files that go before the reference, data/published.",
-)
-@click.option(
-    "--against",
-    type=_FILE,
-    help="Print the verdicts that differ from those in a file that --json wrote before.",
-)
+@click.option("--results", type=_FOLDER, help="Results files that go before data/published.")
+@click.option("--against", type=_FILE, help="Tell what differs from what --json wrote before.")
 @click.pass_obj
 def claims(
     root: Path | None,
@@ -232,35 +205,20 @@ def claims(
 
     For example: inswsn claims --paper P1 --kind formula
     """
-    from inswsn_book.judging import (
-        changed_verdicts,
-        judge_claims,
-        read_verdicts,
-        select_claims,
-        show_claims,
-        verdicts_text,
-    )
-    from inswsn_book.ledger import KINDS, PAPERS
-    from inswsn_book.verdicts import Verdict
+    from inswsn_book import judging
 
-    words = {"paper": PAPERS, "kind": KINDS, "verdict": tuple(Verdict)}
-    for name, word in wanted.items():
-        if word is not None and word not in words[name]:
-            raise ParameterError(f"--{name}", word, "one of " + ", ".join(words[name]))
     if against is not None and (as_json or any(wanted.values())):
         raise ParameterError(
             "--against", str(against), "given without --paper, --kind, --verdict and --json"
         )
-    judged = judge_claims(_project(root), results)
+    selected = judging.judge_claims(_project(root), results, **wanted)
     if against is not None:
-        for line in changed_verdicts(read_verdicts(against), judged):
+        for line in judging.changed_verdicts(judging.read_verdicts(against), selected):
             click.echo(line)
-        return
-    selected = select_claims(judged, **wanted)
-    if as_json:
-        click.echo(verdicts_text(selected))
+    elif as_json:
+        click.echo(judging.verdicts_text(selected))
     else:
-        show_claims(selected, _console(150))
+        judging.show_claims(selected)
 
 
 @cli.command()
@@ -271,13 +229,13 @@ def publish(root: Path | None, check: bool) -> None:
 
     For example: inswsn publish --check
     """
-    from inswsn_book import publishing
+    from inswsn_book.compare import changes_to_publish, publish_build
 
     project = _project(root)
-    for line in publishing.changes(project):
+    for line in changes_to_publish(project):
         click.echo(line)
     if not check:
-        for name in publishing.publish(project):
+        for name in publish_build(project):
             click.echo(f"wrote {name}")
 
 
@@ -290,7 +248,7 @@ def main() -> None:
     run_command(cli)
 
 
-def run_command(command: click.Group) -> None:
+def run_command(command: click.Command) -> None:
     """Run a command; a user's mistake is one sentence and exit status 2."""
     # a job that is cancelled, or whose terminal is closed, ends as cleanly as an interrupted one
     for name in ("SIGTERM", "SIGHUP"):

@@ -1,4 +1,4 @@
-"""How one results file differs from another: quantities, conditions, verdicts."""
+"""How results differ from others, and from the reference; and making a build the reference."""
 
 from __future__ import annotations
 
@@ -7,11 +7,10 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain, zip_longest
 
-from rich.console import Console
-from rich.table import Table
-
 from inswsn_book.ledger import Claim
-from inswsn_book.results import Quantity, Results
+from inswsn_book.project import Project
+from inswsn_book.results import Quantity, Results, write_results
+from inswsn_book.runs import book_runs, reference_results
 from inswsn_book.verdicts import Judged, verdicts
 from inswsn_lib.errors import InswsnError
 
@@ -28,38 +27,33 @@ class Change:
     after: Quantity | None
 
     @property
-    def details(self) -> list[str]:
-        """What differs beside the value, its wording and small changes of its interval."""
-        if self.before is None or self.after is None:
-            return []
-        fields = [*_KIND, *([] if self._same_tolerance else ["tolerance"])]
-        old, new = self.before.interval, self.after.interval
-        if old and new and any(abs(b - a) > 1e-12 * abs(a) for a, b in zip(old, new, strict=True)):
-            fields.append("interval")
-        return self._differing(fields)
+    def kind(self) -> list[str]:
+        """What differs in what the quantity is, a text for each field."""
+        # a reference that had its tolerance widened would vouch for anything; one that is a share
+        # of the value carries the value's rounding
+        old, new = (q.tolerance if q else math.nan for q in (self.before, self.after))
+        same = math.isclose(old, new, rel_tol=1e-3)
+        return self._differing([*_KIND, *([] if same else ["tolerance"])])
+
+    def moved(self, by: float = 0.0, share: float = 0.0) -> bool:
+        """Tell whether it appeared, vanished, became another quantity, or moved by more than that.
+
+        The ends of its interval may move as its value may.
+        """
+        if self.before is None or self.after is None or self.kind:
+            return True
+        old = (self.before.value, *(self.before.interval or ()))
+        new = (self.after.value, *(self.after.interval or ()))
+        return not all(abs(b - a) <= by + share * abs(a) for a, b in zip(old, new, strict=True))
 
     @property
     def beyond_tolerance(self) -> bool:
-        """Whether it appeared, vanished, became another quantity, or moved beyond its tolerance.
-
-        The ends of its interval may move by the tolerance, as its value may.
-        """
-        before, after = self.before, self.after
-        if before is None or after is None or self._differing(_KIND) or not self._same_tolerance:
-            return True
-        old = (before.value, *(before.interval or ()))
-        new = (after.value, *(after.interval or ()))
-        return not all(abs(b - a) <= before.tolerance for a, b in zip(old, new, strict=True))
-
-    @property
-    def _same_tolerance(self) -> bool:
-        # a reference that had its tolerance widened would vouch for anything; one that is a share
-        # of the value carries the value's rounding
-        assert self.before is not None
-        assert self.after is not None
-        return math.isclose(self.before.tolerance, self.after.tolerance, rel_tol=1e-3)
+        """Whether it is more than the tolerance that it states away, or another quantity."""
+        return self.moved(by=self.before.tolerance if self.before else 0.0)
 
     def _differing(self, fields: Iterable[str]) -> list[str]:
+        if self.before is None or self.after is None:
+            return []
         return [
             f"{field} {getattr(self.before, field)} -> {getattr(self.after, field)}"
             for field in fields
@@ -88,37 +82,14 @@ def pair_quantities(before: Results, after: Results) -> list[Change]:
     return [Change(name, old.get(name), new.get(name)) for name in dict.fromkeys([*old, *new])]
 
 
-def compare(before: Results, after: Results) -> list[Change]:
-    """Return every quantity that differs at all between two results."""
-    return [pair for pair in pair_quantities(before, after) if pair.before != pair.after]
-
-
-@dataclass(frozen=True)
-class Flip:
-    """A claim whose verdict is another one by other results; None where nothing decides it."""
-
-    claim: Claim
-    before: Judged | None
-    after: Judged | None
-
-    def __str__(self) -> str:
-        """Return one line: the claim, the verdict before, the verdict after, and why."""
-        before, after = (
-            "without a verdict" if judged is None else str(judged.verdict)
-            for judged in (self.before, self.after)
-        )
-        why = f" ({self.after.reason})" if self.after else ""
-        return f"{self.claim.id}: {before} -> {after}{why}"
+#: A claim, and its verdict by two results; None where nothing decides it
+Flip = tuple[Claim, Judged | None, Judged | None]
 
 
 def flipped_verdicts(claims: Iterable[Claim], before: Results, after: Results) -> list[Flip]:
     """Return the claims of a chapter whose verdict differs between two results of it."""
-    flips = [Flip(claim, _judge(claim, before), _judge(claim, after)) for claim in claims]
-    return [
-        flip
-        for flip in flips
-        if (flip.before and flip.before.verdict) != (flip.after and flip.after.verdict)
-    ]
+    judged = [(claim, _judge(claim, before), _judge(claim, after)) for claim in claims]
+    return [(c, old, new) for c, old, new in judged if _word(old) != _word(new)]
 
 
 def _judge(claim: Claim, results: Results) -> Judged | None:
@@ -126,6 +97,10 @@ def _judge(claim: Claim, results: Results) -> Judged | None:
         return verdicts([claim], [results])[0]
     except InswsnError:  # the other version of the chapter did not record what decides it
         return None
+
+
+def _word(judged: Judged | None) -> str:
+    return str(judged.verdict) if judged else "without a verdict"
 
 
 def compare_conditions(before: Results, after: Results) -> list[str]:
@@ -141,50 +116,70 @@ def compare_conditions(before: Results, after: Results) -> list[str]:
     return lines
 
 
-def show_comparison(
-    before: Results,
-    after: Results,
-    claims: Sequence[Claim],
-    names: tuple[str, str],
-    console: Console,
-) -> None:
-    """Write what differs between two results: quantities, conditions, verdicts."""
-    table = Table("quantity", *names, "change", "unit", box=None, pad_edge=False)
+def comparison(before: Results, after: Results, claims: Sequence[Claim]) -> list[str]:
+    """Return a line for each thing that differs between two results, and a summary.
+
+    What differs by rounding alone is left out.
+    """
     pairs = pair_quantities(before, after)
-    changed = [(pair, word) for pair in pairs if (word := _difference(pair))]
-    for pair, word in changed:
-        both = (pair.before, pair.after)
-        values = ("absent" if q is None else f"{q.value:.6g}" for q in both)
-        table.add_row(pair.name, *values, word, next(q.unit for q in both[::-1] if q))
-    console.print(table)
+    changed = [pair for pair in pairs if pair.moved(share=1e-12)]
     conditions = compare_conditions(before, after)
     flips = flipped_verdicts(claims, before, after)
     overturned = sum(line.startswith("sentences: ") for line in conditions)
     sentences = len(before.sentences.keys() | after.sentences.keys())
-    for line in [
-        *(f"{pair.name}: {'; '.join(pair.details)}" for pair, _ in changed if pair.details),
+    return [
+        *map(str, changed),
         *(line for line in conditions if not line.startswith("cells: ")),
         *_tables_that_differ(before, after),
-        *(f"verdict {flip}" for flip in flips),
+        *(
+            f"verdict {claim.id}: {_word(old)} -> {_word(new)}"
+            + (f" ({new.reason})" if new else "")
+            for claim, old, new in flips
+        ),
         f"{len(changed)} of {len(pairs)} quantities changed, {overturned} of {sentences} sentences "
         f"overturned, {len(flips)} of {len(claims)} verdicts flipped.",
-    ]:
-        console.print(line, markup=False, soft_wrap=True)
+    ]
 
 
 def _tables_that_differ(before: Results, after: Results) -> Iterator[str]:
     for name in sorted(before.tables.keys() & after.tables.keys()):
         old, new = (list(chain(*results.tables[name])) for results in (before, after))
-        changed = sum(a != b for a, b in zip_longest(old, new))
-        if changed:
+        if changed := sum(a != b for a, b in zip_longest(old, new)):
             yield f"table {name}: {changed} of {max(len(old), len(new))} cells differ"
 
 
-def _difference(pair: Change) -> str:
-    """Return a word on how a quantity differs, none if it does not beyond rounding."""
-    if pair.before is None or pair.after is None:
-        return "new" if pair.before is None else "gone"
-    difference = pair.after.value - pair.before.value
-    if abs(difference) > 1e-12 * abs(pair.before.value):
-        return f"{difference:+.3g}"
-    return "otherwise" if pair.details else ""
+def changes_to_publish(project: Project) -> list[str]:
+    """Return a line for each thing that publishing changes; what a build may not change has a !."""
+    lines = []
+    for run in book_runs(project):
+        number, after = run.request.chapter, run.results
+        before = reference_results(project, number)
+        lines += [
+            f"{'!' if pair.beyond_tolerance else ' '} {number} {pair}"
+            for pair in pair_quantities(before, after)
+            if pair.before != pair.after
+        ]
+        lines += [f"! {number} {condition}" for condition in compare_conditions(before, after)]
+    numbers = {chapter.number for chapter in project.chapters()}
+    lines += [
+        f"! data/published/{path.name} belongs to no chapter; remove it."
+        for path in sorted(project.published.glob("*.json"))
+        if path.stem not in numbers
+    ]
+    return lines
+
+
+def publish_build(project: Project) -> list[str]:
+    """Make the present build the reference; return the files that were written.
+
+    Nothing is written if a chapter has not been built as it is now.
+    """
+    changed = []
+    for run in book_runs(project):
+        before = reference_results(project, run.request.chapter)
+        clean = [bool(r.provenance and r.provenance.clean) for r in (run.results, before)]
+        # the same numbers from a clean tree are better than from one with changes
+        if run.results.found() != before.found() or clean == [True, False]:
+            write_results(run.results, project.published / f"{run.results.chapter}.json")
+            changed.append(f"data/published/{run.results.chapter}.json")
+    return changed

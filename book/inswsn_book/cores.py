@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from inswsn_book.files import file_digest
 from inswsn_book.parameters import Value
@@ -63,7 +63,16 @@ def run_core(
         data={f"{_SCENARIOS}/{path.name}": file_digest(path) for path in scenarios},
         quantities=tuple(_quantities(scores)),
     )
-    return results, {SCORES: json.dumps(_words(scores), indent=1, ensure_ascii=False) + "\n"}
+    best, error, after, lead = scores.leader()
+    words = {
+        "methods": {m: n for m, n in scores.methods.items() if m not in scores.baselines},
+        "headline": scores.headline,
+        "leader": {
+            "best": best, "error": error, "next": after,
+            "lead": lead.percent if after else None, "within": lead.within if after else None,
+        },
+    }  # fmt: skip
+    return results, {SCORES: json.dumps(words, ensure_ascii=False)}
 
 
 def _quantities(scores: Scores) -> Iterator[Quantity]:
@@ -80,19 +89,6 @@ def _quantities(scores: Scores) -> Iterator[Quantity]:
             how=f"{row['column']}, {scores.methods[row['method']]}: median over runs.",
             tolerance=float(f"{1e-3 * abs(median) + 1e-6:.0e}"),
         )
-
-
-def _words(scores: Scores) -> dict[str, Any]:
-    best, error, after, lead = scores.leader()
-    return {
-        "methods": dict(scores.methods),
-        "baselines": sorted(scores.baselines),
-        "headline": scores.headline,
-        "leader": {
-            "best": best, "error": error, "next": after,
-            "lead": lead.percent if after else None, "within": lead.within if after else None,
-        },
-    }  # fmt: skip
 
 
 @contextmanager

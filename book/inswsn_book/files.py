@@ -4,10 +4,15 @@ from __future__ import annotations
 
 import hashlib
 import os
-import shutil
 import tempfile
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
+
+from inswsn_lib.errors import ParameterError
+
+# Lists what a command made in a folder. One that holds this and no more may be replaced.
+_MADE = ".inswsn-run"
 
 
 def write_whole(path: Path, content: str | bytes) -> None:
@@ -47,28 +52,46 @@ def tree_digest(root: Path, paths: Iterable[Path]) -> str:
     return digest.hexdigest()
 
 
-def swap_folder(new: Path, site: Path) -> None:
-    """Put a new folder in the place of the old one; put the old one back if that fails."""
-    old = _set_aside(site)
+def replace_folder(old: Path, new: Path) -> None:
+    """Put a new folder in the place of an old one, which goes where the new one was made.
+
+    The new one lies in a temporary folder of the same disk.
+    """
+    aside = new.parent / "replaced"
+    if old.exists():
+        old.rename(aside)
     try:
-        if site.exists():
-            site.rename(old)
-        new.rename(site)
+        new.rename(old)
     except BaseException:  # an interrupt may fall between the two
-        restore_site(site)
+        if aside.exists():
+            aside.rename(old)
         raise
-    shutil.rmtree(old, ignore_errors=True)
 
 
-def restore_site(site: Path) -> None:
-    """Undo a swap that was cut short: put the old site back, or clear it away."""
-    old = _set_aside(site)
-    if old.exists() and not site.exists():
-        old.rename(site)
-    elif old.exists():
-        shutil.rmtree(old)
+def check_folder(folder: Path) -> None:
+    """Refuse a folder that `made_folder` may not replace or make: told before anything runs."""
+    held = {path.name for path in folder.iterdir()} if folder.is_dir() else set()
+    made = folder / _MADE
+    listed = set(made.read_text(encoding="utf-8").split("\n")) if made.is_file() else set()
+    if (folder.exists() and not folder.is_dir()) or not held <= listed | {_MADE}:
+        raise ParameterError(
+            "--out", str(folder), "a new or empty folder, or one that holds an earlier run alone"
+        )
+    above = next(path for path in (folder.resolve(), *folder.resolve().parents) if path.exists())
+    if not above.is_dir() or not os.access(above, os.W_OK):
+        raise ParameterError("--out", str(folder), f"where one can write, and {above} is not")
 
 
-def _set_aside(site: Path) -> Path:
-    # no name that a user would give to a folder of his own
-    return site.with_name(f".{site.name}.inswsn-set-aside")
+@contextmanager
+def made_folder(folder: Path) -> Iterator[Path]:
+    """Give a new folder that takes the place of `folder` once all is in it."""
+    check_folder(folder)
+    folder = folder.resolve()
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=folder.parent, prefix=".run-") as temporary:
+        made = Path(temporary) / "run"
+        made.mkdir()
+        yield made
+        listing = sorted(path.name for path in made.iterdir())
+        write_whole(made / _MADE, "\n".join(listing) + "\n")
+        replace_folder(folder, made)

@@ -3,57 +3,43 @@
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 
 from rich.console import Console
 from rich.table import Table
 
-from inswsn_book.ledger import LEDGER, load_claims
+from inswsn_book.ledger import KINDS, LEDGER, PAPERS, load_claims
 from inswsn_book.project import Project
-from inswsn_book.results import Results, read_results
-from inswsn_book.verdicts import Judged, count_verdicts, verdicts
-from inswsn_lib.errors import InswsnError
+from inswsn_book.results import read_results
+from inswsn_book.verdicts import Judged, Verdict, count_verdicts, verdicts
+from inswsn_lib.errors import InswsnError, ParameterError
 
 
-def judge_claims(project: Project, folder: Path | None = None) -> list[Judged]:
-    """Judge every claim by the reference results; those in a folder go before them."""
-    results = _results_in(project.published)
-    if folder is not None:
-        results |= _results_in(folder)
-    return verdicts(load_claims(project.root / LEDGER), results.values())
-
-
-def _results_in(folder: Path) -> dict[str, Results]:
-    """Return the results files of a folder by their chapters."""
-    found = {}
-    for path in sorted(folder.glob("[0-9][0-9].json")):
-        results = read_results(path)
-        if results.chapter != path.stem:
-            raise InswsnError(f"{path} holds results of chapter {results.chapter}.")
-        found[path.stem] = results
-    return found
-
-
-def select_claims(
-    judged: Sequence[Judged],
-    *,
-    paper: str | None = None,
-    kind: str | None = None,
-    verdict: str | None = None,
+def judge_claims(
+    project: Project, folder: Path | None = None, **wanted: str | None
 ) -> list[Judged]:
-    """Return the claims of a paper, of a kind, and with a verdict; None stands for all."""
-    return [
-        entry
-        for entry in judged
-        if paper in (None, entry.claim.paper)
-        and kind in (None, entry.claim.kind)
-        and verdict in (None, entry.verdict)
-    ]
+    """Judge the claims by the reference results; those in a folder go before them.
+
+    Of a ``paper``, of a ``kind``, with a ``verdict``, where these are not None.
+    """
+    words = {"paper": PAPERS, "kind": KINDS, "verdict": tuple(Verdict)}
+    asked = {name: word for name, word in wanted.items() if word is not None}
+    for name, word in asked.items():
+        if word not in words[name]:
+            raise ParameterError(f"--{name}", word, "one of " + ", ".join(words[name]))
+    folders = [project.published] if folder is None else [project.published, folder]
+    paths = {path.name: path for each in folders for path in each.glob("[0-9][0-9].json")}
+    judged = verdicts(load_claims(project.root / LEDGER), map(read_results, paths.values()))
+    for name, word in asked.items():
+        judged = [e for e in judged if word in (e.verdict, getattr(e.claim, name, None))]
+    return judged
 
 
-def show_claims(judged: Sequence[Judged], console: Console) -> None:
+def show_claims(judged: Sequence[Judged]) -> None:
     """Write a table of claims, and how many there are with each verdict."""
+    console = Console(width=None if sys.stdout.isatty() else 150)
     table = Table("claim", "place", "holds if", "found", "verdict", "cell", box=None)
     for entry in judged:
         texts = (entry.published_text, entry.rebuilt_text, str(entry.verdict), entry.cell or "")

@@ -21,16 +21,16 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable, Mapping
-from decimal import Decimal, InvalidOperation
+from decimal import Decimal
 from itertools import product
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, get_args
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import Field, ValidationError, model_validator
 
 from inswsn_book.files import file_digest, text_digest
 from inswsn_book.parameters import Value
-from inswsn_book.results import Name, quantity_digest, read_results
+from inswsn_book.results import Frozen, Name, first_problem, quantity_digest, read_results
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.files import read_yaml
 
@@ -44,6 +44,8 @@ PAPERS: tuple[str, ...] = get_args(Paper)
 KINDS: tuple[str, ...] = get_args(Kind)
 Text = Annotated[str, Field(min_length=3, pattern=r"^[^\n]+$")]
 
+#: A number, to the digit
+Printed = Annotated[str, Field(pattern=r"^[+-]?\d+(\.\d+)?([eE][+-]?\d\d?)?$")]
 _SIZE = r"\d+(?:\.\d+)?(?:[eE][+-]?\d\d?)?"
 _TOLERANCE = re.compile(
     rf"digits|within (?:(?P<share>{_SIZE}) %|(?P<size>{_SIZE})|(?P<name>[a-z]\w*))"
@@ -51,25 +53,21 @@ _TOLERANCE = re.compile(
 )
 
 
-class _Entry(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-class QuantityCheck(_Entry):
+class QuantityCheck(Frozen):
     """The quantity of a chapter that decides a claim."""
 
     chapter: Annotated[str, Field(pattern=r"^\d\d$")]
     quantity: Name
 
 
-class MissingCheck(_Entry):
+class MissingCheck(Frozen):
     """What would be needed to decide a claim and cannot be had, by its names in ``missing``."""
 
     needs: Annotated[tuple[Name, ...], Field(min_length=1)]
-    reasons: tuple[str, ...] = ()  # what that list says of them; filled in by `load_claims`
+    reasons: tuple[str, ...]  # what that list says of them, see `load_claims`
 
 
-class Claim(_Entry):
+class Claim(Frozen):
     """One claim of a paper; its id never changes.
 
     `value` is what is printed, to the digit, and `unit` that of what is compared. `tolerance` is
@@ -83,7 +81,7 @@ class Claim(_Entry):
     paper: Paper
     place: Text
     says: Text
-    value: str | list[str] | list[list[str]] | None = None
+    value: Printed | list[str] | list[list[str]] | None = None
     unit: Annotated[str, Field(min_length=1)] = "1"
     kind: Kind
     check: QuantityCheck | MissingCheck
@@ -116,7 +114,7 @@ class Claim(_Entry):
             if not parts["bound"]:
                 raise ValueError(f"the tolerance {tolerance!r} needs one printed value")
             return
-        value, (low, high) = float(_decimal(self.value)), self.published({parts["name"]: 0})
+        value, (low, high) = float(self.value), self.published({parts["name"]: 0})
         if not low <= value <= high:
             raise ValueError(f"the tolerance {tolerance!r} excludes {self.value} itself")
         # a tolerance as wide as the number would reproduce anything: a typed verdict
@@ -137,7 +135,7 @@ class Claim(_Entry):
     def reference(self) -> float:
         """The number that widths are measured by: the printed one, or that of the bound."""
         if isinstance(self.value, str):
-            return float(_decimal(self.value))
+            return float(self.value)
         return float(self._tolerance_parts().get("bound") or math.nan)
 
     def published(self, parameters: Mapping[str, Value]) -> tuple[float, float]:
@@ -152,7 +150,7 @@ class Claim(_Entry):
                 -math.inf if parts["word"] == "at most" else number,
                 math.inf if parts["word"] == "at least" else number,
             )
-        value = _decimal(str(self.value))
+        value = Decimal(str(self.value))
         if parts.get("share"):
             half = abs(value) * Decimal(parts["share"]) / 100
         elif parts.get("size"):
@@ -174,29 +172,10 @@ class Claim(_Entry):
         return parts.groupdict() if parts else {}
 
 
-class _Ledger(_Entry):
+class _Ledger(Frozen):
     missing: dict[Name, Text] = {}
     words: dict[str, Any] = {}  # for anchors that families share
     claims: tuple[Claim, ...]
-
-    @model_validator(mode="before")
-    @classmethod
-    def _families_are_written_out(cls, content: Any) -> Any:
-        if not isinstance(content, dict) or not isinstance(content.get("claims"), list):
-            return content
-        entries = [claim for entry in content["claims"] for claim in written_out(entry)]
-        return content | {"claims": entries}
-
-    def with_reasons(self, claim: Claim) -> Claim:
-        """Return a claim with the reasons for which it cannot be tested."""
-        if not isinstance(claim.check, MissingCheck):
-            return claim
-        for need in claim.check.needs:
-            if need not in self.missing:
-                raise InswsnError(f"claim {claim.id} needs {need}, which is not listed missing")
-        reasons = tuple(self.missing[need] for need in claim.check.needs)
-        check = claim.check.model_copy(update={"reasons": reasons})
-        return claim.model_copy(update={"check": check})
 
 
 def written_out(entry: Any) -> list[Any]:
@@ -246,28 +225,29 @@ def load_claims(path: Path) -> tuple[Claim, ...]:
     return claims
 
 
-def _read_ledger(path: Path) -> list[Claim]:
+def _read_ledger(path: Path) -> tuple[Claim, ...]:
     content = read_yaml(path)
     try:
-        ledger = _Ledger.model_validate(content)
-        return [ledger.with_reasons(claim) for claim in ledger.claims]
+        if isinstance(content, dict) and isinstance(content.get("claims"), list):
+            content["claims"] = [c for entry in content["claims"] for c in written_out(entry)]
+            for entry in content["claims"]:
+                _add_reasons(entry, content.get("missing", {}))
+        return _Ledger.model_validate(content).claims
     except ValidationError as error:
-        said = _first(error, content)
-    except InswsnError as error:
+        said = first_problem(error, content=content)
+    except ValueError as error:
         said = str(error)
     raise InswsnError(f"{path} is not a ledger of claims: {said}.")
 
 
-def _first(error: ValidationError, content: Any) -> str:
-    """Return what is wrong first, with the id of the claim rather than its number."""
-    first = error.errors()[0]
-    place = [str(part) for part in first["loc"]]
-    if len(place) > 1 and place[0] == "claims":
-        entries = [claim for entry in content["claims"] for claim in written_out(entry)]
-        entry = entries[int(place[1])]
-        name = entry.get("id") if isinstance(entry, dict) else None
-        place[:2] = [f"claim {name or f'number {place[1]}'}"]
-    return f"{': '.join(place) or 'the file'}: {first['msg'].removeprefix('Value error, ')}"
+def _add_reasons(entry: Any, missing: Mapping[str, str]) -> None:
+    """Add to a claim that cannot be tested what is listed of what it needs."""
+    if not isinstance(entry, dict) or not isinstance(check := entry.get("check"), dict):
+        return
+    for need in check.get("needs") or ():
+        if need not in missing:
+            raise ValueError(f"{entry.get('id')} needs {need}, which is not listed missing")
+        check["reasons"] = [*check.get("reasons", ()), missing[need]]
 
 
 def claims_of(claims: Iterable[Claim], chapter: str) -> list[Claim]:
@@ -296,13 +276,3 @@ def data_digest(root: Path, name: str) -> str | None:
         return quantity_digest(read_results(root / path)[part])
     except (InswsnError, KeyError):
         return None
-
-
-def _decimal(text: str) -> Decimal:
-    try:
-        number = Decimal(text)
-    except InvalidOperation:
-        raise ValueError(f"the value {text!r} is no number") from None
-    if not math.isfinite(float(number)):
-        raise ValueError(f"the value {text!r} is no finite number")
-    return number

@@ -9,13 +9,21 @@ from rich import progress as bars
 from rich.console import Console
 
 
-class Bars:
-    """Bars on a terminal, by default standard error, and lines above them; from any thread."""
+class Progress:
+    """Bars on standard error, of cells that are done, and lines above them; from any thread."""
 
-    def __init__(self, console: Console | None, *columns: bars.ProgressColumn) -> None:
+    def __init__(self, console: Console | None = None) -> None:
         self._console = console or Console(stderr=True)
         self._live = self._console.is_terminal
-        self._bars = bars.Progress(*columns, console=self._console, disable=not self._live)
+        self._bars = bars.Progress(
+            bars.TextColumn("{task.description}"),
+            bars.BarColumn(bar_width=24),
+            bars.TextColumn("cell {task.completed:.0f} of {task.total:.0f}"),
+            bars.TimeElapsedColumn(),
+            console=self._console,
+            disable=not self._live,
+        )
+        self._tasks: dict[str, tuple[bars.TaskID, float]] = {}
 
     def __enter__(self) -> Self:
         self._bars.start()
@@ -28,43 +36,26 @@ class Bars:
         """Write one line, above the bars."""
         self._console.print(text, markup=False, highlight=False, soft_wrap=True)
 
-
-class Progress(Bars):
-    """Shows chapter, cell and elapsed time."""
-
-    def __init__(self, console: Console | None = None) -> None:
-        super().__init__(
-            console,
-            bars.TextColumn("{task.description}"),
-            bars.BarColumn(bar_width=24),
-            bars.TextColumn("cell {task.completed:.0f} of {task.total:.0f}"),
-            bars.TimeElapsedColumn(),
-        )
-        self._tasks: dict[str, bars.TaskID] = {}
-        self._starts: dict[str, float] = {}
-
-    def unchanged(self, chapter: str) -> None:
+    def unchanged(self, name: str) -> None:
         """Say that a chapter is taken from the store."""
-        self.say(f"{chapter}: unchanged")
+        self.say(f"{name}: unchanged")
 
-    def started(self, chapter: str, cells: int) -> None:
-        """Say that a chapter of that many cells begins."""
-        self._starts[chapter] = time.monotonic()
-        self._tasks[chapter] = self._bars.add_task(chapter, total=cells)
+    def started(self, name: str, cells: int) -> None:
+        """Say that a chapter, or a sweep, of that many cells begins."""
+        self._tasks[name] = self._bars.add_task(name, total=cells), time.monotonic()
         if not self._live:
-            self.say(f"{chapter}: executing {cells} cells")
+            self.say(f"{name}: executing {cells} cells")
 
-    def cell(self, chapter: str, number: int) -> None:
-        """Say that a chapter has come to the cell of that number."""
-        self._bars.update(self._tasks[chapter], completed=number)
+    def cell(self, name: str, number: int) -> None:
+        """Say that it has come to the cell of that number."""
+        self._bars.update(self._tasks[name][0], completed=number)
 
-    def finished(self, chapter: str) -> None:
-        """Say that a chapter is done."""
-        task = self._tasks[chapter]
+    def finished(self, name: str) -> None:
+        """Say that it is done."""
+        task, began = self._tasks[name]
         self._bars.update(task, completed=self._bars.tasks[task].total)
         if not self._live:
-            seconds = time.monotonic() - self._starts[chapter]
-            self.say(f"{chapter}: executed in {seconds:.0f} s")
+            self.say(f"{name}: executed in {time.monotonic() - began:.0f} s")
 
 
 class Quiet(Progress):

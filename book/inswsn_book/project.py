@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -30,8 +29,8 @@ _MARKERS = ("_config.yml", "environment.lock", "chapters", "data")
 # what they import of it
 _EXECUTING = (
     *("cores.py", "execution.py", "notebooks.py", "runs.py"),
-    *("project.py", "files.py", "labs.py", "ledger.py", "parameters.py"),
-    *("record.py", "results.py", "show.py", "verdicts.py"),
+    *("project.py", "files.py", "ledger.py", "parameters.py"),
+    *("provenance.py", "record.py", "results.py", "show.py", "verdicts.py"),
 )
 _CHAPTER_NAME = re.compile(r"^\d\d-[a-z0-9]+(-[a-z0-9]+)*$")
 
@@ -77,116 +76,49 @@ class Chapter:
         return self.source.with_suffix(".ipynb")
 
 
-@dataclass(frozen=True)
-class About:
-    """What ``CITATION.cff`` says of this work."""
-
-    title: str
-    abstract: str
-    version: str
-    released: str  # the day of this version
-    authors: tuple[str, ...]  # as a list of references has them, family name first
-    keywords: tuple[str, ...]
-    licence: str  # of the code, by its SPDX name
-    repository: str | None  # its address on the public host
-    doi: str | None  # of the archived release
-    references: tuple[dict[str, Any], ...]  # the papers that it rebuilds
-
-    @property
-    def shown_authors(self) -> str:
-        """The authors in one line: ``"A, B and C"``."""
-        *others, last = self.authors
-        return f"{', '.join(others)} and {last}" if others else last
-
-
-@dataclass(frozen=True)
 class Project:
     """The folders of a checkout, and what they hold."""
 
-    root: Path
+    def __init__(self, root: Path) -> None:
+        self.root = root
+        self.build = root / "_build"  # everything that is made and not kept
+        self.site = self.build / "html"  # the rendered book
+        self.store = self.build / "store"  # runs of chapters
+        self.results = root / "results"  # of the last build
+        self.published = root / "data" / "published"  # the reference results
+        self.locks = root / "environment.lock", root / "environment-torch.lock"
+        # the folders of the two packages that run, which need not lie in the checkout
+        self.libraries = Path(inswsn_lib.__file__).parent, Path(__file__).parent
 
-    @property
-    def build(self) -> Path:
-        """Everything that is made and not kept."""
-        return self.root / "_build"
-
-    @property
-    def site(self) -> Path:
-        """The rendered book."""
-        return self.build / "html"
-
-    @property
-    def store(self) -> Path:
-        """Runs of chapters by the content of what they were made from."""
-        return self.build / "store"
-
-    @property
-    def results(self) -> Path:
-        """The results files of the last build."""
-        return self.root / "results"
-
-    @property
-    def published(self) -> Path:
-        """The reference results."""
-        return self.root / "data" / "published"
-
-    @property
-    def locks(self) -> tuple[Path, Path]:
-        """The two files that pin the environment."""
-        return self.root / "environment.lock", self.root / "environment-torch.lock"
-
-    def about(self) -> About:
-        """Read ``CITATION.cff``; refuse one that lacks a field."""
+    def about(self) -> dict[str, Any]:
+        """Return what ``CITATION.cff`` says, and ``names`` of its authors, family names first."""
         path = self.root / "CITATION.cff"
         said = read_yaml(path)
-        try:
-            return About(
-                title=said["title"],
-                abstract=said["abstract"],
-                version=said["version"],
-                released=said["date-released"],
-                authors=tuple(map(_listed, said["authors"])),
-                keywords=tuple(said["keywords"]),
-                licence=said["license"],
-                repository=said.get("repository-code"),
-                doi=said.get("doi"),
-                references=tuple(said.get("references", ())),
-            )
-        except (KeyError, TypeError) as error:
-            raise InswsnError(f"{path} is no citation file: it lacks {error}.") from None
-
-    @property
-    def libraries(self) -> tuple[Path, Path]:
-        """The folders of the two packages that run, which need not lie in the checkout."""
-        return Path(inswsn_lib.__file__).parent, Path(__file__).parent
+        for field in ("title", "abstract", "version", "date-released", "authors", "license"):
+            if field not in said:
+                raise InswsnError(f"{path} is no citation file: it lacks '{field}'.")
+        names = [
+            a.get("name") or f"{a['family-names']}, {a['given-names']}" for a in said["authors"]
+        ]
+        return {"doi": None, "repository-code": None, **said, "names": names}
 
     def library_digest(self) -> str:
         """Return the digest of the source files of both packages."""
-        return self._digest([f for p in self.libraries for f in p.rglob("*.py")])
+        return text_digest("".join(tree_digest(p.parent, p.rglob("*.py")) for p in self.libraries))
 
     def computing_digest(self) -> str:
         """Return the digest of what a chapter may compute with.
 
-        That is all of the science, and of the machinery what executes chapters or is imported by
-        them.
+        That is all of the science, and of the machinery what chapters or their executor import.
         """
         science, machinery = self.libraries
-        own = [machinery / name for name in _EXECUTING if (machinery / name).is_file()]
-        return self._digest([*science.rglob("*.py"), *own])
-
-    def _digest(self, files: list[Path]) -> str:
-        """Return one digest of source files, named from the folder of their package on."""
-        parts = [
-            tree_digest(package.parent, [f for f in files if f.is_relative_to(package)])
-            for package in self.libraries
-        ]
-        return text_digest("\n".join(parts))
+        own = tree_digest(machinery, [machinery / name for name in _EXECUTING])
+        return text_digest(tree_digest(science.parent, science.rglob("*.py")) + own)
 
     def chapters(self) -> list[Chapter]:
         """Return the chapters in the order of their numbers, which are used once each."""
-        chapters = [
-            Chapter(path.stem, path) for path in sorted((self.root / "chapters").glob("[!.]*.md"))
-        ]
+        sources = sorted((self.root / "chapters").glob("[!.]*.md"))
+        chapters = [Chapter(path.stem, path) for path in sources]
         if not chapters:
             raise InswsnError(f"There is no chapter in {self.root / 'chapters'}.")
         for chapter in chapters:
@@ -209,23 +141,12 @@ class Project:
             "NAME", word, "one of " + ", ".join(chapter.number for chapter in chapters)
         )
 
-    @contextmanager
-    def build_lock(self) -> Iterator[None]:
+    def build_lock(self) -> AbstractContextManager[object]:
         """Hold the lock of the checkout's build; refuse if another build holds it."""
         self.build.mkdir(parents=True, exist_ok=True)
-        lock = FileLock(self.build / ".lock")
         try:
-            lock.acquire(timeout=0)
+            return FileLock(self.build / ".lock").acquire(timeout=0)
         except Timeout:
             raise InswsnError(
                 f"Another build of {self.root} is running; wait for it, or stop it."
             ) from None
-        try:
-            yield
-        finally:
-            lock.release()
-
-
-def _listed(author: dict[str, str]) -> str:
-    """Return an author as a list of references has them: a group by its name."""
-    return author.get("name") or f"{author['family-names']}, {author['given-names']}"

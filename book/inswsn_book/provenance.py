@@ -5,11 +5,14 @@ from __future__ import annotations
 import os
 import platform
 import subprocess
+from contextlib import suppress
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
+#: The file in which a kernel leaves its `machine_facts`
+MACHINE = "machine.json"
 # The packages whose numbers end up on a page; the lock names all the others.
 _COMPUTING = (
     *("numpy", "scipy", "pandas", "mpmath", "cvxpy", "clarabel", "scs"),
@@ -45,23 +48,29 @@ def machine_facts() -> dict[str, Any]:
 
     for name in ("numpy", "scipy.linalg"):
         import_module(name)
-    libraries = {
-        f"{entry['internal_api']} {entry.get('version') or '(version unknown)'} "
-        f"of {_owner(str(entry['filepath']))}, "
-        + (f"for {entry['architecture']}, " if entry.get("architecture") else "")
-        + f"{entry['num_threads']} thread{'s' if entry['num_threads'] > 1 else ''}"
-        for entry in threadpool_info()
-        if entry["user_api"] == "blas"
-    }
-    packages = {name: _installed_version(name) for name in _COMPUTING}
+    libraries = {_described(entry) for entry in threadpool_info() if entry["user_api"] == "blas"}
+    packages = {}
+    for name in _COMPUTING:
+        with suppress(PackageNotFoundError):
+            packages[name] = version(name)
     return {
         "python": platform.python_version(),
         "system": f"{platform.system()} {platform.machine()}",
         "cpu": _cpu_name(),
         "cores": available_cores(),
         "blas": sorted(libraries),
-        "packages": {name: found for name, found in packages.items() if found},
+        "packages": packages,
     }
+
+
+def _described(library: dict[str, Any]) -> str:
+    """Return such as ``"openblas 0.3.30 of scipy, for Haswell, 1 thread"``."""
+    folder = Path(library["filepath"]).parent.name  # numpy.libs in that of a package
+    owner = folder.removesuffix(".libs") if folder.endswith(".libs") else "the system"
+    path = f"for {library['architecture']}, " if library.get("architecture") else ""
+    threads = f"{library['num_threads']} thread{'s' if library['num_threads'] > 1 else ''}"
+    known = library.get("version") or "(version unknown)"
+    return f"{library['internal_api']} {known} of {owner}, {path}{threads}"
 
 
 def available_cores() -> int:
@@ -77,16 +86,3 @@ def _cpu_name() -> str:
         if name.strip() == "model name":
             return value.strip()
     return platform.processor() or platform.machine() or "unknown"
-
-
-def _owner(path: str) -> str:
-    """Return the package whose folder of libraries, such as numpy.libs, holds the file."""
-    folder = Path(path).parent.name
-    return folder.removesuffix(".libs") if folder.endswith(".libs") else "the system"
-
-
-def _installed_version(name: str) -> str | None:
-    try:
-        return version(name)
-    except PackageNotFoundError:
-        return None

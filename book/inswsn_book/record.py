@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import re
+import json
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,7 @@ from inswsn_book.files import file_digest, write_whole
 from inswsn_book.ledger import LEDGER, claims_digest, claims_of, load_claims
 from inswsn_book.parameters import Value, chapter_schema
 from inswsn_book.project import find_root, results_folder
+from inswsn_book.provenance import MACHINE, machine_facts
 from inswsn_book.results import (
     Quantity,
     Results,
@@ -24,8 +25,6 @@ from inswsn_book.results import (
 from inswsn_book.verdicts import Judged, verdicts
 from inswsn_lib.errors import InswsnError
 
-_FILE_NAME = re.compile(r"^[a-z0-9][a-z0-9_-]*\.[a-z0-9]+$")
-
 # MyST-NB pastes outputs of this type into the text by the role {glue:text}.
 _GLUE_TYPE = "application/papermill.record/text/plain"
 
@@ -33,32 +32,7 @@ _GLUE_TYPE = "application/papermill.record/text/plain"
 class ChapterRecord:
     """The record that a chapter keeps while it runs, and writes at its end.
 
-    It is made from the chapter's number and the names and values of its parameters cell; what is
-    not declared there, or may not be, is refused. The checkout `root` is looked for upward from the
-    working folder.
-
-    Examples
-    --------
-    What a cell of a chapter does. A plain interpreter prints what makes a number known to the text:
-
-    >>> from inswsn_book.project import find_root
-    >>> from inswsn_book.record import ChapterRecord
-    >>> from inswsn_book.parameters import chapter_schema
-    >>> record = ChapterRecord("00", chapter_schema(find_root(), "00").defaults)
-    >>> record.data("papers/p1-table2.csv").name  # and the build knows that the chapter reads it
-    'p1-table2.csv'
-    >>> quantity = record.quantity(
-    ...     "error.kf",
-    ...     2.9,
-    ...     "m",
-    ...     how="The mean absolute error.",
-    ...     basis="simulation",
-    ...     tolerance=0.01,
-    ... )
-    {'application/papermill.record/text/plain': '2.9'}
-    >>> record.holds("The error is below 3 m.", quantity.value < 3)
-    >>> record.results()["error.kf"].value, record.results().sentences
-    (2.9, {'The error is below 3 m.': True})
+    It is made from the chapter's number and the names and values of its parameters cell.
     """
 
     def __init__(
@@ -129,9 +103,7 @@ class ChapterRecord:
 
     def say(self, name: str, text: str) -> None:
         """Make a word known to the text as ``{glue:text}`name```, without recording it."""
-        if type(text) is not str:
-            raise InswsnError(f"The word {name!r} is {text!r}; it may be a text.")
-        _glue(name, text)
+        _glue(name, str(text))
 
     def holds(self, sentence: str, condition: object) -> None:
         """Bind a sentence of the page, or its gist, to the condition that makes it true.
@@ -150,8 +122,6 @@ class ChapterRecord:
 
     def solver(self, name: str, status: str) -> None:
         """Record a solver that the chapter called, and the status that it ended with."""
-        if name in self._solvers:
-            raise InswsnError(f"The solver {name!r} is recorded already.")
         self._solvers[name] = status
 
     def judge(self, prefix: str = "") -> list[Judged]:
@@ -167,8 +137,6 @@ class ChapterRecord:
 
     def write_file(self, name: str, text: str) -> None:
         """Write a file such as ``corrected.csv`` beside the results file, for whoever reruns."""
-        if not _FILE_NAME.match(name) or name.endswith(".json"):
-            raise InswsnError(f"The file name is {name!r}; it may be such as corrected.csv.")
         write_whole(results_folder(self._root) / name, text)
 
     def results(self) -> Results:
@@ -183,9 +151,13 @@ class ChapterRecord:
         )
 
     def write(self) -> Results:
-        """Write the results file ``NN.json``, whole or not at all, and return what it holds."""
-        results = self.results()
-        write_results(results, results_folder(self._root) / f"{self._chapter}.json")
+        """Write the results file ``NN.json``, whole or not at all, and return what it holds.
+
+        What the chapter was computed with goes beside it, for the executor.
+        """
+        results, folder = self.results(), results_folder(self._root)
+        write_whole(folder / MACHINE, json.dumps(machine_facts()))
+        write_results(results, folder / f"{self._chapter}.json")
         return results
 
 

@@ -21,11 +21,13 @@ IntervalKind = Literal["rounding", "confidence 95 %", "runs 95 %"]
 SCHEMA_VERSION: Literal[3] = 3
 
 
-class _Record(BaseModel):
+class Frozen(BaseModel):
+    """A model that may not be changed and has no fields but its own."""
+
     model_config = ConfigDict(frozen=True, extra="forbid")
 
 
-class Quantity(_Record):
+class Quantity(Frozen):
     """One number that a chapter found.
 
     Its interval is all values that the rounding of the printed cells allows, a confidence interval
@@ -54,7 +56,7 @@ class Quantity(_Record):
         return self
 
 
-class Provenance(_Record):
+class Provenance(Frozen):
     """What a run was made with; it differs from machine to machine and is never compared."""
 
     version: str  # of inswsn
@@ -72,7 +74,7 @@ class Provenance(_Record):
     packages: dict[str, str]  # that compute, with their versions
 
 
-class Results(_Record):
+class Results(Frozen):
     """All that a chapter found in one run.
 
     Files of older versions are read as well: 1 had no solvers, cells and provenance, 2 no tables.
@@ -88,13 +90,6 @@ class Results(_Record):
     cells: dict[Name, str] = {}  # that recorded each quantity
     tables: dict[str, list[list[str]]] = {}  # as they are shown, by label; the header comes first
     provenance: Provenance | None = None
-
-    @model_validator(mode="before")
-    @classmethod
-    def _older_version_is_raised(cls, content: Any) -> Any:
-        if isinstance(content, dict) and content.get("schema_version") in (1, 2):
-            return content | {"schema_version": SCHEMA_VERSION}
-        return content
 
     @model_validator(mode="after")
     def _names_are_unique(self) -> Self:
@@ -115,11 +110,16 @@ class Results(_Record):
         return self.model_copy(update={"provenance": None})
 
 
-def first_problem(error: ValidationError, whole: str) -> str:
-    """Return what does not fit first: the place, or a word for the whole, and why."""
+def first_problem(error: ValidationError, whole: str = "the file", content: Any = None) -> str:
+    """Return what does not fit first, and where: an entry of `content` is named by its id."""
     first = error.errors()[0]
-    place = ".".join(map(str, first["loc"])) or whole
-    return f"{place}: {first['msg']}"
+    place = [str(part) for part in first["loc"]]
+    entries = content.get(place[0]) if isinstance(content, dict) and place else None
+    if isinstance(entries, list) and len(place) > 1:
+        entry = entries[int(place[1])]
+        name = entry.get("id") if isinstance(entry, dict) else None
+        place[:2] = [str(name or f"{place[0]} number {place[1]}")]
+    return f"{': '.join(place) or whole}: {first['msg'].removeprefix('Value error, ')}"
 
 
 def quantity_digest(quantity: Quantity) -> str:
@@ -136,18 +136,13 @@ def read_results(path: Path) -> Results:
     """Read a results file; refuse one that is not there or does not fit, and say where."""
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
-        version = content.get("schema_version") if isinstance(content, dict) else None
-        if not isinstance(version, int) or version <= SCHEMA_VERSION:
-            return Results.model_validate(content)
+        if isinstance(content, dict) and content.get("schema_version") in (1, 2):
+            content["schema_version"] = SCHEMA_VERSION
+        return Results.model_validate(content)
     except FileNotFoundError:
         raise InswsnError(f"There is no results file {path}.") from None
     except ValidationError as error:
-        said = first_problem(error, "the file")
-        raise InswsnError(f"{path} is not a results file of this version: {said}.") from None
+        said = first_problem(error)
     except (ValueError, RecursionError) as error:  # no UTF-8, no JSON, or absurd in size
         said = str(error).splitlines()[0][:200]
-        raise InswsnError(f"{path} is not a results file: {said}.") from None
-    raise InswsnError(
-        f"{path} was written by a newer inswsn: its schema_version is {version}, and this one "
-        f"reads up to {SCHEMA_VERSION}."
-    )
+    raise InswsnError(f"{path} is not a results file of this version: {said}.")

@@ -1,35 +1,25 @@
-"""A user's run of one chapter: its parameters from the command line, and a folder of its own."""
+"""What ``inswsn run`` and ``inswsn book`` do: one chapter into a folder, all into a site."""
 
 from __future__ import annotations
 
 import os
-import tempfile
+import shutil
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 import nbformat
 import yaml
 
-from inswsn_book.files import swap_folder, text_digest, write_whole
+from inswsn_book import parameters, runs
+from inswsn_book.files import check_folder, made_folder, text_digest, write_whole
 from inswsn_book.notebooks import notebook_text
-from inswsn_book.pages import environment, render_run, with_notes
-from inswsn_book.parameters import (
-    FILE_RULE,
-    REGRESSOR_RULE,
-    Parameter,
-    Schema,
-    Value,
-    chapter_schema,
-)
+from inswsn_book.pages import check_pages, environment, render_book, render_run, with_notes
+from inswsn_book.parameters import Parameter, Schema, Value, chapter_schema
 from inswsn_book.progress import Progress
 from inswsn_book.project import Project
 from inswsn_book.results import Results, write_results
-from inswsn_book.runs import SOLVERS, Request, book_runs, chosen_surroundings, run
 from inswsn_lib.errors import InswsnError, ParameterError
 from inswsn_lib.files import read_yaml
-
-# Lists what a run made. A folder that holds this and no more may be replaced by another run.
-_MADE = ".inswsn-run"
 
 
 def gather_parameters(
@@ -57,11 +47,11 @@ def gather_parameters(
 
 def _found(parameter: Parameter, value: Value, data: Path) -> Value:
     """Look for a file that a parameter names, and try a regressor."""
-    if parameter.rule == REGRESSOR_RULE:
+    if parameter.rule == parameters.REGRESSOR_RULE:
         from inswsn_lib.learning import load_regressor  # noqa: PLC0415  # numerics take a second
 
         load_regressor(parameter.name, str(value))
-    if parameter.rule != FILE_RULE:
+    if parameter.rule != parameters.FILE_RULE:
         return value
     path = Path(os.path.expanduser(str(value)))  # noqa: PTH111  # Path's own may raise
     if path.is_file():
@@ -83,26 +73,21 @@ def run_chapter(
 ) -> tuple[Path, Results]:
     """Run a chapter and write what comes of it to a folder of its own, whole or not at all.
 
-    The folder `out` is new, empty, or has nothing but an earlier run in it; by default it is one
-    below ``runs/`` named for the chapter and its parameters. It holds the executed notebook, its
-    results, ``parameters.yml``, what the chapter wrote for its reader, and, if asked for, the book
-    rendered with this run in it.
+    That is the executed notebook, its results, ``parameters.yml``, what the chapter wrote for its
+    reader, and, if asked for, the book rendered with this run in it.
     """
     name = project.find(number).name
     text = yaml.safe_dump(chapter_schema(project.root, number).check(values), sort_keys=False)
-    surroundings = chosen_surroundings()
-    suffix = "" if surroundings.solver == SOLVERS[0] else f"-{surroundings.solver}"
+    surroundings = runs.chosen_surroundings()
+    suffix = "" if surroundings.solver == runs.SOLVERS[0] else f"-{surroundings.solver}"
     folder = out or project.root / "runs" / f"{name}-{text_digest(text)[:8]}{suffix}"
-    _check_folder(folder)
-    folder = folder.resolve()
+    check_folder(folder)
     if html:
-        book_runs(project)  # refused before the chapter runs rather than after
-    done = run(project, Request(number, values, surroundings), progress, fresh=fresh)
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(dir=folder.parent, prefix=".run-") as temporary:
-        made = Path(temporary) / "run"
-        notebook = nbformat.reads(done.notebook, as_version=4)
-        own = with_notes(notebook, done.results, (), environment(project.root))
+        runs.book_runs(project)  # refused before the chapter runs rather than after
+    done = runs.run(project, runs.Request(number, values, surroundings), progress, fresh=fresh)
+    notebook = nbformat.reads(done.notebook, as_version=4)
+    own = with_notes(notebook, done.results, (), environment(project.root))
+    with made_folder(folder) as made:
         files = {f"{name}.ipynb": notebook_text(own), "parameters.yml": text, **done.files}
         for written, content in files.items():
             write_whole(made / written, content)
@@ -110,21 +95,31 @@ def run_chapter(
         if html:
             progress.say("book: rendering with this run in it")
             render_run(project, done, made / "html")
-        listing = sorted(path.name for path in made.iterdir())
-        write_whole(made / _MADE, "\n".join(listing) + "\n")
-        swap_folder(made, folder)
-    return folder, done.results
+    return folder.resolve(), done.results
 
 
-def _check_folder(folder: Path) -> None:
-    held = {path.name for path in folder.iterdir()} if folder.is_dir() else set()
-    made = folder / _MADE
-    listed = set(made.read_text(encoding="utf-8").split("\n")) if made.is_file() else set()
-    if (folder.exists() and not folder.is_dir()) or not held <= listed | {_MADE}:
-        raise ParameterError(
-            "--out", str(folder), "a new or empty folder, or one that holds an earlier run alone"
+def build_book(
+    project: Project, progress: Progress, *, fresh: bool = False, jobs: int | None = None
+) -> None:
+    """Execute what is due and render the book; refuse a chapter that may not stand in it."""
+    with project.build_lock():
+        for folder in project.build.glob("render-*"):  # of a build that was killed
+            shutil.rmtree(folder)
+        check_pages(project)  # before the chapters, which take long
+        requests = [runs.Request(chapter.number) for chapter in project.chapters()]
+        made = runs.run_all(project, requests, progress, _check, fresh=fresh, jobs=jobs)
+        render_book(project, made, progress, fresh=fresh)
+        for run in made:
+            write_results(run.results, project.results / f"{run.request.chapter}.json")
+
+
+def _check(place: int, outcome: runs.Outcome) -> None:
+    """Refuse a run in which a sentence of the page does not hold."""
+    runs.raise_failure(place, outcome)
+    assert isinstance(outcome, runs.Run)
+    untrue = [f"  {said}" for said, held in outcome.results.sentences.items() if not held]
+    if untrue:
+        raise runs.ChapterError(
+            f"Chapter {outcome.request.chapter} has sentences that its results do not bear out:\n"
+            + "\n".join(untrue)
         )
-    # told before the chapter runs rather than after
-    above = next(path for path in (folder.resolve(), *folder.resolve().parents) if path.exists())
-    if not above.is_dir() or not os.access(above, os.W_OK):
-        raise ParameterError("--out", str(folder), f"where one can write, and {above} is not")

@@ -1,9 +1,8 @@
 """Run a chapter and keep what it gives: one request, one key, one store.
 
 A `Request` says which chapter is run, with which parameters, in which surroundings, and over which
-changed files. `run` and `run_all` look its key up in the store, ``_build/store``, and execute the
-chapter only if nothing is there. The book, ``inswsn run``, sweeps and the two studies are sets of
-requests.
+changed files. `run` and `run_all` execute it if nothing is in the store, ``_build/store``. Book,
+``inswsn run``, sweeps and studies are sets of requests.
 """
 
 from __future__ import annotations
@@ -13,54 +12,42 @@ import math
 import os
 import platform
 import shutil
-import subprocess
-import sys
 import tempfile
-import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
-from functools import cache
 from pathlib import Path
 from typing import Any
 
 from inswsn_book.cores import run_core
-from inswsn_book.files import swap_folder, text_digest, tree_digest, write_whole
+from inswsn_book.files import text_digest, tree_digest, write_whole
 from inswsn_book.ledger import data_digest
 from inswsn_book.notebooks import notebook_text, read_source, strip_run
 from inswsn_book.parameters import REGRESSOR_RULE, Schema, Value, source_schema
 from inswsn_book.progress import Progress
-from inswsn_book.project import (
-    MODULES_VARIABLE,
-    RESULTS_VARIABLE,
-    ROOT_VARIABLE,
-    Chapter,
-    Project,
-)
-from inswsn_book.provenance import available_cores, machine_facts, repository_state
-from inswsn_book.results import Provenance, Results, read_results, write_results
+from inswsn_book.project import MODULES_VARIABLE, RESULTS_VARIABLE, ROOT_VARIABLE, Chapter, Project
+from inswsn_book.provenance import MACHINE, available_cores, machine_facts, repository_state
+from inswsn_book.results import Provenance, Results, read_results
 from inswsn_lib import __version__
 from inswsn_lib.errors import BuildError, InswsnError, ParameterError
 from inswsn_lib.files import DATA_VARIABLE, data_mirror
 
 # Raised when the form of the store, or the way in which chapters are executed, changes.
-_FORM = 5
+_FORM = 6
 # How many digits of a key tell the library, the locks and the chapter's source; and how many
 # entries of a chapter are kept that were made from others than the present ones.
 _ORIGIN, _KEPT = 12, 3
 # Named here again: what executes chapters imports no numerics. A test holds them to be the same.
-SOLVER_VARIABLE = "INSWSN_SOLVER"
-SOLVERS = ("clarabel", "scs")
+SOLVER_VARIABLE, SOLVERS = "INSWSN_SOLVER", ("clarabel", "scs")
 
 
 @dataclass(frozen=True)
 class Surroundings:
     """What a chapter is executed in, beside its sources and its environment."""
 
-    python: str = sys.executable
     threads: int = 1  # that the linear algebra may use
     solver: str = SOLVERS[0]  # of convex problems, where a design does not name one
     variables: Mapping[str, str] = field(default_factory=dict)  # set on top of all others
@@ -143,7 +130,7 @@ def _prepare(project: Project, request: Request) -> _Prepared:
             for name, value in parameters.items()
             if schema[name].rule == REGRESSOR_RULE
         ],
-        "python": _version_of(around.python),
+        "python": platform.python_version(),
         "surroundings": [around.threads, around.solver, dict(around.variables)],
         "overlay": {name: text_digest(text) for name, text in request.overlay.items()},
         "recorded data": data_mirror() is not None,
@@ -157,10 +144,8 @@ def _prepare(project: Project, request: Request) -> _Prepared:
 def request_key(project: Project, request: Request) -> str:
     """Return the key of a request: a digest of all that its run is made from.
 
-    Its first part covers the chapter's source in the checkout, what of the two packages computes,
-    and the locks; its second part also the parameters, the surroundings with the version of the
-    interpreter, the overlay, a reader's own regressor, and whether there is a local folder of
-    recorded data, not which one or what is in it. The data files that a chapter reads are known
+    Its first part covers the chapter's source, what computes of the two packages, and the locks. Of
+    recorded data it covers whether there are any. The data files that a chapter reads are known
     once it has run: they stand in its results with their digests, and `lookup` checks them.
     """
     return _prepare(project, request).key
@@ -168,19 +153,17 @@ def request_key(project: Project, request: Request) -> str:
 
 def lookup(project: Project, request: Request) -> Run | None:
     """Return the run of a request if the store has it and the data that it read are unchanged."""
-    entry = _entry(project, request)
     try:
-        results = read_results(entry / "results.json")
-        notebook = None if request.core else _text_of(entry / "executed.ipynb")
-        files = _texts_of(entry / "files") if (entry / "files").is_dir() else {}
-    except (InswsnError, OSError, UnicodeDecodeError):
+        kept = json.loads(_entry(project, request).read_bytes())
+        results = Results.model_validate(kept["results"])
+    except (OSError, ValueError, KeyError, TypeError):  # none, or none that can be read
         return None
     for name, digest in results.data.items():
         # what the overlay replaces is a part of the key
         replaced = name.partition("#")[0] in request.overlay
         if not replaced and data_digest(project.root, name) != digest:
             return None
-    return Run(request, results, notebook, files)
+    return Run(request, results, kept["notebook"], kept["files"])
 
 
 def keep(project: Project, request: Request, run: Run) -> None:
@@ -189,36 +172,18 @@ def keep(project: Project, request: Request, run: Run) -> None:
     Those that were made from another library, other locks or another source of the chapter go, but
     for the last few.
     """
-    entry = _entry(project, request)
-    entry.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(dir=entry.parent, prefix="new-") as name:
-        made = Path(name) / entry.name
-        if run.notebook is not None:
-            write_whole(made / "executed.ipynb", run.notebook)
-        for file, text in run.files.items():
-            write_whole(made / "files" / file, text)
-        write_results(run.results, made / "results.json")  # an entry without them is no entry
-        try:
-            swap_folder(made, entry)
-        except OSError:  # another process has just put there what it found for the same key
-            if not (entry / "results.json").is_file():
-                raise
+    entry, results = _entry(project, request), run.results.model_dump(mode="json")
+    kept = {"results": results, "notebook": run.notebook, "files": dict(run.files)}
+    write_whole(entry, json.dumps(kept))
     with suppress(OSError):  # another process has just removed some
-        others = [e for e in entry.parent.iterdir() if e.name[:_ORIGIN] != entry.name[:_ORIGIN]]
+        own = entry.name[:_ORIGIN]
+        others = [e for e in entry.parent.glob("*.json") if e.name[:_ORIGIN] != own]
         for old in sorted(others, key=lambda e: e.stat().st_mtime, reverse=True)[_KEPT:]:
-            shutil.rmtree(old, ignore_errors=True)
+            old.unlink()
 
 
 def _entry(project: Project, request: Request) -> Path:
-    return project.store / request.chapter / request_key(project, request)
-
-
-def _text_of(path: Path) -> str:
-    return path.read_bytes().decode("utf-8")  # line ends as they are
-
-
-def _texts_of(folder: Path) -> dict[str, str]:
-    return {path.name: _text_of(path) for path in sorted(folder.iterdir())}
+    return project.store / request.chapter / f"{request_key(project, request)}.json"
 
 
 def _modules_digest(regressor: str) -> str:
@@ -229,30 +194,15 @@ def _modules_digest(regressor: str) -> str:
     return tree_digest(folder, [path for path in files if path.is_file()])
 
 
-@cache
-def _version_of(python: str) -> str:
-    if python == sys.executable:
-        return platform.python_version()
-    ask = "import platform; print(platform.python_version())"
-    try:
-        done = subprocess.run([python, "-c", ask], capture_output=True, text=True, check=True)
-    except (OSError, subprocess.CalledProcessError):
-        raise ParameterError("python", python, "the path of an interpreter") from None
-    return done.stdout.strip()
-
-
 def book_runs(project: Project) -> list[Run]:
     """Return the runs of all chapters as the book has them; refuse if one is not in the store."""
-    runs = []
-    for chapter in project.chapters():
-        run = lookup(project, Request(chapter.number))
+    found = {c.number: lookup(project, Request(c.number)) for c in project.chapters()}
+    for number, run in found.items():
         if run is None:
             raise InswsnError(
-                f"Chapter {chapter.number} has not been built as it is now; build it first: "
-                "make book."
+                f"Chapter {number} has not been built as it is now; build it first: make book."
             )
-        runs.append(run)
-    return runs
+    return [run for run in found.values() if run is not None]
 
 
 def reference_results(project: Project, number: str) -> Results:
@@ -281,54 +231,39 @@ def run(project: Project, request: Request, progress: Progress, *, fresh: bool =
     return done
 
 
+def raise_failure(_: int, outcome: Outcome) -> None:
+    """Raise what a request ended with, if it failed: the first failure stops all."""
+    if not isinstance(outcome, Run):
+        raise outcome
+
+
 def run_all(
     project: Project,
     requests: Sequence[Request],
     progress: Progress,
+    ended: Callable[[int, Outcome], None] = raise_failure,
     *,
     fresh: bool = False,
     jobs: int | None = None,
-    check: Callable[[Run], None] = lambda _: None,
 ) -> list[Run]:
-    """Return the runs of requests, in their order; the first failure, or one of `check`, stops all.
+    """Run requests side by side, those that take long first; return the runs, in their order.
 
-    What has ended by then is kept.
+    `ended` is called in this thread with the place of a request and its run or its failure as each
+    ends; what it raises stops all, as an interrupt does. What has ended by then is kept. Cores are
+    called one after the other in this thread.
     """
-    runs: dict[int, Run] = {}
+    outcomes: dict[int, Outcome] = {}
 
-    def ended(place: int, outcome: Outcome) -> None:
-        if not isinstance(outcome, Run):
-            raise outcome
-        check(outcome)
-        runs[place] = outcome
+    def end(place: int, outcome: Outcome) -> None:
+        ended(place, outcome)
+        outcomes[place] = outcome
 
-    run_each(project, requests, progress, ended, fresh=fresh, jobs=jobs)
-    return [runs[place] for place in range(len(requests))]
-
-
-def run_each(
-    project: Project,
-    requests: Sequence[Request],
-    progress: Progress,
-    ended: Callable[[int, Outcome], None],
-    *,
-    fresh: bool = False,
-    jobs: int | None = None,
-) -> None:
-    """Run requests side by side, those that take long first, and tell how each of them ends.
-
-    `ended` is called in this thread with the place of a request and its run or its failure; what it
-    raises stops all, as an interrupt does. Cores are called one after the other in this thread.
-    """
-    due = []
     for place, request in enumerate(requests):
         found = None if fresh else lookup(project, request)
-        if found is None:
-            due.append(place)
-        else:
+        if found is not None:
             progress.unchanged(project.find(request.chapter).name)
-            ended(place, found)
-    kernels = _Kernels()
+            end(place, found)
+    kernels: list[Any] = []  # their managers
 
     def one(place: int) -> Outcome:
         try:
@@ -336,21 +271,26 @@ def run_each(
         except (BuildError, InswsnError) as failure:
             return failure
 
+    due = [place for place in range(len(requests)) if place not in outcomes]
+    due.sort(key=lambda place: _published_seconds(project, requests[place].chapter), reverse=True)
     for place in due:
         if requests[place].core:
-            ended(place, one(place))
-    rest = [place for place in due if not requests[place].core]
-    rest.sort(key=lambda place: _published_seconds(project, requests[place].chapter), reverse=True)
+            end(place, one(place))
     with ThreadPoolExecutor(max_workers=jobs or available_cores()) as pool:
-        pending = {pool.submit(one, place): place for place in rest}
+        pending = {pool.submit(one, p): p for p in due if not requests[p].core}
         try:
             for future in as_completed(pending):
-                ended(pending[future], future.result())
+                end(pending[future], future.result())
         except BaseException:
             for future in pending:
                 future.cancel()
-            kernels.stop()
+            while not all(future.done() for future in pending):  # one may be about to start
+                for kernel in kernels:
+                    if process := getattr(kernel.provisioner, "process", None):
+                        process.terminate()
+                time.sleep(0.05)
             raise
+    return [outcome for _, outcome in sorted(outcomes.items()) if isinstance(outcome, Run)]
 
 
 def _published_seconds(project: Project, chapter: str) -> float:
@@ -359,12 +299,15 @@ def _published_seconds(project: Project, chapter: str) -> float:
     return math.inf if made is None else made.seconds
 
 
-def _run_and_keep(project: Project, request: Request, progress: Progress, kernels: _Kernels) -> Run:
+def _run_and_keep(
+    project: Project, request: Request, progress: Progress, kernels: list[Any]
+) -> Run:
     prepared = _prepare(project, request)
-    commit, clean = repository_state(project.root)
-    began = time.monotonic()
+    (commit, clean), began = repository_state(project.root), time.monotonic()
     if request.core:
-        done, machine = compute_core(project, request), machine_facts()
+        values, around = prepared.schema.check(request.parameters), request.surroundings
+        found = run_core(project.root, prepared.chapter, values, around.threads, around.solver)
+        done, machine = Run(request, found[0], None, found[1]), machine_facts()
     else:
         done, machine = _execute(project, request, prepared, progress, kernels)
     made = Provenance(
@@ -389,21 +332,11 @@ def _run_and_keep(project: Project, request: Request, progress: Progress, kernel
     return done
 
 
-def compute_core(project: Project, request: Request) -> Run:
-    """Return what the core function of a chapter finds, called in this process."""
-    if request.overlay:
-        raise InswsnError("A core is called on the files of the checkout, without an overlay.")
-    prepared, around = _prepare(project, request), request.surroundings
-    values = prepared.schema.check(request.parameters)
-    results, files = run_core(project.root, prepared.chapter, values, around.threads, around.solver)
-    return Run(request, results, None, files)
-
-
 def _execute(
-    project: Project, request: Request, prepared: _Prepared, progress: Progress, kernels: _Kernels
+    project: Project, request: Request, prepared: _Prepared, progress: Progress, kernels: list[Any]
 ) -> tuple[Run, dict[str, Any]]:
     """Execute a chapter's notebook; return its run and the facts of its machine."""
-    from inswsn_book.execution import execute_notebook, machine_of  # noqa: PLC0415  # takes long
+    from inswsn_book.execution import execute_notebook  # noqa: PLC0415  # takes long
 
     chapter, around = prepared.chapter, request.surroundings
     place = "before its first cell"
@@ -415,7 +348,7 @@ def _execute(
 
     with (
         _overlaid(project.root, request.overlay) as root,
-        tempfile.TemporaryDirectory(prefix=f"inswsn-{chapter.name}-") as name,
+        tempfile.TemporaryDirectory(prefix=f"inswsn-{chapter.number}-") as name,
     ):
         folder = Path(name)
         notebook = read_source(Chapter(chapter.name, root / "chapters" / chapter.source.name))
@@ -428,8 +361,7 @@ def _execute(
         }
         try:
             executed = execute_notebook(
-                notebook, prepared.parameters, folder, around.python, environment | own,
-                kernels.add, tell_cell,
+                notebook, prepared.parameters, folder, environment | own, kernels.append, tell_cell,
             )  # fmt: skip
         except Exception as error:  # whatever papermill, nbclient or the kernel raise
             log = (folder / "kernel.log").read_text(encoding="utf-8", errors="replace")
@@ -439,11 +371,10 @@ def _execute(
                 f"Chapter {chapter.name} wrote no results file {chapter.number}.json: "
                 "its last code cell calls record.write()."
             )
-        files = _texts_of(folder / "results")
-        results = read_results(folder / "results" / f"{chapter.number}.json")
-    del files[f"{chapter.number}.json"]
+        files = {p.name: p.read_bytes().decode("utf-8") for p in (folder / "results").iterdir()}
+    results = Results.model_validate_json(files.pop(f"{chapter.number}.json"))
+    machine = json.loads(files.pop(MACHINE))
     results = results.model_copy(update=_shown(executed))
-    machine = machine_of(around.python, frozenset(environment.items()))
     return Run(request, results, notebook_text(strip_run(executed)), files), machine
 
 
@@ -457,28 +388,6 @@ def _failure(name: str, place: str, error: Exception, log: str) -> ChapterError:
     if getattr(error, "ename", "") in (InswsnError.__name__, ParameterError.__name__):
         failure.refusal = error.evalue  # type: ignore[attr-defined]
     return failure
-
-
-class _Kernels:
-    """The kernels that are running, so that all of them can be stopped."""
-
-    def __init__(self) -> None:
-        self._managers: list[Any] = []
-        self._stopping = threading.Event()
-
-    def add(self, manager: Any) -> None:
-        """Note a kernel that is about to start."""
-        if self._stopping.is_set():
-            raise ChapterError("stopped")
-        self._managers.append(manager)
-
-    def stop(self) -> None:
-        """End all that are running, and let no other start."""
-        self._stopping.set()
-        for manager in self._managers:
-            process = getattr(manager.provisioner, "process", None)
-            if process is not None:
-                process.terminate()
 
 
 @contextmanager

@@ -6,29 +6,22 @@ goes to the one store as it ends, so that a cell which is there is not computed 
 
 from __future__ import annotations
 
-import io
 import itertools
 import json
 import logging
 import math
-import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass, replace
-from datetime import UTC, datetime
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any
 
-from rich import progress as bars
-from rich.console import Console
-from rich.table import Table
-
 import inswsn_lib
 from inswsn_book.cores import SCORES, core_name
-from inswsn_book.files import text_digest, write_whole
+from inswsn_book.files import check_folder, made_folder, text_digest, write_whole
 from inswsn_book.parameters import Schema, Value, chapter_schema
-from inswsn_book.progress import Bars, Quiet
+from inswsn_book.progress import Progress, Quiet
 from inswsn_book.project import Chapter, Project, is_checkout
 from inswsn_book.provenance import available_cores, machine_facts, repository_state
 from inswsn_book.running import gather_parameters
@@ -43,9 +36,6 @@ _CONNECT_SECONDS = 5
 _STARTS = 3
 # An interrupt is for the command, which ends its workers
 _IGNORE_INTERRUPTS = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"
-_FILES = ("sweep.csv", "leaders.csv", "failed.csv", "sweep.svg", "sweep.json")
-
-Row = dict[str, Any]
 
 
 # The grid -----------------------------------------------------------------------------------------
@@ -111,75 +101,50 @@ def read_sweep(
 # Computing ----------------------------------------------------------------------------------------
 
 
-class SweepProgress(Bars):
-    """Shows how many cells are done."""
-
-    def __init__(self, console: Console | None = None) -> None:
-        super().__init__(
-            console,
-            bars.TextColumn("{task.description}"),
-            bars.BarColumn(bar_width=24),
-            bars.TextColumn("{task.completed:.0f} of {task.total:.0f} cells"),
-            bars.TimeRemainingColumn(),
-        )
-
-    def started(self, name: str, cells: int, there: int) -> None:
-        """Say how many cells there are, and how many of them are in the store."""
-        self._task = self._bars.add_task(name, total=cells, completed=there)
-        self.say(f"{name}: {cells} cell{'s' if cells != 1 else ''}, of which {there} are there")
-
-    def ended(self, place: Mapping[str, Value], failure: str | None) -> None:
-        """Say that a cell has ended."""
-        self._bars.advance(self._task)
-        cell = ", ".join(f"{name}={value}" for name, value in place.items()) or "the one cell"
-        if failure is not None:
-            self.say(f"{cell}: failed: {failure}")
-        elif not self._live:
-            self.say(f"{cell}: done")
-
-
 def run_sweep(
     project: Project,
     sweep: Sweep,
-    progress: SweepProgress,
+    progress: Progress,
     *,
     out: Path | None = None,
     jobs: int | None = None,
     dask: str | None = None,
     fresh: bool = False,
-) -> Finished:
+) -> tuple[list[str], int]:
     """Compute the cells of a sweep that are not in the store, and write its files.
 
-    `dask` is the address of a scheduler, in place of `jobs` processes of this machine. A cell that
-    fails leaves a reason; a worker that would find other numbers, and a scheduler that goes away,
-    end the sweep.
+    Returned is what the terminal tells, and how many cells failed. `dask` is the address of a
+    scheduler, in place of `jobs` processes of this machine. A cell that fails leaves a reason; a
+    worker that would find other numbers, and a scheduler that goes away, end the sweep.
     """
     if dask is not None and jobs is not None:
         raise ParameterError("--jobs", jobs, "left out: the cluster of --dask has its own workers")
     wanted = json.dumps([sweep.axes, sweep.settings, chosen_surroundings().solver])
     name = f"{sweep.chapter.name}-sweep-{text_digest(wanted)[:8]}"
     folder = out or project.root / "runs" / name
-    if folder.exists() and (
-        not folder.is_dir() or {path.name for path in folder.iterdir()} - set(_FILES)
-    ):
-        raise ParameterError("--out", str(folder), "a new folder, or one that holds a sweep alone")
+    check_folder(folder)
     requests, places = sweep.requests, sweep.places
-    found = {} if fresh else {c: lookup(project, request) for c, request in enumerate(requests)}
-    outcomes: dict[int, Run | str] = {cell: run for cell, run in found.items() if run is not None}
-    due = {cell: request for cell, request in enumerate(requests) if cell not in outcomes}
+    found = [None if fresh else lookup(project, request) for request in requests]
+    outcomes: dict[int, Run | str] = {c: run for c, run in enumerate(found) if run is not None}
+    due = {c: request for c, request in enumerate(requests) if c not in outcomes}
     there = len(outcomes)
-    progress.started(sweep.core or sweep.chapter.name, len(requests), there)
+    progress.say(f"{sweep.core or sweep.chapter.name}: {there} of {len(requests)} cells are there")
+    progress.started(name, len(requests))
 
     def ended(cell: int, outcome: Run | str) -> None:
         # a worker of this machine has put it there already
         if isinstance(outcome, Run) and (fresh or lookup(project, requests[cell]) is None):
             keep(project, requests[cell], outcome)
         outcomes[cell] = outcome
-        progress.ended(places[cell], outcome if isinstance(outcome, str) else None)
+        progress.cell(name, len(outcomes))
+        if isinstance(outcome, str):
+            values = ", ".join(f"{name}={value}" for name, value in places[cell].items())
+            progress.say(f"{values or 'the one cell'}: failed: {outcome}")
 
     if due:
         with _client(dask, min(jobs or available_cores(), len(due))) as client:
             _compute(client, project, fresh, due, ended)
+    progress.finished(name)
     return _write(project, sweep, folder, [outcomes[cell] for cell in sorted(outcomes)], there)
 
 
@@ -198,21 +163,19 @@ def _client(address: str | None, jobs: int) -> Iterator[Any]:
         "distributed.nanny.pre-spawn-environ": threads,
         "distributed.comm.timeouts.connect": _CONNECT_SECONDS,
     }
-    with dask.config.set(options):
-        if address is None:
-            with _local_cluster(jobs) as cluster, distributed.Client(cluster) as client:
-                yield client
-            return
+    with ExitStack() as stack:
+        stack.enter_context(dask.config.set(options))
+        where = address or stack.enter_context(_local_cluster(jobs))
         try:
-            client = distributed.Client(address, timeout=_CONNECT_SECONDS)
+            client = distributed.Client(where, timeout=_CONNECT_SECONDS)
         except (OSError, ValueError, ImportError, TypeError):
             raise ParameterError(
                 "--dask", address, "the address of a Dask scheduler that answers"
             ) from None
-        with client:
-            if not client.nthreads():
-                raise InswsnError(f"The Dask scheduler at {address} has no worker.")
-            yield client
+        stack.enter_context(client)
+        if not client.nthreads():
+            raise InswsnError(f"The Dask scheduler at {address} has no worker.")
+        yield client
 
 
 def _local_cluster(jobs: int) -> Any:
@@ -272,7 +235,6 @@ def _compute_cell(root: str, request: Request, state: str, fresh: bool) -> Run |
     worker = distributed.get_worker()
     here = Path(root)
     project = Project(here if is_checkout(here) else Path(inswsn_lib.__file__).parents[1])
-    request = replace(request, surroundings=replace(request.surroundings, python=sys.executable))
     if worker.state.nthreads != 1:
         raise InswsnError(
             f"The Dask worker at {worker.address} has {worker.state.nthreads} threads; start it "
@@ -303,52 +265,43 @@ def _loaded_library() -> str:
 # What a sweep leaves ------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class Finished:
-    """A sweep that has come to its end: its folder, and what the terminal tells of it.
-
-    Rows have the values of a cell on the axes: those of the leaders also ``best``, ``error``,
-    ``next``, and by how many per cent the best is below the next, ``lead`` and ``within``; those
-    that failed the ``reason``.
-    """
-
-    folder: Path
-    leaders: list[Row]
-    failed: list[Row]
-    computed: int
-    there: int
-    no_figure: str  # why there is none
-
-
 def _write(
     project: Project, sweep: Sweep, folder: Path, outcomes: Sequence[Run | str], there: int
-) -> Finished:
-    """Write the files of a sweep, each whole or not at all."""
+) -> tuple[list[str], int]:
+    """Write the files of a sweep, all or none."""
     import pandas as pd  # noqa: PLC0415  # what refuses a grid needs no numerics
 
     found = list(zip(sweep.places, outcomes, strict=True))
     runs = [(place, run) for place, run in found if isinstance(run, Run)]
-    failed = [{**place, "reason": reason} for place, reason in found if isinstance(reason, str)]
-    rows = [row for place, run in runs for row in _rows(place, run, sweep.core is not None)]
-    leaders = [
-        {**place, **json.loads(run.files[SCORES])["leader"]} for place, run in runs if sweep.core
-    ]
-    for name, table in (("sweep", rows), ("leaders", leaders), ("failed", failed)):
-        path = folder / f"{name}.csv"
-        path.unlink(missing_ok=True)
-        if table or name == "sweep":
-            frame = pd.DataFrame(table, dtype=object)  # each number with all its digits
-            write_whole(path, frame.to_csv(index=False, lineterminator="\n"))
-    no_figure = _write_figure(folder / "sweep.svg", sweep, pd.DataFrame(rows), runs)
-    write_whole(folder / "sweep.json", _provenance(project, sweep, len(failed)))
-    return Finished(folder, leaders, failed, len(runs) - there, there, no_figure)
+    scores = [(place, json.loads(run.files[SCORES])) for place, run in runs if sweep.core]
+    tables = {
+        "sweep": [row for place, run in runs for row in _rows(place, run, sweep.core is not None)],
+        "leaders": [{**place, **words["leader"]} for place, words in scores],
+        "failed": [{**place, "reason": said} for place, said in found if isinstance(said, str)],
+    }
+    # each number with all its digits
+    frames = {name: pd.DataFrame(rows, dtype=object) for name, rows in tables.items()}
+    with made_folder(folder) as made:
+        for name, frame in frames.items():
+            if len(frame) or name == "sweep":
+                write_whole(made / f"{name}.csv", frame.to_csv(index=False, lineterminator="\n"))
+        if scores:
+            _write_figure(made / "sweep.svg", sweep, pd.DataFrame(tables["sweep"]), scores[0][1])
+        write_whole(made / "sweep.json", _provenance(project, sweep))
+    leaders = "The chapter has no core, and so no figure and no leaders."
+    if scores:
+        leaders = frames["leaders"].to_string(
+            index=False, max_rows=_MOST_ROWS, float_format="{:.4g}".format
+        )
+    computed = f"{len(runs) - there} cells computed, {there} were there."
+    return [leaders, computed, f"The sweep is in {folder}"], len(frames["failed"])
 
 
-def _rows(place: Mapping[str, Value], run: Run, of_core: bool) -> Iterator[Row]:
+def _rows(place: Mapping[str, Value], run: Run, of_core: bool) -> Iterator[dict[str, Any]]:
     for quantity in run.results.quantities:
         method, _, column = quantity.name.rpartition(".")
         low, high = quantity.interval or (None, None)
-        row: Row = {"method": method, "column": column} if of_core else {}
+        row: dict[str, Any] = {"method": method, "column": column} if of_core else {}
         row |= {
             "quantity": quantity.name, "unit": quantity.unit, "runs": quantity.runs,
             "value": quantity.value, "low": low, "high": high,
@@ -357,35 +310,22 @@ def _rows(place: Mapping[str, Value], run: Run, of_core: bool) -> Iterator[Row]:
         yield {**place, **{name: value for name, value in row.items() if name not in place}}
 
 
-def _write_figure(path: Path, sweep: Sweep, frame: Any, runs: Sequence[tuple[Any, Run]]) -> str:
-    """Draw the figure, or return why there is none."""
+def _write_figure(path: Path, sweep: Sweep, frame: Any, words: Mapping[str, Any]) -> None:
+    """Draw the headline of each method over the axes, if they can be drawn."""
     from inswsn_lib.plotting import draw_scores  # noqa: PLC0415
 
-    path.unlink(missing_ok=True)
-    if sweep.core is None or not runs:
-        return "no cell is complete." if sweep.core else "the chapter has no core, and no headline."
-    words = json.loads(runs[0][1].files[SCORES])
-    methods = {m: label for m, label in words["methods"].items() if m not in words["baselines"]}
     units = {name: sweep.schema[name].unit for name in sweep.axes}
-    try:
-        fig = draw_scores(
-            frame.rename(columns={"value": "median"}), units, words["headline"], methods
-        )
-    except ParameterError as error:
-        return str(error)
-    # a file is passed on without the page that explains it
-    told = "Lines: medians of the runs. Bands: from 2.5 to 97.5 % of them."
-    fig.supxlabel(told, fontsize="small")
-    facts = {"Title": f"{sweep.core}. {told}", "Date": None, "Creator": None}
-    stream = io.StringIO()
-    fig.savefig(stream, format="svg", metadata=facts, facecolor="white")
-    write_whole(path, stream.getvalue())
-    return ""
+    frame = frame.rename(columns={"value": "median"})
+    with suppress(ParameterError):  # such as three axes
+        fig = draw_scores(frame, units, words["headline"], words["methods"])
+        # a file is passed on without the page that explains it
+        fig.supxlabel("Lines: medians of the runs. Bands: 95 % of them.", fontsize="small")
+        facts = {"Title": str(sweep.core), "Date": None, "Creator": None}
+        fig.savefig(path, format="svg", metadata=facts, facecolor="white")
 
 
-def _provenance(project: Project, sweep: Sweep, failed: int) -> str:
+def _provenance(project: Project, sweep: Sweep) -> str:
     commit, clean = repository_state(project.root)
-    settings = sweep.schema.check(sweep.settings)
     facts = {
         "version": __version__,
         "commit": commit,
@@ -393,24 +333,8 @@ def _provenance(project: Project, sweep: Sweep, failed: int) -> str:
         "chapter": sweep.chapter.name,
         "core": sweep.core,
         "grid": {name: list(values) for name, values in sweep.axes.items()},
-        "parameters": {name: v for name, v in settings.items() if name not in sweep.axes},
+        "parameters": sweep.schema.check(sweep.settings),
         "solver": chosen_surroundings().solver,
-        "failed cells": failed,
-        "finished": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
         "machine of the command": machine_facts(),
     }
     return json.dumps(facts, indent=2, ensure_ascii=False) + "\n"
-
-
-def show_leaders(sweep: Sweep, finished: Finished, console: Console) -> None:
-    """Write which method leads in each cell, and by how much."""
-    if not finished.leaders:
-        return
-    table = Table(*sweep.axes, "best", "error", "next", "lead", box=None, pad_edge=False)
-    for row in finished.leaders[:_MOST_ROWS]:
-        lead = "" if row["next"] is None else f"{row['lead']:.2f} ± {row['within']:.2f} %"
-        places = (str(row[name]) for name in sweep.axes)
-        table.add_row(*places, row["best"], f"{row['error']:.4g}", row["next"] or "", lead)
-    console.print(table)
-    if len(finished.leaders) > _MOST_ROWS:
-        console.print(f"and {len(finished.leaders) - _MOST_ROWS} cells more, in leaders.csv")

@@ -165,24 +165,18 @@ def _judge(claim: Claim, results: Mapping[str, Results]) -> Judged:
 def _resolve(
     claim: Claim, check: QuantityCheck, results: Mapping[str, Results]
 ) -> tuple[Results, Quantity]:
-    chapter, name = check.chapter, check.quantity
-    if chapter not in results:
-        raise InswsnError(
-            f"Claim {claim.id} is decided by chapter {chapter}, of which there are no results."
-        )
+    by, name = f"chapter {check.chapter}", check.quantity
+    if check.chapter not in results:
+        raise InswsnError(f"Claim {claim.id} is decided by {by}, of which there are no results.")
     try:
-        quantity = results[chapter][name]
+        quantity = results[check.chapter][name]
     except KeyError:
         raise InswsnError(
-            f"Claim {claim.id} is decided by the quantity {name}, which chapter {chapter} does "
-            "not record."
+            f"Claim {claim.id} is decided by the quantity {name}, which {by} does not record."
         ) from None
     if quantity.unit != claim.unit:
-        raise InswsnError(
-            f"Claim {claim.id} is in {claim.unit}, and the quantity {name} of chapter {chapter} "
-            f"in {quantity.unit}."
-        )
-    return results[chapter], quantity
+        raise InswsnError(f"Claim {claim.id} is in {claim.unit}, and {name} in {quantity.unit}.")
+    return results[check.chapter], quantity
 
 
 def _rule(claim: Claim, quantity: Quantity, published: Ends) -> tuple[Verdict, str]:

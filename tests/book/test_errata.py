@@ -16,12 +16,13 @@ from typing import Any
 import numpy as np
 import pytest
 from inswsn_book.review import (
+    ERRATA,
     Bound,
     Errata,
     Findings,
     Ruling,
     Sentence,
-    load_errata,
+    load_entries,
     require_evidence,
 )
 from numpy.linalg import eigvalsh, norm
@@ -31,7 +32,7 @@ from inswsn_lib.errors import InswsnError
 
 @pytest.fixture(scope="module")
 def errata(root: Path) -> Errata:
-    return load_errata(root)
+    return load_entries(root / ERRATA, Errata)
 
 
 # The list and its page
@@ -80,7 +81,7 @@ def test_evidence_that_does_not_hold_is_refused(
     errata: Errata, findings: Findings, render: Callable[..., str]
 ) -> None:
     """In a published build; another run says so on its page."""
-    require_evidence(errata, None, findings)
+    require_evidence([*errata.errata, *errata.slips], findings)
     false = findings.results["00"].model_copy(
         update={"chapter": "97", "sentences": {"A sentence that does not hold.": False}}
     )
@@ -91,8 +92,8 @@ def test_evidence_that_does_not_hold_is_refused(
         Sentence(chapter="97", sentence="A sentence that does not hold."),
     ):
         broken = Errata(errata=(errata.errata[0].model_copy(update={"evidence": (wrong,)}),))
-        with pytest.raises(InswsnError, match=r"^data/errata.yaml: E-P1-01: its evidence does not"):
-            require_evidence(broken, None, found)
+        with pytest.raises(InswsnError, match=r"^E-P1-01 of P1: its evidence does not"):
+            require_evidence(broken.errata, found)
         page = render("errata", errata=broken, findings=found)
         assert page.count("In this run its evidence does not hold:") == 1
 
@@ -103,10 +104,8 @@ def test_a_text_with_an_unknown_placeholder_names_the_erratum(
     change = {"effect": "Off by {01:no.such.thing:.0f} %."}
     broken = Errata(errata=(errata.errata[0].model_copy(update=change),))
     with pytest.raises(InswsnError) as caught:
-        require_evidence(broken, None, findings)
-    assert str(caught.value) == (
-        "data/errata.yaml: E-P1-01: chapter 01 records no quantity no.such.thing."
-    )
+        require_evidence(broken.errata, findings)
+    assert str(caught.value) == ("E-P1-01 of P1: chapter 01 records no quantity no.such.thing.")
 
 
 # P1

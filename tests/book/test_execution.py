@@ -1,67 +1,53 @@
-"""A kernel that does not start."""
+"""A notebook in a kernel of its own."""
 
 from __future__ import annotations
 
 import os
-import socket
-import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
 import nbformat
 import pytest
 from inswsn_book import execution
-from jupyter_client.provisioning.local_provisioner import LocalPortCache
 
-NOTEBOOK = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell("6 * 7", id="answer")])
+NOTEBOOK = nbformat.v4.new_notebook(
+    cells=[nbformat.v4.new_code_cell("import os; print(os.getcwd())\n6 * 7", id="answer")]
+)
 
 
-def execute(folder: Path, told: list[Any] | None = None) -> str:
-    """Return what the one cell shows."""
+def execute(folder: Path, told: list[Any] | None = None) -> Any:
+    """Return the outputs of the one cell."""
+    folder.mkdir(exist_ok=True)
     environment = os.environ | {"IPYTHONDIR": str(folder)}
     cells = [] if told is None else told
     executed = execution.execute_notebook(
-        NOTEBOOK, {}, folder, sys.executable, environment,
-        tell_cell=lambda *cell: cells.append(cell),
-    )  # fmt: skip
-    return str(executed.cells[0].outputs[0]["data"]["text/plain"])
+        NOTEBOOK, {}, folder, environment, tell_cell=lambda *cell: cells.append(cell)
+    )
+    return executed.cells[0].outputs
 
 
-@pytest.mark.parametrize("times", [1, 2])
-def test_a_kernel_whose_port_was_taken_is_started_once_more(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, times: int
-) -> None:
-    chosen: list[int] = []
-    free = LocalPortCache.find_available_port
-    with socket.socket() as taken:
-        taken.bind(("127.0.0.1", 0))
-        taken.listen()
-
-        def choose(ports: LocalPortCache, ip: str) -> int:
-            chosen.append(taken.getsockname()[1] if len(chosen) < 5 * times else free(ports, ip))
-            return chosen[-1]
-
-        monkeypatch.setattr(LocalPortCache, "find_available_port", choose)
-        told: list[Any] = []
-        if times == 1:
-            assert execute(tmp_path, told) == "42"
-            assert told == [(1, 1, "answer")]
-        else:
-            with pytest.raises(RuntimeError, match="Kernel died before replying to kernel_info"):
-                execute(tmp_path, told)
-    assert len(chosen) == 10  # five ports a kernel, two kernels
+def test_kernels_side_by_side_work_in_folders_of_their_own(tmp_path: Path) -> None:
+    """They are reached by files there, so that none takes what another one listens on."""
+    folders = [tmp_path / str(i) for i in range(4)]
+    with ThreadPoolExecutor(4) as pool:
+        for folder, (printed, shown) in zip(folders, pool.map(execute, folders), strict=True):
+            assert printed["text"] == f"{folder}\n"
+            assert shown["data"]["text/plain"] == "42"
 
 
-def test_a_kernel_that_does_not_answer_is_started_once_more(
+def test_each_cell_is_told_as_it_starts(tmp_path: Path) -> None:
+    told: list[Any] = []
+    execute(tmp_path, told)
+    assert told == [(1, 1, "answer")]
+
+
+def test_a_kernel_that_does_not_answer_is_told(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The first sleeps for three seconds and is given one; the second starts at once."""
     startup = tmp_path / "profile_default" / "startup"
     startup.mkdir(parents=True)
-    (startup / "slow.py").write_text(
-        "import os, time\nif not os.path.exists('been'):\n    open('been', 'w').close()\n"
-        "    time.sleep(5)\n"
-    )
-    monkeypatch.setattr(execution, "_START_TIMEOUT", 3)
-    assert execute(tmp_path) == "42"
-    assert (tmp_path / "been").exists()
+    (startup / "slow.py").write_text("import time\ntime.sleep(8)\n")
+    monkeypatch.setattr(execution, "_START_TIMEOUT", 2)
+    with pytest.raises(RuntimeError, match="Kernel didn't respond in 2 seconds"):
+        execute(tmp_path)

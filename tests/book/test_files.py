@@ -1,4 +1,4 @@
-"""YAML is read as PyYAML reads it, but for what is refused; a folder is swapped whole."""
+"""YAML is read as PyYAML reads it, but for what is refused; a folder is replaced whole."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 import yaml
-from inswsn_book.files import restore_site, swap_folder
+from inswsn_book.files import replace_folder
 
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.files import read_yaml
@@ -65,23 +65,23 @@ def test_what_is_refused_with_libyaml_and_without(
 
 @pytest.fixture
 def sites(tmp_path: Path) -> tuple[Path, Path]:
-    """A new site and the place of the old one."""
-    new, site = tmp_path / "new", tmp_path / "html"
+    """A new site, in a folder that is to go, and the place of the old one."""
+    new, site = tmp_path / "temporary" / "new", tmp_path / "html"
     for folder, text in ((new, "new"), (site, "old")):
-        folder.mkdir()
+        folder.mkdir(parents=True)
         (folder / "index.html").write_text(text)
     return new, site
 
 
-def test_a_swap(sites: tuple[Path, Path]) -> None:
+def test_a_folder_takes_the_place_of_another(sites: tuple[Path, Path]) -> None:
     new, site = sites
-    swap_folder(new, site)
+    replace_folder(site, new)
     assert (site / "index.html").read_text() == "new"
-    assert [path.name for path in site.parent.iterdir()] == ["html"]
+    assert not new.exists()
 
 
 @pytest.mark.parametrize("error", [OSError, KeyboardInterrupt])
-def test_a_swap_that_is_cut_short_puts_the_old_site_back(
+def test_a_replacement_that_is_cut_short_puts_the_old_folder_back(
     sites: tuple[Path, Path], error: type[BaseException], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     new, site = sites
@@ -94,13 +94,5 @@ def test_a_swap_that_is_cut_short_puts_the_old_site_back(
 
     monkeypatch.setattr(Path, "rename", cut_short)
     with pytest.raises(error):
-        swap_folder(new, site)
+        replace_folder(site, new)
     assert (site / "index.html").read_text() == "old"
-
-
-def test_a_swap_that_was_killed_is_undone_by_the_next_build(sites: tuple[Path, Path]) -> None:
-    _, site = sites
-    site.rename(site.with_name(".html.inswsn-set-aside"))
-    for _ in range(2):  # the second time there is nothing to undo
-        restore_site(site)
-        assert (site / "index.html").read_text() == "old"

@@ -7,9 +7,8 @@ from pathlib import Path
 
 import pytest
 from conftest import MINI_LEDGER, MiniProject, run_command
-from inswsn_book.judging import judge_claims, select_claims
+from inswsn_book.judging import judge_claims
 from inswsn_book.project import Project
-from inswsn_book.results import Results, write_results
 
 
 def test_claims_of_a_fresh_clone_need_no_build(project: Project) -> None:
@@ -32,8 +31,8 @@ def test_claims_are_selected_and_counted(project: Project) -> None:
     words = ("--paper", "P1", "--verdict", "contradicted by the paper itself", "--kind", "numeric")
     done = run_command(project.root, "claims", *words)
     lines = done.stdout.splitlines()
-    selected = select_claims(judge_claims(project), paper="P1", kind="numeric",
-                             verdict="contradicted by the paper itself")  # fmt: skip
+    selected = judge_claims(project, paper="P1", kind="numeric",
+                            verdict="contradicted by the paper itself")  # fmt: skip
     assert len(selected) == 14  # seven means of Table 1, three and four percentages
     assert f"{len(selected)} claims, {len(selected)} of them in the headline counts:" in lines
     assert lines[-1].split(maxsplit=1) == ["14", "contradicted by the paper itself"]
@@ -50,13 +49,9 @@ def test_claims_are_selected_and_counted(project: Project) -> None:
         (["--paper", "P4"], "--paper is 'P4'; it may be one of P1, P2, P3."),
         (["--results", "nowhere"], "nowhere"),
         (["--results", "chapters"], "by chapter 00, of which there are no results."),
-        (["--results", "wrong"], "07.json holds results of chapter 00."),
     ],
 )
 def test_a_wrong_selection_is_status_2(mini: MiniProject, words: list[str], said: str) -> None:
-    (mini.root / "wrong").mkdir()
-    made = Results(chapter="00", parameters={}, data={}, quantities=())
-    write_results(made, mini.root / "wrong" / "07.json")
     done = run_command(mini.root, "claims", *words)
     assert done.returncode == 2
     assert said in done.stderr
@@ -68,7 +63,7 @@ def test_a_typed_verdict_stops_the_build(mini: MiniProject) -> None:
     ledger.write_text(MINI_LEDGER.replace("  why: It is", "  verdict: reproduced\n  why: It is"))
     done = run_command(mini.root, "book")
     assert done.returncode == 2
-    assert "claim P1-M-twice: verdict: Extra inputs are not permitted" in done.stderr
+    assert "P1-M-twice: verdict: Extra inputs are not permitted" in done.stderr
 
 
 def test_a_claim_whose_check_does_not_resolve_stops_the_build(mini: MiniProject) -> None:

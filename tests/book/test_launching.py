@@ -9,7 +9,6 @@ import shutil
 import stat
 import subprocess
 import sys
-from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -27,7 +26,7 @@ REPOSITORY = "https://github.com/someone/some-name"
 
 
 def launch_page(project: Project, repository: str | None) -> str:
-    about = replace(project.about(), repository=repository, version="1.2.3")
+    about = project.about() | {"repository-code": repository, "version": "1.2.3"}
     return environment(project.root).get_template("launch.md").render(about=about)
 
 
@@ -48,14 +47,15 @@ def colab_cell(project: Project, repository: str) -> list[str]:
 def test_the_buttons_that_the_theme_is_asked_for(
     mini: Project, monkeypatch: pytest.MonkeyPatch, repository: str | None, services: list[str]
 ) -> None:
-    about = replace(mini.about(), repository=repository)
+    about = mini.about() | {"repository-code": repository}
     monkeypatch.setattr(Project, "about", lambda _: about)
     monkeypatch.chdir(mini.root)
+    (mini.root / "data/claims/mini.yaml").write_text("missing: {}\nclaims: []\n")
     config: Any = SimpleNamespace(html_theme_options={})
-    sphinx_ext._configure(None, config)
+    sphinx_ext._configure(SimpleNamespace(srcdir=mini.root / "book"), config)
     asked = config.html_theme_options.get("launch_buttons", {})
     assert [name for name in asked if name.endswith("_url") and asked[name]] == services
-    assert config.project == about.title
+    assert config.project == about["title"]
 
 
 def test_the_page_of_launchers(project: Project) -> None:
@@ -114,7 +114,7 @@ def test_the_rendered_pages_with_a_repository(built: MiniProject) -> None:
     assert done.returncode == 0, done.stderr  # and with it the inspection: nothing from elsewhere
     page = (built.site / "chapters" / "00-mini.html").read_text(encoding="utf-8")
     links = {str(a["href"]) for a in BeautifulSoup(page, "html.parser").find_all("a", href=True)}
-    tag = f"v{built.about().version}"
+    tag = f"v{built.about()['version']}"
     (binder,) = (urlsplit(link) for link in links if "mybinder" in link)
     assert binder.path == f"/v2/gh/someone/some-name/{tag}"
     assert parse_qs(binder.query) == {"urlpath": ["lab/tree/chapters/00-mini.ipynb"]}

@@ -6,8 +6,8 @@ import json
 from pathlib import Path
 
 from conftest import MiniProject, run_command
+from inswsn_book.compare import changes_to_publish as changes
 from inswsn_book.project import Project
-from inswsn_book.publishing import changes
 
 
 def test_a_fresh_build_is_within_tolerance_of_the_reference(

@@ -112,11 +112,7 @@ def test_a_broken_file_is_refused_in_one_sentence(tmp_path: Path) -> None:
         read_results(path)
     write_results(results(quantity()), path)
     content = json.loads(path.read_text())
-    content["schema_version"] = SCHEMA_VERSION + 1
-    path.write_text(json.dumps(content))
-    with pytest.raises(InswsnError, match="written by a newer inswsn: its schema_version is 4"):
-        read_results(path)
-    for wrong in (0, "1", None):
+    for wrong in (SCHEMA_VERSION + 1, 0, "1", None):
         content["schema_version"] = wrong
         path.write_text(json.dumps(content))
         with pytest.raises(InswsnError, match="of this version: schema_version"):
@@ -124,7 +120,7 @@ def test_a_broken_file_is_refused_in_one_sentence(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("version", [1, 2])
-def test_a_file_of_an_older_version_is_read(version: int) -> None:
+def test_a_file_of_an_older_version_is_read(tmp_path: Path, version: int) -> None:
     # as data/published/00.json stood at version 1, cut short
     old = {
         "schema_version": version,
@@ -137,7 +133,9 @@ def test_a_file_of_an_older_version_is_read(version: int) -> None:
         ],
         "sentences": {"So.": True},
     }  # fmt: skip
-    new = Results.model_validate(old)
+    path = tmp_path / "00.json"
+    path.write_text(json.dumps(old))
+    new = read_results(path)
     assert new.schema_version == SCHEMA_VERSION
     assert new["x"].role == "found"
     assert new.provenance is None

@@ -214,7 +214,7 @@ def test_what_needs_what_is_missing_cannot_be_tested() -> None:
             [found()],
             "decided by the quantity y, which chapter 02 does not record",
         ),
-        ({"unit": "km"}, [found()], "is in km, and the quantity x of chapter 02 in m"),
+        ({"unit": "km"}, [found()], "is in km, and x in m"),
         (
             {"tolerance": "within size"},
             [found()],

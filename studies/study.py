@@ -7,12 +7,12 @@ of ``data/assumptions.yaml``. ``studies/sensitivity.py`` makes the study.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal, TypeVar
-
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from typing import Annotated, Any, Literal, TypeVar
 
 from inswsn_book.parameters import Value
-from inswsn_book.results import Digest, Finite, first_problem
+from inswsn_book.results import Digest, Finite, Frozen, first_problem
+from pydantic import Field, ValidationError
+
 from inswsn_lib.errors import InswsnError
 
 #: Where the study is kept.
@@ -20,16 +20,10 @@ SENSITIVITY = "data/sensitivity.json"
 #: The id of the unchanged run of a chapter
 BASELINE = "baseline"
 
-_Model = TypeVar("_Model", bound=BaseModel)
+_Model = TypeVar("_Model", bound=Frozen)
 
 
-class Kept(BaseModel):
-    """Part of a file of a study."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-class Run(Kept):
+class Run(Frozen):
     """What came of a run."""
 
     id: Annotated[str, Field(pattern=r"^(baseline|seed-\d+|P[123]-M-[A-Za-z0-9]+/[a-z0-9-]+)$")]
@@ -43,7 +37,7 @@ class Run(Kept):
     key: Annotated[str, Field(pattern=r"^[0-9a-f-]{40,64}$")]  # of its request when it was made
 
 
-class Made(Kept):
+class Made(Frozen):
     """What the study was made with."""
 
     version: str  # of inswsn
@@ -58,12 +52,13 @@ class Made(Kept):
     packages: dict[str, str]
 
 
-class Study(Kept):
+class Study(Frozen):
     """What the file holds."""
 
     schema_version: Literal[1] = 1
     made: Made
     runs: Annotated[tuple[Run, ...], Field(min_length=1)]
+    page: dict[str, Any] = {}  # what the book shows of them, see `effects.page_of`
 
     def run(self, chapter: str, identity: str) -> Run | None:
         """Return the run of a chapter with that id; None if there is none."""
@@ -93,4 +88,4 @@ def read_kept(path: Path, model: type[_Model], goal: str) -> _Model:
     except UnicodeDecodeError:
         raise InswsnError(f"{path} is not a study: it is not UTF-8.") from None
     except ValidationError as error:
-        raise InswsnError(f"{path} is not a study: {first_problem(error, 'the file')}.") from None
+        raise InswsnError(f"{path} is not a study: {first_problem(error)}.") from None

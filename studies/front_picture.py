@@ -1,21 +1,28 @@
-"""The figures of pages that no chapter draws: the front page's, and that of the assumptions."""
+"""The picture of the front page, the papers' methods over their rivals: `make publish`.
+
+Its numbers are those of the reference results. They are kept in data/front.json, for the text of
+the page, and drawn in data/front.svg.
+"""
 
 from __future__ import annotations
 
 import io
+import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from math import exp, log
 from pathlib import Path
-from typing import Any
 
-from inswsn_book.effects import Effect
+from inswsn_book.files import write_whole
+from inswsn_book.results import read_results
 from inswsn_book.review import Findings
-from inswsn_lib.files import read_yaml
+from matplotlib import pyplot as plt
 
-# the chapters whose results the front page's figure draws
-_DRAWN = {"00", "02", "03", "04", "05"}
-_WIDE = 5  # a panel that spans more has a logarithmic axis
+from inswsn_lib.files import read_yaml
+from inswsn_lib.plotting import COLOURS, figure
+
+ROOT = Path(__file__).parent.parent
+DATA, PICTURE = "data/front.json", "data/front.svg"
 
 
 @dataclass(frozen=True)
@@ -29,9 +36,7 @@ class Contest:
 
 
 def contests(root: Path, findings: Findings) -> list[Contest]:
-    """Return the comparisons that the papers are about; none while a chapter is missing."""
-    if not findings.results.keys() >= _DRAWN:
-        return []
+    """Return the comparisons that the papers are about."""
     p2 = read_yaml(root / "data/papers/p2.yaml")["results"]
     p3 = read_yaml(root / "data/papers/p3.yaml")
     value = findings.quotient
@@ -62,8 +67,6 @@ def contests(root: Path, findings: Findings) -> list[Contest]:
 
 def front_svg(rows: Sequence[Contest]) -> str:
     """Draw the comparisons, as SVG."""
-    from inswsn_lib.plotting import COLOURS, figure  # noqa: PLC0415  # a list needs no figure
-
     fig, axes = figure(height=3.9)
     fig.set_size_inches(4.9, 3.9)  # beside the text, where its letters are as large as the text's
     places = range(len(rows) - 1, -1, -1)
@@ -86,47 +89,20 @@ def front_svg(rows: Sequence[Contest]) -> str:
     axes.set_yticks(list(places), [row.label for row in rows])
     axes.set_xlabel("error of the paper's method over its rival's")
     fig.legend(loc="outside upper right", ncols=3, fontsize=9, columnspacing=1, handletextpad=0.2)
-    return _svg(fig)
-
-
-def tornado_svg(panels: Sequence[Sequence[tuple[str, Effect]]]) -> str:
-    """Draw by what factor the first headline of each chapter moves, as SVG."""
-    from matplotlib.ticker import LogLocator, NullLocator  # noqa: PLC0415
-
-    from inswsn_lib.plotting import COLOURS, figure  # noqa: PLC0415  # a list needs no figure
-
-    count = max(len(panels), 1)
-    fig, axes = figure(count, 1, height=1.75 * count + 0.3, squeeze=False)
-    for ax, found in zip(axes[:, 0], panels, strict=False):
-        first = found[0][1]
-        ratios = [effect.ratio or 1.0 for _, effect in found]
-        colours = [
-            COLOURS["contradicted" if e.turned else "rebuilt" if e.beyond else "published"]
-            for _, e in found
-        ]
-        places = range(len(found))[::-1]
-        low, high = 1 - first.band / first.before, 1 + first.band / first.before
-        if 0 < low < high:
-            ax.axvspan(low, high, color=COLOURS["published"], alpha=0.15, lw=0)
-        ax.barh(places, [r - 1 for r in ratios], left=1, color=colours, height=0.65)
-        ax.axvline(1, color=COLOURS["published"], lw=1)
-        if max(ratios) / min(ratios) > _WIDE:
-            ax.set_xscale("log")
-            ax.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-            ax.xaxis.set_major_formatter("{x:g}")
-            ax.xaxis.set_minor_locator(NullLocator())
-        ax.set_yticks(places, [name for name, _ in found], fontsize=8.5)
-        title = f"chapter {first.headline.chapter}, {first.headline.short}"
-        ax.set_title(title, loc="left", fontsize=9.5)
-        ax.grid(axis="y", visible=False)
-    axes[-1, 0].set_xlabel("result over that of the unchanged run")
-    return _svg(fig)
-
-
-def _svg(fig: Any) -> str:
-    from matplotlib import pyplot as plt  # noqa: PLC0415
-
     stream = io.StringIO()
     fig.savefig(stream, format="svg", metadata={"Date": None, "Creator": None})
     plt.close(fig)
     return stream.getvalue()
+
+
+def main() -> None:
+    """Write the numbers and the picture."""
+    paths = sorted((ROOT / "data/published").glob("*.json"))
+    rows = contests(ROOT, Findings([read_results(path) for path in paths], []))
+    numbers = json.dumps([asdict(row) for row in rows], indent=1, ensure_ascii=False)
+    write_whole(ROOT / DATA, numbers + "\n")
+    write_whole(ROOT / PICTURE, front_svg(rows))
+
+
+if __name__ == "__main__":
+    main()

@@ -8,14 +8,14 @@ from collections.abc import Callable
 from hashlib import sha256
 
 import pytest
+from assumptions import Assumptions, load_assumptions
+from effects import band_of
 from inswsn_book import runs as engine
-from inswsn_book.effects import band_of
 from inswsn_book.progress import Quiet
 from inswsn_book.project import Project
 from inswsn_book.results import Results, read_results
-from inswsn_book.review import Assumptions, load_assumptions
-from inswsn_book.study import BASELINE, SENSITIVITY, Study, read_study
-from sensitivity import cells_of, request_of, run_of
+from sensitivity import FIGURE, cells_of, request_of, run_of, with_page
+from study import BASELINE, SENSITIVITY, Study, read_study
 
 QUICK = 60.0  # seconds that a run may have taken in the study
 NOT_REDUCED = ("00", "01")  # chapters whose headlines have no chance in them
@@ -84,6 +84,24 @@ def test_the_baseline_agrees_with_the_published_results(
     assert len(outside) <= len(assumptions.headlines) / 10, outside
 
 
+def test_what_the_page_shows_is_of_these_runs_and_of_the_reference(
+    project: Project, assumptions: Assumptions, study: Study
+) -> None:
+    """Otherwise: python studies/sensitivity.py --page."""
+    now = with_page(project, assumptions, study).page
+    assert rounded(now) == rounded(study.page)
+    assert (project.root / FIGURE).is_file()
+
+
+def rounded(value: object) -> object:
+    """Return plain data with numbers as texts of six digits."""
+    if isinstance(value, dict):
+        return {key: rounded(inner) for key, inner in value.items()}
+    if isinstance(value, list):
+        return [rounded(inner) for inner in value]
+    return f"{value:.6g}" if isinstance(value, float) else value
+
+
 def test_percentages_by_plain_arithmetic(
     project: Project, assumptions: Assumptions, render: Callable[..., str]
 ) -> None:
@@ -93,7 +111,7 @@ def test_percentages_by_plain_arithmetic(
     runs = json.loads((project.root / SENSITIVITY).read_text())["runs"]
     before = {run["chapter"]: run["headlines"] for run in runs if run["id"] == "baseline"}
     alternatives = {
-        f"{entry.id}/{other.id}": (entry.anchor, other.set)
+        f"{entry.id}/{other.id}": (f"assumption-{entry.id.lower()}", other.set)
         for entry in assumptions.assumptions
         for other in entry.alternatives
     }

@@ -7,13 +7,13 @@ from typing import Any
 
 import pytest
 import yaml
+from assumptions import Assumptions, load_assumptions
 from conftest import MiniProject
 from inswsn_book.progress import Quiet
 from inswsn_book.project import Project
-from inswsn_book.review import Assumptions, load_assumptions
 from inswsn_book.runs import ChapterError, request_key, run
-from inswsn_book.study import Made, Run, Study, read_study
 from sensitivity import Cell, cells_of, merged, request_of, run_of, write_study
+from study import Made, Run, Study, read_study
 
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.files import read_yaml

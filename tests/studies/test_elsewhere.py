@@ -8,9 +8,19 @@ from typing import Any
 
 import pytest
 from conftest import MiniProject
-from elsewhere import Variant, compared, found_elsewhere, merged, moved_by, write_elsewhere
+from elsewhere import (
+    AGAIN,
+    MACHINE,
+    Cell,
+    Variant,
+    compared,
+    found_elsewhere,
+    merged,
+    moved_by,
+    read_elsewhere,
+    write_elsewhere,
+)
 from inswsn_book.compare import Change
-from inswsn_book.elsewhere import AGAIN, MACHINE, Cell, read_elsewhere
 from inswsn_book.files import file_digest
 from inswsn_book.progress import Quiet
 from inswsn_book.project import Project
@@ -134,14 +144,19 @@ def test_what_another_build_found(project: Project, tmp_path: Path) -> None:
     assert provenance is not None
     sources = provenance.sources | {"chapter": file_digest(chapter.source)}
     provenance = provenance.model_copy(update={"sources": sources})
-    there = provenance.model_copy(update={"cpu": "Another", "python": "3.12.1"})
+    there = provenance.model_copy(update={"cpu": "Another"})
     write_results(results.model_copy(update={"provenance": there}), tmp_path / "62.json")
     found = found_elsewhere(project, tmp_path, chapter)
     assert found is not None
     same = compared(project, found[0], chapter, found[1])
-    assert (same.variant, same.cpu, same.python) == (MACHINE, "Another", "3.12.1")
+    assert (same.variant, same.cpu) == (MACHINE, "Another")
     assert same.compared == same.identical == len(results.quantities)
     assert same.commit == provenance.commit
+    other = provenance.model_copy(update={"python": "3.12.1"})
+    write_results(results.model_copy(update={"provenance": other}), tmp_path / "62.json")
+    found = found_elsewhere(project, tmp_path, chapter)
+    assert found is not None
+    assert found[0].id == "python-3.12"
     twin = provenance.model_copy(update={"blas": ("openblas of numpy, for Another, 1 thread",)})
     write_results(results.model_copy(update={"provenance": twin}), tmp_path / "62.json")
     found = found_elsewhere(project, tmp_path, chapter)

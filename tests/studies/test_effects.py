@@ -9,23 +9,25 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-from inswsn_book.charts import tornado_svg
-from inswsn_book.effects import (
+from assumptions import Assumptions, Headline
+from effects import (
     Effect,
     band_of,
     change_text,
+    page_of,
     panels_of,
     readings_of,
     rows_of,
     summarise,
+    tornado_svg,
 )
+from hypothesis import given
+from hypothesis import strategies as st
 from inswsn_book.parameters import Parameter
 from inswsn_book.project import Project
 from inswsn_book.results import Quantity, Results
-from inswsn_book.review import Assumptions, Findings, Headline
-from inswsn_book.study import Made, Run, Study
+from inswsn_book.review import Findings
+from study import Made, Run, Study
 
 from inswsn_lib.files import read_yaml
 
@@ -160,21 +162,16 @@ def test_a_change_in_words(before: float, after: float, said: str) -> None:
     assert change_text(before, after) == said
 
 
-def page_of(render: Callable[..., str], study: Study, results: Results) -> str:
+def shown(render: Callable[..., str], study: Study, results: Results) -> str:
     """Return the page of assumptions of a small study."""
     found = Findings([results], [])
-    tables = {"00": rows_of(ASSUMED, study, "00")}
-    readings = readings_of(ASSUMED, found)
+    study = study.model_copy(update={"page": page_of(ASSUMED, study, found)})
     page = render(
         "assumptions",
-        assumptions=ASSUMED,
+        assumptions=SMALL,
         findings=found,
         schemas={"00": {"scale": SCALE}},
-        study=study,
-        study_panels=panels_of(tables),
-        study_readings=readings,
-        study_summary=summarise(ASSUMED, tables, readings),
-        study_tables=tables,
+        sensitivity=json.loads(study.model_dump_json()),
     )
     return page.replace("\N{NO-BREAK SPACE}", " ")
 
@@ -214,7 +211,7 @@ def test_the_rows_of_a_small_study() -> None:
 
 
 def test_the_page_of_a_small_study(render: Callable[..., str]) -> None:
-    page = page_of(render, study_of(*UNCHANGED, FLIPPED, FAILED), RESULTS)
+    page = shown(render, study_of(*UNCHANGED, FLIPPED, FAILED), RESULTS)
     table = page.split("{list-table} Chapter 00")[1].split(":::::")[0]
     assert "- **+50 %** ⇄\n  - **+25 %**\n" in table, "the second is beyond chance, too"
     assert "- seed 1\n  - +0.2 %\n" in table, "this is chance"
@@ -230,7 +227,7 @@ def test_the_page_of_a_small_study(render: Callable[..., str]) -> None:
 
 
 def test_a_rerun_that_was_not_made_is_told(render: Callable[..., str]) -> None:
-    page = page_of(render, study_of(*UNCHANGED), RESULTS)
+    page = shown(render, study_of(*UNCHANGED), RESULTS)
     assert "  - not run\n" in page
     assert " 0 reruns" in page
     assert "- **Not all reruns have been made yet** of [P1-M-scale]" in page
@@ -247,8 +244,8 @@ def test_the_numbers_on_the_page_are_those_of_the_scenarios(
     told = read_yaml(project.root / "data/scenarios/p2.yaml")["speed"]
     row = f"- `speed` = {told['value']} {told['unit']}\n  - assumed\n  - {told['why']}\n"
     assert row in page
-    for entry in known["assumptions"].assumptions:
-        assert page.count(f"({entry.anchor})=\n") == 1
+    for entry in known["assumptions"]["assumptions"]:
+        assert page.count(f"(assumption-{entry['id'].lower()})=\n") == 1
     published = json.loads((project.published / "02.json").read_text())
     (share,) = (q for q in published["quantities"] if q["name"] == "headline.kf-share")
     assert f"  - {share['value']:.3g}\n  - 100\n" in page

@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
+import io
 import math
 import statistics
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from assumptions import Assumption, Assumptions, Headline, Within
+from inswsn_book.review import Findings
+from matplotlib import pyplot as plt
+from matplotlib.ticker import LogLocator, NullLocator
 from scipy.special import stdtrit
+from study import BASELINE, Run, Study
 
-from inswsn_book.review import Assumption, Assumptions, Findings, Headline, Within
-from inswsn_book.study import BASELINE, Run, Study
+from inswsn_lib.plotting import COLOURS, figure
 
 #: From here on a change counts as one that moves a result, as a share of it.
 MOVES = 0.1
 _BARS = 6  # a panel of the figure
+_WIDE = 5  # a panel that spans more has a logarithmic axis
 _PLAIN = 2.0  # a change to this factor is written as one
 _FINE = 10  # per cent, below which a change is written to a tenth
 
@@ -224,6 +230,64 @@ def change_text(before: float, after: float) -> str:
     return text.replace("-", "\N{MINUS SIGN}")
 
 
+def page_of(assumptions: Assumptions, study: Study, findings: Findings) -> dict[str, Any]:
+    """Return what the book's page shows of a study, as plain data: the rows and what follows."""
+    tables = {c: rows_of(assumptions, study, c) for c in assumptions.reduced}
+    readings = readings_of(assumptions, findings)
+    came = summarise(assumptions, tables, readings)
+    return {
+        "moves": MOVES,
+        "made": len(came.pop("made")),
+        "failed": len(came.pop("failed")),
+        "entries": {what: sorted(ids) for what, ids in came.items()},
+        "tables": {c: _table(assumptions, study, c, rows) for c, rows in tables.items()},
+        "readings": [
+            {
+                "id": r.entry.id, "set": r.within.reading, "chapter": r.within.chapter,
+                "says": r.says, "before": r.before, "after": r.after,
+                "text": change_text(r.before, r.after), "turned": r.turns,
+            }
+            for r in readings
+        ],
+        "panels": [
+            {
+                "chapter": panel[0][1].headline.chapter, "short": panel[0][1].headline.short,
+                "bars": [{"name": name, "ratio": effect.ratio} for name, effect in panel],
+            }
+            for panel in panels_of(tables)
+        ],
+    }  # fmt: skip
+
+
+def _table(
+    assumptions: Assumptions, study: Study, chapter: str, rows: Sequence[Row]
+) -> dict[str, Any]:
+    baseline, headlines = study.run(chapter, BASELINE), assumptions.of_chapter(chapter)
+    unchanged = [baseline.headlines.get(h.key) if baseline else None for h in headlines]
+    bands = [chance_band(study, headline) for headline in headlines]
+    return {
+        "unchanged": unchanged,
+        "chance": [band / abs(v) if v else None for band, v in zip(bands, unchanged, strict=True)],
+        "rows": [
+            {
+                "id": row.entry.id, "set": row.set, "ran": row.run is not None,
+                "failed": row.run.failed if row.run else None, "flipped": dict(row.flipped),
+                "effects": [_cell(row.effect(headline)) for headline in headlines],
+            }
+            for row in rows
+        ],
+    }  # fmt: skip
+
+
+def _cell(effect: Effect | None) -> dict[str, Any] | None:
+    if effect is None:
+        return None
+    return {
+        "before": effect.before, "after": effect.after, "beyond": effect.beyond,
+        "text": change_text(effect.before, effect.after), "turned": effect.turned,
+    }  # fmt: skip
+
+
 def panels_of(tables: Mapping[str, Sequence[Row]]) -> list[list[tuple[str, Effect]]]:
     """Return for each chapter the largest effects on its first headline, by what was changed."""
     panels = []
@@ -237,3 +301,36 @@ def panels_of(tables: Mapping[str, Sequence[Row]]) -> list[list[tuple[str, Effec
         if found:
             panels.append(found[:_BARS])
     return panels
+
+
+def tornado_svg(panels: Sequence[Sequence[tuple[str, Effect]]]) -> str:
+    """Draw by what factor the first headline of each chapter moves, as SVG."""
+    count = max(len(panels), 1)
+    fig, axes = figure(count, 1, height=1.75 * count + 0.3, squeeze=False)
+    for ax, found in zip(axes[:, 0], panels, strict=False):
+        first = found[0][1]
+        ratios = [effect.ratio or 1.0 for _, effect in found]
+        colours = [
+            COLOURS["contradicted" if e.turned else "rebuilt" if e.beyond else "published"]
+            for _, e in found
+        ]
+        places = range(len(found))[::-1]
+        low, high = 1 - first.band / first.before, 1 + first.band / first.before
+        if 0 < low < high:
+            ax.axvspan(low, high, color=COLOURS["published"], alpha=0.15, lw=0)
+        ax.barh(places, [r - 1 for r in ratios], left=1, color=colours, height=0.65)
+        ax.axvline(1, color=COLOURS["published"], lw=1)
+        if max(ratios) / min(ratios) > _WIDE:
+            ax.set_xscale("log")
+            ax.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+            ax.xaxis.set_major_formatter("{x:g}")
+            ax.xaxis.set_minor_locator(NullLocator())
+        ax.set_yticks(places, [name for name, _ in found], fontsize=8.5)
+        title = f"chapter {first.headline.chapter}, {first.headline.short}"
+        ax.set_title(title, loc="left", fontsize=9.5)
+        ax.grid(axis="y", visible=False)
+    axes[-1, 0].set_xlabel("result over that of the unchanged run")
+    stream = io.StringIO()
+    fig.savefig(stream, format="svg", metadata={"Date": None, "Creator": None})
+    plt.close(fig)
+    return stream.getvalue()

@@ -1,0 +1,142 @@
+"""What the papers leave unsaid, as ``data/assumptions.yaml`` has it: the form of that file.
+
+The book's page shows the file as it is; the study of sensitivity and the tests read it by this.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from inswsn_book.parameters import Schema, Value, chapter_schema
+from inswsn_book.project import Project
+from inswsn_book.results import Frozen, Name, Results
+from inswsn_book.review import Chapter, Findings, Line, Paper, Pointer, load_entries
+from pydantic import Field
+
+from inswsn_lib.scenario import Setting, load_scenario
+
+ASSUMPTIONS = "data/assumptions.yaml"
+
+#: The scenario files below ``data/scenarios``, each of whose numbers has an entry or is a paper's.
+SCENARIOS = ("p1", "p1-inertial", "p1-inertial-all-cells", "p2", "p3")
+#: Chapters from this number on retell a result, or work on a reader's own recording: their
+#: parameters stand for nothing that a paper could say.
+RETELLING = "60"
+
+Number = float | str | list[float] | list[list[float]]
+
+
+class Headline(Pointer):
+    """A number that the sensitivity study watches; beyond `turns` the conclusion is another one."""
+
+    short: Line  # heads a column
+    says: Line  # what it is
+    turns: float | None = None
+
+    @property
+    def key(self) -> str:
+        """Its name within the chapter, such as ``"methods.lssvm/methods.rbf"``."""
+        return self.quantity if self.over is None else f"{self.quantity}/{self.over}"
+
+    def value(self, results: Results) -> float:
+        """Return it from the results of its chapter."""
+        return Findings([results], []).value(self)
+
+
+class Reduced(Frozen):
+    """How a chapter is run in the study: with fewer runs, other seeds, and without sections."""
+
+    parameters: dict[str, Value]
+    seeds: tuple[int, ...]
+    skips: tuple[Line, ...] = ()
+
+
+class Chosen(Frozen):
+    """What stands in the place of the unsaid: a setting, a parameter, or a choice in words."""
+
+    scenario: str | None = None
+    setting: str | None = None
+    chapter: Chapter | None = None
+    parameter: str | None = None
+    text: Line | None = None
+
+
+class Edit(Frozen):
+    """A passage of a chapter's source that is replaced; `old` stands there exactly once."""
+
+    chapter: Chapter
+    old: Annotated[str, Field(min_length=10)]
+    new: str
+
+
+class Alternative(Frozen):
+    """What the study sets an assumption to, in which chapters, and how."""
+
+    id: Annotated[str, Field(pattern=r"^[a-z0-9]+(-[a-z0-9]+)*$")]
+    set: Annotated[str, Field(min_length=1, pattern=r"^[^\n]+$")]
+    why: Line
+    chapters: Annotated[tuple[Chapter, ...], Field(min_length=1)]
+    values: dict[str, dict[str, Number]] = {}  # by scenario and setting
+    factors: dict[str, dict[str, float]] = {}
+    files: dict[str, str] = {}  # another scenario file in the place of one
+    parameters: dict[Chapter, dict[str, Value]] = {}
+    edits: tuple[Edit, ...] = ()
+
+
+class Within(Pointer):
+    """A reading that a chapter computes in each build, held against a headline or a quantity."""
+
+    reading: Line
+    headline: str | None = None
+    against: Name | None = None
+    says: Line | None = None
+
+
+class Assumption(Frozen):
+    """One thing that a paper leaves unsaid, and what was chosen."""
+
+    id: Annotated[str, Field(pattern=r"^P[123]-M-[A-Za-z0-9]+$")]
+    paper: Paper
+    unsaid: Line
+    place: Line  # where one would look for it
+    bounds: Line  # whether what is printed bounds it
+    chosen: Annotated[tuple[Chosen, ...], Field(min_length=1)]
+    why: Line | None = None
+    varied: Line | None = None  # why no rerun varies it, or what does
+    alternatives: Annotated[tuple[Alternative, ...], Field(max_length=2)] = ()
+    within: tuple[Within, ...] = ()
+    seeds: tuple[Chapter, ...] = ()  # of the entry on chance: whose other seeds are alternatives
+
+
+class Assumptions(Frozen):
+    """What ``data/assumptions.yaml`` holds; `printed` says why a parameter is no assumption."""
+
+    headlines: Annotated[tuple[Headline, ...], Field(min_length=1)]
+    reduced: dict[Chapter, Reduced]
+    printed: dict[Chapter, dict[str, Line]]
+    assumptions: Annotated[tuple[Assumption, ...], Field(min_length=1)]
+
+    def of_chapter(self, chapter: str) -> list[Headline]:
+        """Return the headlines of a chapter."""
+        return [headline for headline in self.headlines if headline.chapter == chapter]
+
+    def headline(self, chapter: str, key: str) -> Headline:
+        """Return the headline of that key."""
+        return next(headline for headline in self.of_chapter(chapter) if headline.key == key)
+
+
+def load_settings(root: Path) -> dict[str, dict[str, Setting]]:
+    """Read all scenario files, by their names."""
+    return {name: load_scenario(root / f"data/scenarios/{name}.yaml") for name in SCENARIOS}
+
+
+def load_schemas(project: Project) -> dict[str, Schema]:
+    """Read the parameters of the chapters that rebuild the papers, by number."""
+    numbers = [c.number for c in project.chapters() if c.number < RETELLING]
+    return {number: chapter_schema(project.root, number) for number in numbers}
+
+
+def load_assumptions(root: Path) -> Assumptions:
+    """Read ``data/assumptions.yaml``; refuse it with the entry that is not of the form."""
+    return load_entries(root / ASSUMPTIONS, Assumptions)
