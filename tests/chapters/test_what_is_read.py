@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import ast
 import os
-import sys
 from pathlib import Path
 
 import nbformat
@@ -118,7 +117,7 @@ def test_it_reads_what_it_says_and_nothing_else(
         RESULTS_VARIABLE: str(tmp_path / "results"),
         "IPYTHONDIR": str(tmp_path / "ipython"),
     }
-    execute_notebook(notebook, QUICK[number], tmp_path, sys.executable, os.environ | own)
+    execute_notebook(notebook, QUICK[number], tmp_path, os.environ | own)
     data = project.root / "data"
     opened = {
         Path(line).resolve().relative_to(project.root).as_posix()
