@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from inswsn_book.judging import judge_claims, select_claims
+from inswsn_book.judging import judge_claims
 from inswsn_book.project import Project
 from PIL import Image
 from playwright.sync_api import Browser, Page

@@ -79,8 +79,6 @@ def test_a_table_is_a_numbered_one_in_the_book_and_html_in_a_notebook(displayed:
         "```",
     ]
     assert "<th>x</th>" in data["text/html"]
-    with pytest.raises(ParameterError, match="one line"):
-        show_table(frame, name="tbl-x", caption="Two\nlines.")
 
 
 def test_a_caption_with_code_in_it_is_a_caption(displayed: list) -> None:
