@@ -76,7 +76,7 @@ def test_claims_are_filtered_without_scripts(
         page.locator(f"fieldset:has(legend:text-is('{group}'))").get_by_label(
             word, exact=True
         ).check()
-        expected = [entry.claim.anchor for entry in select_claims(judged, **chosen)]
+        expected = [entry.claim.anchor for entry in judge_claims(project, **chosen)]
         assert shown_claims(page) == expected
         assert expected
     page.close()
