@@ -21,7 +21,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from inswsn_lib.navigation import training_areas
+from inswsn_lib.navigation import TrainingAreas
 
 ROOT = Path(__file__).parent.parent
 VALUES, RUNS, AIM = (0.1, 1.0, 10.0, 100.0), 1000, 2.0
@@ -30,7 +30,9 @@ VALUES, RUNS, AIM = (0.1, 1.0, 10.0, 100.0), 1000, 2.0
 def by_calls(values: tuple[float, ...]) -> tuple[float, float, pd.DataFrame]:
     """Return the time of the calls by clock and processor, s, and what they find."""
     clock, processor = time.perf_counter(), time.process_time()
-    tables = [training_areas(runs=RUNS, q_scale=q).table().assign(q_scale=q) for q in values]
+    tables = [
+        TrainingAreas(runs=RUNS, q_scale=q).scores().table().assign(q_scale=q) for q in values
+    ]
     found = pd.concat(tables, ignore_index=True)
     return time.perf_counter() - clock, time.process_time() - processor, found
 
@@ -49,7 +51,7 @@ def by_command() -> tuple[float, float, pd.DataFrame]:
 
 
 if __name__ == "__main__":
-    training_areas(runs=40, other_runs=40)  # compiles the problems
+    TrainingAreas(runs=40, other_runs=40).scores()  # compiles the problems
     *first, before = by_calls(VALUES[:2])
     *swept, found = by_command()
     *last, after = by_calls(VALUES[2:])

@@ -39,6 +39,13 @@ class BuildError(RuntimeError):
     """
 
 
+class Described(str):
+    """What stands in a sentence for a value that is too long for it, such as "of shape (2, 3)"."""
+
+    __slots__ = ()
+    __repr__ = str.__str__
+
+
 class ParameterError(InswsnError):
     """A parameter has a value it may not have.
 
@@ -47,7 +54,7 @@ class ParameterError(InswsnError):
     name : str
         The parameter.
     got : object
-        What it was.
+        What it was: the value itself, or what describes it.
     expected : str
         What it may be, as the end of the sentence "it may be ...".
 

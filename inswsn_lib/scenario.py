@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from inswsn_lib.errors import InswsnError, ParameterError
 from inswsn_lib.files import read_yaml
+
+T = TypeVar("T")
+#: The least and the largest number
+Range = tuple[float, float]
 
 SOURCES = ("paper", "inferred", "calibrated", "assumed")
 _CHANGED = "Set for this run."
@@ -40,7 +44,7 @@ class Setting:
     --------
     Every number says where it comes from; one that does not is refused.
 
-    >>> from inswsn_lib.simulation import Setting
+    >>> from inswsn_lib.scenario import Setting
     >>> Setting(value=0.2, unit="m", source="paper", why="Section 3.").value
     0.2
     >>> Setting(value=0.2, unit="m", source="guessed", why="So.")  # doctest: +ELLIPSIS
@@ -99,7 +103,7 @@ def load_scenario(path: Path) -> dict[str, Setting]:
     --------
     >>> from pathlib import Path
     >>> from tempfile import TemporaryDirectory
-    >>> from inswsn_lib.simulation import load_scenario
+    >>> from inswsn_lib.scenario import load_scenario
     >>> with TemporaryDirectory() as folder:
     ...     path = Path(folder, "small.yaml")
     ...     _ = path.write_text("reach: {value: 12, unit: m, source: paper, why: Section 3.}")
@@ -146,7 +150,7 @@ def with_values(settings: Mapping[str, Setting], /, **values: Any) -> dict[str, 
     What is changed is no longer the paper's:
 
     >>> from inswsn_lib.files import data_file
-    >>> from inswsn_lib.simulation import load_scenario, with_values
+    >>> from inswsn_lib.scenario import load_scenario, with_values
     >>> settings = load_scenario(data_file("scenarios/p2.yaml"))
     >>> changed = with_values(settings, reach=20, spacing=7)  # the spacing is 7 m already
     >>> [(changed[name].value, changed[name].source) for name in ("reach", "spacing")]
@@ -175,3 +179,67 @@ def take(values: dict[str, Any], kind: Any) -> Any:
 def frozen(value: Any) -> Any:
     """Return lists, also within lists, as tuples."""
     return tuple(map(frozen, value)) if isinstance(value, list) else value
+
+
+def between(least: float, most: float) -> Any:
+    """Return a field of a dataclass whose numbers `from_settings` holds to a range."""
+    return field(metadata={"range": (least, most)})
+
+
+def from_settings(kind: Callable[..., T], settings: Mapping[str, Setting], **values: Any) -> T:
+    """Return the dataclass that the settings of its fields make; other settings do not matter.
+
+    Parameters
+    ----------
+    kind : dataclass
+        Its fields may have a range, by `between`. One of type ``int`` is a whole number, one of
+        type ``Range`` two numbers in order; lists become tuples.
+    settings : mapping of str to Setting
+    **values
+        Fields that do not come from the settings.
+
+    Raises
+    ------
+    InswsnError
+        If a setting is missing.
+    ParameterError
+        If a value is of another form, or outside its range.
+
+    Examples
+    --------
+    >>> from dataclasses import dataclass
+    >>> from inswsn_lib.scenario import Setting, between, from_settings
+    >>> @dataclass
+    ... class Radio:
+    ...     reach: float = between(0, 1000)
+    >>> from_settings(Radio, {"reach": Setting(12, "m", "paper", "Section 3.")})
+    Radio(reach=12.0)
+    """
+    for each in fields(kind):  # type: ignore[arg-type]
+        if each.name in values:
+            continue
+        if each.name not in settings:
+            raise InswsnError(f"The scenario lacks the setting {each.name}.")
+        values[each.name] = frozen(_checked(each, settings[each.name].value))
+    return kind(**values)
+
+
+def _checked(each: Any, value: Any) -> Any:
+    """Return a value as the field of a dataclass wants it; refuse others."""
+    pair, whole = each.type in ("Range", Range), each.type in ("int", int)
+    least, most = each.metadata.get("range", (None, None))
+    if least is None:
+        return value
+    single = whole or each.type in ("float", float)
+    kind = "two numbers in order" if pair else "a whole number" if whole else "a number"
+    words = f"{kind if pair or single else 'numbers'} from {least:g} to {most:g}"
+    numbers = np.asarray(value)
+    fits = numbers.dtype.kind == "f" and np.isfinite(numbers).all()
+    fits = fits and (numbers >= least).all() and (numbers <= most).all()
+    if pair:
+        fits = fits and numbers.shape == (2,) and numbers[0] <= numbers[1]
+    if single:
+        fits = fits and numbers.shape == ()
+    if not fits or (whole and numbers != int(numbers)):
+        raise ParameterError(each.name, value, words)
+    return int(numbers) if whole else value

@@ -27,7 +27,8 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from inswsn_lib.papers import read_table
-from inswsn_lib.simulation import InertialErrors, Scene, load_scenario, simulate_ins
+from inswsn_lib.scenario import load_scenario
+from inswsn_lib.simulation import InertialErrors, Scene, simulate_ins
 
 Array = NDArray[np.float64]
 

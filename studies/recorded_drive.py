@@ -19,7 +19,7 @@ from inswsn_book.files import write_whole
 from inswsn_book.provenance import repository_state
 
 from inswsn_lib.navigation import p3_hybrids, run_recorded_outages
-from inswsn_lib.simulation import load_scenario
+from inswsn_lib.scenario import load_scenario
 from inswsn_lib.vehicle import FilterSettings, calibrate_inertial_noise, load_drive
 
 ROOT = Path(__file__).parent.parent

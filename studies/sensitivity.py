@@ -45,8 +45,7 @@ from inswsn_book.project import Project
 from inswsn_book.provenance import machine_facts, repository_state
 from inswsn_book.results import Results, read_results
 from inswsn_book.review import Findings
-from inswsn_book.runs import Outcome, Request, request_key, run_all
-from inswsn_book.runs import Run as ChapterRun
+from inswsn_book.runs import Outcome, Request, Run as ChapterRun, request_key, run_all
 from inswsn_book.verdicts import verdicts
 from study import BASELINE, SENSITIVITY, Made, Run, Study, read_study
 

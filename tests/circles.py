@@ -9,7 +9,7 @@ from pathlib import Path
 
 import networkx as nx
 
-# such as "inswsn_lib.navigation:training_areas" or ".inner", for an import by name
+# such as "inswsn_lib.navigation:TrainingAreas" or ".inner", for an import by name
 _NAMED = re.compile(r"\.?[A-Za-z_]\w*(\.[A-Za-z_]\w*)*(:[A-Za-z_]\w*)?")
 
 
@@ -23,6 +23,13 @@ def modules(package: Path) -> dict[str, Path]:
     }
 
 
+def _text(path: Path) -> str:
+    """Return a module, and behind it the stub whose names it imports on demand, if there is one."""
+    stub = path.with_suffix(".pyi")
+    texts = [each.read_text(encoding="utf-8") for each in (path, stub) if each.is_file()]
+    return "\n".join(texts)
+
+
 class Imports:
     """What each module of some packages takes from which.
 
@@ -33,7 +40,7 @@ class Imports:
 
     def __init__(self, packages: Iterable[Path]) -> None:
         self._paths = {n: p for package in packages for n, p in modules(package).items()}
-        self._trees = {n: ast.parse(p.read_text(encoding="utf-8")) for n, p in self._paths.items()}
+        self._trees = {n: ast.parse(_text(p)) for n, p in self._paths.items()}
         self._faces = {n for n, p in self._paths.items() if p.name == "__init__.py"}
         self._homes: dict[str, dict[str, str]] = {}
         self._homes |= {name: dict(self._taken_over(name)) for name in self._faces}

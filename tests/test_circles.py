@@ -26,6 +26,12 @@ PLANTED = {
         "a": "from pack import x",
         "b": "from pack.a import y",
     },
+    "by a stub of names": {
+        "__init__": "from lazy_loader import attach_stub",
+        "__init__.pyi": "from .b import x as x",
+        "a": "from pack import x",
+        "b": "from pack.a import y",
+    },
     "by an attribute of a package": {
         "a": "import pack.room as r\n\ndef f():\n    return r.x",
         "room/__init__": "from pack.room.inner import x",
@@ -39,7 +45,7 @@ PLANTED = {
 def plant(folder: Path, files: dict[str, str], package: str = "pack") -> Path:
     root = folder / package
     for name, text in ({"__init__": ""} | files).items():
-        path = root / f"{name}.py"
+        path = root / (name if "." in name else f"{name}.py")
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text + "\n", encoding="utf-8")
     return root

@@ -1,7 +1,8 @@
-"""The core of a chapter: what it computes over many runs, as a function of the science library.
+"""The core of a chapter: what it computes over many runs, as a dataclass of the science library.
 
-The head of a chapter's source names it, ``core: package.module:function``. The function takes the
-chapter's parameters by name and returns `inswsn_lib.evaluation.Scores`.
+The head of a chapter's source names it, ``core: package.module:Class``. Its fields are parameters
+of the chapter, and its method ``scores`` returns `inswsn_lib.evaluation.Scores`. A parameter that
+is no field changes other sections of the chapter only.
 """
 
 from __future__ import annotations
@@ -9,11 +10,12 @@ from __future__ import annotations
 import json
 import os
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import fields
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from inswsn_book.files import file_digest
 from inswsn_book.parameters import Value
@@ -38,11 +40,11 @@ def core_name(source: str) -> str | None:
     return found[1] if found else None
 
 
-def load_core(name: str) -> Callable[..., Scores]:
-    """Return the function of that name; refuse one that is not there."""
-    module, _, function = name.partition(":")
+def load_core(name: str) -> type[Any]:
+    """Return the class of that name; refuse one that is not there."""
+    module, _, kind = name.partition(":")
     try:
-        return getattr(import_module(module), function)  # type: ignore[no-any-return]
+        return getattr(import_module(module), kind)  # type: ignore[no-any-return]
     except (ImportError, AttributeError) as error:
         raise InswsnError(f"There is no core {name}: {error}.") from None
 
@@ -50,12 +52,14 @@ def load_core(name: str) -> Callable[..., Scores]:
 def run_core(
     root: Path, chapter: Chapter, values: Mapping[str, Value], threads: int, solver: str
 ) -> tuple[Results, dict[str, str]]:
-    """Call the core of a chapter; return its scores as results and as the file `SCORES`."""
+    """Compute the core of a chapter; return its scores as results and as the file `SCORES`."""
     name = core_name(chapter.source.read_text(encoding="utf-8"))
     if name is None:
         raise InswsnError(f"Chapter {chapter.number} has no core.")
+    core = load_core(name)
+    own = {field.name for field in fields(core)}
     with _surrounded(threads, solver):
-        scores = load_core(name)(**values)
+        scores: Scores = core(**{n: v for n, v in values.items() if n in own}).scores()
     scenarios = sorted((root / _SCENARIOS).glob("*.yaml"))
     results = Results(
         chapter=chapter.number,

@@ -20,6 +20,7 @@ from typing import Any
 import nbformat
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
+import inswsn_lib
 from inswsn_book import review
 from inswsn_book.files import file_digest, replace_folder, text_digest, tree_digest, write_whole
 from inswsn_book.ledger import KINDS, LEDGER, PAPERS, Claim, claims_of, load_claims
@@ -79,6 +80,7 @@ def environment(root: Path) -> Environment:
         "judged_anew": review.judged_anew,
         "kinds": KINDS,
         "papers": PAPERS,
+        "reference": reference,
     }
     return made
 
@@ -119,6 +121,47 @@ def context(project: Project, results: Sequence[Results]) -> dict[str, Any]:
             review.require_evidence(entries, findings)
         known |= {"errata": errata, "readings": readings}
     return known | _kept(project)
+
+
+def reference() -> list[tuple[str, list[tuple[str, str]]]]:
+    """Return titles, each with the directives and names of Sphinx that stand below it.
+
+    First the front door of the library, by what its names are for; then what its rooms have
+    beside, for the chapters.
+    """
+    package = Path(inswsn_lib.__file__).parent
+    groups = _stub_names(package / "__init__.pyi")
+    shown = {name for _, names in groups for _, name in names}
+    for stub in sorted(package.glob("*/__init__.pyi")):
+        names = [found for _, group in _stub_names(stub) for found in group]
+        title = f"More of {stub.parent.name}, for the chapters"
+        groups.append((title, sorted(pair for pair in names if pair[1] not in shown)))
+    return [(title, [_directive(*pair) for pair in names]) for title, names in groups if names]
+
+
+def _stub_names(stub: Path) -> list[tuple[str, list[tuple[str, str]]]]:
+    """Return the names of a stub, each behind where it is imported from, below their comments."""
+    package = ".".join(stub.relative_to(Path(inswsn_lib.__file__).parents[1]).parent.parts)
+    groups: list[tuple[str, list[tuple[str, str]]]] = [("", [])]
+    home = ""
+    for line in stub.read_text(encoding="utf-8").splitlines():
+        if head := re.match(r"# (.*)", line):
+            groups.append((head[1], []))
+        if source := re.match(r"from \.(\w*) import", line):
+            home = f"{package}.{source[1]}"
+        if not home.endswith("."):  # a room itself
+            groups[-1][1].extend((home, name) for name in re.findall(r"(\w+) as \w+", line))
+    return groups
+
+
+def _directive(home: str, name: str) -> tuple[str, str]:
+    """Return Sphinx's directive for a name, by how it is written, and the name to ask for."""
+    if name.isupper():  # its comment is found in its own module alone
+        return "autodata", f"{home}.{name}"
+    room = ".".join(home.split(".")[:2])
+    if name[0].islower():
+        return "autofunction", f"{room}.{name}"
+    return "autoexception" if name.endswith("Error") else "autoclass", f"{room}.{name}"
 
 
 def _kept(project: Project) -> dict[str, Any]:

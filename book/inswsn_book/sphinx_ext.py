@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -59,10 +60,17 @@ def _finish(app: Any, error: Exception | None) -> None:
             _LOG.warning("%s", problem)
 
 
+def _skip(app: Any, what: str, name: str, member: Any, skip: bool, options: Any) -> bool | None:
+    """Leave out what a class does not say of itself: fields of tuples, routing of metadata."""
+    generated = type(member).__name__ == "_tuplegetter" or re.fullmatch("set_.*_request", name)
+    return True if generated else None
+
+
 def setup(app: Any) -> dict[str, bool]:
     """Register the extension; called by Sphinx."""
     # before the handlers that work on what is set here
     app.connect("config-inited", _configure, priority=100)
     app.connect("source-read", _render)
+    app.connect("autodoc-skip-member", _skip)
     app.connect("build-finished", _finish)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

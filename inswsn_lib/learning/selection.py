@@ -31,8 +31,6 @@ class Selection:
         The same of each output.
     sigma, eta : float
         The pair with the least error; of equals the first.
-    trials : int
-        How many pairs were tried.
 
     Examples
     --------

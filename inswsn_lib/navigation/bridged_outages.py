@@ -444,47 +444,6 @@ class BridgedOutages:
         return found | {(COASTING, "state"): self.compare_coasting(passages, self.rehearsals)}
 
 
-def bridged_outages(
-    *,
-    seed: int = 2012,
-    runs: int = 256,
-    tuning_runs: int = 8,
-    networks: int = 200,
-    sigma: float = 1000.0,
-    eta: float = 1000.0,
-    hidden: int = 10,
-    range_noise: float = 0.38,
-    inertial_scale: float = 1.0,
-    learner: str = "sklearn.linear_model:LinearRegression",
-) -> Scores:
-    """Compute chapter 03 over many runs: methods in P1's outages, on the indicated motion.
-
-    Parameters
-    ----------
-    seed, runs, tuning_runs, networks, sigma, eta, hidden, range_noise, inertial_scale, learner
-        Those of the chapter; see `BridgedOutages`.
-
-    Returns
-    -------
-    Scores
-        As `BridgedOutages.scores`.
-
-    Raises
-    ------
-    ParameterError
-        If there is no such learner, or the path ends before the last window.
-
-    Examples
-    --------
-    >>> from inswsn_lib.navigation import bridged_outages
-    >>> scores = bridged_outages(runs=40, tuning_runs=4)
-    >>> scores.leader().best in scores.methods
-    True
-    """
-    parameters = locals()
-    return BridgedOutages(**parameters).scores()
-
-
 def _every(make: Callable[..., Any], *axes: Sequence[float]) -> list[Any]:
     """Return what is made at each point of a grid."""
     return [make(*point) for point in product(*axes)]

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -362,60 +362,6 @@ class ClusterFusion:
 
         begin = _STARTS.get(name, _START)
         return search_pattern(METHODS[name], begin, _RATIOS[: len(begin)], loss, most=TRIALS)
-
-
-def cluster_fusion(
-    *,
-    seed: int = 2012,
-    runs: int = 512,
-    other_runs: int = 64,
-    speed: float = 2.4,
-    range_noise: float = 0.2,
-    dropout: float = 0.0,
-    velocity_source: str = "window",
-    velocity_noise: float = 0.126,
-    velocity_fixes: int = 25,
-    accelerometer_bias: float = 0.15,
-    fading_length: float = 3.0,
-    most_clusters: int = 128,
-) -> Scores:
-    """Compute chapter 04 over many runs: filters of P2's clusters on equal terms.
-
-    Parameters
-    ----------
-    seed, runs, other_runs, speed, range_noise, dropout, velocity_source, velocity_noise, \
-velocity_fixes, accelerometer_bias
-        Those of the chapter; see `ClusterFusion`.
-    fading_length, most_clusters
-        Those of the chapter, which change other sections of it only: they are ignored.
-
-    Returns
-    -------
-    Scores
-        As `ClusterFusion.scores`.
-
-    Raises
-    ------
-    ParameterError
-        If there can be no such scene.
-    InfeasibleDesignError
-        If an H-infinity filter cannot be designed where its search begins.
-
-    Examples
-    --------
-    Half a minute, but for what is refused:
-
-    >>> from inswsn_lib.navigation import cluster_fusion
-    >>> scores = cluster_fusion(runs=64, other_runs=40, speed=6.0)  # doctest: +SKIP
-    >>> cluster_fusion(speed=-1.0)
-    Traceback (most recent call last):
-        ...
-    inswsn_lib.errors.ParameterError: speed is -1.0; it may be positive.
-    """
-    parameters: dict[str, Any] = locals()
-    of_other_sections = ("fading_length", "most_clusters")
-    used = {name: value for name, value in parameters.items() if name not in of_other_sections}
-    return ClusterFusion(**used).scores()
 
 
 def planar_rms(error: Array) -> Array:

@@ -208,7 +208,7 @@ def run_recorded_outages(
     >>> from inswsn_lib.files import data_file
     >>> from inswsn_lib.learning import HoldRegressor
     >>> from inswsn_lib.navigation import VehicleHybrid, run_recorded_outages
-    >>> from inswsn_lib.simulation import load_scenario, with_values
+    >>> from inswsn_lib.scenario import load_scenario, with_values
     >>> from inswsn_lib.vehicle import FilterSettings, RecordedDrive, simulate_drive
     >>> from inswsn_lib.vehicle.recorded import Track
     >>> scenario = load_scenario(data_file("scenarios/p3.yaml"))

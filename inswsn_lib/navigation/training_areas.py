@@ -31,7 +31,7 @@ Designs = dict[str, dict[str, FilterDesign]]
 AREAS = "12"
 #: P_0 of the Kalman filters: they know nothing before the first measurement
 UNKNOWN = 1e6 * np.eye(4)
-#: The methods that `training_areas` scores, of those that `TrainingAreas.estimate` knows
+#: The methods that `TrainingAreas.scores` compares, of those that `TrainingAreas.estimate` knows
 SCORED = {
     "ins": "INS alone",
     "wsn": "network alone = published HF, filtered",
@@ -294,54 +294,6 @@ class TrainingAreas:
             headline="position",
             baselines=frozenset({"ins"}),
         )
-
-
-def training_areas(
-    *,
-    seed: int = 2012,
-    runs: int = 1024,
-    other_runs: int = 256,
-    period_area1: float = 0.2,
-    period_area2: float = 0.21,
-    speed: float = 7.5,
-    range_noise: float = 0.38,
-    velocity_source: str = "sensor",
-    velocity_noise: float = 0.126,
-    accelerometer_noise: float = 0.005,
-    gyro_noise: float = 0.0005,
-    inertial_scale: float = 1.0,
-    q_scale: float = 1.0,
-    time_scale: float = 1.0,
-) -> Scores:
-    """Compute chapter 02 over many runs: methods on P1's training areas, in the cells of Table 2.
-
-    Parameters
-    ----------
-    seed, runs, other_runs, period_area1, period_area2, speed, range_noise, velocity_source, \
-velocity_noise, accelerometer_noise, gyro_noise, inertial_scale, q_scale, time_scale
-        Those of the chapter; see `TrainingAreas`.
-
-    Returns
-    -------
-    Scores
-        As `TrainingAreas.scores`.
-
-    Raises
-    ------
-    ParameterError
-        If the path ends before the last window.
-    InfeasibleDesignError
-        If an H-infinity filter cannot be designed.
-
-    Examples
-    --------
-    >>> from inswsn_lib.navigation import training_areas
-    >>> scores = training_areas(runs=40, other_runs=40)
-    >>> scores.leader().best
-    'kf-matched-filtered'
-    """
-    parameters = locals()
-    return TrainingAreas(**parameters).scores()
 
 
 def errors_by_area(drawn: Mapping[str, Array]) -> dict[str, ByArea]:

@@ -51,7 +51,7 @@ def p3_hybrids(settings: FilterSettings, **options: Any) -> dict[str, VehicleHyb
     --------
     >>> from inswsn_lib.files import data_file
     >>> from inswsn_lib.navigation import p3_hybrids
-    >>> from inswsn_lib.simulation import load_scenario
+    >>> from inswsn_lib.scenario import load_scenario
     >>> from inswsn_lib.vehicle import FilterSettings
     >>> scenario = load_scenario(data_file("scenarios/p3.yaml"))
     >>> hybrids = p3_hybrids(FilterSettings.from_settings(scenario), window=60)
@@ -95,7 +95,7 @@ class OutageTrials:
     --------
     >>> from inswsn_lib.files import data_file
     >>> from inswsn_lib.navigation import run_outages
-    >>> from inswsn_lib.simulation import load_scenario, with_values
+    >>> from inswsn_lib.scenario import load_scenario, with_values
     >>> from inswsn_lib.vehicle import FilterSettings, simulate_drive
     >>> scenario = load_scenario(data_file("scenarios/p3.yaml"))
     >>> drive = simulate_drive(with_values(scenario, imu_period=0.1), runs=2, seed=0)
@@ -160,7 +160,7 @@ def run_outages(
     >>> from inswsn_lib.files import data_file
     >>> from inswsn_lib.learning import HoldRegressor
     >>> from inswsn_lib.navigation import VehicleHybrid, outage_size, run_outages
-    >>> from inswsn_lib.simulation import load_scenario, with_values
+    >>> from inswsn_lib.scenario import load_scenario, with_values
     >>> from inswsn_lib.vehicle import FilterSettings, simulate_drive
     >>> scenario = load_scenario(data_file("scenarios/p3.yaml"))
     >>> settings = FilterSettings.from_settings(scenario)

@@ -46,7 +46,7 @@ class Ramps:
     >>> from inswsn_lib.files import data_file
     >>> from inswsn_lib.learning import HoldRegressor
     >>> from inswsn_lib.navigation import VehicleHybrid
-    >>> from inswsn_lib.simulation import load_scenario, with_values
+    >>> from inswsn_lib.scenario import load_scenario, with_values
     >>> from inswsn_lib.vehicle import FilterSettings, run_vehicle_filter, simulate_drive
     >>> scenario = load_scenario(data_file("scenarios/p3.yaml"))
     >>> settings = FilterSettings.from_settings(scenario)
@@ -164,7 +164,7 @@ class Bridge:
     >>> from inswsn_lib.files import data_file
     >>> from inswsn_lib.learning import HoldRegressor
     >>> from inswsn_lib.navigation import VehicleHybrid
-    >>> from inswsn_lib.simulation import load_scenario, with_values
+    >>> from inswsn_lib.scenario import load_scenario, with_values
     >>> from inswsn_lib.vehicle import FilterSettings, metres, run_vehicle_filter, simulate_drive
     >>> scenario = load_scenario(data_file("scenarios/p3.yaml"))
     >>> settings = FilterSettings.from_settings(scenario)
@@ -244,7 +244,7 @@ class VehicleHybrid:
     >>> from inswsn_lib.files import data_file
     >>> from inswsn_lib.learning import LSSVMRegressor
     >>> from inswsn_lib.navigation import VehicleHybrid
-    >>> from inswsn_lib.simulation import load_scenario, with_values
+    >>> from inswsn_lib.scenario import load_scenario, with_values
     >>> from inswsn_lib.vehicle import FilterSettings, run_vehicle_filter, simulate_drive
     >>> scenario = load_scenario(data_file("scenarios/p3.yaml"))
     >>> settings = FilterSettings.from_settings(scenario)

@@ -230,55 +230,5 @@ class VehicleOutages:
         )
 
 
-def vehicle_outages(
-    *,
-    seed: int = 2015,
-    routes: int = 8,
-    draws: int = 5,
-    sweep_draws: int = 4,
-    recorded_draws: int = 4,
-    tau: int = 40,
-    window: int = 40,
-    lateral: float = 0.1,
-    slip: float = 0.3,
-    compass_bias: float = 0.0,
-    compass_outliers: float = 0.02,
-) -> Scores:
-    """Compute chapter 05 over many drives: filters and learners through outages of GPS.
-
-    Parameters
-    ----------
-    seed, routes, draws, tau, window, lateral, slip, compass_bias, compass_outliers
-        Those of the chapter; see `VehicleOutages`.
-    sweep_draws, recorded_draws
-        Those of the chapter, which change other sections of it only: they are ignored.
-
-    Returns
-    -------
-    Scores
-        As `VehicleOutages.scores`.
-
-    Raises
-    ------
-    ParameterError
-        If there can be no such drive, filter or hybrid.
-
-    Examples
-    --------
-    A minute or more, but for what is refused:
-
-    >>> from inswsn_lib.navigation import vehicle_outages
-    >>> scores = vehicle_outages(routes=5, draws=2)  # doctest: +SKIP
-    >>> vehicle_outages(lateral=-0.1)
-    Traceback (most recent call last):
-        ...
-    inswsn_lib.errors.ParameterError: lateral is -0.1; it may be positive and finite.
-    """
-    parameters: dict[str, Any] = locals()
-    of_other_sections = ("sweep_draws", "recorded_draws")
-    used = {name: value for name, value in parameters.items() if name not in of_other_sections}
-    return VehicleOutages(**used).scores()
-
-
 def _key(method: str) -> str:
     return method.replace(" ", "-")

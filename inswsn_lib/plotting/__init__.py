@@ -1,6 +1,5 @@
 """Figures: one style that reads on light and dark pages."""
 
-from inswsn_lib.plotting.figures import COLOURS, figure, percent_axis
-from inswsn_lib.plotting.scores import draw_scores
+import lazy_loader
 
-__all__ = ["COLOURS", "draw_scores", "figure", "percent_axis"]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -75,7 +75,8 @@ class ClusterScene:
 
     >>> import numpy as np
     >>> from inswsn_lib.files import data_file
-    >>> from inswsn_lib.simulation import ClusterScene, load_scenario
+    >>> from inswsn_lib.scenario import load_scenario
+    >>> from inswsn_lib.simulation import ClusterScene
     >>> scene = ClusterScene.from_settings(load_scenario(data_file("scenarios/p2.yaml")))
     >>> len(scene.nodes), [int(np.sum(scene.labels == c)) for c in range(3)]
     (70, [15, 15, 40])

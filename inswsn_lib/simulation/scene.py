@@ -118,7 +118,8 @@ class Scene:
 
     >>> import numpy as np
     >>> from inswsn_lib.files import data_file
-    >>> from inswsn_lib.simulation import Scene, load_scenario
+    >>> from inswsn_lib.scenario import load_scenario
+    >>> from inswsn_lib.simulation import Scene
     >>> folder = data_file("scenarios")
     >>> settings = load_scenario(folder / "p1.yaml") | load_scenario(folder / "p1-inertial.yaml")
     >>> scene = Scene.from_settings(settings)

@@ -44,7 +44,8 @@ class Traffic:
     One count for each step of the scene; a message holds one number or more:
 
     >>> from inswsn_lib.files import data_file
-    >>> from inswsn_lib.simulation import ClusterScene, count_traffic, load_scenario, with_values
+    >>> from inswsn_lib.scenario import load_scenario, with_values
+    >>> from inswsn_lib.simulation import ClusterScene, count_traffic
     >>> settings = load_scenario(data_file("scenarios/p2.yaml"))
     >>> scene = ClusterScene.from_settings(with_values(settings, period=1.0))
     >>> traffic = count_traffic(scene)["local estimates"]
@@ -143,7 +144,8 @@ def count_traffic(scene: ClusterScene) -> dict[str, Traffic]:
     Covariances take ten more numbers a message, but no message more:
 
     >>> from inswsn_lib.files import data_file
-    >>> from inswsn_lib.simulation import ClusterScene, count_traffic, load_scenario, with_values
+    >>> from inswsn_lib.scenario import load_scenario, with_values
+    >>> from inswsn_lib.simulation import ClusterScene, count_traffic
     >>> settings = load_scenario(data_file("scenarios/p2.yaml"))
     >>> scene = ClusterScene.from_settings(with_values(settings, period=1.0))
     >>> traffic = count_traffic(scene)

@@ -61,7 +61,7 @@ def calibrate_inertial_noise(
 
     >>> import numpy as np
     >>> from inswsn_lib.files import data_file
-    >>> from inswsn_lib.simulation import load_scenario, with_values
+    >>> from inswsn_lib.scenario import load_scenario, with_values
     >>> from inswsn_lib.vehicle import (
     ...     FilterSettings, RecordedDrive, calibrate_inertial_noise, simulate_drive
     ... )

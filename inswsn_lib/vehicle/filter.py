@@ -78,7 +78,7 @@ class FilterSettings:
     Examples
     --------
     >>> from inswsn_lib.files import data_file
-    >>> from inswsn_lib.simulation import load_scenario
+    >>> from inswsn_lib.scenario import load_scenario
     >>> from inswsn_lib.vehicle import FilterSettings
     >>> scenario = load_scenario(data_file("scenarios/p3.yaml"))
     >>> settings = FilterSettings.from_settings(scenario)
@@ -247,7 +247,7 @@ class VehicleRun:
     Examples
     --------
     >>> from inswsn_lib.files import data_file
-    >>> from inswsn_lib.simulation import load_scenario, with_values
+    >>> from inswsn_lib.scenario import load_scenario, with_values
     >>> from inswsn_lib.vehicle import FilterSettings, run_vehicle_filter, simulate_drive
     >>> scenario = load_scenario(data_file("scenarios/p3.yaml"))
     >>> drive = simulate_drive(with_values(scenario, imu_period=0.1), runs=2, seed=0)
@@ -298,7 +298,7 @@ def position_error(run: VehicleRun, drive: Drive, position: Array | None = None)
 
     >>> import numpy as np
     >>> from inswsn_lib.files import data_file
-    >>> from inswsn_lib.simulation import load_scenario, with_values
+    >>> from inswsn_lib.scenario import load_scenario, with_values
     >>> from inswsn_lib.vehicle import (
     ...     FilterSettings, metres, position_error, run_vehicle_filter, simulate_drive
     ... )
@@ -335,7 +335,7 @@ def horizontal_error(run: VehicleRun, drive: Drive, position: Array | None = Non
 
     >>> import numpy as np
     >>> from inswsn_lib.files import data_file
-    >>> from inswsn_lib.simulation import load_scenario, with_values
+    >>> from inswsn_lib.scenario import load_scenario, with_values
     >>> from inswsn_lib.vehicle import (
     ...     FilterSettings, horizontal_error, metres, run_vehicle_filter, simulate_drive
     ... )
@@ -378,7 +378,7 @@ def navigation_error(run: VehicleRun, drive: Drive) -> Array:
 
     >>> import numpy as np
     >>> from inswsn_lib.files import data_file
-    >>> from inswsn_lib.simulation import load_scenario, with_values
+    >>> from inswsn_lib.scenario import load_scenario, with_values
     >>> from inswsn_lib.vehicle import (
     ...     FilterSettings, navigation_error, run_vehicle_filter, simulate_drive
     ... )
@@ -450,7 +450,7 @@ def run_vehicle_filter(
     Forty seconds without GPS in a turn, with compass and lateral velocity and without them:
 
     >>> from inswsn_lib.files import data_file
-    >>> from inswsn_lib.simulation import load_scenario, with_values
+    >>> from inswsn_lib.scenario import load_scenario, with_values
     >>> from inswsn_lib.vehicle import (
     ...     FilterSettings, horizontal_error, run_vehicle_filter, simulate_drive
     ... )
@@ -534,7 +534,7 @@ def replay(
 
     >>> import numpy as np
     >>> from inswsn_lib.files import data_file
-    >>> from inswsn_lib.simulation import load_scenario, with_values
+    >>> from inswsn_lib.scenario import load_scenario, with_values
     >>> from inswsn_lib.vehicle import FilterSettings, replay, run_vehicle_filter, simulate_drive
     >>> scenario = load_scenario(data_file("scenarios/p3.yaml"))
     >>> settings = FilterSettings.from_settings(scenario)
@@ -603,7 +603,7 @@ def align(drive: Drive, settings: FilterSettings) -> VehicleState:
 
     >>> import numpy as np
     >>> from inswsn_lib.files import data_file
-    >>> from inswsn_lib.simulation import load_scenario
+    >>> from inswsn_lib.scenario import load_scenario
     >>> from inswsn_lib.vehicle import Drive, FilterSettings, Reference, align, yaw
     >>> pushes = np.zeros((10, 3, 1))
     >>> pushes[:, 1], pushes[:, 2] = 0.1 * 0.1, -9.8 * 0.1  # right and down, 10 Hz

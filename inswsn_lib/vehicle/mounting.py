@@ -32,7 +32,7 @@ class Mounting:
 
     >>> import numpy as np
     >>> from inswsn_lib.files import data_file
-    >>> from inswsn_lib.simulation import load_scenario, with_values
+    >>> from inswsn_lib.scenario import load_scenario, with_values
     >>> from inswsn_lib.vehicle import (
     ...     FilterSettings, estimate_mounting, run_vehicle_filter, simulate_drive
     ... )
@@ -88,7 +88,7 @@ def estimate_mounting(run: VehicleRun, until: int, *, slowest: float = 5.0) -> M
 
     >>> import numpy as np
     >>> from inswsn_lib.files import data_file
-    >>> from inswsn_lib.simulation import load_scenario, with_values
+    >>> from inswsn_lib.scenario import load_scenario, with_values
     >>> from inswsn_lib.vehicle import (
     ...     FilterSettings, estimate_mounting, run_vehicle_filter, simulate_drive
     ... )

@@ -32,7 +32,7 @@ class PeerRun:
     Examples
     --------
     >>> from inswsn_lib.files import data_file
-    >>> from inswsn_lib.simulation import load_scenario, with_values
+    >>> from inswsn_lib.scenario import load_scenario, with_values
     >>> from inswsn_lib.vehicle import FilterSettings, run_pyins_filter, simulate_drive
     >>> scenario = load_scenario(data_file("scenarios/p3.yaml"))
     >>> drive = simulate_drive(with_values(scenario, imu_period=0.1), runs=1, seed=0)
@@ -79,7 +79,7 @@ def run_pyins_filter(
 
     >>> import numpy as np
     >>> from inswsn_lib.files import data_file
-    >>> from inswsn_lib.simulation import load_scenario, with_values
+    >>> from inswsn_lib.scenario import load_scenario, with_values
     >>> from inswsn_lib.vehicle import (
     ...     FilterSettings, metres, run_pyins_filter, run_vehicle_filter, simulate_drive
     ... )

@@ -15,20 +15,17 @@ but without its corners. Speed, course and distance are the exact integrals.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cached_property
-from numbers import Integral
-from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from inswsn_lib.checks import whole
 from inswsn_lib.errors import InswsnError, ParameterError
-from inswsn_lib.scenario import Setting, frozen
+from inswsn_lib.scenario import Range, Setting, between, from_settings
 
 Array = NDArray[np.float64]
-T = TypeVar("T")
-Range = tuple[float, float]
 
 _FIRST, _LAST = 110, 100  # s: the first place after the start, the last before the end
 _JITTER, _APART = 8, 100  # s: of a place's start; between the starts of two places
@@ -70,38 +67,20 @@ class RouteLimits:
         Of the slope, m.
     """
 
-    duration: float
-    standstill_at_start: float
-    standstill: Range
-    cruise_speed: Range
-    turn_speed: Range
-    acceleration: Range
-    deceleration: Range
-    jerk: float
-    turn_lateral: Range
-    curve_lateral: Range
-    bend_lateral: Range
-    lateral_jerk: float
-    grade: float
-    grade_wavelength: Range
-
-
-_ALLOWED: dict[str, Range] = {
-    "duration": (1200, 1800),
-    "standstill_at_start": (0, 60),
-    "standstill": (1, 30),
-    "cruise_speed": (8, 25),
-    "turn_speed": (2, 8),
-    "acceleration": (0.5, 4),
-    "deceleration": (0.5, 4),
-    "jerk": (0.5, 10),
-    "turn_lateral": (0.5, 4),
-    "curve_lateral": (0.5, 4),
-    "bend_lateral": (0.1, 2),
-    "lateral_jerk": (0.5, 10),
-    "grade": (0, 0.1),
-    "grade_wavelength": (100, 10_000),
-}
+    duration: float = between(1200, 1800)
+    standstill_at_start: float = between(0, 60)
+    standstill: Range = between(1, 30)
+    cruise_speed: Range = between(8, 25)
+    turn_speed: Range = between(2, 8)
+    acceleration: Range = between(0.5, 4)
+    deceleration: Range = between(0.5, 4)
+    jerk: float = between(0.5, 10)
+    turn_lateral: Range = between(0.5, 4)
+    curve_lateral: Range = between(0.5, 4)
+    bend_lateral: Range = between(0.1, 2)
+    lateral_jerk: float = between(0.5, 10)
+    grade: float = between(0, 0.1)
+    grade_wavelength: Range = between(100, 10_000)
 
 
 @dataclass(frozen=True, eq=False)
@@ -254,7 +233,7 @@ def plan_route(settings: Mapping[str, Setting], route: int = 0) -> Route:
     ParameterError
         If a setting or the seed may not be what it is.
     """
-    limits = from_settings(RouteLimits, settings, _ALLOWED)
+    limits = from_settings(RouteLimits, settings)
     if limits.duration != int(limits.duration):
         raise ParameterError("duration", limits.duration, "whole seconds")
     if limits.turn_speed[1] > limits.cruise_speed[0]:
@@ -540,58 +519,3 @@ def _waves(limits: RouteLimits, rng: np.random.Generator) -> Array:
     wavelength = rng.uniform(*limits.grade_wavelength, _WAVES)
     amplitude = np.full(_WAVES, limits.grade * np.sqrt(2 / _WAVES))
     return np.stack([amplitude, 2 * np.pi / wavelength, rng.uniform(-np.pi, np.pi, _WAVES)], axis=1)
-
-
-def from_settings(
-    kind: Callable[..., T], settings: Mapping[str, Setting], allowed: Mapping[str, Range]
-) -> T:
-    """Return the dataclass that the settings of its fields make; other settings do not matter.
-
-    Parameters
-    ----------
-    kind : dataclass
-        Its fields are numbers, or pairs of numbers in order.
-    settings : mapping of str to Setting
-    allowed : mapping of str to pairs of floats
-        The least and the largest number of each field.
-
-    Raises
-    ------
-    InswsnError
-        If a setting is missing.
-    ParameterError
-        If a value is not a number, or not two, or outside what is allowed.
-    """
-    values: dict[str, Any] = {}
-    for field in fields(kind):  # type: ignore[arg-type]
-        if field.name not in settings:
-            raise InswsnError(f"The scenario lacks the setting {field.name}.")
-        pair = field.type in ("Range", Range)
-        values[field.name] = _checked(
-            field.name, settings[field.name].value, pair, allowed[field.name]
-        )
-    return kind(**values)
-
-
-def _checked(name: str, value: Any, pair: bool, allowed: Range) -> Any:
-    """Return a number or a pair in order; refuse others."""
-    words = (
-        f"{'two numbers in order' if pair else 'a number'} from {allowed[0]:g} to {allowed[1]:g}"
-    )
-    try:
-        numbers = np.asarray(value)
-    except ValueError:  # lists of unequal length
-        raise ParameterError(name, value, words) from None
-    if numbers.dtype.kind not in "if" or numbers.shape != ((2,) if pair else ()):
-        raise ParameterError(name, value, words)
-    inside = (numbers >= allowed[0]) & (numbers <= allowed[1])
-    if not inside.all() or (pair and numbers[0] > numbers[1]):
-        raise ParameterError(name, value, words)
-    return frozen(numbers.astype(float).tolist())
-
-
-def whole(name: str, value: object, least: int) -> int:
-    """Return a whole number that is not too small; refuse others."""
-    if not isinstance(value, Integral) or isinstance(value, bool) or value < least:
-        raise ParameterError(name, value, f"a whole number, {least} or more")
-    return int(value)

@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 from pyins import earth, sim, transform
 from scipy.signal import lfilter
 
+from inswsn_lib.checks import whole
 from inswsn_lib.errors import ParameterError
-from inswsn_lib.scenario import Setting
+from inswsn_lib.scenario import Range, Setting, between, from_settings
 from inswsn_lib.vehicle.drive import Drive, Place, Reference
-from inswsn_lib.vehicle.route import Kinematics, Range, Route, from_settings, plan_route, whole
+from inswsn_lib.vehicle.route import Kinematics, Route, plan_route
 
 Array = NDArray[np.float64]
 
@@ -42,14 +43,14 @@ class VehicleModel:
         Of the IMU, and of GPS and compass, s.
     """
 
-    latitude: float
-    longitude: float
-    height: float
-    pitch_response: float
-    roll_response: float
-    slip: float
-    imu_period: float
-    aiding_period: float
+    latitude: float = between(-1.4, 1.4)
+    longitude: float = between(-np.pi, np.pi)
+    height: float = between(-500, 9000)
+    pitch_response: float = between(0, 0.05)
+    roll_response: float = between(0, 0.05)
+    slip: float = between(0, 0.05)
+    imu_period: float = between(0.001, 0.1)
+    aiding_period: float = between(0.1, 1)
 
 
 @dataclass(frozen=True)
@@ -94,57 +95,25 @@ class SensorErrors:
         Scale factor error, 1.
     """
 
-    gps_position_noise: float
-    gps_velocity_noise: float
-    gps_correlation_time: float
-    gps_correlated_share: float
-    compass_noise: float
-    compass_bias: float
-    compass_outlier: float
-    compass_outlier_size: Range
-    mounting_yaw: float
-    gyro_noise: float
-    gyro_bias: float
-    gyro_instability: float
-    gyro_correlation_time: float
-    gyro_scale: float
-    accelerometer_noise: float
-    accelerometer_bias: float
-    accelerometer_instability: float
-    accelerometer_correlation_time: float
-    accelerometer_scale: float
-
-
-_ALLOWED: dict[str, Range] = {
-    "latitude": (-1.4, 1.4),  # at a pole there is no east
-    "longitude": (-np.pi, np.pi),
-    "height": (-500, 9000),
-    "pitch_response": (0, 0.05),
-    "roll_response": (0, 0.05),
-    "slip": (0, 0.05),
-    "imu_period": (0.001, 0.1),
-    "aiding_period": (0.1, 1),
-    "gps_position_noise": (0, 1000),
-    "gps_velocity_noise": (0, 100),
-    "gps_correlation_time": (0, 1e6),
-    "gps_correlated_share": (0, 1),
-    "compass_noise": (0, np.pi),
-    "compass_bias": (-np.pi, np.pi),
-    "compass_outlier": (0, 1),
-    "compass_outlier_size": (0, np.pi),
-    "mounting_yaw": (-np.pi, np.pi),
-    **{
-        f"{sensor}_{name}": most
-        for sensor in ("gyro", "accelerometer")
-        for name, most in {
-            "noise": (0.0, 10.0),
-            "bias": (0.0, 10.0),
-            "instability": (0.0, 10.0),
-            "correlation_time": (0.0, 1e6),
-            "scale": (0.0, 0.1),
-        }.items()
-    },
-}
+    gps_position_noise: float = between(0, 1000)
+    gps_velocity_noise: float = between(0, 100)
+    gps_correlation_time: float = between(0, 1e6)
+    gps_correlated_share: float = between(0, 1)
+    compass_noise: float = between(0, np.pi)
+    compass_bias: float = between(-np.pi, np.pi)
+    compass_outlier: float = between(0, 1)
+    compass_outlier_size: Range = between(0, np.pi)
+    mounting_yaw: float = between(-np.pi, np.pi)
+    gyro_noise: float = between(0, 10)
+    gyro_bias: float = between(0, 10)
+    gyro_instability: float = between(0, 10)
+    gyro_correlation_time: float = between(0, 1e6)
+    gyro_scale: float = between(0, 0.1)
+    accelerometer_noise: float = between(0, 10)
+    accelerometer_bias: float = between(0, 10)
+    accelerometer_instability: float = between(0, 10)
+    accelerometer_correlation_time: float = between(0, 1e6)
+    accelerometer_scale: float = between(0, 0.1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,7 +141,7 @@ class Truth:
     Examples
     --------
     >>> from inswsn_lib.files import data_file
-    >>> from inswsn_lib.simulation import load_scenario, with_values
+    >>> from inswsn_lib.scenario import load_scenario, with_values
     >>> from inswsn_lib.vehicle import true_motion
     >>> scenario = load_scenario(data_file("scenarios/p3.yaml"))
     >>> truth = true_motion(with_values(scenario, imu_period=0.1))
@@ -224,7 +193,7 @@ def simulate_drive(
 
     >>> import numpy as np
     >>> from inswsn_lib.files import data_file
-    >>> from inswsn_lib.simulation import load_scenario, with_values
+    >>> from inswsn_lib.scenario import load_scenario, with_values
     >>> from inswsn_lib.vehicle import metres, simulate_drive
     >>> scenario = load_scenario(data_file("scenarios/p3.yaml"))
     >>> drive = simulate_drive(with_values(scenario, imu_period=0.1), runs=4, seed=0)
@@ -268,7 +237,7 @@ def true_motion(settings: Mapping[str, Setting], route: int = 0) -> Truth:
 
     >>> import numpy as np
     >>> from inswsn_lib.files import data_file
-    >>> from inswsn_lib.simulation import load_scenario, with_values
+    >>> from inswsn_lib.scenario import load_scenario, with_values
     >>> from inswsn_lib.vehicle import true_motion
     >>> scenario = load_scenario(data_file("scenarios/p3.yaml"))
     >>> truth = true_motion(with_values(scenario, imu_period=0.1))
@@ -299,7 +268,7 @@ def follow_route(planned: Route, settings: Mapping[str, Setting], number: int = 
     ParameterError
         If a setting may not be what it is.
     """
-    model = from_settings(VehicleModel, settings, _ALLOWED)
+    model = from_settings(VehicleModel, settings)
     each, second = _samples_per_epoch(model)
     epochs = round(planned.duration * second) + 1
     motion = planned.kinematics(model.imu_period * np.arange(each * (epochs - 1) + 1))
@@ -362,7 +331,7 @@ def simulate_sensors(
     A run is the same however many runs there are:
 
     >>> from inswsn_lib.files import data_file
-    >>> from inswsn_lib.simulation import load_scenario, with_values
+    >>> from inswsn_lib.scenario import load_scenario, with_values
     >>> from inswsn_lib.vehicle import simulate_sensors, true_motion
     >>> scenario = with_values(
     ...     load_scenario(data_file("scenarios/p3.yaml")), imu_period=0.1
@@ -374,7 +343,7 @@ def simulate_sensors(
     >>> bool((three.compass[:, 0] == three.compass[:, 1]).any())
     False
     """
-    errors = from_settings(SensorErrors, settings, _ALLOWED)
+    errors = from_settings(SensorErrors, settings)
     whole("runs", runs, 1)
     root = np.random.SeedSequence([whole("seed", seed, 0), truth.route])
     samples, epochs = truth.rotation.shape[1] - 1, len(truth.time)

@@ -8,8 +8,7 @@ from pathlib import Path
 
 import pytest
 from conftest import MiniProject, run_command
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from inswsn_book.judging import read_verdicts
 from inswsn_book.ledger import LEDGER, load_claims
 from inswsn_book.project import Project

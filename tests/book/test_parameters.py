@@ -6,8 +6,7 @@ import ast
 import math
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from inswsn_book.parameters import Schema, chapter_schema, read_schema
 from inswsn_book.project import Project
 from papermill import inspect_notebook

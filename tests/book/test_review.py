@@ -11,8 +11,7 @@ from typing import Any
 import pytest
 import yaml
 from assumptions import ASSUMPTIONS, Assumptions, load_assumptions
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from inswsn_book.ledger import Claim, QuantityCheck
 from inswsn_book.project import Project
 from inswsn_book.results import Quantity, Results

@@ -18,35 +18,41 @@ import distributed
 import psutil
 import pytest
 from conftest import MiniProject, make_mini, run_command
-from inswsn_book.cores import core_name, load_core
 from inswsn_book.parameters import chapter_schema
 from inswsn_book.project import Project
 from inswsn_book.runs import lookup
 from inswsn_book.sweep import read_sweep
 
-from inswsn_lib.errors import InswsnError, ParameterError
+from inswsn_lib.errors import ParameterError
 
 # A core that takes its time, and tells each time that it is called
 CORE = """
 import os, time
+from dataclasses import dataclass
 import numpy as np
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.evaluation import Scores
 
-def scores(*, scale: float = 2.0) -> Scores:
-    with open(os.environ["MINI_LOG"], "a") as log:
-        log.write(f"{scale}\\n")
-    if scale == 13:
-        raise InswsnError("Thirteen has no design.")
-    time.sleep(float(os.environ.get("MINI_SECONDS", "0")))
-    spread = np.linspace(0.9, 1.1, 41)
-    return Scores(
-        methods={"old": "the old one", "new": "the new one", "none": "nothing"},
-        columns={"error": "m"},
-        values={"old.error": scale * spread, "new.error": spread, "none.error": 99 * spread},
-        headline="error",
-        baselines=frozenset({"none"}),
-    )
+@dataclass
+class Core:
+    scale: float = 2.0
+
+    def scores(self):
+        with open(os.environ["MINI_LOG"], "a") as log:
+            log.write(f"{self.scale}\\n")
+        if self.scale == 13:
+            raise InswsnError("Thirteen has no design.")
+        time.sleep(float(os.environ.get("MINI_SECONDS", "0")))
+        spread = np.linspace(0.9, 1.1, 41)
+        return Scores(
+            methods={"old": "the old one", "new": "the new one", "none": "nothing"},
+            columns={"error": "m"},
+            values={
+                "old.error": self.scale * spread, "new.error": spread, "none.error": 99 * spread,
+            },
+            headline="error",
+            baselines=frozenset({"none"}),
+        )
 """
 GRID = tuple(float(scale) for scale in range(2, 10))
 WHOLE = os.environ.get("INSWSN_TESTS") == "whole"
@@ -59,7 +65,7 @@ class SweepProject:
         self.project = mini
         source = mini.root / "chapters" / "00-mini.md"
         text = source.read_text(encoding="utf-8")
-        named = text.replace("\n---\n", "\ncore: minicore:scores\n---\n", 1)
+        named = text.replace("\n---\n", "\ncore: minicore:Core\n---\n", 1)
         source.write_text(named, encoding="utf-8")
         (mini.root / "minicore.py").write_text(CORE, encoding="utf-8")
         self.log = mini.root / "log.txt"
@@ -115,7 +121,7 @@ def swept(mini: MiniProject) -> SweepProject:
 def test_a_grid_goes_through_its_last_axis_fastest(project: Project) -> None:
     axes = ["q_scale=0.1,1", "seed=1,2"]
     sweep = read_sweep(project, project.find("02"), axes, ["runs=64"])
-    assert sweep.core == "inswsn_lib.navigation:training_areas"
+    assert sweep.core == "inswsn_lib.navigation:TrainingAreas"
     assert sweep.places[1] == {"q_scale": 0.1, "seed": 2}
     assert [request.parameters["seed"] for request in sweep.requests] == [1, 2, 1, 2]
     assert all(r.core and r.parameters["runs"] == 64 for r in sweep.requests)
@@ -153,37 +159,6 @@ def test_a_grid_that_may_not_be(mini: MiniProject, axes: list[str], settings: li
         read_sweep(mini, mini.find("00"), axes, settings)
 
 
-# Cores --------------------------------------------------------------------------------------------
-
-
-def test_a_core_takes_the_parameters_of_its_chapter(project: Project) -> None:
-    import inspect
-
-    found = 0
-    for chapter in project.chapters():
-        name = core_name(chapter.source.read_text(encoding="utf-8"))
-        if name is None:
-            continue
-        found += 1
-        taken = inspect.signature(load_core(name)).parameters.values()
-        declared = chapter_schema(project.root, chapter.number).parameters
-        assert [(p.name, p.annotation, p.default) for p in taken] == [
-            (p.name, p.kind, p.default) for p in declared
-        ]
-        assert {p.kind for p in taken} == {inspect.Parameter.KEYWORD_ONLY}
-    assert found
-
-
-def test_a_core_that_is_not_there_is_refused() -> None:
-    for name in ("inswsn_lib.navigation:nothing", "no_such_module:scores"):
-        with pytest.raises(InswsnError, match="There is no core"):
-            load_core(name)
-
-
-def test_the_head_alone_names_a_core() -> None:
-    assert core_name("---\na: b\n---\ncore: module:function\n") is None
-
-
 # The command --------------------------------------------------------------------------------------
 
 
@@ -205,7 +180,7 @@ def test_what_a_sweep_of_a_core_leaves(swept: SweepProject) -> None:
     assert [(row["best"], row["next"]) for row in leaders] == [("old", "new"), ("new", "old")]
     assert float(leaders[0]["lead"]) == pytest.approx(50)
     facts = json.loads((swept.folder / "sweep.json").read_text())
-    assert (facts["core"], facts["grid"]) == ("minicore:scores", {"scale": [0.5, 4.0]})
+    assert (facts["core"], facts["grid"]) == ("minicore:Core", {"scale": [0.5, 4.0]})
     figure = (swept.folder / "sweep.svg").read_text()
     assert figure.startswith("<?xml")
     assert "the old one" not in done.stderr  # the terminal has keys, the figure has words

@@ -6,8 +6,7 @@ import math
 from typing import Any
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from inswsn_book.ledger import Claim, MissingCheck, QuantityCheck
 from inswsn_book.results import Quantity, Results
 from inswsn_book.verdicts import (

@@ -13,7 +13,8 @@ from sklearn.kernel_ridge import KernelRidge
 from sklearn.linear_model import LinearRegression, Ridge
 
 from inswsn_lib.evaluation import monte_carlo
-from inswsn_lib.simulation import Scene, load_scenario
+from inswsn_lib.scenario import load_scenario
+from inswsn_lib.simulation import Scene
 
 HALF_NORMAL = np.sqrt(2 / np.pi)  # mean absolute value of a standard normal number
 COLUMNS = [f"{axis}{half}" for axis in ("rx", "ry", "vx", "vy") for half in "12"]

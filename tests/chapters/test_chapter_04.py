@@ -20,7 +20,8 @@ from inswsn_lib.evaluation import monte_carlo
 from inswsn_lib.filters import handover_weights
 from inswsn_lib.lmi import FilterDesign, design_filter, design_fusion, hinf_norm, riccati_gamma
 from inswsn_lib.models import ErrorModel
-from inswsn_lib.simulation import ClusterScene, load_scenario
+from inswsn_lib.scenario import load_scenario
+from inswsn_lib.simulation import ClusterScene
 
 Array = NDArray[np.float64]
 

@@ -21,8 +21,7 @@ from pyins import strapdown, transform
 
 from inswsn_lib import papers
 from inswsn_lib.files import DATA_VARIABLE
-from inswsn_lib.scenario import Setting
-from inswsn_lib.simulation import load_scenario, with_values
+from inswsn_lib.scenario import Setting, load_scenario, with_values
 from inswsn_lib.vehicle import (
     Drive,
     FilterSettings,

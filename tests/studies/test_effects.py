@@ -21,8 +21,7 @@ from effects import (
     summarise,
     tornado_svg,
 )
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from inswsn_book.parameters import Parameter
 from inswsn_book.project import Project
 from inswsn_book.results import Quantity, Results

@@ -9,8 +9,7 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 import torch
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from sklearn.exceptions import SkipTestWarning
 from sklearn.neural_network import MLPRegressor
 from sklearn.utils.estimator_checks import check_estimator

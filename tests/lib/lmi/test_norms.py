@@ -7,8 +7,7 @@ import warnings
 import control
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from inswsn_lib.errors import ParameterError
 from inswsn_lib.lmi import (

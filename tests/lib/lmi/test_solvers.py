@@ -9,8 +9,14 @@ from scipy import sparse
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from inswsn_lib.errors import ParameterError
-from inswsn_lib.lmi import design_counts, design_filter, design_fusion, fusion_gain, hinf_norm
-from inswsn_lib.lmi import solvers as module
+from inswsn_lib.lmi import (
+    design_counts,
+    design_filter,
+    design_fusion,
+    fusion_gain,
+    hinf_norm,
+    solvers as module,
+)
 from inswsn_lib.lmi.solvers import (
     SOLVER_VARIABLE,
     InfeasibleDesignError,

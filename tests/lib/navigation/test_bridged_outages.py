@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from sklearn.dummy import DummyRegressor
 
-from inswsn_lib.navigation import BridgedOutages, Passage, bridged_outages
+from inswsn_lib.navigation import BridgedOutages, Passage
 from inswsn_lib.navigation.bridged_outages import COASTING, KINDS
 
 RUNS = 3
@@ -84,6 +84,3 @@ def test_the_scores_of_the_ins_are_its_errors() -> None:
             expected = np.abs(error[:, i]).mean(axis=0)
             assert scores.values[f"ins.{axis}{area}"] == pytest.approx(expected)
     assert np.all(scores.values["ins.left"] == 1)
-    # a command's other names of the same parameters
-    same = bridged_outages(runs=40, tuning_runs=4, sigma=1000)
-    assert same.table().equals(scores.table())

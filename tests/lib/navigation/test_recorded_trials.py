@@ -10,8 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
+from hypothesis import HealthCheck, given, settings, strategies as st
 from hypothesis.extra.numpy import arrays
 from lib.vehicle.made_drive import DV, KNOWN, PERIOD, THETA, TURN, driven
 from numpy.typing import NDArray

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
-from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -15,8 +13,8 @@ from inswsn_lib.errors import ParameterError
 from inswsn_lib.evaluation import fit_noise, mean_absolute_error, monte_carlo
 from inswsn_lib.filters import run_kalman
 from inswsn_lib.models import ErrorModel
-from inswsn_lib.navigation import TrainingAreas, errors_by_area, table2_cells, training_areas
-from inswsn_lib.simulation import with_values
+from inswsn_lib.navigation import TrainingAreas, errors_by_area, table2_cells
+from inswsn_lib.scenario import with_values
 
 AREAS = "12"
 FILTERS = ("kf-matched-filtered", "hf-exact-matched-filtered", "hf-printed-matched-filtered")
@@ -29,7 +27,7 @@ def areas(**values: Any) -> TrainingAreas:
 @pytest.mark.long
 def test_it_computes_what_the_chapter_published(root: Path) -> None:
     published = read_results(root / "data" / "published" / "02.json")
-    found = training_areas()
+    found = TrainingAreas().scores()
     assert found.runs == published.parameters["runs"]
     for method in found.methods:
         for column, unit in list(found.columns.items())[:8]:
@@ -37,12 +35,6 @@ def test_it_computes_what_the_chapter_published(root: Path) -> None:
             median = np.median(found.of(method, column))
             assert median == pytest.approx(quantity.value, abs=quantity.tolerance), (method, column)
             assert quantity.unit == unit
-
-
-def test_the_function_and_the_class_take_the_same() -> None:
-    of_function = {p.name: p.default for p in inspect.signature(training_areas).parameters.values()}
-    of_class = {f.name: f.default for f in fields(TrainingAreas) if f.name != "published"}
-    assert of_function == of_class
 
 
 @pytest.mark.parametrize("scale", [0.25, 5.0])

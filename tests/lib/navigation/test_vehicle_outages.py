@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import inspect
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from inswsn_book.parameters import chapter_schema
 from inswsn_book.results import read_results
 
 from inswsn_lib.errors import ParameterError
-from inswsn_lib.navigation import VehicleOutages, vehicle_outages
+from inswsn_lib.navigation import VehicleOutages
 from inswsn_lib.navigation.vehicle_outages import LONG, METHODS, OUTAGE, p3_settings
-from inswsn_lib.simulation import with_values
+from inswsn_lib.scenario import with_values
 from inswsn_lib.vehicle import horizontal_error, run_vehicle_filter
 
 
@@ -33,7 +31,7 @@ def outages() -> VehicleOutages:
 @pytest.mark.whole
 def test_it_computes_what_the_chapter_published(root: Path) -> None:
     published = read_results(root / "data" / "published" / "05.json")
-    found = vehicle_outages()
+    found = VehicleOutages().scores()
     ratios = {f"methods.{method}": (method, "through") for method in found.methods}
     ratios["factor.through-never"] = ("through", "never")
     compared = [quantity for quantity in published.quantities if quantity.name in ratios]
@@ -42,18 +40,6 @@ def test_it_computes_what_the_chapter_published(root: Path) -> None:
         over, under = (found.of(method) for method in ratios[quantity.name])
         ratio = np.exp(np.log(over / under).mean())
         assert ratio == pytest.approx(quantity.value, abs=quantity.tolerance), quantity.name
-
-
-def test_the_parameters_are_those_of_the_chapter(root: Path) -> None:
-    declared = chapter_schema(root, "05").defaults
-    parameters = inspect.signature(vehicle_outages).parameters.values()
-    assert {p.name: p.default for p in parameters} == declared
-    assert {p.name: type(p.default) for p in parameters} == {
-        name: type(value) for name, value in declared.items()
-    }
-    shared = inspect.signature(VehicleOutages).parameters
-    assert set(declared) - set(shared) == {"sweep_draws", "recorded_draws"}
-    assert all(shared[n].default == declared[n] for n in declared if n in shared)
 
 
 @pytest.mark.parametrize(
@@ -121,4 +107,4 @@ def test_parameters_of_the_chapter_are_in_its_units() -> None:
 @pytest.mark.parametrize("values", [{"window": 0}, {"lateral": -1.0}, {"tau": 0}])
 def test_what_may_not_be_is_refused(values: dict[str, Any]) -> None:
     with pytest.raises(ParameterError):
-        vehicle_outages(**{"routes": 1, **values})
+        VehicleOutages(**{"routes": 1, **values}).scores()

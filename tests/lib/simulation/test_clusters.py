@@ -11,12 +11,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import settings as hypothesis_settings
-from hypothesis import strategies as st
+from hypothesis import given, settings as hypothesis_settings, strategies as st
 
 from inswsn_lib.errors import InswsnError, ParameterError
-from inswsn_lib.simulation import ClusterScene, Setting, load_scenario, multilaterate, with_values
+from inswsn_lib.scenario import Setting, load_scenario, with_values
+from inswsn_lib.simulation import ClusterScene, multilaterate
 
 Build = Callable[..., ClusterScene]
 Array = np.ndarray

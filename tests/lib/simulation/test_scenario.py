@@ -12,13 +12,8 @@ import pytest
 
 from inswsn_lib.errors import InswsnError, ParameterError
 from inswsn_lib.evaluation import monte_carlo
-from inswsn_lib.simulation import (
-    InertialErrors,
-    Scene,
-    load_scenario,
-    simulate_ins,
-    with_values,
-)
+from inswsn_lib.scenario import load_scenario, with_values
+from inswsn_lib.simulation import InertialErrors, Scene, simulate_ins
 
 
 @pytest.fixture(scope="module")

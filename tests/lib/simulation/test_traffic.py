@@ -8,20 +8,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from inswsn_lib.errors import ParameterError
-from inswsn_lib.simulation import (
-    OPERATIONS,
-    ClusterScene,
-    Setting,
-    count_hops,
-    count_traffic,
-    load_scenario,
-    node_grid,
-    with_values,
-)
+from inswsn_lib.scenario import Setting, load_scenario, with_values
+from inswsn_lib.simulation import OPERATIONS, ClusterScene, count_hops, count_traffic, node_grid
 
 # Two rows of five nodes, 0 1 2 3 4 below 5 6 7 8 9, that reach their neighbours, also at the
 # diagonal. 0 1 5 6 are a cluster with head 0, the others one with head 3; the centre is at 2. The

@@ -7,8 +7,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from lib.vehicle.made_drive import DV, KNOWN, PERIOD, THETA, TURN, driven
 
 from inswsn_lib.errors import ParameterError

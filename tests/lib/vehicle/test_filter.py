@@ -10,8 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from lib.vehicle.by_pyins import run_by_pyins
 from lib.vehicle.made_drive import (
     ACCEL_BIAS,

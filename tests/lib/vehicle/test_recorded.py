@@ -13,8 +13,7 @@ import numpy as np
 import pooch
 import pytest
 import requests
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from inswsn_book.files import file_digest
 from numpy.typing import NDArray
 

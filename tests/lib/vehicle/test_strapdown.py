@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from lib.vehicle.made_drive import DV, PERIOD, THETA, TURN, driven
 from pyins import earth, strapdown, transform
 from pyins.util import TRAJECTORY_COLS

@@ -6,8 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from hypothesis.extra.numpy import arrays
 
 from inswsn_lib.errors import ParameterError
@@ -51,9 +50,9 @@ def test_what_cannot_be_is_refused(changes: dict[str, Any], said: str) -> None:
 @pytest.mark.parametrize("name", ["A", "B", "C", "D", "E"])
 def test_shapes_that_do_not_fit_are_refused(name: str) -> None:
     fields = {f: getattr(ErrorModel.p1(1.0), f) for f in ("A", "B", "C", "D", "L", "E", "period")}
-    with pytest.raises(ParameterError, match=" is 'of shape"):
+    with pytest.raises(ParameterError, match=" is of shape"):
         ErrorModel(**(fields | {name: np.eye(3)}))
-    with pytest.raises(ParameterError, match=f"{name} is 'of shape"):
+    with pytest.raises(ParameterError, match=f"{name} is of shape"):
         ErrorModel(**(fields | {name: np.ones(4)}))
 
 
@@ -73,9 +72,9 @@ def test_covariances_come_back_from_their_factors(rows: np.ndarray) -> None:
     ("process", "said"),
     [
         (np.eye(3), "process"),
-        (-np.eye(4), "process is 'not positive semidefinite'"),
-        (np.triu(np.ones((4, 4))), "process is 'not finite or not symmetric'"),
-        (np.full((4, 4), np.nan), "process is 'not finite"),
+        (-np.eye(4), "process is not positive semidefinite"),
+        (np.triu(np.ones((4, 4))), "process is not symmetric"),
+        (np.full((4, 4), np.nan), "process is not finite"),
     ],
 )
 def test_what_is_no_covariance_is_refused(process: np.ndarray, said: str) -> None:

@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from inswsn_lib.checks import Array, array, covariance, matrices, number
 from inswsn_lib.errors import ParameterError
 
-Array = NDArray[np.float64]
 
-_FIELDS = {"A": "nn", "B": "np", "C": "mn", "D": "mq", "L": "ln", "E": "nn"}
-
-
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class ErrorModel:
     r"""A linear model with multiplicative noise (P1 2.4, 2.6, 2.8; P2 1-3).
 
@@ -38,9 +35,9 @@ class ErrorModel:
     D : ndarray, (m, q)
         How measurement noise enters.
     L : ndarray, (l, n)
-        The combinations of states that are to be estimated.
+        The combinations of states that are to be estimated. Default: all states.
     E : ndarray, (n, n)
-        How the jitter of the period enters.
+        How the jitter of the period enters. Default: zero.
     period : float
         The sampling period, s.
 
@@ -51,45 +48,33 @@ class ErrorModel:
 
     Examples
     --------
-    A velocity error of 1 m/s becomes a position error of 1 m in a period of 1 s:
+    A random walk with noises of unit size:
 
-    >>> import numpy as np
-    >>> from inswsn_lib.models import ErrorModel
-    >>> model = ErrorModel(
-    ...     A=np.array([[1.0, 1.0], [0.0, 1.0]]),
-    ...     B=np.eye(2),
-    ...     C=np.array([[1.0, 0.0]]),
-    ...     D=np.array([[2.0]]),
-    ...     L=np.eye(2),
-    ...     E=np.zeros((2, 2)),
-    ...     period=1.0,
-    ... )
-    >>> (model.A @ [0.0, 1.0]).tolist()
-    [1.0, 1.0]
-    >>> model.measurement_covariance.tolist()
-    [[4.0]]
+    >>> import inswsn_lib as iw
+    >>> model = iw.ErrorModel(A=[[1]], B=[[1]], C=[[1]], D=[[1]], period=1.0)
+    >>> model.process_covariance.item(), model.L.item(), model.E.item()
+    (1.0, 1.0, 0.0)
     """
 
     A: Array
     B: Array
     C: Array
     D: Array
-    L: Array
-    E: Array
+    L: Array = None  # type: ignore[assignment]  # __post_init__ sets it
+    E: Array = None  # type: ignore[assignment]
     period: float
 
     def __post_init__(self) -> None:
-        if not (np.isfinite(self.period) and self.period > 0):
-            raise ParameterError("period", self.period, "a positive number of seconds")
-        sizes: dict[str, int] = {}
-        for name, letters in _FIELDS.items():
-            matrix = _matrix(name, getattr(self, name))
+        number("period", self.period, above=0)
+        states = len(array("A", self.A, ("n", "n")))
+        L = np.eye(states) if self.L is None else self.L
+        E = np.zeros((states, states)) if self.E is None else self.E
+        found = matrices(
+            A=(self.A, "nn"), B=(self.B, "np"), C=(self.C, "mn"), D=(self.D, "mq"),
+            L=(L, "ln"), E=(E, "nn"),
+        )  # fmt: skip
+        for name, matrix in zip("ABCDLE", found, strict=True):
             object.__setattr__(self, name, matrix)
-            for letter, size in zip(letters, matrix.shape, strict=True):
-                if sizes.setdefault(letter, size) != size:
-                    raise ParameterError(
-                        name, f"of shape {matrix.shape}", f"({', '.join(letters)}) with {sizes}"
-                    )
 
     @property
     def process_covariance(self) -> Array:
@@ -123,13 +108,11 @@ class ErrorModel:
 
         Examples
         --------
-        >>> from inswsn_lib.models import ErrorModel
-        >>> ErrorModel.p1(period=1.0).contracted(0.5).A[0].tolist()
+        >>> import inswsn_lib as iw
+        >>> iw.ErrorModel.p1(period=1.0).contracted(0.5).A[0].tolist()
         [0.5, 0.0, 0.5, 0.0]
         """
-        if not 0 < factor <= 1:
-            raise ParameterError("factor", factor, "above 0, at most 1")
-        return replace(self, A=factor * self.A)
+        return replace(self, A=number("factor", factor, above=0, most=1) * self.A)
 
     def with_covariances(self, process: ArrayLike, measurement: ArrayLike) -> Self:
         """Return the model with other noise: B and D such that Q = B B' and R = D D'.
@@ -156,14 +139,15 @@ class ErrorModel:
         Examples
         --------
         >>> import numpy as np
-        >>> from inswsn_lib.models import ErrorModel
-        >>> model = ErrorModel.p1(period=1.0).with_covariances(4 * np.eye(4), 9 * np.eye(4))
+        >>> import inswsn_lib as iw
+        >>> model = iw.ErrorModel.p1(period=1.0).with_covariances(4 * np.eye(4), 9 * np.eye(4))
         >>> float(model.B[0, 0]), float(model.D[0, 0])
         (2.0, 3.0)
         """
-        B = _root("process", process, len(self.A))
-        D = _root("measurement", measurement, len(self.C))
-        return replace(self, B=B, D=D)
+        states, outputs = len(self.A), len(self.C)
+        Q = covariance("process", process, (states, states))
+        R = covariance("measurement", measurement, (outputs, outputs))
+        return replace(self, B=_root(Q), D=_root(R))
 
     @classmethod
     def p1(
@@ -208,19 +192,16 @@ class ErrorModel:
         --------
         The period enters A, and its jitter enters E in the same places:
 
-        >>> from inswsn_lib.models import ErrorModel
-        >>> model = ErrorModel.p1(period=0.5, jitter=0.01, measurement_noise=(2.0, 0.1))
+        >>> import inswsn_lib as iw
+        >>> model = iw.ErrorModel.p1(period=0.5, jitter=0.01, measurement_noise=(2.0, 0.1))
         >>> model.A[0].tolist(), model.E[0].tolist()
         ([1.0, 0.0, 0.5, 0.0], [0.0, 0.0, 0.01, 0.0])
         >>> model.D.diagonal().tolist()
         [2.0, 2.0, 0.1, 0.1]
         """
-        numbers: dict[str, tuple[float, ...]] = {
-            "jitter": (jitter,),
-            "process_noise": process_noise,
-            "measurement_noise": measurement_noise,
-        }
-        for name, values in numbers.items():
+        sizes: dict[str, tuple[float, ...]] = {"jitter": (jitter,)}
+        sizes |= {"process_noise": process_noise, "measurement_noise": measurement_noise}
+        for name, values in sizes.items():
             if not all(np.isfinite(value) and value >= 0 for value in values):
                 raise ParameterError(name, values, "finite and not negative")
         A, E = np.eye(4), np.zeros((4, 4))
@@ -231,7 +212,7 @@ class ErrorModel:
             B=np.diag(np.repeat(process_noise, 2)),
             C=np.eye(4),
             D=np.diag(np.repeat(measurement_noise, 2)),
-            L=np.eye(4) if L is None else np.asarray(L, dtype=float),
+            L=L,  # type: ignore[arg-type]  # made an array
             E=E,
             period=period,
         )
@@ -264,30 +245,14 @@ class ErrorModel:
 
         Examples
         --------
-        >>> from inswsn_lib.models import ErrorModel
-        >>> bool(ErrorModel.p2(period=1.0).E.any())
+        >>> import inswsn_lib as iw
+        >>> bool(iw.ErrorModel.p2(period=1.0).E.any())
         False
         """
         return cls.p1(period, process_noise=process_noise, measurement_noise=measurement_noise, L=L)
 
 
-def _root(name: str, covariance: ArrayLike, size: int) -> Array:
+def _root(covariance: Array) -> Array:
     """Return the symmetric square root of a covariance."""
-    matrix = np.asarray(covariance, dtype=float)
-    if matrix.shape != (size, size):
-        raise ParameterError(name, f"of shape {matrix.shape}", f"({size}, {size})")
-    largest = np.abs(matrix).max(initial=0.0)
-    even = matrix / 2 + matrix.T / 2
-    if not np.isfinite(even).all() or np.abs(matrix - even).max(initial=0.0) > 1e-9 * largest:
-        raise ParameterError(name, "not finite or not symmetric", "a covariance")
-    values, vectors = np.linalg.eigh(even)
-    if values.min(initial=0.0) < -1e-9 * largest:
-        raise ParameterError(name, "not positive semidefinite", "a covariance")
+    values, vectors = np.linalg.eigh((covariance + covariance.T) / 2)
     return np.asarray((vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T)
-
-
-def _matrix(name: str, value: Any) -> Array:
-    matrix = np.asarray(value, dtype=float)
-    if matrix.ndim != 2 or not matrix.size or not np.isfinite(matrix).all():
-        raise ParameterError(name, f"of shape {matrix.shape}", "a matrix of finite numbers")
-    return matrix

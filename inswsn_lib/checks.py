@@ -1,0 +1,249 @@
+"""What the library asks of its arguments, at the edge and once.
+
+A function that a user calls passes its arguments through one of these; what is refused is told in
+one sentence that names the parameter, what it was, and what it may be. Functions inside do not ask
+again.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from inswsn_lib.errors import Described, ParameterError
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+#: Sizes of an array; a word stands for any size
+Shape = tuple[int | str, ...]
+
+_ROUNDING = 1e-9  # of a covariance, as a share of its largest entry
+
+
+def array(name: str, value: ArrayLike, *shapes: Shape, gaps: bool = False) -> Array:
+    """Return a value as an array of finite floats of one of some shapes.
+
+    Parameters
+    ----------
+    name : str
+        Of the parameter.
+    value : array_like
+    *shapes : tuple of int or str
+        Such as ``("steps", 4, "runs")``.
+    gaps : bool
+        Whether NaN may stand where a number is missing.
+
+    Raises
+    ------
+    ParameterError
+        If it is something else.
+
+    Examples
+    --------
+    >>> from inswsn_lib.checks import array
+    >>> array("gain", [[1, 2]], ("n", 2)).tolist()
+    [[1.0, 2.0]]
+    >>> array("gain", [1, 2], ("n", 2))
+    Traceback (most recent call last):
+        ...
+    inswsn_lib.errors.ParameterError: gain is of shape (2,); it may be finite numbers (n, 2).
+    """
+    kinds = " or ".join(f"({', '.join(map(str, s))}{',' * (len(s) == 1)})" for s in shapes)
+    may_be = f"finite numbers {kinds}{', NaN where missing' if gaps else ''}"
+    found = _of_kind(name, value, "biuf", may_be)
+    if not any(_fits(found.shape, shape) for shape in shapes):
+        raise ParameterError(name, Described(f"of shape {found.shape}"), may_be)
+    numbers = found.astype(float, copy=False)
+    with np.errstate(over="ignore", invalid="ignore"):
+        finite = bool(np.isfinite(numbers.sum()))  # quicker than to look at each
+    if not finite and not (np.isfinite(numbers) | (gaps & np.isnan(numbers))).all():
+        raise ParameterError(name, Described("infinite" if gaps else "not finite"), may_be)
+    return numbers
+
+
+def matrices(**named: tuple[ArrayLike, str]) -> list[Array]:
+    """Return matrices of finite floats whose sizes fit together.
+
+    Parameters
+    ----------
+    **named : tuple of array_like and str
+        A matrix and two letters for its sizes, such as ``B=(B, "np")``; letters that are the same
+        stand for sizes that are the same.
+
+    Raises
+    ------
+    ParameterError
+        If one is no such matrix, is empty, or does not fit those before it.
+
+    Examples
+    --------
+    >>> from inswsn_lib.checks import matrices
+    >>> matrices(A=([[1.0]], "nn"), B=([[1.0], [2.0]], "np"))
+    Traceback (most recent call last):
+        ...
+    inswsn_lib.errors.ParameterError: B is of shape (2, 1); it may be finite numbers (1, p).
+    """
+    sizes: dict[str, int] = {}
+    found = []
+    for name, (value, letters) in named.items():
+        shape: Shape = tuple(sizes.get(letter, letter) for letter in letters)
+        matrix = array(name, value, shape)
+        sizes |= dict(zip(letters, matrix.shape, strict=True))
+        if not matrix.size or matrix.shape != tuple(sizes[letter] for letter in letters):
+            raise ParameterError(
+                name, Described(f"of shape {matrix.shape}"), f"({', '.join(letters)})"
+            )
+        found.append(matrix)
+    return found
+
+
+def covariance(name: str, value: ArrayLike, *shapes: Shape, definite: bool = False) -> Array:
+    """Return covariances (..., n, n): symmetric, and positive semidefinite or definite.
+
+    Each is judged by the size of its own entries.
+
+    Parameters
+    ----------
+    name, value, *shapes
+        As in `array`.
+    definite : bool
+        Whether a singular one is refused.
+
+    Raises
+    ------
+    ParameterError
+        If it is something else.
+
+    Examples
+    --------
+    >>> from inswsn_lib.checks import covariance
+    >>> covariance("R", [[1, 2], [2, 1]], (2, 2))
+    Traceback (most recent call last):
+        ...
+    inswsn_lib.errors.ParameterError: R is not positive semidefinite; it may be a covariance.
+    """
+    found = array(name, value, *shapes)
+    slack = _ROUNDING * np.abs(found).max(axis=(-2, -1), initial=0.0)
+    if (np.abs(found - np.swapaxes(found, -1, -2)) > slack[..., None, None]).any():
+        raise ParameterError(name, Described("not symmetric"), "a covariance")
+    if found.size and (np.linalg.eigvalsh(found).min(axis=-1) < -slack).any():
+        raise ParameterError(name, Described("not positive semidefinite"), "a covariance")
+    return positive_definite(name, found) if definite else found
+
+
+def positive_definite(name: str, value: Array) -> Array:
+    """Return symmetric matrices (..., n, n) that have a Cholesky factor."""
+    try:
+        np.linalg.cholesky(value)
+    except np.linalg.LinAlgError:
+        raise ParameterError(name, Described("singular"), "positive definite") from None
+    return value
+
+
+def mask(name: str, value: ArrayLike, *shapes: Shape) -> Mask:
+    """Return an array of bools of one of some shapes."""
+    may_be = f"bools {' or '.join(map(str, shapes))}"
+    found = _of_kind(name, value, "b", may_be)
+    if not any(_fits(found.shape, shape) for shape in shapes):
+        raise ParameterError(name, Described(f"of shape {found.shape}"), may_be)
+    return found
+
+
+def number(
+    name: str,
+    value: Any,
+    *,
+    above: float | None = None,
+    least: float | None = None,
+    below: float | None = None,
+    most: float | None = None,
+) -> float:
+    """Return a finite number within bounds.
+
+    Parameters
+    ----------
+    name : str
+        Of the parameter.
+    value : object
+    above, least, below, most : float, optional
+        Bounds; the number may equal `least` and `most`.
+
+    Raises
+    ------
+    ParameterError
+        If it is something else.
+
+    Examples
+    --------
+    >>> from inswsn_lib.checks import number
+    >>> number("margin", 0, above=0, most=1e9)
+    Traceback (most recent call last):
+        ...
+    inswsn_lib.errors.ParameterError: margin is 0; it may be a number, above 0, at most 1e+09.
+    """
+    bounds = {"above": above, "at least": least, "below": below, "at most": most}
+    words = "".join(f", {word} {bound:g}" for word, bound in bounds.items() if bound is not None)
+    real = isinstance(value, int | float | np.number) and not isinstance(value, bool)
+    fits = (
+        real
+        and np.isfinite(value)
+        and (above is None or value > above)
+        and (least is None or value >= least)
+        and (below is None or value < below)
+        and (most is None or value <= most)
+    )
+    if not fits:
+        raise ParameterError(name, value, f"a {'finite ' * (not words)}number{words}")
+    return float(value)
+
+
+def whole(name: str, value: Any, least: int = 0, most: int | None = None) -> int:
+    """Return a whole number within bounds.
+
+    Examples
+    --------
+    >>> from inswsn_lib.checks import whole
+    >>> whole("runs", 0, 1)
+    Traceback (most recent call last):
+        ...
+    inswsn_lib.errors.ParameterError: runs is 0; it may be a whole number, 1 or more.
+    """
+    fits = isinstance(value, int | np.integer) and not isinstance(value, bool) and value >= least
+    if not fits or (most is not None and value > most):
+        bounds = f"{least} or more" if most is None else f"from {least} to {most}"
+        raise ParameterError(name, value, f"a whole number, {bounds}")
+    return int(value)
+
+
+def one_of(name: str, value: Any, names: tuple[str, ...]) -> None:
+    """Refuse a value that is none of some names.
+
+    Examples
+    --------
+    >>> from inswsn_lib.checks import one_of
+    >>> one_of("noise", "white", ("common", "independent"))
+    Traceback (most recent call last):
+        ...
+    inswsn_lib.errors.ParameterError: noise is 'white'; it may be one of "common", "independent".
+    """
+    if not isinstance(value, str) or value not in names:
+        raise ParameterError(name, value, "one of " + ", ".join(f'"{each}"' for each in names))
+
+
+def _of_kind(name: str, value: ArrayLike, kinds: str, may_be: str) -> NDArray[Any]:
+    """Return an array of one of some kinds of dtype."""
+    try:
+        found = np.asarray(value)
+    except (TypeError, ValueError):  # rows of unequal length
+        raise ParameterError(name, Described("no array"), may_be) from None
+    if found.dtype.kind not in kinds:
+        raise ParameterError(name, Described(f"{found.dtype} of shape {found.shape}"), may_be)
+    return found
+
+
+def _fits(found: tuple[int, ...], shape: Shape) -> bool:
+    return len(found) == len(shape) and all(
+        isinstance(wanted, str) or wanted == size for wanted, size in zip(shape, found, strict=True)
+    )

@@ -1,0 +1,26 @@
+from .consistency import mean_bounds as mean_bounds, normalised_squares as normalised_squares
+from .drift import (
+    MOTIONS as MOTIONS,
+    DriftBound as DriftBound,
+    Motion as Motion,
+    drift_bound as drift_bound,
+    longest_period as longest_period,
+)
+from .hypotheses import WITHIN as WITHIN, Score as Score, score_hypothesis as score_hypothesis
+from .metrics import (
+    Spread as Spread,
+    cluster_interval as cluster_interval,
+    largest_error as largest_error,
+    mean_absolute_error as mean_absolute_error,
+    root_mean_square_error as root_mean_square_error,
+    spread as spread,
+)
+from .monte_carlo import GROUP as GROUP, monte_carlo as monte_carlo
+from .noise import NoiseFit as NoiseFit, fit_noise as fit_noise
+from .scores import Lead as Lead, Leader as Leader, Scores as Scores, paired_lead as paired_lead
+from .tuning import (
+    PatternSearch as PatternSearch,
+    Tuning as Tuning,
+    search_pattern as search_pattern,
+    tune as tune,
+)

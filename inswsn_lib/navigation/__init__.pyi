@@ -1,0 +1,50 @@
+from .bridged_outages import (
+    BridgedOutages as BridgedOutages,
+    Judged as Judged,
+    Passage as Passage,
+)
+from .cluster_fusion import (
+    ClusterFusion as ClusterFusion,
+    planar_rms as planar_rms,
+    widen_velocities as widen_velocities,
+)
+from .hybrid import (
+    HybridNavigator as HybridNavigator,
+    HybridRun as HybridRun,
+    fit_many as fit_many,
+    observable_inputs as observable_inputs,
+)
+from .recorded_trials import (
+    RecordedTrials as RecordedTrials,
+    read_trials as read_trials,
+    run_recorded_outages as run_recorded_outages,
+)
+from .recordings import (
+    INS as INS,
+    REFERENCE as REFERENCE,
+    TIME as TIME,
+    WSN as WSN,
+    Recording as Recording,
+    read_recording as read_recording,
+)
+from .training_areas import (
+    TrainingAreas as TrainingAreas,
+    errors_by_area as errors_by_area,
+    noise_sizes as noise_sizes,
+    table2_cells as table2_cells,
+)
+from .trials import (
+    FILTERS as FILTERS,
+    OutageTrials as OutageTrials,
+    outage_size as outage_size,
+    p3_hybrids as p3_hybrids,
+    run_outages as run_outages,
+)
+from .vehicle_hybrid import (
+    Bridge as Bridge,
+    Machine as Machine,
+    Ramps as Ramps,
+    VehicleHybrid as VehicleHybrid,
+    sensed_motion as sensed_motion,
+)
+from .vehicle_outages import VehicleOutages as VehicleOutages

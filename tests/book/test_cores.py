@@ -1,0 +1,47 @@
+"""The cores of the chapters take the parameters that the chapters declare."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+
+import pytest
+from inswsn_book.cores import core_name, load_core
+from inswsn_book.parameters import chapter_schema
+from inswsn_book.project import Project
+
+from inswsn_lib.errors import InswsnError
+
+#: Parameters that change other sections of a chapter only
+OTHER_SECTIONS = {
+    "02": set(),
+    "03": set(),
+    "04": {"fading_length", "most_clusters"},
+    "05": {"sweep_draws", "recorded_draws"},
+}
+
+
+def core(project: Project, number: str) -> type:
+    (chapter,) = (c for c in project.chapters() if c.number == number)
+    name = core_name(chapter.source.read_text(encoding="utf-8"))
+    assert name is not None
+    return load_core(name)
+
+
+@pytest.mark.parametrize("number", OTHER_SECTIONS)
+def test_a_core_takes_the_parameters_of_its_chapter(project: Project, number: str) -> None:
+    declared = chapter_schema(project.root, number).defaults
+    own = {f.name: f.default for f in fields(core(project, number)) if f.name != "published"}
+    assert {*own} == {*declared} - OTHER_SECTIONS[number]
+    assert own == {name: declared[name] for name in own}
+    assert {n: type(v) for n, v in own.items()} == {n: type(declared[n]) for n in own}
+
+
+def test_a_core_that_is_not_there_is_named() -> None:
+    for name in ("inswsn_lib.navigation:Nothing", "inswsn_lib.nothing:TrainingAreas"):
+        with pytest.raises(InswsnError, match=f"There is no core {name}"):
+            load_core(name)
+
+
+def test_the_head_alone_names_a_core() -> None:
+    assert core_name("---\ncore: module:Class\n---\n") == "module:Class"
+    assert core_name("---\na: b\n---\ncore: module:Class\n") is None

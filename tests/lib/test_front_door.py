@@ -1,0 +1,37 @@
+"""The front door: every name is there, and brings what it needs and no more."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+
+import inswsn_lib as iw
+
+ROOMS = [name for name in iw.__all__ if hasattr(getattr(iw, name), "__path__")]
+#: What a name may load of other projects, in a fresh process
+LIGHT = {"lazy_loader", "numpy", "yaml"}
+NUMPY_ALONE = ["ErrorModel", "run_kalman", "design_kalman"]
+
+
+def test_each_name_of_the_stubs_is_there() -> None:
+    assert {"filters", "lmi", "learning", "vehicle"} <= {*ROOMS} <= {*dir(iw)}
+    for face in (iw, *(getattr(iw, room) for room in ROOMS)):
+        assert all(getattr(face, name) is not None for name in face.__all__)
+
+
+@pytest.mark.parametrize("name", NUMPY_ALONE)
+def test_a_name_brings_numpy_alone(name: str) -> None:
+    script = f"""
+import sys
+before = {{*sys.modules}}
+import inswsn_lib as iw
+iw.{name}
+new = {{name.partition(".")[0] for name in {{*sys.modules}} - before}}
+print(*sorted(new - {{*sys.stdlib_module_names}} - {{"inswsn_lib"}}))
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True
+    )
+    assert {*done.stdout.split()} <= LIGHT
