@@ -54,6 +54,9 @@ bench: environment ## speed against peers, as ratios; writes data/benchmarks*.ya
 	@$(RUN) benchmarks/vehicle.py
 	@$(RUN) benchmarks/sweep.py
 
+mutants: environment ## change the library 200 times a room, and tell how often its tests notice
+	@$(RUN) studies/mutants.py filters lmi learning vehicle
+
 # torch has a short lock of its own, changed by hand: its CPU wheel lives on an index of its own.
 lock: environment ## compile environment.in to environment.lock; versions stay unless it excludes them
 	@$(COMPILE) $(if $(UPGRADE),--upgrade)
@@ -115,4 +118,4 @@ help: ## list the targets
 
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
-.PHONY: book test serve notebooks publish archive calibrate studies elsewhere bench lock upgrade tag assets release report actionlint format environment clean help
+.PHONY: book test serve notebooks publish archive calibrate studies elsewhere bench mutants lock upgrade tag assets release report actionlint format environment clean help

@@ -181,10 +181,10 @@ def number(
     >>> number("margin", 0, above=0, most=1e9)
     Traceback (most recent call last):
         ...
-    inswsn_lib.errors.ParameterError: margin is 0; it may be a number, above 0, at most 1e+09.
+    inswsn_lib.errors.ParameterError: margin is 0; it may be a number above 0, at most 1e+09.
     """
     bounds = {"above": above, "at least": least, "below": below, "at most": most}
-    words = "".join(f", {word} {bound:g}" for word, bound in bounds.items() if bound is not None)
+    words = ", ".join(f"{word} {bound:g}" for word, bound in bounds.items() if bound is not None)
     real = isinstance(value, int | float | np.number) and not isinstance(value, bool)
     fits = (
         real
@@ -195,7 +195,7 @@ def number(
         and (most is None or value <= most)
     )
     if not fits:
-        raise ParameterError(name, value, f"a {'finite ' * (not words)}number{words}")
+        raise ParameterError(name, value, f"a number {words}" if words else "a finite number")
     return float(value)
 
 

@@ -14,48 +14,71 @@ from inswsn_lib import checks
 from inswsn_lib.errors import ParameterError
 
 NAN, INF = float("nan"), float("inf")
-REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
-    "a shape": (lambda: checks.array("x", [[1]], ("n",)), "x is of shape (1, 1)"),
-    "a size": (lambda: checks.array("x", [1, 2], (3,), ("n", 2)), "(3,) or (n, 2)"),
-    "a text": (lambda: checks.array("x", "word", ()), "x is <U4 of shape ()"),
-    "complex": (lambda: checks.array("x", [1j], ("n",)), "x is complex128"),
-    "ragged": (lambda: checks.array("x", [[1], [1, 2]], ("n", "n")), "x is no array"),
-    "a gap": (lambda: checks.array("x", [NAN], ("n",)), "x is not finite"),
-    "infinite": (lambda: checks.array("x", [NAN, INF], ("n",), gaps=True), "x is infinite"),
-    "not square": (lambda: checks.matrices(A=([[1, 2]], "nn")), "A is of shape (1, 2)"),
-    "empty": (lambda: checks.matrices(A=(np.ones((0, 0)), "nn")), "A is of shape (0, 0)"),
-    "another size": (
-        lambda: checks.matrices(A=(np.eye(2), "nn"), B=(np.eye(3), "np")), "finite numbers (2, p)"
+REFUSED: dict[str, Callable[[], Any]] = {
+    "x is of shape (1, 1); it may be finite numbers (n,).": lambda: checks.array(
+        "x", [[1]], ("n",)
     ),
-    "not symmetric": (lambda: checks.covariance("P", [[1, 1], [0, 1]], (2, 2)), "not symmetric"),
-    "negative": (lambda: checks.covariance("P", [[-1e-30]], (1, 1)), "not positive semidefinite"),
-    "singular": (lambda: checks.covariance("P", [[0]], (1, 1), definite=True), "P is singular"),
-    "one of several": (
-        lambda: checks.covariance("P", [np.eye(2), -np.eye(2)], ("k", 2, 2)), "semidefinite"
+    "x is of shape (2,); it may be finite numbers (3,) or (n, 2).": lambda: checks.array(
+        "x", [1, 2], (3,), ("n", 2)
     ),
-    "a number as bool": (lambda: checks.mask("lost", [0, 1], (2,)), "lost is int64"),
-    "bools of a size": (lambda: checks.mask("lost", [True], (2,)), "lost is of shape (1,)"),
-    "not above": (lambda: checks.number("x", 0, above=0), "x is 0; it may be a number, above 0."),
-    "not below": (lambda: checks.number("x", 1.0, below=1), "below 1"),
-    "too small": (lambda: checks.number("x", -1, least=0), "at least 0"),
-    "too large": (lambda: checks.number("x", 2, most=1), "at most 1"),
-    "NaN": (lambda: checks.number("x", NAN), "x is nan; it may be a finite number."),
-    "no number": (lambda: checks.number("x", True), "x is True"),
-    "no whole number": (lambda: checks.whole("n", 1.0), "n is 1.0; it may be a whole number, 0"),
-    "a bool": (lambda: checks.whole("n", True), "n is True"),
-    "too few": (lambda: checks.whole("n", 0, 1), "1 or more"),
-    "too many": (lambda: checks.whole("n", 9, 1, 8), "from 1 to 8"),
-    "no such name": (lambda: checks.one_of("rule", "c", ("a", "b")), 'one of "a", "b"'),
-    "no text": (lambda: checks.one_of("rule", 1, ("a", "b")), "rule is 1"),
-}  # fmt: skip
+    "x is <U4 of shape (); it may be finite numbers ().": lambda: checks.array("x", "word", ()),
+    "x is complex128 of shape (1,); it may be finite numbers (n,).": lambda: checks.array(
+        "x", [1j], ("n",)
+    ),
+    "x is no array; it may be finite numbers (n, n).": lambda: checks.array(
+        "x", [[1], [1, 2]], ("n", "n")
+    ),
+    "x is not finite; it may be finite numbers (n,).": lambda: checks.array("x", [NAN], ("n",)),
+    "x is infinite; it may be finite numbers (n,), NaN where missing.": lambda: checks.array(
+        "x", [NAN, INF], ("n",), gaps=True
+    ),
+    "A is of shape (1, 2); it may be (n, n).": lambda: checks.matrices(A=([[1, 2]], "nn")),
+    "A is of shape (0, 0); it may be (n, n).": lambda: checks.matrices(A=(np.ones((0, 0)), "nn")),
+    "B is of shape (3, 3); it may be finite numbers (2, p).": lambda: checks.matrices(
+        A=(np.eye(2), "nn"), B=(np.eye(3), "np")
+    ),
+    "P is not symmetric; it may be a covariance.": lambda: checks.covariance(
+        "P", [[1, 1], [0, 1]], (2, 2)
+    ),
+    "P is not positive semidefinite; it may be a covariance.": lambda: checks.covariance(
+        "P", [[-1e-30]], (1, 1)
+    ),
+    "P is singular; it may be positive definite.": lambda: checks.covariance(
+        "P", [[0]], (1, 1), definite=True
+    ),
+    "lost is int64 of shape (2,); it may be bools (2,) or ('n', 1).": lambda: checks.mask(
+        "lost", [0, 1], (2,), ("n", 1)
+    ),
+    "lost is of shape (1,); it may be bools (2,).": lambda: checks.mask("lost", [True], (2,)),
+    "x is 0; it may be a number above 0.": lambda: checks.number("x", 0, above=0),
+    "x is 1.0; it may be a number at least 0, below 1.": lambda: checks.number(
+        "x", 1.0, least=0, below=1
+    ),
+    "x is -1; it may be a number at least 0.": lambda: checks.number("x", -1, least=0),
+    "x is 2; it may be a number at most 1.": lambda: checks.number("x", 2, most=1),
+    "x is nan; it may be a finite number.": lambda: checks.number("x", NAN),
+    "x is True; it may be a finite number.": lambda: checks.number("x", True),
+    "n is 1.0; it may be a whole number, 0 or more.": lambda: checks.whole("n", 1.0),
+    "n is True; it may be a whole number, 0 or more.": lambda: checks.whole("n", True),
+    "n is 0; it may be a whole number, 1 or more.": lambda: checks.whole("n", 0, 1),
+    "n is 9; it may be a whole number, from 1 to 8.": lambda: checks.whole("n", 9, 1, 8),
+    'rule is \'c\'; it may be one of "a", "b".': lambda: checks.one_of("rule", "c", ("a", "b")),
+    'rule is 1; it may be one of "a", "b".': lambda: checks.one_of("rule", 1, ("a", "b")),
+}
 
 
-@pytest.mark.parametrize("kind", REFUSED)
-def test_what_does_not_fit_is_refused(kind: str) -> None:
-    call, said = REFUSED[kind]
+@pytest.mark.parametrize("said", REFUSED)
+def test_what_does_not_fit_is_refused(said: str) -> None:
     with pytest.raises(ParameterError) as raised:
-        call()
-    assert said in str(raised.value)
+        REFUSED[said]()
+    assert str(raised.value) == said
+
+
+def test_each_of_several_covariances_is_looked_at() -> None:
+    with pytest.raises(ParameterError, match="P is not positive semidefinite"):
+        checks.covariance("P", [np.eye(2), -np.eye(2)], ("k", 2, 2))
+    with pytest.raises(ParameterError, match="not symmetric"):  # by its own size
+        checks.covariance("P", [1e12 * np.eye(2), [[1, 1e-3], [0, 1]]], ("k", 2, 2))
 
 
 def test_what_fits_is_returned() -> None:
@@ -69,6 +92,7 @@ def test_what_fits_is_returned() -> None:
     assert checks.whole("n", np.int8(3), 3, 3) == 3
     assert checks.mask("lost", [[True]], ("n", 1)).tolist() == [[True]]
     checks.one_of("rule", "a", ("a", "b"))
+    assert checks.covariance("P", [[2, 1], [1, 2]], (2, 2), definite=True).sum() == 6
 
 
 @given(root=arrays(float, (3, 2), elements=st.floats(-1e6, 1e6, allow_subnormal=False)))
