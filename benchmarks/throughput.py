@@ -27,8 +27,7 @@ from sklearn.kernel_ridge import KernelRidge
 from sklearn.model_selection import GridSearchCV, LeaveOneOut
 
 from inswsn_lib.filters import run_kalman
-from inswsn_lib.learning import LSSVMRegressor, select_lssvm
-from inswsn_lib.learning.kernels import kernel_matrix
+from inswsn_lib.learning import LSSVMRegressor, kernel_matrix, select_lssvm
 from inswsn_lib.lmi import certify, design_filter, filter_design
 from inswsn_lib.models import ErrorModel
 

@@ -1,12 +1,10 @@
-from .adapting import as_multi_output as as_multi_output
 from .backprop import BackpropRegressor as BackpropRegressor
-from .lssvm import LSSVMRegressor as LSSVMRegressor
-from .named import load_regressor as load_regressor
+from .base import HoldRegressor as HoldRegressor, Regressor as Regressor, Scale as Scale
+from .lssvm import LSSVMRegressor as LSSVMRegressor, kernel_matrix as kernel_matrix
+from .own import load_regressor as load_regressor
 from .rbf_network import RBFNetworkRegressor as RBFNetworkRegressor
-from .scaling import Scale as Scale
-from .selected import HoldRegressor as HoldRegressor, SelectedLSSVM as SelectedLSSVM
 from .selection import (
+    SelectedLSSVM as SelectedLSSVM,
     Selection as Selection,
-    leave_one_out as leave_one_out,
     select_lssvm as select_lssvm,
 )

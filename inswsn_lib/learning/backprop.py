@@ -2,24 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from typing import Any, Literal, Self
+from functools import partial
+from typing import Literal, NamedTuple, Self
 
 import numpy as np
 import torch
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import minimize
-from sklearn.base import BaseEstimator, MultiOutputMixin, RegressorMixin, clone
+from sklearn.base import clone
 
-from inswsn_lib.errors import ParameterError
-from inswsn_lib.learning.checking import data_to_fit, data_to_predict
-from inswsn_lib.learning.kernels import check_positive
-from inswsn_lib.learning.scaling import Scale, Scaling
+from inswsn_lib.checks import Array, number, one_of, whole
+from inswsn_lib.errors import Described, ParameterError
+from inswsn_lib.learning.base import Regressor, Scale, Scaling
 
-Array = NDArray[np.float64]
-Trainer = Literal["gradient-descent", "levenberg-marquardt", "l-bfgs"]
+Trainer = Literal["levenberg-marquardt", "gradient-descent", "l-bfgs"]
+#: The next weights and state of networks, and which of them are done
+_Stepped = tuple[torch.Tensor, torch.Tensor, torch.Tensor]
 
 # Of Levenberg and Marquardt's method: first damping, its factor after a failed and after a good
 # step, and the damping at which a network is done; as in MATLAB's trainlm.
@@ -28,7 +29,8 @@ _LEAST = 1e-20  # so that a damping that has fallen can rise again
 _FLAT = 1e-7  # largest entry of a gradient at which a network is done
 
 
-class BackpropRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):  # type: ignore[misc]
+@dataclass(eq=False, repr=False)
+class BackpropRegressor(Regressor):
     r"""Multilayer perceptron with one hidden layer, :math:`W_2 \tanh(W_1 x + b_1) + b_2`.
 
     The training minimises the mean squared error plus :math:`\lambda |\theta|^2` over all weights
@@ -63,7 +65,7 @@ class BackpropRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):  # typ
     Attributes
     ----------
     weights_ : ndarray, (networks, parameters)
-        :math:`\theta` of each network, in scaled units.
+        :math:`\theta` of each network, :math:`W_1, b_1, W_2, b_2`, in scaled units.
     losses_ : ndarray, (networks,)
         Mean squared error on the training samples, in scaled units.
     steps_ : ndarray, (networks,)
@@ -73,66 +75,26 @@ class BackpropRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):  # typ
     --------
     Four neurons learn a parabola from 21 points; the two networks differ only in where they began:
 
-    >>> import numpy as np
-    >>> from inswsn_lib.learning import BackpropRegressor
+    >>> import inswsn_lib as iw, numpy as np
     >>> X = np.linspace(-1, 1, 21)[:, None]
-    >>> network = BackpropRegressor(hidden=4, networks=2).fit(X, X[:, 0] ** 2)
+    >>> network = iw.BackpropRegressor(hidden=4, networks=2).fit(X, X[:, 0] ** 2)
     >>> network.predict([[0.5], [0.9]]).round(2).tolist()
     [0.25, 0.81]
     >>> network.predict_each([[0.5]]).shape, network.weights_.shape  # 4 + 4 + 4 + 1 parameters
     ((2, 1), (2, 13))
     """
 
-    def __init__(
-        self,
-        hidden: int = 10,
-        trainer: Trainer = "levenberg-marquardt",
-        epochs: int = 300,
-        learning_rate: float = 0.01,
-        momentum: float = 0.0,
-        weight_decay: float = 0.0,
-        validation_share: float = 0.0,
-        patience: int = 6,
-        scaling: Scaling = "range",
-        networks: int = 1,
-        random_state: int = 0,
-    ) -> None:
-        self.hidden = hidden
-        self.trainer = trainer
-        self.epochs = epochs
-        self.learning_rate = learning_rate
-        self.momentum = momentum
-        self.weight_decay = weight_decay
-        self.validation_share = validation_share
-        self.patience = patience
-        self.scaling = scaling
-        self.networks = networks
-        self.random_state = random_state
-
-    def fit(self, X: ArrayLike, y: ArrayLike) -> Self:
-        """Train on inputs (n, inputs) and targets (n,) or (n, outputs).
-
-        Parameters
-        ----------
-        X : array_like, (n, inputs)
-            Inputs.
-        y : array_like, (n,) or (n, outputs)
-            Targets.
-
-        Returns
-        -------
-        BackpropRegressor
-            Itself, fitted.
-
-        Raises
-        ------
-        ParameterError
-            If a parameter has a value it may not have.
-        ValueError
-            If the data are not such arrays, or not finite.
-        """
-        self._train_all([self._prepared(X, y)])
-        return self
+    hidden: int = 10
+    trainer: Trainer = "levenberg-marquardt"
+    epochs: int = 300
+    learning_rate: float = 0.01
+    momentum: float = 0.0
+    weight_decay: float = 0.0
+    validation_share: float = 0.0
+    patience: int = 6
+    scaling: Scaling = "range"
+    networks: int = 1
+    random_state: int = 0
 
     def fit_many(
         self,
@@ -144,11 +106,9 @@ class BackpropRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):  # typ
 
         Parameters
         ----------
-        Xs : sequence of array_like, each (n, inputs)
-        ys : sequence of array_like, each (n,) or (n, outputs)
+        Xs, ys : sequence of array_like, each as in `fit`
         numbers : sequence of int, optional
-            What is added to the random state of each copy, so that the networks differ. Default:
-            0, 1, 2 ...
+            What is added to the random state of each copy. Default: 0, 1, 2 ...
 
         Returns
         -------
@@ -158,219 +118,132 @@ class BackpropRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):  # typ
         Raises
         ------
         ParameterError
-            If there are not as many inputs as targets and numbers, or the data sets are not of one
-            shape.
-
-        Examples
-        --------
-        One data set and its negative, with networks that begin alike:
-
-        >>> import numpy as np
-        >>> from inswsn_lib.learning import BackpropRegressor
-        >>> X = np.linspace(-1, 1, 21)[:, None]
-        >>> y = X[:, 0] ** 2
-        >>> up, down = BackpropRegressor(hidden=4).fit_many([X, X], [y, -y], numbers=[0, 0])
-        >>> [round(float(machine.predict([[0.9]])[0]), 2) for machine in (up, down)]
-        [0.81, -0.81]
+            If there are not as many of each, or the data sets are not of one shape.
         """
         self._check_parameters()
         numbers = range(len(Xs)) if numbers is None else numbers
         if not len(Xs) == len(ys) == len(numbers):
-            told = f"{len(Xs)}, {len(ys)} and {len(numbers)}"
-            raise ParameterError("Xs, ys and numbers", told, "as many of each")
+            told = Described(f"{len(Xs)}, {len(ys)} and {len(numbers)}")
+            raise ParameterError("how many Xs, ys and numbers there are", told, "one number")
         copies = [clone(self).set_params(random_state=self.random_state + i) for i in numbers]
-        jobs = [copy._prepared(X, y) for copy, X, y in zip(copies, Xs, ys, strict=True)]
-        shapes = {(job.inputs.shape, job.targets.shape) for job in jobs}
+        samples = [copy._samples(X, y) for copy, X, y in zip(copies, Xs, ys, strict=True)]
+        shapes = {(X.shape, Y.shape) for X, Y in samples}
         if len(shapes) > 1:
-            raise ParameterError("Xs and ys", f"of shapes {sorted(shapes)}", "of one shape")
-        if jobs:
-            self._train_all(jobs)
+            raise ParameterError("the shape of Xs and ys", sorted(shapes), "the same for all")
+        if copies:
+            _train(copies, samples)
         return copies
 
-    def _prepared(self, X: ArrayLike, y: ArrayLike) -> _Job:
-        """Check and scale a data set, and draw what is random."""
-        self._check_parameters()
-        inputs, given = data_to_fit(self, X, y)
-        targets = given.reshape(len(given), -1)
-        self._flat = given.ndim == 1
-        self._inputs_scale = Scale.of(inputs, self.scaling)
-        self._targets_scale = Scale.of(targets, self.scaling)
-        self._shape = _Shape(inputs.shape[1], self.hidden, targets.shape[1])
-        scaled = self._inputs_scale.there(inputs)
-        streams = [np.random.default_rng([self.random_state, i]) for i in range(self.networks)]
-        start = np.array([self._shape.initial(rng, scaled) for rng in streams])
-        trains = np.array([self._training_mask(rng, len(scaled)) for rng in streams])
-        return _Job(self, scaled, self._targets_scale.there(targets), start, trains)
-
-    def _train_all(self, jobs: list[_Job]) -> None:
-        def stacked(arrays: list[Array]) -> torch.Tensor:
-            repeated = np.repeat(np.array(arrays), self.networks, axis=0)
-            return torch.from_numpy(repeated)
-
-        with _one_thread():
-            work = _Work(
-                jobs[0].estimator._shape,
-                stacked([job.inputs for job in jobs]),
-                stacked([job.targets for job in jobs]),
-                torch.from_numpy(np.concatenate([job.trains for job in jobs])),
-                self.weight_decay,
-            )
-            start = torch.from_numpy(np.concatenate([job.start for job in jobs]))
-            weights, steps = self._train(work, start)
-            losses = work.errors(weights, work.trains).numpy()
-        for i, job in enumerate(jobs):
-            own = slice(i * self.networks, (i + 1) * self.networks)
-            job.estimator._keep(weights.numpy()[own], losses[own], steps[own])
-
-    def _keep(self, weights: Array, losses: Array, steps: NDArray[np.int64]) -> None:
-        self.weights_: Array = weights
-        self.losses_: Array = losses
-        self.steps_: NDArray[np.int64] = steps
-
     def predict_each(self, X: ArrayLike) -> Array:
-        """Return the prediction of every network, (networks, n) or (networks, n, outputs).
+        """Return the prediction of every network, (networks, n) or (networks, n, outputs)."""
+        return self._shaped(self._outputs(self._inputs(X)))
 
-        Parameters
-        ----------
-        X : array_like, (n, inputs)
-            Inputs.
+    def _fit(self, X: Array, Y: Array) -> None:
+        self._check_parameters()
+        _train([self], [(X, Y)])
 
-        Returns
-        -------
-        ndarray, (networks, n) or (networks, n, outputs)
-        """
-        inputs = data_to_predict(self, X)
+    def _predict(self, X: Array) -> Array:
+        return np.asarray(self._outputs(X).mean(axis=0))
+
+    def _outputs(self, X: Array) -> Array:
+        """Return the outputs of every network, (networks, n, outputs)."""
         with _one_thread():
-            scaled = torch.from_numpy(self._inputs_scale.there(inputs))
-            out = self._shape.forward(torch.from_numpy(self.weights_), scaled).numpy()
-        out = self._targets_scale.back(out)
-        return out[:, :, 0] if self._flat else out
+            scaled = torch.from_numpy(self._X_scale.transform(X))
+            out = self._layers.forward(torch.from_numpy(self.weights_), scaled).numpy()
+        return self._Y_scale.inverse_transform(out)
 
-    def predict(self, X: ArrayLike) -> Array:
-        """Return the mean prediction of the networks, (n,) or (n, outputs).
+    def _prepare(self, X: Array, Y: Array) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
+        """Scale a data set, and draw what is random, of each network.
 
-        Parameters
-        ----------
-        X : array_like, (n, inputs)
-            Inputs.
-
-        Returns
-        -------
-        ndarray, (n,) or (n, outputs)
+        Returns inputs (networks, n, inputs), targets (networks, n, outputs), first weights
+        (networks, parameters), and which samples train (networks, n).
         """
-        return np.asarray(self.predict_each(X).mean(axis=0))
-
-    def _train(self, work: _Work, start: torch.Tensor) -> tuple[torch.Tensor, NDArray[np.int64]]:
-        if self.trainer == "l-bfgs":
-            return _l_bfgs(work, start, self.epochs)
-        stepper: Any = (
-            _LevenbergMarquardt(work, start)
-            if self.trainer == "levenberg-marquardt"
-            else _GradientDescent(work, start, self.learning_rate, self.momentum)
-        )
-        return _steps(work, stepper, start, self.epochs, self.patience)
-
-    def _training_mask(self, rng: np.random.Generator, samples: int) -> NDArray[np.bool_]:
-        held = min(round(self.validation_share * samples), samples - 1)
-        mask = np.ones(samples, dtype=bool)
-        mask[rng.permutation(samples)[:held]] = False
-        return mask
+        self._X_scale, self._Y_scale = Scale.of(X, self.scaling), Scale.of(Y, self.scaling)
+        self._layers = _Layers(X.shape[1], self.hidden, Y.shape[1])
+        X, Y = self._X_scale.transform(X), self._Y_scale.transform(Y)
+        streams = [np.random.default_rng([self.random_state, i]) for i in range(self.networks)]
+        start = np.array([self._layers.first_weights(rng, X) for rng in streams])
+        held = min(round(self.validation_share * len(X)), len(X) - 1)
+        trains = np.ones((self.networks, len(X)), dtype=bool)
+        for own, rng in zip(trains, streams, strict=True):
+            own[rng.permutation(len(X))[:held]] = False
+        Xs, Ys = (np.repeat(values[None], self.networks, axis=0) for values in (X, Y))
+        return Xs, Ys, start, trains
 
     def _check_parameters(self) -> None:
-        for name, least in (
-            ("hidden", 1), ("epochs", 1), ("patience", 1), ("networks", 1), ("random_state", 0),
-        ):  # fmt: skip
-            value = getattr(self, name)
-            whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
-            if not whole or value < least:
-                raise ParameterError(name, value, f"a whole number, {least} or more")
-        check_positive("learning_rate", self.learning_rate)
-        for name, below in (("momentum", 1.0), ("validation_share", 1.0), ("weight_decay", np.inf)):
-            value = getattr(self, name)
-            number = isinstance(value, int | float | np.number) and not isinstance(value, bool)
-            if not (number and 0 <= value < below):
-                raise ParameterError(name, value, f"0 or more, below {below:g}")
-        if self.trainer not in ("levenberg-marquardt", "gradient-descent", "l-bfgs"):
-            raise ParameterError(
-                "trainer", self.trainer,
-                'one of "levenberg-marquardt", "gradient-descent", "l-bfgs"',
-            )  # fmt: skip
+        for name in ("hidden", "epochs", "patience", "networks"):
+            whole(name, getattr(self, name), 1)
+        whole("random_state", self.random_state)
+        number("learning_rate", self.learning_rate, above=0)
+        number("weight_decay", self.weight_decay, least=0)
+        number("momentum", self.momentum, least=0, below=1)
+        number("validation_share", self.validation_share, least=0, below=1)
+        one_of("trainer", self.trainer, ("levenberg-marquardt", "gradient-descent", "l-bfgs"))
+        one_of("scaling", self.scaling, ("range", "standard", "none"))
         if self.trainer == "l-bfgs" and self.validation_share:
             raise ParameterError("validation_share", self.validation_share, 'with "l-bfgs", 0')
-        if self.scaling not in ("none", "range", "standard"):
-            raise ParameterError("scaling", self.scaling, 'one of "none", "range", "standard"')
 
 
-@dataclass(frozen=True)
-class _Shape:
-    """The sizes of the layers, and the network as a function of one flat vector of parameters."""
+class _Layers(NamedTuple):
+    """The sizes of the layers, and the network as a function of one flat vector of weights."""
 
     inputs: int
     hidden: int
     outputs: int
 
-    def initial(self, rng: np.random.Generator, inputs: Array) -> Array:
-        """Draw parameters as Nguyen and Widrow (1990): the tanh bends are spread over the data."""
+    def first_weights(self, rng: np.random.Generator, X: Array) -> Array:
+        """Draw weights as Nguyen and Widrow (1990): the tanh bends are spread over the data."""
         h, d = self.hidden, self.inputs
-        low, high = inputs.min(axis=0), inputs.max(axis=0)
+        low, high = X.min(axis=0), X.max(axis=0)
         half = np.where(high > low, (high - low) / 2, 1.0)
         size = 0.7 * h ** (1 / d)
         directions = rng.standard_normal((h, d))
         directions *= size / np.linalg.norm(directions, axis=1, keepdims=True)
-        offsets = size * np.linspace(-1, 1, h) * np.sign(directions[:, 0]) if h > 1 else [0.0]
+        spread = np.linspace(-1, 1, h) if h > 1 else np.zeros(1)
         W1 = directions / half
-        b1 = np.asarray(offsets) - W1 @ ((low + high) / 2)
-        last = rng.uniform(-1, 1, self.outputs * (h + 1))
-        return np.concatenate([W1.ravel(), b1, last])
+        b1 = size * spread * np.sign(directions[:, 0]) - W1 @ ((low + high) / 2)
+        return np.concatenate([W1.ravel(), b1, rng.uniform(-1, 1, self.outputs * (h + 1))])
 
     def parts(self, weights: torch.Tensor) -> list[torch.Tensor]:
-        h, d, o = self.hidden, self.inputs, self.outputs
+        """Return W1, b1, W2 and b2 of each network."""
+        d, h, o = self
         W1, b1, W2, b2 = torch.split(weights, [h * d, h, o * h, o], dim=-1)
-        lead = weights.shape[:-1]
-        return [W1.reshape(*lead, h, d), b1, W2.reshape(*lead, o, h), b2]
+        return [W1.reshape(-1, h, d), b1, W2.reshape(-1, o, h), b2]
 
-    def forward(self, weights: torch.Tensor, inputs: torch.Tensor) -> torch.Tensor:
+    def forward(self, weights: torch.Tensor, X: torch.Tensor) -> torch.Tensor:
         """Return the outputs, (networks, samples, outputs), for weights (networks, parameters)."""
         W1, b1, W2, b2 = self.parts(weights)
-        bent = torch.tanh(inputs @ W1.mT + b1.unsqueeze(-2))
+        bent = torch.tanh(X @ W1.mT + b1.unsqueeze(-2))
         return bent @ W2.mT + b2.unsqueeze(-2)
-
-
-@dataclass(frozen=True, eq=False)
-class _Job:
-    """A data set in scaled units, and the random numbers of the networks that train on it."""
-
-    estimator: BackpropRegressor
-    inputs: Array  # (samples, inputs)
-    targets: Array  # (samples, outputs)
-    start: Array  # (networks, parameters)
-    trains: NDArray[np.bool_]  # (networks, samples)
 
 
 @dataclass(frozen=True, eq=False)
 class _Work:
     """What all trainers need: data, who trains on what, and the loss."""
 
-    shape: _Shape
-    inputs: torch.Tensor  # (networks, samples, inputs)
-    targets: torch.Tensor  # (networks, samples, outputs)
+    layers: _Layers
+    X: torch.Tensor  # (networks, samples, inputs)
+    Y: torch.Tensor  # (networks, samples, outputs)
     trains: torch.Tensor  # (networks, samples), bool
     decay: float
 
-    def errors(self, weights: torch.Tensor, mask: torch.Tensor) -> torch.Tensor:
-        """Return the mean squared error of each network over the samples of its mask."""
-        squares = (self.shape.forward(weights, self.inputs) - self.targets).square().mean(dim=-1)
-        return (squares * mask).sum(dim=-1) / mask.sum(dim=-1)
-
-    def watched(self, weights: torch.Tensor, validated: bool) -> torch.Tensor:
-        """Return what tells the best weights: the error on the samples held back, or the loss."""
-        return self.errors(weights, ~self.trains) if validated else self.losses(weights)
-
     def of(self, which: torch.Tensor) -> _Work:
         """Return the work of some of the networks."""
-        return replace(
-            self, inputs=self.inputs[which], targets=self.targets[which], trains=self.trains[which]
-        )
+        return replace(self, X=self.X[which], Y=self.Y[which], trains=self.trains[which])
+
+    def errors(self, weights: torch.Tensor, mask: torch.Tensor) -> torch.Tensor:
+        """Return the mean squared error of each network over the samples of its mask."""
+        squares = (self.layers.forward(weights, self.X) - self.Y).square().mean(dim=-1)
+        return (squares * mask).sum(dim=-1) / mask.sum(dim=-1)
+
+    @property
+    def validated(self) -> bool:
+        """Whether samples are held back."""
+        return not bool(self.trains.all())
+
+    def watched(self, weights: torch.Tensor) -> torch.Tensor:
+        """Return what tells the best weights: the error on the samples held back, or the loss."""
+        return self.errors(weights, ~self.trains) if self.validated else self.losses(weights)
 
     def losses(self, weights: torch.Tensor) -> torch.Tensor:
         """Return what each network minimises."""
@@ -378,64 +251,97 @@ class _Work:
 
     def gradients(self, weights: torch.Tensor) -> torch.Tensor:
         moving = weights.detach().requires_grad_()
-        # networks do not share parameters, so the gradient of the sum is that of each
+        # networks do not share weights, so the gradient of the sum is that of each
         (gradient,) = torch.autograd.grad(self.losses(moving).sum(), moving)
         return gradient
 
 
-class _GradientDescent:
-    """Plain steps against the gradient, with momentum."""
+def _train(copies: Sequence[BackpropRegressor], samples: Sequence[tuple[Array, Array]]) -> None:
+    """Train estimators that differ in their random state alone, each on its own samples."""
+    first = copies[0]
+    drawn = [copy._prepare(X, Y) for copy, (X, Y) in zip(copies, samples, strict=True)]
+    X, Y, start, trains = (
+        torch.from_numpy(np.concatenate(parts)) for parts in zip(*drawn, strict=True)
+    )
+    work = _Work(first._layers, X, Y, trains, first.weight_decay)
+    limits = first.epochs, first.patience
+    with _one_thread():
+        if first.trainer == "l-bfgs":
+            weights, steps = _l_bfgs(work, start, first.epochs)
+        elif first.trainer == "gradient-descent":
+            descend = partial(_descend, first.learning_rate, first.momentum)
+            weights, steps = _repeat(descend, work, start, torch.zeros_like(start), *limits)
+        else:
+            damping = torch.full_like(start[:, 0], _DAMPING)
+            weights, steps = _repeat(_levenberg_marquardt, work, start, damping, *limits)
+        losses = work.errors(weights, trains)
+    for i, copy in enumerate(copies):
+        own = slice(i * first.networks, (i + 1) * first.networks)
+        copy.weights_, copy.losses_ = weights[own].numpy(), losses[own].numpy()
+        copy.steps_ = steps[own].numpy()
 
-    def __init__(self, work: _Work, start: torch.Tensor, rate: float, momentum: float) -> None:
-        self._work, self._rate, self._momentum = work, rate, momentum
-        self._speed = torch.zeros_like(start)
 
-    def step(self, weights: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        gradient = self._work.gradients(weights)
-        self._speed = self._momentum * self._speed - self._rate * gradient
-        done = gradient.abs().amax(dim=-1) < _FLAT
-        return weights + self._speed, done
+def _repeat(
+    step: Callable[..., _Stepped],
+    work: _Work,
+    weights: torch.Tensor,
+    state: torch.Tensor,
+    epochs: int,
+    patience: int,
+) -> tuple[torch.Tensor, torch.Tensor]:
+    """Step all networks until each is done; return the best weights and the steps of each."""
+    best, least = weights.clone(), work.watched(weights)
+    steps, failures = torch.zeros(len(weights), dtype=torch.int64), torch.zeros(len(weights))
+    going = torch.arange(len(weights))  # which networks are not done
+    for _ in range(epochs):
+        weights, state, done = step(work, weights, state)
+        steps[going] += 1
+        now = work.watched(weights)
+        sound = torch.isfinite(weights).all(dim=-1)
+        progress = sound & (now < least)
+        best[going[progress]] = weights[progress]
+        least = torch.where(progress, now, least)
+        failures = torch.where(progress, 0, failures + 1)
+        left = sound & ~done
+        if work.validated:
+            left &= failures < patience
+        if not left.any():
+            break
+        if not left.all():
+            work, going = work.of(left), going[left]
+            weights, state, least, failures = (x[left] for x in (weights, state, least, failures))
+    return best, steps
 
-    def keep(self, left: torch.Tensor) -> _Work:
-        """Go on with some of the networks."""
-        self._work, self._speed = self._work.of(left), self._speed[left]
-        return self._work
+
+def _descend(
+    rate: float, momentum: float, work: _Work, weights: torch.Tensor, speed: torch.Tensor
+) -> _Stepped:
+    """Step against the gradient, with momentum."""
+    gradient = work.gradients(weights)
+    speed = momentum * speed - rate * gradient
+    return weights + speed, speed, gradient.abs().amax(dim=-1) < _FLAT
 
 
-class _LevenbergMarquardt:
-    """Damped Gauss-Newton steps, each network with its own damping."""
-
-    def __init__(self, work: _Work, start: torch.Tensor) -> None:
-        self._work = work
-        self._damping = torch.full((len(start),), _DAMPING, dtype=start.dtype)
-
-    def step(self, weights: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        work = self._work
-        normal, slope = _normal_equations(work, weights)
-        unit = torch.eye(normal.shape[-1], dtype=normal.dtype)
-        moved, before = weights.clone(), work.losses(weights)
-        done = slope.abs().amax(dim=-1) < _FLAT
-        left = torch.arange(len(weights))  # networks that look for a step that lowers their loss
-        part = work
-        while len(left):
-            damped = normal + self._damping[left, None, None] * unit
-            factor, _ = torch.linalg.cholesky_ex(damped)
-            tried = weights - torch.cholesky_solve(slope.unsqueeze(-1), factor).squeeze(-1)
-            better = part.losses(tried) < before  # not so for what is not a number
-            moved[left[better]] = tried[better]
-            factors = torch.where(better, _BETTER, _WORSE)
-            self._damping[left] = (self._damping[left] * factors).clamp(min=_LEAST)
-            again = ~better & (self._damping[left] <= _DONE)
-            normal, slope, weights, before, left = (
-                x[again] for x in (normal, slope, weights, before, left)
-            )
-            part = part.of(again)
-        return moved, done | (self._damping > _DONE)
-
-    def keep(self, left: torch.Tensor) -> _Work:
-        """Go on with some of the networks."""
-        self._work, self._damping = self._work.of(left), self._damping[left]
-        return self._work
+def _levenberg_marquardt(work: _Work, weights: torch.Tensor, damping: torch.Tensor) -> _Stepped:
+    """Make a damped Gauss-Newton step, each network with its own damping, which lowers its loss."""
+    normal, slope = _normal_equations(work, weights)
+    unit = torch.eye(normal.shape[-1], dtype=normal.dtype)
+    done = slope.abs().amax(dim=-1) < _FLAT
+    moved, damping, before = weights.clone(), damping.clone(), work.losses(weights)
+    left = torch.arange(len(weights))  # networks that look for a step that lowers their loss
+    while len(left):
+        factor, _ = torch.linalg.cholesky_ex(normal + damping[left, None, None] * unit)
+        tried = weights - torch.cholesky_solve(slope.unsqueeze(-1), factor).squeeze(-1)
+        better = work.losses(tried) < before  # not so for what is not a number
+        moved[left[better]] = tried[better]
+        factors = torch.where(better, _BETTER, _WORSE)
+        damping[left] = (damping[left] * factors).clamp(min=_LEAST)
+        again = ~better & (damping[left] <= _DONE)
+        work = work.of(again)
+        normal, slope, weights, before, left = (
+            x[again] for x in (normal, slope, weights, before, left)
+        )
+    return moved, damping, done | (damping > _DONE)
 
 
 def _normal_equations(work: _Work, weights: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
@@ -444,90 +350,42 @@ def _normal_equations(work: _Work, weights: torch.Tensor) -> tuple[torch.Tensor,
     With z = (x, 1), the bent layer h = (tanh(V z), 1) and its slopes d, the derivative of output o
     is :math:`W_{2,oj} d_j z_a` in :math:`V_{ja}` and :math:`\delta_{op} h_k` in :math:`(W_2,
     b_2)_{pk}`. So the blocks of J'J are those of F'F, F'H and H'H, with F = d z and H = h for each
-    sample, times products of :math:`W_2`. Halves of the loss and its slope: the factor 2 is left
-    out of both.
+    sample, times products of :math:`W_2`. The factor 2 of loss and slope is left out of both.
     """
-    W1, b1, W2, b2 = work.shape.parts(weights)
-    nets, samples = work.trains.shape
-    ones = torch.ones((nets, samples, 1), dtype=weights.dtype)
-    bent = torch.tanh(work.inputs @ W1.mT + b1.unsqueeze(-2))
+    W1, b1, W2, b2 = work.layers.parts(weights)
+    inputs, hidden, outputs = work.layers
+    bent = torch.tanh(work.X @ W1.mT + b1.unsqueeze(-2))
     trains = work.trains.to(weights.dtype)  # before the division, which is else one of float32
-    share = (trains / trains.sum(dim=-1, keepdim=True)).unsqueeze(-1)
-    share = share / work.targets.shape[-1]
-    residual = (bent @ W2.mT + b2.unsqueeze(-2) - work.targets) * share
-    slopes, H = 1 - bent.square(), torch.cat([bent, ones], dim=-1)
-    hidden, outputs = slopes.shape[-1], residual.shape[-1]
-    # the order of a network's parameters: all of W1, then b1; all of W2, then b2
-    F = torch.cat([(slopes.unsqueeze(-1) * work.inputs.unsqueeze(-2)).flatten(2), slopes], dim=-1)
-    of = torch.cat(
-        [torch.arange(hidden).repeat_interleave(work.shape.inputs), torch.arange(hidden)]
-    )
-    ahead = W2[:, :, of]  # the weight from the neuron of each first parameter to each output
+    share = (trains / trains.sum(dim=-1, keepdim=True)).unsqueeze(-1) / outputs
+    residual = (bent @ W2.mT + b2.unsqueeze(-2) - work.Y) * share
+    slopes, H = 1 - bent.square(), torch.cat([bent, torch.ones_like(bent[..., :1])], dim=-1)
+    # first W1 and b1: the neuron of each, and the weight from it to each output
+    F = torch.cat([(slopes.unsqueeze(-1) * work.X.unsqueeze(-2)).flatten(2), slopes], dim=-1)
+    neuron = torch.arange(hidden)
+    ahead = W2[:, :, torch.cat([neuron.repeat_interleave(inputs), neuron])]
     weighted = F * share
     first = (weighted.mT @ F) * (ahead.mT @ ahead)
-    cross = (weighted.mT @ H).unsqueeze(-2) * ahead.mT.unsqueeze(-1)  # (nets, first, outputs, k)
-    last = H.mT @ (H * share)
-    order = _last_order(hidden, outputs)
+    # then W2 and b2, which stand output by output, until they are put in order
+    places = torch.arange(outputs * (hidden + 1)).reshape(outputs, hidden + 1)
+    order = torch.cat([places[:, :hidden].flatten(), places[:, hidden]])
+    cross = (weighted.mT @ H).unsqueeze(-2) * ahead.mT.unsqueeze(-1)
     cross = cross.flatten(2)[:, :, order]
-    block = torch.zeros((nets, outputs, hidden + 1, outputs, hidden + 1), dtype=weights.dtype)
-    for o in range(outputs):
-        block[:, o, :, o, :] = last
-    square = block.reshape(nets, len(order), len(order))[:, order][:, :, order]
+    each = torch.eye(outputs, dtype=weights.dtype)
+    last = torch.einsum("nkl,op->nokpl", H.mT @ (H * share), each)
+    last = last.flatten(3).flatten(1, 2)[:, order][:, :, order]
     normal = torch.cat(
-        [torch.cat([first, cross], dim=-1), torch.cat([cross.mT, square], dim=-1)], dim=-2
+        [torch.cat([first, cross], dim=-1), torch.cat([cross.mT, last], dim=-1)], dim=-2
     )
     slope = torch.cat(
-        [
-            (F * (residual @ ahead)).sum(dim=-2),
-            (residual.mT @ H).flatten(1)[:, order],
-        ],
-        dim=-1,
+        [(F * (residual @ ahead)).sum(dim=-2), (residual.mT @ H).flatten(1)[:, order]], dim=-1
     )
     unit = torch.eye(normal.shape[-1], dtype=normal.dtype)
     return normal + work.decay * unit, slope + work.decay * weights
 
 
-def _last_order(hidden: int, outputs: int) -> torch.Tensor:
-    """Return where the entries of (W2, b2), output by output, stand as W2 first and then b2."""
-    places = torch.arange(outputs * (hidden + 1)).reshape(outputs, hidden + 1)
-    return torch.cat([places[:, :hidden].flatten(), places[:, hidden]])
-
-
-def _steps(
-    work: _Work, stepper: Any, weights: torch.Tensor, epochs: int, patience: int
-) -> tuple[torch.Tensor, NDArray[np.int64]]:
-    """Step all networks until each is done; return the best weights and the steps of each."""
-    best, steps = weights.clone(), torch.zeros(len(weights), dtype=torch.int64)
-    going = torch.arange(len(weights))  # which networks are not done
-    validated = not bool(work.trains.all())
-    least = work.watched(weights, validated)
-    failures = torch.zeros(len(weights), dtype=torch.int64)
-    for _ in range(epochs):
-        moved, done = stepper.step(weights)
-        steps[going] += 1
-        now = work.watched(moved, validated)
-        sound = torch.isfinite(moved).all(dim=-1)
-        progress = sound & (now < least)
-        best[going[progress]] = moved[progress]
-        least = torch.where(progress, now, least)
-        failures = torch.where(progress, 0, failures + 1)
-        left = sound & ~done
-        if validated:
-            left &= failures < patience
-        weights = moved
-        if not left.all():
-            weights, least, failures, going = (x[left] for x in (weights, least, failures, going))
-            work = stepper.keep(left)
-        if not len(going):
-            break
-    return best, steps.numpy()
-
-
-def _l_bfgs(
-    work: _Work, start: torch.Tensor, epochs: int
-) -> tuple[torch.Tensor, NDArray[np.int64]]:
+def _l_bfgs(work: _Work, start: torch.Tensor, epochs: int) -> tuple[torch.Tensor, torch.Tensor]:
     """Minimise each network's loss with scipy's L-BFGS."""
-    found, steps = start.clone(), np.zeros(len(start), dtype=np.int64)
+    found, steps = start.clone(), torch.zeros(len(start), dtype=torch.int64)
     for i, first in enumerate(start):
         alone = work.of(torch.tensor([i]))
 

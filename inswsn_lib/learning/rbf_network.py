@@ -2,38 +2,31 @@
 
 from __future__ import annotations
 
-from typing import Any, Self
+from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.distance import cdist
-from sklearn.base import BaseEstimator, MultiOutputMixin, RegressorMixin
 
-from inswsn_lib.errors import ParameterError
-from inswsn_lib.learning.checking import data_to_fit, data_to_predict
-from inswsn_lib.learning.kernels import check_positive
-
-Array = NDArray[np.float64]
+from inswsn_lib.checks import Array, number, whole
+from inswsn_lib.learning.base import Regressor
 
 # What is left of a candidate after the neurons before it are taken out, below which it is spanned.
 _SPANNED = 1e-14
 
 
-class RBFNetworkRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):  # type: ignore[misc]
+@dataclass(eq=False, repr=False)
+class RBFNetworkRegressor(Regressor):
     r"""Radial-basis-function network, grown by orthogonal least squares.
 
-    The output is :math:`\sum_j w_j \exp(-\ln 2\, |x - c_j|^2 / s^2) + b` with the spread s, at
-    which a neuron is at one half; a Gaussian with the width
-    :math:`\sigma = s / \sqrt{2 \ln 2}`. Centres are training inputs. In each step the one is added
-    that, made orthogonal to those before it, explains most of the targets (Chen, Cowan and Grant
-    1991); then all weights and the bias are solved for by least squares, and the growth ends if
-    the mean squared error is at most the goal. The bias takes no part in the choice, as in MATLAB's
-    ``newrb``.
+    The output is :math:`\sum_j w_j \exp(-\ln 2\, |x - c_j|^2 / s^2) + b`. Centres are training
+    inputs. In each step the one is added that, made orthogonal to those before it, explains most of
+    the targets (Chen, Cowan and Grant 1991); then all weights and the bias are solved for by least
+    squares. The bias takes no part in the choice, as in MATLAB's ``newrb``.
 
     Parameters
     ----------
     spread : float
-        s, in the unit of the inputs.
+        s, at which a neuron is at one half, in the unit of the inputs.
     goal : float
         Mean squared error at which the growth ends; 0 or more.
     max_neurons : int, optional
@@ -42,8 +35,8 @@ class RBFNetworkRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):  # t
     Attributes
     ----------
     centres_ : ndarray, (neurons, inputs)
-    weights_ : ndarray, (neurons,) or (neurons, outputs)
-    bias_ : float or ndarray, (outputs,)
+    weights_ : ndarray, (neurons, outputs)
+    bias_ : ndarray, (outputs,)
     errors_ : ndarray, (neurons + 1,)
         Mean squared error with none, one, two ... neurons.
 
@@ -51,113 +44,59 @@ class RBFNetworkRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):  # t
     --------
     A bump of one neuron's shape takes one neuron, in its middle and as high as it is:
 
-    >>> import numpy as np
-    >>> from inswsn_lib.learning import RBFNetworkRegressor
+    >>> import inswsn_lib as iw, numpy as np
     >>> X = np.arange(-3.0, 4.0)[:, None]
-    >>> bump = 5 * 0.5 ** X[:, 0] ** 2  # one half of 5 at the spread, 1
-    >>> network = RBFNetworkRegressor(spread=1.0, goal=1e-12).fit(X, bump)
+    >>> bump = 5 * 0.5 ** X**2  # one half of 5 at the spread, 1
+    >>> network = iw.RBFNetworkRegressor(spread=1.0, goal=1e-12).fit(X, bump)
     >>> network.centres_.tolist(), network.weights_.round(6).tolist()
-    ([[0.0]], [5.0])
-    >>> print(f"{network.predict([[0.5]])[0] / 5:.4f} {0.5**0.25:.4f}")
-    0.8409 0.8409
+    ([[0.0]], [[5.0]])
     """
 
-    def __init__(
-        self, spread: float = 1.0, goal: float = 0.0, max_neurons: int | None = None
-    ) -> None:
-        self.spread = spread
-        self.goal = goal
-        self.max_neurons = max_neurons
+    spread: float = 1.0
+    goal: float = 0.0
+    max_neurons: int | None = None
 
-    def fit(self, X: ArrayLike, y: ArrayLike) -> Self:
-        """Grow the network on inputs (n, inputs) and targets (n,) or (n, outputs).
-
-        Parameters
-        ----------
-        X : array_like, (n, inputs)
-            Inputs.
-        y : array_like, (n,) or (n, outputs)
-            Targets.
-
-        Returns
-        -------
-        RBFNetworkRegressor
-            Itself, fitted.
-
-        Raises
-        ------
-        ParameterError
-            If a parameter has a value it may not have.
-        ValueError
-            If the data are not such arrays, or not finite.
-        """
-        self._check_parameters()
-        inputs, given = data_to_fit(self, X, y)
-        responses = self._neurons(inputs, inputs)
-        chosen, solution = self._grow(responses, given.reshape(len(given), -1))
-        flat = given.ndim == 1
-        self.centres_: Array = inputs[chosen]
-        self.weights_: Array = solution[:-1, 0] if flat else solution[:-1]
-        self.bias_: Any = float(solution[-1, 0]) if flat else solution[-1]
-        return self
-
-    def predict(self, X: ArrayLike) -> Array:
-        """Return the predictions for inputs (n, inputs): (n,) or (n, outputs).
-
-        Parameters
-        ----------
-        X : array_like, (n, inputs)
-            Inputs.
-
-        Returns
-        -------
-        ndarray, (n,) or (n, outputs)
-        """
-        inputs = data_to_predict(self, X)
-        return np.asarray(self._neurons(inputs, self.centres_) @ self.weights_ + self.bias_)
-
-    def _neurons(self, X: Array, centres: Array) -> Array:
-        if not len(centres):
-            return np.zeros((len(X), 0))
-        squares = cdist(X, centres, "sqeuclidean")
-        return np.asarray(np.exp(-np.log(2) * squares / self.spread**2))
-
-    def _grow(self, responses: Array, targets: Array) -> tuple[list[int], Array]:
-        most = len(targets) if self.max_neurons is None else min(self.max_neurons, len(targets))
+    def _fit(self, X: Array, Y: Array) -> None:
+        number("spread", self.spread, above=0)
+        number("goal", self.goal, least=0)
+        most = len(X)
+        if self.max_neurons is not None:
+            most = min(most, whole("max_neurons", self.max_neurons))
+        responses = self._responses(X, X)
+        sizes_before = np.sum(responses**2, axis=0)
         left, chosen = responses.copy(), list[int]()
-        whole = np.sum(responses**2, axis=0)
-        solution, error = _least_squares(responses[:, []], targets)
+        solution, error = _least_squares(responses[:, chosen], Y)
         errors = [error]
         while len(chosen) < most and error > self.goal:
-            sizes = np.sum(left**2, axis=0)
-            there = sizes > _SPANNED * whole
-            there[chosen] = False
-            if not there.any():
+            sizes = np.sum(left**2, axis=0)  # of what the chosen neurons do not span
+            free = sizes > _SPANNED * sizes_before
+            free[chosen] = False
+            if not free.any():
                 break
-            shares = np.zeros(len(sizes))
-            shares[there] = np.sum((left[:, there].T @ targets) ** 2, axis=1) / sizes[there]
-            best = int(np.argmax(np.where(there, shares, -1.0)))
+            explained = np.full(len(sizes), -1.0)
+            explained[free] = np.sum((left[:, free].T @ Y) ** 2, axis=1) / sizes[free]
+            best = int(np.argmax(explained))
             direction = left[:, best] / np.sqrt(sizes[best])
             left -= np.outer(direction, direction @ left)
             chosen.append(best)
-            solution, error = _least_squares(responses[:, chosen], targets)
+            solution, error = _least_squares(responses[:, chosen], Y)
             errors.append(error)
         self.errors_: Array = np.array(errors)
-        return chosen, solution
+        self.centres_: Array = X[chosen]
+        self.weights_: Array = solution[:-1]
+        self.bias_: Array = solution[-1]
 
-    def _check_parameters(self) -> None:
-        check_positive("spread", self.spread)
-        number = isinstance(self.goal, int | float | np.number) and not isinstance(self.goal, bool)
-        if not number or not 0 <= self.goal < np.inf:
-            raise ParameterError("goal", self.goal, "finite, 0 or more")
-        most = self.max_neurons
-        whole = isinstance(most, int | np.integer) and not isinstance(most, bool)
-        if most is not None and not (whole and most >= 0):
-            raise ParameterError("max_neurons", most, "a whole number, 0 or more")
+    def _predict(self, X: Array) -> Array:
+        return np.asarray(self._responses(X, self.centres_) @ self.weights_ + self.bias_)
+
+    def _responses(self, X: Array, centres: Array) -> Array:
+        """Return what each neuron says of each input, (len(X), neurons)."""
+        squares = cdist(X, centres, "sqeuclidean")
+        return np.asarray(np.exp(-np.log(2) * squares / self.spread**2))
 
 
 def _least_squares(neurons: Array, targets: Array) -> tuple[Array, float]:
     """Return weights and bias, and the mean squared error."""
     design = np.column_stack([neurons, np.ones(len(targets))])
-    solution: Array = np.linalg.lstsq(design, targets, rcond=None)[0].astype(np.float64)
+    solution = np.asarray(np.linalg.lstsq(design, targets, rcond=None)[0])
     return solution, float(np.mean((targets - design @ solution) ** 2))

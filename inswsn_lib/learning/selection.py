@@ -3,58 +3,51 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.linalg import eigh
-from sklearn.utils.validation import check_X_y
 
-from inswsn_lib.errors import ParameterError
-from inswsn_lib.learning.kernels import Kernel, check_kernel, check_positive, kernel_matrix
-from inswsn_lib.learning.lssvm import LSSVMRegressor
+from inswsn_lib.checks import Array, array, matrices, number, one_of, whole
+from inswsn_lib.errors import Described, ParameterError
+from inswsn_lib.learning.base import Regressor
+from inswsn_lib.learning.lssvm import KERNELS, Kernel, LSSVMRegressor, kernel_matrix
 
-Array = NDArray[np.float64]
+#: Candidates of `SelectedLSSVM`, for inputs of unit deviation
+SIGMAS = tuple(float(s) for s in np.geomspace(0.125, 64.0, 10))
+ETAS = tuple(float(e) for e in np.geomspace(1e-2, 1e2, 9))
 
 
 @dataclass(frozen=True, eq=False)
 class Selection:
-    """The scores of all pairs of kernel width and regularisation, and the best pair.
+    """The errors of all pairs of kernel width and regularisation, and the best pair.
 
     Attributes
     ----------
     sigmas, etas : ndarray, (widths,) and (regularisations,)
         The candidates.
-    errors : ndarray, (widths, regularisations)
-        Mean absolute error of each pair, over samples and outputs.
     by_output : ndarray, (widths, regularisations, outputs)
-        The same of each output.
+        Mean absolute error over samples.
+    errors : ndarray, (widths, regularisations)
+        The same, over outputs too.
     sigma, eta : float
         The pair with the least error; of equals the first.
 
     Examples
     --------
-    >>> import numpy as np
-    >>> from inswsn_lib.learning import select_lssvm
+    >>> import inswsn_lib as iw, numpy as np
     >>> X = np.linspace(0, 6, 25)[:, None]
-    >>> found = select_lssvm(X, np.sin(X), sigmas=[0.05, 1.0, 50.0], etas=[1.0, 100.0])
-    >>> found.errors.shape, found.by_output.shape, found.trials
-    ((3, 2), (3, 2, 1), 6)
+    >>> found = iw.select_lssvm(X, np.sin(X), sigmas=[0.05, 1.0, 50.0], etas=[1.0, 100.0])
     >>> found.sigma, found.eta, bool(found.errors.min() == found.errors[1, 1])
     (1.0, 100.0, True)
     """
 
     sigmas: Array
     etas: Array
-    errors: Array
     by_output: Array
+    errors: Array
     sigma: float
     eta: float
-
-    @property
-    def trials(self) -> int:
-        """How many pairs were tried."""
-        return int(self.errors.size)
 
 
 def select_lssvm(
@@ -71,11 +64,7 @@ def select_lssvm(
 
     By default each sample is left out once, in closed form: with C the bordered matrix of the
     LS-SVM, the residual of sample i in a machine that was trained on all others is
-    :math:`\alpha_i / (C^{-1})_{ii}` (Cawley 2006). One eigendecomposition of the kernel matrix
-    gives the residuals for all regularisations of a width.
-
-    With `trained_on` the machine is trained on the first samples and scored on the rest, as P1
-    Section 5.2 seems to say ("the first 50 points are the validation subset").
+    :math:`\alpha_i / (C^{-1})_{ii}` (Cawley 2006).
 
     Parameters
     ----------
@@ -86,8 +75,8 @@ def select_lssvm(
     sigmas, etas : array_like
         Candidates; positive.
     trained_on : int, optional
-        How many samples, from the first on, train a machine that is scored on the others. Default:
-        leave one out.
+        How many samples, from the first on, train a machine that is scored on the others, as P1
+        Section 5.2 seems to say. Default: leave one out.
     kernel, degree
         As for `LSSVMRegressor`.
 
@@ -99,121 +88,110 @@ def select_lssvm(
     Raises
     ------
     ParameterError
-        If a candidate is not positive, there is none, or `trained_on` leaves no sample to train or
-        to score.
-    ValueError
-        If the data are not such arrays, or not finite.
+        If an argument is something else, or leaves no sample to train or to score.
 
     Examples
     --------
-    Points of a sine are told from their neighbours by a kernel as wide as its bends, not by one
-    narrower than their distance; P1's way of scoring, on the samples after the first ones, needs
-    extrapolation, at which all are bad:
+    A kernel as wide as the bends of a sine tells a point from its neighbours; none extrapolates:
 
-    >>> import numpy as np
-    >>> from inswsn_lib.learning import select_lssvm
+    >>> import inswsn_lib as iw, numpy as np
     >>> X = np.linspace(0, 6, 25)[:, None]
-    >>> y = np.sin(X[:, 0])
-    >>> left_out = select_lssvm(X, y, sigmas=[0.05, 1.0], etas=[100.0])
-    >>> left_out.sigma, bool(left_out.errors.min() < 0.05)
-    (1.0, True)
-    >>> bool(select_lssvm(X, y, [0.05, 1.0], [100.0], trained_on=12).errors.min() > 0.3)
-    True
+    >>> left_out = iw.select_lssvm(X, np.sin(X), sigmas=[0.05, 1.0], etas=[100.0])
+    >>> ahead = iw.select_lssvm(X, np.sin(X), [0.05, 1.0], [100.0], trained_on=12)
+    >>> left_out.sigma, bool(left_out.errors.min() < 0.05), bool(ahead.errors.min() > 0.3)
+    (1.0, True, True)
     """
-    inputs, y = check_X_y(X, y, multi_output=True, y_numeric=True, dtype=np.float64)
-    targets = np.asarray(y, dtype=np.float64).reshape(len(inputs), -1)
+    targets = array("y", y, ("n",), ("n", "outputs"))
+    columns = targets[:, None] if targets.ndim == 1 else targets
+    inputs, targets = matrices(X=(X, "np"), y=(columns, "nq"))
     widths, strengths = _candidates("sigmas", sigmas), _candidates("etas", etas)
-    for sigma in widths:
-        check_kernel(kernel, sigma, degree)
-    if trained_on is None:
-        if len(inputs) < 2:
-            raise ParameterError("X", f"{len(inputs)} sample", "2 samples or more to leave one out")
-        scored = _left_out
-    else:
-        whole = isinstance(trained_on, int | np.integer) and not isinstance(trained_on, bool)
-        if not whole or not 1 <= trained_on < len(inputs):
-            raise ParameterError("trained_on", trained_on, f"from 1 to {len(inputs) - 1}")
-        scored = partial(_held_out, trained_on)
-    by_output = np.array(
-        [scored(inputs, targets, float(sigma), strengths, kernel, degree) for sigma in widths]
-    )
+    one_of("kernel", kernel, KERNELS)
+    whole("degree", degree, 1)
+    if trained_on is not None:
+        whole("trained_on", trained_on, 1, len(inputs) - 1)
+    elif len(inputs) < 2:
+        raise ParameterError("X", Described("1 sample"), "2 samples or more to leave one out")
+
+    def residuals(sigma: float) -> Array:
+        if trained_on is None:
+            return _left_out(
+                kernel_matrix(inputs, inputs, kernel, sigma, degree), targets, strengths
+            )
+        first, rest = slice(trained_on), slice(trained_on, None)
+        machines = (LSSVMRegressor(sigma, float(eta), kernel, degree) for eta in strengths)
+        fitted = [machine.fit(inputs[first], targets[first]) for machine in machines]
+        return np.array([targets[rest] - machine.predict(inputs[rest]) for machine in fitted])
+
+    by_output = np.array([np.abs(residuals(float(sigma))).mean(axis=1) for sigma in widths])
     errors = by_output.mean(axis=2)
     i, j = np.unravel_index(np.argmin(errors), errors.shape)
-    return Selection(widths, strengths, errors, by_output, float(widths[i]), float(strengths[j]))
+    return Selection(widths, strengths, by_output, errors, float(widths[i]), float(strengths[j]))
 
 
-def leave_one_out(
-    X: Array, y: Array, sigma: float, etas: Array, kernel: Kernel = "rbf", degree: int = 2
-) -> Array:
-    r"""Return the leave-one-out residuals for several regularisations, (etas, n, outputs).
+def _left_out(K: Array, Y: Array, etas: Array) -> Array:
+    r"""Return the leave-one-out residuals for all regularisations of a kernel, (etas, n, outputs).
 
     From :math:`K = V \Lambda V'`, with :math:`d = 1/(\lambda + 1/\eta)`, follow
     :math:`H^{-1}y = V d V'y` and the diagonal of :math:`H^{-1}`, :math:`\sum_j V_{ij}^2 d_j`, and
     from these the multipliers and the diagonal of the bordered inverse,
     :math:`(H^{-1})_{ii} - u_i^2 / 1'u`.
-
-    Parameters
-    ----------
-    X : ndarray, (n, inputs)
-        Inputs.
-    y : ndarray, (n, outputs)
-        Targets.
-    sigma : float
-        Kernel width.
-    etas : ndarray, (etas,)
-        Regularisations.
-    kernel, degree
-        As for `LSSVMRegressor`.
-
-    Returns
-    -------
-    ndarray, (etas, n, outputs)
-        Target less prediction of the machine that was trained on all other samples.
-
-    Examples
-    --------
-    It is what training without the sample gives, for the price of one decomposition:
-
-    >>> import numpy as np
-    >>> from inswsn_lib.learning import LSSVMRegressor, leave_one_out
-    >>> X = np.linspace(0, 6, 9)[:, None]
-    >>> y = np.sin(X)
-    >>> residuals = leave_one_out(X, y, 1.0, np.array([10.0]))
-    >>> others = LSSVMRegressor(sigma=1.0, eta=10.0).fit(X[1:], y[1:, 0])
-    >>> bool(np.isclose(residuals[0, 0, 0], y[0, 0] - others.predict(X[:1])[0]))
-    True
     """
-    values, V = eigh(kernel_matrix(X, X, kernel, sigma, degree), check_finite=False)
+    values, V = eigh(K, check_finite=False)
     d = 1 / (np.maximum(values, 0)[:, None] + 1 / etas)  # (n, etas)
-    ones, turned = V.sum(axis=0), V.T @ y
-    u = V @ (d * ones[:, None])  # (n, etas)
-    v = np.einsum("ij,jk,jo->kio", V, d, turned, optimize=True)
+    u = V @ (d * V.sum(axis=0)[:, None])  # (n, etas)
+    v = np.einsum("ij,jk,jo->kio", V, d, V.T @ Y, optimize=True)
     bias = v.sum(axis=1) / u.sum(axis=0)[:, None]
     alpha = v - u.T[:, :, None] * bias[:, None, :]
     diagonal = (V**2) @ d - u**2 / u.sum(axis=0)
     return np.asarray(alpha / diagonal.T[:, :, None])
 
 
-def _left_out(X: Array, y: Array, sigma: float, etas: Array, kernel: Kernel, degree: int) -> Array:
-    return np.asarray(np.abs(leave_one_out(X, y, sigma, etas, kernel, degree)).mean(axis=1))
-
-
-def _held_out(
-    first: int, X: Array, y: Array, sigma: float, etas: Array, kernel: Kernel, degree: int
-) -> Array:
-    machines = (LSSVMRegressor(sigma, float(eta), kernel, degree) for eta in etas)
-    return np.array(
-        [
-            np.abs(m.fit(X[:first], y[:first]).predict(X[first:]) - y[first:]).mean(axis=0)
-            for m in machines
-        ]
-    )
-
-
 def _candidates(name: str, values: ArrayLike) -> Array:
-    array = np.atleast_1d(np.asarray(values, dtype=np.float64))
-    if array.ndim != 1 or not array.size:
-        raise ParameterError(name, f"of shape {array.shape}", "one or more numbers")
-    for value in array:
-        check_positive(name, float(value))
-    return array
+    found = array(name, values, ("n",))
+    if not len(found):
+        raise ParameterError(name, Described("empty"), "one or more positive numbers")
+    for value in found:
+        number(name, value, above=0)
+    return found
+
+
+@dataclass(eq=False, repr=False)
+class SelectedLSSVM(Regressor):
+    """LS-SVM with the kernel width and regularisation of least leave-one-out error.
+
+    Each fit tries all pairs, in closed form, on the data it is given (`select_lssvm`), and trains
+    with the best one.
+
+    Parameters
+    ----------
+    sigmas, etas : sequence of float
+        Candidates; positive.
+
+    Attributes
+    ----------
+    selection_ : Selection
+        The scores of all pairs.
+    machine_ : LSSVMRegressor
+        What was trained.
+
+    Examples
+    --------
+    It finds by itself that a smooth curve wants a wide kernel and little regularisation:
+
+    >>> import inswsn_lib as iw, numpy as np
+    >>> X = np.linspace(0, 6, 25)[:, None]
+    >>> machine = iw.SelectedLSSVM(sigmas=(0.05, 1.0), etas=(0.1, 1000.0)).fit(X, np.sin(X))
+    >>> machine.selection_.sigma, machine.selection_.eta
+    (1.0, 1000.0)
+    """
+
+    sigmas: tuple[float, ...] = SIGMAS
+    etas: tuple[float, ...] = ETAS
+
+    def _fit(self, X: Array, Y: Array) -> None:
+        self.selection_: Selection = select_lssvm(X, Y, self.sigmas, self.etas)
+        best = LSSVMRegressor(self.selection_.sigma, self.selection_.eta)
+        self.machine_: LSSVMRegressor = best.fit(X, Y)
+
+    def _predict(self, X: Array) -> Array:
+        return self.machine_.predict(X)

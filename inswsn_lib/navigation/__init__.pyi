@@ -1,6 +1,5 @@
 from .bridged_outages import (
     BridgedOutages as BridgedOutages,
-    Judged as Judged,
     Passage as Passage,
 )
 from .cluster_fusion import (
@@ -11,7 +10,6 @@ from .cluster_fusion import (
 from .hybrid import (
     HybridNavigator as HybridNavigator,
     HybridRun as HybridRun,
-    fit_many as fit_many,
     observable_inputs as observable_inputs,
 )
 from .recorded_trials import (

@@ -7,12 +7,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from sklearn.dummy import DummyRegressor
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, DotProduct, WhiteKernel
@@ -20,6 +19,8 @@ from sklearn.linear_model import LinearRegression
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import PolynomialFeatures
 
+from inswsn_lib import learning
+from inswsn_lib.checks import Array
 from inswsn_lib.evaluation import (
     NoiseFit,
     Scores,
@@ -30,12 +31,7 @@ from inswsn_lib.evaluation import (
     tune,
 )
 from inswsn_lib.filters import deadbeat_gain, run_hinfinity, run_kalman
-from inswsn_lib.learning import (
-    LSSVMRegressor,
-    RBFNetworkRegressor,
-    as_multi_output,
-    load_regressor,
-)
+from inswsn_lib.learning import LSSVMRegressor, RBFNetworkRegressor, load_regressor
 from inswsn_lib.models import ErrorModel
 from inswsn_lib.navigation.hybrid import HybridNavigator, observable_inputs
 from inswsn_lib.navigation.training_areas import AREAS, UNKNOWN, noise_sizes, p1_settings
@@ -43,16 +39,17 @@ from inswsn_lib.papers import AXES, COLUMNS
 from inswsn_lib.scenario import Setting, with_values
 from inswsn_lib.simulation import Scene
 
-Array = NDArray[np.float64]
-
 #: Inputs of a learner; with ``state`` it maps the estimate of a step to that of the next
 KINDS = ("oracle", "time", "motion", "inertial", "state")
 #: Runs on which tuned methods are judged, at most: a network is trained in each
 MOST_JUDGED = 100
 #: The Kalman filter among the methods
 COASTING = "Kalman filter, coasting"
+_INERTIAL = (
+    "accelerometer_bias", "accelerometer_scale", "gyro_bias", "heading", "velocity", "position",
+)  # fmt: skip
 _TRIALS = 12
-_WORST = 1e6
+_WORST = 1e6  # a loss that is no more told from a larger one
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,27 +105,15 @@ class Passage:
         return float((means[0] / means[1]).mean())
 
 
+#: A method: a passage in, what is left of the error of the INS in its outage (steps, 4, runs) out
+Bridge = Callable[[Passage], Array]
+
+
 class Judged(NamedTuple):
-    """A method with the setting that its rehearsal chose.
-
-    Attributes
-    ----------
-    tuning : Tuning
-    shares : ndarray, (4 for each outage, runs)
-        As `Passage.shares`, one outage after the other.
-    choice : object
-        The number or the regressor that was chosen.
-
-    Examples
-    --------
-    >>> from inswsn_lib.navigation import Judged
-    >>> Judged._fields
-    ('tuning', 'shares', 'choice')
-    """
+    """How a method was tuned, and the shares that it leaves, one outage after the other."""
 
     tuning: Tuning
-    shares: Array
-    choice: Any
+    shares: Array  # (4 for each outage, runs)
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,8 +135,6 @@ class BridgedOutages:
         Runs of the tables; tuned methods are judged on the first `MOST_JUDGED` of them.
     tuning_runs : int
         Runs of the next seed, on whose training areas methods are tuned.
-    networks : int
-        Networks that differ in their random numbers alone; of the chapter's page, not of a score.
     sigma, eta : float
         Kernel width, m, and regularisation that P1 chooses.
     hidden : int
@@ -177,7 +160,6 @@ class BridgedOutages:
     seed: int = 2012
     runs: int = 256
     tuning_runs: int = 8
-    networks: int = 200
     sigma: float = 1000.0
     eta: float = 1000.0
     hidden: int = 10
@@ -188,11 +170,8 @@ class BridgedOutages:
     @cached_property
     def settings(self) -> dict[str, Setting]:
         """The settings of the scene with these parameters."""
-        fitted = ("accelerometer_bias", "accelerometer_scale", "gyro_bias")
-        start = ("heading", "velocity", "position")
         scaled = {
-            name: np.multiply(self.published[name].value, self.inertial_scale)
-            for name in (*fitted, *start)
+            name: np.multiply(self.published[name].value, self.inertial_scale) for name in _INERTIAL
         }
         return with_values(self.published, noise=self.range_noise, **scaled)
 
@@ -252,14 +231,6 @@ class BridgedOutages:
             for a, model in self.models.items()
         }
 
-    def published_filter(self, area: str) -> Callable[[Array], Array]:
-        """Return P1's H-infinity filter with its printed gain: measurements in, estimates out."""
-        model = self.models[area]
-        gain = deadbeat_gain(model)
-        return lambda y: run_hinfinity(
-            (model, gain), y, initial_state=np.nan_to_num(y[0]), predicted=False
-        )
-
     def coasting(self, area: str, ratio: float) -> Callable[[Array], Array]:
         """Return a Kalman filter that assumes Q to be this many times the one that matches."""
         fit = self.noise[area]
@@ -278,9 +249,7 @@ class BridgedOutages:
     @cached_property
     def toolbox(self) -> Any:
         """The network that a toolbox of 2011 makes by default."""
-        from inswsn_lib.learning import BackpropRegressor  # noqa: PLC0415  # needs torch
-
-        return BackpropRegressor(
+        return learning.BackpropRegressor(
             hidden=self.hidden, trainer="levenberg-marquardt", scaling="range",
             validation_share=0.15, epochs=100, random_state=10_000 * self.seed,
         )  # fmt: skip
@@ -288,16 +257,18 @@ class BridgedOutages:
     @cached_property
     def own(self) -> Any:
         """The regressor of the parameter `learner`, as it is made."""
-        machine = load_regressor("learner", self.learner)
-        if "random_state" in machine.get_params():
-            machine.set_params(random_state=self.seed)
-        return as_multi_output(machine)
+        return load_regressor("learner", self.learner, seed=self.seed)
 
     def navigator(self, area: str, regressor: Any, kind: str, **options: Any) -> HybridNavigator:
-        """Return the hybrid of the published filter and a regressor on one kind of input."""
-        return HybridNavigator(
-            self.published_filter(area), regressor, feedback=kind == "state", **options
-        )
+        """Return the hybrid of P1's filter, its gain as printed, and a regressor on some inputs."""
+        model = self.models[area]
+        gain = deadbeat_gain(model)
+
+        def published(y: Array) -> Array:
+            start = np.nan_to_num(y[0])
+            return run_hinfinity((model, gain), y, initial_state=start, predicted=False)
+
+        return HybridNavigator(published, regressor, feedback=kind == "state", **options)
 
     def bridge(self, passage: Passage, regressor: Any, kind: str, **options: Any) -> Array:
         """Return what the hybrid leaves of the error of the INS in the outage, (steps, 4, runs)."""
@@ -326,10 +297,9 @@ class BridgedOutages:
     @cached_property
     def learners(self) -> dict[str, list[Any]]:
         """The settings of each learner that are tried."""
-        from inswsn_lib.learning import BackpropRegressor  # noqa: PLC0415  # needs torch
 
         def network(hidden: int, decay: float) -> Any:
-            return BackpropRegressor(
+            return learning.BackpropRegressor(
                 hidden=hidden, weight_decay=decay, scaling="none",
                 validation_share=0.15, epochs=50, random_state=10_000 * self.seed,
             )  # fmt: skip
@@ -346,85 +316,59 @@ class BridgedOutages:
             "Gaussian process": _every(_gaussian_process, [0.3, 1, 3, 10], [0.03, 0.1, 0.3]),
         }
 
-    def rehearsal_loss(
-        self, regressor: Any, kind: str, rehearsals: Iterable[Passage], **options: Any
-    ) -> float:
-        """Return the loss of a method in rehearsals, mean over them."""
-        losses = [p.loss(self.bridge(p, regressor, kind, **options)) for p in rehearsals]
-        return min(float(np.mean(losses)), _WORST)
+    def methods(self, kinds: Iterable[str]) -> dict[tuple[str, str], list[Bridge]]:
+        """Return the settings that are tried, by method and kind of input.
 
-    def judge(
-        self, passages: Iterable[Passage], regressor: Any, kind: str, **options: Any
-    ) -> Array:
-        """Return the shares that a method leaves, one outage after the other."""
-        found = [p.shares(self.bridge(p, regressor, kind, **options)) for p in passages]
-        return np.concatenate(found)
+        Each takes a passage and returns what is left of the error of the INS in its outage.
+        """
+        found: dict[tuple[str, str], list[Bridge]] = {}
+        for name, (regressor, lasts) in self.fits.items():
+            found[name, "time"] = [
+                partial(self.bridge, regressor=regressor, kind="time", window=last, least=1)
+                for last in lasts
+            ]
+        for (name, machines), kind in product(self.learners.items(), kinds):
+            found[name, kind] = [partial(self.bridge, regressor=m, kind=kind) for m in machines]
+        ratios = np.logspace(-4, 4, _TRIALS)
+        return found | {(COASTING, "state"): [partial(self.coast, ratio=r) for r in ratios]}
 
     def compare(
         self, passages: Sequence[Passage], rehearsals: Sequence[Passage], kinds: Iterable[str]
     ) -> dict[tuple[str, str], Judged]:
-        """Tune every learner and fit by rehearsal, with equal trials, and judge it.
+        """Tune every method by rehearsal, with equal trials, and judge it: by method and input."""
+        return {
+            (name, kind): judge_best(name, bridges, passages, rehearsals)
+            for (name, kind), bridges in self.methods(kinds).items()
+        }
 
-        Returns
-        -------
-        dict of (str, str) to Judged
-            By method and kind of input.
-        """
-        found = {}
-        for name, (regressor, lasts) in self.fits.items():
-
-            def fit_loss(last: float, regressor: Any = regressor) -> float:
-                return self.rehearsal_loss(regressor, "time", rehearsals, window=int(last), least=1)
-
-            tuning = tune(name, lasts, fit_loss)
-            shares = self.judge(passages, regressor, "time", window=int(tuning.best), least=1)
-            found[name, "time"] = Judged(tuning, shares, f"last {tuning.best:.0f}")
-        for (name, machines), kind in product(self.learners.items(), kinds):
-
-            def loss(place: float, machines: Any = machines, kind: str = kind) -> float:
-                return self.rehearsal_loss(machines[int(place)], kind, rehearsals)
-
-            tuning = tune(name, range(len(machines)), loss)
-            best = machines[int(tuning.best)]
-            found[name, kind] = Judged(tuning, self.judge(passages, best, kind), best)
-        return found
-
-    def compare_coasting(
-        self, passages: Sequence[Passage], rehearsals: Sequence[Passage]
-    ) -> Judged:
-        """Tune the coasting Kalman filter in the same way, and judge it."""
-        ratios = np.logspace(-4, 4, _TRIALS).tolist()
-        tuning = tune(
-            COASTING,
-            ratios,
-            lambda r: float(np.mean([p.loss(self.coast(p, r)) for p in rehearsals])),
-        )
-        shares = np.concatenate([p.shares(self.coast(p, tuning.best)) for p in passages])
-        return Judged(tuning, shares, f"Q times {tuning.best:.2g}")
+    def judge(
+        self, passages: Iterable[Passage], regressor: Any, kind: str, **options: Any
+    ) -> Array:
+        """Return the shares that a regressor leaves, one outage after the other."""
+        return _shares(passages, partial(self.bridge, regressor=regressor, kind=kind, **options))
 
     def scores(self) -> Scores:
         """Return Table 3 with equal terms: each method on the motion, and what needs no input.
 
-        Returns
-        -------
-        Scores
-            The cells of P1's Table 3, mean absolute errors over an outage, and ``left``, what is
-            left of the error of the INS, mean over the cells.
+        The cells are mean absolute errors over an outage; ``left`` is what is left of the error of
+        the INS, mean over the cells.
         """
         passages = list(self.judged.values())
-        shares = {name: entry.shares for (name, _), entry in self._compared(passages).items()}
-        shares["printed"] = self.judge(passages, self.printed, "motion", scaled=False)
-        shares["toolbox"] = self.judge(passages, self.toolbox, "motion", scaled=False)
-        shares["own"] = self.judge(passages, self.own, "motion")
-        shares["ins"] = np.ones_like(shares["own"])
+        compared = self.compare(passages, self.rehearsals, ("motion",))
+        shares = {name: entry.shares for (name, _), entry in compared.items()} | {
+            "printed": self.judge(passages, self.printed, "motion", scaled=False),
+            "toolbox": self.judge(passages, self.toolbox, "motion", scaled=False),
+            "own": self.judge(passages, self.own, "motion"),
+            "ins": np.concatenate([p.shares(p.error[p.heard :]) for p in passages]),
+        }
         alone = np.concatenate([mean_absolute_error(p.error[p.heard :]) for p in passages])
         cells = [axis + a for a in AREAS for axis in AXES]
         values: dict[str, Array] = {}
         for name, share in shares.items():
-            left = dict(zip(cells, share * alone, strict=True))
-            values |= {f"{_slug(name)}.{c}": left[c] for c in COLUMNS}
+            left = zip(cells, share * alone, strict=True)
+            values |= {f"{_slug(name)}.{cell}": errors for cell, errors in left}
             values[f"{_slug(name)}.left"] = share.mean(axis=0)
-        labels = {
+        labels = {name: name for name in shares} | {
             "ins": "INS alone",
             "own": self.learner,
             "printed": "LS-SVM as printed",
@@ -432,16 +376,30 @@ class BridgedOutages:
         }
         units = {c: "m" if c[0] == "r" else "m/s" for c in COLUMNS}
         return Scores(
-            methods={_slug(name): labels.get(name, name) for name in shares},
+            methods={_slug(name): label for name, label in labels.items()},
             columns=units | {"left": "1"},
             values=values,
             headline="left",
             baselines=frozenset({"ins"}),
         )
 
-    def _compared(self, passages: Sequence[Passage]) -> dict[tuple[str, str], Judged]:
-        found = self.compare(passages, self.rehearsals, ("motion",))
-        return found | {(COASTING, "state"): self.compare_coasting(passages, self.rehearsals)}
+
+def judge_best(
+    name: str, bridges: Sequence[Bridge], passages: Iterable[Passage], rehearsals: Sequence[Passage]
+) -> Judged:
+    """Choose among the settings of a method by rehearsal, and judge the choice in passages."""
+
+    def loss(place: float) -> float:
+        losses = [rehearsal.loss(bridges[int(place)](rehearsal)) for rehearsal in rehearsals]
+        return min(float(np.mean(losses)), _WORST)
+
+    tuning = tune(name, range(len(bridges)), loss)
+    return Judged(tuning, _shares(passages, bridges[int(tuning.best)]))
+
+
+def _shares(passages: Iterable[Passage], bridge: Bridge) -> Array:
+    """Return the shares that a method leaves, one outage after the other."""
+    return np.concatenate([passage.shares(bridge(passage)) for passage in passages])
 
 
 def _every(make: Callable[..., Any], *axes: Sequence[float]) -> list[Any]:

@@ -12,7 +12,7 @@ from sklearn import config_context
 from sklearn.base import clone
 
 from inswsn_lib.errors import ParameterError
-from inswsn_lib.learning.scaling import Scale
+from inswsn_lib.learning import Scale
 from inswsn_lib.vehicle import Drive, FilterSettings, VehicleRun, metres, replay, yaw
 
 Array = NDArray[np.float64]
@@ -84,7 +84,7 @@ class Machine:
     --------
     >>> import numpy as np
     >>> from sklearn.linear_model import LinearRegression
-    >>> from inswsn_lib.learning.scaling import Scale
+    >>> from inswsn_lib.learning import Scale
     >>> from inswsn_lib.navigation import Machine
     >>> X = np.arange(10.0)[:, None]
     >>> y = np.hstack([2 * X, 5 - X])
@@ -119,7 +119,7 @@ class Machine:
         Machine
         """
         with config_context(assume_finite=True):
-            trained = clone(regressor).fit(inputs.there(X), targets.there(y))
+            trained = clone(regressor).fit(inputs.transform(X), targets.transform(y))
         return cls(trained, inputs, targets, len(X))
 
     def predict(self, X: Array) -> Array:
@@ -137,8 +137,8 @@ class Machine:
         if self.regressor is None:
             return np.zeros((len(X), self.targets.size.size))
         with config_context(assume_finite=True):
-            found: Array = np.asarray(self.regressor.predict(self.inputs.there(X)), dtype=float)
-            return self.targets.back(found)
+            found: Array = np.asarray(self.regressor.predict(self.inputs.transform(X)), dtype=float)
+            return self.targets.inverse_transform(found)
 
 
 @dataclass(frozen=True, eq=False)

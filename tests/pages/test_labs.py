@@ -21,8 +21,7 @@ from visiting import Visit, contrast_of, luminance, visit
 
 from inswsn_lib.evaluation import mean_absolute_error
 from inswsn_lib.filters import design_kalman, run_hinfinity, run_kalman
-from inswsn_lib.learning import BackpropRegressor, LSSVMRegressor
-from inswsn_lib.learning.scaling import Scale
+from inswsn_lib.learning import BackpropRegressor, LSSVMRegressor, Scale
 from inswsn_lib.lmi import design_filter
 from inswsn_lib.models import ErrorModel
 
@@ -87,7 +86,7 @@ class KernelByLibrary:
         source = {"time": np.array(half["time"])[:, None], "oracle": ins}.get(name)
         source = np.array(half["motion"]) if source is None else source
         scale = Scale.of(source[: len(targets)], "standard" if name == "motion" else "none")
-        X = scale.there(source)
+        X = scale.transform(source)
         network = BackpropRegressor(
             hidden=10, validation_share=0.15, epochs=100, random_state=SEED,
             networks=len(half["networks"][name]["weights"]),

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import pytest
 from sklearn.dummy import DummyRegressor
+from sklearn.linear_model import LinearRegression
 
 from inswsn_lib.navigation import BridgedOutages, Passage
-from inswsn_lib.navigation.bridged_outages import COASTING, KINDS
+from inswsn_lib.navigation.bridged_outages import COASTING, KINDS, judge_best
 
 RUNS = 3
 
@@ -27,28 +30,49 @@ def made(outages: BridgedOutages, velocity: float) -> Passage:
     error[:, 2:] = velocity
     y = error.copy()
     y[heard:] = np.nan
-    return Passage("1", heard, error, y, {"time": np.repeat(time[:, None, None], RUNS, 2)}, time)
+    inputs = {"time": np.repeat(time[:, None, None], RUNS, 2), "state": None}
+    return Passage("1", heard, error, y, inputs, time)
+
+
+def test_a_passage_is_an_area_and_its_outage(outages: BridgedOutages) -> None:
+    drawn, passage = outages.drawn, outages.judged["2"]
+    assert passage.heard == 100
+    assert np.array_equal(passage.error[:100], drawn["ins.area2"])
+    assert np.array_equal(passage.error[100:], drawn["ins.outage2"])
+    assert np.array_equal(passage.y[:100], drawn["ins.area2"] - drawn["wsn.area2"])
+    assert np.isnan(passage.y[100:]).all()
+    assert np.diff(passage.time) == pytest.approx(np.full(149, 0.21))
+    assert set(passage.inputs) == set(KINDS)
+    assert passage.inputs["oracle"] is passage.error
+    # the motion is the true one, of 7.5 m/s along the path, and the error of the INS
+    motion = passage.inputs["motion"]
+    assert motion is not None
+    truth = motion - passage.error
+    assert np.hypot(truth[:, 2], truth[:, 3]) == pytest.approx(np.full((150, RUNS), 7.5))
+    assert np.hypot(*np.diff(truth[:20, :2], axis=0).transpose(1, 0, 2)) == pytest.approx(
+        np.full((19, RUNS), 7.5 * 0.21)
+    )
 
 
 def test_a_rehearsal_takes_the_second_half_for_an_outage(outages: BridgedOutages) -> None:
     passage = outages.judged["2"]
     rehearsal = passage.rehearsal()
-    half = passage.heard // 2
-    assert rehearsal.heard == half
-    assert np.array_equal(rehearsal.y[:half], passage.y[:half])
-    assert np.isnan(rehearsal.y[half:]).all()
+    assert rehearsal.heard == 50
+    assert np.array_equal(rehearsal.y[:50], passage.y[:50])
+    assert np.isnan(rehearsal.y[50:]).all()
     # the error that is predicted is the one that was measured; nobody knows the true one
-    assert np.array_equal(rehearsal.error, passage.y[: passage.heard])
-    assert all(u is None or len(u) == passage.heard for u in rehearsal.inputs.values())
-    assert set(passage.inputs) == set(KINDS)
+    assert np.array_equal(rehearsal.error, passage.y[:100])
+    assert all(u is None or len(u) == 100 for u in rehearsal.inputs.values())
+    assert np.isfinite(passage.y[50:100]).all()  # it keeps its own
 
 
 def test_what_is_left_of_the_ins_is_all_if_nothing_is_corrected(outages: BridgedOutages) -> None:
     passage = outages.judged["1"]
     alone = passage.error[passage.heard :]
     assert passage.shares(alone) == pytest.approx(np.ones((4, RUNS)))
-    assert passage.shares(alone / 2) == pytest.approx(np.full((4, RUNS), 0.5))
-    assert passage.loss(alone / 2) == pytest.approx(0.5)
+    left = alone * [[[0.5], [1.0], [1.5], [3.0]]]
+    assert passage.shares(left) == pytest.approx(np.tile([[0.5], [1.0], [1.5], [3.0]], RUNS))
+    assert passage.loss(left) == pytest.approx(1.5)
 
 
 def test_the_mean_of_the_last_fixes_knows_an_error_that_stands_still(
@@ -59,6 +83,14 @@ def test_the_mean_of_the_last_fixes_knows_an_error_that_stands_still(
     assert np.abs(left).max() < 1e-12
 
 
+def test_a_line_and_the_last_state_know_a_steady_drift(outages: BridgedOutages) -> None:
+    passage = made(outages, 0.3)
+    for kind in ("time", "state"):
+        shares = outages.judge([passage], LinearRegression(), kind)
+        assert shares.shape == (4, RUNS)
+        assert shares.max() < 1e-9
+
+
 def test_the_coasting_filter_knows_a_steady_drift(outages: BridgedOutages) -> None:
     passage = made(outages, 0.3)
     # it believes the model, and has seen a hundred fixes without noise
@@ -67,20 +99,58 @@ def test_the_coasting_filter_knows_a_steady_drift(outages: BridgedOutages) -> No
     assert passage.shares(held)[:2].min() > 0.05
 
 
-def test_all_methods_have_the_same_trials(outages: BridgedOutages) -> None:
-    trials = {name: len(machines) for name, machines in outages.learners.items()}
-    trials |= {name: len(lasts) for name, (_, lasts) in outages.fits.items()}
-    passages = list(outages.judged.values())
-    trials[COASTING] = outages.compare_coasting(passages, outages.rehearsals).tuning.trials
-    assert set(trials.values()) == {12}
+def test_of_settings_the_one_with_the_least_loss_in_rehearsal_is_judged(
+    outages: BridgedOutages,
+) -> None:
+    passages = [made(outages, 0.3), made(outages, 0.6)]
+
+    def left(passage: Passage, share: float) -> np.ndarray:
+        # better in the passages than in the rehearsal, where it loses
+        kept = share if passage.heard == 50 else 1 / share
+        return kept * passage.error[passage.heard :]
+
+    settings = [partial(left, share=share) for share in (2.0, 0.5, 1.0, np.inf)]
+    judged = judge_best("any", settings, passages, [p.rehearsal() for p in passages])
+    assert judged.tuning.losses == pytest.approx((2.0, 0.5, 1.0, 1e6))
+    assert judged.shares == pytest.approx(np.full((8, RUNS), 2.0))
 
 
-def test_the_scores_of_the_ins_are_its_errors() -> None:
+def test_all_methods_have_twelve_different_trials(outages: BridgedOutages) -> None:
+    """A setting that stands twice is one trial less."""
+    methods = outages.methods(KINDS)
+    assert len(methods) == 5 * 5 + 3 + 1
+    assert (COASTING, "state") in methods
+    passage = made(outages, 0.3).rehearsal()
+    for (name, kind), settings in methods.items():
+        told = {repr(sorted(setting.keywords.items(), key=str)) for setting in settings}  # type: ignore[attr-defined]
+        assert len(settings) == len(told) == 12, name
+        assert kind != "state" or settings[0](passage).shape == (50, 4, RUNS)
+
+
+def test_the_settings_are_scaled_and_the_rest_is_published() -> None:
+    half = BridgedOutages(inertial_scale=0.5, range_noise=0.1)
+    changed = [n for n, was in half.published.items() if half.settings[n].value != was.value]
+    inertial = ["accelerometer_bias", "accelerometer_scale", "gyro_bias"]
+    assert sorted(changed) == sorted([*inertial, "heading", "noise", "position", "velocity"])
+    assert half.settings["noise"].value == 0.1
+    for name in set(changed) - {"noise"}:
+        was = np.array(half.published[name].value)
+        assert np.array(half.settings[name].value) == pytest.approx(was / 2)
+
+
+def test_the_scores_are_table_3() -> None:
     outages = BridgedOutages(runs=40, tuning_runs=4)
     scores = outages.scores()
-    for area in "12":
+    assert len(scores.methods) == 5 + 3 + 1 + 4
+    printed = outages.judge(outages.judged.values(), outages.printed, "motion", scaled=False)
+    for a, area in enumerate("12"):
         error = outages.judged[area].error[100:]
         for i, axis in enumerate(("rx", "ry", "vx", "vy")):
             expected = np.abs(error[:, i]).mean(axis=0)
             assert scores.values[f"ins.{axis}{area}"] == pytest.approx(expected)
+            share = scores.values[f"printed.{axis}{area}"] / expected
+            assert share == pytest.approx(printed[4 * a + i])
     assert np.all(scores.values["ins.left"] == 1)
+    assert scores.values["printed.left"] == pytest.approx(printed.mean(axis=0))
+    assert scores.methods["own"] == "sklearn.linear_model:LinearRegression"
+    assert scores.methods["ls-svm-linear-kernel"] == "LS-SVM, linear kernel"

@@ -15,7 +15,7 @@ from sklearn.dummy import DummyRegressor
 from sklearn.linear_model import LinearRegression
 
 from inswsn_lib.errors import ParameterError
-from inswsn_lib.learning.selected import HoldRegressor, SelectedLSSVM
+from inswsn_lib.learning import HoldRegressor, SelectedLSSVM
 from inswsn_lib.navigation.vehicle_hybrid import Bridge, Ramps, VehicleHybrid, sensed_motion
 from inswsn_lib.vehicle import Drive, VehicleRun, metres, replay, run_vehicle_filter
 

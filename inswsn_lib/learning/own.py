@@ -1,0 +1,91 @@
+"""A reader's own regressor: named by module and class, and tried before anything runs."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import re
+import sys
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from sklearn.base import clone
+from sklearn.multioutput import MultiOutputRegressor
+
+from inswsn_lib.errors import ParameterError
+
+#: Names the folder in which a reader's own modules are looked for; by default the working folder.
+MODULES_VARIABLE = "INSWSN_MODULES"
+#: What such a parameter may be
+ALLOWED = "package.module:Class, a scikit-learn regressor that needs no arguments"
+
+_FORM = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*:[A-Za-z_]\w*")
+
+
+def load_regressor(name: str, text: str, *, seed: int = 0) -> Any:
+    """Return the regressor that a text names, made without arguments, for several outputs.
+
+    It is tried on 100 samples with four inputs and two outputs. If it takes one output only, it is
+    copied for each: it comes in scikit-learn's ``MultiOutputRegressor``.
+
+    Parameters
+    ----------
+    name : str
+        Of the parameter, for the sentence of a refusal.
+    text : str
+        ``package.module:Class``; the module is installed or lies in the working folder.
+    seed : int
+        The random state, if it has one.
+
+    Raises
+    ------
+    ParameterError
+        If the text has another form, there is no such module or class, it cannot be made without
+        arguments, or the trial fails.
+
+    Examples
+    --------
+    A linear fit takes any number of outputs; scikit-learn's support vector machine takes one.
+
+    >>> from inswsn_lib.learning import load_regressor
+    >>> load_regressor("learner", "sklearn.linear_model:LinearRegression")
+    LinearRegression()
+    >>> load_regressor("learner", "sklearn.svm:SVR")
+    MultiOutputRegressor(estimator=SVR())
+    """
+    if not _FORM.fullmatch(text):
+        raise ParameterError(name, text, ALLOWED)
+    module, _, class_name = text.partition(":")
+    folder = os.environ.get(MODULES_VARIABLE, str(Path.cwd()))
+    if folder not in sys.path:
+        sys.path.append(folder)
+    doing = f"importing {class_name} from {module}"
+    try:
+        found = getattr(importlib.import_module(module), class_name)
+        doing = f"making {class_name}, or a copy of it,"
+        machine = clone(found())
+        if "random_state" in machine.get_params():
+            machine.set_params(random_state=seed)
+        with suppress(Exception):
+            _try(machine)
+            return machine
+        doing = "a trial on 100 samples"
+        machine = MultiOutputRegressor(machine)
+        _try(machine)
+    except (Exception, SystemExit) as error:  # a script may end with sys.exit
+        told = f"{type(error).__name__}: {error}".splitlines()[0][:160]
+        raise ParameterError(name, text, f"{ALLOWED}; {doing} fails: {told}") from None
+    return machine
+
+
+def _try(machine: Any) -> None:
+    """Fit a clone on 100 samples with four inputs and two outputs, and predict five."""
+    X = np.random.default_rng(0).normal(size=(100, 4))
+    Y = X @ [[1.0, 5.0], [2.0, 6.0], [3.0, 7.0], [4.0, 8.0]]
+    out = np.asarray(clone(machine).fit(X, Y).predict(X[:5]), dtype=float)
+    if out.shape != (5, 2):
+        raise ValueError(f"predictions of 5 samples are of shape {out.shape}")
+    if not np.isfinite(out).all():
+        raise ValueError("predictions are not finite")
