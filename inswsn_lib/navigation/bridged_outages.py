@@ -40,7 +40,7 @@ from inswsn_lib.models import ErrorModel
 from inswsn_lib.navigation.hybrid import HybridNavigator, observable_inputs
 from inswsn_lib.navigation.training_areas import AREAS, UNKNOWN, noise_sizes, p1_settings
 from inswsn_lib.papers import AXES, COLUMNS
-from inswsn_lib.scenario import Setting, with_values
+from inswsn_lib.scenario import Setting, from_settings, with_values
 from inswsn_lib.simulation import Scene
 
 Array = NDArray[np.float64]
@@ -126,7 +126,7 @@ class Judged(NamedTuple):
     ('tuning', 'shares', 'choice')
     """
 
-    tuning: Tuning
+    tuning: Tuning[float]
     shares: Array
     choice: Any
 
@@ -199,7 +199,7 @@ class BridgedOutages:
     @cached_property
     def scene(self) -> Scene:
         """The scene."""
-        return Scene.from_settings(self.settings)
+        return from_settings(Scene, self.settings)
 
     @cached_property
     def drawn(self) -> dict[str, Array]:
