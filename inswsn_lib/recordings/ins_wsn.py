@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import csv
+from collections.abc import Iterator
 from dataclasses import dataclass
+from io import StringIO
+from itertools import pairwise
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
+from scipy.integrate import cumulative_trapezoid
 
+from inswsn_lib.checks import Array
 from inswsn_lib.errors import InswsnError
 
-Array = NDArray[np.float64]
-
+Rows = NDArray[np.intp]
 #: The column of time stamps, s
 TIME = "time_s"
 #: The columns of the INS: position (m) and velocity (m/s) in the horizontal frame of the network
@@ -24,8 +27,6 @@ INS = ("ins_x_m", "ins_y_m", "ins_vx_mps", "ins_vy_mps")
 WSN = ("wsn_x_m", "wsn_y_m", "wsn_vx_mps", "wsn_vy_mps")
 #: The columns of a reference, if there is one
 REFERENCE = ("ref_x_m", "ref_y_m", "ref_vx_mps", "ref_vy_mps")
-
-_KNOWN = {TIME, *INS, *WSN, *REFERENCE}
 
 # A time stamp may be this share of a period away from the grid.
 _JITTER = 0.2
@@ -70,17 +71,13 @@ class Recording:
 
     Examples
     --------
-    A network that is heard every second step is not silent; for seven steps it is.
+    The network of the recording that comes with the book is silent for 12 s and for 8 s; two rows
+    are missing:
 
-    >>> import numpy as np
-    >>> from inswsn_lib.navigation import Recording
-    >>> wsn = np.ones((16, 4))
-    >>> wsn[1::2] = wsn[8:13] = np.nan
-    >>> recording = Recording(0.1 * np.arange(16), 0.1, np.full((16, 4), 3.0), wsn, None, 0.0)
-    >>> recording.outages
-    [(7, 14)]
-    >>> recording.measurements.shape, recording.measurements[:3, 0, 0].tolist()
-    ((16, 4, 1), [2.0, nan, 2.0])
+    >>> import inswsn_lib as iw
+    >>> recording = iw.read_recording(iw.data_file("examples/ins-wsn.csv"))
+    >>> round(recording.period, 2), recording.outages
+    (0.2, [(37, 39), (100, 160), (230, 270)])
     """
 
     time: Array
@@ -119,128 +116,113 @@ def read_recording(path: Path) -> Recording:
     Parameters
     ----------
     path : Path
-        The file.
-
-    Returns
-    -------
-    Recording
-        On an even grid, with NaN in its gaps.
 
     Raises
     ------
     InswsnError
         In one sentence that names the column and the row (the header is row 1), if the file cannot
-        be read; a row has too many or too few cells; a column is missing, is there twice, or has
-        something that is no number; an INS cell is empty; time stamps repeat, go back, jump, or
-        are not even to a fifth of a period; there is no position fix at all, or the first is 10 km
-        or more from the INS; or columns contradict one another as a wrong unit makes them.
+        be read, a row or column does not fit, time stamps are not even to a fifth of a period, or
+        columns contradict one another as a wrong unit or another frame makes them.
 
     Examples
     --------
-    The recording that comes with the book, in which two rows are missing and the network is silent
-    for 12 s and for 8 s; and one that says nothing of the network:
+    Four components of 301 steps, of one run, for the filters:
 
-    >>> from pathlib import Path
-    >>> from tempfile import TemporaryDirectory
-    >>> from inswsn_lib.files import data_file
-    >>> from inswsn_lib.errors import InswsnError
-    >>> from inswsn_lib.navigation import INS, TIME, read_recording
-    >>> recording = read_recording(data_file("examples/ins-wsn.csv"))
-    >>> recording.measurements.shape, round(recording.period, 2), recording.outages
-    ((301, 4, 1), 0.2, [(37, 39), (100, 160), (230, 270)])
-    >>> with TemporaryDirectory() as folder:
-    ...     path = Path(folder, "ins.csv")
-    ...     _ = path.write_text(",".join([TIME, *INS]))
-    ...     try:
-    ...         read_recording(path)
-    ...     except InswsnError as error:
-    ...         print(str(error).split("ins.csv ")[1])
-    has no column wsn_x_m; it has time_s, ins_x_m, ins_y_m, ins_vx_mps, ins_vy_mps.
+    >>> import inswsn_lib as iw
+    >>> iw.read_recording(iw.data_file("examples/ins-wsn.csv")).measurements.shape
+    (301, 4, 1)
     """
     table = _read_table(path)
-    time = _check_time(path, table[TIME].to_numpy())
-    ins, wsn = table[list(INS)].to_numpy(), table[list(WSN)].to_numpy()
-    reference = table[list(REFERENCE)].to_numpy() if REFERENCE[0] in table else None
-    _check_values(path, ins, wsn)
-    _check_frame(path, ins, wsn)
-    _check_units(path, time, ins, wsn, reference)
-    return _on_grid(path, time, ins, wsn, reference)
+    time = table[TIME].to_numpy()
+    _check_time(path, time)
+    columns = {"ins": INS, "wsn": WSN} | ({"ref": REFERENCE} if REFERENCE[0] in table else {})
+    sources = {who: table[list(names)].to_numpy() for who, names in columns.items()}
+    _check_positions(path, sources["ins"], sources["wsn"])
+    for one, other, known in _comparable(time, sources):
+        _refuse_other_units(path, one, other, known)
+    return _on_grid(path, time, sources)
 
 
 def _read_table(path: Path) -> pd.DataFrame:
-    rows = _read_rows(path)
-    header = [name.strip() for name in rows[0]]
-    if len(header) == 1 and any(sign in header[0] for sign in ";\t"):
-        raise InswsnError(f"{path} has no commas; columns may be separated by commas.")
-    twice = sorted({name for name in header if header.count(name) > 1} & _KNOWN)
-    if twice:
-        raise InswsnError(f"{path} has the column {twice[0]} more than once.")
-    for name in (TIME, *INS, *WSN[:2]):
-        if name not in header:
-            raise InswsnError(f"{path} has no column {name}; it has {', '.join(header)[:200]}.")
-    if (WSN[2] in header) != (WSN[3] in header):
-        raise InswsnError(f"{path} has one of the columns {WSN[2]} and {WSN[3]}; both or neither.")
-    for number, row in enumerate(rows[1:], start=2):
-        if len(row) != len(header):
-            raise InswsnError(
-                f"{path} has {len(row)} cells in row {number}; it may have {len(header)}, as the "
-                "header has."
-            )
-    wanted = [TIME, *INS, *WSN]
-    if set(REFERENCE) <= set(header):
-        wanted += REFERENCE
-    columns = {
-        name: _numbers(path, name, [row[header.index(name)] for row in rows[1:]])
-        if name in header
-        else np.full(len(rows) - 1, np.nan)
-        for name in wanted
-    }
-    return pd.DataFrame(columns)
-
-
-def _read_rows(path: Path) -> list[list[str]]:
-    """Return the header and the rows, without comments and empty lines."""
+    """Return the columns that are known, as numbers, those of a missing velocity all NaN."""
     try:
-        text = path.read_text(encoding="utf-8-sig")
+        lines = path.read_text(encoding="utf-8-sig").splitlines()
+        lines = [line for line in lines if line.strip() and not line.startswith("#")]
+        header = [name.strip() for name in _cells(lines[0])] if lines else []
+        wanted = _wanted(path, header)
+        for row, line in enumerate(lines, start=1):
+            # commas may stand within quotes: only a line with another number of them is split
+            if line.count(",") != len(header) - 1 and len(_cells(line)) != len(header):
+                raise InswsnError(
+                    f"{path} has {len(_cells(line))} cells in row {row}; it may have "
+                    f"{len(header)}, as the header has."
+                )
+        table = pd.read_csv(
+            StringIO("\n".join(lines)), usecols=[header.index(name) for name in wanted],
+            skipinitialspace=True, keep_default_na=False, na_values=["", "nan", "NaN"],
+            index_col=False, low_memory=False,
+        )  # fmt: skip
     except FileNotFoundError:
         raise InswsnError(f"There is no file {path}.") from None
     except IsADirectoryError:
         raise InswsnError(f"{path} is a folder; it may be a CSV file.") from None
     except UnicodeDecodeError:
         raise InswsnError(f"{path} is not a CSV file: it is not UTF-8.") from None
-    lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
-    try:
-        rows = list(csv.reader(lines, skipinitialspace=True, strict=True))
-    except csv.Error as error:
-        raise InswsnError(f"{path} is not a CSV file: {error}.") from None
-    if not rows:
+    except (csv.Error, pd.errors.ParserError) as error:
+        raise InswsnError(f"{path} is not a CSV file: {str(error).strip()}.") from None
+    table.columns = pd.Index(sorted(wanted, key=header.index))
+    numbers = {name: _numbers(path, name, table[name]) for name in table}
+    return pd.DataFrame(numbers).reindex(columns=list(dict.fromkeys([*wanted, *WSN])))
+
+
+def _cells(line: str) -> list[str]:
+    return next(csv.reader([line], skipinitialspace=True, strict=True))
+
+
+def _wanted(path: Path, header: list[str]) -> list[str]:
+    """Return the columns to read; refuse a header without those that must be there."""
+    if not header:
         raise InswsnError(f"{path} is empty; it may be a CSV file with a header.")
-    return rows
+    if len(header) == 1 and any(sign in header[0] for sign in ";\t"):
+        raise InswsnError(f"{path} has no commas; columns may be separated by commas.")
+    for name in (TIME, *INS, *WSN, *REFERENCE):
+        if header.count(name) > 1:
+            raise InswsnError(f"{path} has the column {name} more than once.")
+    for name in (TIME, *INS, *WSN[:2]):
+        if name not in header:
+            raise InswsnError(f"{path} has no column {name}; it has {', '.join(header)[:200]}.")
+    if (WSN[2] in header) != (WSN[3] in header):
+        raise InswsnError(f"{path} has one of the columns {WSN[2]} and {WSN[3]}; both or neither.")
+    reference = REFERENCE if set(REFERENCE) <= set(header) else ()
+    return [name for name in (TIME, *INS, *WSN, *reference) if name in header]
 
 
-def _numbers(path: Path, name: str, cells: list[str]) -> Array:
-    texts = pd.Series(cells, dtype="str").str.strip()
-    numbers = pd.to_numeric(texts, errors="coerce").astype(float)
-    empty = texts.str.lower().isin(["", "nan"])
-    wrong = (numbers.isna() & ~empty) | np.isinf(numbers)
+def _numbers(path: Path, name: object, cells: pd.Series) -> pd.Series:
+    """Return cells as floats; refuse words and what is not finite."""
+    if cells.dtype.kind in "iuf":
+        numbers, wrong = cells.astype(float), np.isinf(cells)
+    else:
+        texts = cells.astype("str").str.strip()
+        numbers = pd.to_numeric(texts, errors="coerce").astype(float)
+        none = cells.isna() | texts.str.lower().isin(["", "nan"])
+        wrong = (numbers.isna() & ~none) | np.isinf(numbers)
     if wrong.any():
         row = int(np.flatnonzero(wrong)[0])
         raise InswsnError(
-            f"{path} has {cells[row][:40]!r} in column {name}, row {row + 2}; it may be a finite "
-            "number, or empty where there is no fix."
+            f"{path} has {str(cells.iloc[row])[:40]!r} in column {name}, row {row + 2}; it may be "
+            "a finite number, or empty where there is no fix."
         )
-    return np.asarray(numbers.to_numpy(), dtype=np.float64)
+    return numbers
 
 
-def _check_time(path: Path, time: Array) -> Array:
+def _check_time(path: Path, time: Array) -> None:
     if time.size < 3:
         raise InswsnError(f"{path} has {time.size} rows; it may have 3 or more.")
     if np.isnan(time).any():
-        row = int(np.flatnonzero(np.isnan(time))[0]) + 2
-        raise InswsnError(f"{path} has no time stamp in row {row}.")
+        raise InswsnError(f"{path} has no time stamp in row {int(np.isnan(time).argmax()) + 2}.")
     steps = np.diff(time)
     if (steps <= 0).any():
-        row = int(np.flatnonzero(steps <= 0)[0]) + 1
+        row = int((steps <= 0).argmax()) + 1
         what = "repeats" if steps[row - 1] == 0 else "goes back from"
         raise InswsnError(
             f"{path}: {TIME} {what} {time[row - 1]:.12g} s in row {row + 2}; time stamps may only "
@@ -252,10 +234,10 @@ def _check_time(path: Path, time: Array) -> Array:
             f"{path}: {TIME} jumps by {steps[row - 1]:.6g} s in row {row + 2}, where "
             f"{np.median(steps):.4g} s are usual; a clock may not have been set in between."
         )
-    return time
 
 
-def _check_values(path: Path, ins: Array, wsn: Array) -> None:
+def _check_positions(path: Path, ins: Array, wsn: Array) -> None:
+    """Refuse an INS with gaps, a network without positions, and frames that are far apart."""
     missing = np.isnan(ins)
     if missing.any():
         row, column = (int(i[0]) for i in np.nonzero(missing))
@@ -268,13 +250,8 @@ def _check_values(path: Path, ins: Array, wsn: Array) -> None:
     for column, name in enumerate(WSN[:2]):
         if np.isnan(wsn[:, column]).all():
             raise InswsnError(f"{path} has no number at all in column {name}.")
-
-
-def _check_frame(path: Path, ins: Array, wsn: Array) -> None:
-    fixed = np.flatnonzero(~np.isnan(wsn[:, :2]).any(axis=1))
-    if fixed.size == 0:
-        return
-    apart = float(np.hypot(*(wsn[fixed[0], :2] - ins[fixed[0], :2])))
+    fixed = ~np.isnan(wsn[:, :2]).any(axis=1)
+    apart = float(np.hypot(*(wsn[fixed, :2] - ins[fixed, :2])[0])) if fixed.any() else 0.0
     if apart >= _FARTHEST:
         raise InswsnError(
             f"{path}: the first position of the network is {apart / 1000:.4g} km from that of the "
@@ -282,85 +259,77 @@ def _check_frame(path: Path, ins: Array, wsn: Array) -> None:
         )
 
 
-class _Series(NamedTuple):
-    name: str
-    values: Array
+#: What a series of speeds (blocks, 2) is, in words, and the series
+_Named = tuple[str, Array]
 
 
-def _check_units(path: Path, time: Array, ins: Array, wsn: Array, reference: Array | None) -> None:
-    """Refuse columns that have one shape and two scales, as a wrong unit makes them."""
-    _agree_with_themselves(path, "ins", time, ins)
-    _agree_with_themselves(path, "wsn", time, wsn)
-    network, inertial = (_block_velocities(time, x[:, :2], wsn[:, :2]) for x in (wsn, ins))
-    # a drift that is steady, or grows slowly, is not in the changes from one block to the next
-    changes = [np.diff(velocities, axis=0) for velocities in (network, inertial)]
-    names = ("the change of speed along wsn_x_m and wsn_y_m", "that along ins_x_m and ins_y_m")
-    _same_scale(path, _Series(names[0], changes[0]), _Series(names[1], changes[1]), known=True)
-    if reference is not None:
-        _agree_with_themselves(path, "ref", time, reference)
-        true = _block_velocities(time, reference[:, :2], wsn[:, :2])
-        names = ("the speed along wsn_x_m and wsn_y_m", "that along ref_x_m and ref_y_m")
-        _same_scale(path, _Series(names[0], network), _Series(names[1], true))
+def _comparable(time: Array, sources: dict[str, Array]) -> Iterator[tuple[_Named, _Named, bool]]:
+    """Yield series that agree but for a wrong unit, and whether a known unit alone is meant.
+
+    Each source has its displacements and its velocities. Network and reference, and network and
+    INS, are compared by their displacements where the network has fixes. Of the INS it is the
+    changes from one block to the next: a drift that is steady, or grows slowly, is not in them.
+    """
+    along = {who: f"along {who}_x_m and {who}_y_m" for who in sources}
+    for who, values in sources.items():
+        blocks = _blocks(time, values)
+        moved, told = (_speeds(time, x, blocks) for x in (values[:, :2], _way(time, values)))
+        velocities = f"that in {who}_vx_mps and {who}_vy_mps"
+        yield (f"the speed {along[who]}", moved), (velocities, told), False
+    blocks = _blocks(time, sources["wsn"][:, :2])
+    speeds = {who: _speeds(time, values[:, :2], blocks) for who, values in sources.items()}
+    network, inertial = np.diff(speeds["wsn"], axis=0), np.diff(speeds["ins"], axis=0)
+    change = f"the change of speed {along['wsn']}"
+    yield (change, network), (f"that {along['ins']}", inertial), True
+    if "ref" in speeds:
+        true = f"that {along['ref']}", speeds["ref"]
+        yield (f"the speed {along['wsn']}", speeds["wsn"]), true, False
 
 
-def _agree_with_themselves(path: Path, who: str, time: Array, values: Array) -> None:
-    """Compare the velocities of one source with the displacements between its positions."""
-    whole = np.flatnonzero(~np.isnan(values).any(axis=1))
-    if whole.size < 2:
-        return
-    velocities = _block_velocities(time, values[:, :2], values)
-    told = _block_means(time, values[:, 2:], values)
-    _same_scale(
-        path,
-        _Series(f"the speed along {who}_x_m and {who}_y_m", velocities),
-        _Series(f"that in {who}_vx_mps and {who}_vy_mps", told),
-    )
+def _blocks(time: Array, needed: Array) -> Rows:
+    """Return first and last row (blocks, 2) of blocks of some seconds with all that is needed.
 
-
-def _blocks(time: Array, needed: Array) -> list[NDArray[np.intp]]:
-    """Return the rows with all that is needed, in blocks of some seconds that share their ends."""
+    Blocks that follow one another share a row. None crosses a gap; if none is long enough, the
+    longest stretch without a gap is one.
+    """
     rows = np.flatnonzero(~np.isnan(needed).any(axis=1))
-    if rows.size < 2:
-        return []
     steps = np.diff(time[rows])
-    stretches = np.split(rows, np.flatnonzero(steps > _PATIENCE * np.median(steps)) + 1)
-    blocks = []
-    for stretch in stretches:
-        first = 0
-        for last in range(1, stretch.size):
-            if time[stretch[last]] - time[stretch[first]] >= _BLOCK:
-                blocks.append(stretch[first : last + 1])
-                first = last
-    longest = max(stretches, key=len)
-    return blocks or ([longest] if longest.size > 1 else [])
+    gaps = np.flatnonzero(steps > _PATIENCE * np.median(steps)) + 1 if steps.size else rows[:0]
+    beyond = np.searchsorted(time[rows], time[rows] + _BLOCK - 1e-9).tolist()
+    found, longest = [], (0, 0)
+    for begin, end in pairwise([0, *gaps.tolist(), len(rows)]):
+        longest = max(longest, (begin, end - 1), key=lambda pair: pair[1] - pair[0])
+        first = begin
+        while first < end and (last := beyond[first]) < end:
+            found.append((first, last))
+            first = last
+    if not found and longest[1] > longest[0]:
+        found = [longest]
+    return np.asarray(rows[np.array(found, dtype=int).reshape(-1, 2)])
 
 
-def _block_velocities(time: Array, positions: Array, needed: Array) -> Array:
-    return np.array(
-        [
-            (positions[rows[-1]] - positions[rows[0]]) / (time[rows[-1]] - time[rows[0]])
-            for rows in _blocks(time, needed)
-        ]
-    ).reshape(-1, 2)
+def _way(time: Array, values: Array) -> Array:
+    """Return the integral of the velocities over the rows that are whole, (rows, 2)."""
+    rows = np.flatnonzero(~np.isnan(values).any(axis=1))
+    way = np.zeros((len(time), 2))
+    if rows.size:
+        way[rows] = cumulative_trapezoid(values[rows, 2:], time[rows], axis=0, initial=0)
+    return way
 
 
-def _block_means(time: Array, values: Array, needed: Array) -> Array:
-    return np.array(
-        [
-            np.trapezoid(values[rows], time[rows], axis=0) / (time[rows[-1]] - time[rows[0]])
-            for rows in _blocks(time, needed)
-        ]
-    ).reshape(-1, 2)
+def _speeds(time: Array, way: Array, blocks: Rows) -> Array:
+    """Return displacement over time of each block, (blocks, 2)."""
+    return np.asarray(np.diff(way[blocks], axis=1)[:, 0] / np.diff(time[blocks]))
 
 
-def _same_scale(path: Path, one: _Series, other: _Series, known: bool = False) -> None:
+def _refuse_other_units(path: Path, one: _Named, other: _Named, known: bool) -> None:
     """Refuse two series of one shape and two scales; if `known`, of two known units alone."""
-    count = len(one.values)
-    sizes = float(np.linalg.norm(one.values)), float(np.linalg.norm(other.values))
+    count = len(one[1])
+    sizes = float(np.linalg.norm(one[1])), float(np.linalg.norm(other[1]))
     if count == 0 or min(sizes) == 0 or max(sizes) / np.sqrt(count) < _SLOWEST:
         return
     # noise lowers the likeness before it changes the scale by as much as a unit does
-    likeness = float(np.sum(one.values * other.values)) / (sizes[0] * sizes[1])
+    likeness = float(np.sum(one[1] * other[1])) / (sizes[0] * sizes[1])
     ratio = sizes[0] / sizes[1]
     # few and noisy changes may differ by much: only a gross factor between many tells a unit
     factor = _GROSS if known else _FACTOR
@@ -375,12 +344,12 @@ def _same_scale(path: Path, one: _Series, other: _Series, known: bool = False) -
         return
     looks = f", as with {' or '.join(near)}" if near else ""
     raise InswsnError(
-        f"{path}: {one.name} is {ratio:.3g} times {other.name}{looks}; lengths are in m, speeds "
+        f"{path}: {one[0]} is {ratio:.3g} times {other[0]}{looks}; lengths are in m, speeds "
         f"in m/s, {TIME} in s."
     )
 
 
-def _on_grid(path: Path, time: Array, ins: Array, wsn: Array, reference: Array | None) -> Recording:
+def _on_grid(path: Path, time: Array, sources: dict[str, Array]) -> Recording:
     place = _places(time)
     slope, late = np.polyfit(place, time - time[0], 1)
     period, start = float(slope), float(time[0] + late)
@@ -392,23 +361,20 @@ def _on_grid(path: Path, time: Array, ins: Array, wsn: Array, reference: Array |
             f"off an even grid of {period:.4g} s; a fifth of a period is allowed. Resample the "
             "recording."
         )
-
-    def spread(values: Array) -> Array:
-        grid = np.full((place[-1] + 1, values.shape[1]), np.nan)
-        grid[place] = values
-        return grid
-
+    grids = {who: np.full((place[-1] + 1, 4), np.nan) for who in sources}
+    for who, values in sources.items():
+        grids[who][place] = values
     return Recording(
         time=start + period * np.arange(place[-1] + 1),
         period=period,
-        ins=spread(ins),
-        wsn=spread(wsn),
-        reference=None if reference is None else spread(reference),
+        ins=grids["ins"],
+        wsn=grids["wsn"],
+        reference=grids.get("ref"),
         jitter=float(np.std(offset)),
     )
 
 
-def _places(time: Array) -> NDArray[np.intp]:
+def _places(time: Array) -> Rows:
     """Return the step of the grid that each time stamp belongs to.
 
     The median of the steps carries the rounding of the time stamps. So the period is fitted to the
