@@ -24,16 +24,6 @@ def data_file(name: str) -> Path:
     An installed library carries the scenarios and the example recording; one that is used from a
     checkout reads the checkout's own.
 
-    Parameters
-    ----------
-    name : str
-        Such as ``"scenarios/p1.yaml"`` or ``"examples/ins-wsn.csv"``.
-
-    Raises
-    ------
-    InswsnError
-        If there is no such file.
-
     Examples
     --------
     >>> import inswsn_lib as iw
@@ -107,11 +97,6 @@ _Loader.add_implicit_resolver(
 def read_yaml(path: Path) -> Any:
     """Read a YAML file: mappings, lists, texts (dates too), numbers, truth values and None.
 
-    Parameters
-    ----------
-    path : Path
-        UTF-8.
-
     Raises
     ------
     InswsnError
@@ -119,16 +104,9 @@ def read_yaml(path: Path) -> Any:
 
     Examples
     --------
-    A number in powers of ten is a number:
-
-    >>> from pathlib import Path
-    >>> from tempfile import TemporaryDirectory
-    >>> from inswsn_lib.files import read_yaml
-    >>> with TemporaryDirectory() as folder:
-    ...     path = Path(folder) / "values.yaml"
-    ...     _ = path.write_text("{gamma: 1e-1, steps: 100}")
-    ...     read_yaml(path)
-    {'gamma': 0.1, 'steps': 100}
+    >>> from inswsn_lib.files import data_file, read_yaml
+    >>> read_yaml(data_file("scenarios/p2.yaml"))["spacing"]["value"]
+    7
     """
     try:
         return yaml.load(path.read_text(encoding="utf-8"), Loader=_Loader)

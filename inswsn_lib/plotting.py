@@ -110,17 +110,10 @@ def draw_scores(
     ----------
     frame : pandas.DataFrame
         Rows of `inswsn_lib.evaluation.Scores.table` with the axes as columns.
-    axes : mapping of str to str
-        The axes of the grid in order, with their units.
+    axes, methods : mapping of str to str
+        The axes in order with their units, the last of numbers; the methods and their words.
     headline : str
         The column.
-    methods : mapping of str to str
-        The methods that are drawn, and what the legend calls them.
-
-    Raises
-    ------
-    ParameterError
-        If the last axis is no axis of at least two numbers, or there would be more than 12 charts.
 
     Examples
     --------

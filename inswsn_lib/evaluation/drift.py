@@ -63,14 +63,12 @@ MOTIONS = (
 
 @dataclass(frozen=True)
 class DriftBound:
-    r"""A lower bound on the mean position error over a window, from `drift_bound`.
+    r"""A lower bound on the mean position error over a window of n samples, from `drift_bound`.
 
     Attributes
     ----------
-    motion : Motion
-        The class of velocity errors that it holds for.
-    samples : int
-        Number :math:`n` of samples in the window.
+    motion, samples : Motion, int
+        The class of velocity errors that it holds for, and n.
     ratio : float
         The least :math:`\overline{|p|} / (n T\, \overline{|v|})` in the class, dimensionless.
     position, velocity : ndarray, (samples,)
@@ -105,7 +103,7 @@ def drift_bound(motion: Motion, samples: int) -> DriftBound:
     motion : Motion
         The class of velocity errors.
     samples : int
-        Number of samples in the window, 4 or more.
+        n, 4 or more.
 
     Raises
     ------

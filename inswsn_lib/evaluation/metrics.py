@@ -61,13 +61,7 @@ def largest_error(errors: ArrayLike) -> Array:
 
 
 class Spread(NamedTuple):
-    """The median over runs and the interval that holds 95 % of them, from `spread`.
-
-    Attributes
-    ----------
-    median, low, high : ndarray, (components,)
-        low and high are the quantiles 2.5 % and 97.5 %.
-    """
+    """The median over runs and the quantiles 2.5 % and 97.5 %, each (components,)."""
 
     median: Array
     low: Array
@@ -75,12 +69,9 @@ class Spread(NamedTuple):
 
 
 def spread(values: ArrayLike) -> Spread:
-    """Return how a number of each run is spread over the runs.
+    """Return median, low and high of values (components, runs): 95 % of the runs lie between.
 
-    Parameters
-    ----------
-    values : array_like, (components, runs)
-        40 runs or more: of fewer, the 2.5 % quantile is not among them.
+    It takes 40 runs or more: of fewer, the 2.5 % quantile is not among them.
 
     Examples
     --------

@@ -7,7 +7,6 @@ from .printed import (
     derive as derive,
     intersects as intersects,
     interval as interval,
-    interval_matrix as interval_matrix,
     mean as mean,
     meet as meet,
     reduction as reduction,

@@ -6,7 +6,7 @@ result contains every result that values inside the operands' intervals can give
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from decimal import Decimal, InvalidOperation
 from typing import Any
@@ -215,23 +215,3 @@ def derive(function: Callable[..., Interval], *texts: Printed) -> Derived:
     """
     exact = function(*(about(text, 0) for text in texts))
     return Derived(float(exact.mid), function(*map(interval, texts)))
-
-
-def interval_matrix(rows: Sequence[Sequence[Printed]], factor: Printed = "1") -> list[list[Any]]:
-    """Return a printed matrix as rows of intervals, each entry times an exact common factor.
-
-    An entry printed without a decimal point, such as the 0 and 1 of a structural matrix, is
-    taken as exact.
-
-    Examples
-    --------
-    >>> from inswsn_lib.papers import bounds, interval_matrix
-    >>> ((one, half),) = interval_matrix([["1", "0.5"]], factor="1e1")
-    >>> print("{:.1f} to {:.1f}, {:.1f} to {:.1f}".format(*bounds(one), *bounds(half)))
-    10.0 to 10.0, 4.5 to 5.5
-    """
-    scale = about(factor, 0)
-    return [
-        [(interval(text) if "." in text else about(text, 0)) * scale for text in row]
-        for row in rows
-    ]

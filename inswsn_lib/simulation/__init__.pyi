@@ -17,5 +17,5 @@ from .network import (
     velocity_slopes as velocity_slopes,
 )
 from .scene import Scene as Scene
-from .traffic import OPERATIONS as OPERATIONS, Traffic as Traffic, count_traffic as count_traffic
+from .traffic import OPERATIONS as OPERATIONS, count_traffic as count_traffic
 from .trajectory import Motion as Motion, Path as Path

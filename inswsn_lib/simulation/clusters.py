@@ -178,14 +178,9 @@ class ClusterScene:
     def margins(self, length: float) -> Array:
         """Return how far each cluster's coverage reaches beyond the node, (clusters, steps).
 
-        It is the reach less the distance of the third nearest node of the cluster, over `length`,
-        cut to the range from 0 to 1: at 0 the cluster loses its third node. It is 0 as well where
-        the nodes in reach lie on one line, so that there is no fix.
-
-        Parameters
-        ----------
-        length : float
-            The margin that counts as full, m.
+        It is the reach less the distance of the third nearest node of the cluster, over the
+        `length` that counts as full, m, cut to the range from 0 to 1: at 0 the cluster loses its
+        third node. It is 0 as well where the nodes in reach lie on one line: there is no fix.
         """
         number("length", length, above=0)
         out = np.empty((len(self.clusters), len(self.motion.time)))
@@ -196,11 +191,6 @@ class ClusterScene:
 
     def simulate(self, rng: np.random.Generator, runs: int) -> dict[str, Array]:
         """Simulate a number of runs; for `inswsn_lib.evaluation.monte_carlo`.
-
-        Parameters
-        ----------
-        rng : numpy.random.Generator
-        runs : int
 
         Returns
         -------

@@ -40,10 +40,8 @@ def shaped_drift(
         s since the first step.
     rng : numpy.random.Generator
     runs : int
-    size : float
-        s, m/s; positive.
-    cycle : float
-        Period of the oscillation, s; positive.
+    size, cycle : float
+        s, m/s; the period of the oscillation, s.
 
     Returns
     -------
@@ -97,18 +95,13 @@ def drifting(
     ----------
     errors : ndarray, (steps, 4, runs)
         Position (m) and velocity (m/s) errors.
-    period : float
-        T, s.
     rng : numpy.random.Generator
-    deviation : float
-        :math:`\sigma`, m/s^2.
-    correlation_time : float
-        :math:`\tau`, s.
+    period, deviation, correlation_time : float
+        T, s; :math:`\sigma`, m/s^2; :math:`\tau`, s.
 
     Examples
     --------
-    An acceleration that wanders much more slowly than the run is long is a bias: after the time t
-    the position is off by t/2 times what the velocity is off by.
+    One that hardly wanders is a bias: after the time t positions are off by t/2 times velocities.
 
     >>> import numpy as np
     >>> from inswsn_lib.simulation import drifting

@@ -37,11 +37,6 @@ def multilaterate(nodes: Sequence[ArrayLike], ranges: Sequence[ArrayLike]) -> Ar
     ndarray, (places, 2, runs)
         m; NaN where fewer than three ranges are there, or the nodes lie almost on a line.
 
-    Raises
-    ------
-    ParameterError
-        If a place has no ranges or not one a node and run, or not as many runs as the first.
-
     Examples
     --------
     One place: three nodes and the distances from (3, 4). In a second run a range is lost.
@@ -170,21 +165,8 @@ def _solve_two(rows: Array, weight: Array, right: Array, damping: Array | float 
 def position_covariance(nodes: Array, position: Array, noise: float) -> Array:
     r"""Return the covariance :math:`\sigma^2 (H'H)^{-1}` of a multilaterated position, (2, 2).
 
-    It holds to first order in the noise; the rows of H are the directions from the nodes.
-
-    Parameters
-    ----------
-    nodes : ndarray, (heard, 2)
-        m.
-    position : ndarray, (2,)
-        m.
-    noise : float
-        Standard deviation of a range, m.
-
-    Raises
-    ------
-    ParameterError
-        If the nodes are fewer than two or in a line with the position, or one is at it.
+    It holds to first order in the noise, the deviation of a range, m; the rows of H are directions
+    from the nodes (heard, 2) to the position (2,), m, of which none is at it and not all in a line.
 
     Examples
     --------

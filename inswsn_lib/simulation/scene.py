@@ -73,11 +73,8 @@ class Scene:
     velocity_noise : float
         Standard deviation of a measured velocity, m/s, each component.
     velocity_fixes : int
-        Fixes in a window.
-    inertial : InertialErrors
-        The INS.
-    inertial_interval : float
-        Sampling interval of the inertial sensors, s.
+    inertial, inertial_interval : InertialErrors, float
+        The INS, and the sampling interval of its sensors, s.
 
     Examples
     --------
@@ -152,11 +149,6 @@ class Scene:
 
     def simulate(self, rng: np.random.Generator, runs: int) -> dict[str, Array]:
         """Simulate a number of runs; for `inswsn_lib.evaluation.monte_carlo`.
-
-        Parameters
-        ----------
-        rng : numpy.random.Generator
-        runs : int
 
         Returns
         -------

@@ -26,19 +26,7 @@ OPERATIONS = (
 
 
 class Traffic(NamedTuple):
-    """What is sent at each step: messages, and the numbers in them, once for every hop.
-
-    Attributes
-    ----------
-    transmissions, numbers : ndarray, (steps,)
-
-    Examples
-    --------
-    >>> from inswsn_lib.simulation import Traffic
-    >>> sent = Traffic(transmissions=[3.0], numbers=[12.0])  # four numbers over three hops
-    >>> sent.numbers[0] / sent.transmissions[0]
-    4.0
-    """
+    """Messages sent at each step, and the numbers in them, (steps,), once for every hop."""
 
     transmissions: Array
     numbers: Array
@@ -62,9 +50,7 @@ def count_traffic(scene: ClusterScene) -> dict[str, Traffic]:
 
     The nodes measure the ranges. In each way of working the blind node sends its INS to where it
     is compared with fixes, and gets the estimate back from the fusion centre: four numbers each.
-
-    Clusters take part that have a fix: three nodes in reach or more, not on one line. Where there
-    is none, nothing is sent.
+    Clusters take part that have a fix; where there is none, nothing is sent.
 
     - "ranges to the centre": every node of theirs that hears the blind node sends its range to the
       centre.
@@ -76,14 +62,10 @@ def count_traffic(scene: ClusterScene) -> dict[str, Traffic]:
       filter or covariance intersection needs.
     - "local estimates with covariances, and reset": the centre sends as much back to these heads.
 
-    Parameters
-    ----------
-    scene : ClusterScene
-
     Returns
     -------
     dict of str to Traffic
-        By the names in `OPERATIONS`.
+        By the names in `OPERATIONS`; each has transmissions and numbers, (steps,).
 
     Examples
     --------

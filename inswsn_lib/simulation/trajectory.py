@@ -77,12 +77,7 @@ class Path:
         waypoints : array_like, (points, 2)
             m, two or more; the first and the last are met, the others are corners.
         radius : float
-            Of the arcs, m.
-
-        Raises
-        ------
-        ParameterError
-            If an arc does not fit between its neighbours.
+            Of the arcs, m; each has to fit between its neighbours.
         """
         points = array("waypoints", waypoints, ("points", 2))
         number("radius", radius, above=0)
@@ -107,14 +102,9 @@ class Path:
         return float(self.lengths.sum())
 
     def drive(self, speed: float, time: ArrayLike) -> Motion:
-        """Return the motion at constant speed.
+        """Return the motion at constant speed, m/s, at times (steps,) since the start, s.
 
-        Parameters
-        ----------
-        speed : float
-            m/s.
-        time : array_like, (steps,)
-            s since the start. After the end of the path the motion goes straight on.
+        After the end of the path the motion goes straight on.
         """
         t = array("time", time, ("steps",))
         number("speed", speed, above=0)

@@ -17,7 +17,6 @@ from inswsn_lib.papers import (
     derive,
     intersects,
     interval,
-    interval_matrix,
     mean,
     meet,
     reduction,
@@ -90,12 +89,6 @@ def test_what_intervals_have_in_common() -> None:
     assert not intersects(span(1.1, 2), span(0, 1))
     assert bounds(meet(span(0, 2), span(1, 3))) == bounds(meet(span(1, 3), span(0, 2))) == (1, 2)
     assert bounds(mean(span(0, 1), span(2, 4), span(1, 1))) == (1, 2)
-
-
-def test_a_structural_entry_is_exact_and_a_printed_one_is_not() -> None:
-    ((one, half),) = interval_matrix([["1", "0.5"]], factor="1e-2")
-    assert bounds(one) == pytest.approx((0.01, 0.01), abs=1e-17)
-    assert bounds(half) == pytest.approx((0.0045, 0.0055))
 
 
 @pytest.mark.parametrize("text", ["", "abc", "1,5", "NaN", "inf", None])
