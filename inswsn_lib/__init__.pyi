@@ -9,6 +9,7 @@ from . import (
     navigation as navigation,
     papers as papers,
     plotting as plotting,
+    recordings as recordings,
     simulation as simulation,
     vehicle as vehicle,
 )
@@ -18,9 +19,10 @@ from .models import ErrorModel as ErrorModel
 
 # Read a recording or a scenario
 from .files import data_file as data_file
-from .navigation import Recording as Recording, read_recording as read_recording
+from .recordings import Recording as Recording, read_recording as read_recording
 from .scenario import (
     Setting as Setting,
+    from_settings as from_settings,
     load_scenario as load_scenario,
     with_values as with_values,
 )

@@ -21,27 +21,13 @@ _PACKAGE = Path(__file__).parent
 def data_file(name: str) -> Path:
     """Return the path of a file or folder of the library's data.
 
-    An installed library carries copies of the scenarios and of the example recording; one that is
-    used from a checkout reads the checkout's own.
-
-    Parameters
-    ----------
-    name : str
-        Such as ``"scenarios/p1.yaml"`` or ``"examples/ins-wsn.csv"``.
-
-    Returns
-    -------
-    Path
-
-    Raises
-    ------
-    InswsnError
-        If there is no such file.
+    An installed library carries the scenarios and the example recording; one that is used from a
+    checkout reads the checkout's own.
 
     Examples
     --------
-    >>> from inswsn_lib.files import data_file
-    >>> data_file("examples/ins-wsn.csv").name
+    >>> import inswsn_lib as iw
+    >>> iw.data_file("examples/ins-wsn.csv").name
     'ins-wsn.csv'
     """
     for folder in (_PACKAGE / "data", _PACKAGE.parent / "data"):
@@ -51,12 +37,7 @@ def data_file(name: str) -> Path:
 
 
 def data_mirror() -> Path | None:
-    """Return the local folder with recorded data; None if none is named or it is not there.
-
-    Returns
-    -------
-    Path or None
-        What ``INSWSN_DATA`` names, absolute.
+    """Return the local folder with recorded data that ``INSWSN_DATA`` names; None if there is none.
 
     Examples
     --------
@@ -114,17 +95,7 @@ _Loader.add_implicit_resolver(
 
 
 def read_yaml(path: Path) -> Any:
-    """Read a YAML file.
-
-    Parameters
-    ----------
-    path : Path
-        The file, UTF-8.
-
-    Returns
-    -------
-    object
-        Mappings, lists, texts, numbers, truth values and None; a date is a text.
+    """Read a YAML file: mappings, lists, texts (dates too), numbers, truth values and None.
 
     Raises
     ------
@@ -133,23 +104,9 @@ def read_yaml(path: Path) -> Any:
 
     Examples
     --------
-    A number in powers of ten is a number, and a repeated key is refused:
-
-    >>> from pathlib import Path
-    >>> from tempfile import TemporaryDirectory
-    >>> from inswsn_lib.errors import InswsnError
-    >>> from inswsn_lib.files import read_yaml
-    >>> with TemporaryDirectory() as folder:
-    ...     path = Path(folder) / "values.yaml"
-    ...     _ = path.write_text("{gamma: 1e-1, steps: 100}")
-    ...     read_yaml(path)
-    ...     _ = path.write_text("{gamma: 1, gamma: 2}")
-    ...     try:
-    ...         read_yaml(path)
-    ...     except InswsnError as error:
-    ...         "the key gamma is repeated" in str(error)
-    {'gamma': 0.1, 'steps': 100}
-    True
+    >>> from inswsn_lib.files import data_file, read_yaml
+    >>> read_yaml(data_file("scenarios/p2.yaml"))["spacing"]["value"]
+    7
     """
     try:
         return yaml.load(path.read_text(encoding="utf-8"), Loader=_Loader)

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from inswsn_lib.papers import read_table
-from inswsn_lib.scenario import load_scenario
+from inswsn_lib.scenario import from_settings, load_scenario
 from inswsn_lib.simulation import InertialErrors, Scene, simulate_ins
 
 Array = NDArray[np.float64]
@@ -134,9 +134,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--out", type=Path, default=ROOT / "data/scenarios")
     given = parser.parse_args()
-    scene = Scene.from_settings(
-        load_scenario(ROOT / "data/scenarios/p1.yaml"), inertial=InertialErrors()
-    )
+    settings = load_scenario(ROOT / "data/scenarios/p1.yaml")
+    scene = from_settings(Scene, settings, inertial=InertialErrors())
     printed = printed_cells()
     fits = {"p1-inertial.yaml": SUSPECT, "p1-inertial-all-cells.yaml": SUSPECT & False}
     for name, left_out in fits.items():

@@ -28,19 +28,17 @@ ROOMS = (
     "lmi",
     "navigation",
     "papers",
-    "plotting",
+    "recordings",
     "simulation",
     "vehicle",
 )
-MODULES = ("errors", "files", "models", "scenario")
+MODULES = ("errors", "files", "models", "plotting", "scenario")
 
 #: Functions and classes of a room that need no example, each with the reason
 EXEMPT = {
     "errors.Described": "for the rooms",
     "papers.Printed": "a name for str, without a docstring of its own",
     "scenario.between": "shown by from_settings",
-    "scenario.frozen": "for the rooms",
-    "scenario.take": "for the rooms",
 }
 
 MODULES_WITH_EXAMPLES = sorted(

@@ -1,14 +1,16 @@
-from .consistency import mean_bounds as mean_bounds, normalised_squares as normalised_squares
+from .consistency import (
+    NoiseFit as NoiseFit,
+    fit_noise as fit_noise,
+    mean_bounds as mean_bounds,
+    normalised_squares as normalised_squares,
+)
 from .drift import (
     MOTIONS as MOTIONS,
-    DriftBound as DriftBound,
     Motion as Motion,
     drift_bound as drift_bound,
     longest_period as longest_period,
 )
-from .hypotheses import WITHIN as WITHIN, Score as Score, score_hypothesis as score_hypothesis
 from .metrics import (
-    Spread as Spread,
     cluster_interval as cluster_interval,
     largest_error as largest_error,
     mean_absolute_error as mean_absolute_error,
@@ -16,11 +18,9 @@ from .metrics import (
     spread as spread,
 )
 from .monte_carlo import GROUP as GROUP, monte_carlo as monte_carlo
-from .noise import NoiseFit as NoiseFit, fit_noise as fit_noise
-from .scores import Lead as Lead, Leader as Leader, Scores as Scores, paired_lead as paired_lead
-from .tuning import (
-    PatternSearch as PatternSearch,
-    Tuning as Tuning,
-    search_pattern as search_pattern,
-    tune as tune,
+from .scores import (
+    Scores as Scores,
+    paired_lead as paired_lead,
+    score_hypothesis as score_hypothesis,
 )
+from .tuning import Tuning as Tuning, search_pattern as search_pattern, tune as tune

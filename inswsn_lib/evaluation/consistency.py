@@ -1,14 +1,88 @@
-"""Whether errors are as large as a filter says: normalised squares and their chi-square bounds."""
+"""Noise figures and errors: those that fit, and whether errors are as large as a filter says."""
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.stats import chi2
 
-from inswsn_lib.errors import ParameterError
+from inswsn_lib.checks import Array, array, number, whole
+from inswsn_lib.errors import Described, ParameterError
 
-Array = NDArray[np.float64]
+
+class NoiseFit(NamedTuple):
+    """Second moments of simulated errors, from `fit_noise`.
+
+    Attributes
+    ----------
+    process : ndarray, (n, n)
+        Q, of what a step of the model leaves over.
+    measurement : ndarray, (m, m)
+        R, of the errors of the measurements.
+    initial : ndarray, (n, n)
+        P_0, of the state at the first step.
+
+    Examples
+    --------
+    >>> from inswsn_lib.evaluation import NoiseFit
+    >>> Q, R, P0 = NoiseFit(process=[[1.0]], measurement=[[4.0]], initial=[[0.0]])
+    >>> R
+    [[4.0]]
+    """
+
+    process: Array
+    measurement: Array
+    initial: Array
+
+
+def fit_noise(A: ArrayLike, states: ArrayLike, measurement_errors: ArrayLike) -> NoiseFit:
+    r"""Return the noise figures that a Kalman filter needs, from errors that a simulation knows.
+
+    .. math::
+        Q = \overline{w_k w_k'}, \; w_k = x_{k+1} - A x_k, \qquad R = \overline{v_k v_k'},
+        \qquad P_0 = \overline{x_0 x_0'}
+
+    with means over steps and runs: the sample version of what Q, R and P_0 stand for (Bar-Shalom,
+    Li and Kirubarajan 2001, Section 5.2). They are moments about zero: a filter that assumes noise
+    of zero mean has to take a mean for noise. Noise that is coloured is taken for white.
+
+    Parameters
+    ----------
+    A : array_like, (n, n)
+        Transition of the state.
+    states : array_like, (steps, n, runs)
+        The true states; two steps or more, in the units of the model.
+    measurement_errors : array_like, (steps, m, runs)
+        The true errors of the measurements; NaN where missing, complete at some step.
+
+    Examples
+    --------
+    A state that takes steps of one to either side, from zero, and measurements that are off by two:
+
+    >>> import inswsn_lib as iw
+    >>> states = [[[0.0]], [[1.0]], [[0.0]], [[-1.0]], [[0.0]]]
+    >>> Q, R, P0 = iw.fit_noise([[1.0]], states, [[[2.0]]] * 5)
+    >>> Q.tolist(), R.tolist(), P0.tolist()
+    ([[1.0]], [[4.0]], [[0.0]])
+    """
+    x = array("states", states, ("steps", "n", "runs"))
+    steps, n, runs = x.shape
+    if steps < 2 or not x.size:
+        raise ParameterError("states", Described(f"of shape {x.shape}"), "two steps or more")
+    transition = array("A", A, (n, n))
+    v = array("measurement_errors", measurement_errors, (steps, "m", runs), gaps=True)
+    columns = np.moveaxis(v, 1, 0).reshape(v.shape[1], -1)
+    columns = columns[:, ~np.isnan(columns).any(axis=0)]
+    if columns.shape[1] == 0:
+        raise ParameterError("measurement_errors", Described("never complete"), "so at some step")
+    left = np.moveaxis(x[1:] - transition @ x[:-1], 1, 0).reshape(n, -1)
+    return NoiseFit(_moment(left), _moment(columns), _moment(x[0]))
+
+
+def _moment(columns: Array) -> Array:
+    return np.asarray(columns @ columns.T / columns.shape[1])
 
 
 def normalised_squares(errors: ArrayLike, covariances: ArrayLike) -> Array:
@@ -28,53 +102,39 @@ def normalised_squares(errors: ArrayLike, covariances: ArrayLike) -> Array:
         these covariances, each has a chi-square distribution with as many degrees of freedom as
         components (Bar-Shalom, Li and Kirubarajan 2001, Section 5.4).
 
-    Raises
-    ------
-    ParameterError
-        If shapes do not fit or a covariance is not positive definite.
-
     Examples
     --------
-    An error of three and four, where the filter says five each, is as large as expected of two
-    components together: its square is 1, the mean of a chi-square distribution is 2.
+    An error of three and four, where the filter says a deviation of five for each:
 
-    >>> import numpy as np
-    >>> from inswsn_lib.evaluation import normalised_squares
-    >>> errors = np.array([[[3.0], [4.0]], [[3.0], [np.nan]]])  # two steps, two components, one run
-    >>> print(normalised_squares(errors, 25 * np.eye(2)).round(2).ravel())
-    [1.   0.36]
+    >>> import inswsn_lib as iw
+    >>> iw.normalised_squares([[[3.0], [4.0]]], [[25.0, 0.0], [0.0, 25.0]]).round(9).tolist()
+    [[1.0]]
     """
-    e = np.asarray(errors, dtype=float)
-    S = np.asarray(covariances, dtype=float)
-    if e.ndim == 3 and S.shape == (e.shape[0], e.shape[1], *e.shape[1:]):
+    e = array("errors", errors, ("steps", "n", "runs"), gaps=True)
+    steps, n, runs = e.shape
+    S = array("covariances", covariances, (n, n), (steps, n, n), (steps, n, n, runs))
+    if S.ndim == 4:
         # each run has covariances of its own: every step of every run is a step of one run
-        steps, n, runs = e.shape
         single = np.moveaxis(e, 2, 1).reshape(-1, n, 1)
         own = np.moveaxis(S, 3, 1).reshape(-1, n, n)
         return normalised_squares(single, own).reshape(steps, runs)
-    if e.ndim != 3 or S.shape not in ((e.shape[1],) * 2, (e.shape[0], e.shape[1], e.shape[1])):
-        raise ParameterError(
-            "errors and covariances",
-            (e.shape, S.shape),
-            "(steps, n, runs) and (n, n), (steps, n, n) or (steps, n, n, runs)",
-        )
-    whole = np.broadcast_to(S, (e.shape[0], *S.shape[-2:]))
-    squares = np.full((e.shape[0], e.shape[2]), np.nan)
+    S = np.broadcast_to(S, (steps, n, n))
+    squares = np.full((steps, runs), np.nan)
     there = ~np.isnan(e)
-    for pattern in np.unique(np.moveaxis(there, 1, 2).reshape(-1, e.shape[1]), axis=0):
+    for pattern in np.unique(np.moveaxis(there, 1, 2).reshape(-1, n), axis=0):
         if pattern.any():
             chosen = (there == pattern[:, None]).all(axis=1)
-            part = _whole_squares(e[:, pattern], whole[:, pattern][:, :, pattern])
-            squares[chosen] = part[chosen]
+            whitened = np.linalg.solve(_factors(S[:, pattern][:, :, pattern]), e[:, pattern])
+            squares[chosen] = np.square(whitened).sum(axis=1)[chosen]
     return squares
 
 
-def _whole_squares(e: Array, S: Array) -> Array:
+def _factors(covariances: Array) -> Array:
     try:
-        factors = np.linalg.cholesky(S)
+        return np.asarray(np.linalg.cholesky(covariances))
     except np.linalg.LinAlgError:
-        raise ParameterError("covariances", "not positive definite", "positive definite") from None
-    return np.asarray(np.square(np.linalg.solve(factors, e)).sum(axis=1))
+        given = Described("not positive definite")
+        raise ParameterError("covariances", given, "positive definite") from None
 
 
 def mean_bounds(count: int, degrees: int, probability: float = 0.95) -> tuple[float, float]:
@@ -95,28 +155,16 @@ def mean_bounds(count: int, degrees: int, probability: float = 0.95) -> tuple[fl
         Quantiles of the chi-square distribution with count times degrees degrees of freedom, over
         the count (Bar-Shalom, Li and Kirubarajan 2001, Section 5.4).
 
-    Raises
-    ------
-    ParameterError
-        If a number is not positive, or the probability not between 0 and 1.
-
     Examples
     --------
-    One square of one component is a squared standard normal number, so that its bounds are squares
-    of that number's quantiles; the more squares are averaged, the nearer the bounds come to their
-    mean.
+    The more squares are averaged, the nearer the bounds come to their mean:
 
-    >>> from inswsn_lib.evaluation import mean_bounds
-    >>> print("{:.3f} {:.3f}".format(*mean_bounds(1, 1)))
-    0.001 5.024
-    >>> print("{:.2f} {:.2f}".format(*mean_bounds(10_000, 4)))
+    >>> import inswsn_lib as iw
+    >>> print("{:.2f} {:.2f}".format(*iw.mean_bounds(10_000, 4)))
     3.94 4.06
     """
-    for name, number in (("count", count), ("degrees", degrees)):
-        if number < 1:
-            raise ParameterError(name, number, "1 or more")
-    if not 0 < probability < 1:
-        raise ParameterError("probability", probability, "between 0 and 1")
-    tail = (1 - probability) / 2
+    whole("count", count, 1)
+    whole("degrees", degrees, 1)
+    tail = (1 - number("probability", probability, above=0, below=1)) / 2
     low, high = chi2.ppf([tail, 1 - tail], count * degrees) / count
     return float(low), float(high)

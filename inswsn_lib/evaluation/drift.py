@@ -12,14 +12,12 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import linprog
 
-from inswsn_lib.errors import InswsnError, ParameterError
+from inswsn_lib.checks import Array, number, whole
+from inswsn_lib.errors import InswsnError
 
-Array = NDArray[np.float64]
-
-_MAX_DEGREE = 2
+_MOST_DEGREE = 2
 _CERTIFICATE_TOLERANCE = 1e-9
 
 
@@ -27,7 +25,7 @@ _CERTIFICATE_TOLERANCE = 1e-9
 class Motion:
     """A class of INS velocity errors.
 
-    Parameters
+    Attributes
     ----------
     name : str
         A few words for the reader.
@@ -37,22 +35,13 @@ class Motion:
         True: the velocity error keeps one sign, and the position error starts at zero or with
         that sign, so both keep it. False: any polynomial, with any initial position error.
 
-    Raises
-    ------
-    ParameterError
-        If the degree is not 0, 1 or 2.
-
     Examples
     --------
-    A velocity error that a constant acceleration error makes, and one that is refused:
+    A velocity error that a constant acceleration error makes:
 
     >>> from inswsn_lib.evaluation import Motion
     >>> Motion("linear, one sign", degree=1, one_sign=True).degree
     1
-    >>> Motion("cubic", degree=3, one_sign=True)
-    Traceback (most recent call last):
-        ...
-    inswsn_lib.errors.ParameterError: degree is 3; it may be a whole number from 0 to 2.
     """
 
     name: str
@@ -60,8 +49,7 @@ class Motion:
     one_sign: bool
 
     def __post_init__(self) -> None:
-        if not 0 <= self.degree <= _MAX_DEGREE:
-            raise ParameterError("degree", self.degree, f"a whole number from 0 to {_MAX_DEGREE}")
+        whole("degree", self.degree, 0, _MOST_DEGREE)
 
 
 #: The four classes that the book uses
@@ -75,35 +63,18 @@ MOTIONS = (
 
 @dataclass(frozen=True)
 class DriftBound:
-    r"""A lower bound on the mean position error over a window.
+    r"""A lower bound on the mean position error over a window of n samples, from `drift_bound`.
 
     Attributes
     ----------
-    motion : Motion
-        The class of velocity errors that it holds for.
-    samples : int
-        Number :math:`n` of samples in the window.
+    motion, samples : Motion, int
+        The class of velocity errors that it holds for, and n.
     ratio : float
-        The least value of
-        :math:`\overline{|p|} / (n T\, \overline{|v|})` in the class, dimensionless.
-    position, velocity : ndarray, shape (samples,)
+        The least :math:`\overline{|p|} / (n T\, \overline{|v|})` in the class, dimensionless.
+    position, velocity : ndarray, (samples,)
         A motion that attains it, for T = 1 s, in m and m/s.
     residual : float
         Largest violation of the certificates of optimality, relative.
-
-    Examples
-    --------
-    The motion that attains the bound of `drift_bound` obeys P1 (2.1), and its means are in the
-    ratio:
-
-    >>> import numpy as np
-    >>> from inswsn_lib.evaluation import MOTIONS, drift_bound
-    >>> bound = drift_bound(MOTIONS[0], 50)
-    >>> bool(np.allclose(np.diff(bound.position), bound.velocity[:-1]))
-    True
-    >>> share = np.abs(bound.position).mean() / (50 * np.abs(bound.velocity).mean())
-    >>> print(f"{share:.4f} {bound.ratio:.4f}")
-    0.3200 0.3200
     """
 
     motion: Motion
@@ -112,6 +83,13 @@ class DriftBound:
     position: Array
     velocity: Array
     residual: float
+
+    def __post_init__(self) -> None:
+        if self.residual > _CERTIFICATE_TOLERANCE:
+            raise InswsnError(
+                f"The drift bound for {self.samples} samples, velocity error {self.motion.name}, "
+                f"misses its certificate by {self.residual:.1e}."
+            )
 
 
 def drift_bound(motion: Motion, samples: int) -> DriftBound:
@@ -125,17 +103,10 @@ def drift_bound(motion: Motion, samples: int) -> DriftBound:
     motion : Motion
         The class of velocity errors.
     samples : int
-        Number of samples in the window, 4 or more.
-
-    Returns
-    -------
-    DriftBound
-        The bound, a motion that attains it, and the residual of its certificate.
+        n, 4 or more.
 
     Raises
     ------
-    ParameterError
-        If `samples` is less than 4.
     InswsnError
         If the certificate of optimality does not hold.
 
@@ -160,25 +131,25 @@ def drift_bound(motion: Motion, samples: int) -> DriftBound:
     Examples
     --------
     A velocity error that is linear and of one sign does least to the position if it begins at zero:
-    with :math:`v_k = k` the ratio is :math:`(n - 2)/3n`. For one that is quadratic the bound tends
-    to :math:`(3 - \sqrt 3)/6`, by the nodes of Gauss and Legendre.
+    with :math:`v_k = k` the ratio is :math:`(n - 2)/3n`.
 
     >>> from inswsn_lib.evaluation import MOTIONS, drift_bound
     >>> print(f"{drift_bound(MOTIONS[0], 100).ratio:.4f} {98 / 300:.4f}")
     0.3267 0.3267
-    >>> print(f"{drift_bound(MOTIONS[1], 1000).ratio:.3f} {(3 - 3**0.5) / 6:.3f}")
-    0.211 0.211
     """
-    if samples < 4:
-        raise ParameterError("samples", samples, "a whole number of at least 4")
-    position, velocity = _monomials(motion.degree, samples)
-    if motion.one_sign:
-        return _one_sign_bound(motion, samples, position, velocity)
-    return _free_bound(motion, samples, position, velocity)
+    whole("samples", samples, 4)
+    # p and v of the monomials (k/n)^j, T = 1 s; a last column of p stands for its first value
+    k = np.arange(samples) / samples
+    velocity = k[:, None] ** np.arange(motion.degree + 1)
+    travelled = np.vstack([np.zeros(motion.degree + 1), np.cumsum(velocity, axis=0)[:-1]])
+    if motion.one_sign:  # an initial error would only add
+        return _one_sign_bound(motion, samples, travelled, velocity)
+    position = np.hstack([travelled, np.ones((samples, 1))])
+    return _free_bound(motion, samples, position, np.hstack([velocity, np.zeros((samples, 1))]))
 
 
 def longest_period(position: float, velocity: float, bound: DriftBound) -> float:
-    r"""Return the longest sampling period that a published pair of means allows.
+    r"""Return the longest sampling period that a published pair of means allows, s.
 
     .. math:: T \le \frac{\overline{|p|}}{\overline{|v|}\; n\; \text{ratio}}
 
@@ -189,65 +160,40 @@ def longest_period(position: float, velocity: float, bound: DriftBound) -> float
     bound : DriftBound
         The bound for the class of motions and the number of samples.
 
-    Returns
-    -------
-    float
-        The longest T that the class of motions allows, s.
-
-    Raises
-    ------
-    ParameterError
-        If a mean is not positive and finite.
-
     Examples
     --------
     A mean of 10 m beside one of 2 m/s, over 50 samples, of a velocity error that grows evenly:
 
     >>> from inswsn_lib.evaluation import MOTIONS, drift_bound, longest_period
-    >>> bound = drift_bound(MOTIONS[0], 50)  # its ratio is 0.32
-    >>> print(f"{longest_period(10.0, 2.0, bound):.4f} s")
-    0.3125 s
+    >>> print(f"{longest_period(10.0, 2.0, drift_bound(MOTIONS[0], 50)):.4f}")  # its ratio is 0.32
+    0.3125
     """
-    for name, mean in (("position", position), ("velocity", velocity)):
-        if not 0 < mean < np.inf:
-            raise ParameterError(name, mean, "a positive, finite mean error")
+    number("position", position, above=0)
+    number("velocity", velocity, above=0)
     return float(position / (velocity * bound.samples * bound.ratio))
-
-
-def _monomials(degree: int, samples: int) -> tuple[Array, Array]:
-    """Return p (samples, degree + 2) and v (samples, degree + 1) of the scaled monomials, T = 1 s.
-
-    Column j of v is (k/n)^j; column j of p is the sum of v before k; the last column of p is the
-    initial position error, in which nothing of v moves.
-    """
-    k = np.arange(samples) / samples
-    velocity = k[:, None] ** np.arange(degree + 1)
-    travelled = np.vstack([np.zeros(degree + 1), np.cumsum(velocity, axis=0)[:-1]])
-    return np.hstack([travelled, np.ones((samples, 1))]), velocity
 
 
 def _one_sign_bound(motion: Motion, samples: int, position: Array, velocity: Array) -> DriftBound:
     basis, triangle = np.linalg.qr(velocity)
-    ways = position[:, :-1] @ np.linalg.inv(triangle)  # an initial error would only add
+    ways = position @ np.linalg.inv(triangle)
     value, weights, coefficients = _largest_multiplier(
         basis, ways.mean(axis=0), basis.mean(axis=0), (0.0, np.inf)
     )
     p, v = ways @ coefficients, basis @ coefficients
-    scale = np.abs(v).mean()
     residual = max(
         float(np.abs(ways.mean(axis=0) - value * basis.mean(axis=0) - weights @ basis).max()),
         -float(weights.min()),
-        -float(v.min() / scale),
+        -float(v.min() / np.abs(v).mean()),
         float(abs(p.mean() / (value * v.mean()) - 1.0)),
     )
-    return _certified(DriftBound(motion, samples, value / samples, p, v, residual))
+    return DriftBound(motion, samples, value / samples, p, v, residual)
 
 
 def _free_bound(motion: Motion, samples: int, position: Array, velocity: Array) -> DriftBound:
     # an orthonormal basis of the position errors keeps the equations well scaled
     basis, triangle = np.linalg.qr(position)
-    rates = np.hstack([velocity, np.zeros((samples, 1))]) @ np.linalg.inv(triangle)
-    best, best_coefficients, residual = np.inf, np.zeros(basis.shape[1]), 0.0
+    rates = velocity @ np.linalg.inv(triangle)
+    least, attained, residual = np.inf, np.zeros(basis.shape[1]), 0.0
     for pattern in _sign_patterns(samples, motion.degree):
         target = pattern @ rates / samples
         value, weights, coefficients = _largest_multiplier(
@@ -258,20 +204,11 @@ def _free_bound(motion: Motion, samples: int, position: Array, velocity: Array) 
             float(np.abs(weights @ basis + value * target).max() / np.abs(value * target).max()),
             float(samples * np.abs(weights).max() - 1.0),
         )
-        if value < best:
-            best, best_coefficients = value, coefficients
-    p, v = basis @ best_coefficients, rates @ best_coefficients
-    residual = max(residual, float(abs(np.abs(p).mean() / (best * np.abs(v).mean()) - 1.0)))
-    return _certified(DriftBound(motion, samples, best / samples, p, v, residual))
-
-
-def _certified(bound: DriftBound) -> DriftBound:
-    if bound.residual > _CERTIFICATE_TOLERANCE:
-        raise InswsnError(
-            f"The drift bound for {bound.samples} samples, velocity error {bound.motion.name}, "
-            f"misses its certificate by {bound.residual:.1e}."
-        )
-    return bound
+        if value < least:
+            least, attained = value, coefficients
+    p, v = basis @ attained, rates @ attained
+    residual = max(residual, float(abs(np.abs(p).mean() / (least * np.abs(v).mean()) - 1.0)))
+    return DriftBound(motion, samples, least / samples, p, v, residual)
 
 
 def _sign_patterns(samples: int, changes: int) -> list[Array]:
@@ -288,10 +225,9 @@ def _sign_patterns(samples: int, changes: int) -> list[Array]:
 def _largest_multiplier(
     basis: Array, constant: Array, target: Array, limits: tuple[float, float]
 ) -> tuple[float, Array, Array]:
-    """Return the largest x with constant = x target + w @ basis, w, and the multipliers.
+    """Return the largest x with constant = x target + w @ basis, w within limits, and multipliers.
 
-    The weights w are within limits. The multipliers of the equations are the coefficients of the
-    motion that attains the bound.
+    The multipliers of the equations are the coefficients of the motion that attains the bound.
     """
     samples = basis.shape[0]
     solution = linprog(

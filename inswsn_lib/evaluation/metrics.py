@@ -5,13 +5,12 @@ from __future__ import annotations
 from typing import Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from inswsn_lib.errors import ParameterError
+from inswsn_lib.checks import Array, array, one_of, whole
+from inswsn_lib.errors import Described, ParameterError
 
-Array = NDArray[np.float64]
-
-_FEWEST_CLUSTERS = 5
+_FEWEST_RUNS, _FEWEST_CLUSTERS = 40, 5
 
 
 def mean_absolute_error(errors: ArrayLike) -> Array:
@@ -28,79 +27,41 @@ def mean_absolute_error(errors: ArrayLike) -> Array:
 
     Examples
     --------
-    >>> import numpy as np
-    >>> from inswsn_lib.evaluation import mean_absolute_error
-    >>> errors = np.array([3.0, -4.0, np.nan]).reshape(3, 1, 1)  # the last step has no fix
-    >>> mean_absolute_error(errors).tolist()
+    >>> import inswsn_lib as iw
+    >>> iw.mean_absolute_error([[[3.0]], [[-4.0]], [[float("nan")]]]).tolist()
     [[3.5]]
     """
     return np.asarray(np.nanmean(np.abs(np.asarray(errors, dtype=float)), axis=0))
 
 
 def root_mean_square_error(errors: ArrayLike) -> Array:
-    """Return the root of the mean squared error over the steps.
-
-    Parameters
-    ----------
-    errors : array_like, (steps, components, runs)
-        Steps that are NaN are left out.
-
-    Returns
-    -------
-    ndarray, (components, runs)
+    """Return the root of the mean squared error over the steps; as `mean_absolute_error`.
 
     Examples
     --------
     It weighs large errors more than the mean of the absolute error, which here is 4:
 
-    >>> import numpy as np
-    >>> from inswsn_lib.evaluation import root_mean_square_error
-    >>> root_mean_square_error(np.array([1.0, -7.0]).reshape(2, 1, 1)).tolist()
+    >>> import inswsn_lib as iw
+    >>> iw.root_mean_square_error([[[1.0]], [[-7.0]]]).tolist()
     [[5.0]]
     """
     return np.asarray(np.sqrt(np.nanmean(np.square(np.asarray(errors, dtype=float)), axis=0)))
 
 
 def largest_error(errors: ArrayLike) -> Array:
-    """Return the largest absolute error over the steps.
-
-    Parameters
-    ----------
-    errors : array_like, (steps, components, runs)
-        Steps that are NaN are left out.
-
-    Returns
-    -------
-    ndarray, (components, runs)
+    """Return the largest absolute error over the steps; as `mean_absolute_error`.
 
     Examples
     --------
-    >>> import numpy as np
     >>> from inswsn_lib.evaluation import largest_error
-    >>> largest_error(np.array([3.0, -4.0, np.nan]).reshape(3, 1, 1)).tolist()
+    >>> largest_error([[[3.0]], [[-4.0]], [[float("nan")]]]).tolist()
     [[4.0]]
     """
     return np.asarray(np.nanmax(np.abs(np.asarray(errors, dtype=float)), axis=0))
 
 
 class Spread(NamedTuple):
-    """The median over runs and the interval that holds 95 % of them.
-
-    Attributes
-    ----------
-    median, low, high : ndarray, (components,)
-        low and high are the quantiles 2.5 % and 97.5 %.
-
-    Examples
-    --------
-    It unpacks into median, low and high:
-
-    >>> import numpy as np
-    >>> from inswsn_lib.evaluation import spread
-    >>> median, low, high = spread(np.arange(41.0)[None])  # one component, 41 runs
-    >>> [float(x[0].round(6)) for x in (median, low, high)]
-    [20.0, 1.0, 39.0]
-    """
+    """The median over runs and the quantiles 2.5 % and 97.5 %, each (components,)."""
 
     median: Array
     low: Array
@@ -108,36 +69,21 @@ class Spread(NamedTuple):
 
 
 def spread(values: ArrayLike) -> Spread:
-    """Return how a number of each run is spread over the runs.
+    """Return median, low and high of values (components, runs): 95 % of the runs lie between.
 
-    Parameters
-    ----------
-    values : array_like, (components, runs)
-
-    Returns
-    -------
-    Spread
-        Median and the quantiles 2.5 % and 97.5 %, each (components,), in the units of the values.
-
-    Raises
-    ------
-    ParameterError
-        If there are fewer than 40 runs: their 2.5 % quantile is not among them.
+    It takes 40 runs or more: of fewer, the 2.5 % quantile is not among them.
 
     Examples
     --------
-    Of standard normal numbers 95 % are within 1.96 to either side of zero:
-
-    >>> import numpy as np
-    >>> from inswsn_lib.evaluation import spread
-    >>> found = spread(np.random.default_rng(0).standard_normal((1, 200_000)))
-    >>> print(f"{found.high[0]:.1f}, {-found.low[0]:.1f}")
-    2.0, 2.0
+    >>> import inswsn_lib as iw
+    >>> [float(x[0].round(6)) for x in iw.spread([range(41)])]  # one component, 41 runs
+    [20.0, 1.0, 39.0]
     """
-    array = np.asarray(values, dtype=float)
-    if array.ndim != 2 or array.shape[1] < 40:
-        raise ParameterError("values", f"of shape {array.shape}", "(components, 40 or more runs)")
-    low, median, high = np.quantile(array, [0.025, 0.5, 0.975], axis=1)
+    given = np.asarray(values, dtype=float)
+    if given.ndim != 2 or given.shape[1] < _FEWEST_RUNS:
+        may_be = f"(components, {_FEWEST_RUNS} or more runs)"
+        raise ParameterError("values", Described(f"of shape {given.shape}"), may_be)
+    low, median, high = np.quantile(given, [0.025, 0.5, 0.975], axis=1)
     return Spread(median, low, high)
 
 
@@ -157,58 +103,43 @@ def cluster_interval(
 
     Parameters
     ----------
-    values : array_like, (n,)
-    clusters : array_like, (n,)
-        The cluster of each value.
+    values, clusters : array_like, (n,)
+        The values and the cluster of each, of five clusters or more.
     seed : int
         Of the draws.
     statistic : {"mean", "median"}
     resamples : int
-        How many.
 
     Returns
     -------
     statistic, low, high : float
 
-    Raises
-    ------
-    ParameterError
-        If shapes do not fit, a value is not finite, or there are fewer than five clusters.
-
     Examples
     --------
     A hundred copies of each value are no new knowledge: the interval is that of the five values.
 
-    >>> import numpy as np
     >>> from inswsn_lib.evaluation import cluster_interval
-    >>> values = [1.0, 2.0, 3.0, 4.0, 5.0]
-    >>> few = cluster_interval(values, range(5), seed=0)
-    >>> many = cluster_interval(np.repeat(values, 100), np.repeat(range(5), 100), seed=0)
-    >>> bool(np.allclose(few, many))
+    >>> few = cluster_interval([1, 2, 3, 4, 5], range(5), seed=0)
+    >>> many = cluster_interval([1, 2, 3, 4, 5] * 100, [*range(5)] * 100, seed=0)
+    >>> [round(x, 6) for x in few] == [round(x, 6) for x in many]
     True
-    >>> [round(x, 2) for x in cluster_interval([2.0] * 10, [0, 1, 2, 3, 4] * 2, seed=0)]
-    [2.0, 2.0, 2.0]
     """
-    array, labels = np.asarray(values, dtype=float), np.asarray(clusters)
-    if array.ndim != 1 or labels.shape != array.shape or not np.isfinite(array).all():
-        raise ParameterError(
-            "values", f"of shape {array.shape}", f"finite, (n,), with clusters {labels.shape}"
-        )
-    if statistic not in ("mean", "median"):
-        raise ParameterError("statistic", statistic, "mean or median")
-    if resamples < 1:
-        raise ParameterError("resamples", resamples, "1 or more")
+    given, labels = array("values", values, ("n",)), np.asarray(clusters)
+    if labels.shape != given.shape:
+        raise ParameterError("clusters", Described(f"of shape {labels.shape}"), f"{given.shape}")
+    one_of("statistic", statistic, ("mean", "median"))
+    whole("resamples", resamples, 1)
     names, which = np.unique(labels, return_inverse=True)
     if len(names) < _FEWEST_CLUSTERS:
-        raise ParameterError("clusters", f"{len(names)} of them", f"{_FEWEST_CLUSTERS} or more")
+        raise ParameterError("clusters", clusters, f"of {_FEWEST_CLUSTERS} kinds or more")
     drawn = np.random.default_rng(seed).integers(len(names), size=(resamples, len(names)))
     if statistic == "mean":
-        sums, counts = np.bincount(which, weights=array), np.bincount(which)
-        found, whole = sums[drawn].sum(axis=1) / counts[drawn].sum(axis=1), float(array.mean())
+        sums, counts = np.bincount(which, weights=given), np.bincount(which)
+        found, total = sums[drawn].sum(axis=1) / counts[drawn].sum(axis=1), float(given.mean())
     else:
-        groups = [array[which == i] for i in range(len(names))]
+        groups = [given[which == i] for i in range(len(names))]
         found = np.array([np.median(np.concatenate([groups[i] for i in row])) for row in drawn])
-        whole = float(np.median(array))
+        total = float(np.median(given))
     low, high = np.quantile(found, [0.025, 0.975])
     # the statistic itself lies within, but for a bootstrap that is very skew
-    return whole, min(float(low), whole), max(float(high), whole)
+    return total, min(float(low), total), max(float(high), total)

@@ -1,4 +1,4 @@
-"""Methods that are judged on the same runs: their scores, who leads, and by how much."""
+"""Methods judged on the same runs, and hypotheses judged on printed cells."""
 
 from __future__ import annotations
 
@@ -10,58 +10,26 @@ from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from inswsn_lib.checks import Array, array, whole
 from inswsn_lib.errors import ParameterError
 from inswsn_lib.evaluation.metrics import spread
 
-Array = NDArray[np.float64]
-
 _NORMAL_95 = 1.96
+#: A cell is explained if the rebuilt one is within this share of it.
+WITHIN = 0.1
 
 
 class Lead(NamedTuple):
-    """By how much one method is below another on the same runs.
-
-    Attributes
-    ----------
-    percent, within : float
-        The mean of the paired differences and the half-width of its 95 % interval, both in per cent
-        of the mean of the other method.
-
-    Examples
-    --------
-    >>> from inswsn_lib.evaluation import paired_lead
-    >>> lead = paired_lead([9.0, 18.0, 27.0], [10.0, 20.0, 30.0])
-    >>> print(f"{lead.percent:.1f} ± {lead.within:.1f} %")
-    10.0 ± 5.7 %
-    """
+    """By how much one method is below another, and the half-width of its 95 % interval, in %."""
 
     percent: float
     within: float
 
 
 class Leader(NamedTuple):
-    """The method with the least mean of the headline.
-
-    Attributes
-    ----------
-    best : str
-        The method.
-    error : float
-        Its mean.
-    next : str or None
-        The method after it; None if there is one method alone.
-    lead : Lead
-        By how much the best is below the next.
-
-    Examples
-    --------
-    >>> from inswsn_lib.evaluation import Lead, Leader
-    >>> best, error, after, (percent, within) = Leader("kf", 0.9, "hf", Lead(10.0, 0.5))
-    >>> f"{best} is {percent:.0f} % below {after}"
-    'kf is 10 % below hf'
-    """
+    """The method with the least mean, that mean, the next method if any, and the lead over it."""
 
     best: str
     error: float
@@ -73,8 +41,6 @@ class Leader(NamedTuple):
 class Scores:
     """What a Monte Carlo comes to: one number for each run, method and column.
 
-    All methods judge the same runs, so that they can be compared run by run.
-
     Attributes
     ----------
     methods : mapping of str to str
@@ -82,7 +48,7 @@ class Scores:
     columns : mapping of str to str
         What is measured of each method: names and units. Less is better.
     values : mapping of str to ndarray
-        ``"method.column"``, each (runs,).
+        ``"method.column"``, each (runs,); the runs are the same for all.
     headline : str
         The column by which methods are ranked.
     baselines : frozenset of str
@@ -99,17 +65,10 @@ class Scores:
 
     >>> import numpy as np
     >>> from inswsn_lib.evaluation import Scores
-    >>> scores = Scores(
-    ...     methods={"old": "the old one", "new": "the new one"},
-    ...     columns={"error": "m"},
-    ...     values={"old.error": np.arange(100.0), "new.error": 0.9 * np.arange(100.0)},
-    ...     headline="error",
-    ... )
-    >>> leader = scores.leader()
-    >>> leader.best, leader.next, round(leader.lead.percent, 6)
-    ('new', 'old', 10.0)
-    >>> print(*scores.table().loc[0, ["method", "column", "unit", "runs", "median"]])
-    old error m 100 49.5
+    >>> values = {"old.error": np.arange(100.0), "new.error": 0.9 * np.arange(100.0)}
+    >>> scores = Scores({"old": "the old", "new": "the new"}, {"error": "m"}, values, "error")
+    >>> scores.leader().best, round(scores.leader().lead.percent, 6)
+    ('new', 10.0)
     """
 
     methods: Mapping[str, str]
@@ -121,9 +80,7 @@ class Scores:
     def __post_init__(self) -> None:
         wanted = {f"{m}.{c}" for m, c in itertools.product(self.methods, self.columns)}
         if set(self.values) != wanted or self.headline not in self.columns:
-            raise ParameterError(
-                "values", ", ".join(self.values) or "none", "one for each method and column"
-            )
+            raise ParameterError("values", [*self.values], "one for each method and column")
 
     @property
     def runs(self) -> int:
@@ -137,42 +94,19 @@ class Scores:
     def table(self) -> pd.DataFrame:
         """Return the scores as a tidy table: one row for each method and column.
 
-        Returns
-        -------
-        pandas.DataFrame
-            ``method``, ``column``, ``unit``, ``runs``, ``mean``, ``median`` and the quantiles
-            ``low`` (2.5 %) and ``high`` (97.5 %) of the runs.
-
-        Raises
-        ------
-        ParameterError
-            If there are fewer than 40 runs.
+        Its columns are ``method``, ``column``, ``unit``, ``runs``, ``mean``, ``median`` and the
+        quantiles ``low`` (2.5 %) and ``high`` (97.5 %) of the runs, of which it takes 40 or more.
         """
         rows = []
         for method, (column, unit) in itertools.product(self.methods, self.columns.items()):
             values = self.of(method, column)
-            (median,), (low,), (high,) = spread(values[None])
-            rows.append(
-                {
-                    "method": method,
-                    "column": column,
-                    "unit": unit,
-                    "runs": len(values),
-                    "mean": float(values.mean()),
-                    "median": float(median),
-                    "low": float(low),
-                    "high": float(high),
-                }
-            )
+            middle = {name: float(q[0]) for name, q in spread(values[None])._asdict().items()}
+            row = {"method": method, "column": column, "unit": unit, "runs": len(values)}
+            rows.append(row | {"mean": float(values.mean())} | middle)
         return pd.DataFrame(rows)
 
     def leader(self) -> Leader:
-        """Return which method has the least mean of the headline, and by how much.
-
-        Returns
-        -------
-        Leader
-        """
+        """Return which method has the least mean of the headline, and by how much."""
         best, *others = sorted(self.methods, key=lambda method: float(self.of(method).mean()))
         after = others[0] if others else None
         lead = paired_lead(self.of(best), self.of(after)) if after else Lead(math.nan, math.nan)
@@ -180,7 +114,7 @@ class Scores:
 
 
 def paired_lead(values: ArrayLike, others: ArrayLike) -> Lead:
-    r"""Return by how much some values are below others of the same runs.
+    r"""Return by how much some values are below others of the same runs, in per cent of these.
 
     The interval is that of a mean of paired differences, :math:`\bar d \pm 1.96\, s_d / \sqrt{n}`.
 
@@ -188,11 +122,6 @@ def paired_lead(values: ArrayLike, others: ArrayLike) -> Lead:
     ----------
     values, others : array_like, (runs,)
         In one unit.
-
-    Returns
-    -------
-    Lead
-        In per cent of the mean of the others.
 
     Examples
     --------
@@ -202,7 +131,63 @@ def paired_lead(values: ArrayLike, others: ArrayLike) -> Lead:
     >>> paired_lead([0.0, 10.0, 20.0], [2.0, 12.0, 22.0]).within
     0.0
     """
-    one, two = np.asarray(values, dtype=float), np.asarray(others, dtype=float)
+    one = array("values", values, ("runs",))
+    two = array("others", others, one.shape)
     gain, scale = two - one, 100 / two.mean()
     within = _NORMAL_95 * gain.std(ddof=1) / math.sqrt(len(gain))
     return Lead(float(scale * gain.mean()), float(scale * within))
+
+
+@dataclass(frozen=True, eq=False)
+class Score:
+    """How well a hypothesis explains printed cells, from `score_hypothesis`.
+
+    Attributes
+    ----------
+    free : int
+        Numbers that were chosen with these cells in view.
+    ratios : ndarray, (cells,)
+        Rebuilt over printed.
+    """
+
+    free: int
+    ratios: Array
+
+    @property
+    def met(self) -> int:
+        """How many cells are within `WITHIN`."""
+        return int(np.sum(np.abs(self.ratios - 1) <= WITHIN))
+
+    @property
+    def explained(self) -> bool:
+        """Whether all cells are, and there are more of them than free numbers."""
+        return self.met == self.ratios.size > self.free
+
+    @property
+    def spread(self) -> float:
+        """Root mean square of the logarithms of the ratios: 0.1 is about ten per cent."""
+        return float(np.sqrt(np.mean(np.log(self.ratios) ** 2)))
+
+    @property
+    def worst(self) -> float:
+        """The ratio that is farthest from one, on a logarithmic scale."""
+        return float(self.ratios[np.argmax(np.abs(np.log(self.ratios)))])
+
+
+def score_hypothesis(rebuilt: ArrayLike, printed: ArrayLike, free: int) -> Score:
+    """Score the cells (cells,) that a hypothesis rebuilds against those that are printed.
+
+    Both are positive, and `free` numbers of the hypothesis were chosen with these cells in view.
+
+    Examples
+    --------
+    >>> from inswsn_lib.evaluation import score_hypothesis
+    >>> score = score_hypothesis(rebuilt=[1.0, 2.1, 2.9], printed=[1.0, 2.0, 3.0], free=1)
+    >>> score.met, score.explained, round(score.worst, 2)
+    (3, True, 1.05)
+    """
+    a = array("rebuilt", rebuilt, ("cells",))
+    b = array("printed", printed, a.shape)
+    if not a.size or min(a.min(), b.min()) <= 0:
+        raise ParameterError("rebuilt and printed", [*a, *b], "positive numbers")
+    return Score(whole("free", free), a / b)

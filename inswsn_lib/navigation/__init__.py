@@ -1,4 +1,4 @@
-"""Navigation: P1's training areas, the hybrid of a filter and a regressor, and recordings."""
+"""Navigation: P1's training areas, and the hybrid of a filter and a regressor."""
 
 import lazy_loader
 

@@ -17,14 +17,6 @@ from .recorded_trials import (
     read_trials as read_trials,
     run_recorded_outages as run_recorded_outages,
 )
-from .recordings import (
-    INS as INS,
-    REFERENCE as REFERENCE,
-    TIME as TIME,
-    WSN as WSN,
-    Recording as Recording,
-    read_recording as read_recording,
-)
 from .training_areas import (
     TrainingAreas as TrainingAreas,
     errors_by_area as errors_by_area,

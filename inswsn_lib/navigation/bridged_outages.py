@@ -36,7 +36,7 @@ from inswsn_lib.models import ErrorModel
 from inswsn_lib.navigation.hybrid import HybridNavigator, observable_inputs
 from inswsn_lib.navigation.training_areas import AREAS, UNKNOWN, noise_sizes, p1_settings
 from inswsn_lib.papers import AXES, COLUMNS
-from inswsn_lib.scenario import Setting, with_values
+from inswsn_lib.scenario import Setting, from_settings, with_values
 from inswsn_lib.simulation import Scene
 
 #: Inputs of a learner; with ``state`` it maps the estimate of a step to that of the next
@@ -112,7 +112,7 @@ Bridge = Callable[[Passage], Array]
 class Judged(NamedTuple):
     """How a method was tuned, and the shares that it leaves, one outage after the other."""
 
-    tuning: Tuning
+    tuning: Tuning[float]
     shares: Array  # (4 for each outage, runs)
 
 
@@ -178,7 +178,7 @@ class BridgedOutages:
     @cached_property
     def scene(self) -> Scene:
         """The scene."""
-        return Scene.from_settings(self.settings)
+        return from_settings(Scene, self.settings)
 
     @cached_property
     def drawn(self) -> dict[str, Array]:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
-from inswsn_lib.evaluation import PatternSearch, Scores, monte_carlo, search_pattern
+from inswsn_lib.evaluation import Scores, Tuning, monte_carlo, search_pattern
 from inswsn_lib.files import data_file
 from inswsn_lib.filters import (
     handover_weights,
@@ -27,7 +27,7 @@ from inswsn_lib.filters import (
 )
 from inswsn_lib.lmi import FilterDesign, InfeasibleDesignError, design_filter
 from inswsn_lib.models import ErrorModel
-from inswsn_lib.scenario import Setting, load_scenario, with_values
+from inswsn_lib.scenario import Setting, from_settings, load_scenario, with_values
 from inswsn_lib.simulation import ClusterScene
 
 Array = NDArray[np.float64]
@@ -144,7 +144,7 @@ class ClusterFusion:
     @cached_property
     def scene(self) -> ClusterScene:
         """The scene."""
-        return ClusterScene.from_settings(self.settings)
+        return from_settings(ClusterScene, self.settings)
 
     @cached_property
     def drawn(self) -> dict[str, Array]:
@@ -291,7 +291,7 @@ class ClusterFusion:
         return np.concatenate([np.full_like(out[:1], np.nan), out[:-1]])
 
     @cached_property
-    def tuned(self) -> dict[str, PatternSearch]:
+    def tuned(self) -> dict[str, Tuning[tuple[float, ...]]]:
         """The search for the numbers of each method that has some."""
         make = self._makers()
         return {name: self._tune(name, make[name]) for name in make}
@@ -347,7 +347,7 @@ class ClusterFusion:
             "kf-with-bias": self.with_bias,
         }
 
-    def _tune(self, name: str, make: Callable[..., Estimator]) -> PatternSearch:
+    def _tune(self, name: str, make: Callable[..., Estimator]) -> Tuning[tuple[float, ...]]:
         y = _measured(self.tuning)
 
         def loss(*numbers: float) -> float:

@@ -11,18 +11,17 @@ from functools import cached_property
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from inswsn_lib.checks import Array
 from inswsn_lib.evaluation import NoiseFit, Scores, fit_noise, mean_absolute_error, monte_carlo
 from inswsn_lib.files import data_file
 from inswsn_lib.filters import deadbeat_gain, run_hinfinity, run_kalman
 from inswsn_lib.lmi import FilterDesign, design_filter
 from inswsn_lib.models import ErrorModel
 from inswsn_lib.papers import AXES, COLUMNS
-from inswsn_lib.scenario import Setting, load_scenario, with_values
+from inswsn_lib.scenario import Setting, from_settings, load_scenario, with_values
 from inswsn_lib.simulation import Scene
 
-Array = NDArray[np.float64]
 #: An array for each area, ``"1"`` and ``"2"``
 ByArea = dict[str, Array]
 #: Designs by the form of the inequality, ``"exact"`` or ``"printed"``, and by area
@@ -65,10 +64,8 @@ class TrainingAreas:
     ----------
     published : mapping of str to Setting
         The scenario files ``p1`` and ``p1-inertial``, joined.
-    seed : int
-        Of all random numbers.
-    runs : int
-        Runs that are judged.
+    seed, runs : int
+        Of all random numbers; runs that are judged.
     other_runs : int
         Runs of the next seed, from which noise figures are fitted.
     period_area1, period_area2 : float
@@ -77,18 +74,13 @@ class TrainingAreas:
         m/s.
     range_noise : float
         Standard deviation of a range, m.
-    velocity_source : {"sensor", "difference", "window"}
+    velocity_source, velocity_noise
         As in `inswsn_lib.simulation.Scene`.
-    velocity_noise : float
-        Standard deviation of a measured velocity, m/s.
     accelerometer_noise, gyro_noise : float
         m/s/s^0.5 and rad/s^0.5.
-    inertial_scale : float
-        Factor on the fitted errors of the INS.
-    q_scale : float
-        Factor on the Q that matched filters are told.
-    time_scale : float
-        Factor on periods and times; the speed is divided by it.
+    inertial_scale, q_scale, time_scale : float
+        Factors on the fitted errors of the INS, on the Q that matched filters are told, and on
+        periods and times; the speed is divided by the last.
 
     Examples
     --------
@@ -96,8 +88,7 @@ class TrainingAreas:
 
     >>> from inswsn_lib.navigation import TrainingAreas
     >>> for areas in (TrainingAreas(), TrainingAreas(time_scale=5.0)):
-    ...     scene = areas.scene
-    ...     print(scene.periods[0], scene.speed, round(scene.speed * scene.lead, 6))
+    ...     print(areas.scene.periods[0], areas.scene.speed, areas.scene.speed * areas.scene.lead)
     0.2 7.5 130.8
     1.0 1.5 130.8
     """
@@ -144,20 +135,17 @@ class TrainingAreas:
     @cached_property
     def scene(self) -> Scene:
         """The scene."""
-        return Scene.from_settings(self.settings)
+        return from_settings(Scene, self.settings)
 
     @cached_property
     def drawn(self) -> dict[str, ByArea]:
         """Errors of ``ins`` and ``wsn`` in the runs that are judged, by area, (steps, 4, runs)."""
-        return self._draw(self.runs, self.seed)
+        return errors_by_area(monte_carlo(self.scene.simulate, self.runs, self.seed))
 
     @cached_property
     def others(self) -> dict[str, ByArea]:
         """The same in the runs from which noise figures are fitted."""
-        return self._draw(self.other_runs, self.seed + 1)
-
-    def _draw(self, runs: int, seed: int) -> dict[str, ByArea]:
-        return errors_by_area(monte_carlo(self.scene.simulate, runs, seed))
+        return errors_by_area(monte_carlo(self.scene.simulate, self.other_runs, self.seed + 1))
 
     def told(self, q_scale: float) -> TrainingAreas:
         """Return the same runs, with filters that are told another multiple of Q."""
@@ -181,11 +169,8 @@ class TrainingAreas:
     @cached_property
     def noise(self) -> dict[str, NoiseFit]:
         """Q and R of each area that match the simulation."""
-        others = self.others
-        return {
-            a: fit_noise(model.A, others["ins"][a], others["wsn"][a])
-            for a, model in self.models.items()
-        }
+        ins, network = self.others["ins"], self.others["wsn"]
+        return {a: fit_noise(model.A, ins[a], network[a]) for a, model in self.models.items()}
 
     def assuming(self, ratio: float) -> dict[str, ErrorModel]:
         """Return the models that assume Q to be this many times the one that matches."""
@@ -244,27 +229,17 @@ class TrainingAreas:
         if family == "kf":
             model = (self.matched if told == ["matched"] else self.identity)[area]
             return run_kalman(model, y, initial_covariance=UNKNOWN, predicted=predicted)
+        design: FilterDesign | tuple[ErrorModel, Array] = self.deadbeat[area]
+        if told != ["printed"]:
+            designs = self.matched_designs if told[1] == "matched" else self.identity_designs
+            design = designs[told[0]][area]
         start = np.nan_to_num(y[0])
-        if told == ["printed"]:
-            printed = self.deadbeat[area]
-            return run_hinfinity(printed, y, initial_state=start, predicted=predicted)
-        designs = self.matched_designs if told[1] == "matched" else self.identity_designs
-        return run_hinfinity(designs[told[0]][area], y, initial_state=start, predicted=predicted)
+        return run_hinfinity(design, y, initial_state=start, predicted=predicted)
 
     def errors(self, method: str) -> ByArea:
-        """Return the errors of a method in the runs that are judged, by area.
+        """Return the errors of a method, as in `estimate`, by area, (steps, 4, runs), m and m/s.
 
         There is no prediction of the first step, so predicted errors leave it out.
-
-        Parameters
-        ----------
-        method : str
-            As in `estimate`.
-
-        Returns
-        -------
-        dict of str to ndarray
-            (steps, 4, runs), m and m/s.
         """
         ins, network = self.drawn["ins"], self.drawn["wsn"]
         if method == "wsn":  # and not INS less (INS less network), which rounds
@@ -275,11 +250,8 @@ class TrainingAreas:
     def scores(self) -> Scores:
         """Return the cells of P1's Table 2 for each of `SCORED`, and their means.
 
-        Returns
-        -------
-        Scores
-            A cell is the mean absolute error of a run over the samples of an area. ``position`` and
-            ``velocity`` are the means of the four cells each.
+        A cell is the mean absolute error of a run over the samples of an area. ``position`` and
+        ``velocity`` are the means of the four cells each.
         """
         values = {
             f"{method}.{column}": cell
@@ -297,38 +269,19 @@ class TrainingAreas:
 
 
 def errors_by_area(drawn: Mapping[str, Array]) -> dict[str, ByArea]:
-    """Return what `Scene.simulate` gives as errors of ``ins`` and ``wsn`` by area.
-
-    Parameters
-    ----------
-    drawn : mapping of str to ndarray
-        ``ins.area1`` and so on; the outages are left out.
-
-    Returns
-    -------
-    dict of str to dict of str to ndarray
+    """Return what `Scene.simulate` gives as errors of ``ins`` and ``wsn`` by area, no outages.
 
     Examples
     --------
-    >>> from inswsn_lib.evaluation import monte_carlo
-    >>> from inswsn_lib.navigation import TrainingAreas, errors_by_area
-    >>> drawn = monte_carlo(TrainingAreas().scene.simulate, 2, seed=0)
-    >>> errors_by_area(drawn)["wsn"]["1"].shape
-    (100, 4, 2)
+    >>> from inswsn_lib.navigation import errors_by_area
+    >>> errors_by_area({f"{part}.area{a}": 0.0 for part in ("ins", "wsn") for a in "12"})
+    {'ins': {'1': 0.0, '2': 0.0}, 'wsn': {'1': 0.0, '2': 0.0}}
     """
     return {part: {a: drawn[f"{part}.area{a}"] for a in AREAS} for part in ("ins", "wsn")}
 
 
 def noise_sizes(moment: Array) -> tuple[float, float]:
     """Return one standard deviation for position and one for velocity of a second moment, (4, 4).
-
-    Parameters
-    ----------
-    moment : ndarray, (4, 4)
-
-    Returns
-    -------
-    position, velocity : float
 
     Examples
     --------
@@ -344,22 +297,12 @@ def noise_sizes(moment: Array) -> tuple[float, float]:
 def table2_cells(errors: ByArea) -> ByArea:
     """Return the mean absolute errors of every run, (runs,), by column of P1's Table 2.
 
-    Parameters
-    ----------
-    errors : dict of str to ndarray
-        By area, (steps, 4, runs).
-
-    Returns
-    -------
-    dict of str to ndarray
-
     Examples
     --------
     >>> import numpy as np
     >>> from inswsn_lib.navigation import table2_cells
-    >>> cells = table2_cells({"1": np.ones((100, 4, 3)), "2": -np.ones((100, 4, 3))})
-    >>> list(cells), cells["rx2"].tolist()
-    (['rx1', 'rx2', 'ry1', 'ry2', 'vx1', 'vx2', 'vy1', 'vy2'], [1.0, 1.0, 1.0])
+    >>> table2_cells({"1": np.ones((100, 4, 2)), "2": -2 * np.ones((100, 4, 2))})["rx2"].tolist()
+    [2.0, 2.0]
     """
     means = {a: mean_absolute_error(errors[a]) for a in AREAS}
     return {axis + a: means[a][i] for i, axis in enumerate(AXES) for a in AREAS}

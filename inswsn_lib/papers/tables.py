@@ -10,21 +10,20 @@ import pandas as pd
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.files import read_yaml
 
+#: The four error components, position then velocity
+AXES = ("rx", "ry", "vx", "vy")
+#: The columns of P1's Tables 2 and 3 in printed order, component before area
+COLUMNS = tuple(axis + area for axis in AXES for area in "12")
+
 
 def read_table(path: Path, index: str) -> pd.DataFrame:
-    """Read a printed table.
+    """Read a printed table from a CSV file; every cell is a text, exactly as printed.
 
     Parameters
     ----------
     path : Path
-        A CSV file with a header.
     index : str
         The column that names the rows.
-
-    Returns
-    -------
-    DataFrame
-        Every cell a string, exactly as printed.
 
     Raises
     ------
@@ -33,18 +32,16 @@ def read_table(path: Path, index: str) -> pd.DataFrame:
 
     Examples
     --------
-    >>> from inswsn_lib.files import data_file
+    >>> import inswsn_lib as iw
     >>> from inswsn_lib.papers import read_table
-    >>> table = read_table(data_file("papers/p1-table2.csv"), index="method")
+    >>> table = read_table(iw.data_file("papers/p1-table2.csv"), index="method")
     >>> table.loc["HF", "rx1"]
     '0.3881'
-    >>> list(table.index)
-    ['INS-only', 'KF', 'HF']
     """
     frame = pd.read_csv(path, dtype=str, keep_default_na=False)
     if index not in frame.columns:
         raise InswsnError(
-            f"{path.name} has no column {index!r}; it has {', '.join(map(str, frame.columns))}."
+            f"{path.name} has no column {index!r}; it has {', '.join(map(str, frame))}."
         )
     if frame[index].duplicated().any():
         raise InswsnError(f"{path.name} names a row twice in its column {index!r}.")
@@ -54,34 +51,22 @@ def read_table(path: Path, index: str) -> pd.DataFrame:
 
 
 def read_numbers(path: Path) -> dict[str, Any]:
-    """Read the printed numbers of a paper's text from YAML, each a string exactly as printed.
-
-    Parameters
-    ----------
-    path : Path
-        The file, such as ``data/papers/p1.yaml``.
-
-    Returns
-    -------
-    dict
-        As nested as the file.
+    """Read the printed numbers of a paper's text from YAML, each a text exactly as printed.
 
     Raises
     ------
     InswsnError
-        If the file holds a number that is not a string, which would lose its digits.
+        If the file holds a number that is not a text, which would lose its digits.
 
     Examples
     --------
-    >>> from inswsn_lib.files import data_file
+    >>> import inswsn_lib as iw
     >>> from inswsn_lib.papers import read_numbers
-    >>> numbers = read_numbers(data_file("papers/p1.yaml"))
-    >>> numbers["text"]["sampling_period"]  # in s, a text with the digits as printed
+    >>> read_numbers(iw.data_file("papers/p1.yaml"))["text"]["sampling_period"]  # s
     '1'
     """
-    content = read_yaml(path)
+    content: dict[str, Any] = read_yaml(path)
     _refuse_numbers(content, path.name)
-    assert isinstance(content, dict)
     return content
 
 

@@ -5,12 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from inswsn_lib.errors import ParameterError
+from inswsn_lib.checks import Array, array
+from inswsn_lib.scenario import Pair, between
 from inswsn_lib.simulation.trajectory import Motion
 
-Array = NDArray[np.float64]
+_LARGE = 1e9
 
 
 @dataclass(frozen=True)
@@ -25,10 +26,8 @@ class InertialErrors:
         Scale factor errors, 1.
     accelerometer_noise : float
         Velocity random walk, m/s per sqrt(s).
-    gyro_bias : float
-        rad/s.
-    gyro_scale : float
-        Scale factor error, 1.
+    gyro_bias, gyro_scale : float
+        rad/s; scale factor error, 1.
     gyro_noise : float
         Angle random walk, rad per sqrt(s).
     position, velocity : tuple of two floats
@@ -47,55 +46,15 @@ class InertialErrors:
     [0.0, 1.25, 5.0]
     """
 
-    accelerometer_bias: tuple[float, float] = (0.0, 0.0)
-    accelerometer_scale: tuple[float, float] = (0.0, 0.0)
-    accelerometer_noise: float = 0.0
-    gyro_bias: float = 0.0
-    gyro_scale: float = 0.0
-    gyro_noise: float = 0.0
-    position: tuple[float, float] = (0.0, 0.0)
-    velocity: tuple[float, float] = (0.0, 0.0)
-    heading: float = 0.0
-
-
-def true_increments(motion: Motion) -> tuple[Array, Array]:
-    """Return what ideal sensors integrate over each sampling interval of a motion.
-
-    Parameters
-    ----------
-    motion : Motion
-        With steps + 1 samples.
-
-    Returns
-    -------
-    velocity : ndarray, (steps, 2)
-        The change of velocity in the body frame at the middle heading of the interval, m/s: along
-        and to the left.
-    angle : ndarray, (steps,)
-        The change of heading, rad.
-
-    Examples
-    --------
-    On an arc at 10 m/s and 1 rad/s an accelerometer along the vehicle tells nothing, and one across
-    it the centripetal acceleration, 10 m/s^2, less what the chord of 0.1 rad is shorter:
-
-    >>> import numpy as np
-    >>> from inswsn_lib.simulation import Motion, true_increments
-    >>> t = np.array([0.0, 0.1, 0.2])
-    >>> on_circle = 10 * np.stack([np.sin(t), 1 - np.cos(t)], axis=1)
-    >>> motion = Motion(t, on_circle, 10 * np.stack([np.cos(t), np.sin(t)], axis=1), t, np.ones(3))
-    >>> velocity, angle = true_increments(motion)
-    >>> angle.round(6).tolist(), np.abs(velocity[:, 0]).round(6).tolist()
-    ([0.1, 0.1], [0.0, 0.0])
-    >>> print(f"{velocity[0, 1]:.4f} {20 * np.sin(0.05):.4f}")
-    0.9996 0.9996
-    """
-    change = np.diff(motion.velocity, axis=0)
-    middle = (motion.heading[1:] + motion.heading[:-1]) / 2
-    c, s = np.cos(middle), np.sin(middle)
-    along = c * change[:, 0] + s * change[:, 1]
-    across = -s * change[:, 0] + c * change[:, 1]
-    return np.stack([along, across], axis=1), np.diff(motion.heading)
+    accelerometer_bias: Pair = between(-_LARGE, _LARGE, (0.0, 0.0))
+    accelerometer_scale: Pair = between(-_LARGE, _LARGE, (0.0, 0.0))
+    accelerometer_noise: float = between(0, _LARGE, 0.0)
+    gyro_bias: float = between(-_LARGE, _LARGE, 0.0)
+    gyro_scale: float = between(-_LARGE, _LARGE, 0.0)
+    gyro_noise: float = between(0, _LARGE, 0.0)
+    position: Pair = between(-_LARGE, _LARGE, (0.0, 0.0))
+    velocity: Pair = between(-_LARGE, _LARGE, (0.0, 0.0))
+    heading: float = between(-_LARGE, _LARGE, 0.0)
 
 
 def simulate_ins(motion: Motion, errors: InertialErrors, noise: ArrayLike | None = None) -> Array:
@@ -111,7 +70,7 @@ def simulate_ins(motion: Motion, errors: InertialErrors, noise: ArrayLike | None
     motion : Motion
         The truth, at the rate of the sensors.
     errors : InertialErrors
-        The errors; those that are constant are the same in every run.
+        Those that are constant are the same in every run.
     noise : array_like, (steps - 1, 3, runs), optional
         Standard normal numbers for the two accelerometers and the gyro. Default: one run without.
 
@@ -120,33 +79,20 @@ def simulate_ins(motion: Motion, errors: InertialErrors, noise: ArrayLike | None
     ndarray, (steps, 4, runs)
         x, y (m), v_x, v_y (m/s) by the INS alone.
 
-    Raises
-    ------
-    ParameterError
-        If the noise does not fit the motion.
-
     Examples
     --------
-    An error of the heading does nothing on a straight leg at constant speed, where there is no
-    acceleration that it could turn. Through a corner from east to north at 10 m/s the velocity
-    changes by (-10, 10) m/s; turned by 0.01 rad, this leaves an error of -0.1 m/s along each axis.
+    Without errors it gives the truth, here along a straight way at 2 m/s:
 
-    >>> import numpy as np
     >>> from inswsn_lib.simulation import InertialErrors, Path, simulate_ins
-    >>> path = Path.through([(0, 0), (100, 0), (100, 100)], radius=20)
-    >>> motion = path.drive(10.0, np.arange(0, 18, 0.1))
-    >>> found = simulate_ins(motion, InertialErrors(heading=0.01))
-    >>> error = found[:, 2:, 0] - motion.velocity
-    >>> bool(np.abs(error[:80]).max() < 1e-9)  # the arc begins after 8 s
-    True
-    >>> error[-1].round(2).tolist()
-    [-0.1, -0.1]
+    >>> motion = Path.through([(0, 0), (100, 0)], radius=1).drive(2.0, [0, 5, 10])
+    >>> simulate_ins(motion, InertialErrors())[:, 0, 0].tolist()
+    [0.0, 10.0, 20.0]
     """
-    velocity, angle = true_increments(motion)
+    velocity, angle = _true_increments(motion)
     dt = np.diff(motion.time)
-    normal = np.zeros((len(dt), 3, 1)) if noise is None else np.asarray(noise, dtype=float)
-    if normal.ndim != 3 or normal.shape[:2] != (len(dt), 3):
-        raise ParameterError("noise", f"of shape {normal.shape}", f"({len(dt)}, 3, runs)")
+    normal = np.zeros((len(dt), 3, 1))
+    if noise is not None:
+        normal = array("noise", noise, (len(dt), 3, "runs"))
     root = np.sqrt(dt)
     steady = velocity * (1 + np.array(errors.accelerometer_scale)) + dt[:, None] * np.array(
         errors.accelerometer_bias
@@ -171,27 +117,23 @@ def simulate_ins(motion: Motion, errors: InertialErrors, noise: ArrayLike | None
     return out
 
 
+def _true_increments(motion: Motion) -> tuple[Array, Array]:
+    """Return what ideal sensors integrate over each interval: velocity (steps, 2) and angle.
+
+    The velocity is in the body frame at the middle heading: along and to the left.
+    """
+    change = np.diff(motion.velocity, axis=0)
+    middle = (motion.heading[1:] + motion.heading[:-1]) / 2
+    c, s = np.cos(middle), np.sin(middle)
+    along = c * change[:, 0] + s * change[:, 1]
+    across = -s * change[:, 0] + c * change[:, 1]
+    return np.stack([along, across], axis=1), np.diff(motion.heading)
+
+
 def inertial_errors(
     motion: Motion, errors: InertialErrors, rng: np.random.Generator, runs: int
 ) -> Array:
-    """Draw the noise of the sensors and return the error of the INS: what it indicates less truth.
-
-    Parameters
-    ----------
-    motion : Motion
-        The truth, at the rate of the sensors.
-    errors : InertialErrors
-        The errors of the sensors.
-    rng : numpy.random.Generator
-        The stream.
-    runs : int
-        How many.
-
-    Returns
-    -------
-    ndarray, (steps, 4, runs)
-        Position (m) and velocity (m/s).
-    """
+    """Return what the INS with drawn noise indicates less the truth, (steps, 4, runs)."""
     noise = rng.standard_normal((len(motion.time) - 1, 3, runs))
     found = simulate_ins(motion, errors, noise)
     found[:, :2] -= motion.position[:, :, None]

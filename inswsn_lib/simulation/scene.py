@@ -2,63 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from inswsn_lib.errors import InswsnError, ParameterError
-from inswsn_lib.scenario import Setting, frozen, take
+from inswsn_lib import scenario
+from inswsn_lib.checks import Array, whole
+from inswsn_lib.errors import ParameterError
+from inswsn_lib.scenario import Pair
 from inswsn_lib.simulation.ins import InertialErrors, inertial_errors
+from inswsn_lib.simulation.multilateration import multilaterate
 from inswsn_lib.simulation.network import (
     Ranging,
     measure_ranges,
-    multilaterate_each,
     node_grid,
     nodes_heard,
-    velocity_slopes,
+    slope_errors,
 )
 from inswsn_lib.simulation.trajectory import Motion, Path
-
-Array = NDArray[np.float64]
-
-_COUNTS = ("training_samples", "outage_samples", "velocity_fixes")
-_POSITIVE = (
-    *("size", "radius", "speed", "periods", "area_sizes", "spacing", "reach"),
-    "inertial_interval",
-)
-_NOT_NEGATIVE = (
-    *("lead", "between", "jitter", "noise", "outlier_scale", "velocity_noise"),
-    *("accelerometer_noise", "gyro_noise"),
-)
-_SHARES = ("dropout", "outlier")
-_SOURCES = ("sensor", "difference", "window")
 
 
 @dataclass(frozen=True)
 class Window:
-    """A stretch of samples at a constant period.
-
-    Attributes
-    ----------
-    start : float
-        Time of the first sample, s.
-    period : float
-        s.
-    samples : int
-
-    Examples
-    --------
-    Where one window ends the next one begins:
-
-    >>> from inswsn_lib.simulation import Window
-    >>> area = Window(start=10.0, period=0.5, samples=4)
-    >>> area.times.tolist(), area.end
-    ([10.0, 10.5, 11.0, 11.5], 12.0)
-    """
+    """A stretch of samples at a constant period, from its start on, both s."""
 
     start: float
     period: float
@@ -99,99 +67,47 @@ class Scene:
     spacing : float
         Of the nodes, m.
     ranging : Ranging
-        How ranges are measured.
     velocity_source : {"sensor", "difference", "window"}
         How the network comes to a velocity: measured; the difference of the last two fixes; the
         slope of the last `velocity_fixes` fixes.
     velocity_noise : float
         Standard deviation of a measured velocity, m/s, each component.
     velocity_fixes : int
-        Fixes in a window.
-    inertial : InertialErrors
-        The INS.
-    inertial_interval : float
-        Sampling interval of the inertial sensors, s.
+    inertial, inertial_interval : InertialErrors, float
+        The INS, and the sampling interval of its sensors, s.
 
     Examples
     --------
     P1's scene, with the errors of the INS that fit its INS-only cells:
 
-    >>> import numpy as np
-    >>> from inswsn_lib.files import data_file
-    >>> from inswsn_lib.scenario import load_scenario
-    >>> from inswsn_lib.simulation import Scene
-    >>> folder = data_file("scenarios")
-    >>> settings = load_scenario(folder / "p1.yaml") | load_scenario(folder / "p1-inertial.yaml")
-    >>> scene = Scene.from_settings(settings)
-    >>> {name: window.samples for name, window in scene.windows.items()}
-    {'area1': 100, 'outage1': 50, 'area2': 100, 'outage2': 50}
+    >>> import inswsn_lib as iw
+    >>> folder = iw.data_file("scenarios")
+    >>> p1, fitted = (iw.load_scenario(folder / f"{name}.yaml") for name in ("p1", "p1-inertial"))
+    >>> scene = iw.from_settings(iw.Scene, p1 | fitted)
     >>> len(scene.nodes["area1"])  # 150 m a side, 5 m apart, edges included: 31 by 31
     961
-    >>> errors = scene.simulate(np.random.default_rng(0), runs=2)
-    >>> errors["wsn.area1"].shape, errors["ins.outage1"].shape
-    ((100, 4, 2), (50, 4, 2))
+    >>> iw.monte_carlo(scene.simulate, runs=2, seed=0)["wsn.area1"].shape
+    (100, 4, 2)
     """
 
-    size: tuple[float, float]
-    waypoints: tuple[tuple[float, float], ...]
-    radius: float
-    speed: float
-    lead: float
-    between: float
-    periods: tuple[float, float]
-    jitter: tuple[float, float]
-    training_samples: int
-    outage_samples: int
-    area_sizes: tuple[float, float]
-    spacing: float
     ranging: Ranging
     velocity_source: Literal["sensor", "difference", "window"]
-    velocity_noise: float
-    velocity_fixes: int
     inertial: InertialErrors
-    inertial_interval: float
-
-    @classmethod
-    def from_settings(
-        cls, settings: Mapping[str, Setting], inertial: InertialErrors | None = None
-    ) -> Scene:
-        """Return the scene of a scenario.
-
-        Parameters
-        ----------
-        settings : mapping of str to Setting
-            From `load_scenario`; files may be joined by ``|``.
-        inertial : InertialErrors, optional
-            The errors of the INS, in place of those of the settings.
-
-        Returns
-        -------
-        Scene
-
-        Raises
-        ------
-        InswsnError
-            If a setting is missing or unknown.
-        ParameterError
-            If a number is negative or not finite that may not be, a count is not whole, an area is
-            larger than the scene, or there is no such source of velocities.
-        """
-        values: dict[str, Any] = {name: setting.value for name, setting in settings.items()}
-        parts = {f.name for kind in (Ranging, InertialErrors) for f in fields(kind)}
-        own = {f.name for f in fields(cls)} - {"ranging", "inertial"}
-        wanted = own | (parts if inertial is None else {f.name for f in fields(Ranging)})
-        unknown, absent = sorted(set(values) - own - parts), sorted(wanted - set(values))
-        if unknown or absent:
-            raise InswsnError(
-                f"The scenario {'has an unknown' if unknown else 'lacks the'} setting "
-                f"{(unknown or absent)[0]}."
-            )
-        _check_values(values)
-        ranging, taken = take(values, Ranging), take(values, InertialErrors)
-        values = {name: frozen(value) for name, value in values.items()}
-        for name in _COUNTS:
-            values[name] = int(values[name])
-        return cls(ranging=ranging, inertial=inertial or taken, **values)
+    size: Pair = scenario.between(1e-9, 1e9)
+    waypoints: tuple[Pair, ...] = scenario.between(-1e9, 1e9)
+    radius: float = scenario.between(1e-9, 1e9)
+    speed: float = scenario.between(1e-9, 1e9)
+    lead: float = scenario.between(0, 1e9)
+    between: float = scenario.between(0, 1e9)
+    periods: Pair = scenario.between(1e-9, 1e9)
+    jitter: Pair = scenario.between(0, 1e9)
+    training_samples: int = scenario.between(1, 1e6)
+    outage_samples: int = scenario.between(1, 1e6)
+    area_sizes: Pair = scenario.between(1e-9, 1e9)
+    spacing: float = scenario.between(1e-9, 1e9)
+    velocity_noise: float = scenario.between(0, 1e9)
+    velocity_fixes: int = scenario.between(2, 1e6)
+    inertial_interval: float = scenario.between(1e-9, 1e9)
 
     @cached_property
     def windows(self) -> dict[str, Window]:
@@ -221,6 +137,8 @@ class Scene:
 
         Its middle is that of the path, or as near to that as the edges of the scene allow.
         """
+        if min(self.size) < max(self.area_sizes):
+            raise ParameterError("size", self.size, "two numbers, none below a side of an area")
         found = {}
         for name, size in zip(("area1", "area2"), self.area_sizes, strict=True):
             inside = self.path.drive(self.speed, self.windows[name].times).position
@@ -232,13 +150,6 @@ class Scene:
     def simulate(self, rng: np.random.Generator, runs: int) -> dict[str, Array]:
         """Simulate a number of runs; for `inswsn_lib.evaluation.monte_carlo`.
 
-        Parameters
-        ----------
-        rng : numpy.random.Generator
-            The stream.
-        runs : int
-            How many.
-
         Returns
         -------
         dict of str to ndarray
@@ -246,6 +157,7 @@ class Scene:
             and velocity (m/s). ``"wsn.NAME"`` for each area: the error of the network, NaN where
             it has no fix.
         """
+        whole("runs", runs)
         motion, interval = self.motion, self.inertial_interval
         # a stream for each purpose, so that a change of one setting moves no other draw
         sensors, clock, *networks = rng.spawn(2 + len(self.nodes))
@@ -257,7 +169,7 @@ class Scene:
             places = np.split(times / interval, [self.training_samples])
             for name, place in zip((area, outage), places, strict=True):
                 found[f"ins.{name}"] = _interpolate(ins, place)
-            found[f"wsn.{area}"] = self._network_errors(area, self.windows[area], network, runs)
+            found[f"wsn.{area}"] = self._network_errors(area, network, runs)
         return found
 
     def _sampling_times(self, half: int, rng: np.random.Generator, runs: int) -> Array:
@@ -271,49 +183,24 @@ class Scene:
         start = self.windows[f"area{half + 1}"].start
         return np.asarray(start + np.cumsum(np.maximum(steps, 0.0), axis=0))
 
-    def _network_errors(
-        self, name: str, window: Window, rng: np.random.Generator, runs: int
-    ) -> Array:
+    def _network_errors(self, name: str, rng: np.random.Generator, runs: int) -> Array:
+        """Return the errors of the network's positions and velocities, (samples, 4, runs)."""
+        window = self.windows[name]
         truth = self.path.drive(self.speed, window.times)
-        errors = np.empty((window.samples, 4, runs))
         ranges_of, velocities_of = rng.spawn(2)
         heard = [nodes_heard(self.nodes[name], p, self.ranging.reach) for p in truth.position]
         ranges = [
             measure_ranges(nodes, position, self.ranging, ranges_of, runs)
             for nodes, position in zip(heard, truth.position, strict=True)
         ]
-        errors[:, :2] = multilaterate_each(heard, ranges) - truth.position[:, :, None]
+        fixes = multilaterate(heard, ranges) - truth.position[:, :, None]
         if self.velocity_source == "sensor":
             normal = velocities_of.standard_normal((window.samples, 2, runs))
-            errors[:, 2:] = self.velocity_noise * normal
+            velocities = self.velocity_noise * normal
         else:
-            fixes = 2 if self.velocity_source == "difference" else self.velocity_fixes
-            measured = errors[:, :2] + truth.position[:, :, None]
-            errors[:, 2:] = (
-                velocity_slopes(measured, window.period, fixes) - truth.velocity[:, :, None]
-            )
-        return errors
-
-
-def _check_values(values: Mapping[str, Any]) -> None:
-    for name in _COUNTS:
-        if values[name] != int(values[name]) or values[name] < 1:
-            raise ParameterError(name, values[name], "a whole number, 1 or more")
-    for name in _POSITIVE + _NOT_NEGATIVE + _SHARES:
-        numbers = np.atleast_1d(np.asarray(values.get(name, 1.0)))
-        if numbers.dtype.kind not in "if" or not np.isfinite(numbers).all():
-            raise ParameterError(name, values[name], "finite numbers")
-        if (numbers < 0).any() or (name in _POSITIVE and (numbers == 0).any()):
-            raise ParameterError(
-                name, values[name], "positive" if name in _POSITIVE else "not negative"
-            )
-        if name in _SHARES and (numbers > 1).any():
-            raise ParameterError(name, values[name], "between 0 and 1")
-    size, sides = np.asarray(values["size"]), np.asarray(values["area_sizes"])
-    if size.shape != (2,) or sides.shape != (2,) or size.min() < sides.max():
-        raise ParameterError("size", values["size"], "two numbers, none below a side of an area")
-    if values["velocity_source"] not in _SOURCES:
-        raise ParameterError("velocity_source", values["velocity_source"], f"one of {_SOURCES}")
+            count = 2 if self.velocity_source == "difference" else self.velocity_fixes
+            velocities = slope_errors(fixes, truth, window.period, count)
+        return np.concatenate([fixes, velocities], axis=1)
 
 
 def _interpolate(values: Array, places: Array) -> Array:

@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from inswsn_lib.checks import Array, array, number
 from inswsn_lib.errors import ParameterError
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,26 +23,21 @@ class Motion:
         m and m/s, in the frame of the scene (x right, y up).
     heading : ndarray, (steps,)
         Of the velocity, radians from x towards y, continuous.
-    yaw_rate : ndarray, (steps,)
-        rad/s.
 
     Examples
     --------
-    Round a corner from east to north at 10 m/s on an arc of 20 m, the heading grows by half a
-    radian a second:
+    On an arc of 20 m at 10 m/s the heading turns by half a radian a second:
 
     >>> from inswsn_lib.simulation import Path
     >>> path = Path.through([(0, 0), (100, 0), (100, 100)], radius=20)
-    >>> motion = path.drive(10.0, [0.0, 9.0])  # the arc begins after 8 s
-    >>> motion.yaw_rate.tolist(), motion.heading.round(6).tolist()
-    ([0.0, 0.5], [0.0, 0.5])
+    >>> path.drive(10.0, [0.0, 9.0]).heading.round(6).tolist()  # the arc begins after 8 s
+    [0.0, 0.5]
     """
 
     time: Array
     position: Array
     velocity: Array
     heading: Array
-    yaw_rate: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,10 +46,8 @@ class Path:
 
     Attributes
     ----------
-    lengths : ndarray, (pieces,)
-        m.
-    curvatures : ndarray, (pieces,)
-        1/m, positive to the left; zero on a straight leg.
+    lengths, curvatures : ndarray, (pieces,)
+        m; 1/m, positive to the left, zero on a straight leg.
     start : ndarray, (2,)
         m.
     heading : float
@@ -65,13 +57,10 @@ class Path:
     --------
     An arc cuts the corner: of 200 m it leaves :math:`200 - (2 - \pi/2)\,r`.
 
-    >>> from math import pi
     >>> from inswsn_lib.simulation import Path
     >>> path = Path.through([(0, 0), (100, 0), (100, 100)], radius=20)
-    >>> print(f"{path.length:.3f} {200 - (2 - pi / 2) * 20:.3f}")
+    >>> print(f"{path.length:.3f} {200 - (2 - 3.14159 / 2) * 20:.3f}")
     191.416 191.416
-    >>> path.drive(10.0, [path.length / 10.0]).position.round(6).tolist()
-    [[100.0, 100.0]]
     """
 
     lengths: Array
@@ -86,26 +75,14 @@ class Path:
         Parameters
         ----------
         waypoints : array_like, (points, 2)
-            m; the first and the last are met, the others are corners.
+            m, two or more; the first and the last are met, the others are corners.
         radius : float
-            Of the arcs, m.
-
-        Returns
-        -------
-        Path
-            A straight leg, then an arc and a leg for each corner.
-
-        Raises
-        ------
-        ParameterError
-            If there are fewer than two waypoints, the radius is not positive, or an arc does not
-            fit between its neighbours.
+            Of the arcs, m; each has to fit between its neighbours.
         """
-        points = np.asarray(waypoints, dtype=float)
-        if points.ndim != 2 or points.shape[1] != 2 or len(points) < 2:
-            raise ParameterError("waypoints", f"of shape {points.shape}", "(2 or more, 2)")
-        if not radius > 0:
-            raise ParameterError("radius", radius, "positive")
+        points = array("waypoints", waypoints, ("points", 2))
+        number("radius", radius, above=0)
+        if len(points) < 2:
+            raise ParameterError("waypoints", waypoints, "two points or more")
         sides = np.diff(points, axis=0)
         headings = np.arctan2(sides[:, 1], sides[:, 0])
         turns = (np.diff(headings) + np.pi) % (2 * np.pi) - np.pi
@@ -125,30 +102,13 @@ class Path:
         return float(self.lengths.sum())
 
     def drive(self, speed: float, time: ArrayLike) -> Motion:
-        """Return the motion at constant speed.
+        """Return the motion at constant speed, m/s, at times (steps,) since the start, s.
 
-        Parameters
-        ----------
-        speed : float
-            m/s.
-        time : array_like, (steps,)
-            s since the start. After the end of the path the motion goes straight on.
-
-        Returns
-        -------
-        Motion
-            At these times.
-
-        Raises
-        ------
-        ParameterError
-            If the speed is not positive, or a time is negative.
+        After the end of the path the motion goes straight on.
         """
-        t = np.asarray(time, dtype=float)
-        if not speed > 0:
-            raise ParameterError("speed", speed, "positive")
-        if (t < 0).any():
-            raise ParameterError("time", float(t.min()), "0 s or later")
+        t = array("time", time, ("steps",))
+        number("speed", speed, above=0)
+        number("time", t.min(initial=0.0), least=0)
         ends = np.concatenate([[0.0], np.cumsum(self.lengths)])
         piece = np.minimum(
             np.searchsorted(ends, speed * t, side="right") - 1, len(self.lengths) - 1
@@ -161,7 +121,7 @@ class Path:
         middle = headings[piece] + curvature * within / 2
         chord = within * np.sinc(curvature * within / (2 * np.pi))
         position = points[piece] + chord[:, None] * _direction(middle)
-        return Motion(t, position, speed * _direction(heading), heading, speed * curvature)
+        return Motion(t, position, speed * _direction(heading), heading)
 
     def _joints(self) -> tuple[Array, Array]:
         """Return heading and position at the beginning of each piece."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import subprocess
 import sys
@@ -11,6 +12,8 @@ from pathlib import Path
 import pytest
 from inswsn_book.project import RESULTS_VARIABLE, Project
 from inswsn_book.results import Results, read_results
+
+from inswsn_lib.papers import read_table
 
 
 @pytest.fixture(scope="module")
@@ -63,6 +66,29 @@ BY_HAND = {
 @pytest.mark.parametrize(("name", "expected"), BY_HAND.items())
 def test_a_number_worked_out_by_hand(results: Results, name: str, expected: float) -> None:
     assert results[name].value == pytest.approx(expected, rel=1e-9)
+
+
+def test_the_odds_of_table_1_in_whole_numbers(results: Results, project: Project) -> None:
+    """Rows that fit by |x + y - 2 m| in units of the last digit; each ways of choosing tried."""
+    table = read_table(project.root / "data/papers/p1-table1.csv", index="no")
+    x, y, m = (
+        [round(1e4 * float(cell)) for cell in table[name]]
+        for name in ("drx", "dry", "mean_position")
+    )
+    # half a unit each for x and y and two halves for 2 m; a blank is exactly zero
+    blank = len(y)
+    fits = [
+        {j for j, cell in enumerate(y) if abs(a + cell - 2 * mean) <= 2}
+        | ({blank} if abs(a - 2 * mean) <= 1 else set())
+        for a, mean in zip(x, m, strict=True)
+    ]
+    found: list[tuple[int, ...]] = [()]
+    for row in fits:
+        found = [(*chosen, j) for chosen in found for j in row if j not in chosen]
+    assert results["table1.chance.odds"].value == math.perm(11, 10) / len(found)
+    own = [abs(a + b - 2 * mean) <= 2 for a, b, mean in zip(x, y, m, strict=True)]
+    shown = dict(row for row in results.tables["tbl-00-readings"][1:])
+    assert int(shown["mean of the row's own x and y"]) == sum(own)
 
 
 def test_the_score_by_hand(results: Results) -> None:

@@ -12,7 +12,7 @@ from sklearn.kernel_ridge import KernelRidge
 from sklearn.linear_model import LinearRegression, Ridge
 
 from inswsn_lib.evaluation import monte_carlo
-from inswsn_lib.scenario import load_scenario
+from inswsn_lib.scenario import from_settings, load_scenario
 from inswsn_lib.simulation import Scene
 
 HALF_NORMAL = np.sqrt(2 / np.pi)  # mean absolute value of a standard normal number
@@ -29,7 +29,7 @@ def drawn(root: Path) -> dict[str, np.ndarray]:
     """The first runs of the chapter, drawn again."""
     scenarios = root / "data" / "scenarios"
     settings = load_scenario(scenarios / "p1.yaml") | load_scenario(scenarios / "p1-inertial.yaml")
-    return monte_carlo(Scene.from_settings(settings).simulate, 64, 2012)
+    return monte_carlo(from_settings(Scene, settings).simulate, 64, 2012)
 
 
 BY_HAND = {

@@ -20,7 +20,7 @@ from inswsn_lib.evaluation import monte_carlo
 from inswsn_lib.filters import handover_weights
 from inswsn_lib.lmi import FilterDesign, design_filter, design_fusion, hinf_norm, riccati_gamma
 from inswsn_lib.models import ErrorModel
-from inswsn_lib.scenario import load_scenario
+from inswsn_lib.scenario import from_settings, load_scenario
 from inswsn_lib.simulation import ClusterScene
 
 Array = NDArray[np.float64]
@@ -45,7 +45,7 @@ def results(built_site: Path, project: Project) -> Results:
 
 @pytest.fixture(scope="module")
 def scene(root: Path) -> ClusterScene:
-    return ClusterScene.from_settings(load_scenario(root / "data" / "scenarios" / "p2.yaml"))
+    return from_settings(ClusterScene, load_scenario(root / "data" / "scenarios" / "p2.yaml"))
 
 
 @pytest.fixture(scope="module")

@@ -20,8 +20,9 @@ from inswsn_lib.errors import ParameterError
 from inswsn_lib.filters import deadbeat_gain, run_hinfinity, run_kalman
 from inswsn_lib.learning import BackpropRegressor, HoldRegressor, LSSVMRegressor
 from inswsn_lib.models import ErrorModel
-from inswsn_lib.navigation import HybridNavigator, observable_inputs, read_recording
+from inswsn_lib.navigation import HybridNavigator, observable_inputs
 from inswsn_lib.navigation.hybrid import Filter
+from inswsn_lib.recordings import read_recording
 
 MODEL = ErrorModel.p1(0.2, process_noise=(0.05, 0.1), measurement_noise=(0.2, 0.3))
 

@@ -7,6 +7,7 @@ import pytest
 
 from inswsn_lib.errors import ParameterError
 from inswsn_lib.simulation import InertialErrors, Path, simulate_ins
+from inswsn_lib.simulation.ins import inertial_errors
 
 STRAIGHT = Path.through([(0.0, 0.0), (300.0, 400.0)], 1.0)
 BENDS = Path.through([(650.0, 0.0), (500.0, 100.0), (300.0, 90.0), (130.0, 400.0)], 20.0)
@@ -19,13 +20,10 @@ def errors_of(path: Path, errors: InertialErrors, time: np.ndarray = TIME) -> np
     return ins - np.hstack([motion.position, motion.velocity])
 
 
-def test_ideal_sensors_give_the_truth() -> None:
+def test_ideal_sensors_give_the_truth_to_the_square_of_the_interval() -> None:
     found = errors_of(BENDS, InertialErrors())
     assert np.abs(found[:, :2]).max() < 2e-3
     assert np.abs(found[:, 2:]).max() < 1e-9
-
-
-def test_it_converges_as_the_square_of_the_interval() -> None:
     coarse = np.abs(errors_of(BENDS, InertialErrors(), np.linspace(0, 60, 1501))).max()
     fine = np.abs(errors_of(BENDS, InertialErrors(), np.linspace(0, 60, 3001))).max()
     assert coarse / fine > 3  # where an arc begins within an interval matters as well
@@ -45,37 +43,54 @@ def test_constant_biases_on_a_straight_road() -> None:
     )
 
 
-def test_a_heading_error_turns_what_is_added_to_the_velocity() -> None:
-    """On a bend the velocity change is turned by the heading error; start and end differ by it."""
-    found = errors_of(BENDS, InertialErrors(heading=0.01))
+@pytest.mark.parametrize(("heading", "scale"), [(0.01, 0.0), (0.0, 0.05)])
+def test_a_heading_or_scale_error_turns_or_stretches_what_is_added_to_the_velocity(
+    heading: float, scale: float
+) -> None:
+    """On a bend the velocity changes by that of the truth times (1 + scale) e^(i heading)."""
+    errors = InertialErrors(heading=heading, accelerometer_scale=(scale, scale))
+    found = errors_of(BENDS, errors)
     motion = BENDS.drive(7.5, TIME)
-    change = motion.velocity - motion.velocity[0]
-    c, s = np.cos(0.01) - 1, np.sin(0.01)
-    expected = np.stack(
-        [c * change[:, 0] - s * change[:, 1], s * change[:, 0] + c * change[:, 1]], 1
-    )
-    assert found[:, 2:] == pytest.approx(expected, abs=1e-9)
+    change = (motion.velocity - motion.velocity[0]) @ [1, 1j]
+    expected = ((1 + scale) * np.exp(1j * heading) - 1) * change
+    assert found[:, 2:] @ [1, 1j] == pytest.approx(expected, abs=1e-9)
+    # on a straight way there is no change
+    assert np.abs(errors_of(STRAIGHT, errors)).max() < 1e-9
 
 
-def test_a_scale_error_shows_in_the_turns_only() -> None:
-    straight = errors_of(STRAIGHT, InertialErrors(accelerometer_scale=(0.1, 0.1), gyro_scale=0.1))
-    assert np.abs(straight).max() < 1e-9
-    bent = errors_of(BENDS, InertialErrors(accelerometer_scale=(0.1, 0.1)))
-    assert np.abs(bent[-1, 2:]).max() > 0.1
+def test_a_gyro_that_is_wrong_turns_the_pushes_of_a_bias_on_a_circle() -> None:
+    """A bias b along the body under the rate w that the gyro tells: v = b (e^(iwt) - 1) / iw."""
+    circle = Path(np.array([1000.0]), np.array([0.05]), np.zeros(2), 0.0)
+    motion = circle.drive(2.0, np.linspace(0, 20, 20001))
+    for errors in (InertialErrors(gyro_bias=0.02), InertialErrors(gyro_scale=0.2)):
+        plain, biased = (
+            simulate_ins(motion, InertialErrors(**{**vars(errors), "accelerometer_bias": bias}))
+            for bias in ((0.0, 0.0), (0.1, 0.0))
+        )
+        rate = 0.1 * (1 + errors.gyro_scale) + errors.gyro_bias
+        pushed = 0.1 * (np.exp(1j * rate * motion.time) - 1) / (1j * rate)
+        assert (biased - plain)[:, 2:, 0] @ [1, 1j] == pytest.approx(pushed, abs=1e-6)
 
 
-def test_velocity_random_walk_has_its_variance() -> None:
+def test_random_walks_have_their_variance() -> None:
     """2,000 runs; a true simulation leaves the bounds once in 10,000 times per component."""
     motion = STRAIGHT.drive(7.5, np.linspace(0, 10, 101))
-    noise = np.random.default_rng(8).standard_normal((100, 3, 2000))
-    ins = simulate_ins(motion, InertialErrors(accelerometer_noise=0.05), noise)
+    walk = InertialErrors(accelerometer_noise=0.05)
+    errors = inertial_errors(motion, walk, np.random.default_rng(8), 2000)
     # velocity: 0.05^2 t; position: 0.05^2 t^3 / 3, to the order of the interval
-    spread = ins[-1].std(axis=1, ddof=1)
     expected = 0.05 * np.array([(1000 / 3) ** 0.5] * 2 + [10**0.5] * 2)
-    assert spread == pytest.approx(expected, rel=3.9 / (2 * 2000) ** 0.5 + 0.005)
+    bound = 3.9 / (2 * 2000) ** 0.5 + 0.005
+    assert errors[-1].std(axis=1, ddof=1) == pytest.approx(expected, rel=bound)
+    assert np.abs(errors[0]).max() == 0
+    # a heading that walks by 0.01 sqrt(t): on a long circle the velocity turns by it at once
+    noise = np.zeros((100, 3, 2000))
+    noise[:, 2] = np.random.default_rng(9).standard_normal((100, 2000))
+    biased = InertialErrors(gyro_noise=0.01, accelerometer_bias=(1.0, 0.0))
+    last = np.diff(simulate_ins(motion, biased, noise)[:, 2:], axis=0)[-1] / 0.1
+    turned = np.angle(last[0] + 1j * last[1]) - np.arctan2(4, 3)
+    assert turned.std() == pytest.approx(0.01 * 9.95**0.5, rel=bound)
 
 
 def test_noise_that_does_not_fit_is_refused() -> None:
-    motion = STRAIGHT.drive(7.5, TIME)
-    with pytest.raises(ParameterError, match="noise is 'of shape"):
-        simulate_ins(motion, InertialErrors(), np.zeros((6001, 3, 1)))
+    with pytest.raises(ParameterError, match="noise is of shape"):
+        simulate_ins(STRAIGHT.drive(7.5, TIME), InertialErrors(), np.zeros((6001, 3, 1)))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -21,7 +23,9 @@ def test_a_quarter_turn_by_hand() -> None:
         ])
     )  # fmt: skip
     assert motion.heading == pytest.approx([0, 0, np.pi / 4, np.pi / 2, np.pi / 2])
-    assert motion.yaw_rate[2] == pytest.approx(0.2)
+    # the other way round
+    right = Path.through([(0.0, 0.0), (20.0, 0.0), (20.0, -30.0)], radius=10.0)
+    assert right.drive(2.0, motion.time).position == pytest.approx(motion.position * [1, -1])
 
 
 def test_it_starts_and_ends_where_it_should_at_its_speed() -> None:
@@ -30,13 +34,11 @@ def test_it_starts_and_ends_where_it_should_at_its_speed() -> None:
     assert motion.position[0] == pytest.approx(CORNERS[0])
     assert motion.position[-1] == pytest.approx(CORNERS[-1])
     assert np.hypot(*motion.velocity.T) == pytest.approx(7.5)
-    # velocity is the derivative of position, yaw rate that of heading
-    dt = motion.time[1]
-    moved = np.diff(motion.position, axis=0) / dt
+    # velocity is the derivative of position, and heading its direction
+    moved = np.diff(motion.position, axis=0) / motion.time[1]
     assert moved == pytest.approx((motion.velocity[1:] + motion.velocity[:-1]) / 2, abs=2e-2)
-    assert np.trapezoid(motion.yaw_rate, motion.time) == pytest.approx(
-        motion.heading[-1] - motion.heading[0], abs=1e-2
-    )
+    assert np.exp(1j * motion.heading) * 7.5 == pytest.approx(motion.velocity @ [1, 1j])
+    assert np.abs(np.diff(motion.heading)).max() < 0.01  # no jump by a turn
 
 
 def test_it_goes_straight_on_after_its_end() -> None:
@@ -47,19 +49,19 @@ def test_it_goes_straight_on_after_its_end() -> None:
 @pytest.mark.parametrize(
     ("points", "radius", "said"),
     [
-        ([(0, 0)], 1.0, "waypoints"),
+        ([(0, 0)], 1.0, "waypoints is .* two points or more"),
+        ([(0, 0, 0), (1, 0, 0)], 1.0, "waypoints"),
         ([(0, 0), (1, 0)], 0.0, "radius"),
-        ([(0, 0), (10, 0), (10, 10)], 11.0, "so small that the arcs fit"),
+        ([(0, 0), (10, 0), (10, 10)], 10.1, "so small that the arcs fit"),
     ],
 )
-def test_paths_that_cannot_be(points: list[tuple[int, int]], radius: float, said: str) -> None:
+def test_paths_that_cannot_be(points: list[Any], radius: float, said: str) -> None:
     with pytest.raises(ParameterError, match=said):
         Path.through(points, radius)
+    assert Path.through([(0, 0), (10, 0), (10, 10)], 9.9).lengths[0] == pytest.approx(0.1)
 
 
-def test_drives_that_cannot_be() -> None:
-    path = Path.through([(0, 0), (1, 0)], 1.0)
-    with pytest.raises(ParameterError, match="speed"):
-        path.drive(0.0, [0.0])
-    with pytest.raises(ParameterError, match="time"):
-        path.drive(1.0, [-1.0])
+@pytest.mark.parametrize(("speed", "time"), [(0.0, [0.0]), (1.0, [0.0, -0.1]), (1.0, [[0.0]])])
+def test_drives_that_cannot_be(speed: float, time: list[Any]) -> None:
+    with pytest.raises(ParameterError, match="speed is" if speed == 0 else "time is"):
+        Path.through([(0, 0), (1, 0)], 1.0).drive(speed, time)

@@ -1,4 +1,4 @@
-"""Figures: one style that reads on light and dark pages."""
+"""Recordings: an INS and a sensor network from a file of your own."""
 
 import lazy_loader
 

@@ -1,0 +1,393 @@
+"""Reading a recording of an INS and a sensor network from a CSV file, and refusing a wrong one."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterator
+from dataclasses import dataclass
+from io import StringIO
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from scipy.integrate import cumulative_trapezoid
+
+from inswsn_lib.checks import Array
+from inswsn_lib.errors import InswsnError
+
+Rows = NDArray[np.intp]
+#: The column of time stamps, s
+TIME = "time_s"
+#: The columns of the INS: position (m) and velocity (m/s) in the horizontal frame of the network
+INS = ("ins_x_m", "ins_y_m", "ins_vx_mps", "ins_vy_mps")
+#: The columns of the network, in the same frame; empty where there is no fix. A network without
+#: velocities may leave out the last two.
+WSN = ("wsn_x_m", "wsn_y_m", "wsn_vx_mps", "wsn_vy_mps")
+#: The columns of a reference, if there is one
+REFERENCE = ("ref_x_m", "ref_y_m", "ref_vx_mps", "ref_vy_mps")
+
+# A time stamp may be this share of a period away from the grid.
+_JITTER = 0.2
+# The grid may have this many times as many steps as there are rows, or this many.
+_SPARSEST, _ALWAYS = 10, 1000
+# An outage is longer than this many times the usual distance of fixes.
+_PATIENCE = 2.5
+# An INS that has just begun to drift is not this far from its first fix (m).
+_FARTHEST = 10_000.0
+# Series that are alike to this cosine may be compared in scale, and differ by a unit beyond this.
+_LIKENESS, _FACTOR = 0.8, 1.6
+# Changes of speed tell a unit by this factor, and if there are this many.
+_GROSS, _FEW = 2.5, 4
+# A ratio is that of two units if it is this near.
+_NEAR = 1.15
+# Displacements are compared over blocks of this length (s); slower than this (m/s) tells nothing.
+_BLOCK, _SLOWEST = 5.0, 0.05
+_UNITS = {
+    "km/h": 3.6, "knots": 1.9438, "feet": 3.2808, "cm": 100.0, "mm, km or ms": 1000.0,
+    "degrees of latitude": 111_200.0,
+}  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """A recording on an even grid of time.
+
+    Attributes
+    ----------
+    time : ndarray, (steps,)
+        Seconds, evenly spaced.
+    period : float
+        The spacing, s.
+    ins : ndarray, (steps, 4)
+        x, y (m), v_x, v_y (m/s) of the INS; NaN in rows that the file lacks.
+    wsn : ndarray, (steps, 4)
+        The same of the network; NaN where there is no fix.
+    reference : ndarray, (steps, 4), or None
+        The same of a reference, if the file has one.
+    jitter : float
+        Standard deviation of the time stamps from the grid, s.
+
+    Examples
+    --------
+    The network of the recording that comes with the book is silent for 12 s and for 8 s; two rows
+    are missing:
+
+    >>> import inswsn_lib as iw
+    >>> recording = iw.read_recording(iw.data_file("examples/ins-wsn.csv"))
+    >>> round(recording.period, 2), recording.outages
+    (0.2, [(37, 39), (100, 160), (230, 270)])
+    """
+
+    time: Array
+    period: float
+    ins: Array
+    wsn: Array
+    reference: Array | None
+    jitter: float
+
+    @property
+    def measurements(self) -> Array:
+        """INS less WSN, (steps, 4, 1): what the filters of P1 (2.5) take; NaN where missing."""
+        return (self.ins - self.wsn)[:, :, None]
+
+    @property
+    def outages(self) -> list[tuple[int, int]]:
+        """The outages: first step, and the step after the last.
+
+        An outage is a run of steps without any measurement around which measurements are more than
+        2.5 times their median distance apart: a network that is slower than the INS is not silent.
+        """
+        missing = np.isnan(self.wsn).all(axis=1)
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], missing, [False]]).astype(int)))
+        usual = float(np.median(np.diff(np.flatnonzero(~missing)))) if (~missing).sum() > 1 else 1.0
+        return [(int(a), int(b)) for a, b in edges.reshape(-1, 2) if b - a + 1 > _PATIENCE * usual]
+
+
+def read_recording(path: Path) -> Recording:
+    """Read a recording and put it on an even grid.
+
+    The file is a CSV with commas, a header and the columns `TIME`, `INS` and `WSN`; those of
+    `REFERENCE` are taken if all of them are there, and others are ignored. Lines that begin with
+    ``#`` are comments, and do not count when a row is named. The period comes from the time stamps.
+    Rows may be missing, and WSN cells may be empty: both are gaps.
+
+    Parameters
+    ----------
+    path : Path
+
+    Raises
+    ------
+    InswsnError
+        In one sentence that names the column and the row (the header is row 1), if the file cannot
+        be read, a row or column does not fit, time stamps are not even to a fifth of a period, or
+        columns contradict one another as a wrong unit or another frame makes them.
+
+    Examples
+    --------
+    Four components of 301 steps, of one run, for the filters:
+
+    >>> import inswsn_lib as iw
+    >>> iw.read_recording(iw.data_file("examples/ins-wsn.csv")).measurements.shape
+    (301, 4, 1)
+    """
+    table = _read_table(path)
+    time = table[TIME].to_numpy()
+    _check_time(path, time)
+    columns = {"ins": INS, "wsn": WSN} | ({"ref": REFERENCE} if REFERENCE[0] in table else {})
+    sources = {who: table[list(names)].to_numpy() for who, names in columns.items()}
+    _check_positions(path, sources["ins"], sources["wsn"])
+    for one, other, known in _comparable(time, sources):
+        _refuse_other_units(path, one, other, known)
+    return _on_grid(path, time, sources)
+
+
+def _read_table(path: Path) -> pd.DataFrame:
+    """Return the columns that are known, as numbers, those of a missing velocity all NaN."""
+    try:
+        lines = path.read_text(encoding="utf-8-sig").splitlines()
+        lines = [line for line in lines if line.strip() and not line.startswith("#")]
+        header = [name.strip() for name in _cells(lines[0])] if lines else []
+        wanted = _wanted(path, header)
+        for row, line in enumerate(lines, start=1):
+            # commas may stand within quotes: only a line with another number of them is split
+            if line.count(",") != len(header) - 1 and len(_cells(line)) != len(header):
+                raise InswsnError(
+                    f"{path} has {len(_cells(line))} cells in row {row}; it may have "
+                    f"{len(header)}, as the header has."
+                )
+        table = pd.read_csv(
+            StringIO("\n".join(lines)), usecols=[header.index(name) for name in wanted],
+            skipinitialspace=True, keep_default_na=False, na_values=["", "nan", "NaN"],
+            index_col=False, low_memory=False,
+        )  # fmt: skip
+    except FileNotFoundError:
+        raise InswsnError(f"There is no file {path}.") from None
+    except IsADirectoryError:
+        raise InswsnError(f"{path} is a folder; it may be a CSV file.") from None
+    except UnicodeDecodeError:
+        raise InswsnError(f"{path} is not a CSV file: it is not UTF-8.") from None
+    except (csv.Error, pd.errors.ParserError) as error:
+        raise InswsnError(f"{path} is not a CSV file: {str(error).strip()}.") from None
+    table.columns = pd.Index(sorted(wanted, key=header.index))
+    numbers = {name: _numbers(path, name, table[name]) for name in table}
+    return pd.DataFrame(numbers).reindex(columns=list(dict.fromkeys([*wanted, *WSN])))
+
+
+def _cells(line: str) -> list[str]:
+    return next(csv.reader([line], skipinitialspace=True, strict=True))
+
+
+def _wanted(path: Path, header: list[str]) -> list[str]:
+    """Return the columns to read; refuse a header without those that must be there."""
+    if not header:
+        raise InswsnError(f"{path} is empty; it may be a CSV file with a header.")
+    if len(header) == 1 and any(sign in header[0] for sign in ";\t"):
+        raise InswsnError(f"{path} has no commas; columns may be separated by commas.")
+    for name in (TIME, *INS, *WSN, *REFERENCE):
+        if header.count(name) > 1:
+            raise InswsnError(f"{path} has the column {name} more than once.")
+    for name in (TIME, *INS, *WSN[:2]):
+        if name not in header:
+            raise InswsnError(f"{path} has no column {name}; it has {', '.join(header)[:200]}.")
+    if (WSN[2] in header) != (WSN[3] in header):
+        raise InswsnError(f"{path} has one of the columns {WSN[2]} and {WSN[3]}; both or neither.")
+    reference = REFERENCE if set(REFERENCE) <= set(header) else ()
+    return [name for name in (TIME, *INS, *WSN, *reference) if name in header]
+
+
+def _numbers(path: Path, name: object, cells: pd.Series) -> pd.Series:
+    """Return cells as floats; refuse words and what is not finite."""
+    if cells.dtype.kind in "iuf":
+        numbers, wrong = cells.astype(float), np.isinf(cells)
+    else:
+        texts = cells.astype("str").str.strip()
+        numbers = pd.to_numeric(texts, errors="coerce").astype(float)
+        none = cells.isna() | texts.str.lower().isin(["", "nan"])
+        wrong = (numbers.isna() & ~none) | np.isinf(numbers)
+    if wrong.any():
+        row = int(np.flatnonzero(wrong)[0])
+        raise InswsnError(
+            f"{path} has {str(cells.iloc[row])[:40]!r} in column {name}, row {row + 2}; it may be "
+            "a finite number, or empty where there is no fix."
+        )
+    return numbers
+
+
+def _check_time(path: Path, time: Array) -> None:
+    if time.size < 3:
+        raise InswsnError(f"{path} has {time.size} rows; it may have 3 or more.")
+    if np.isnan(time).any():
+        raise InswsnError(f"{path} has no time stamp in row {int(np.isnan(time).argmax()) + 2}.")
+    steps = np.diff(time)
+    if (steps <= 0).any():
+        row = int((steps <= 0).argmax()) + 1
+        what = "repeats" if steps[row - 1] == 0 else "goes back from"
+        raise InswsnError(
+            f"{path}: {TIME} {what} {time[row - 1]:.12g} s in row {row + 2}; time stamps may only "
+            "increase. Sort the file, or drop the row."
+        )
+    if time[-1] - time[0] > np.median(steps) * max(_ALWAYS, _SPARSEST * time.size):
+        row = int(np.argmax(steps)) + 1
+        raise InswsnError(
+            f"{path}: {TIME} jumps by {steps[row - 1]:.6g} s in row {row + 2}, where "
+            f"{np.median(steps):.4g} s are usual; a clock may not have been set in between."
+        )
+
+
+def _check_positions(path: Path, ins: Array, wsn: Array) -> None:
+    """Refuse an INS with gaps, a network without positions, and frames that are far apart."""
+    missing = np.isnan(ins)
+    if missing.any():
+        row, column = (int(i[0]) for i in np.nonzero(missing))
+        length = int(np.argmin(np.append(missing[row:, column], False)))
+        raise InswsnError(
+            f"{path} has no number in column {INS[column]} for {length} row"
+            f"{'s' if length > 1 else ''} from row {row + 2}; an INS has no gaps. Leave such rows "
+            "out, and the filters predict over them."
+        )
+    for column, name in enumerate(WSN[:2]):
+        if np.isnan(wsn[:, column]).all():
+            raise InswsnError(f"{path} has no number at all in column {name}.")
+    fixed = ~np.isnan(wsn[:, :2]).any(axis=1)
+    apart = float(np.hypot(*(wsn[fixed, :2] - ins[fixed, :2])[0])) if fixed.any() else 0.0
+    if apart >= _FARTHEST:
+        raise InswsnError(
+            f"{path}: the first position of the network is {apart / 1000:.4g} km from that of the "
+            "INS; both may be in one frame, that of the network."
+        )
+
+
+#: What a series of speeds (blocks, 2) is, in words, and the series
+_Named = tuple[str, Array]
+
+
+def _comparable(time: Array, sources: dict[str, Array]) -> Iterator[tuple[_Named, _Named, bool]]:
+    """Yield series that agree but for a wrong unit, and whether a known unit alone is meant.
+
+    Each source has its displacements and its velocities. Network and reference, and network and
+    INS, are compared by their displacements where the network has fixes. Of the INS it is the
+    changes from one block to the next: a drift that is steady, or grows slowly, is not in them.
+    """
+    along = {who: f"along {who}_x_m and {who}_y_m" for who in sources}
+    for who, values in sources.items():
+        blocks = _blocks(time, values)
+        moved, told = (_speeds(time, x, blocks) for x in (values[:, :2], _way(time, values)))
+        velocities = f"that in {who}_vx_mps and {who}_vy_mps"
+        yield (f"the speed {along[who]}", moved), (velocities, told), False
+    blocks = _blocks(time, sources["wsn"][:, :2])
+    speeds = {who: _speeds(time, values[:, :2], blocks) for who, values in sources.items()}
+    network, inertial = np.diff(speeds["wsn"], axis=0), np.diff(speeds["ins"], axis=0)
+    change = f"the change of speed {along['wsn']}"
+    yield (change, network), (f"that {along['ins']}", inertial), True
+    if "ref" in speeds:
+        true = f"that {along['ref']}", speeds["ref"]
+        yield (f"the speed {along['wsn']}", speeds["wsn"]), true, False
+
+
+def _blocks(time: Array, needed: Array) -> Rows:
+    """Return first and last row (blocks, 2) of blocks of some seconds with all that is needed.
+
+    Blocks that follow one another share a row. None crosses a gap; if none is long enough, the
+    longest stretch without a gap is one.
+    """
+    rows = np.flatnonzero(~np.isnan(needed).any(axis=1))
+    steps = np.diff(time[rows])
+    gaps = np.flatnonzero(steps > _PATIENCE * np.median(steps)) + 1 if steps.size else rows[:0]
+    beyond = np.searchsorted(time[rows], time[rows] + _BLOCK - 1e-9).tolist()
+    found, longest = [], (0, 0)
+    for begin, end in pairwise([0, *gaps.tolist(), len(rows)]):
+        longest = max(longest, (begin, end - 1), key=lambda pair: pair[1] - pair[0])
+        first = begin
+        while first < end and (last := beyond[first]) < end:
+            found.append((first, last))
+            first = last
+    if not found and longest[1] > longest[0]:
+        found = [longest]
+    return np.asarray(rows[np.array(found, dtype=int).reshape(-1, 2)])
+
+
+def _way(time: Array, values: Array) -> Array:
+    """Return the integral of the velocities over the rows that are whole, (rows, 2)."""
+    rows = np.flatnonzero(~np.isnan(values).any(axis=1))
+    way = np.zeros((len(time), 2))
+    if rows.size:
+        way[rows] = cumulative_trapezoid(values[rows, 2:], time[rows], axis=0, initial=0)
+    return way
+
+
+def _speeds(time: Array, way: Array, blocks: Rows) -> Array:
+    """Return displacement over time of each block, (blocks, 2)."""
+    return np.asarray(np.diff(way[blocks], axis=1)[:, 0] / np.diff(time[blocks]))
+
+
+def _refuse_other_units(path: Path, one: _Named, other: _Named, known: bool) -> None:
+    """Refuse two series of one shape and two scales; if `known`, of two known units alone."""
+    count = len(one[1])
+    sizes = float(np.linalg.norm(one[1])), float(np.linalg.norm(other[1]))
+    if count == 0 or min(sizes) == 0 or max(sizes) / np.sqrt(count) < _SLOWEST:
+        return
+    # noise lowers the likeness before it changes the scale by as much as a unit does
+    likeness = float(np.sum(one[1] * other[1])) / (sizes[0] * sizes[1])
+    ratio = sizes[0] / sizes[1]
+    # few and noisy changes may differ by much: only a gross factor between many tells a unit
+    factor = _GROSS if known else _FACTOR
+    if likeness < _LIKENESS or 1 / factor <= ratio <= factor or (known and count < _FEW):
+        return
+    near = [
+        name
+        for name, size in _UNITS.items()
+        if min(abs(np.log(ratio / size)), abs(np.log(ratio * size))) < np.log(_NEAR)
+    ]
+    if known and not near:
+        return
+    looks = f", as with {' or '.join(near)}" if near else ""
+    raise InswsnError(
+        f"{path}: {one[0]} is {ratio:.3g} times {other[0]}{looks}; lengths are in m, speeds "
+        f"in m/s, {TIME} in s."
+    )
+
+
+def _on_grid(path: Path, time: Array, sources: dict[str, Array]) -> Recording:
+    place = _places(time)
+    slope, late = np.polyfit(place, time - time[0], 1)
+    period, start = float(slope), float(time[0] + late)
+    offset = time - start - place * period
+    if (np.diff(place) <= 0).any() or np.abs(offset).max() > _JITTER * period:
+        row = int(np.argmax(np.abs(offset)))
+        raise InswsnError(
+            f"{path}: the time stamp {time[row]:.12g} s in row {row + 2} is {offset[row]:+.3g} s "
+            f"off an even grid of {period:.4g} s; a fifth of a period is allowed. Resample the "
+            "recording."
+        )
+    grids = {who: np.full((place[-1] + 1, 4), np.nan) for who in sources}
+    for who, values in sources.items():
+        grids[who][place] = values
+    return Recording(
+        time=start + period * np.arange(place[-1] + 1),
+        period=period,
+        ins=grids["ins"],
+        wsn=grids["wsn"],
+        reference=grids.get("ref"),
+        jitter=float(np.std(offset)),
+    )
+
+
+def _places(time: Array) -> Rows:
+    """Return the step of the grid that each time stamp belongs to.
+
+    The median of the steps carries the rounding of the time stamps. So the period is fitted to the
+    stretches without gaps first, and then tells how many steps each gap has.
+    """
+    steps = np.diff(time)
+    usual = float(np.median(steps))
+    stretch = np.concatenate([[0], np.cumsum(steps > 1.5 * usual)])
+    index = np.arange(time.size, dtype=float)
+    count = np.bincount(stretch)
+    moved, counted = (
+        x - (np.bincount(stretch, weights=x) / count)[stretch] for x in (time - time[0], index)
+    )
+    spread = float(np.sum(counted**2))
+    period = float(np.sum(moved * counted)) / spread if spread > 0 else usual
+    return np.concatenate([[0], np.cumsum(np.round(steps / period).astype(int))])

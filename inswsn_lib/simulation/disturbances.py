@@ -1,0 +1,164 @@
+"""What breaks the assumptions of a filter: drifts with a shape, heavy tails, lost fixes.
+
+Errors are arrays (steps, components, runs), as `Scene.simulate` draws them.
+"""
+
+from __future__ import annotations
+
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.signal import lfilter
+
+from inswsn_lib.checks import Array, array, number, one_of, whole
+
+Shape = Literal["steady", "accelerating", "oscillating"]
+SHAPES: tuple[Shape, ...] = get_args(Shape)
+
+
+def shaped_drift(
+    shape: Shape,
+    time: ArrayLike,
+    rng: np.random.Generator,
+    runs: int,
+    *,
+    size: float = 1.0,
+    cycle: float = 30.0,
+) -> Array:
+    r"""Draw errors of an INS whose velocity error has a shape.
+
+    In each axis and run, with :math:`z, z'` independent standard normal numbers and the velocity
+    scale s, the velocity error is :math:`s z` if steady, :math:`s (z/4 + z' t / 20\,\mathrm s)` if
+    accelerating, and :math:`s\,(z \cos\omega t + z' \sin\omega t)` with :math:`\omega = 2\pi` over
+    `cycle` if oscillating. The position error is its integral from a first one of deviation 1 m.
+
+    Parameters
+    ----------
+    shape : {"steady", "accelerating", "oscillating"}
+    time : array_like, (steps,)
+        s since the first step.
+    rng : numpy.random.Generator
+    runs : int
+    size, cycle : float
+        s, m/s; the period of the oscillation, s.
+
+    Returns
+    -------
+    ndarray, (steps, 4, runs)
+        Position (m) and velocity (m/s) errors.
+
+    Examples
+    --------
+    A steady drift moves evenly, by its velocity each second:
+
+    >>> import numpy as np
+    >>> from inswsn_lib.simulation import shaped_drift
+    >>> drift = shaped_drift("steady", [0.0, 10.0, 20.0], np.random.default_rng(0), runs=3)
+    >>> bool(np.allclose(np.diff(drift[:, :2], axis=0), 10 * drift[1:, 2:]))
+    True
+    """
+    one_of("shape", shape, SHAPES)
+    for name, value in (("size", size), ("cycle", cycle)):
+        number(name, value, above=0)
+    whole("runs", runs, 1)
+    t = array("time", time, ("steps",))[:, None, None]
+    z, other, start = rng.standard_normal((3, 2, runs))
+    if shape == "steady":
+        velocity, way = size * z * np.ones_like(t), size * z * t
+    elif shape == "accelerating":
+        velocity = size * (z / 4 + other * t / 20)
+        way = size * (z / 4 * t + other * t**2 / 40)
+    else:
+        rate = 2 * np.pi / cycle
+        velocity = size * (z * np.cos(rate * t) + other * np.sin(rate * t))
+        way = size / rate * (z * np.sin(rate * t) + other * (1 - np.cos(rate * t)))
+    return np.concatenate([start + way, velocity], axis=1)
+
+
+def drifting(
+    errors: ArrayLike,
+    period: float,
+    rng: np.random.Generator,
+    *,
+    deviation: float,
+    correlation_time: float,
+) -> Array:
+    r"""Add to the errors of an INS, (steps, 4, runs), those of accelerations that wander.
+
+    The acceleration error of each axis is a first-order Gauss-Markov process,
+    :math:`a_{k+1} = \varphi a_k + \sigma \sqrt{1 - \varphi^2}\, n_k` with
+    :math:`\varphi = e^{-T/\tau}` (Brown and Hwang 2012, Section 4.6), integrated twice from the
+    first step on.
+
+    Parameters
+    ----------
+    errors : ndarray, (steps, 4, runs)
+        Position (m) and velocity (m/s) errors.
+    rng : numpy.random.Generator
+    period, deviation, correlation_time : float
+        T, s; :math:`\sigma`, m/s^2; :math:`\tau`, s.
+
+    Examples
+    --------
+    One that hardly wanders is a bias: after the time t positions are off by t/2 times velocities.
+
+    >>> import numpy as np
+    >>> from inswsn_lib.simulation import drifting
+    >>> rng = np.random.default_rng(0)
+    >>> found = drifting(np.zeros((11, 4, 1)), 1.0, rng, deviation=0.1, correlation_time=1e12)
+    >>> (found[10, :2] / found[10, 2:]).round(3).ravel().tolist()
+    [5.0, 5.0]
+    """
+    number("period", period, above=0)
+    number("correlation_time", correlation_time, above=0)
+    number("deviation", deviation, least=0)
+    given = array("errors", errors, ("steps", 4, "runs"), gaps=True)
+    steps, _, runs = given.shape
+    share = np.exp(-period / correlation_time)
+    normal = rng.standard_normal((steps, 2, runs))
+    normal[1:] *= np.sqrt(1 - share**2)  # the first one has the stationary variance
+    acceleration = deviation * lfilter([1.0], [1.0, -share], normal, axis=0)
+    added = np.zeros_like(given)
+    velocity = np.cumsum(period * acceleration[:-1], axis=0)
+    added[1:, 2:] = velocity
+    added[1:, :2] = np.cumsum(period * added[:-1, 2:] + period**2 / 2 * acceleration[:-1], axis=0)
+    return given + added
+
+
+def heavy_tailed(errors: ArrayLike, degrees: float, rng: np.random.Generator) -> Array:
+    r"""Give Gaussian errors, (steps, n, runs), the tails of Student's t distribution.
+
+    The errors of one step and run are multiplied by :math:`\sqrt{\nu / \chi^2_\nu}`, which makes
+    them multivariate t (Kotz and Nadarajah 2004, Section 1.1). The variance grows by
+    :math:`\nu / (\nu - 2)`, which is finite for :math:`\nu`, the `degrees`, above 2.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from inswsn_lib.simulation import heavy_tailed
+    >>> found = heavy_tailed(np.ones((1000, 2, 100)), 12, np.random.default_rng(0))
+    >>> round(float(np.mean(found**2)), 1)  # 12 / 10
+    1.2
+    """
+    number("degrees", degrees, above=2)
+    given = array("errors", errors, ("steps", "n", "runs"), gaps=True)
+    steps, _, runs = given.shape
+    return np.asarray(given * np.sqrt(degrees / rng.chisquare(degrees, (steps, 1, runs))))
+
+
+def losing(errors: ArrayLike, share: float, rng: np.random.Generator) -> Array:
+    """Lose a share of fixes, (steps, n, runs), each by itself: all components become NaN.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from inswsn_lib.simulation import losing
+    >>> lost = np.isnan(losing(np.zeros((1000, 2, 100)), 0.3, np.random.default_rng(0)))
+    >>> round(float(lost.mean()), 1), bool((lost[:, 0] == lost[:, 1]).all())
+    (0.3, True)
+    """
+    number("share", share, least=0, most=1)
+    given = array("errors", errors, ("steps", "n", "runs"), gaps=True)
+    steps, _, runs = given.shape
+    return np.where(rng.random((steps, 1, runs)) < share, np.nan, given)

@@ -1,0 +1,189 @@
+"""The position that follows from ranges to known nodes, and how accurate it is."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from inswsn_lib.checks import Array, array
+from inswsn_lib.errors import Described, ParameterError
+
+#: Ranges that a fix takes
+LEAST = 3
+
+_ITERATIONS = 200  # most fixes need five; beside a node that is nearer than the noise, it is slow
+_DAMPING, _STUCK, _GRADIENT, _FLAT = 0.1, 1e6, 1e-7, 1e-4
+_AT_ONCE = 2**14  # ranges; several arrays of so many are held by a processor's cache
+
+
+def multilaterate(nodes: Sequence[ArrayLike], ranges: Sequence[ArrayLike]) -> Array:
+    r"""Return least-squares positions of many places and runs by damped Gauss-Newton iteration.
+
+    Each minimises :math:`\sum_i (r_i - |p - n_i|)^2` over the ranges that are there, from the
+    solution of the linear problem that differences of squared ranges pose. The cost never rises, so
+    that an outlier cannot send a fix to infinity; with gross outliers it may be a local minimum.
+
+    Parameters
+    ----------
+    nodes : sequence of array_like, (heard, 2)
+        Those heard at each place, m.
+    ranges : sequence of array_like, (heard, runs)
+        m; NaN where lost.
+
+    Returns
+    -------
+    ndarray, (places, 2, runs)
+        m; NaN where fewer than three ranges are there, or the nodes lie almost on a line.
+
+    Examples
+    --------
+    One place: three nodes and the distances from (3, 4). In a second run a range is lost.
+
+    >>> import numpy as np
+    >>> import inswsn_lib as iw
+    >>> nodes = [[0.0, 0.0], [3.0, 0.0], [0.0, 4.0]]
+    >>> ranges = [[5.0, 5.0], [4.0, 4.0], [3.0, np.nan]]
+    >>> print(iw.multilaterate([nodes], [ranges])[0].round(6).T)
+    [[ 3.  4.]
+     [nan nan]]
+    """
+    at, measured = _places(nodes, ranges)
+    found = np.empty((len(at), 2, measured[0].shape[1] if measured else 0))
+    at_once = max(1, _AT_ONCE // max([1, *(each.size for each in measured)]))
+    for first in range(0, len(at), at_once):
+        part = slice(first, first + at_once)
+        found[part] = np.moveaxis(_multilaterated(at[part], measured[part]), 1, 0)
+    return found
+
+
+def _places(
+    nodes: Sequence[ArrayLike], ranges: Sequence[ArrayLike]
+) -> tuple[list[Array], list[Array]]:
+    """Return the nodes and the ranges of each place; refuse those that do not fit together."""
+    if len(nodes) != len(ranges):
+        given = Described(f"of {len(ranges)} places")
+        raise ParameterError("ranges", given, f"of {len(nodes)}, as the nodes")
+    at = [array("nodes", each, ("heard", 2)) for each in nodes]
+    runs: int | str = "runs"
+    measured = []
+    for here, lengths in zip(at, ranges, strict=True):
+        measured.append(array("ranges", lengths, (len(here), runs), gaps=True))
+        runs = measured[0].shape[1]
+    return at, measured
+
+
+def _multilaterated(nodes: Sequence[Array], ranges: Sequence[Array]) -> Array:
+    """Return positions (2, places, runs); nodes that a place does not hear count as lost there."""
+    runs, most = ranges[0].shape[1], max(map(len, nodes))
+    heard, r, weight = np.zeros((most, 2, len(nodes), 1)), *np.zeros((2, most, len(nodes), runs))
+    position, fixed = np.empty((2, len(nodes), runs)), np.empty((len(nodes), runs), dtype=bool)
+    for place, (at, measured) in enumerate(zip(nodes, ranges, strict=True)):
+        there = ~np.isnan(measured)
+        lengths, used = np.where(there, measured, 0.0), there.astype(float)
+        centre, position[:, place] = _linear_start(at, lengths, used)
+        fixed[place] = (there.sum(axis=0) >= LEAST) & np.isfinite(centre).all(axis=0)
+        heard[: len(at), :, place, 0], r[: len(at), place] = at, lengths
+        weight[: len(at), place] = used
+    _descend(heard, r, weight, position)
+    position[:, ~fixed] = np.nan
+    return position
+
+
+def _descend(nodes: Array, r: Array, weight: Array, position: Array) -> None:
+    """Take positions (2, places, runs) to where the cost is least, each place by itself."""
+    enough = weight.sum(axis=0) >= LEAST
+    left, here, damping = np.arange(position.shape[1]), position, np.zeros(position.shape[1:])
+    distance, miss = _miss(nodes, r, weight, here)
+    cost = (miss**2).sum(axis=0)
+    _, step = _newton(nodes, weight, here, distance, miss, damping)
+    for _ in range(_ITERATIONS):
+        tried = here + np.where(np.isfinite(step), step, 0.0)
+        new_distance, new_miss = _miss(nodes, r, weight, tried)
+        new_cost = (new_miss**2).sum(axis=0)
+        better = new_cost < cost
+        here, cost = np.where(better, tried, here), np.where(better, new_cost, cost)
+        distance = np.where(better, new_distance, distance)
+        miss = np.where(better, new_miss, miss)
+        # a step that makes it worse is tried again, shorter
+        damping = np.where(better, damping / 10, np.clip(10 * damping, _DAMPING, 10 * _STUCK))
+        gradient, step = _newton(nodes, weight, here, distance, miss, damping)
+        # at a node the cost has a cusp: there no step, however short, makes it smaller
+        settled = (np.abs(gradient).max(axis=0) < _GRADIENT) | (damping > _STUCK)
+        on = ~(settled | ~enough).all(axis=1)
+        if not on.all():
+            position[:, left] = here
+            left, nodes, r, weight = left[on], nodes[:, :, on], r[:, on], weight[:, on]
+            here, step, distance, miss = here[:, on], step[:, on], distance[:, on], miss[:, on]
+            cost, damping, enough = cost[on], damping[on], enough[on]
+        if not left.size:
+            return
+    position[:, left] = here
+
+
+def _newton(
+    nodes: Array, weight: Array, position: Array, distance: Array, miss: Array, damping: Array
+) -> tuple[Array, Array]:
+    """Return the gradient of the cost and the damped Gauss-Newton step, (2, places, runs)."""
+    direction = (position[None] - nodes) / distance[:, None]
+    gradient = (direction * miss[:, None]).sum(axis=0)
+    return gradient, _solve_two(direction, weight, miss, damping)
+
+
+def _miss(nodes: Array, r: Array, weight: Array, position: Array) -> tuple[Array, Array]:
+    """Return the distances from the nodes, and the misses of the ranges that are there."""
+    east, north = position[0] - nodes[:, 0], position[1] - nodes[:, 1]
+    distance = np.maximum(np.hypot(east, north), 1e-9)
+    return distance, weight * (r - distance)
+
+
+def _linear_start(nodes: Array, r: Array, weight: Array) -> tuple[Array, Array]:
+    """Solve |p - n_i|^2 = r_i^2 less its mean over i, which is linear in p."""
+    count = np.maximum(weight.sum(axis=0), 1)
+    mean_node = nodes.T @ weight / count
+    square = (nodes**2).sum(axis=1)[:, None] - r**2
+    mean_square = (weight * square).sum(axis=0) / count
+    rows = nodes[:, :, None] - mean_node[None]
+    start = _solve_two(rows, weight, weight * (square - mean_square) / 2)
+    return start, np.where(np.isfinite(start), start, mean_node)
+
+
+def _solve_two(rows: Array, weight: Array, right: Array, damping: Array | float = 0.0) -> Array:
+    """Return the weighted least-squares solution in two unknowns of every run, or NaN."""
+    a = (weight * rows[:, 0] ** 2).sum(axis=0)
+    b = (weight * rows[:, 0] * rows[:, 1]).sum(axis=0)
+    d = (weight * rows[:, 1] ** 2).sum(axis=0)
+    u, v = (rows[:, 0] * right).sum(axis=0), (rows[:, 1] * right).sum(axis=0)
+    # nodes almost on a line leave the side of it open
+    flat = a * d - b * b <= _FLAT * np.maximum(a + d, 1e-300) ** 2
+    a, d = a * (1 + damping) + damping, d * (1 + damping) + damping
+    safe = np.where(flat & (np.asarray(damping) == 0), np.nan, a * d - b * b)
+    return np.stack([(d * u - b * v) / safe, (a * v - b * u) / safe])
+
+
+def position_covariance(nodes: Array, position: Array, noise: float) -> Array:
+    r"""Return the covariance :math:`\sigma^2 (H'H)^{-1}` of a multilaterated position, (2, 2).
+
+    It holds to first order in the noise, the deviation of a range, m; the rows of H are directions
+    from the nodes (heard, 2) to the position (2,), m, of which none is at it and not all in a line.
+
+    Examples
+    --------
+    Two nodes in directions at right angles tell each coordinate by one range:
+
+    >>> import numpy as np
+    >>> from inswsn_lib.simulation import position_covariance
+    >>> nodes = np.array([[10.0, 0.0], [0.0, 10.0]])
+    >>> position_covariance(nodes, np.zeros(2), noise=0.2).round(6).diagonal().tolist()
+    [0.04, 0.04]
+    """
+    away = position - nodes
+    distance = np.hypot(*away.T)[:, None]
+    if len(nodes) < 2 or not (distance > 0).all():
+        raise ParameterError("nodes", nodes.tolist(), "two or more, none at the position")
+    H = away / distance
+    information = H.T @ H
+    if np.linalg.det(information) < 1e-9 * np.trace(information) ** 2:
+        raise ParameterError("nodes", nodes.tolist(), "on more than one line with the position")
+    return np.asarray(noise**2 * np.linalg.inv(information))

@@ -1,0 +1,308 @@
+"""Reading a recording: what is taken from it, and every way to be refused."""
+
+from __future__ import annotations
+
+import runpy
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given, strategies as st
+from inswsn_book.parameters import chapter_schema
+
+from inswsn_lib.errors import InswsnError
+from inswsn_lib.recordings import INS, REFERENCE, TIME, WSN, Recording, read_recording
+
+PERIOD = 0.25
+Change = Callable[[pd.DataFrame], pd.DataFrame]
+
+
+def table(steps: int = 80, seed: int = 1) -> pd.DataFrame:
+    """Return a walk round a bend: the INS drifts a little, the network is noisy."""
+    rng = np.random.default_rng(seed)
+    time = 5.0 + PERIOD * np.arange(steps)
+    heading = 0.05 * time
+    velocity = 1.5 * np.column_stack([np.cos(heading), np.sin(heading)])
+    truth = np.hstack([np.cumsum(velocity, axis=0) * PERIOD, velocity])
+    drift = 0.01 * np.arange(steps)[:, None] * PERIOD * np.ones(2)
+    ins = truth + np.hstack([np.cumsum(drift, axis=0) * PERIOD, drift])
+    wsn = truth + rng.normal(scale=[0.2, 0.2, 0.1, 0.1], size=(steps, 4))
+    columns = [TIME, *INS, *WSN, *REFERENCE]
+    return pd.DataFrame(np.column_stack([time, ins, wsn, truth]), columns=columns)
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    return tmp_path / "my.csv"
+
+
+def write(path: Path, made: pd.DataFrame) -> Path:
+    made.to_csv(path, index=False)
+    return path
+
+
+def test_what_is_written_is_read(path: Path) -> None:
+    made = table()
+    read = read_recording(write(path, made))
+    assert read.period == pytest.approx(PERIOD)
+    assert read.time == pytest.approx(made[TIME].to_numpy())
+    assert np.array_equal(read.ins, made[list(INS)])
+    assert np.array_equal(read.wsn, made[list(WSN)])
+    assert read.reference is not None
+    assert np.array_equal(read.reference, made[list(REFERENCE)])
+    assert read.jitter == pytest.approx(0, abs=1e-9)
+    assert read.outages == []
+    assert np.array_equal(read.measurements[:, :, 0], read.ins - read.wsn)
+    assert read_recording(write(path, made.drop(columns=REFERENCE[0]))).reference is None
+
+
+def test_how_the_file_is_written_does_not_matter(path: Path) -> None:
+    """Order and other columns, quotes, comments, blanks, line ends, whole numbers, a wrong name."""
+    made = table()
+    made["ins_x_m"] = made["ins_x_m"].round()
+    made.insert(1, "status", np.where(made.index % 4 == 0, "#lost, lock", "run #2"))
+    made["wsn_x_m"] = made["wsn_x_m"].where(made.index != 7, "NaN ")
+    text = "# a comment\n" + made[made.columns[::-1]].to_csv(index=False).replace(".0,", " , ")
+    path = path.with_suffix(".zip")
+    path.write_bytes(b"\xef\xbb\xbf" + text.replace("\n", "\r\n\r\n# more\r\n").encode())
+    read = read_recording(path)
+    assert np.array_equal(read.ins, made[list(INS)])
+    assert np.isnan(read.wsn[7]).tolist() == [True, False, False, False]
+
+
+def test_a_network_without_velocities(path: Path) -> None:
+    made = table()
+    for change in (made.drop(columns=list(WSN[2:])), made.assign(**dict.fromkeys(WSN[2:], ""))):
+        read = read_recording(write(path, change))
+        assert np.array_equal(read.wsn[:, :2], made[list(WSN[:2])])
+        assert np.isnan(read.wsn[:, 2:]).all()
+        assert read.outages == []
+    with pytest.raises(InswsnError, match="both or neither"):
+        read_recording(write(path, made.drop(columns=WSN[3])))
+
+
+def test_a_network_slower_than_the_ins_is_not_silent(path: Path) -> None:
+    made = table()
+    made.loc[made.index % 5 != 0, list(WSN)] = np.nan
+    made.loc[40:51, list(WSN)] = np.nan  # fixes at 35 and 55 are left
+    assert read_recording(write(path, made)).outages == [(36, 55)]
+    # two steps are missing: 3 is more than 2.5 times the usual distance of fixes, 2 is not
+    wsn = np.zeros((9, 4))
+    wsn[[2, 5, 6]] = np.nan
+    wsn[8, 0] = np.nan  # the other components are there
+    assert Recording(np.arange(9.0), 1.0, wsn, wsn, None, 0.0).outages == [(5, 7)]
+
+
+@given(
+    st.sets(st.integers(1, 78), max_size=20), st.sets(st.integers(0, 79), max_size=30),
+    st.integers(0, 99),
+)  # fmt: skip
+def test_rows_and_fixes_may_be_missing(
+    tmp_path_factory: pytest.TempPathFactory, rows: set[int], fixes: set[int], seed: int
+) -> None:
+    made, rng = table(), np.random.default_rng(seed)
+    made[TIME] += rng.uniform(-0.01, 0.01, len(made))
+    made.loc[sorted(fixes), list(WSN)] = np.nan
+    path = write(tmp_path_factory.mktemp("r") / "my.csv", made.drop(index=sorted(rows)))
+    read = read_recording(path)
+    assert read.period == pytest.approx(PERIOD, abs=1e-3)
+    assert len(read.time) == 80
+    assert set(np.flatnonzero(np.isnan(read.wsn).all(axis=1))) == rows | fixes
+    kept = sorted(set(range(80)) - rows)
+    assert np.array_equal(read.ins[kept], made.loc[kept, list(INS)])
+    assert np.isnan(read.ins[sorted(rows)]).all()
+
+
+def changed(rows: object, name: str, value: object) -> Change:
+    def change(made: pd.DataFrame) -> pd.DataFrame:
+        made = made.astype(object)
+        made.loc[rows, name] = value
+        return made
+
+    return change
+
+
+def scaled(factor: float, *names: str) -> Change:
+    return lambda made: made.assign(**{name: made[name] * factor for name in names})
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        *((lambda made, name=name: made.drop(columns=name), f"has no column {name}; it has ")
+          for name in (TIME, *INS, *WSN[:2])),
+        (changed(slice(10, 14), "ins_vx_mps", np.nan), "ins_vx_mps for 5 rows from row 12;"),
+        (changed(79, "ins_x_m", np.nan), "in column ins_x_m for 1 row from row 81;"),
+        (changed(slice(0, 80), "wsn_y_m", np.nan), "no number at all in column wsn_y_m"),
+        (changed(3, "wsn_y_m", "lost"), "has 'lost' in column wsn_y_m, row 5;"),
+        (changed(slice(0, 80), "wsn_y_m", True), "has 'True' in column wsn_y_m, row 2;"),
+        (changed(3, "ins_y_m", "inf"), "has 'inf' in column ins_y_m, row 5;"),
+        (changed(3, TIME, np.nan), "no time stamp in row 5"),
+        (changed(3, TIME, 5.5), "repeats 5.5 s in row 5"),
+        (changed(3, TIME, 5.1), "goes back from 5.5 s in row 5"),
+        (changed(40, TIME, 15.07), r"15.07 s in row 42 is \+0.0\d+ s off an even grid of 0.25"),
+        (lambda made: made.iloc[:2], "has 2 rows"),
+        (lambda made: made + np.where(made.columns.str.startswith("wsn_x"), 5e5, 0), "500 km from"),
+        (changed(slice(40, 79), TIME, np.arange(1e9, 1e9 + 40)), "jumps by 1e.09 s in row 42"),
+        (scaled(1000, TIME), "ins_x_m and ins_y_m is 0.001 times that in ins_vx_mps .*ms"),
+        (scaled(1000, "ins_x_m", "ins_y_m"), r"is 1e\+03 times .*mm"),
+        (scaled(3.6, "ins_vx_mps", "ins_vy_mps"), "is 0.278 times .*km/h"),
+        (scaled(1.9438, "wsn_vx_mps", "wsn_vy_mps"), "is 0.5.* times .*knots"),
+        (lambda made: scaled(3.2808, *WSN)(table(400).drop(columns="ref_x_m")),
+         "change of speed along wsn_x_m .* that along ins_x_m .*feet"),
+        (scaled(3.2808, *REFERENCE), "speed along wsn_x_m .* 0.3.* that along ref_x_m .*feet"),
+        (scaled(100, "wsn_x_m", "wsn_y_m"), "times .*cm"),
+        (scaled(1 / 111200, "wsn_x_m", "wsn_y_m"), "times .*degrees of latitude"),
+    ],
+)  # fmt: skip
+def test_a_wrong_recording_is_refused_in_one_sentence(
+    path: Path, change: Change, said: str
+) -> None:
+    write(path, change(table()))
+    with pytest.raises(InswsnError, match=said) as caught:
+        read_recording(path)
+    assert str(caught.value).startswith(str(path))
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda text: text.replace("\n", ",\n").replace("mps,\n", "mps\n", 1), "14 cells in row 2"),
+        (lambda text: text.replace("ins_y_m", " ins_x_m "), "column ins_x_m more than once"),
+        (lambda text: text.replace("ins_y_m", "a,a"), "has no column ins_y_m"),
+        (lambda text: text + "1,2\n", "has 2 cells in row 82"),
+        (lambda text: text + '"1\n', "is not a CSV file"),
+        (lambda text: text.replace(",", ";"), "may be separated by commas"),
+        (lambda text: text.replace(",", "\t"), "may be separated by commas"),
+        (lambda text: "\n# all\n", "is empty"),
+        (lambda text: text.partition("\n")[0], "has 0 rows"),
+    ],
+)
+def test_cells_that_do_not_fit_the_header(
+    path: Path, change: Callable[[str], str], said: str
+) -> None:
+    path.write_text(change(table().to_csv(index=False)))
+    with pytest.raises(InswsnError, match=said):
+        read_recording(path)
+
+
+@given(st.binary(max_size=200))
+def test_any_bytes_are_read_or_refused(
+    tmp_path_factory: pytest.TempPathFactory, content: bytes
+) -> None:
+    path = tmp_path_factory.mktemp("bytes") / "my.csv"
+    for what in (content, f"{','.join([TIME, *INS, *WSN])}\n".encode() + content):
+        path.write_bytes(what)
+        with pytest.raises(InswsnError):
+            read_recording(path)
+
+
+def test_no_file_and_a_folder(path: Path) -> None:
+    with pytest.raises(InswsnError, match="There is no file"):
+        read_recording(path)
+    path.mkdir()
+    with pytest.raises(InswsnError, match="is a folder"):
+        read_recording(path)
+
+
+def walk(seconds: float, bias: float, stand: float = 0.0) -> pd.DataFrame:
+    """Return a walk at 1 m/s along x with a start from rest; the INS has a bias along its way."""
+    time = np.arange(0, seconds, PERIOD)
+    moving = np.maximum(time - stand, 0)
+    zero, one = np.zeros_like(time), (time >= stand).astype(float)
+    truth = np.column_stack([moving, zero, one, zero])
+    drift = np.column_stack([bias * time**2 / 2, zero, bias * time, zero])
+    rng = np.random.default_rng(6)
+    wsn = truth + rng.normal(scale=[0.2, 0.2, 0.1, 0.1], size=truth.shape)
+    columns = [TIME, *INS, *WSN, *REFERENCE]
+    return pd.DataFrame(np.column_stack([time, truth + drift, wsn, truth]), columns=columns)
+
+
+@pytest.mark.parametrize("factor", [3.2808, 1000.0, 0.01])
+def test_a_wrong_unit_is_found_after_a_start_from_rest(path: Path, factor: float) -> None:
+    made = walk(200, 0.001, stand=60)
+    made[list(WSN)] *= factor
+    made.loc[300:340, list(WSN)] = np.nan  # and with gaps
+    with pytest.raises(InswsnError, match="times"):
+        read_recording(write(path, made.drop(index=range(500, 540))))
+
+
+def test_what_is_no_wrong_unit(path: Path) -> None:
+    """A drift along a straight way, standing still, noise, and a drift to twice the distance."""
+    for seconds, bias in ((120, 0.05), (300, 0.05), (600, 0.03)):
+        assert len(read_recording(write(path, walk(seconds, bias))).time) == seconds / PERIOD
+    rng, noisy = np.random.default_rng(4), table()
+    noisy[["wsn_vx_mps", "wsn_vy_mps"]] += rng.normal(scale=5, size=(80, 2))
+    still = table()
+    still[[*INS, *WSN]] = rng.normal(scale=0.01, size=(80, 8))
+    drifting = table()
+    drifting[list(INS)] *= np.linspace(1, 2, 80)[:, None]
+    drifting[["ins_vx_mps", "ins_vy_mps"]] = np.gradient(
+        drifting[["ins_x_m", "ins_y_m"]].to_numpy(), PERIOD, axis=0
+    )
+    for made in (noisy, still, drifting):
+        assert len(read_recording(write(path, made)).time) == 80
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (scaled(1.55, *INS[2:]), None),
+        (scaled(1.65, *INS[2:]), "times"),
+        (changed(40, TIME, 15 + 0.18 * PERIOD), None),
+        (changed(40, TIME, 15 + 0.23 * PERIOD), "off an even grid"),
+        (scaled(3.5, *WSN, *REFERENCE), None),  # three changes of speed are too few
+        (lambda made: made + np.where(made.columns.str.startswith("wsn_x"), 9900, 0), None),
+    ],
+)
+def test_how_far_off_is_too_far(path: Path, change: Change, said: str | None) -> None:
+    write(path, change(table()))
+    if said is None:
+        assert len(read_recording(path).time) == 80
+        return
+    with pytest.raises(InswsnError, match=said):
+        read_recording(path)
+
+
+@pytest.mark.parametrize(("factor", "refused"), [(2.4, False), (2.9, True), (5.0, False)])
+def test_a_gross_factor_of_known_units_alone_tells_the_network_from_the_ins(
+    path: Path, factor: float, refused: bool
+) -> None:
+    write(path, scaled(factor, *WSN, *REFERENCE)(table(400)))
+    if refused:
+        with pytest.raises(InswsnError, match="the change of speed"):
+            read_recording(path)
+    else:
+        assert len(read_recording(path).time) == 400
+
+
+def test_the_jitter_is_the_standard_deviation_from_the_grid(path: Path) -> None:
+    made = table()
+    made[TIME] += np.where(made.index % 2 == 0, 0.01, -0.01)
+    assert read_recording(write(path, made)).jitter == pytest.approx(0.01, rel=1e-3)
+
+
+@pytest.mark.parametrize(("rate", "gap"), [(30, 0), (60, 60), (30, 1700), (30, 1850)])
+def test_time_stamps_rounded_to_milliseconds(path: Path, rate: int, gap: int) -> None:
+    made = table(200)
+    made[TIME] = np.round((np.arange(200) + np.where(np.arange(200) > 90, gap, 0)) / rate, 3)
+    made[list(INS[2:] + WSN[2:] + REFERENCE[2:])] *= rate * PERIOD  # as fast as it moves
+    write(path, made)
+    if gap > 1800:  # more than ten steps a row
+        with pytest.raises(InswsnError, match=r"jumps by .* in row 93"):
+            read_recording(path)
+        return
+    read = read_recording(path)
+    assert read.period == pytest.approx(1 / rate, rel=1e-3)
+    assert len(read.time) == 200 + gap
+
+
+def test_the_example_is_what_its_script_makes_and_its_chapter_is_told(root: Path) -> None:
+    study = runpy.run_path(str(root / "studies" / "example_recording.py"))
+    assert study["make"]() == (root / "data/examples/ins-wsn.csv").read_text(encoding="utf-8")
+    told = chapter_schema(root, "90").defaults
+    assert (told["wsn_position_noise"], told["wsn_velocity_noise"]) == study["FIX_NOISE"]
+    assert told["acceleration_noise"] == study["ACCELERATION_NOISE"]
