@@ -1,16 +1,28 @@
-"""The H-infinity filter: a constant gain, designed by an inequality, run over many runs at once."""
+"""Filters of constant gain: the H-infinity filter, and one with a gain for each pattern of data."""
 
 from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from inswsn_lib.errors import ParameterError
-from inswsn_lib.filters.inputs import checked_measurements, first_state
+from inswsn_lib.checks import Array, array
+from inswsn_lib.errors import Described, ParameterError
+from inswsn_lib.filters.inputs import (
+    Pattern,
+    by_pattern,
+    each_step,
+    first_state,
+    occurring,
+    present,
+    times,
+)
 from inswsn_lib.lmi import FilterDesign
 from inswsn_lib.models import ErrorModel
 
-Array = NDArray[np.float64]
+#: A filter: a design, or a model with a gain B_f (n, m)
+Design = FilterDesign | tuple[ErrorModel, ArrayLike]
 
 
 def deadbeat_gain(model: ErrorModel) -> Array:
@@ -19,86 +31,173 @@ def deadbeat_gain(model: ErrorModel) -> Array:
     Parameters
     ----------
     model : ErrorModel
-        A and C.
+        With a C that is square and can be inverted.
 
     Returns
     -------
     ndarray, (n, n)
-        B_f.
-
-    Raises
-    ------
-    ParameterError
-        If C is not square and invertible.
 
     Examples
     --------
-    >>> from inswsn_lib.filters import deadbeat_gain
-    >>> from inswsn_lib.models import ErrorModel
-    >>> model = ErrorModel(A=[[1]], B=[[1]], C=[[2]], D=[[1]], L=[[1]], E=[[0]], period=1.0)
-    >>> deadbeat_gain(model).tolist()
-    [[0.5]]
+    >>> import inswsn_lib as iw
+    >>> iw.deadbeat_gain(iw.ErrorModel(A=[[1]], B=[[1]], C=[[2]], D=[[1]], period=1.0)).item()
+    0.5
     """
-    if model.C.shape[0] != model.C.shape[1] or np.linalg.matrix_rank(model.C) < len(model.C):
-        raise ParameterError("C", f"of shape {model.C.shape}", "square and invertible")
-    return np.asarray(np.linalg.solve(model.C.T, model.A.T).T)
+    C = model.C
+    if C.shape[0] != C.shape[1] or np.linalg.matrix_rank(C) < len(C):
+        raise ParameterError("C", Described(f"of shape {C.shape}"), "square and invertible")
+    return np.asarray(np.linalg.solve(C.T, model.A.T).T)
 
 
 def run_hinfinity(
-    design: FilterDesign | tuple[ErrorModel, Array],
+    design: Design,
     measurements: ArrayLike,
     *,
     initial_state: ArrayLike | None = None,
-    predicted: bool = True,
+    predicted: bool = False,
 ) -> Array:
-    r"""Run the filter :math:`\hat x_{k+1} = A_f \hat x_k + B_f y_k` (P1 2.9).
+    r"""Run the filter :math:`\hat x_{k+1} = A \hat x_k + B_f (y_k - C \hat x_k)` (P1 2.9).
 
-    Where a component of y is missing, its prediction :math:`C \hat x_k` stands in for it.
+    Where a component of y is missing, its prediction stands in for it.
 
     Parameters
     ----------
     design : FilterDesign, or tuple of ErrorModel and ndarray (n, m)
         The filter: a design, or a model with a gain B_f.
-    measurements : array_like, (steps, m, runs)
-        y; NaN where missing.
-    initial_state : array_like, (n,) or (n, runs), optional
-        Default: zero.
+    measurements, initial_state
+        As in `run_kalman`.
     predicted : bool
-        As (2.9) has it, ``estimates[k]`` uses the measurements before step k. Otherwise it uses
-        that of step k as well: :math:`A^{-1} \hat x_{k+1}`.
+        Return :math:`\hat x_k`, as (2.9) has it, which uses the measurements before step k, instead
+        of :math:`A^{-1} \hat x_{k+1}`, which uses that of step k as well and needs an inverse.
 
     Returns
     -------
     ndarray, (steps, n, runs)
 
-    Raises
-    ------
-    ParameterError
-        If a shape does not fit, a measurement is infinite, or A^-1 is needed and does not exist.
+    Examples
+    --------
+    With the deadbeat gain of a random walk each prediction is the measurement of the step before:
+
+    >>> import numpy as np
+    >>> import inswsn_lib as iw
+    >>> model = iw.ErrorModel(A=[[1]], B=[[1]], C=[[1]], D=[[1]], period=1.0)
+    >>> measured = np.array([3.0, 1.0, 4.0]).reshape(3, 1, 1)
+    >>> iw.run_hinfinity((model, [[1]]), measured, predicted=True).ravel().tolist()
+    [0.0, 3.0, 1.0]
+    """
+    model, gain = model_and_gain("design", design)
+    y = array("measurements", measurements, ("steps", len(model.C), "runs"), gaps=True)
+    which = np.zeros((len(y), 1), dtype=np.intp)
+    return _run(model.A, model.C[None], gain[None], which, y[None], initial_state, predicted)
+
+
+def run_switched(
+    designs: Mapping[Pattern, Design],
+    measurements: ArrayLike,
+    *,
+    initial_state: ArrayLike | None = None,
+    predicted: bool = False,
+) -> Array:
+    r"""Run a filter of the measurements of all clusters, with a gain for each pattern of them.
+
+    With C and y stacked over the clusters that hear the node at step k,
+
+    .. math::
+        \hat x_{k+1} = A \hat x_k + K_{\mathrm{pattern}} (y_k - C \hat x_k) .
+
+    Parameters
+    ----------
+    designs : mapping of tuple of N bools to FilterDesign or tuple of ErrorModel and ndarray
+        The filter for each pattern that occurs, with C and a gain for the clusters that hear the
+        node, in order; A is the same in all. Where no cluster does, A predicts.
+    measurements : array_like, (N, steps, m, runs)
+        y of each cluster; NaN where missing, and where it does not reach the centre.
+    initial_state, predicted
+        As in `run_hinfinity`.
+
+    Returns
+    -------
+    ndarray, (steps, n, runs)
 
     Examples
     --------
-    With the deadbeat gain of a random walk, each prediction is the measurement of the step before:
+    The mean of what two clusters measure is carried on; the second falls silent after a step:
 
     >>> import numpy as np
-    >>> from inswsn_lib.filters import deadbeat_gain, run_hinfinity
-    >>> from inswsn_lib.models import ErrorModel
-    >>> model = ErrorModel(A=[[1]], B=[[1]], C=[[1]], D=[[1]], L=[[1]], E=[[0]], period=1.0)
-    >>> measured = np.array([3.0, 1.0, 4.0]).reshape(3, 1, 1)
-    >>> run_hinfinity((model, deadbeat_gain(model)), measured).ravel().tolist()
-    [0.0, 3.0, 1.0]
+    >>> import inswsn_lib as iw
+    >>> one = iw.ErrorModel(A=[[1]], B=[[1]], C=[[1]], D=[[1]], period=1.0)
+    >>> two = iw.ErrorModel(A=[[1]], B=[[1]], C=[[1], [1]], D=np.eye(2), period=1.0)
+    >>> designs = {(True, True): (two, [[0.5, 0.5]]), (True, False): (one, [[1]])}
+    >>> y = np.array([[2.0, 5.0], [4.0, np.nan]]).reshape(2, 2, 1, 1)
+    >>> iw.run_switched(designs, y).ravel().tolist()
+    [3.0, 5.0]
     """
-    model, gain = (design.model, design.gain) if isinstance(design, FilterDesign) else design
-    shape = len(model.A), len(model.C)
-    if np.shape(gain) != shape:
-        raise ParameterError("gain", f"of shape {np.shape(gain)}", f"{shape}")
-    if not predicted and np.linalg.matrix_rank(model.A) < len(model.A):
+    y = array("measurements", measurements, ("N", "steps", "m", "runs"), gaps=True)
+    clusters, _, m, _ = y.shape
+    occur, which = occurring(np.any(~np.isnan(y), axis=2))
+    filters = {key: model_and_gain("designs", design) for key, design in designs.items()}
+    A = common_transition(model for model, _ in filters.values())
+    C = np.zeros((len(occur), clusters * m, len(A)))
+    gains = np.zeros((len(occur), len(A), clusters * m))
+    for place, pattern, (model, gain) in by_pattern("designs", filters, occur):
+        rows = np.repeat(pattern, m)
+        C[place, rows] = array("designs", model.C, (int(rows.sum()), len(A)))
+        gains[place][:, rows] = gain
+    return _run(A, C, gains, which, y, initial_state, predicted)
+
+
+def _run(
+    A: Array,
+    C: Array,
+    gains: Array,
+    which: NDArray[np.intp],
+    y: Array,
+    initial_state: ArrayLike | None,
+    predicted: bool,
+) -> Array:
+    """Run with one of some C (patterns, N m, n) and gains (patterns, n, N m) at each step and run.
+
+    The measurements are (N, steps, m, runs).
+    """
+    clusters, steps, m, runs = y.shape
+    states = empty_predictions(A, first_state(initial_state, len(A), runs), steps, predicted)
+    there, y = present(y)
+    for k, use in enumerate(each_step(which)):
+        x = states[k]
+        innovation = y[:, k].reshape(clusters * m, runs) - times(C[use], x)
+        innovation *= there[:, k].reshape(clusters * m, -1)
+        states[k + 1] = A @ x + times(gains[use], innovation)
+    return estimates_of(A, states, predicted)
+
+
+def empty_predictions(A: Array, start: Array, steps: int, predicted: bool) -> Array:
+    """Return room for predictions (steps + 1, n, runs), of which the first is the start."""
+    if not predicted and np.linalg.matrix_rank(A) < len(A):
         raise ParameterError("predicted", predicted, "true, since A cannot be inverted")
-    y = checked_measurements(measurements, model.C.shape[0])
-    x = first_state(initial_state, len(model.A), y.shape[2])
-    estimates = np.empty((y.shape[0], *x.shape))
-    for k, measured in enumerate(y):
-        ahead = model.A @ x + gain @ np.nan_to_num(measured - model.C @ x)
-        estimates[k] = x if predicted else np.linalg.solve(model.A, ahead)
-        x = ahead
-    return estimates
+    states = np.empty((steps + 1, *start.shape))
+    states[0] = start
+    return states
+
+
+def estimates_of(A: Array, states: Array, predicted: bool) -> Array:
+    """Return of predictions (steps + 1, n, runs) that before each step, or A^-1 times the next."""
+    return states[:-1] if predicted else np.asarray(np.linalg.inv(A) @ states[1:])
+
+
+def model_and_gain(name: str, design: Design) -> tuple[ErrorModel, Array]:
+    """Return the model and the gain of a filter."""
+    if isinstance(design, FilterDesign):
+        return design.model, design.gain
+    if not (isinstance(design, tuple) and len(design) == 2 and isinstance(design[0], ErrorModel)):
+        got = Described(f"with {type(design).__name__}")
+        raise ParameterError(name, got, "made of designs, or of models with gains")
+    model, gain = design
+    return model, array("gain", gain, model.C.shape[::-1])
+
+
+def common_transition(models: Iterable[ErrorModel]) -> Array:
+    """Return the transition that all models have."""
+    A = np.stack([model.A for model in models])
+    if (A[0] != A).any():
+        raise ParameterError("designs", Described("of different A"), "of the same A")
+    return np.asarray(A[0])

@@ -1,126 +1,110 @@
-"""What all filters ask of their input."""
+"""What filters share: first states, missing data, gains for what is there, patterns of clusters."""
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Mapping
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from inswsn_lib.errors import ParameterError
+from inswsn_lib.checks import Array, Mask, array, covariance, mask
+from inswsn_lib.errors import Described, ParameterError
 
-Array = NDArray[np.float64]
+#: Which clusters hear the blind node
+Pattern = tuple[bool, ...]
+_Given = TypeVar("_Given")
+_Kind = TypeVar("_Kind", bound=np.generic)
 
-_ROUNDING = 1e-9  # of covariances, as a share of the largest entry of each
-
-
-def as_floats(name: str, value: ArrayLike, may_be: str) -> Array:
-    """Return numbers as an array of floats; refuse what is none, or complex, or of ragged rows."""
-    return np.asarray(_as_array(name, value, may_be, "biuf"), dtype=float)
-
-
-def _as_array(name: str, value: ArrayLike, may_be: str, kinds: str) -> NDArray[Any]:
-    """Return an array of one of the kinds of dtype; refuse others."""
-    try:
-        given = np.asarray(value)
-    except (TypeError, ValueError):  # rows of unequal length
-        raise ParameterError(name, "no array", may_be) from None
-    if given.dtype.kind not in kinds:
-        raise ParameterError(name, f"{given.dtype} of shape {given.shape}", may_be)
-    return given
-
-
-def is_one_of(value: object, names: tuple[str, ...]) -> bool:
-    """Tell whether a value, of whatever type, is one of some names."""
-    return isinstance(value, str) and value in names
-
-
-def checked_measurements(measurements: ArrayLike, outputs: int) -> Array:
-    """Return measurements as (steps, outputs, runs), NaN where missing; refuse others."""
-    may_be = f"numbers (steps, {outputs}, runs); one run is runs = 1"
-    y = as_floats("measurements", measurements, may_be)
-    if y.ndim != 3 or y.shape[1] != outputs:
-        raise ParameterError("measurements", f"of shape {y.shape}", may_be)
-    with np.errstate(over="ignore", invalid="ignore"):
-        whole = bool(np.isfinite(y.sum()))  # a sum is quicker to look at
-    if not whole and np.isinf(y).any():
-        raise ParameterError("measurements", "infinite", "finite, or NaN where missing")
-    return y
+_MOST_PARTS = 62  # bits of an int64
 
 
 def first_state(value: ArrayLike | None, states: int, runs: int) -> Array:
-    """Return the first state of every run as (states, runs); zero by default."""
+    """Return the first state of every run, (states, runs); zero by default."""
     if value is None:
         return np.zeros((states, runs))
-    may_be = f"finite, ({states},) or ({states}, {runs})"
-    given = as_floats("initial_state", value, may_be)
-    if given.shape not in ((states,), (states, runs)) or not np.isfinite(given).all():
-        raise ParameterError("initial_state", f"of shape {given.shape}", may_be)
-    return np.broadcast_to(given.reshape(states, -1), (states, runs)).copy()
+    given = array("initial_state", value, (states,), (states, runs))
+    return np.broadcast_to(given.reshape(states, -1), (states, runs))
 
 
-def covariances(name: str, value: ArrayLike, steps: int, size: int) -> Array:
-    """Return covariances as (steps, size, size), each checked by the size of its own entries."""
-    may_be = f"numbers ({size}, {size}) or ({steps}, {size}, {size})"
-    given = as_floats(name, value, may_be)
-    if given.shape not in ((size, size), (steps, size, size)):
-        raise ParameterError(name, f"of shape {given.shape}", may_be)
-    if not np.isfinite(given).all():
-        raise ParameterError(name, "not finite or not symmetric", "a covariance")
-    slack = _ROUNDING * np.abs(given).max(axis=(-2, -1), initial=0.0)
-    if (np.abs(given - np.swapaxes(given, -1, -2)) > slack[..., None, None]).any():
-        raise ParameterError(name, "not finite or not symmetric", "a covariance")
-    if given.size and (np.linalg.eigvalsh(given).min(axis=-1) < -slack).any():
-        raise ParameterError(name, "not positive semidefinite", "a covariance")
-    return np.broadcast_to(given, (steps, size, size))
+def over_steps(name: str, value: ArrayLike | None, default: Array, steps: int) -> Array:
+    """Return the covariance of each step, from one for all, one for each, or the default."""
+    shape = steps, *default.shape
+    given = covariance(name, default if value is None else value, default.shape, shape)
+    return np.broadcast_to(given, shape)
 
 
-def checked_clusters(
-    measurements: ArrayLike, outputs: int | None = None, clusters: int | None = None
-) -> Array:
-    """Return measurements of clusters as (N, steps, m, runs), NaN where missing; refuse others."""
-    N, m = ("N" if clusters is None else clusters), ("m" if outputs is None else outputs)
-    may_be = f"numbers ({N}, steps, {m}, runs); one run is runs = 1"
-    y = as_floats("measurements", measurements, may_be)
-    wanted = {0: clusters, 2: outputs}
-    fits = y.ndim == 4 and all(size in (None, y.shape[axis]) for axis, size in wanted.items())
-    if not fits or not len(y):
-        raise ParameterError("measurements", f"of shape {y.shape}", may_be)
-    if np.isinf(y).any():
-        raise ParameterError("measurements", "infinite", "finite, or NaN where missing")
-    return y
+def once(values: NDArray[_Kind]) -> NDArray[_Kind]:
+    """Return values (..., runs) as (..., 1) where all runs share them."""
+    return values[..., :1] if (values == values[..., :1]).all() else values
 
 
-def cluster_covariances(name: str, value: ArrayLike, clusters: int, steps: int, size: int) -> Array:
-    """Return one covariance a cluster as (clusters, 1 or steps, size, size), positive definite."""
-    shapes = (clusters, size, size), (clusters, steps, size, size)
-    may_be = f"numbers {shapes[0]} or {shapes[1]}"
-    given = as_floats(name, value, may_be)
-    if given.shape not in shapes:
-        raise ParameterError(name, f"of shape {given.shape}", may_be)
-    flat = given.reshape(-1, size, size)
-    covariances(name, flat, len(flat), size)
-    return definite(name, flat).reshape(clusters, -1, size, size)
+def present(measurements: Array) -> tuple[Mask, Array]:
+    """Return which of the measurements (..., runs) are there, and all with zero for the others.
+
+    The first is (..., 1) where all runs miss the same.
+    """
+    if not np.isnan(measurements.min(initial=0.0)):  # quicker than to look at each
+        return np.ones((*measurements.shape[:-1], 1), dtype=bool), measurements
+    there = ~np.isnan(measurements)
+    return once(there), np.where(there, measurements, 0.0)
 
 
-def definite(name: str, value: Array) -> Array:
-    """Return symmetric matrices (..., n, n) as they are; refuse those not positive definite."""
+def times(matrices: Array, vectors: Array) -> Array:
+    """Return the products of matrices (1 or runs, i, j) with the vectors (j, runs) of runs."""
+    if len(matrices) == 1:
+        return np.asarray(matrices[0] @ vectors)
+    return np.asarray((matrices @ vectors.T[:, :, None])[:, :, 0].T)
+
+
+def each_step(which: NDArray[np.intp]) -> list[NDArray[np.intp]]:
+    """Return the rows of (steps, runs), each (1,) where all runs share it."""
+    shared = (which == which[:, :1]).all(axis=1)
+    return [row[:1] if same else row for row, same in zip(which, shared, strict=True)]
+
+
+def solve_present(there: Mask, S: Array, right: Array) -> Array:
+    """Return S^-1 right (filters, m, .) over the components there (filters, m); zero elsewhere."""
+    if not there.all():
+        both = there[:, :, None] & there[:, None, :]
+        # a component that is missing gets a row and a column of the identity
+        S = np.where(both, S, np.eye(S.shape[-1]))
+        right = np.where(there[:, :, None], right, 0.0)
     try:
-        np.linalg.cholesky(value)
+        return np.asarray(np.linalg.solve(S, right))
     except np.linalg.LinAlgError:
-        raise ParameterError(name, "singular", "positive definite") from None
-    return value
+        got = Described("such that an innovation is certain")
+        raise ParameterError("measurement_covariance", got, "positive definite") from None
 
 
-def as_bools(name: str, value: ArrayLike, may_be: str) -> NDArray[np.bool_]:
-    """Return an array of bools; refuse others."""
-    return _as_array(name, value, may_be, "b")
+def occurring(there: Mask) -> tuple[Mask, NDArray[np.intp]]:
+    """Return the patterns (patterns, parts) in a mask (parts, ...), and which is where (...)."""
+    parts = len(there)
+    if parts > _MOST_PARTS:
+        got = Described(f"of {parts} clusters, or components of a cluster")
+        raise ParameterError("measurements", got, f"of {_MOST_PARTS} at most")
+    bits = 1 << np.arange(parts, dtype=np.int64)
+    codes = np.tensordot(bits, there, axes=1)
+    found = np.unique(codes)
+    return (found[:, None] & bits) > 0, np.searchsorted(found, codes)
 
 
-def checked_mask(name: str, value: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.bool_]:
-    """Return an array of bools of a shape; refuse others."""
-    may_be = f"bool of shape {shape}"
-    mask = as_bools(name, value, may_be)
-    if mask.shape != shape:
-        raise ParameterError(name, f"{mask.dtype} of shape {mask.shape}", may_be)
-    return mask
+def by_pattern(
+    name: str, given: Mapping[Pattern, _Given], occur: Mask
+) -> list[tuple[int, Pattern, _Given]]:
+    """Return place, pattern and what is given for it, of each that occurs (patterns, clusters).
+
+    For the pattern of no cluster nothing is asked.
+    """
+    known = {as_pattern(name, key, occur.shape[1]): value for key, value in given.items()}
+    wanted = [(place, tuple(row)) for place, row in enumerate(occur.tolist()) if any(row)]
+    for _, pattern in wanted:
+        if pattern not in known:
+            got = Described(f"without the pattern {pattern}")
+            raise ParameterError(name, got, "complete for all that occur")
+    return [(place, pattern, known[pattern]) for place, pattern in wanted]
+
+
+def as_pattern(name: str, given: Pattern, clusters: int) -> Pattern:
+    """Return a pattern as a tuple of bools."""
+    return tuple(mask(name, given, (clusters,)).tolist())

@@ -1,7 +1,6 @@
 from .centre import central_gain as central_gain
+from .designs import Certificate as Certificate, FilterDesign as FilterDesign
 from .filter_design import (
-    Certificate as Certificate,
-    FilterDesign as FilterDesign,
     certify as certify,
     design_filter as design_filter,
     inequality as inequality,

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inswsn_lib.errors import ParameterError
-from inswsn_lib.lmi.filter_design import Form, inequality
+from inswsn_lib.lmi.designs import Form
+from inswsn_lib.lmi.filter_design import inequality
 from inswsn_lib.lmi.solvers import (
     InfeasibleDesignError,
     Solver,

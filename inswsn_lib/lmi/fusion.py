@@ -28,7 +28,7 @@ from scipy.linalg import (
 )
 
 from inswsn_lib.errors import ParameterError
-from inswsn_lib.lmi.filter_design import FilterDesign
+from inswsn_lib.lmi.designs import FilterDesign
 from inswsn_lib.lmi.norms import hinf_norm, spectral_radius
 from inswsn_lib.lmi.solvers import (
     ALMOST,

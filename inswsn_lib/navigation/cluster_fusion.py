@@ -9,12 +9,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
+from inswsn_lib.checks import Array
 from inswsn_lib.evaluation import Scores, Tuning, monte_carlo, search_pattern
 from inswsn_lib.files import data_file
 from inswsn_lib.filters import (
@@ -30,7 +30,6 @@ from inswsn_lib.models import ErrorModel
 from inswsn_lib.scenario import Setting, from_settings, load_scenario, with_values
 from inswsn_lib.simulation import ClusterScene
 
-Array = NDArray[np.float64]
 #: Which clusters hear the node
 Pattern = tuple[bool, ...]
 #: Measurements of the clusters, (N, steps, 4, runs), to estimates, (steps, 4, runs)
@@ -59,8 +58,7 @@ _STARTS = {
     "kf-with-bias": (0.03, 1.0),
 }
 _RATIOS = (2.5, 10.0, 3.0)
-# Position and velocity in the state
-_PARTS = (slice(0, 2), slice(2, 4))
+_PARTS = (slice(0, 2), slice(2, 4))  # position and velocity in the state
 
 
 def p2_settings() -> dict[str, Setting]:
@@ -80,38 +78,27 @@ class ClusterFusion:
     Attributes
     ----------
     published : mapping of str to Setting
-        The scenario file ``p2``.
-    seed : int
-        Of all random numbers.
-    runs : int
-        Runs that are judged.
-    other_runs : int
-        Runs of the next seed, on which the filters are tuned.
+        The scenario file ``p2``, of which the other attributes change some settings.
+    seed, runs, other_runs : int
+        Of all random numbers; runs that are judged, and those on which the filters are tuned.
     speed : float
         Of the node along its path, m/s.
-    range_noise : float
-        Standard deviation of a range, m.
-    dropout : float
-        Share of ranges that are lost.
-    velocity_source : {"sensor", "difference", "window"}
+    range_noise, dropout : float
+        Standard deviation of a range, m, and the share of ranges that are lost.
+    velocity_source, velocity_noise, velocity_fixes : str, float and int
         As in `inswsn_lib.simulation.ClusterScene`.
-    velocity_noise : float
-        Standard deviation of a velocity from the sensor, m/s.
-    velocity_fixes : int
-        Fixes in a window.
     accelerometer_bias : float
         Of both accelerometers, m/s^2.
 
     Examples
     --------
-    Carlson's filter in a fast walk, told of 1 m/s^2, and the INS alone:
+    Carlson's filter in a fast walk, told of 1 m/s^2, is better than the INS alone in each run:
 
-    >>> import numpy as np
     >>> from inswsn_lib.navigation import ClusterFusion, planar_rms
     >>> fusion = ClusterFusion(runs=4, speed=6.0)
     >>> ins = fusion.drawn["ins"]
     >>> error = ins - fusion.federated(1.0, 1.0)(fusion.measurements)
-    >>> bool(np.all(planar_rms(error) < planar_rms(ins)))
+    >>> bool((planar_rms(error) < planar_rms(ins)).all())
     True
     """
 
@@ -138,7 +125,7 @@ class ClusterFusion:
             velocity_source=self.velocity_source,
             velocity_noise=self.velocity_noise,
             velocity_fixes=self.velocity_fixes,
-            accelerometer_bias=[self.accelerometer_bias, self.accelerometer_bias],
+            accelerometer_bias=[self.accelerometer_bias] * 2,
         )
 
     @cached_property
@@ -174,7 +161,7 @@ class ClusterFusion:
     @cached_property
     def initial_covariance(self) -> Array:
         """Covariance of the error at the start of the Kalman filters, 0.1 m and 0.1 m/s, (4, 4)."""
-        return np.diag(np.repeat([0.1, 0.1], 2) ** 2)
+        return 0.1**2 * np.eye(4)
 
     @cached_property
     def sets(self) -> list[Pattern]:
@@ -184,16 +171,11 @@ class ClusterFusion:
     def local_models(self, acceleration: float, covariances: Iterable[Array]) -> list[ErrorModel]:
         """Return a model for each covariance of a measurement, (4, 4), m^2 and m^2/s^2.
 
-        Parameters
-        ----------
-        acceleration : float
-            What acts on the INS in a period, m/s^2: the process noise.
-        covariances : iterable of ndarray, (4, 4)
+        The process noise is an acceleration, m/s^2, that acts on the INS in a period.
         """
         T = self.scene.period
-        plain = ErrorModel.p2(T)
-        q = np.repeat([acceleration * T**2 / 2, acceleration * T], 2)
-        return [plain.with_covariances(np.diag(q**2), R) for R in covariances]
+        Q = np.diag(np.repeat([acceleration * T**2 / 2, acceleration * T], 2) ** 2)
+        return [ErrorModel.p2(T).with_covariances(Q, R) for R in covariances]
 
     def federated(
         self,
@@ -204,23 +186,17 @@ class ClusterFusion:
         interval: int = 1,
     ) -> Estimator:
         """Return Carlson's federated filter, which knows the covariance of each fix."""
-        known = widen_velocities(self.covariance, factor)
-        model = self.local_models(acceleration, known[:, 0])[0]
+        model, known = self._told(acceleration, factor)
         return lambda y, **options: run_federated(
-            model, y, measurement_covariance=known, initial_covariance=self.initial_covariance,
-            predicted=True, reset=reset, interval=interval, **options,
-        )  # fmt: skip
+            model, y, reset=reset, interval=interval, **known, **options
+        )
 
     def fused_locals(
         self, acceleration: float, factor: float, rule: Literal["intersection", "best"]
     ) -> Estimator:
         """Return local Kalman filters, each with all of Q, fused by a rule."""
-        known = widen_velocities(self.covariance, factor)
-        model = self.local_models(acceleration, known[:, 0])[0]
-        return lambda y: run_fused_locals(
-            model, y, measurement_covariance=known, initial_covariance=self.initial_covariance,
-            rule=rule, predicted=True,
-        )  # fmt: skip
+        model, known = self._told(acceleration, factor)
+        return lambda y: run_fused_locals(model, y, rule=rule, **known)
 
     def local_designs(
         self, acceleration: float, factor: float, weight: float
@@ -240,7 +216,9 @@ class ClusterFusion:
         """Return P2's distributed H-infinity filter with restart, weights for each set."""
         designs = self.local_designs(acceleration, factor, weight)
         weights = handover_weights(designs, for_sets or self.sets, noise, "block")
-        return lambda y, **options: run_distributed(designs, y, weights=weights, **options)
+        return lambda y, **options: run_distributed(
+            designs, y, weights=weights, predicted=True, **options
+        )
 
     def central_hf(
         self,
@@ -257,44 +235,38 @@ class ClusterFusion:
             inside = [m for m, there in zip(models, heard, strict=True) if there]
             C, D = np.vstack([m.C for m in inside]), block_diag(*[m.D for m in inside])
             gains[heard] = design_filter(replace(inside[0], C=C, D=D))
-        return lambda y: run_switched(gains, y)
+        return lambda y: run_switched(gains, y, predicted=True)
 
     def with_bias(self, walk: float, factor: float) -> Estimator:
         """Return a centralised Kalman filter with two states for the acceleration errors."""
-        known, T = widen_velocities(self.covariance, factor), self.scene.period
+        _, known = self._told(self.white, factor)
+        T = self.scene.period
         A = np.eye(6)
         A[0, 2] = A[1, 3] = A[2, 4] = A[3, 5] = T
         A[0, 4] = A[1, 5] = T**2 / 2
         q = np.repeat([self.white * T**2 / 2, self.white * T, walk * T**0.5], 2)
-        model = ErrorModel(
-            A=A, B=np.diag(q), C=np.eye(4, 6), D=np.eye(4), L=np.eye(6), E=np.zeros((6, 6)),
-            period=T,
-        )  # fmt: skip
-        start = block_diag(self.initial_covariance, 0.3**2 * np.eye(2))
-        return lambda y: run_federated(
-            model, y, measurement_covariance=known, initial_covariance=start, predicted=True
-        )[:, :4]
+        model = ErrorModel(A=A, B=np.diag(q), C=np.eye(4, 6), D=np.eye(4), period=T)
+        known["initial_covariance"] = block_diag(self.initial_covariance, 0.3**2 * np.eye(2))
+        return lambda y: run_federated(model, y, **known)[:, :4]
 
     def network_alone(self, y: Array) -> Array:
         """Return the fixes weighted by covariance, one step late; the INS is left out.
 
         NaN where no cluster heard the node in the step before.
         """
-        information = np.linalg.inv(self.covariance)[..., None]
         there = np.asarray(~np.isnan(y).any(axis=2))
-        heard = np.where(there[:, :, None, None], information, 0.0)
-        total = heard.sum(axis=0)
+        heard = np.where(there[:, :, None, None], np.linalg.inv(self.covariance)[..., None], 0.0)
         right = np.einsum("csijr,csjr->sir", heard, np.nan_to_num(y))
-        out = np.full(right.shape, np.nan)
+        late = np.full((len(right) + 1, *right.shape[1:]), np.nan)
         k, r = np.nonzero(there.any(axis=0))
-        out[k, :, r] = np.linalg.solve(total[k, :, :, r], right[k, :, r, None])[..., 0]
-        return np.concatenate([np.full_like(out[:1], np.nan), out[:-1]])
+        total = np.moveaxis(heard.sum(axis=0), -1, 1)
+        late[k + 1, :, r] = np.linalg.solve(total[k, r], right[k, :, r, None])[..., 0]
+        return late[:-1]
 
     @cached_property
     def tuned(self) -> dict[str, Tuning[tuple[float, ...]]]:
         """The search for the numbers of each method that has some."""
-        make = self._makers()
-        return {name: self._tune(name, make[name]) for name in make}
+        return {name: self._tune(name, make) for name, make in self._makers().items()}
 
     @cached_property
     def chosen(self) -> dict[str, tuple[float, ...]]:
@@ -331,6 +303,12 @@ class ClusterFusion:
         }
         return Scores(methods=METHODS, columns=columns, values=values, headline="position")
 
+    def _told(self, acceleration: float, factor: float) -> tuple[ErrorModel, dict[str, Any]]:
+        """Return the model of a cluster, and what Kalman filters are told of the noise."""
+        known = widen_velocities(self.covariance, factor)
+        told = {"measurement_covariance": known, "initial_covariance": self.initial_covariance}
+        return self.local_models(acceleration, known[:, 0])[0], told | {"predicted": True}
+
     def _weighed(self, acceleration: float, factor: float, weight: float) -> list[ErrorModel]:
         known = widen_velocities(self.scene.mean_covariance, factor)
         L = np.diag([1.0, 1.0, weight, weight])
@@ -351,30 +329,25 @@ class ClusterFusion:
         y = _measured(self.tuning)
 
         def loss(*numbers: float) -> float:
+            """Return the geometric mean of the errors of position and velocity."""
             try:
                 error = self.tuning["ins"] - make(*numbers)(y)
             except InfeasibleDesignError:  # numbers too far apart for the solver
                 return np.inf
-            position, velocity = (
-                float(np.sqrt(np.nanmean(np.sum(error[:, rows] ** 2, axis=1)))) for rows in _PARTS
-            )
-            return float((position * velocity) ** 0.5)
+            sizes = [np.nanmean(np.sum(error[:, rows] ** 2, axis=1)) for rows in _PARTS]
+            return float(np.prod(sizes) ** 0.25)
 
         begin = _STARTS.get(name, _START)
         return search_pattern(METHODS[name], begin, _RATIOS[: len(begin)], loss, most=TRIALS)
 
 
 def planar_rms(error: Array) -> Array:
-    """Return the RMS lengths of the errors of position and velocity in each run.
+    """Return the RMS lengths of the errors of position and velocity in each run, (2, runs).
 
     Parameters
     ----------
     error : ndarray, (steps, 4, runs)
         x, y, their velocities, m and m/s. A step with a NaN is left out.
-
-    Returns
-    -------
-    ndarray, (2, runs)
 
     Examples
     --------
@@ -383,22 +356,12 @@ def planar_rms(error: Array) -> Array:
     >>> planar_rms(np.tile([[3.0], [4.0], [0.6], [0.8]], (10, 1, 1))).ravel().tolist()
     [5.0, 1.0]
     """
-    return np.stack(
-        [np.sqrt(np.nanmean(np.sum(error[:, rows] ** 2, axis=1), axis=0)) for rows in _PARTS]
-    )
+    squares = [np.sum(error[:, rows] ** 2, axis=1) for rows in _PARTS]
+    return np.asarray(np.sqrt(np.nanmean(squares, axis=1)))
 
 
 def widen_velocities(covariance: Array, factor: float) -> Array:
-    """Return covariances with the part of the velocities times a factor.
-
-    Parameters
-    ----------
-    covariance : ndarray, (..., 4, 4)
-    factor : float
-
-    Returns
-    -------
-    ndarray, (..., 4, 4)
+    """Return covariances (..., 4, 4) with the part of the velocities times a factor.
 
     Examples
     --------

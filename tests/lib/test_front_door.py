@@ -12,7 +12,10 @@ import inswsn_lib as iw
 ROOMS = [name for name in iw.__all__ if hasattr(getattr(iw, name), "__path__")]
 #: What a name may load of other projects, in a fresh process
 LIGHT = {"lazy_loader", "numpy", "yaml"}
-NUMPY_ALONE = ["ErrorModel", "run_kalman", "design_kalman"]
+NUMPY_ALONE = [
+    *("ErrorModel", "run_kalman", "design_kalman", "run_hinfinity", "deadbeat_gain"),
+    *("run_federated", "run_fused_locals", "run_distributed", "run_switched", "run_robust"),
+]
 
 
 def test_each_name_of_the_stubs_is_there() -> None:

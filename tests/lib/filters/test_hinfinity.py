@@ -1,79 +1,134 @@
-"""The constant-gain filter: its recursion, its deadbeat case, and gaps."""
+"""Filters of constant gain: recursions written out, the deadbeat case, gaps, patterns."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
+from random_filters import PATTERNS, gappy, random_model
 
 from inswsn_lib.errors import ParameterError
-from inswsn_lib.evaluation import monte_carlo
-from inswsn_lib.filters import deadbeat_gain, run_hinfinity
+from inswsn_lib.filters import deadbeat_gain, run_hinfinity, run_switched
 from inswsn_lib.lmi import design_filter
 from inswsn_lib.models import ErrorModel
 
 MODEL = ErrorModel.p1(0.2)
 Y = np.random.default_rng(7).normal(size=(12, 4, 3))
+Filter = tuple[ErrorModel, np.ndarray]
 
 
-def test_it_is_the_recursion_of_p1() -> None:
+def recursion(A: np.ndarray, filters: list[Filter | None], y: np.ndarray, x: np.ndarray) -> list:
+    """Return the predictions of one run, of the start and after each step, with gaps."""
+    states = [x]
+    for measured, each in zip(y, filters, strict=True):
+        ahead = A @ x
+        if each is not None:
+            model, gain = each
+            innovation = measured - model.C @ x
+            ahead = ahead + gain @ np.where(np.isnan(innovation), 0.0, innovation)
+        states.append(x := ahead)
+    return states
+
+
+def test_it_is_the_recursion_of_p1_with_gaps() -> None:
+    rng = np.random.default_rng(8)
+    model, gain = random_model(rng, 3, 2), 0.3 * rng.normal(size=(3, 2))
+    y, start = rng.normal(size=(12, 2, 4)), rng.normal(size=(3, 4))
+    y[rng.random(y.shape) < 0.3] = np.nan
+    predicted = run_hinfinity((model, gain), y, initial_state=start, predicted=True)
+    filtered = run_hinfinity((model, gain), y, initial_state=start)
+    for run in range(4):
+        states = recursion(model.A, [(model, gain)] * 12, y[:, :, run], start[:, run])
+        assert predicted[:, :, run] == pytest.approx(np.array(states[:-1]), abs=1e-10)
+        undone = np.linalg.solve(model.A, np.array(states[1:]).T).T
+        assert filtered[:, :, run] == pytest.approx(undone, abs=1e-9)
+
+
+def test_a_design_is_its_model_and_gain() -> None:
     design = design_filter(MODEL)
-    x = np.zeros((4, 3))
-    for measured, estimate in zip(Y, run_hinfinity(design, Y), strict=True):
-        assert estimate == pytest.approx(x)
-        x = design.A_f @ x + design.gain @ measured
+    found = run_hinfinity(design, Y, predicted=True)
+    assert not found[0].any()
+    for k in range(11):
+        ahead = design.A_f @ found[k] + design.gain @ Y[k]
+        assert found[k + 1] == pytest.approx(ahead, abs=1e-12)
+    pair = run_hinfinity((MODEL, design.gain), Y)
+    assert run_hinfinity(design, Y) == pytest.approx(pair, abs=1e-12)
 
 
-def test_deadbeat_carries_the_last_measurement_one_step() -> None:
-    gain = deadbeat_gain(MODEL)
-    assert gain == pytest.approx(MODEL.A)
-    predicted = run_hinfinity((MODEL, gain), Y)
-    assert predicted[1:] == pytest.approx(np.einsum("ij,kjr->kir", MODEL.A, Y[:-1]))
-    assert run_hinfinity((MODEL, gain), Y, predicted=False) == pytest.approx(Y)
-
-
-def test_a_gap_is_dead_reckoning() -> None:
+def test_deadbeat_carries_the_last_measurement_on() -> None:
+    doubled = ErrorModel(A=MODEL.A, B=MODEL.B, C=2 * np.eye(4), D=MODEL.D, period=0.2)
+    assert deadbeat_gain(doubled) == pytest.approx(MODEL.A / 2)
     y = Y.copy()
     y[5:] = np.nan
-    estimates = run_hinfinity((MODEL, deadbeat_gain(MODEL)), y, predicted=False)
-    for k in range(5, 12):
+    assert run_hinfinity((doubled, deadbeat_gain(doubled)), 2 * Y) == pytest.approx(Y)
+    estimates = run_hinfinity((MODEL, deadbeat_gain(MODEL)), y)
+    for k in range(5, 12):  # a gap is dead reckoning
         assert estimates[k] == pytest.approx(np.linalg.matrix_power(MODEL.A, k - 4) @ Y[4])
 
 
-def test_runs_do_not_depend_on_one_another() -> None:
-    design = design_filter(MODEL)
-    together = run_hinfinity(design, Y)
-    for run in range(3):
-        alone = run_hinfinity(design, Y[:, :, [run]])
-        assert together[:, :, [run]] == pytest.approx(alone, abs=1e-12)
+def switched(rng: np.random.Generator) -> dict[tuple[bool, ...], Filter]:
+    found = {}
+    for pattern in PATTERNS:
+        model = random_model(rng, 3, 2 * sum(pattern))
+        model = ErrorModel(A=0.9 * np.eye(3), B=model.B, C=model.C, D=model.D, period=1.0)
+        found[pattern] = model, 0.1 * rng.normal(size=(3, 2 * sum(pattern)))
+    return found
 
 
-def test_a_measurement_that_cannot_be_inverted() -> None:
-    half = ErrorModel(A=MODEL.A, B=MODEL.B, C=np.eye(2, 4), D=np.eye(2), L=MODEL.L, E=MODEL.E,
-                      period=0.2)  # fmt: skip
-    with pytest.raises(ParameterError, match="square and invertible"):
-        deadbeat_gain(half)
+@pytest.mark.parametrize("shared", [False, True])
+def test_the_switched_filter_is_its_recursion(shared: bool) -> None:
+    rng = np.random.default_rng(30)
+    designs, start = switched(rng), rng.normal(size=(3, 4))
+    y = gappy(rng, (3, 40, 2, 4), shared=shared)
+    predicted = run_switched(designs, y, initial_state=start, predicted=True)
+    filtered = run_switched(designs, y, initial_state=start)
+    for run in range(4):
+        heard = ~np.isnan(y[..., run]).all(axis=2)
+        filters = [designs.get(tuple(row)) for row in heard.T.tolist()]
+        stacked = [y[row, k, :, run].ravel() for k, row in enumerate(heard.T)]
+        states = np.array(recursion(0.9 * np.eye(3), filters, stacked, start[:, run]))
+        assert predicted[:, :, run] == pytest.approx(states[:-1], abs=1e-10)
+        assert filtered[:, :, run] == pytest.approx(states[1:] / 0.9, abs=1e-10)
 
 
-def test_monte_carlo_has_the_covariance_of_the_exact_recursion() -> None:
-    """S+ = (A - B_f C) S (A - B_f C)' + Q + B_f R B_f', from the covariance of the first state."""
-    model = ErrorModel.p1(0.2, process_noise=(0.05, 0.2), measurement_noise=(0.3, 0.1))
-    design = design_filter(model)
-    steps, runs = 30, 8192
+def test_a_transition_that_cannot_be_inverted_and_no_runs() -> None:
+    flat = ErrorModel(A=np.diag([1.0, 0.0]), B=np.eye(2), C=np.eye(2), D=np.eye(2), period=1.0)
+    y = np.ones((1, 3, 2, 1))
+    assert run_hinfinity((flat, np.eye(2)), y[0], predicted=True)[1, 1] == pytest.approx(1)
+    with pytest.raises(ParameterError, match="predicted is False"):
+        run_hinfinity((flat, np.eye(2)), y[0])
+    with pytest.raises(ParameterError, match="predicted is False"):
+        run_switched({(True,): (flat, np.eye(2))}, y)
+    for shape in ((0, 4, 3), (5, 4, 0)):
+        assert run_hinfinity((MODEL, np.eye(4)), np.zeros(shape)).shape == shape
+        assert run_switched({(True,): (MODEL, np.eye(4))}, np.zeros((1, *shape))).shape == shape
 
-    def simulate(rng: np.random.Generator, count: int) -> dict[str, np.ndarray]:
-        x = 2.0 * rng.standard_normal((4, count))
-        states, y = np.empty((2, steps, 4, count))
-        for k in range(steps):
-            states[k], y[k] = x, model.C @ x + model.D @ rng.standard_normal((4, count))
-            x = model.A @ x + model.B @ rng.standard_normal((4, count))
-        return {"states": states, "y": y}
 
-    drawn = monte_carlo(simulate, runs, seed=31)
-    errors = drawn["states"] - run_hinfinity(design, drawn["y"])
-    exact = 4.0 * np.eye(4)
-    for k in range(steps):
-        found = errors[k] @ errors[k].T / runs
-        # relative standard error of a variance: 1.6 %; 120 of them, four and a half of it
-        assert np.diag(found) == pytest.approx(np.diag(exact), rel=0.07)
-        driven = design.gain @ model.measurement_covariance @ design.gain.T
-        exact = design.A_f @ exact @ design.A_f.T + model.process_covariance + driven
+@pytest.mark.parametrize(
+    ("designs", "said"),
+    [
+        ({(True, True): (MODEL, np.eye(4))}, "designs is of shape"),
+        ({(True, False): (MODEL, np.eye(4))}, r"designs is without the pattern \(True, True\)"),
+        ({(True,): (MODEL, np.eye(4))}, "designs is of shape"),
+        ({(1, 1): (MODEL, np.eye(4))}, "designs is int64"),
+        ({(True, True): MODEL}, "designs is with ErrorModel"),
+        ({(True, True): (MODEL, np.eye(3))}, "gain is of shape"),
+        (
+            {(True, False): (MODEL, np.eye(4)), (False, True): (ErrorModel.p1(0.3), np.eye(4))},
+            "designs is of different A",
+        ),
+    ],
+)
+def test_switched_designs_that_do_not_fit_are_refused(designs: dict, said: str) -> None:
+    with pytest.raises(ParameterError, match=said):
+        run_switched(designs, np.zeros((2, 3, 4, 1)))
+
+
+def test_what_does_not_fit_is_refused() -> None:
+    with pytest.raises(ParameterError, match="C is of shape"):
+        deadbeat_gain(ErrorModel(A=np.eye(4), B=np.eye(4), C=np.eye(2, 4), D=np.eye(2), period=1))
+    with pytest.raises(ParameterError, match="design is with ErrorModel"):
+        run_hinfinity(MODEL, Y)  # type: ignore[arg-type]
+    with pytest.raises(ParameterError, match="measurements"):
+        run_hinfinity((MODEL, np.eye(4)), Y[:, :3])
+    with pytest.raises(ParameterError, match="initial_state"):
+        run_hinfinity((MODEL, np.eye(4)), Y, initial_state=np.zeros(3))

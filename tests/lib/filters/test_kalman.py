@@ -1,214 +1,231 @@
-"""The Kalman filter against least squares, the Riccati equation, closed forms and gaps."""
+"""The Kalman filter against filterpy, least squares, the Riccati equation and closed forms."""
 
 from __future__ import annotations
 
 import warnings
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
+from filterpy.kalman import KalmanFilter
 from hypothesis import given, strategies as st
-from scipy.linalg import block_diag, solve_discrete_are
+from random_filters import random_covariances, random_model
+from scipy.linalg import block_diag, solve_discrete_are, solve_discrete_lyapunov
 
 from inswsn_lib.errors import ParameterError
-from inswsn_lib.evaluation import mean_bounds, normalised_squares
-from inswsn_lib.filters import design_kalman, run_kalman
+from inswsn_lib.filters import (
+    deadbeat_gain,
+    design_kalman,
+    predictor_gain,
+    run_kalman,
+    steady_error,
+)
 from inswsn_lib.models import ErrorModel
 
-
-def random_model(rng: np.random.Generator, n: int, m: int) -> ErrorModel:
-    return ErrorModel(
-        A=rng.normal(size=(n, n)) / np.sqrt(n), B=rng.normal(size=(n, n)),
-        C=rng.normal(size=(m, n)), D=np.eye(m) + 0.3 * rng.normal(size=(m, m)),
-        L=np.eye(n), E=np.zeros((n, n)), period=1.0,
-    )  # fmt: skip
+MODEL = ErrorModel.p1(0.2, process_noise=(0.05, 0.1), measurement_noise=(0.2, 0.3))
 
 
-def least_squares(model: ErrorModel, y: np.ndarray, P0: np.ndarray) -> np.ndarray:
-    """Return the last state that fits all measurements best, by one big weighted regression.
+def walk(a: float = 1.0, b: float = 1.0, c: float = 1.0, d: float = 1.0) -> ErrorModel:
+    return ErrorModel(A=[[a]], B=[[b]], C=[[c]], D=[[d]], period=1.0)
 
-    Unknowns are all states. Rows: the prior of the first, each transition, each measurement.
+
+def test_it_is_filterpys_filter_with_gaps_and_all() -> None:
+    y = np.random.default_rng(13).normal(size=(40, 4, 3))
+    y[10:15] = np.nan
+    P0 = np.diag([1.0, 2.0, 0.25, 0.5])
+    ours = run_kalman(MODEL, y, initial_covariance=P0)
+    for run in range(3):
+        theirs = KalmanFilter(dim_x=4, dim_z=4)
+        theirs.F, theirs.H, theirs.P = MODEL.A, MODEL.C, P0.copy()
+        theirs.Q, theirs.R = MODEL.process_covariance, MODEL.measurement_covariance
+        for k in range(40):
+            theirs.update(None if np.isnan(y[k, 0, run]) else y[k, :, run])
+            assert ours[k, :, run] == pytest.approx(theirs.x.ravel(), abs=1e-9)
+            theirs.predict()
+
+
+def least_squares(
+    model: ErrorModel, y: np.ndarray, start: np.ndarray, P0: np.ndarray, Q: np.ndarray, R: Any
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the last state that fits all measurements best, by one big regression, and its P.
+
+    Unknowns are all states. Rows: the first state, each transition, each measurement.
     """
     steps, n = len(y), len(model.A)
-    design, right, weights = [], [], []
-    row = np.zeros((n, n * steps))
-    row[:, :n] = np.eye(n)
-    design, right, weights = [row], [np.zeros(n)], [np.linalg.inv(P0)]
+
+    def at(k: int, block: np.ndarray) -> np.ndarray:
+        row = np.zeros((len(block), n * steps))
+        row[:, n * k : n * (k + 1)] = block
+        return row
+
+    rows, right, weights = [at(0, np.eye(n))], [start], [np.linalg.inv(P0)]
     for k in range(1, steps):
-        row = np.zeros((n, n * steps))
-        row[:, (k - 1) * n : k * n], row[:, k * n : (k + 1) * n] = -model.A, np.eye(n)
-        design.append(row)
+        rows.append(at(k, np.eye(n)) - at(k - 1, model.A))
         right.append(np.zeros(n))
-        weights.append(np.linalg.inv(model.process_covariance))
+        weights.append(np.linalg.inv(Q[k - 1]))
     for k, measured in enumerate(y):
         seen = ~np.isnan(measured)
-        row = np.zeros((seen.sum(), n * steps))
-        row[:, k * n : (k + 1) * n] = model.C[seen]
-        design.append(row)
+        rows.append(at(k, model.C[seen]))
         right.append(measured[seen])
-        weights.append(np.linalg.inv(model.measurement_covariance[np.ix_(seen, seen)]))
-    H, W = np.vstack(design), block_diag(*weights)
-    return np.linalg.solve(H.T @ W @ H, H.T @ W @ np.concatenate(right))[-n:]
+        weights.append(np.linalg.inv(R[k][np.ix_(seen, seen)]))
+    H, W = np.vstack(rows), block_diag(*weights)
+    P = np.linalg.inv(H.T @ W @ H)
+    return (P @ H.T @ W @ np.concatenate(right))[-n:], P[-n:, -n:]
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(1, 4), st.integers(1, 3), st.floats(0, 0.9))
-def test_it_is_the_least_squares_estimate_whatever_is_missing(
+def test_it_is_least_squares_whatever_is_missing_and_changes(
     seed: int, n: int, m: int, missing: float
 ) -> None:
     rng = np.random.default_rng(seed)
-    model = random_model(rng, n, m)
-    y = rng.normal(size=(6, m, 3))
+    model, steps, runs = random_model(rng, n, m), 6, 3
+    y, start = rng.normal(size=(steps, m, runs)), rng.normal(size=(n, runs))
     y[rng.random(y.shape) < missing] = np.nan  # another pattern in each run
-    P0 = np.diag(rng.uniform(0.5, 2, n))
-    estimates = run_kalman(model, y, initial_covariance=P0)
-    for run in range(3):
-        expected = least_squares(model, y[:, :, run], P0)
-        assert estimates[-1, :, run] == pytest.approx(expected, rel=1e-6, abs=1e-7)
+    P0, Q = random_covariances(rng, n), random_covariances(rng, n, steps)
+    R = random_covariances(rng, m, steps)
+    noise: dict[str, Any] = {"initial_covariance": P0, "process_covariance": Q,
+                             "measurement_covariance": R}  # fmt: skip
+    filtered = run_kalman(model, y, initial_state=start, **noise)
+    ahead = run_kalman(model, y, initial_state=start, predicted=True, **noise)
+    assert ahead[0] == pytest.approx(start)
+    assert ahead[1:] == pytest.approx(model.A @ filtered[:-1], rel=1e-9, abs=1e-9)
+    for run in range(runs):
+        expected, P = least_squares(model, y[:, :, run], start[:, run], P0, Q, R)
+        assert filtered[-1, :, run] == pytest.approx(expected, rel=1e-6, abs=1e-7)
+        design = design_kalman(model, ~np.isnan(y[:, :, run]), **noise)
+        assert design.filtered[-1] == pytest.approx(P, rel=1e-6, abs=1e-9)
+        alone = run_kalman(model, y[:, :, [run]], initial_state=start[:, run], **noise)
+        assert filtered[:, :, [run]] == pytest.approx(alone, rel=1e-9, abs=1e-9)
+
+
+def test_the_noise_is_that_of_the_model_if_nothing_is_said() -> None:
+    y = np.random.default_rng(2).normal(size=(9, 4, 2))
+    Q, R = MODEL.B @ MODEL.B.T, MODEL.D @ MODEL.D.T
+    plain = run_kalman(MODEL, y, initial_covariance=np.eye(4))
+    told = run_kalman(MODEL, y, initial_covariance=np.eye(4), process_covariance=Q,
+                      measurement_covariance=np.tile(R, (9, 1, 1)))  # fmt: skip
+    assert plain == pytest.approx(told, abs=1e-12)
+
+
+def test_gains_and_covariances_of_a_walk_are_ratios_of_fibonacci_numbers() -> None:
+    design = design_kalman(walk(), np.full((4, 1), True), initial_covariance=[[1.0]])
+    before = np.array([1 / 1, 3 / 2, 8 / 5, 21 / 13])
+    after = np.array([1 / 2, 3 / 5, 8 / 13, 21 / 34])
+    assert design.predicted.ravel() == pytest.approx(before)
+    assert design.filtered.ravel() == pytest.approx(after)
+    assert design.gains.ravel() == pytest.approx(after)
+    assert design.innovation.ravel() == pytest.approx(before + 1)
+
+
+def test_a_component_that_is_missing_has_no_gain_and_an_innovation_all_the_same() -> None:
+    there = np.ones((3, 4), bool)
+    there[1, 2] = there[2] = False
+    design = design_kalman(MODEL, there, initial_covariance=np.eye(4))
+    assert not design.gains[1, :, 2].any()
+    assert not design.gains[2].any()
+    assert design.filtered[2] == pytest.approx(design.predicted[2])
+    for P, S in zip(design.predicted, design.innovation, strict=True):
+        assert pytest.approx(P + MODEL.measurement_covariance) == S
 
 
 def test_the_steady_state_is_that_of_the_riccati_equation() -> None:
-    model = ErrorModel.p1(0.2, process_noise=(0.3, 0.1), measurement_noise=(0.2, 0.5))
-    design = design_kalman(model, np.ones((400, 4), bool), initial_covariance=np.eye(4))
+    design = design_kalman(MODEL, np.ones((400, 4), bool), initial_covariance=np.eye(4))
     P = solve_discrete_are(
-        model.A.T, model.C.T, model.process_covariance, model.measurement_covariance
+        MODEL.A.T, MODEL.C.T, MODEL.process_covariance, MODEL.measurement_covariance
     )
     assert design.predicted[-1] == pytest.approx(P, rel=1e-9, abs=1e-12)
-
-
-def test_the_golden_ratio_gain() -> None:
-    """x+ = x + w, y = x + v with unit variances: P = 1 + P/(P+1), so K = (sqrt 5 - 1)/2."""
-    one = np.eye(1)
-    model = ErrorModel(A=one, B=one, C=one, D=one, L=one, E=0 * one, period=1.0)
-    design = design_kalman(model, np.ones((60, 1), bool), initial_covariance=one)
-    assert design.gains[-1, 0, 0] == pytest.approx((np.sqrt(5) - 1) / 2, abs=1e-12)
+    assert predictor_gain(MODEL) == pytest.approx(MODEL.A @ design.gains[-1], abs=1e-9)
+    assert predictor_gain(walk()).item() == pytest.approx((5**0.5 - 1) / 2)
 
 
 def test_without_noise_in_the_measurement_it_follows_the_measurement() -> None:
     model = ErrorModel.p1(0.2, measurement_noise=(0.0, 0.0))
     y = np.random.default_rng(1).normal(size=(5, 4, 2))
-    kept = run_kalman(model, y, initial_covariance=np.eye(4))
-    assert kept == pytest.approx(y, abs=1e-9)
-    ahead = run_kalman(model, y, initial_covariance=np.eye(4), predicted=True)
-    assert ahead[1:] == pytest.approx(np.einsum("ij,kjr->kir", model.A, y[:-1]), abs=1e-9)
-    assert not ahead[0].any()
+    assert run_kalman(model, y, initial_covariance=np.eye(4)) == pytest.approx(y, abs=1e-9)
 
 
-def test_an_outage_is_dead_reckoning_with_the_last_velocity() -> None:
-    model = ErrorModel.p1(0.2, process_noise=(0.1, 0.1), measurement_noise=(0.1, 0.1))
-    y = np.ones((30, 4, 1))
-    y[10:] = np.nan
-    x = run_kalman(model, y, initial_covariance=np.eye(4))[:, :, 0]
-    steps = np.arange(20)[:, None]
-    assert x[10:, 2:] == pytest.approx(np.broadcast_to(x[9, 2:], (20, 2)))
-    assert x[10:, :2] == pytest.approx(x[9, :2] + 0.2 * (steps + 1) * x[9, 2:])
-    design = design_kalman(model, ~np.isnan(y[:, :, 0]), initial_covariance=np.eye(4))
-    assert not design.gains[10:].any()
-    assert (np.diff(design.filtered[9:, 0, 0]) > 0).all()
-
-
-def test_a_first_state_of_each_run_with_patterns_of_their_own() -> None:
-    model = ErrorModel.p1(0.2, process_noise=(0.1, 0.1), measurement_noise=(0.3, 0.3))
-    rng = np.random.default_rng(4)
-    y, start = rng.normal(size=(9, 4, 5)), rng.normal(size=(4, 5))
-    y[3:6, :, 1] = np.nan
-    y[:, 2, 3] = np.nan
-    together = run_kalman(model, y, initial_covariance=np.eye(4), initial_state=start)
-    for run in range(5):
-        alone = run_kalman(model, y[:, :, [run]], initial_covariance=np.eye(4),
-                           initial_state=start[:, run])  # fmt: skip
+def test_many_runs_that_lose_other_measurements() -> None:
+    y = np.random.default_rng(21).standard_normal((6, 4, 1030))
+    y[np.random.default_rng(22).random(y.shape) < 0.2] = np.nan
+    together = run_kalman(MODEL, y, initial_covariance=np.eye(4))
+    for run in (0, 511, 512, 1029):
+        alone = run_kalman(MODEL, y[:, :, [run]], initial_covariance=np.eye(4))
         assert together[:, :, [run]] == pytest.approx(alone, abs=1e-12)
-    # a first state shifts the problem: with no measurement it is carried on as it is
-    y[:] = np.nan
-    carried = run_kalman(model, y, initial_covariance=np.eye(4), initial_state=start)
-    assert carried[-1] == pytest.approx(np.linalg.matrix_power(model.A, 8) @ start)
 
 
-def test_covariances_may_change_with_time() -> None:
-    model = ErrorModel.p1(0.2)
-    Q = np.stack([0.1 * (k + 1) * np.eye(4) for k in range(8)])
-    R = np.stack([0.5 * (8 - k) * np.eye(4) for k in range(8)])
-    y = np.random.default_rng(2).normal(size=(8, 4, 1))
-    whole = run_kalman(model, y, initial_covariance=np.eye(4), process_covariance=Q,
-                       measurement_covariance=R)  # fmt: skip
-    # step by step by the textbook's formulas
-    x, P = np.zeros(4), np.eye(4)
-    for k in range(8):
-        K = P @ np.linalg.inv(P + R[k])
-        x, P = x + K @ (y[k, :, 0] - x), (np.eye(4) - K) @ P
-        assert whole[k, :, 0] == pytest.approx(x)
-        x, P = model.A @ x, model.A @ P @ model.A.T + Q[k]
+def test_no_runs_no_steps_and_sums_that_overflow() -> None:
+    for shape in ((0, 4, 3), (5, 4, 0)):
+        assert run_kalman(MODEL, np.zeros(shape), initial_covariance=np.eye(4)).shape == shape
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        large = np.full((2, 4, 3), 1e308)
+        found = run_kalman(ErrorModel.p1(1.0), large, initial_covariance=np.eye(4))
+    assert found[0] == pytest.approx(0.5e308)
 
 
-def test_the_errors_are_as_large_as_the_filter_says() -> None:
-    """NEES and NIS of 400 runs; a true filter leaves the bounds once in 10,000 times."""
-    rng = np.random.default_rng(20120707)
-    model = ErrorModel.p1(0.2, process_noise=(0.05, 0.1), measurement_noise=(0.2, 0.3))
-    steps, runs, P0 = 60, 400, np.diag([1.0, 1.0, 0.25, 0.25])
-    x = np.linalg.cholesky(P0) @ rng.standard_normal((4, runs))
-    states, y = np.empty((2, steps, 4, runs))
-    for k in range(steps):
-        states[k] = x
-        y[k] = model.C @ x + model.D @ rng.standard_normal((4, runs))
-        x = model.A @ x + model.B @ rng.standard_normal((4, runs))
-    y[20:30] = np.nan
-    design = design_kalman(model, ~np.isnan(y[:, :, 0]), initial_covariance=P0)
-    filtered = run_kalman(model, y, initial_covariance=P0)
-    ahead = run_kalman(model, y, initial_covariance=P0, predicted=True)
-    nees = normalised_squares(states - filtered, design.filtered)
-    low, high = mean_bounds(runs, 4, 0.9999)
-    # at single steps, since errors of neighbouring steps are not independent
-    for k in (0, 15, 29, 30, 59):
-        assert low < nees[k].mean() < high
-    nis = normalised_squares(y - model.C @ ahead, design.innovation)
-    low, high = mean_bounds(50 * runs, 4, 0.9999)  # innovations are independent
-    assert low < np.nanmean(nis) < high
+@pytest.mark.parametrize("k", [0.2, 0.6, 1.0, 1.4])
+def test_the_error_of_a_scalar_gain_by_hand(k: float) -> None:
+    """(b^2 + k^2 d^2) / (2 k - k^2)."""
+    expected = ((0.7**2 + k**2 * 0.3**2) / (2 * k - k**2)) ** 0.5
+    assert steady_error(walk(b=0.7, d=0.3), [[k]]) == pytest.approx(expected)
+
+
+def test_a_deadbeat_error_is_two_noises_of_what_l_sees() -> None:
+    model = ErrorModel.p1(0.2, process_noise=(2.0, 1.0), measurement_noise=(0.5, 0.4))
+    # x axis: position b^2 + d^2 + T^2 dv^2, velocity bv^2 + dv^2; twice for two axes
+    position, velocity = 2**2 + 0.5**2 + 0.2**2 * 0.4**2, 1 + 0.4**2
+    gain = deadbeat_gain(model)
+    assert steady_error(model, gain) == pytest.approx((2 * (position + velocity)) ** 0.5)
+    seen = replace(model, L=np.eye(2, 4))
+    assert steady_error(seen, gain) == pytest.approx((2 * position) ** 0.5)
+
+
+def test_no_gain_has_a_smaller_error_than_the_predictor() -> None:
+    best = predictor_gain(MODEL)
+    closed, driven = MODEL.A - best @ MODEL.C, np.hstack([MODEL.B, -best @ MODEL.D])
+    least = np.sqrt(np.trace(solve_discrete_lyapunov(closed, driven @ driven.T)))
+    assert steady_error(MODEL, best) == pytest.approx(least)
+    rng = np.random.default_rng(1)
+    for _ in range(20):
+        assert steady_error(MODEL, best + 0.05 * rng.standard_normal((4, 4))) > least
 
 
 @pytest.mark.parametrize(
-    ("measurements", "options", "said"),
+    "model",
     [
-        (np.zeros((5, 4)), {}, "measurements is 'of shape"),
-        (np.zeros((5, 3, 1)), {}, "measurements is 'of shape"),
-        (np.full((5, 4, 1), np.inf), {}, "infinite"),
-        (np.zeros((5, 4, 1)), {"initial_covariance": np.eye(3)}, "initial_covariance"),
-        (np.zeros((5, 4, 1)), {"initial_covariance": -np.eye(4)}, "not positive semidefinite"),
-        (np.zeros((5, 4, 1)), {"process_covariance": np.triu(np.ones((4, 4)))}, "not symmetric"),
-        (np.zeros((5, 4, 1)), {"measurement_covariance": np.zeros((9, 4, 4))}, "measurement_cov"),
-        (
-            np.zeros((5, 4, 1)),
-            {"measurement_covariance": np.zeros((4, 4)), "initial_covariance": np.zeros((4, 4))},
-            "singular",
-        ),
-        (np.zeros((5, 4, 1)), {"initial_state": np.zeros(3)}, "initial_state"),
+        walk(1.2, c=0.0),  # not measured
+        walk(b=0.0),  # on the unit circle, not driven
+        walk(c=0.0, d=0.0),
+        ErrorModel.p1(0.2, process_noise=(1.0, 0.0)),
     ],
 )
-def test_what_does_not_fit_is_refused(
-    measurements: np.ndarray, options: dict[str, np.ndarray], said: str
-) -> None:
-    model = ErrorModel.p1(0.2)
-    with pytest.raises(ParameterError, match=said):
-        run_kalman(model, measurements, **({"initial_covariance": np.eye(4)} | options))
+def test_without_a_steady_state_there_is_no_gain(model: ErrorModel) -> None:
+    with pytest.raises(ParameterError, match="model is without a steady state"):
+        predictor_gain(model)
+    assert steady_error(model, np.zeros_like(model.C.T)) == np.inf
 
 
-def test_a_mask_that_is_no_mask_is_refused() -> None:
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("measurements", np.zeros((5, 3, 1))),
+        ("initial_covariance", np.eye(3)),
+        ("process_covariance", np.triu(np.ones((4, 4)))),
+        ("measurement_covariance", np.zeros((9, 4, 4))),
+        ("measurement_covariance", np.zeros((4, 4))),  # with P_0 = 0 an innovation is certain
+        ("initial_state", np.zeros(3)),
+    ],
+)
+def test_what_does_not_fit_is_refused(name: str, value: np.ndarray) -> None:
+    given = {"measurements": np.zeros((5, 4, 1)), "initial_covariance": np.zeros((4, 4))}
+    with pytest.raises(ParameterError) as caught:
+        run_kalman(MODEL, **(given | {name: value}))
+    assert caught.value.name == name
+
+
+def test_masks_and_gains_that_do_not_fit_are_refused() -> None:
     with pytest.raises(ParameterError, match="available"):
-        design_kalman(ErrorModel.p1(0.2), np.ones((3, 4)), initial_covariance=np.eye(4))
-
-
-def test_runs_that_lose_other_measurements_are_each_filtered_by_themselves() -> None:
-    """More runs than are carried at once, the last of each group included."""
-    model = ErrorModel.p1(0.2, process_noise=(0.05, 0.1), measurement_noise=(0.2, 0.3))
-    y = np.random.default_rng(21).standard_normal((6, 4, 1030))
-    y[np.random.default_rng(22).random(y.shape) < 0.2] = np.nan
-    together = run_kalman(model, y, initial_covariance=np.eye(4))
-    for run in (0, 510, 511, 512, 1023, 1024, 1029):
-        alone = run_kalman(model, y[:, :, [run]], initial_covariance=np.eye(4))
-        assert together[:, :, [run]] == pytest.approx(alone, abs=1e-12)
-
-
-def test_numbers_whose_sum_overflows_are_filtered_without_a_word() -> None:
-    model = ErrorModel.p1(1.0)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        estimates = run_kalman(model, np.full((2, 4, 3), 1e308), initial_covariance=np.eye(4))
-    assert np.isfinite(estimates[0]).all()
-    assert estimates[0, 2] == pytest.approx(0.5e308)
+        design_kalman(MODEL, np.ones((3, 4)), initial_covariance=np.eye(4))
+    with pytest.raises(ParameterError, match="gain"):
+        steady_error(MODEL, np.eye(2))

@@ -1,19 +1,25 @@
-"""The robust rivals: the Kalman filter where nothing is wrong, better where something is."""
+"""The robust rivals: the Kalman filter where nothing is wrong, their rules by hand, and gains."""
 
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 from hypothesis.extra.numpy import arrays
+from random_filters import gappy
+from scipy.stats import chi2
 
 from inswsn_lib.errors import ParameterError
 from inswsn_lib.filters import adaptive, gating, huber, run_kalman, run_robust
-from inswsn_lib.filters.robust import Policy
 from inswsn_lib.models import ErrorModel
 
 MODEL = ErrorModel.p1(0.2, process_noise=(0.05, 0.1), measurement_noise=(0.2, 0.3))
 P0 = np.diag([1.0, 1.0, 0.25, 0.25])
+ALL = np.ones((1, 2), bool)
+R = np.array([[4.0, 1.0], [1.0, 1.0]])
+PRIOR = np.array([[[5.0, 0.0], [0.0, 3.0]]])
 
 
 def simulate(runs: int, seed: int, factor: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -28,59 +34,67 @@ def simulate(runs: int, seed: int, factor: np.ndarray) -> tuple[np.ndarray, np.n
     return states, y
 
 
-def error(policy: Policy | None, states: np.ndarray, y: np.ndarray) -> float:
-    if policy is None:
-        estimates = run_kalman(MODEL, y, initial_covariance=P0)
-    else:
-        estimates = run_robust(MODEL, y, policy, initial_covariance=P0)
+def position_error(states: np.ndarray, estimates: np.ndarray) -> float:
     return float(np.sqrt(np.mean((states - estimates)[:, :2] ** 2)))
 
 
+def robust(y: np.ndarray, policy: Any, **options: Any) -> np.ndarray:
+    return run_robust(MODEL, y, policy=policy, initial_covariance=P0, **options)
+
+
 @pytest.mark.parametrize("policy", [gating(1 - 1e-15), huber(1e9)])
-def test_a_policy_that_never_acts_is_the_kalman_filter(policy: Policy) -> None:
-    _, y = simulate(5, 1, np.ones(20))
-    y[4:7, :, 1] = np.nan
-    y[3, 2, 0] = np.nan
-    for predicted in (False, True):
-        robust = run_robust(MODEL, y, policy, initial_covariance=P0, predicted=predicted)
-        plain = run_kalman(MODEL, y, initial_covariance=P0, predicted=predicted)
-        assert robust == pytest.approx(plain, abs=1e-9)
+@pytest.mark.parametrize("predicted", [False, True])
+def test_a_policy_that_never_acts_is_the_kalman_filter(policy: Any, predicted: bool) -> None:
+    rng = np.random.default_rng(1)
+    y, start = 0.1 * gappy(rng, (1, 30, 4, 5))[0], 0.1 * rng.normal(size=(4, 5))
+    options: dict[str, Any] = {"initial_state": start, "predicted": predicted}
+    plain = run_kalman(MODEL, y, initial_covariance=P0, **options)
+    assert robust(y, policy, **options) == pytest.approx(plain, abs=1e-9)
 
 
-def test_on_clean_data_little_is_lost_and_on_outliers_much_is_won() -> None:
-    clean, bursts = np.ones(100), np.ones(100)
-    bursts[20::10] = 30.0
-    for make in (gating, huber):
-        states, y = simulate(300, 2, clean)
-        assert error(make(), states, y) < 1.1 * error(None, states, y)
-        states, y = simulate(300, 2, bursts)
-        assert error(make(), states, y) < 0.5 * error(None, states, y)
+def test_a_gate_by_hand() -> None:
+    """Of one and two components, at their own point of chi-squared; patience counts on end."""
+    S = PRIOR[0] + R
+    edge = np.linalg.cholesky(S) @ [0.0, np.sqrt(chi2.ppf(0.99, 2))]
+    far = np.array([10 * edge])
+    step = gating(0.99, patience=2)(R, 1)
+    assert step(np.array([0.999 * edge]), PRIOR, ALL)[1].all()
+    assert not step(np.array([1.001 * edge]), PRIOR, ALL)[1].any()
+    assert not step(far, PRIOR, ALL)[1].any()
+    R_used, used = step(far, PRIOR, ALL)  # the third on end
+    assert used.all()
+    assert R_used[0] == pytest.approx(R)
+    assert step(far, PRIOR, ALL)[1].all()  # still lost
+    assert step(0 * far, PRIOR, ALL)[1].all()
+    assert not step(far, PRIOR, ALL)[1].any()
+    one = np.array([[False, True]])
+    size = np.sqrt(chi2.ppf(0.99, 1) * S[1, 1])
+    for factor, kept in ((0.999, True), (1.001, False)):
+        step = gating(0.99, patience=2)(R, 1)
+        assert step(np.array([[np.nan, factor * size]]), PRIOR, one)[1].tolist() == [[False, kept]]
+    assert not step(np.full((1, 2), np.nan), PRIOR, ~ALL)[1].any()
 
 
-def test_a_gate_does_not_lock_the_filter_out() -> None:
-    """A step of the state that the model does not know: after some rejections the gate opens."""
-    states, y = simulate(100, 5, np.ones(200))
-    states[40:, :2] += 20.0
-    y[40:, :2] += 20.0
-
-    def after(estimates: np.ndarray) -> float:
-        return float(np.sqrt(np.mean((states - estimates)[70:90, :2] ** 2)))
-
-    patient = after(run_robust(MODEL, y, gating(), initial_covariance=P0))
-    locked = after(run_robust(MODEL, y, gating(patience=10_000), initial_covariance=P0))
-    assert patient < 0.5 * locked
+def test_a_huber_update_by_hand() -> None:
+    """Variances 9 and 4: an innovation of 12 is 4 deviations, and its variance is doubled by 2."""
+    used, there = huber(2.0)(R, 1)(np.array([[-12.0, 3.9]]), PRIOR, ALL)
+    assert there is ALL
+    assert used[0] == pytest.approx(R + np.diag([9.0, 0.0]))
+    missing = np.array([[False, True]])
+    used, _ = huber(2.0)(R, 1)(np.array([[np.nan, 8.0]]), PRIOR, missing)
+    assert used[0] == pytest.approx(R + np.diag([0.0, 4.0]))
 
 
-def test_the_influence_of_an_outlier_is_bounded() -> None:
-    """Whatever its size, the first measurement moves a Huber filter no further than a large one."""
-    wide = 100 * np.eye(4)
-    moved = []
-    for size in (1e2, 1e4, 1e6):
-        y = np.zeros((1, 4, 1))
-        y[0, 0, 0] = size
-        moved.append(run_robust(MODEL, y, huber(), initial_covariance=wide)[0, 0, 0])
-    assert moved[2] == pytest.approx(moved[0], rel=1e-6)
-    assert moved[0] < 1.345 * 10.1
+def test_an_adaptive_variance_by_hand() -> None:
+    step = adaptive(0.9)(R, 1)
+    used, there = step(np.array([[7.0, 0.0]]), PRIOR, ALL)
+    # 0.9 * 4 + 0.1 * (49 - 5), and 0.9 * 1 + 0.1 * (0 - 3)
+    assert used[0] == pytest.approx(np.diag([8.0, 0.6]))
+    assert there is ALL
+    used, _ = step(np.array([[np.nan, 1e9]]), PRIOR, np.array([[False, True]]))
+    assert used[0] == pytest.approx(np.diag([8.0, 1e4]))  # kept, and at most ten thousand times
+    used, _ = adaptive(0.1)(R, 1)(np.zeros((1, 2)), PRIOR, ALL)
+    assert used[0] == pytest.approx(np.diag([0.04, 0.01]))  # a hundredth at least
 
 
 @given(
@@ -89,26 +103,34 @@ def test_the_influence_of_an_outlier_is_bounded() -> None:
 )
 def test_the_r_of_a_huber_update_is_a_covariance(rows: np.ndarray, innovation: np.ndarray) -> None:
     """A prediction whose components are all but one and the same once made it indefinite."""
-    R = MODEL.measurement_covariance
-    step = huber()(R, 1)
-    used, there = step(innovation, (rows @ rows.T)[None], np.ones((1, 4), dtype=bool))
-    assert there.all()
-    assert np.linalg.eigvalsh(used[0] - R).min() >= -1e-9 * np.abs(used).max()
+    modelled = MODEL.measurement_covariance
+    used, _ = huber()(modelled, 1)(innovation, (rows @ rows.T)[None], np.ones((1, 4), dtype=bool))
+    assert np.linalg.eigvalsh(used[0] - modelled).min() >= -1e-9 * np.abs(used).max()
 
 
-def test_a_policy_keeps_nothing_from_one_call_to_the_next() -> None:
-    _, y = simulate(20, 6, np.ones(30))
-    for policy in (gating(), huber(), adaptive()):
-        first = run_robust(MODEL, y, policy, initial_covariance=P0)
-        assert np.array_equal(first, run_robust(MODEL, y, policy, initial_covariance=P0))
-        few = run_robust(MODEL, y[:, :, :7], policy, initial_covariance=P0)
-        assert few == pytest.approx(first[:, :, :7], abs=1e-12)
+def test_what_a_policy_says_is_done() -> None:
+    """A policy with a tenth of R that leaves out the velocities is the Kalman filter told so."""
+
+    def sure(modelled: np.ndarray, runs: int) -> Any:
+        assert (modelled.shape, runs) == ((4, 4), 3)
+        only = np.array([True, True, False, False])
+        return lambda e, prior, there: (np.broadcast_to(modelled / 10, prior.shape), there & only)
+
+    y = np.random.default_rng(9).normal(size=(20, 4, 3))
+    halves = np.where(np.arange(4)[:, None] < 2, y, np.nan)
+    told = run_kalman(MODEL, halves, initial_covariance=P0,
+                      measurement_covariance=MODEL.measurement_covariance / 10)  # fmt: skip
+    assert robust(y, sure) == pytest.approx(told, abs=1e-9)
 
 
-@pytest.mark.parametrize("P", [np.eye(3), -np.eye(4), np.full((4, 4), np.nan)])
-def test_a_first_covariance_that_is_none(P: np.ndarray) -> None:
-    with pytest.raises(ParameterError, match="initial_covariance"):
-        run_robust(MODEL, np.zeros((2, 4, 1)), huber(), initial_covariance=P)
+def test_on_clean_data_little_is_lost_and_on_outliers_much_is_won() -> None:
+    bursts = np.ones(100)
+    bursts[20::10] = 30.0
+    for policy in (gating(), huber()):
+        for factor, most in ((np.ones(100), 1.1), (bursts, 0.5)):
+            states, y = simulate(300, 2, factor)
+            plain = position_error(states, run_kalman(MODEL, y, initial_covariance=P0))
+            assert position_error(states, robust(y, policy)) < most * plain
 
 
 def test_an_adaptive_r_finds_the_noise() -> None:
@@ -116,17 +138,38 @@ def test_an_adaptive_r_finds_the_noise() -> None:
     told = run_kalman(
         MODEL, y, initial_covariance=P0, measurement_covariance=25 * MODEL.measurement_covariance
     )
-    best = float(np.sqrt(np.mean((states - told)[:, :2] ** 2)))
-    assert error(adaptive(), states, y) < 1.15 * best < error(None, states, y)
+    best, plain = (
+        position_error(states, each) for each in (told, run_kalman(MODEL, y, initial_covariance=P0))
+    )
+    assert position_error(states, robust(y, adaptive())) < 1.15 * best < plain
+
+
+def test_a_policy_keeps_nothing_from_one_call_to_the_next_nor_from_run_to_run() -> None:
+    _, y = simulate(20, 6, np.full(30, 3.0))
+    for policy in (gating(0.9), huber(), adaptive()):
+        first = robust(y, policy)
+        assert np.array_equal(first, robust(y, policy))
+        assert robust(y[:, :, 3:7], policy) == pytest.approx(first[:, :, 3:7], abs=1e-12)
 
 
 @pytest.mark.parametrize(
-    "make",
+    ("name", "make"),
     [
-        *(lambda: gating(1.0), lambda: huber(0.0), lambda: adaptive(1.0), lambda: gating(0.0)),
-        *(lambda: gating(0.9, -1), lambda: huber(float("nan"))),
+        ("probability", lambda: gating(1.0)),
+        ("probability", lambda: gating(0.0)),
+        ("patience", lambda: gating(0.9, -1)),
+        ("threshold", lambda: huber(0.0)),
+        ("forgetting", lambda: adaptive(1.0)),
+        ("forgetting", lambda: adaptive(0.0)),
+        ("measurements", lambda: robust(np.zeros((2, 3, 1)), huber())),
+        ("initial_state", lambda: robust(np.zeros((2, 4, 1)), huber(), initial_state=[0])),
+        (
+            "initial_covariance",
+            lambda: run_robust(MODEL, np.zeros((2, 4, 1)), policy=huber(), initial_covariance=R),
+        ),
     ],
 )
-def test_what_cannot_be_is_refused(make: object) -> None:
-    with pytest.raises(ParameterError):
-        make()  # type: ignore[operator]
+def test_what_cannot_be_is_refused(name: str, make: Any) -> None:
+    with pytest.raises(ParameterError) as caught:
+        make()
+    assert caught.value.name == name

@@ -1,0 +1,173 @@
+"""Filters in the information form, carried side by side: one a cluster, and of many runs at once.
+
+Informations are arrays (filters, n, n, K), where K is 1 if all runs have the same, or the number of
+runs.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple, Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from inswsn_lib.checks import Array, Mask, covariance, positive_definite
+from inswsn_lib.errors import Described, ParameterError
+from inswsn_lib.filters.inputs import occurring, over_steps, present
+from inswsn_lib.models import ErrorModel
+
+
+def inverses(matrices: Array) -> Array:
+    """Return the inverses of positive definite matrices (..., n, n, K)."""
+    try:
+        # for one LAPACK is quicker
+        if matrices.shape[-1] == 1:
+            return np.asarray(np.linalg.inv(matrices[..., 0])[..., None])
+        with np.errstate(divide="raise"):
+            return _eliminated(matrices)
+    except (np.linalg.LinAlgError, FloatingPointError):
+        got = Described("so large beside R that it is lost to rounding")
+        raise ParameterError("initial_covariance", got, "smaller") from None
+
+
+def _eliminated(matrices: Array) -> Array:
+    """Return inverses by the elimination of Gauss and Jordan, over all K at once.
+
+    It needs no pivoting for positive definite matrices; for small n it is far quicker than a call
+    for each.
+    """
+    work = matrices.copy()
+    for p in range(work.shape[-2]):
+        pivot = 1 / work[..., p, p, :]
+        row = work[..., p, :, :] * pivot[..., None, :]
+        column = work[..., :, p, :].copy()
+        work -= column[..., :, None, :] * row[..., None, :, :]
+        work[..., p, :, :] = row
+        work[..., :, p, :] = -column * pivot[..., None, :]
+        work[..., p, p, :] = pivot
+    return work
+
+
+def applied(matrices: Array, vectors: Array) -> Array:
+    """Return the products of matrices (..., i, j, K) with vectors (..., j, runs)."""
+    if matrices.shape[-1] == 1:
+        return np.asarray(matrices[..., 0] @ vectors)
+    return np.asarray(np.einsum("...ijr,...jr->...ir", matrices, vectors))
+
+
+class Filters(NamedTuple):
+    """Filters in the information form, of which the last has no measurements: the centre's.
+
+    Attributes
+    ----------
+    Y : ndarray, (filters, n, n, K)
+        Informations.
+    i : ndarray, (filters, n, runs)
+        Y times the states.
+    """
+
+    Y: Array
+    i: Array
+
+    @classmethod
+    def start(cls, prior: Array, x: Array, shares: Array, K: int) -> Self:
+        """Return filters that share out one information (n, n) about the states x (n, runs)."""
+        return cls(np.broadcast_to(prior[..., None], (*prior.shape, K)), prior @ x).shared(shares)
+
+    def shared(self, shares: Array) -> Self:
+        """Return as many filters as there are shares of the information of one."""
+        return type(self)(shares[:, None, None, None] * self.Y, shares[:, None, None] * self.i)
+
+    def part(self, which: slice | Mask) -> Self:
+        """Return some of the filters."""
+        return type(self)(self.Y[which], self.i[which])
+
+    def total(self) -> Self:
+        """Return the one filter that has the informations of all."""
+        return type(self)(self.Y.sum(axis=0), self.i.sum(axis=0))
+
+    def states(self) -> Array:
+        """Return the states (filters, n, runs)."""
+        return applied(inverses(self.Y), self.i)
+
+    def predicted(self, A: Array, noises: Array) -> Self:
+        """Return Y+ = (A Y^-1 A' + Q)^-1 and Y+ A x, for Q of each (filters or 1, n, n)."""
+        P = inverses(self.Y)
+        count, n, _, K = P.shape
+        # A P A' of all as one product; np.kron takes longer than all the rest
+        squared = (A[:, None, :, None] * A[None, :, None, :]).reshape(n * n, n * n)
+        moved = (squared @ P.reshape(count, n * n, K)).reshape(P.shape)
+        Y = inverses(moved + noises[..., None])
+        return type(self)(Y, applied(Y, A @ applied(P, self.i)))
+
+    def measured(self, Y: Array, i: Array) -> Self:
+        """Return filters, all but the last with the informations of their measurements added."""
+        after = type(self)(self.Y.copy(), self.i.copy())
+        after.Y[:-1] += Y
+        after.i[:-1] += i
+        return after
+
+    def where(self, mine: Mask, others: Self) -> Self:
+        """Return these filters where a mask (filters, K) says so, and others elsewhere."""
+        return type(self)(
+            np.where(mine[:, None, None], self.Y, others.Y),
+            np.where(mine[:, None], self.i, others.i),
+        )
+
+
+class Observations:
+    """What the measurements of clusters say, as informations.
+
+    Parameters
+    ----------
+    measurements : ndarray, (N, steps, m, runs)
+        y; NaN where missing.
+    C : ndarray, (m, n)
+    R : ndarray, (N, 1 or steps, m, m)
+        Positive definite.
+
+    Attributes
+    ----------
+    heard : ndarray of bool, (N, steps, K)
+        Whether any component is there; K is 1 if all runs miss the same.
+    """
+
+    def __init__(self, measurements: Array, C: Array, R: Array) -> None:
+        there, self._values = present(measurements)  # those missing have no weight
+        self.heard = np.any(there, axis=2)
+        masks, self._which = occurring(np.moveaxis(there, 2, 0))
+        # an absent component gets a row and a column of the identity, and then of zeros
+        both = masks[:, :, None] & masks[:, None, :]
+        inner = np.where(both, R[:, :, None], np.eye(len(C)))
+        weights = np.where(both, np.linalg.inv(inner), 0.0)
+        gains = np.moveaxis(C.T @ weights, 2, -1)  # (N, 1 or steps, n, m, masks)
+        self._tables = np.moveaxis(C.T @ weights @ C, 2, -1), gains
+
+    def at(self, step: int) -> tuple[Array, Array]:
+        """Return C'R^-1 C (N, n, n, K) and C'R^-1 y (N, n, runs) of the data that are there."""
+        matrices, gains = (self._taken(table, step) for table in self._tables)
+        return matrices, applied(gains, self._values[:, step])
+
+    def _taken(self, table: Array, step: int) -> Array:
+        """Return the entries (N, ., ., K) of a table (N, 1 or steps, ., ., masks) at a step."""
+        now = table[:, min(step, table.shape[1] - 1)]
+        rows = zip(now, self._which[:, step], strict=True)
+        return np.stack([each.take(which, axis=-1) for each, which in rows])
+
+
+def checked_noise(
+    model: ErrorModel,
+    measurements: Array,
+    measurement_covariance: ArrayLike,
+    initial_covariance: ArrayLike,
+    process_covariance: ArrayLike | None,
+) -> tuple[Array, Array, Array]:
+    """Return P_0^-1 (n, n), Q (steps, n, n) and R (N, 1 or steps, m, m) of informations."""
+    clusters, steps, m, _ = measurements.shape
+    P0 = covariance("initial_covariance", initial_covariance, model.A.shape, definite=True)
+    Qs = over_steps("process_covariance", process_covariance, model.process_covariance, steps)
+    # A P A' + Q is positive definite for each positive definite P if, and only if, it is for I
+    positive_definite("process_covariance", model.A @ model.A.T + Qs)
+    shapes = (clusters, m, m), (clusters, steps, m, m)
+    R = covariance("measurement_covariance", measurement_covariance, *shapes, definite=True)
+    return np.asarray(np.linalg.inv(P0)), Qs, R if R.ndim == 4 else R[:, None]

@@ -1,0 +1,77 @@
+"""Informations side by side: inverses against LAPACK, and what is too large to be kept."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from random_filters import random_covariances, random_model
+
+from inswsn_lib.errors import ParameterError
+from inswsn_lib.filters import run_federated, run_kalman
+from inswsn_lib.filters.information import inverses
+from inswsn_lib.models import ErrorModel
+
+
+@pytest.mark.parametrize(("size", "count"), [(1, 1), (1, 5), (3, 1), (3, 5), (6, 2)])
+def test_inverses_are_those_of_each_matrix(size: int, count: int) -> None:
+    P = random_covariances(np.random.default_rng(size), size, 2, count)
+    found = inverses(np.moveaxis(P, 1, -1))
+    assert np.moveaxis(found, -1, 1) == pytest.approx(np.linalg.inv(P), rel=1e-9)
+
+
+@pytest.mark.parametrize("runs", [1, 3])
+def test_a_prior_that_is_lost_to_rounding_is_refused(runs: int) -> None:
+    """One number is measured of two, beside which the information of the prior is too small."""
+    singular = np.repeat(np.ones((2, 2, 1)), runs, axis=2)
+    with pytest.raises(ParameterError, match="initial_covariance is so large"):
+        inverses(singular)
+
+
+def wide(m: int) -> ErrorModel:
+    """One state, measured m times."""
+    return ErrorModel(A=[[1]], B=[[1]], C=np.ones((m, 1)), D=np.eye(m), period=1.0)
+
+
+def test_as_many_components_as_an_integer_has_bits_for() -> None:
+    rng = np.random.default_rng(41)
+    y = rng.normal(size=(2, 3, 62, 4))
+    y[rng.random(y.shape) < 0.3] = np.nan
+    y[:, 1, :-1, 0] = np.nan  # the highest alone is told from none
+    options = {"initial_covariance": np.eye(1)}
+    found = run_federated(wide(62), y, measurement_covariance=[np.eye(62)] * 2, **options)
+    expected = run_kalman(wide(124), np.concatenate(y, axis=1), **options)
+    assert found == pytest.approx(expected, abs=1e-10)
+    with pytest.raises(ParameterError, match="measurements is of 63 "):
+        run_federated(wide(63), np.zeros((1, 3, 63, 2)), measurement_covariance=[np.eye(63)],
+                      **options)  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("measurements", np.zeros((2, 5, 2, 1))),
+        ("measurement_covariance", np.eye(3)),
+        ("measurement_covariance", np.zeros((2, 3, 3))),
+        ("initial_covariance", np.zeros((2, 2))),
+        ("process_covariance", -np.eye(2)),
+        ("process_covariance", np.eye(3)),
+        ("initial_state", np.zeros(3)),
+    ],
+)
+def test_what_does_not_fit_is_refused(name: str, value: np.ndarray) -> None:
+    given = {
+        "measurements": np.zeros((2, 5, 3, 1)),
+        "measurement_covariance": [np.eye(3)] * 2,
+        "initial_covariance": np.eye(2),
+    }
+    model = random_model(np.random.default_rng(1), 2, 3)
+    with pytest.raises(ParameterError) as caught:
+        run_federated(model, **(given | {name: value}))
+    assert caught.value.name == name
+
+
+def test_a_state_that_becomes_certain_is_refused() -> None:
+    model = ErrorModel(A=np.diag([1, 0]), B=np.zeros((2, 1)), C=np.eye(2), D=np.eye(2), period=1.0)
+    with pytest.raises(ParameterError, match="process_covariance is singular"):
+        run_federated(model, np.zeros((1, 3, 2, 1)), measurement_covariance=[np.eye(2)],
+                      initial_covariance=np.eye(2))  # fmt: skip
