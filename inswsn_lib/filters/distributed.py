@@ -29,6 +29,7 @@ from inswsn_lib.filters.inputs import (
     is_one_of,
 )
 from inswsn_lib.lmi import FilterDesign, design_fusion
+from inswsn_lib.lmi.designs import Solver
 from inswsn_lib.lmi.fusion import check_options
 from inswsn_lib.models import ErrorModel
 
@@ -217,6 +218,8 @@ def handover_weights(
     noise: Literal["common", "independent"] = "common",
     structure: Literal["full", "block"] = "full",
     margin: float = 0.01,
+    *,
+    solver: Solver | tuple[Solver, ...] = "clarabel",
 ) -> dict[Pattern, Array]:
     """Design the weights of the centre for each pattern of clusters that hear the node.
 
@@ -226,7 +229,7 @@ def handover_weights(
         The filters of the N clusters.
     patterns : iterable of tuples of N bools
         For example from `patterns_of`.
-    noise, structure, margin
+    noise, structure, margin, solver
         See `inswsn_lib.lmi.design_fusion`, which designs the weights of the clusters that hear the
         node. One that hears it alone has the weight I.
 
@@ -272,7 +275,7 @@ def handover_weights(
             found[pattern][members[0]] = np.eye(n)
         else:
             chosen = [designs[c] for c in members]
-            fusion = design_fusion(chosen, noise, structure, margin=margin)
+            fusion = design_fusion(chosen, noise, structure, margin=margin, solver=solver)
             found[pattern][members] = fusion.weights
     return found
 

@@ -26,6 +26,7 @@ from inswsn_lib.filters import (
     run_switched,
 )
 from inswsn_lib.lmi import FilterDesign, InfeasibleDesignError, design_filter
+from inswsn_lib.lmi.designs import Solver
 from inswsn_lib.models import ErrorModel
 from inswsn_lib.scenario import Setting, load_scenario, with_values
 from inswsn_lib.simulation import ClusterScene
@@ -101,6 +102,8 @@ class ClusterFusion:
         Fixes in a window.
     accelerometer_bias : float
         Of both accelerometers, m/s^2.
+    solver : {"clarabel", "scs"}
+        Of the designs; where an answer of SCS is refused, Clarabel is asked.
 
     Examples
     --------
@@ -126,6 +129,7 @@ class ClusterFusion:
     velocity_noise: float = 0.126
     velocity_fixes: int = 25
     accelerometer_bias: float = 0.15
+    solver: Solver = "clarabel"
 
     @cached_property
     def settings(self) -> dict[str, Setting]:
@@ -226,7 +230,8 @@ class ClusterFusion:
         self, acceleration: float, factor: float, weight: float
     ) -> list[FilterDesign]:
         """Return the local H-infinity filters; L weighs velocities by a number."""
-        return [design_filter(m) for m in self._weighed(acceleration, factor, weight)]
+        models = self._weighed(acceleration, factor, weight)
+        return [design_filter(m, solver=self._solvers) for m in models]
 
     def distributed(
         self,
@@ -239,7 +244,9 @@ class ClusterFusion:
     ) -> Estimator:
         """Return P2's distributed H-infinity filter with restart, weights for each set."""
         designs = self.local_designs(acceleration, factor, weight)
-        weights = handover_weights(designs, for_sets or self.sets, noise, "block")
+        weights = handover_weights(
+            designs, for_sets or self.sets, noise, "block", solver=self._solvers
+        )
         return lambda y, **options: run_distributed(designs, y, weights=weights, **options)
 
     def central_hf(
@@ -256,7 +263,7 @@ class ClusterFusion:
         for heard in for_sets or self.sets:
             inside = [m for m, there in zip(models, heard, strict=True) if there]
             C, D = np.vstack([m.C for m in inside]), block_diag(*[m.D for m in inside])
-            gains[heard] = design_filter(replace(inside[0], C=C, D=D))
+            gains[heard] = design_filter(replace(inside[0], C=C, D=D), solver=self._solvers)
         return lambda y: run_switched(gains, y)
 
     def with_bias(self, walk: float, factor: float) -> Estimator:
@@ -330,6 +337,10 @@ class ClusterFusion:
             for column, size in zip(columns, planar_rms(error), strict=True)
         }
         return Scores(methods=METHODS, columns=columns, values=values, headline="position")
+
+    @property
+    def _solvers(self) -> tuple[Solver, ...]:
+        return (self.solver, "clarabel")
 
     def _weighed(self, acceleration: float, factor: float, weight: float) -> list[ErrorModel]:
         known = widen_velocities(self.scene.mean_covariance, factor)
