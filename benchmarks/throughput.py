@@ -136,7 +136,7 @@ def designs() -> list[Row]:
         gamma, *_ = problems.smallest_gamma(model)
         problems.least_variance(model, 1.01 * gamma)
         whole.append(time.perf_counter() - began)
-        inside.append(sum(p.solver_stats.solve_time for p in (problems._first, problems._second)))
+        inside.append(sum(p.solver_stats.solve_time for p in (problems.first, problems.second)))
     certified = best_of(lambda: certify(MODEL, design.P, design.gain, design.level, "exact"))
     ratio = float(np.median(np.array(whole) / np.array(inside)))
     solved = float(np.median(inside))

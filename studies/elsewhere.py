@@ -2,11 +2,11 @@
 
     python studies/elsewhere.py [--variant threads-2] [--only 02] [--jobs 2]
 
-Executes the chapters again with one thing of their surroundings changed and holds
-what they find against data/published. What comes of it
-is kept in data/elsewhere.json, from which the book's page is made. One variant takes about as long
-as the book does, SCS longer. The study may be stopped at any time: runs that have ended are in
-the store and are not made again.
+Executes the chapters again with one thing of their surroundings changed and holds what they find
+against data/published. What comes of it is kept in data/elsewhere.json, from which the book's page
+is made. One variant takes about as long as the book does. SCS takes longer; it is a parameter, and
+only the chapters that declare it are run. The study may be stopped at any time: runs that have
+ended are in the store and are not made again.
 
 Cells that are not asked for stay as they were stored. What a build of the same chapters by another
 Python or on another machine has found needs no run here: give the folder of its results files, such
@@ -24,8 +24,8 @@ import argparse
 import math
 import platform
 import sys
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -33,6 +33,7 @@ from typing import Annotated, Any, Literal
 from inswsn_book.compare import Change, flipped_verdicts, pair_quantities
 from inswsn_book.files import file_digest, text_digest, tree_digest, write_whole
 from inswsn_book.ledger import LEDGER, claims_of, load_claims
+from inswsn_book.parameters import Value, chapter_schema
 from inswsn_book.progress import Quiet
 from inswsn_book.project import Chapter, Project
 from inswsn_book.provenance import machine_facts, repository_state
@@ -149,8 +150,9 @@ _SURROUNDINGS = {
     "threads-2": Surroundings(threads=2),
     "older-processor": Surroundings(variables=_OLDER),
     "hash-seed": Surroundings(variables={"PYTHONHASHSEED": "1"}),
-    "scs": Surroundings(solver="scs"),
 }
+# What runs here with other parameters, in the chapters that declare them.
+_PARAMETERS = {"scs": {"solver": "scs"}}
 
 
 @dataclass(frozen=True)
@@ -160,12 +162,20 @@ class Variant:
     id: str  # for another Python ``"python-3.13"``
     surroundings: Surroundings
     version: str  # of Python
+    parameters: Mapping[str, Value] = field(default_factory=dict)
+
+    def request(self, project: Project, chapter: Chapter) -> Request | None:
+        """Return what is run of a chapter; None if it does not declare the parameters."""
+        if not {*self.parameters} <= {*chapter_schema(project.root, chapter.number).defaults}:
+            return None
+        return Request(chapter.number, self.parameters, self.surroundings)
 
 
 def variants() -> list[Variant]:
     """Return the variants that run here."""
     own = platform.python_version()
-    return [Variant(name, given, own) for name, given in _SURROUNDINGS.items()]
+    around = [Variant(name, given, own) for name, given in _SURROUNDINGS.items()]
+    return around + [Variant(name, Surroundings(), own, g) for name, g in _PARAMETERS.items()]
 
 
 def found_elsewhere(
@@ -327,22 +337,22 @@ def asked_for(names: list[str]) -> list[Variant]:
 
 
 def run_study(
-    project: Project, todo: list[tuple[Variant, Chapter]], jobs: int | None, progress: Quiet
+    project: Project,
+    todo: list[tuple[Variant, Chapter, Request]],
+    jobs: int | None,
+    progress: Quiet,
 ) -> None:
     """Run what has not been run, and put the cells of all that has ended into the file."""
     cells: list[Cell] = []
 
     def ended(place: int, outcome: Outcome) -> None:
-        variant, chapter = todo[place]
+        variant, chapter, _ = todo[place]
         found = outcome.results if isinstance(outcome, Run) else outcome
         cells.append(compared(project, variant, chapter, found))
         progress.say(line_of(cells[-1], chapter))
 
-    requests = [
-        Request(chapter.number, surroundings=variant.surroundings) for variant, chapter in todo
-    ]
     try:
-        run_all(project, requests, progress, ended, jobs=jobs)
+        run_all(project, [request for *_, request in todo], progress, ended, jobs=jobs)
     finally:
         keep(project, cells)
 
@@ -394,7 +404,12 @@ def main() -> None:
                 file_results(project, given.results, chapters, progress)
                 return
             chosen = asked_for(given.variant)
-            todo = [(variant, chapter) for variant in chosen for chapter in chapters]
+            todo = [
+                (variant, chapter, request)
+                for variant in chosen
+                for chapter in chapters
+                if (request := variant.request(project, chapter)) is not None
+            ]
             progress.say(f"elsewhere: {len(todo)} runs, of which those kept are not made again")
             run_study(project, todo, given.jobs, progress)
     except InswsnError as error:

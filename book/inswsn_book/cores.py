@@ -8,10 +8,8 @@ is no field changes other sections of the chapter only.
 from __future__ import annotations
 
 import json
-import os
 import re
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
 from dataclasses import fields
 from importlib import import_module
 from pathlib import Path
@@ -30,7 +28,6 @@ if TYPE_CHECKING:
 SCORES = "scores.json"
 # What a core may read, beside its parameters
 _SCENARIOS = "data/scenarios"
-_SOLVER_VARIABLE = "INSWSN_SOLVER"
 
 
 def core_name(source: str) -> str | None:
@@ -50,15 +47,17 @@ def load_core(name: str) -> type[Any]:
 
 
 def run_core(
-    root: Path, chapter: Chapter, values: Mapping[str, Value], threads: int, solver: str
+    root: Path, chapter: Chapter, values: Mapping[str, Value], threads: int
 ) -> tuple[Results, dict[str, str]]:
     """Compute the core of a chapter; return its scores as results and as the file `SCORES`."""
+    from threadpoolctl import threadpool_limits  # noqa: PLC0415  # the parent needs no numerics
+
     name = core_name(chapter.source.read_text(encoding="utf-8"))
     if name is None:
         raise InswsnError(f"Chapter {chapter.number} has no core.")
     core = load_core(name)
     own = {field.name for field in fields(core)}
-    with _surrounded(threads, solver):
+    with threadpool_limits(threads):
         scores: Scores = core(**{n: v for n, v in values.items() if n in own}).scores()
     scenarios = sorted((root / _SCENARIOS).glob("*.yaml"))
     results = Results(
@@ -93,19 +92,3 @@ def _quantities(scores: Scores) -> Iterator[Quantity]:
             how=f"{row['column']}, {scores.methods[row['method']]}: median over runs.",
             tolerance=float(f"{1e-3 * abs(median) + 1e-6:.0e}"),
         )
-
-
-@contextmanager
-def _surrounded(threads: int, solver: str) -> Iterator[None]:
-    """Let the linear algebra have so many threads, and name the solver, for a while."""
-    from threadpoolctl import threadpool_limits  # noqa: PLC0415  # the parent needs no numerics
-
-    before = os.environ.get(_SOLVER_VARIABLE)
-    os.environ[_SOLVER_VARIABLE] = solver
-    try:
-        with threadpool_limits(threads):
-            yield
-    finally:
-        os.environ.pop(_SOLVER_VARIABLE, None)
-        if before is not None:
-            os.environ[_SOLVER_VARIABLE] = before

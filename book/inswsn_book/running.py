@@ -78,13 +78,11 @@ def run_chapter(
     """
     name = project.find(number).name
     text = yaml.safe_dump(chapter_schema(project.root, number).check(values), sort_keys=False)
-    surroundings = runs.chosen_surroundings()
-    suffix = "" if surroundings.solver == runs.SOLVERS[0] else f"-{surroundings.solver}"
-    folder = out or project.root / "runs" / f"{name}-{text_digest(text)[:8]}{suffix}"
+    folder = out or project.root / "runs" / f"{name}-{text_digest(text)[:8]}"
     check_folder(folder)
     if html:
         runs.book_runs(project)  # refused before the chapter runs rather than after
-    done = runs.run(project, runs.Request(number, values, surroundings), progress, fresh=fresh)
+    done = runs.run(project, runs.Request(number, values), progress, fresh=fresh)
     notebook = nbformat.reads(done.notebook, as_version=4)
     own = with_notes(notebook, done.results, (), environment(project.root))
     with made_folder(folder) as made:

@@ -40,8 +40,6 @@ _FORM = 6
 # How many digits of a key tell the library, the locks and the chapter's source; and how many
 # entries of a chapter are kept that were made from others than the present ones.
 _ORIGIN, _KEPT = 12, 3
-# Named here again: what executes chapters imports no numerics. A test holds them to be the same.
-SOLVER_VARIABLE, SOLVERS = "INSWSN_SOLVER", ("clarabel", "scs")
 
 
 @dataclass(frozen=True)
@@ -49,16 +47,7 @@ class Surroundings:
     """What a chapter is executed in, beside its sources and its environment."""
 
     threads: int = 1  # that the linear algebra may use
-    solver: str = SOLVERS[0]  # of convex problems, where a design does not name one
     variables: Mapping[str, str] = field(default_factory=dict)  # set on top of all others
-
-
-def chosen_surroundings() -> Surroundings:
-    """Return those of the book, but for the solver that ``INSWSN_SOLVER`` names."""
-    solver = os.environ.get(SOLVER_VARIABLE) or SOLVERS[0]
-    if solver not in SOLVERS:
-        raise ParameterError(SOLVER_VARIABLE, solver, 'one of "clarabel", "scs"')
-    return Surroundings(solver=solver)
 
 
 @dataclass(frozen=True)
@@ -131,7 +120,7 @@ def _prepare(project: Project, request: Request) -> _Prepared:
             if schema[name].rule == REGRESSOR_RULE
         ],
         "python": platform.python_version(),
-        "surroundings": [around.threads, around.solver, dict(around.variables)],
+        "surroundings": [around.threads, dict(around.variables)],
         "overlay": {name: text_digest(text) for name, text in request.overlay.items()},
         "recorded data": data_mirror() is not None,
         "core": request.core,
@@ -305,8 +294,8 @@ def _run_and_keep(
     prepared = _prepare(project, request)
     (commit, clean), began = repository_state(project.root), time.monotonic()
     if request.core:
-        values, around = prepared.schema.check(request.parameters), request.surroundings
-        found = run_core(project.root, prepared.chapter, values, around.threads, around.solver)
+        values, threads = prepared.schema.check(request.parameters), request.surroundings.threads
+        found = run_core(project.root, prepared.chapter, values, threads)
         done, machine = Run(request, found[0], None, found[1]), machine_facts()
     else:
         done, machine = _execute(project, request, prepared, progress, kernels)
@@ -431,7 +420,6 @@ def _environment(project: Project, surroundings: Surroundings) -> dict[str, str]
         kept[DATA_VARIABLE] = str(Path(kept[DATA_VARIABLE]).absolute())
     return kept | {
         **{f"{name}_NUM_THREADS": str(surroundings.threads) for name in threads},
-        SOLVER_VARIABLE: surroundings.solver,
         "PYTHONHASHSEED": "0",
         "PYDEVD_DISABLE_FILE_VALIDATION": "1",
         "MPLCONFIGDIR": str(project.build / "matplotlib"),  # its font cache, and no settings

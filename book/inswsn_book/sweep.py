@@ -25,7 +25,7 @@ from inswsn_book.progress import Progress, Quiet
 from inswsn_book.project import Chapter, Project, is_checkout
 from inswsn_book.provenance import available_cores, machine_facts, repository_state
 from inswsn_book.running import gather_parameters
-from inswsn_book.runs import Request, Run, chosen_surroundings, keep, lookup, request_key, run
+from inswsn_book.runs import Request, Run, keep, lookup, request_key, run
 from inswsn_lib import __version__
 from inswsn_lib.errors import BuildError, InswsnError, ParameterError
 
@@ -63,9 +63,9 @@ class Sweep:
     @property
     def requests(self) -> list[Request]:
         """What is run in each cell."""
-        around, core = chosen_surroundings(), self.core is not None
+        core = self.core is not None
         return [
-            Request(self.chapter.number, {**self.settings, **place}, around, core=core)
+            Request(self.chapter.number, {**self.settings, **place}, core=core)
             for place in self.places
         ]
 
@@ -119,7 +119,7 @@ def run_sweep(
     """
     if dask is not None and jobs is not None:
         raise ParameterError("--jobs", jobs, "left out: the cluster of --dask has its own workers")
-    wanted = json.dumps([sweep.axes, sweep.settings, chosen_surroundings().solver])
+    wanted = json.dumps([sweep.axes, sweep.settings])
     name = f"{sweep.chapter.name}-sweep-{text_digest(wanted)[:8]}"
     folder = out or project.root / "runs" / name
     check_folder(folder)
@@ -334,7 +334,6 @@ def _provenance(project: Project, sweep: Sweep) -> str:
         "core": sweep.core,
         "grid": {name: list(values) for name, values in sweep.axes.items()},
         "parameters": sweep.schema.check(sweep.settings),
-        "solver": chosen_surroundings().solver,
         "machine of the command": machine_facts(),
     }
     return json.dumps(facts, indent=2, ensure_ascii=False) + "\n"

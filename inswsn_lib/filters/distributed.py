@@ -34,7 +34,7 @@ from inswsn_lib.filters.inputs import (
     present,
     times,
 )
-from inswsn_lib.lmi import FilterDesign
+from inswsn_lib.lmi.designs import FilterDesign, Solver
 
 Handover = Literal["restart", "constant", "fading"]
 
@@ -177,6 +177,7 @@ def handover_weights(
     structure: Literal["full", "block"] = "full",
     *,
     margin: float = 0.01,
+    solver: Solver | tuple[Solver, ...] = "clarabel",
 ) -> dict[Pattern, Array]:
     """Design the weights of the centre for each pattern of clusters that hear the node.
 
@@ -186,7 +187,7 @@ def handover_weights(
         The filters of the N clusters.
     patterns : iterable of tuples of N bools
         For example from `patterns_of`.
-    noise, structure, margin
+    noise, structure, margin, solver
         As in `design_fusion`, which designs the weights of the clusters that hear the node. One
         that hears it alone has the weight I.
 
@@ -217,7 +218,8 @@ def handover_weights(
         if len(members) == 1:
             found[pattern][members] = np.eye(len(A))
         else:
-            fusion = design_fusion([designs[c] for c in members], noise, structure, margin=margin)
+            chosen = [designs[c] for c in members]
+            fusion = design_fusion(chosen, noise, structure, margin=margin, solver=solver)
             found[pattern][members] = fusion.weights
     return found
 

@@ -1,42 +1,59 @@
-"""What a design of an H-infinity filter gives, and what vouches for it; numpy alone."""
+"""What a design holds: its gain or its weights, its bound, and its certificate."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Literal
 
+import numpy as np
+
 from inswsn_lib.checks import Array
+from inswsn_lib.errors import InswsnError
 from inswsn_lib.models import ErrorModel
 
 Form = Literal["exact", "printed"]
+Noise = Literal["common", "independent"]
+Structure = Literal["full", "block"]
+Solver = Literal["clarabel", "scs"]
+
+
+class InfeasibleDesignError(InswsnError):
+    """No filter satisfies the inequality, or none could be certified; the message says which.
+
+    Examples
+    --------
+    A state that grows and is not seen has no filter:
+
+    >>> import inswsn_lib as iw
+    >>> try:
+    ...     iw.design_filter(iw.ErrorModel(A=[[2]], B=[[1]], C=[[0]], D=[[1]], period=1.0))
+    ... except iw.InfeasibleDesignError as error:
+    ...     print(error)
+    No solution of the inequality was found: the solver says infeasible.
+    """
 
 
 @dataclass(frozen=True)
 class Certificate:
-    """What vouches for a design, computed without the solver.
+    """What vouches for a filter, computed without the solver.
 
     Attributes
     ----------
     largest_eigenvalue : float
-        Of the left side of the inequality at the solution, over the largest entry of that matrix;
-        negative up to rounding.
+        Of the left side of the inequality, over its largest entry; negative up to rounding.
     smallest_eigenvalue_p : float
         Over the largest; positive.
     norm : float
         H-infinity norm of the error system without jitter, from its frequency response.
     stochastic : bool
-        Whether a gain below the design level is confirmed with the jitter as (2.11) has it: by the
-        Riccati iteration, or by the norm if there is no jitter.
+        Whether a gain below the level is confirmed with the jitter as (2.11) has it.
 
     Examples
     --------
-    >>> from inswsn_lib.lmi import design_filter
-    >>> from inswsn_lib.models import ErrorModel
-    >>> model = ErrorModel(A=[[1]], B=[[1]], C=[[1]], D=[[1]], L=[[1]], E=[[0]], period=1.0)
-    >>> design = design_filter(model)
-    >>> certificate = design.certificate
-    >>> certificate.norm <= design.level * (1 + 1e-6), certificate.stochastic
-    (True, True)
+    >>> import inswsn_lib as iw
+    >>> model = iw.ErrorModel(A=[[1]], B=[[1]], C=[[1]], D=[[1]], period=1.0)
+    >>> print(f"{iw.design_filter(model, margin=1e-6).certificate.norm:.4f}")  # the root of 2
+    1.4142
     """
 
     largest_eigenvalue: float
@@ -61,26 +78,20 @@ class FilterDesign:
         The bound that the gain was designed for, slightly above `gamma`; certified.
     gain : ndarray, (n, m)
         B_f.
-    A_f : ndarray, (n, n)
-        A - B_f C.
     P : ndarray, (n, n)
         The solution of the inequality at `level`.
     certificate : Certificate
-        See there.
-    buildable : bool
-        Whether the filter can be built so that (2.11) describes its error: only without jitter,
-        since A_f would have to contain E times a number that nobody knows.
+        Of a gain that has passed it.
     status : str
-        What the solver said.
-    solver : str
-        Its name: "Clarabel" or "SCS".
+        What the solver said: "optimal", or "optimal_inaccurate".
+    solver : {"clarabel", "scs"}
+        Who said it.
 
     Examples
     --------
-    >>> from inswsn_lib.lmi import design_filter
-    >>> from inswsn_lib.models import ErrorModel
-    >>> model = ErrorModel(A=[[1]], B=[[1]], C=[[1]], D=[[1]], L=[[1]], E=[[0]], period=1.0)
-    >>> design = design_filter(model, margin=0.05)
+    >>> import inswsn_lib as iw
+    >>> model = iw.ErrorModel(A=[[1]], B=[[1]], C=[[1]], D=[[1]], period=1.0)
+    >>> design = iw.design_filter(model, margin=0.05)
     >>> print(f"{design.gamma:.3f} {design.level:.3f} {design.gain.item():.2f} {design.buildable}")
     1.414 1.485 0.94 True
     """
@@ -90,9 +101,97 @@ class FilterDesign:
     gamma: float
     level: float
     gain: Array
-    A_f: Array
     P: Array
     certificate: Certificate
-    buildable: bool
     status: str
-    solver: str = "Clarabel"
+    solver: Solver
+
+    @property
+    def A_f(self) -> Array:  # noqa: N802  # as in the papers
+        """A - B_f C, (n, n)."""
+        return self.model.A - self.gain @ self.model.C
+
+    @property
+    def error_system(self) -> tuple[Array, Array, Array]:
+        """A_f, [B, -B_f D] and L: how process and measurement noise drive the error, (2.11)."""
+        return self.A_f, np.hstack([self.model.B, -self.gain @ self.model.D]), self.model.L
+
+    @property
+    def buildable(self) -> bool:
+        """Whether (2.11) is the error of a filter that can be built: only without jitter.
+
+        With it, A_f would have to contain E times a number that nobody knows.
+        """
+        return not self.model.E.any()
+
+
+@dataclass(frozen=True)
+class FusionCertificate:
+    """What vouches for the weights of a fusion, computed without the solver.
+
+    Attributes
+    ----------
+    largest_eigenvalue : float
+        Of the left side of the inequality with all clusters in one matrix, over its largest entry;
+        negative up to rounding.
+    weights_sum_error : float
+        The largest entry of the sum of the weights less the identity.
+    norm : float
+        H-infinity norm of the fused error, from its frequency response.
+
+    Examples
+    --------
+    >>> import inswsn_lib as iw
+    >>> model = iw.ErrorModel(A=[[1]], B=[[1]], C=[[1]], D=[[1]], period=1.0)
+    >>> fusion = iw.design_fusion([iw.design_filter(model, margin=1e-6)] * 2)
+    >>> print(f"{fusion.certificate.norm:.4f}")  # the root of 3/2
+    1.2247
+    """
+
+    largest_eigenvalue: float
+    weights_sum_error: float
+    norm: float
+
+
+@dataclass(frozen=True, eq=False)
+class FusionDesign:
+    """The weights of a fused estimate (P2 6).
+
+    Attributes
+    ----------
+    designs : tuple of FilterDesign
+        The N local filters.
+    noise : {"common", "independent"}
+        Whether the clusters share their process noise.
+    structure : {"full", "block"}
+        Of P.
+    gamma, level : float
+        As in `FilterDesign`, of the gain from the noise to the fused error seen through L.
+    weights : ndarray, (N, n, n)
+        M_c.
+    P : ndarray, (N n, N n) or (N, n, n)
+        The solution of the inequality at `level`; with the structure "block" its diagonal blocks.
+    certificate : FusionCertificate
+        Of weights that have passed it.
+    status, solver : str
+        As in `FilterDesign`.
+
+    Examples
+    --------
+    >>> import inswsn_lib as iw
+    >>> model = iw.ErrorModel(A=[[1]], B=[[1]], C=[[1]], D=[[1]], period=1.0)
+    >>> fusion = iw.design_fusion([iw.design_filter(model)] * 2, structure="block")
+    >>> fusion.weights.shape, fusion.P.shape, fusion.solver
+    ((2, 1, 1), (2, 1, 1), 'clarabel')
+    """
+
+    designs: tuple[FilterDesign, ...]
+    noise: Noise
+    structure: Structure
+    gamma: float
+    level: float
+    weights: Array
+    P: Array
+    certificate: FusionCertificate
+    status: str
+    solver: Solver

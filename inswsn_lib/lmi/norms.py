@@ -1,21 +1,19 @@
-"""Worst-case gains of linear systems, computed without the convex problems they are to certify."""
+"""Norms of linear systems from their frequency response, and searches that other gains share."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.linalg import eigvals, lapack
-from scipy.optimize import minimize_scalar
+from scipy.linalg import eigvals
 
-from inswsn_lib.errors import ParameterError
-
-Array = NDArray[np.float64]
+from inswsn_lib.checks import Array, array, matrices, number
 
 _ON_CIRCLE = 1e-7
-_SWEEP = 512
-_REFINED = 8
-_DOUBLINGS = 12
-_HIGHEST = 1e100  # of a gain, whose square must be a number
+# of a sweep over frequencies: first points, peaks refined, points for each, and how often
+_SWEEP, _REFINED, _ZOOM, _ZOOMS = 512, 8, 33, 4
 
 
 def spectral_radius(A: ArrayLike) -> float:
@@ -24,11 +22,6 @@ def spectral_radius(A: ArrayLike) -> float:
     Parameters
     ----------
     A : array_like, (n, n)
-        The matrix.
-
-    Returns
-    -------
-    float
 
     Raises
     ------
@@ -37,13 +30,11 @@ def spectral_radius(A: ArrayLike) -> float:
 
     Examples
     --------
-    >>> from inswsn_lib.lmi import spectral_radius
-    >>> print(f"{spectral_radius([[0.0, 0.25], [-1.0, 0.0]]):.3f}")  # eigenvalues +- 0.5 j
+    >>> import inswsn_lib as iw
+    >>> print(f"{iw.spectral_radius([[0.0, 0.25], [-1.0, 0.0]]):.3f}")  # eigenvalues +- 0.5 j
     0.500
     """
-    matrix = matrix_of("A", A)
-    if matrix.shape[0] != matrix.shape[1]:
-        raise ParameterError("A", f"of shape {matrix.shape}", "square")
+    (matrix,) = matrices(A=(A, "nn"))
     return float(np.abs(np.linalg.eigvals(matrix)).max())
 
 
@@ -53,7 +44,6 @@ def largest_singular_value(A: ArrayLike, B: ArrayLike, C: ArrayLike, angles: Arr
     Parameters
     ----------
     A, B, C : array_like, (n, n), (n, p), (l, n)
-        The system.
     angles : array_like, (k,)
         Frequencies, radians per sample.
 
@@ -70,23 +60,17 @@ def largest_singular_value(A: ArrayLike, B: ArrayLike, C: ArrayLike, angles: Arr
     --------
     :math:`1 / (z - 1/2)` at z = 1 and at z = -1:
 
-    >>> import numpy as np
-    >>> from inswsn_lib.lmi import largest_singular_value
-    >>> largest_singular_value([[0.5]], [[1.0]], [[1.0]], [0.0, np.pi]).round(4).tolist()
+    >>> import inswsn_lib as iw
+    >>> iw.lmi.largest_singular_value([[0.5]], [[1.0]], [[1.0]], [0.0, 3.14159]).round(4).tolist()
     [2.0, 0.6667]
     """
-    A, B, C = checked_system(A, B, C)
-    turns = np.asarray(angles, dtype=float)
-    if turns.ndim != 1 or not np.isfinite(turns).all():
-        raise ParameterError("angles", f"of shape {turns.shape}", "finite, (k,)")
-    return _largest(A, B, C, turns)
+    A, B, C = matrices(A=(A, "nn"), B=(B, "np"), C=(C, "ln"))
+    return _sizes(A, B, C, array("angles", angles, ("k",)))
 
 
-def _largest(A: Array, B: Array, C: Array, turns: Array) -> Array:
-    z = np.exp(1j * turns)[:, None, None]
-    response = C @ np.linalg.solve(
-        z * np.eye(len(A)) - A, np.broadcast_to(B, (z.shape[0], *B.shape))
-    )
+def _sizes(A: Array, B: Array, C: Array, angles: Array) -> Array:
+    z = np.exp(1j * angles)[:, None, None]
+    response = C @ np.linalg.solve(z * np.eye(len(A)) - A, B)
     return np.asarray(np.linalg.svd(response, compute_uv=False)[:, 0])
 
 
@@ -104,10 +88,10 @@ def hinf_norm(A: ArrayLike, B: ArrayLike, C: ArrayLike, relative: float = 1e-10)
 
     Parameters
     ----------
-    A, B, C : array_like, (n, n), (n, p), (l, n)
-        The system.
+    A, B, C
+        As in `largest_singular_value`.
     relative : float
-        Relative accuracy.
+        Relative accuracy, from 1e-14 to below 1.
 
     Returns
     -------
@@ -117,25 +101,26 @@ def hinf_norm(A: ArrayLike, B: ArrayLike, C: ArrayLike, relative: float = 1e-10)
     Raises
     ------
     ParameterError
-        If shapes do not fit, or an entry is not finite.
+        If shapes do not fit, an entry is not finite, or there is no such accuracy.
 
     Examples
     --------
     For one state the peak is at the frequency zero: :math:`1 / (1 - 1/2)`:
 
-    >>> from inswsn_lib.lmi import hinf_norm
-    >>> print(f"{hinf_norm([[0.5]], [[1.0]], [[1.0]]):.6f}")
+    >>> import inswsn_lib as iw
+    >>> print(f"{iw.hinf_norm([[0.5]], [[1.0]], [[1.0]]):.6f}")
     2.000000
-    >>> hinf_norm([[1.0]], [[1.0]], [[1.0]])
+    >>> iw.hinf_norm([[1.0]], [[1.0]], [[1.0]])
     inf
     """
-    A, B, C = checked_system(A, B, C)
-    checked_relative(relative)
-    if spectral_radius(A) >= 1:
+    A, B, C = matrices(A=(A, "nn"), B=(B, "np"), C=(C, "ln"))
+    number("relative", relative, least=1e-14, below=1)
+    poles = np.linalg.eigvals(A)
+    if np.abs(poles).max() >= 1:
         return float("inf")
     B, C, size = of_size_one(B, C)
-    level = _top_of_sweep(A, B, C)
-    if level == 0 or size == 0:
+    level = swept_peak(lambda angles: _sizes(A, B, C, angles), poles)
+    if level == 0:
         return 0.0
     for _ in range(60):
         crossings = _crossings(A, B, C, level * (1 + 2 * relative))
@@ -143,31 +128,31 @@ def hinf_norm(A: ArrayLike, B: ArrayLike, C: ArrayLike, relative: float = 1e-10)
             break
         middles = (crossings + np.roll(crossings, -1)) / 2
         middles[-1] += np.pi  # the last interval reaches over the cut at pi
-        raised = float(largest_singular_value(A, B, C, middles).max())
+        raised = float(_sizes(A, B, C, middles).max())
         if raised <= level * (1 + relative):
             break
         level = raised
     return level * size
 
 
-def _top_of_sweep(A: Array, B: Array, C: Array) -> float:
-    """Return the largest singular value over a grid of frequencies, its peaks refined."""
-    poles = np.abs(np.angle(np.linalg.eigvals(A)))
-    width = np.maximum(1 - np.abs(np.linalg.eigvals(A)), 1e-12)  # of the peak of a pole
-    near = np.concatenate([poles + k * width for k in (-1, 0, 1)])
-    angles = np.unique(np.clip(np.concatenate([np.linspace(0, np.pi, _SWEEP), near]), 0, np.pi))
-    sizes = _largest(A, B, C, angles)
-    best = sizes.max()
-    beside = np.pad(sizes, 1, constant_values=-np.inf)
-    peaks = np.flatnonzero((sizes >= beside[:-2]) & (sizes >= beside[2:]))
-    for k in peaks[np.argsort(sizes[peaks])[-_REFINED:]]:
-        around = angles[max(k - 1, 0)], angles[min(k + 1, len(angles) - 1)]
-        peak = minimize_scalar(
-            lambda angle: -_largest(A, B, C, np.array([angle]))[0],
-            bounds=around, method="bounded", options={"xatol": 1e-12},
-        )  # fmt: skip
-        best = max(best, -peak.fun)
-    return float(best)
+def swept_peak(sizes: Callable[[Array], Array], poles: NDArray[Any]) -> float:
+    """Return the largest value of a function of frequencies, over a grid with its peaks refined.
+
+    The grid, (k,), has points of its own where `poles` may make a narrow peak.
+    """
+    width = np.maximum(1 - np.abs(poles), 1e-12)
+    near = np.abs(np.angle(poles)) + np.outer([-1, 0, 1], width)
+    angles = np.unique(np.clip([*np.linspace(0, np.pi, _SWEEP), *near.ravel()], 0, np.pi))
+    best = 0.0
+    for _ in range(_ZOOMS + 1):
+        found = sizes(angles)
+        best = max(best, float(found.max()))
+        beside = np.pad(found, 1, constant_values=-np.inf)
+        peaks = np.flatnonzero((found >= beside[:-2]) & (found >= beside[2:]))
+        peaks = peaks[np.argsort(found[peaks])[-_REFINED:]]
+        left, right = np.maximum(peaks - 1, 0), np.minimum(peaks + 1, len(angles) - 1)
+        angles = np.unique(np.linspace(angles[left], angles[right], _ZOOM))
+    return best
 
 
 def _crossings(A: Array, B: Array, C: Array, level: float) -> Array:
@@ -181,199 +166,26 @@ def _crossings(A: Array, B: Array, C: Array, level: float) -> Array:
     return np.sort(np.angle(values[np.abs(np.abs(values) - 1) < _ON_CIRCLE]))
 
 
-def riccati_gain_below(
-    A: ArrayLike, E: ArrayLike, B: ArrayLike, L: ArrayLike, gain: float, iterations: int = 20_000
-) -> bool:
-    r"""Tell whether a system with multiplicative noise is stable with a gain below a number.
-
-    The plant is :math:`x^+ = (A + \sum_i E_i\beta_i) x + B s`, :math:`z = L x`, with
-    :math:`\beta_i` white of unit variance and independent of one another. The iteration
-
-    .. math::
-        P^+ = A'PA + \sum_i E_i'PE_i + L'L + A'PB (g^2 I - B'PB)^{-1} B'PA
-
-    from P = 0 rises. If the plant is mean-square stable, it converges with
-    :math:`g^2 I - B'PB > 0` for every g above the gain, and for none below it (El Bouhtouri,
-    Hinrichsen and Pritchard 1999). It converges slowly if g is near the gain, or the plant near
-    instability.
-
-    Parameters
-    ----------
-    A, E, B, L : array_like, (n, n), (n, n) or (k, n, n), (n, p), (l, n)
-        The system; E may be a stack of k matrices, one for each multiplicative noise.
-    gain : float
-        g.
-    iterations : int
-        After which a sequence that still moves counts as one that does not converge.
-
-    Returns
-    -------
-    bool
-        False as well if the sequence has not settled after `iterations`.
-
-    Raises
-    ------
-    ParameterError
-        If a shape does not fit, an entry is not finite, or the gain is not a number.
-
-    Examples
-    --------
-    For A = E = 1/2 and B = L = 1 the gain is :math:`1 + \sqrt 3 = 2.732`:
-
-    >>> from inswsn_lib.lmi import riccati_gain_below
-    >>> half, one = [[0.5]], [[1.0]]
-    >>> [riccati_gain_below(half, half, one, one, gain) for gain in (2.73, 2.74)]
-    [False, True]
-    """
-    A, B, L = checked_system(A, B, L)
-    E = multipliers(E, len(A))
-    B, L, size = of_size_one(B, L)
-    if np.isnan(gain):
-        raise ParameterError("gain", gain, "a number")
-    gain = min(gain / size, _HIGHEST) if size else _HIGHEST
-    if mean_square_radius(A, E) >= 1:
-        return False
-    P, source, level = np.zeros_like(A), L.T @ L, gain**2 * np.eye(B.shape[1])
-    for _ in range(iterations):
-        PB = P @ B
-        # LAPACK itself: what SciPy checks before it calls these takes most of an iteration
-        factor, failed = lapack.dpotrf(level - B.T @ PB)
-        if failed:
-            return False
-        APB = A.T @ PB
-        new = A.T @ P @ A + seen_through(P, E) + source + APB @ lapack.dpotrs(factor, APB.T)[0]
-        new = (new + new.T) / 2
-        if not np.isfinite(new).all():
-            return False
-        # entry by entry: a mode that L hardly sees may still move
-        variances = new.diagonal()
-        size = np.sqrt(np.abs(variances[:, None] * variances))
-        if (np.abs(new - P) <= 1e-12 * size).all():
-            return True
-        P = new
-    return False
-
-
-def mean_square_radius(A: ArrayLike, E: ArrayLike) -> float:
-    """Return the spectral radius of A (x) A + E (x) E: below 1 for mean-square stability.
-
-    Parameters
-    ----------
-    A, E : array_like, (n, n), (n, n) or (k, n, n)
-        Of the plant x+ = (A + E beta) x, with beta white of unit variance; E may be a stack of k
-        matrices, one for each of k independent multiplicative noises, whose terms add.
-
-    Returns
-    -------
-    float
-
-    Raises
-    ------
-    ParameterError
-        If A is not square, E does not fit it, or an entry is not finite.
-
-    Examples
-    --------
-    Stable without the noise, and in the mean square only while :math:`a^2 + e^2 < 1`:
-
-    >>> from inswsn_lib.lmi import mean_square_radius
-    >>> for e in (0.3, 0.5):
-    ...     print(f"{mean_square_radius([[0.9]], [[e]]):.2f}")
-    0.90
-    1.06
-    """
-    a = matrix_of("A", A)
-    if a.shape[0] != a.shape[1]:
-        raise ParameterError("A", f"of shape {a.shape}", "square")
-    each = multipliers(E, len(a))
-    return spectral_radius(np.kron(a, a) + sum(np.kron(e, e) for e in each))
-
-
-def stochastic_gain(
-    A: ArrayLike, E: ArrayLike, B: ArrayLike, L: ArrayLike, relative: float = 1e-6
+def least_level(
+    holds: Callable[[float], bool], low: float, high: float, relative: float, doublings: int
 ) -> float:
-    r"""Return the gain of a system with multiplicative noise by bisection on the Riccati iteration.
+    """Return from above the least level at which something holds, which is not below `low`.
 
-    Parameters
-    ----------
-    A, E, B, L : array_like, (n, n), (n, n) or (k, n, n), (n, p), (l, n)
-        The system of `riccati_gain_below`.
-    relative : float
-        Relative accuracy; for a plant near instability it is not reached, and the result is on the
-        safe side.
-
-    Returns
-    -------
-    float
-        An upper bound; infinite if the system is not mean-square stable.
-
-    Raises
-    ------
-    ParameterError
-        If the plant is so near instability that the iteration does not tell, a shape does not fit,
-        or an entry is not finite.
-
-    Examples
-    --------
-    With one state and A = E = 1/2, B = L = 1 the Riccati equation is quadratic, and has a solution
-    from :math:`g = 1 + \sqrt 3` on. Without the noise the gain is 2:
-
-    >>> from inswsn_lib.lmi import stochastic_gain
-    >>> half, one = [[0.5]], [[1.0]]
-    >>> print(f"{stochastic_gain(half, half, one, one, relative=1e-4):.3f}")
-    2.732
-    >>> print(f"{stochastic_gain(half, [[0.0]], one, one):.3f}")
-    2.000
+    It is infinite if it holds at none of the levels that come from doubling `high`.
     """
-    A, B, L = checked_system(A, B, L)
-    E = multipliers(E, len(A))
-    checked_relative(relative)
-    B, L, size = of_size_one(B, L)
-    if mean_square_radius(A, E) >= 1:
-        return float("inf")
-    low = hinf_norm(A, B, L)  # beta = 0 in the mean: the gain cannot be smaller
-    if low == 0:
-        return 0.0
-    high = low * (1 + relative)
-    for _ in range(_DOUBLINGS):
-        if riccati_gain_below(A, E, B, L, high):
+    for _ in range(doublings + 1):
+        if holds(high):
             break
         low, high = high, 2 * high
     else:
-        raise ParameterError("A, E", "too near instability", "farther from it")
+        return float("inf")
     while high > low * (1 + relative):
-        middle = (low * high) ** 0.5
-        if riccati_gain_below(A, E, B, L, middle):
+        middle = (low + high) / 2
+        if holds(middle):
             high = middle
         else:
             low = middle
-    return high * size
-
-
-def checked_system(A: ArrayLike, B: ArrayLike, C: ArrayLike) -> tuple[Array, Array, Array]:
-    """Return the matrices of a system as floats; refuse shapes that do not fit."""
-    matrices = [matrix_of("A, B, C", matrix) for matrix in (A, B, C)]
-    n = len(matrices[0])
-    shapes = [matrix.shape for matrix in matrices]
-    if shapes[0] != (n, n) or shapes[1][0] != n or shapes[2][1] != n:
-        raise ParameterError("A, B, C", shapes, "(n, n), (n, p), (l, n)")
-    return matrices[0], matrices[1], matrices[2]
-
-
-def matrix_of(name: str, value: ArrayLike) -> Array:
-    """Return a matrix of real, finite numbers with one row and column or more; refuse all else."""
-    try:
-        found = np.asarray(value)
-        real = found.dtype.kind in "fiub"
-        matrix = found.astype(float) if real else None
-    except (TypeError, ValueError):  # ragged lists, texts
-        matrix = None
-    if matrix is None or matrix.ndim != 2 or not matrix.size:
-        raise ParameterError(name, f"of shape {np.shape(value) if matrix is not None else '?'}",
-                             "a matrix of real numbers")  # fmt: skip
-    if not np.isfinite(matrix).all():
-        raise ParameterError(name, "not finite", "finite")
-    return matrix
+    return high
 
 
 def of_size_one(B: Array, C: Array) -> tuple[Array, Array, float]:
@@ -381,33 +193,5 @@ def of_size_one(B: Array, C: Array) -> tuple[Array, Array, float]:
 
     A gain is proportional to both, and its square must neither overflow nor vanish.
     """
-    largest = [float(np.abs(matrix).max()) for matrix in (B, C)]
-    b, c = (size or 1.0 for size in largest)
-    return B / b, C / c, largest[0] * largest[1]
-
-
-def checked_relative(relative: float) -> None:
-    """Raise a ParameterError if a relative accuracy cannot be reached in double precision."""
-    if not 1e-14 <= relative < 1:
-        raise ParameterError("relative", relative, "from 1e-14 to below 1")
-
-
-def multipliers(E: ArrayLike, states: int) -> Array:
-    """Return one matrix of a multiplicative noise, or several, as a stack (k, n, n)."""
-    try:
-        matrix = np.asarray(E, dtype=float)
-    except (TypeError, ValueError):
-        raise ParameterError("E", "not numbers", f"finite, ({states}, {states})") from None
-    stack = matrix[None] if matrix.ndim == 2 else matrix
-    if stack.ndim != 3 or stack.shape[1:] != (states, states) or not np.isfinite(stack).all():
-        raise ParameterError(
-            "E",
-            f"of shape {matrix.shape}",
-            f"finite, ({states}, {states}) or (k, {states}, {states})",
-        )
-    return stack
-
-
-def seen_through(P: Array, stack: Array) -> Array:
-    """Return the sum of E' P E over a stack of multiplicative noises."""
-    return np.asarray((stack.transpose(0, 2, 1) @ P @ stack).sum(axis=0))
+    b, c = (float(np.abs(matrix).max()) or 1.0 for matrix in (B, C))
+    return B / b, C / c, b * c

@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, solve_discrete_are
 
-from inswsn_lib.errors import ParameterError
-from inswsn_lib.lmi.norms import checked_relative, hinf_norm
+from inswsn_lib.checks import Array, number
+from inswsn_lib.errors import Described, ParameterError
+from inswsn_lib.lmi.norms import hinf_norm, least_level
 from inswsn_lib.models import ErrorModel
-
-Array = NDArray[np.float64]
 
 _DOUBLINGS = 120
 _ROUNDING = 1e-9
 _ON_CIRCLE = 1e-9
-_LARGEST = 1e100
 
 
 def riccati_filter(model: ErrorModel, gamma: float) -> Array | None:
@@ -36,9 +33,9 @@ def riccati_filter(model: ErrorModel, gamma: float) -> Array | None:
     Parameters
     ----------
     model : ErrorModel
-        The model, without jitter.
+        Without jitter, with D of full row rank, and noise on each mode on the unit circle.
     gamma : float
-        The bound, positive.
+        The bound, positive, at most 1e100.
 
     Returns
     -------
@@ -48,28 +45,20 @@ def riccati_filter(model: ErrorModel, gamma: float) -> Array | None:
     Raises
     ------
     ParameterError
-        If the model has a jitter, D has not full row rank, a mode on the unit circle has no
-        process noise, or gamma is not positive and at most 1e100.
+        If model or gamma is not such.
 
     Examples
     --------
-    No predictor of a random walk, with noises of unit size, has a gain below :math:`\sqrt 2`. At a
-    large level the gain is that of the Kalman predictor, one over the golden ratio:
+    No predictor of a random walk with noises of unit size has a gain below :math:`\sqrt 2`; with
+    the gain of the Kalman predictor, one over the golden ratio, it is far from it:
 
-    >>> from inswsn_lib.lmi import riccati_filter
-    >>> from inswsn_lib.models import ErrorModel
-    >>> model = ErrorModel(A=[[1]], B=[[1]], C=[[1]], D=[[1]], L=[[1]], E=[[0]], period=1.0)
-    >>> riccati_filter(model, 1.41) is None
-    True
-    >>> for gamma in (1.42, 2.0, 1000.0):
-    ...     print(f"{riccati_filter(model, gamma).item():.4f}")
-    0.9946
-    0.7583
-    0.6180
+    >>> import inswsn_lib as iw
+    >>> model = iw.ErrorModel(A=[[1]], B=[[1]], C=[[1]], D=[[1]], period=1.0)
+    >>> print(iw.lmi.riccati_filter(model, 1.41), iw.lmi.riccati_filter(model, 1000.0).round(3))
+    None [[0.618]]
     """
     _check(model)
-    if not 0 < gamma <= _LARGEST:
-        raise ParameterError("gamma", gamma, f"positive, at most {_LARGEST:g}")
+    number("gamma", gamma, above=0, most=1e100)
     R = model.measurement_covariance
     A, B, C, L = model.A, model.B, model.C, model.L
     cost, none = gamma**2 * np.eye(len(L)), np.zeros((len(R), len(L)))
@@ -94,65 +83,52 @@ def riccati_gamma(model: ErrorModel, relative: float = 1e-8) -> float:
     Parameters
     ----------
     model : ErrorModel
-        The model, without jitter.
+        As in `riccati_filter`, with B and L that are not zero.
     relative : float
-        Relative accuracy.
+        Relative accuracy, from above.
 
     Returns
     -------
     float
-        From above; infinite if no filter is found, as when a mode that is not seen is not stable.
+        Infinite if no filter is found, as when a mode that is not seen is not stable.
 
     Raises
     ------
     ParameterError
-        As `riccati_filter`.
+        If the model is not such, or there is no such accuracy.
 
     Examples
     --------
     With a gain k up to a, the gain of :math:`e^+ = (a - k) e + w - k v` is
     :math:`\sqrt{1 + k^2} / (1 - a + k)`, and its least value :math:`\sqrt{1 + a^2}`, at k = a:
 
-    >>> from inswsn_lib.lmi import riccati_gamma
-    >>> from inswsn_lib.models import ErrorModel
-    >>> for a in (1.0, 0.75):
-    ...     model = ErrorModel(A=[[a]], B=[[1]], C=[[1]], D=[[1]], L=[[1]], E=[[0]], period=1.0)
-    ...     print(f"{riccati_gamma(model):.4f}")
-    1.4142
+    >>> import inswsn_lib as iw
+    >>> model = iw.ErrorModel(A=[[0.75]], B=[[1]], C=[[1]], D=[[1]], period=1.0)
+    >>> print(f"{iw.lmi.riccati_gamma(model):.4f}")
     1.2500
     """
     _check(model)
-    checked_relative(relative)
+    number("relative", relative, least=1e-14, below=1)
     if not model.L.any() or not model.B.any():
-        raise ParameterError("B, L", "zero", "matrices that are not zero")
+        raise ParameterError("B, L", Described("zero"), "matrices that are not zero")
     # no filter undoes what one step does; if L does not see it, only the scale is known
     low = float(np.linalg.norm(model.L @ model.B, 2))
     high = low or 1e-12 * float(np.linalg.norm(model.L, 2) * np.linalg.norm(model.B, 2))
-    for _ in range(_DOUBLINGS):
-        if riccati_filter(model, high) is not None:
-            break
-        low, high = high, 2 * high
-    else:
-        return float("inf")
-    while high > low * (1 + relative):
-        middle = (low + high) / 2
-        if riccati_filter(model, middle) is None:
-            low = middle
-        else:
-            high = middle
-    return high
+    return least_level(
+        lambda gamma: riccati_filter(model, gamma) is not None, low, high, relative, _DOUBLINGS
+    )
 
 
 def _check(model: ErrorModel) -> None:
     if model.E.any():
-        raise ParameterError("E", "not zero", "zero: the equation knows no jitter")
+        raise ParameterError("E", Described("not zero"), "zero: the equation knows no jitter")
     if np.linalg.matrix_rank(model.D) < len(model.D):
-        raise ParameterError("D", "such that D D' is singular", "of full row rank")
+        raise ParameterError("D", Described("such that D D' is singular"), "of full row rank")
     n = len(model.A)
     for mode in np.linalg.eigvals(model.A):
-        if abs(abs(mode) - 1) < _ON_CIRCLE:
-            reached = np.linalg.matrix_rank(np.hstack([model.A - mode * np.eye(n), model.B]))
-            if reached < n:
-                raise ParameterError(
-                    "B", "such that a mode on the unit circle has no noise", "one that drives it"
-                )
+        driven = np.hstack([model.A - mode * np.eye(n), model.B])
+        if abs(abs(mode) - 1) < _ON_CIRCLE and np.linalg.matrix_rank(driven) < n:
+            raise ParameterError(
+                "B", Described("such that a mode on the unit circle has no noise"),
+                "one that drives it",
+            )  # fmt: skip

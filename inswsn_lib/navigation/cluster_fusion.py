@@ -26,6 +26,7 @@ from inswsn_lib.filters import (
     run_switched,
 )
 from inswsn_lib.lmi import FilterDesign, InfeasibleDesignError, design_filter
+from inswsn_lib.lmi.designs import Solver
 from inswsn_lib.models import ErrorModel
 from inswsn_lib.scenario import Setting, from_settings, load_scenario, with_values
 from inswsn_lib.simulation import ClusterScene
@@ -89,6 +90,8 @@ class ClusterFusion:
         As in `inswsn_lib.simulation.ClusterScene`.
     accelerometer_bias : float
         Of both accelerometers, m/s^2.
+    solver : {"clarabel", "scs"}
+        Of the designs; where an answer of SCS is refused, Clarabel is asked.
 
     Examples
     --------
@@ -113,6 +116,7 @@ class ClusterFusion:
     velocity_noise: float = 0.126
     velocity_fixes: int = 25
     accelerometer_bias: float = 0.15
+    solver: Solver = "clarabel"
 
     @cached_property
     def settings(self) -> dict[str, Setting]:
@@ -202,7 +206,8 @@ class ClusterFusion:
         self, acceleration: float, factor: float, weight: float
     ) -> list[FilterDesign]:
         """Return the local H-infinity filters; L weighs velocities by a number."""
-        return [design_filter(m) for m in self._weighed(acceleration, factor, weight)]
+        models = self._weighed(acceleration, factor, weight)
+        return [design_filter(m, solver=self._solvers) for m in models]
 
     def distributed(
         self,
@@ -215,7 +220,9 @@ class ClusterFusion:
     ) -> Estimator:
         """Return P2's distributed H-infinity filter with restart, weights for each set."""
         designs = self.local_designs(acceleration, factor, weight)
-        weights = handover_weights(designs, for_sets or self.sets, noise, "block")
+        weights = handover_weights(
+            designs, for_sets or self.sets, noise, "block", solver=self._solvers
+        )
         return lambda y, **options: run_distributed(
             designs, y, weights=weights, predicted=True, **options
         )
@@ -234,7 +241,7 @@ class ClusterFusion:
         for heard in for_sets or self.sets:
             inside = [m for m, there in zip(models, heard, strict=True) if there]
             C, D = np.vstack([m.C for m in inside]), block_diag(*[m.D for m in inside])
-            gains[heard] = design_filter(replace(inside[0], C=C, D=D))
+            gains[heard] = design_filter(replace(inside[0], C=C, D=D), solver=self._solvers)
         return lambda y: run_switched(gains, y, predicted=True)
 
     def with_bias(self, walk: float, factor: float) -> Estimator:
@@ -308,6 +315,10 @@ class ClusterFusion:
         known = widen_velocities(self.covariance, factor)
         told = {"measurement_covariance": known, "initial_covariance": self.initial_covariance}
         return self.local_models(acceleration, known[:, 0])[0], told | {"predicted": True}
+
+    @property
+    def _solvers(self) -> tuple[Solver, ...]:
+        return (self.solver, "clarabel")
 
     def _weighed(self, acceleration: float, factor: float, weight: float) -> list[ErrorModel]:
         known = widen_velocities(self.scene.mean_covariance, factor)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Literal
 
 import numpy as np
@@ -17,6 +17,7 @@ from inswsn_lib.evaluation import NoiseFit, Scores, fit_noise, mean_absolute_err
 from inswsn_lib.files import data_file
 from inswsn_lib.filters import deadbeat_gain, run_hinfinity, run_kalman
 from inswsn_lib.lmi import FilterDesign, design_filter
+from inswsn_lib.lmi.designs import Solver
 from inswsn_lib.models import ErrorModel
 from inswsn_lib.papers import AXES, COLUMNS
 from inswsn_lib.scenario import Setting, from_settings, load_scenario, with_values
@@ -81,6 +82,8 @@ class TrainingAreas:
     inertial_scale, q_scale, time_scale : float
         Factors on the fitted errors of the INS, on the Q that matched filters are told, and on
         periods and times; the speed is divided by the last.
+    solver : {"clarabel", "scs"}
+        Of the designs; where an answer of SCS is refused, Clarabel is asked.
 
     Examples
     --------
@@ -108,6 +111,7 @@ class TrainingAreas:
     inertial_scale: float = 1.0
     q_scale: float = 1.0
     time_scale: float = 1.0
+    solver: Solver = "clarabel"
 
     @cached_property
     def settings(self) -> dict[str, Setting]:
@@ -192,12 +196,17 @@ class TrainingAreas:
     @cached_property
     def matched_designs(self) -> Designs:
         """H-infinity filters that are told the noise of `matched`."""
-        return _designs(self.matched)
+        return self._designs(self.matched)
 
     @cached_property
     def identity_designs(self) -> Designs:
         """H-infinity filters that are told B = D = I."""
-        return _designs(self.identity)
+        return self._designs(self.identity)
+
+    def _designs(self, models: Mapping[str, ErrorModel]) -> Designs:
+        forms: tuple[Literal["exact", "printed"], ...] = ("exact", "printed")
+        design = partial(design_filter, solver=(self.solver, "clarabel"))
+        return {form: {a: design(model, form) for a, model in models.items()} for form in forms}
 
     @cached_property
     def deadbeat(self) -> dict[str, tuple[ErrorModel, Array]]:
@@ -315,8 +324,3 @@ def _with_means(cells: ByArea) -> ByArea:
         name: np.asarray(np.mean([cells[c] for c in COLUMNS if c[0] == kind], axis=0))
         for name, kind in kinds.items()
     }
-
-
-def _designs(models: Mapping[str, ErrorModel]) -> Designs:
-    forms: tuple[Literal["exact", "printed"], ...] = ("exact", "printed")
-    return {form: {a: design_filter(model, form) for a, model in models.items()} for form in forms}

@@ -24,7 +24,6 @@ from inswsn_book.runs import (
     Request,
     Run,
     Surroundings,
-    chosen_surroundings,
     keep,
     lookup,
     request_key,
@@ -90,13 +89,12 @@ def test_a_change_of_content_changes_the_key(
     [
         Request("00", {"scale": 3.0}),
         Request("00", surroundings=Surroundings(threads=2)),
-        Request("00", surroundings=Surroundings(solver="scs")),
         Request("00", surroundings=Surroundings(variables={"A": "1"})),
         Request("00", overlay={"data/papers/number.txt": "1"}),
         Request("00", overlay={"data/papers/other.txt": "1"}),
         Request("00", core=True),
     ],
-    ids=["parameter", "threads", "solver", "variable", "overlay", "its path", "core"],
+    ids=["parameter", "threads", "variable", "overlay", "its path", "core"],
 )
 def test_another_request_has_another_key(mini: Project, other: Request) -> None:
     before, after = request_key(mini, PLAIN), request_key(mini, other)
@@ -389,19 +387,5 @@ def test_the_core_of_a_chapter(mini: MiniProject, monkeypatch: pytest.MonkeyPatc
     assert done.results.found() == EMPTY
     assert done.results.provenance is not None
     assert run(mini, request, Quiet()) == done  # found, not called again
-    assert calls == [({"scale": 3.0}, 1, "clarabel")]
+    assert calls == [({"scale": 3.0}, 1)]
     assert lookup(mini, Request("00", {"scale": 3.0})) is None
-
-
-def test_only_a_run_of_ones_own_listens_to_the_variable(
-    mini: MiniProject, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("INSWSN_SOLVER", "scs")
-    for surroundings, solver in ((Surroundings(), "clarabel"), (chosen_surroundings(), "scs")):
-        told = runs._environment(mini, surroundings)
-        assert told["INSWSN_SOLVER"] == solver
-    monkeypatch.setenv("INSWSN_SOLVER", "")
-    assert chosen_surroundings() == Surroundings()
-    monkeypatch.setenv("INSWSN_SOLVER", "mosek")
-    with pytest.raises(ParameterError, match=r"INSWSN_SOLVER is .mosek.; it may be one of"):
-        chosen_surroundings()

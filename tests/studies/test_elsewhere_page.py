@@ -94,13 +94,6 @@ def test_the_processors_of_another_machine(render: Callable[..., str]) -> None:
     assert "are from two unlike processors that are called Twin." in page
 
 
-def test_the_solvers_of_designs(render: Callable[..., str]) -> None:
-    solvers = {"SCS, all designs": "4 taken", "Clarabel, all designs": "2", "SCS, one": "1"}
-    page = page_of(render, cell(), cell("scs", solvers=solvers), cell("scs", "61"))
-    assert "- {ref}`Chapter 00 <chapter-00>`: SCS 4 taken; Clarabel 2.\n" in page
-    assert "SCS changes nothing in them: {ref}`chapter 61 <chapter-61>`.\n" in page
-
-
 def test_a_deviation_in_tolerances(render: Callable[..., str]) -> None:
     for deviation, said in ((None, "another quantity"), (1e-4, "below 0.001"), (0.5, "0.5")):
         page = page_of(render, cell(), cell("scs", farthest=far(deviation=deviation)))
