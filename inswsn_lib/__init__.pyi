@@ -75,11 +75,12 @@ from .learning import (
 from .navigation import HybridNavigator as HybridNavigator, observable_inputs as observable_inputs
 
 # Follow a vehicle
+from .recordings import RecordedDrive as RecordedDrive, load_drive as load_drive
 from .vehicle import (
     Drive as Drive,
     FilterSettings as FilterSettings,
+    emulate_sensors as emulate_sensors,
     horizontal_error as horizontal_error,
-    load_drive as load_drive,
     position_error as position_error,
     run_vehicle_filter as run_vehicle_filter,
     simulate_drive as simulate_drive,

@@ -19,8 +19,9 @@ from inswsn_book.files import write_whole
 from inswsn_book.provenance import repository_state
 
 from inswsn_lib.navigation import p3_hybrids, run_recorded_outages
+from inswsn_lib.recordings import load_drive
 from inswsn_lib.scenario import load_scenario
-from inswsn_lib.vehicle import FilterSettings, calibrate_inertial_noise, load_drive
+from inswsn_lib.vehicle import FilterSettings, calibrate_inertial_noise, emulate_sensors
 
 ROOT = Path(__file__).parent.parent
 SEED, DRAWS, STEPS = 2015, 4, 50
@@ -39,7 +40,8 @@ def main() -> None:
         accelerometer_bias=0.3,
         gyro_drift=float(np.deg2rad(0.5)),
     )
-    settings, levels = calibrate_inertial_noise(recorded, beliefs, ROWS, runs=DRAWS, seed=SEED)
+    emulated = emulate_sensors(recorded, runs=DRAWS, seed=SEED)
+    settings, levels = calibrate_inertial_noise(emulated, beliefs, ROWS)
     trials = run_recorded_outages(
         recorded,
         settings,

@@ -18,7 +18,7 @@ from jsonschema import Draft7Validator
 from pybtex.database import parse_file
 
 from inswsn_lib.errors import InswsnError
-from inswsn_lib.vehicle import recorded
+from inswsn_lib.recordings import gnss_imu
 
 # the official schema of version 1.2.0, which check-jsonschema brings
 SCHEMA = files("check_jsonschema") / "builtin_schemas" / "vendor" / "citation-file-format.json"
@@ -64,7 +64,7 @@ def test_what_belongs_to_others_is_named(root: Path) -> None:
         "10.1155/2015/176947",
     ):
         assert word in text
-    for digest in recorded._DIGESTS.values():
+    for digest in gnss_imu.DRIVE.digests.values():
         assert digest in text
     for package in SITE_PACKAGES:
         assert package in text or package == "packaging"

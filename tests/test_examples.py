@@ -37,8 +37,20 @@ MODULES = ("errors", "files", "models", "plotting", "scenario")
 #: Functions and classes of a room that need no example, each with the reason
 EXEMPT = {
     "errors.Described": "for the rooms",
+    "navigation.Bridge": "shown by VehicleHybrid",
+    "navigation.OutageTrials": "shown by run_outages",
+    "navigation.Ramps": "what VehicleHybrid learns from",
+    "navigation.RecordedTrials": "shown by read_trials",
     "papers.Printed": "a name for str, without a docstring of its own",
+    "recordings.RecordedDrive": "shown by emulate_sensors",
+    "recordings.RecordingUnavailableError": "raised by load_drive where nothing can be fetched",
+    "recordings.Track": "a part of RecordedDrive",
     "scenario.between": "shown by from_settings",
+    "vehicle.Piece": "shown by Route",
+    "vehicle.Place": "shown by Drive",
+    "vehicle.Reference": "shown by horizontal_error",
+    "vehicle.Truth": "shown by true_motion",
+    "vehicle.VehicleRun": "shown by run_vehicle_filter",
 }
 
 MODULES_WITH_EXAMPLES = sorted(

@@ -11,23 +11,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from inswsn_lib.checks import Array
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.navigation.trials import as_starts, run_outages
 from inswsn_lib.navigation.vehicle_hybrid import VehicleHybrid
+from inswsn_lib.recordings import RecordedDrive
 from inswsn_lib.vehicle import (
     FilterSettings,
-    RecordedDrive,
     emulate_sensors,
     estimate_mounting,
     metres,
     run_vehicle_filter,
 )
 
-Array = NDArray[np.float64]
-Hybrids = Callable[[FilterSettings], Mapping[str, VehicleHybrid]]
-
 _FORM = 1
-_DIGITS = 3  # millimetres
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,20 +45,7 @@ class RecordedTrials:
         Over ground (m/s).
     mounting : ndarray, (2, outages, runs)
         Yaw and pitch of the car's forward axis in the IMU's axes, as estimated before each outage
-        (rad).
-
-    Examples
-    --------
-    What ``studies/recorded_drive.py`` kept of the recorded drive:
-
-    >>> from inswsn_lib.files import data_file
-    >>> from inswsn_lib.navigation import read_trials
-    >>> trials, facts = read_trials(data_file("recorded/p3-drive.json"))
-    >>> steps, outages, runs = trials.errors["never"].shape
-    >>> len(trials.starts) == outages, trials.mounting.shape == (2, outages, runs)
-    (True, True)
-    >>> trials.tracks["never"].shape == (steps, 2, outages)
-    True
+        (rad): to the right, and up.
     """
 
     starts: NDArray[np.intp]
@@ -72,89 +56,42 @@ class RecordedTrials:
     mounting: Array
 
     def to_json(self, **facts: Any) -> str:
-        """Return the trials as JSON, to millimetres, with facts about where they come from.
-
-        Parameters
-        ----------
-        **facts
-            What JSON can hold, by name.
-
-        Returns
-        -------
-        str
-            What `read_trials` reads from a file.
-        """
-        content = {
-            "form": _FORM,
-            "facts": facts,
-            "starts": self.starts.tolist(),
-            "errors": {name: np.round(e, _DIGITS).tolist() for name, e in self.errors.items()},
-            "tracks": {name: np.round(t, _DIGITS).tolist() for name, t in self.tracks.items()},
-            "reference": np.round(self.reference, _DIGITS).tolist(),
-            "speed": np.round(self.speed, _DIGITS).tolist(),
-            "mounting": np.round(self.mounting, 6).tolist(),
-        }
+        """Return the trials as JSON, to millimetres, with facts about where they come from."""
+        content: dict[str, Any] = {"form": _FORM, "facts": facts}
+        for name, value in vars(self).items():
+            digits = 6 if name == "mounting" else 3
+            content[name] = (
+                {method: np.round(x, digits).tolist() for method, x in value.items()}
+                if isinstance(value, dict)
+                else np.round(value, digits).tolist()
+            )
         return json.dumps(content, separators=(",", ":")) + "\n"
 
 
 def read_trials(path: Path) -> tuple[RecordedTrials, dict[str, Any]]:
-    """Return trials that were kept, and the facts about them.
-
-    Parameters
-    ----------
-    path : Path
-        A file of what `RecordedTrials.to_json` returned.
-
-    Returns
-    -------
-    trials : RecordedTrials
-        To millimetres.
-    facts : dict of str to object
-
-    Raises
-    ------
-    InswsnError
-        If the file is not one of `RecordedTrials.to_json`.
+    """Return what a file keeps of `RecordedTrials.to_json`: the trials, and the facts.
 
     Examples
     --------
-    >>> from pathlib import Path
-    >>> from tempfile import TemporaryDirectory
-    >>> import numpy as np
-    >>> from inswsn_lib.navigation import RecordedTrials, read_trials
-    >>> trials = RecordedTrials(
-    ...     starts=np.array([7]), errors={"hold": np.array([[[0.0]], [[1.23456]]])},
-    ...     tracks={"hold": np.zeros((2, 2, 1))}, reference=np.zeros((9, 2)), speed=np.zeros(9),
-    ...     mounting=np.zeros((2, 1, 1)),
-    ... )
-    >>> with TemporaryDirectory() as folder:
-    ...     _ = Path(folder, "trials.json").write_text(trials.to_json(level=2.0))
-    ...     found, facts = read_trials(Path(folder, "trials.json"))
-    >>> facts, found.starts.tolist(), found.errors["hold"].ravel().tolist()
-    ({'level': 2.0}, [7], [0.0, 1.235])
+    What ``studies/recorded_drive.py`` kept of the recorded drive:
+
+    >>> import inswsn_lib as iw
+    >>> trials, facts = iw.navigation.read_trials(iw.data_file("recorded/p3-drive.json"))
+    >>> trials.starts[:3].tolist(), trials.errors["never"].shape, facts["draws"]
+    ([120, 150, 180], (51, 12, 4), 4)
     """
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
         if content["form"] != _FORM:
-            raise InswsnError(f"{path} has the form {content['form']}; it may be {_FORM}.")
-        errors, tracks = (
-            {method: np.array(x, dtype=float) for method, x in content[name].items()}
-            for name in ("errors", "tracks")
-        )
-        trials = RecordedTrials(
-            starts=np.array(content["starts"], dtype=np.intp),
-            errors=errors,
-            tracks=tracks,
-            reference=np.array(content["reference"], dtype=float),
-            speed=np.array(content["speed"], dtype=float),
-            mounting=np.array(content["mounting"], dtype=float),
-        )
-        return trials, dict(content["facts"])
-    except FileNotFoundError:
-        raise InswsnError(f"There is no file {path}.") from None
-    except InswsnError:
-        raise
-    except (KeyError, TypeError, AttributeError, ValueError, OSError):
+            raise ValueError(content["form"])
+        for name in ("errors", "tracks"):
+            content[name] = {m: np.array(x, dtype=float) for m, x in content[name].items()}
+        for name in ("reference", "speed", "mounting"):
+            content[name] = np.array(content[name], dtype=float)
+        starts, facts = np.array(content.pop("starts"), dtype=np.intp), dict(content.pop("facts"))
+        del content["form"]
+        return RecordedTrials(starts=starts, **content), facts
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
         raise InswsnError(f"{path} does not hold the trials of a recorded drive.") from None
 
 
@@ -163,7 +100,7 @@ def run_recorded_outages(
     settings: FilterSettings,
     starts: ArrayLike,
     steps: int,
-    hybrids: Hybrids,
+    hybrids: Callable[[FilterSettings], Mapping[str, VehicleHybrid]],
     *,
     runs: int,
     seed: int,
@@ -177,21 +114,12 @@ def run_recorded_outages(
     Parameters
     ----------
     recorded : RecordedDrive
-    settings : FilterSettings
-    starts : array_like of int, (outages,)
-        The last epochs with GPS.
-    steps : int
-        Length of the outages (epochs).
+    settings, starts, steps
+        As in `run_outages`.
     hybrids : callable
         Takes the settings and returns the hybrids by name, for example `p3_hybrids`.
-    runs : int
-        Draws of the noise of the emulated GPS and compass.
-    seed : int
-        Of these draws.
-
-    Returns
-    -------
-    RecordedTrials
+    runs, seed : int
+        Draws of the noise of the emulated GPS and compass, and their seed.
 
     Raises
     ------
@@ -201,54 +129,40 @@ def run_recorded_outages(
 
     Examples
     --------
-    A recording of the same form, made from a simulated drive, and one outage of ten seconds in its
-    first turn:
-
-    >>> import numpy as np
-    >>> from inswsn_lib.files import data_file
-    >>> from inswsn_lib.learning import HoldRegressor
-    >>> from inswsn_lib.navigation import VehicleHybrid, run_recorded_outages
-    >>> from inswsn_lib.scenario import load_scenario, with_values
-    >>> from inswsn_lib.vehicle import FilterSettings, RecordedDrive, simulate_drive
-    >>> from inswsn_lib.vehicle.recorded import Track
-    >>> scenario = load_scenario(data_file("scenarios/p3.yaml"))
-    >>> drive = simulate_drive(with_values(scenario, imu_period=0.1), runs=1, seed=0)
-    >>> true = drive.reference
-    >>> track = Track(drive.time, true.position, true.velocity, np.ones(len(drive.time), int))
-    >>> recorded = RecordedDrive(
-    ...     0.0, drive.time, drive.period, drive.rotation_increments[..., 0],
-    ...     drive.velocity_increments[..., 0], true.position, true.velocity, track,
+    >>> import numpy as np, inswsn_lib as iw
+    >>> p3 = iw.with_values(iw.load_scenario(iw.data_file("scenarios/p3.yaml")), imu_period=0.1)
+    >>> drive, told = iw.simulate_drive(p3, runs=1, seed=0), iw.FilterSettings.from_settings(p3)
+    >>> imu = drive.rotation_increments[..., 0], drive.velocity_increments[..., 0]
+    >>> true = drive.reference.position, drive.reference.velocity
+    >>> recorded = iw.RecordedDrive(0.0, drive.time, drive.period, *imu, *true, track=None)
+    >>> trials = iw.navigation.run_recorded_outages(
+    ...     recorded, told, [110], 10, lambda told: {}, runs=2, seed=0
     ... )
-    >>> trials = run_recorded_outages(
-    ...     recorded, FilterSettings.from_settings(scenario), [drive.places[0].start], 10,
-    ...     lambda settings: {"hold": VehicleHybrid(settings, HoldRegressor())}, runs=2, seed=0,
-    ... )
-    >>> list(trials.errors), trials.errors["hold"].shape
-    (['never', 'until', 'through', 'hold'], (11, 1, 2))
     >>> bool(np.degrees(np.abs(trials.mounting)).max() < 3)  # the IMU is not turned in this car
     True
     """
     begin = as_starts(starts)
     raw = emulate_sensors(recorded, runs=runs, seed=seed)
     free = run_vehicle_filter(raw, settings, aiding=False, last=int(begin.max()))
-    errors: dict[str, list[Array]] = {}
-    tracks: dict[str, list[Array]] = {}
-    mountings = []
     origin, size = recorded.position[0], metres(recorded.position[0])
+    trials, mountings = [], []
     for start in begin:
-        mounting = estimate_mounting(free, int(start))
-        mountings.append([mounting.yaw, mounting.pitch])
-        drive = emulate_sensors(recorded, runs=runs, seed=seed, mounting=mounting.rotation)
-        trials = run_outages(drive, settings, [start], steps, hybrids(settings))
-        for name, error in trials.errors.items():
-            errors.setdefault(name, []).append(error[:, 0])
-            moved = (trials.positions[name][:, :, 0, 0] - origin) * size
-            tracks.setdefault(name, []).append(moved[:, [1, 0]])
+        rotation = estimate_mounting(free, int(start))
+        forward, right, down = np.moveaxis(rotation[:, 0], 1, 0)
+        mountings.append([np.arctan2(right, forward), np.arctan2(-down, np.hypot(forward, right))])
+        drive = emulate_sensors(recorded, runs=runs, seed=seed, mounting=rotation)
+        trials.append(run_outages(drive, settings, [start], steps, hybrids(settings)))
+    methods = list(trials[0].errors)
     return RecordedTrials(
         starts=begin,
-        errors={name: np.stack(parts, axis=1) for name, parts in errors.items()},
-        tracks={name: np.stack(parts, axis=2) for name, parts in tracks.items()},
+        errors={m: np.concatenate([t.errors[m] for t in trials], axis=1) for m in methods},
+        tracks={
+            m: np.stack(
+                [((t.positions[m][:, :, 0, 0] - origin) * size)[:, [1, 0]] for t in trials], axis=2
+            )
+            for m in methods
+        },
         reference=((recorded.position - origin) * size)[:, [1, 0]],
         speed=np.hypot(recorded.velocity[:, 0], recorded.velocity[:, 1]),
-        mounting=np.moveaxis(np.array(mountings), 1, 0),
+        mounting=np.stack(mountings, axis=1),
     )

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from sklearn.linear_model import LinearRegression
 
-from inswsn_lib.errors import ParameterError
+from inswsn_lib.checks import Array, one_of, whole
+from inswsn_lib.errors import Described, ParameterError
 from inswsn_lib.learning import HoldRegressor, RBFNetworkRegressor, SelectedLSSVM
 from inswsn_lib.navigation.vehicle_hybrid import Bridge, Ramps, VehicleHybrid
 from inswsn_lib.vehicle import (
@@ -21,8 +22,6 @@ from inswsn_lib.vehicle import (
     replay,
     run_vehicle_filter,
 )
-
-Array = NDArray[np.float64]
 
 #: The three filters without learning: no compass and lateral constraint at any time; both until the
 #: outage begins; both through the outage as well
@@ -43,22 +42,12 @@ def p3_hybrids(settings: FilterSettings, **options: Any) -> dict[str, VehicleHyb
     **options
         Of `VehicleHybrid`, for all of them.
 
-    Returns
-    -------
-    dict of str to VehicleHybrid
-
     Examples
     --------
-    >>> from inswsn_lib.files import data_file
-    >>> from inswsn_lib.navigation import p3_hybrids
-    >>> from inswsn_lib.scenario import load_scenario
-    >>> from inswsn_lib.vehicle import FilterSettings
-    >>> scenario = load_scenario(data_file("scenarios/p3.yaml"))
-    >>> hybrids = p3_hybrids(FilterSettings.from_settings(scenario), window=60)
-    >>> list(hybrids)
+    >>> import inswsn_lib as iw
+    >>> p3 = iw.load_scenario(iw.data_file("scenarios/p3.yaml"))
+    >>> list(iw.navigation.p3_hybrids(iw.FilterSettings.from_settings(p3), window=60))
     ['lssvm', 'rbf', 'no time', 'linear', 'hold']
-    >>> hybrids["rbf"].scaled, hybrids["no time"].timed, hybrids["hold"].window
-    (False, False, 60)
     """
     network = RBFNetworkRegressor(spread=3.0, goal=0.01, max_neurons=40)
     return {
@@ -86,24 +75,8 @@ class OutageTrials:
         The filters with GPS at all times, without and with compass and lateral constraint.
     branches : dict of str to VehicleRun
         The filters through the outages, outages x runs.
-    ramps : dict of str to Ramps
-        What each hybrid learned from.
-    bridges : dict of str to Bridge
-        What each hybrid did.
-
-    Examples
-    --------
-    >>> from inswsn_lib.files import data_file
-    >>> from inswsn_lib.navigation import run_outages
-    >>> from inswsn_lib.scenario import load_scenario, with_values
-    >>> from inswsn_lib.vehicle import FilterSettings, simulate_drive
-    >>> scenario = load_scenario(data_file("scenarios/p3.yaml"))
-    >>> drive = simulate_drive(with_values(scenario, imu_period=0.1), runs=2, seed=0)
-    >>> trials = run_outages(drive, FilterSettings.from_settings(scenario), [30, 50, 70], 5)
-    >>> trials.errors["until"].shape, trials.positions["until"].shape
-    ((6, 3, 2), (6, 3, 3, 2))
-    >>> bool((trials.errors["until"][0] == trials.errors["through"][0]).all())  # it has not begun
-    True
+    ramps, bridges : dict of str to Ramps, and to Bridge
+        What each hybrid learned from, and what it did.
     """
 
     starts: NDArray[np.intp]
@@ -126,8 +99,7 @@ def run_outages(
 ) -> OutageTrials:
     """Take GPS away at several places, one at a time, and navigate on by every method.
 
-    The filters of `FILTERS` always take part. An outage does not touch the others: each is a replay
-    of the drive with GPS up to its own start.
+    An outage does not touch the others: each is a replay of the drive with GPS up to its own start.
 
     Parameters
     ----------
@@ -143,10 +115,6 @@ def run_outages(
     filters : sequence of str
         Which of `FILTERS` take part.
 
-    Returns
-    -------
-    OutageTrials
-
     Raises
     ------
     ParameterError
@@ -154,36 +122,27 @@ def run_outages(
 
     Examples
     --------
-    Forty seconds without GPS in the first turn of P3's drive: compass and lateral velocity bound
-    the error, and the hybrid learns on top of them.
+    Forty seconds without GPS in the first turn of P3's drive, with the aids and without:
 
-    >>> from inswsn_lib.files import data_file
-    >>> from inswsn_lib.learning import HoldRegressor
-    >>> from inswsn_lib.navigation import VehicleHybrid, outage_size, run_outages
-    >>> from inswsn_lib.scenario import load_scenario, with_values
-    >>> from inswsn_lib.vehicle import FilterSettings, simulate_drive
-    >>> scenario = load_scenario(data_file("scenarios/p3.yaml"))
-    >>> settings = FilterSettings.from_settings(scenario)
-    >>> drive = simulate_drive(with_values(scenario, imu_period=0.1), runs=4, seed=0)
-    >>> hybrids = {"hold": VehicleHybrid(settings, HoldRegressor())}
-    >>> trials = run_outages(drive, settings, [drive.places[0].start], 40, hybrids)
-    >>> mean = {name: outage_size(error)[0].mean() for name, error in trials.errors.items()}
-    >>> list(mean), bool(mean["through"] < mean["never"] / 2)
-    (['never', 'until', 'through', 'hold'], True)
+    >>> import inswsn_lib as iw
+    >>> p3 = iw.with_values(iw.load_scenario(iw.data_file("scenarios/p3.yaml")), imu_period=0.1)
+    >>> drive, told = iw.simulate_drive(p3, runs=4, seed=0), iw.FilterSettings.from_settings(p3)
+    >>> errors = iw.navigation.run_outages(drive, told, [drive.places[0].start], 40).errors
+    >>> bool(errors["through"].mean() < errors["never"].mean() / 2)
+    True
     """
-    begin = as_starts(starts)
-    hybrids = hybrids or {}
+    hybrids, begin = hybrids or {}, as_starts(starts)
     for name, hybrid in hybrids.items():
-        if name in FILTERS:
-            raise ParameterError("hybrids", name, f"not one of {', '.join(FILTERS)}")
-        if hybrid.settings != settings:
-            raise ParameterError("hybrids", name, "of the same settings as the filters")
-    last = int(begin.max())
-    if not filters or not set(filters) <= set(FILTERS):
-        raise ParameterError("filters", list(filters), f"some of {', '.join(FILTERS)}")
+        if name in FILTERS or hybrid.settings != settings:
+            raise ParameterError(
+                "hybrids", name, f"not one of {', '.join(FILTERS)}, and of the filters' settings"
+            )
+    for name in filters:
+        one_of("filters", name, FILTERS)
     needed = {name != "never" for name in filters} | {h.aiding for h in hybrids.values()}
     bases = {
-        aiding: run_vehicle_filter(drive, settings, aiding=aiding, last=last) for aiding in needed
+        aiding: run_vehicle_filter(drive, settings, aiding=aiding, last=int(begin.max()))
+        for aiding in needed
     }
     branches = {
         name: replay(
@@ -192,31 +151,28 @@ def run_outages(
         for name in filters
     }
     positions = {name: branch.position for name, branch in branches.items()}
+    ramps: dict[str, Ramps] = {}
+    bridges: dict[str, Bridge] = {}
     shared: dict[tuple[object, ...], Ramps] = {}
-    learned, bridges = {}, {}
     for name, hybrid in hybrids.items():
-        base = bases[hybrid.aiding]
-        branch = branches.get("through" if hybrid.aiding else "never")
-        key = hybrid.pairs_key
+        base, key = bases[hybrid.aiding], hybrid.pairs_key
         if key not in shared:
             shared[key] = hybrid.simulate_outages(drive, base, begin)
-        learned[name] = shared[key]
-        bridges[name] = hybrid.bridge(drive, base, begin, steps, ramps=shared[key], branch=branch)
+        ramps[name] = shared[key]
+        branch = branches.get("through" if hybrid.aiding else "never")
+        bridges[name] = hybrid.bridge(drive, base, begin, steps, ramps=ramps[name], branch=branch)
         positions[name] = bridges[name].position
-    any_branch = next(iter(branches.values()))
-    errors = {
-        name: horizontal_error(any_branch, drive, position) for name, position in positions.items()
-    }
-    shape = (steps + 1, len(begin), drive.runs)
+    any_branch, shape = next(iter(branches.values())), (len(begin), drive.runs)
     return OutageTrials(
         starts=begin,
-        errors={name: error.reshape(shape) for name, error in errors.items()},
-        positions={
-            name: position.reshape(steps + 1, 3, *shape[1:]) for name, position in positions.items()
+        errors={
+            name: horizontal_error(any_branch, drive, x).reshape(steps + 1, *shape)
+            for name, x in positions.items()
         },
+        positions={name: x.reshape(steps + 1, 3, *shape) for name, x in positions.items()},
         bases=bases,
         branches=branches,
-        ramps=learned,
+        ramps=ramps,
         bridges=bridges,
     )
 
@@ -226,7 +182,9 @@ def as_starts(starts: ArrayLike) -> NDArray[np.intp]:
     begin = np.atleast_1d(np.asarray(starts))
     if begin.dtype.kind not in "iu" or begin.ndim != 1 or not begin.size:
         raise ParameterError(
-            "starts", f"{begin.dtype} of shape {begin.shape}", "one or more whole numbers"
+            "starts",
+            Described(f"{begin.dtype} of shape {begin.shape}"),
+            "whole numbers, (outages,)",
         )
     return begin.astype(np.intp)
 
@@ -241,28 +199,13 @@ def outage_size(errors: Array, first: int = 1, last: int | None = None) -> tuple
     first, last : int
         The steps, both included. Default: the whole outage.
 
-    Returns
-    -------
-    rms, largest : ndarray, (...)
-        m.
-
-    Raises
-    ------
-    ParameterError
-        If a step is not within the outage.
-
     Examples
     --------
-    >>> import numpy as np
-    >>> from inswsn_lib.navigation import outage_size
-    >>> rms, largest = outage_size(np.array([9.0, 1.0, 7.0]))  # step 0 still has GPS
-    >>> float(rms), float(largest)
-    (5.0, 7.0)
+    >>> import numpy as np, inswsn_lib as iw
+    >>> [float(size) for size in iw.navigation.outage_size(np.array([9.0, 1.0, 7.0]))]
+    [5.0, 7.0]
     """
-    end = len(errors) - 1 if last is None else last
-    if not 1 <= first < len(errors):
-        raise ParameterError("first", first, f"from 1 to {len(errors) - 1}")
-    if not first <= end < len(errors):
-        raise ParameterError("last", last, f"from {first} to {len(errors) - 1}")
-    part = errors[first : end + 1]
+    steps = len(errors) - 1
+    end = steps if last is None else whole("last", last, 1, steps)
+    part = errors[whole("first", first, 1, end) : end + 1]
     return np.sqrt(np.mean(part**2, axis=0)), part.max(axis=0)

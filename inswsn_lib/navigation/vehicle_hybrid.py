@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import KW_ONLY, dataclass, fields
 from typing import Any, Literal
 
 import numpy as np
@@ -11,14 +11,13 @@ from numpy.typing import ArrayLike, NDArray
 from sklearn import config_context
 from sklearn.base import clone
 
+from inswsn_lib.checks import Array, one_of, whole
 from inswsn_lib.errors import ParameterError
 from inswsn_lib.learning import Scale
 from inswsn_lib.vehicle import Drive, FilterSettings, VehicleRun, metres, replay, yaw
 
-Array = NDArray[np.float64]
 Integers = NDArray[np.intp]
-Restart = Literal["successive", "aligned", "bank"]
-Frame = Literal["navigation", "body"]
+_AS_IS = Scale(np.zeros(1), np.ones(1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,32 +31,10 @@ class Ramps:
     elapsed : ndarray, (pairs,)
         Time since then (s).
     motion : ndarray, (pairs, 3)
-        Forward and lateral specific force (m/s^2) and yaw rate (rad/s), as the IMU tells them,
-        means over the interval that ends at the epoch.
+        As in `sensed_motion`.
     difference : ndarray, (pairs, 2)
         Position of the first module, after compass and lateral velocity, less that of the second,
         after GPS: P3 (38), east and north (m), or forward and right.
-
-    Examples
-    --------
-    From epoch 20 on one simulated outage after the other, ten seconds each, before a real one at
-    40:
-
-    >>> from inswsn_lib.files import data_file
-    >>> from inswsn_lib.learning import HoldRegressor
-    >>> from inswsn_lib.navigation import VehicleHybrid
-    >>> from inswsn_lib.scenario import load_scenario, with_values
-    >>> from inswsn_lib.vehicle import FilterSettings, run_vehicle_filter, simulate_drive
-    >>> scenario = load_scenario(data_file("scenarios/p3.yaml"))
-    >>> settings = FilterSettings.from_settings(scenario)
-    >>> drive = simulate_drive(with_values(scenario, imu_period=0.1), runs=1, seed=0)
-    >>> run = run_vehicle_filter(drive, settings, last=40)
-    >>> hybrid = VehicleHybrid(settings, HoldRegressor(), tau=10, phase=20)
-    >>> ramps = hybrid.simulate_outages(drive, run, [40])
-    >>> ramps.ramp.tolist() == [20, 30] * 10, ramps.elapsed[:4].tolist()
-    (True, [1.0, 1.0, 2.0, 2.0])
-    >>> ramps.motion.shape, ramps.difference.shape
-    ((20, 3), (20, 2))
     """
 
     epoch: Integers
@@ -70,75 +47,38 @@ class Ramps:
 
 @dataclass(frozen=True, eq=False)
 class Machine:
-    """A trained regressor with the units it was trained in.
+    """A trained regressor, and the units in which it sees its columns.
 
     Attributes
     ----------
     regressor : scikit-learn regressor or None
         None predicts zero.
     inputs, targets : Scale
+        Their units.
     pairs : int
         How many trained it.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from sklearn.linear_model import LinearRegression
-    >>> from inswsn_lib.learning import Scale
-    >>> from inswsn_lib.navigation import Machine
-    >>> X = np.arange(10.0)[:, None]
-    >>> y = np.hstack([2 * X, 5 - X])
-    >>> units = Scale.of(X, "standard"), Scale.of(y, "standard")
-    >>> machine = Machine.fit(LinearRegression(), X, y, *units)
-    >>> machine.pairs, machine.predict(np.array([[20.0]])).round(6).tolist()
-    (10, [[40.0, -15.0]])
-    >>> Machine(None, *units, pairs=0).predict(X[:1]).tolist()
-    [[0.0, 0.0]]
     """
 
-    regressor: Any
-    inputs: Scale
-    targets: Scale
-    pairs: int
+    regressor: Any = None
+    inputs: Scale = _AS_IS
+    targets: Scale = _AS_IS
+    pairs: int = 0
 
     @classmethod
-    def fit(cls, regressor: Any, X: Array, y: Array, inputs: Scale, targets: Scale) -> Machine:
-        """Train a clone.
-
-        Parameters
-        ----------
-        regressor : scikit-learn regressor
-            Left as it is.
-        X, y : ndarray, (rows, inputs) and (rows, outputs)
-            In their own units.
-        inputs, targets : Scale
-            Of X and of y.
-
-        Returns
-        -------
-        Machine
-        """
+    def fit(cls, regressor: Any, X: Array, y: Array, scaled: bool) -> Machine:
+        """Train a clone on inputs (pairs, inputs) and targets (pairs, 2), in their own units."""
+        inputs, targets = (Scale.of(x, "standard" if scaled else "none") for x in (X, y))
         with config_context(assume_finite=True):
             trained = clone(regressor).fit(inputs.transform(X), targets.transform(y))
         return cls(trained, inputs, targets, len(X))
 
     def predict(self, X: Array) -> Array:
-        """Return the targets of inputs (rows, inputs), in their own units.
-
-        Parameters
-        ----------
-        X : ndarray, (rows, inputs)
-            In the inputs' own units.
-
-        Returns
-        -------
-        ndarray, (rows, outputs)
-        """
+        """Return the targets of inputs (rows, inputs), (rows, 2), in their own units."""
         if self.regressor is None:
-            return np.zeros((len(X), self.targets.size.size))
+            return np.zeros((len(X), 2))
         with config_context(assume_finite=True):
-            found: Array = np.asarray(self.regressor.predict(self.inputs.transform(X)), dtype=float)
-            return self.targets.inverse_transform(found)
+            found = np.asarray(self.regressor.predict(self.inputs.transform(X)), dtype=float)
+        return self.targets.inverse_transform(found)
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,27 +94,7 @@ class Bridge:
     predicted : ndarray, (steps + 1, 2, starts x runs)
         East and north (m).
     machines : list
-        The regressor of each outage, as it was trained last.
-
-    Examples
-    --------
-    What was predicted is what the position is moved by:
-
-    >>> import numpy as np
-    >>> from inswsn_lib.files import data_file
-    >>> from inswsn_lib.learning import HoldRegressor
-    >>> from inswsn_lib.navigation import VehicleHybrid
-    >>> from inswsn_lib.scenario import load_scenario, with_values
-    >>> from inswsn_lib.vehicle import FilterSettings, metres, run_vehicle_filter, simulate_drive
-    >>> scenario = load_scenario(data_file("scenarios/p3.yaml"))
-    >>> settings = FilterSettings.from_settings(scenario)
-    >>> drive = simulate_drive(with_values(scenario, imu_period=0.1), runs=1, seed=0)
-    >>> run = run_vehicle_filter(drive, settings, last=60)
-    >>> bridge = VehicleHybrid(settings, HoldRegressor(), tau=20).bridge(drive, run, [60], 10)
-    >>> before, after = bridge.branch.first[10, :, 0], bridge.position[10, :, 0]
-    >>> moved = (before - after) * metres(before)  # north, east, up
-    >>> bool(np.allclose(moved[[1, 0]], bridge.predicted[10, :, 0], atol=1e-6))
-    True
+        The trained regressor of each outage, with the units in which it sees inputs and targets.
     """
 
     branch: VehicleRun
@@ -183,6 +103,7 @@ class Bridge:
     machines: list[Machine]
 
 
+@dataclass(frozen=True, eq=False)
 class VehicleHybrid:
     r"""A vehicle's filter and a regressor that corrects it through GPS outages (P3 Section 2).
 
@@ -230,96 +151,65 @@ class VehicleHybrid:
     rivals : sequence of scikit-learn regressors
         See `past`.
 
-    Raises
-    ------
-    ParameterError
-        If a number is not whole or too small, a word is not one of those above, options exclude one
-        another, or a regressor is not one of scikit-learn.
-
     Examples
     --------
-    Ten seconds without GPS after a minute's drive. A regressor that has learned from the outages
-    that were simulated before predicts how far the filter without GPS goes astray:
+    Ten seconds without GPS after a minute's drive, and what the last 40 s have taught:
 
-    >>> from inswsn_lib.files import data_file
-    >>> from inswsn_lib.learning import LSSVMRegressor
-    >>> from inswsn_lib.navigation import VehicleHybrid
-    >>> from inswsn_lib.scenario import load_scenario, with_values
-    >>> from inswsn_lib.vehicle import FilterSettings, run_vehicle_filter, simulate_drive
-    >>> scenario = load_scenario(data_file("scenarios/p3.yaml"))
-    >>> settings = FilterSettings.from_settings(scenario)
-    >>> drive = simulate_drive(with_values(scenario, imu_period=0.1), runs=2, seed=0)
-    >>> run = run_vehicle_filter(drive, settings, last=60)
-    >>> hybrid = VehicleHybrid(settings, LSSVMRegressor(sigma=2.0, eta=10.0), tau=20, window=40)
-    >>> bridge = hybrid.bridge(drive, run, [60], 10)
-    >>> bridge.position.shape, bridge.machines[0].pairs  # the latest 40 s, one pair a second
+    >>> import inswsn_lib as iw
+    >>> p3 = iw.with_values(iw.load_scenario(iw.data_file("scenarios/p3.yaml")), imu_period=0.1)
+    >>> drive, told = iw.simulate_drive(p3, runs=2, seed=0), iw.FilterSettings.from_settings(p3)
+    >>> hybrid = iw.navigation.VehicleHybrid(told, iw.LSSVMRegressor(sigma=2, eta=10), tau=20)
+    >>> bridge = hybrid.bridge(drive, iw.run_vehicle_filter(drive, told, last=60), [60], 10)
+    >>> bridge.position.shape, bridge.machines[0].pairs
     ((11, 3, 2), 40)
-    >>> hybrid.bridge(drive, run, [0], 10)
-    Traceback (most recent call last):
-        ...
-    inswsn_lib.errors.ParameterError: starts is [0]; it may be 20 epochs later.
     """
 
-    def __init__(
-        self,
-        settings: FilterSettings,
-        regressor: Any,
-        *,
-        aiding: bool = True,
-        tau: int = 40,
-        restart: Restart = "successive",
-        phase: int = 0,
-        spacing: int = 5,
-        window: int = 40,
-        frame: Frame = "navigation",
-        motion: bool = True,
-        timed: bool = True,
-        scaled: bool = True,
-        anchored: bool = False,
-        past: int = 0,
-        rivals: Sequence[Any] = (),
-    ) -> None:
-        for name, value, low in (
-            ("tau", tau, 1), ("phase", phase, 0), ("spacing", spacing, 1), ("window", window, 2),
-            ("past", past, 0),
-        ):  # fmt: skip
-            if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < low:
-                raise ParameterError(name, value, f"a whole number, {low} or more")
-        for name, word, words in (
-            ("restart", restart, ("successive", "aligned", "bank")),
-            ("frame", frame, ("navigation", "body")),
-        ):
-            if word not in words:
-                raise ParameterError(name, word, f"one of {', '.join(words)}")
-        if past and (anchored or restart == "aligned"):
-            raise ParameterError("past", past, "0 where ramps are aligned or predictions anchored")
-        if not motion and not timed:
-            raise ParameterError("timed", timed, "true where motion is no input")
-        for machine in (regressor, *rivals):
+    settings: FilterSettings
+    regressor: Any
+    _: KW_ONLY
+    aiding: bool = True
+    tau: int = 40
+    restart: Literal["successive", "aligned", "bank"] = "successive"
+    phase: int = 0
+    spacing: int = 5
+    window: int = 40
+    frame: Literal["navigation", "body"] = "navigation"
+    motion: bool = True
+    timed: bool = True
+    scaled: bool = True
+    anchored: bool = False
+    past: int = 0
+    rivals: Sequence[Any] = ()
+
+    def __post_init__(self) -> None:
+        least = {"tau": 1, "phase": 0, "spacing": 1, "window": 2, "past": 0}
+        for name, low in least.items():
+            whole(name, getattr(self, name), low)
+        one_of("restart", self.restart, ("successive", "aligned", "bank"))
+        one_of("frame", self.frame, ("navigation", "body"))
+        if self.past and (self.anchored or self.restart == "aligned"):
+            raise ParameterError(
+                "past", self.past, "0 where ramps are aligned or predictions anchored"
+            )
+        if not self.motion and not self.timed:
+            raise ParameterError("timed", self.timed, "true where motion is no input")
+        for machine in (self.regressor, *self.rivals):
             if not all(hasattr(machine, name) for name in ("fit", "predict", "get_params")):
                 raise ParameterError("regressor", machine, "a scikit-learn regressor")
-        self.settings, self.regressor, self.aiding = settings, regressor, aiding
-        self.past, self.rivals = past, tuple(rivals)
-        self.tau, self.restart, self.phase, self.spacing = tau, restart, phase, spacing
-        self.window, self.frame = window, frame
-        self.motion, self.timed, self.scaled, self.anchored = motion, timed, scaled, anchored
 
     @property
     def pairs_key(self) -> tuple[object, ...]:
         """What two hybrids share if they learn from the same pairs."""
-        return (
-            *(self.settings, self.aiding, self.tau, self.restart),
-            *(self.phase, self.spacing, self.frame),
-        )
+        names = ("settings", "aiding", "tau", "restart", "phase", "spacing", "frame")
+        return tuple(getattr(self, name) for name in names)
 
     def simulate_outages(self, drive: Drive, run: VehicleRun, starts: ArrayLike) -> Ramps:
         """Run the first module through the simulated outages that outages at `starts` ask for.
 
         Parameters
         ----------
-        drive : Drive
-        run : VehicleRun
-            The second module: `run_vehicle_filter` with GPS at all times.
+        drive, run
+            The run is the second module: `run_vehicle_filter` with GPS at all times.
         starts : array_like of int, (outages,)
             Epochs at which real outages begin. Nothing after them is used for them.
 
@@ -327,23 +217,18 @@ class VehicleHybrid:
         -------
         Ramps
             One pair for each epoch of each simulated outage and each run.
-
-        Raises
-        ------
-        ParameterError
-            If a start is not in the run, or there is no simulated outage before one.
         """
-        last = len(run.epochs) - 1
-        if np.max(starts) > last:
-            raise ParameterError("starts", np.asarray(starts).tolist(), f"{last} at most")
+        begin, last = np.asarray(starts), len(run.epochs) - 1
         if self.restart == "aligned":
-            first = np.unique(starts) - self.tau
+            first = np.unique(begin) - self.tau
         else:
             pace = self.tau if self.restart == "successive" else self.spacing
-            first = np.arange(self.phase, int(np.max(starts)), pace)
+            first = np.arange(self.phase, int(begin.max()), pace)
         first = first[(first >= 0) & (first < last)]
-        if not len(first):
-            raise ParameterError("starts", np.asarray(starts).tolist(), f"{self.tau} epochs later")
+        if begin.max() > last or not len(first):
+            raise ParameterError(
+                "starts", begin.tolist(), f"within the run, with {self.tau} epochs before one"
+            )
         # where the run ends, the simulated outage that is under way ends with it
         lengths = np.minimum(self.tau, last - first)
         parts = [
@@ -357,17 +242,17 @@ class VehicleHybrid:
         """Return the pairs of simulated outages of one length."""
         ramps = replay(drive, self.settings, run, first, length, aiding=self.aiding)
         second = np.moveaxis(run.position, 2, 1)[ramps.epochs, ramps.which]
-        difference = _east_north(np.moveaxis(ramps.first, 2, 1) - second, second)
+        apart = (np.moveaxis(ramps.first, 2, 1) - second) * metres(second)
+        difference = apart[..., [1, 0]]
         if self.frame == "body":
-            difference = _turn(difference, yaw(ramps.states.attitude))
-        steps = slice(1, None)  # at the start both modules know the same
-        shape = ramps.epochs[steps].shape
-        elapsed = np.arange(1, length + 1) * drive.interval
+            difference = _turned(difference, yaw(ramps.states.attitude))
+        elapsed = np.arange(length + 1)[:, None] * drive.interval
+        shape, steps = ramps.epochs.shape, slice(1, None)  # at the start both know the same
         return Ramps(
             epoch=ramps.epochs[steps].ravel(),
-            run=np.broadcast_to(ramps.which, shape).ravel(),
-            ramp=np.broadcast_to(ramps.epochs[0], shape).ravel(),
-            elapsed=np.broadcast_to(elapsed[:, None], shape).ravel(),
+            run=np.broadcast_to(ramps.which, shape)[steps].ravel(),
+            ramp=np.broadcast_to(ramps.epochs[0], shape)[steps].ravel(),
+            elapsed=np.broadcast_to(elapsed, shape)[steps].ravel(),
             motion=sensed_motion(drive)[ramps.epochs, :, ramps.which][steps].reshape(-1, 3),
             difference=difference[steps].reshape(-1, 2),
         )
@@ -382,34 +267,22 @@ class VehicleHybrid:
         ramps: Ramps | None = None,
         branch: VehicleRun | None = None,
     ) -> Bridge:
-        """Navigate through outages.
+        """Navigate through outages of some epochs, each after the epoch of its start.
 
         Parameters
         ----------
         drive, run, starts
-            As for `simulate_outages`. Each outage begins after the epoch of its start.
+            As in `simulate_outages`; two pairs or more have to be before a start.
         steps : int
             Length of the outages (epochs).
-        ramps : Ramps, optional
-            From `simulate_outages`, for methods that share them.
-        branch : VehicleRun, optional
-            From `replay`, likewise.
-
-        Returns
-        -------
-        Bridge
-
-        Raises
-        ------
-        ParameterError
-            If an outage has fewer than two pairs before it.
+        ramps, branch : optional
+            From `simulate_outages` and `replay`, for methods that share them.
         """
-        starts = np.asarray(starts)
         pairs = self.simulate_outages(drive, run, starts) if ramps is None else ramps
         if branch is None:
             branch = replay(drive, self.settings, run, starts, steps, aiding=self.aiding)
         motion = sensed_motion(drive)[branch.epochs, :, branch.which]
-        elapsed: Array = np.arange(steps + 1, dtype=float) * drive.interval
+        elapsed = np.arange(steps + 1, dtype=float) * drive.interval
         predicted = np.zeros((steps + 1, len(branch.which), 2))
         machines = []
         for b, (which, start) in enumerate(zip(branch.which, branch.epochs[0], strict=True)):
@@ -417,37 +290,18 @@ class VehicleHybrid:
             found = machine.predict(self.inputs(motion[:, b], elapsed))
             predicted[:, b] = found - found[0] if self.anchored else found
             machines.append(machine)
-        # at its start the outage has not begun
-        predicted[0] = 0.0
+        predicted[0] = 0.0  # at its start the outage has not begun
         if self.frame == "body":
-            predicted = _turn(predicted, yaw(branch.states.attitude))
-        first = np.moveaxis(branch.first, 2, 1).copy()
-        first[0] = branch.position[0].T
-        size = metres(first)
-        first[..., 1] -= predicted[..., 0] / size[..., 1]
-        first[..., 0] -= predicted[..., 1] / size[..., 0]
-        return Bridge(branch, np.moveaxis(first, 1, 2), np.moveaxis(predicted, 1, 2), machines)
+            predicted = _turned(predicted, yaw(branch.states.attitude))
+        position = np.moveaxis(branch.first, 2, 1).copy()
+        position[0] = branch.position[0].T
+        position[..., :2] -= predicted[..., [1, 0]] / metres(position)[..., :2]
+        return Bridge(branch, np.moveaxis(position, 1, 2), np.moveaxis(predicted, 1, 2), machines)
 
     def train(self, pairs: Ramps, which: int, start: int) -> Machine:
         """Return the regressor, trained on the latest pairs of a run at an outage's start.
 
-        Parameters
-        ----------
-        pairs : Ramps
-            From `simulate_outages`.
-        which : int
-            The run.
-        start : int
-            The epoch at which the outage begins; no pair after it is used.
-
-        Returns
-        -------
-        Machine
-
-        Raises
-        ------
-        ParameterError
-            If there are fewer than two pairs.
+        Nothing after the epoch of the start is used; at least two pairs have to be before it.
         """
         if not self.past:
             return self._trained(self.regressor, pairs, which, start)
@@ -455,55 +309,36 @@ class VehicleHybrid:
         # a ramp has to be over, and to have a window before it
         begun = np.unique(pairs.ramp[own & (pairs.ramp + self.tau <= start)])
         begun = begun[begun >= self.phase + self.window][-self.past :]
-        scores = []
-        for regressor in (self.regressor, *self.rivals):
-            trials = [self.predict_ramp(pairs, which, int(b), regressor) for b in begun]
-            scores.append(sum(float(np.sum((found - true) ** 2)) for found, true in trials))
-        nothing = sum(
-            float(np.sum(pairs.difference[own & (pairs.ramp == begin)] ** 2)) for begin in begun
-        )
+        candidates = (self.regressor, *self.rivals)
+        scores = [sum(self._miss(pairs, which, int(b), each) for b in begun) for each in candidates]
+        silent = np.sum(pairs.difference[own & np.isin(pairs.ramp, begun)] ** 2)
         best = int(np.argmin(scores))
-        if scores[best] >= nothing:
-            return Machine(
-                None, Scale.of(np.zeros((1, 1)), "none"), Scale.of(np.zeros((1, 2)), "none"), 0
-            )
-        return self._trained((self.regressor, *self.rivals)[best], pairs, which, start)
+        if scores[best] >= silent:
+            return Machine()
+        return self._trained(candidates[best], pairs, which, start)
+
+    def _miss(self, pairs: Ramps, which: int, begin: int, regressor: Any) -> float:
+        """Return the squared error of a regressor on a simulated outage."""
+        found, true = self.predict_ramp(pairs, which, begin, regressor)
+        return float(np.sum((found - true) ** 2))
 
     def predict_ramp(
         self, pairs: Ramps, which: int, begin: int, regressor: Any = None
     ) -> tuple[Array, Array]:
         """Return what a regressor, trained before a simulated outage, says of it, and what came.
 
-        Parameters
-        ----------
-        pairs : Ramps
-        which : int
-            The run.
-        begin : int
-            The epoch at which the simulated outage began.
-        regressor : scikit-learn regressor, optional
-            Default: that of the hybrid.
-
-        Returns
-        -------
-        predicted, difference : ndarray, (steps, 2)
-            m.
-
-        Raises
-        ------
-        ParameterError
-            If no simulated outage of the run began there, or fewer than two pairs are before it.
+        The outage is that of run `which` that began at the epoch `begin`; both are (steps, 2), m.
         """
         rows = np.flatnonzero((pairs.run == which) & (pairs.ramp == begin))
         if not len(rows):
             raise ParameterError("begin", begin, "the start of a simulated outage")
-        machine = self._trained(
-            self.regressor if regressor is None else regressor, pairs, which, begin
-        )
+        candidate = self.regressor if regressor is None else regressor
+        machine = self._trained(candidate, pairs, which, begin)
         found = machine.predict(self.inputs(pairs.motion[rows], pairs.elapsed[rows]))
         return found, pairs.difference[rows]
 
     def _trained(self, regressor: Any, pairs: Ramps, which: int, start: int) -> Machine:
+        """Train a regressor on the pairs of the window, in the order of their epochs."""
         chosen = (pairs.run == which) & (pairs.epoch <= start) & (pairs.epoch > start - self.window)
         if self.restart == "aligned":
             chosen &= pairs.ramp == start - self.tau
@@ -511,24 +346,11 @@ class VehicleHybrid:
         rows = rows[np.argsort(pairs.epoch[rows], kind="stable")]
         if len(rows) < 2:
             raise ParameterError("starts", start, "one with two or more pairs before it")
-        X, y = self.inputs(pairs.motion[rows], pairs.elapsed[rows]), pairs.difference[rows]
-        scaling: Literal["standard", "none"] = "standard" if self.scaled else "none"
-        return Machine.fit(regressor, X, y, Scale.of(X, scaling), Scale.of(y, scaling))
+        X = self.inputs(pairs.motion[rows], pairs.elapsed[rows])
+        return Machine.fit(regressor, X, pairs.difference[rows], self.scaled)
 
     def inputs(self, motion: Array, elapsed: Array) -> Array:
-        """Return the inputs of P3 (39), (pairs, inputs), or those of them that are asked for.
-
-        Parameters
-        ----------
-        motion : ndarray, (pairs, 3)
-            From `sensed_motion`.
-        elapsed : ndarray, (pairs,)
-            Time since the outage began (s).
-
-        Returns
-        -------
-        ndarray, (pairs, inputs)
-        """
+        """Return the inputs of P3 (39) that are asked for, (pairs, inputs)."""
         parts = [motion] if self.motion else []
         return np.hstack([*parts, elapsed[:, None]] if self.timed else parts)
 
@@ -539,48 +361,23 @@ def sensed_motion(drive: Drive) -> Array:
     Means over the interval that ends at the epoch, as the IMU tells them (m/s^2, m/s^2, rad/s); at
     the first epoch those of the second.
 
-    Parameters
-    ----------
-    drive : Drive
-
-    Returns
-    -------
-    ndarray, (epochs, 3, runs)
-
     Examples
     --------
-    A parked car whose nose is up feels a part of the reaction to gravity forward; the IMU has 10
-    Hz:
+    A car that stands for the first seconds feels its sensors' errors and the slope of the road:
 
-    >>> import numpy as np
-    >>> from inswsn_lib.navigation import sensed_motion
-    >>> from inswsn_lib.vehicle import Drive, Reference
-    >>> pushes = np.zeros((20, 3, 1))
-    >>> pushes[:, 0], pushes[:, 2] = 0.5 * 0.1, -9.8 * 0.1
-    >>> drive = Drive(
-    ...     time=np.arange(3.0), period=0.1, rotation_increments=0 * pushes,
-    ...     velocity_increments=pushes, gps_position=np.zeros((3, 3, 1)),
-    ...     gps_velocity=np.zeros((3, 3, 1)), compass=np.zeros((3, 1)), places=(),
-    ...     reference=Reference(np.zeros((3, 3)), np.zeros((3, 3))), origin="simulated",
-    ... )
-    >>> sensed_motion(drive)[:, :, 0].round(6).tolist()
-    [[0.5, 0.0, 0.0], [0.5, 0.0, 0.0], [0.5, 0.0, 0.0]]
+    >>> import inswsn_lib as iw
+    >>> p3 = iw.with_values(iw.load_scenario(iw.data_file("scenarios/p3.yaml")), imu_period=0.1)
+    >>> drive = iw.simulate_drive(p3, runs=2, seed=0)
+    >>> iw.navigation.sensed_motion(drive)[:10].mean(axis=(0, 2)).round(1)
+    array([ 0.2, -0.1,  0. ])
     """
     turns, pushes = drive.increments
-    means = np.stack(
-        [pushes[..., 0].sum(-1), pushes[..., 1].sum(-1), turns[..., 2].sum(-1)], axis=-1
-    )
-    rates = np.moveaxis(means, 0, 2) / drive.interval
+    means = [pushes[..., 0].sum(-1), pushes[..., 1].sum(-1), turns[..., 2].sum(-1)]
+    rates = np.moveaxis(np.stack(means, axis=-1), 0, 2) / drive.interval
     return np.concatenate([rates[:1], rates])
 
 
-def _east_north(difference: Array, position: Array) -> Array:
-    """Return a difference of positions (..., 3) as east and north (..., 2), m."""
-    scaled = difference * metres(position)
-    return np.stack([scaled[..., 1], scaled[..., 0]], axis=-1)
-
-
-def _turn(vector: Array, heading: Array) -> Array:
+def _turned(vector: Array, heading: Array) -> Array:
     """Return east and north as forward and right, or forward and right as east and north."""
     sine, cosine = np.sin(heading), np.cos(heading)
     a, b = vector[..., 0], vector[..., 1]

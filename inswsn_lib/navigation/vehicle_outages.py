@@ -11,8 +11,8 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from inswsn_lib.checks import Array
 from inswsn_lib.evaluation import Scores
 from inswsn_lib.files import data_file
 from inswsn_lib.learning import LSSVMRegressor, SelectedLSSVM
@@ -22,13 +22,11 @@ from inswsn_lib.scenario import Setting, load_scenario, with_values
 from inswsn_lib.vehicle import (
     Drive,
     FilterSettings,
+    Truth,
     horizontal_error,
     simulate_sensors,
     true_motion,
 )
-from inswsn_lib.vehicle.simulated import Truth
-
-Array = NDArray[np.float64]
 
 #: Length of an outage and of a longer one, as printed, s
 OUTAGE, LONG = 40, 50
@@ -91,14 +89,11 @@ class VehicleOutages:
 
     Examples
     --------
-    Two routes are different roads with the same kinds of place:
+    The last place of two routes: of the same kind on another road.
 
-    >>> from inswsn_lib.navigation import VehicleOutages
-    >>> first, second = VehicleOutages(routes=2).truths
-    >>> [place.name for place in first.places] == [place.name for place in second.places]
-    True
-    >>> first.places[7].start == second.places[7].start
-    False
+    >>> import inswsn_lib as iw
+    >>> [truth.places[7] for truth in iw.navigation.VehicleOutages(routes=2).truths]
+    [Place(name='continuous curve', start=1404), Place(name='continuous curve', start=1397)]
     """
 
     published: Mapping[str, Setting] = field(default_factory=p3_settings)
@@ -148,7 +143,7 @@ class VehicleOutages:
 
     @property
     def learning(self) -> dict[str, Any]:
-        """Length of the simulated outages and of the window, as `VehicleHybrid` takes them."""
+        """Length of the simulated outages and of the window, for `VehicleHybrid`."""
         return {"tau": self.tau, "window": self.window}
 
     @cached_property
@@ -210,12 +205,9 @@ class VehicleOutages:
     def scores(self) -> Scores:
         """Return the errors of each of `METHODS` in each outage.
 
-        Returns
-        -------
-        Scores
-            A run is one outage: place by place, the drives of each. RMS and largest horizontal
-            error in 40 s, ``rms-40`` and ``max-40``; RMS from 41 s to 50 s, ``rms-late``; largest
-            in 50 s, ``max-50``. Outages at one place of one route share their road.
+        A run is one outage: place by place, the drives of each. RMS and largest horizontal error in
+        40 s, ``rms-40`` and ``max-40``; RMS from 41 s to 50 s, ``rms-late``; largest in 50 s,
+        ``max-50``. Outages at one place of one route share their road.
         """
         values = {
             f"{_key(method)}.{column}": self.sizes[method, span][index].ravel()

@@ -1,4 +1,4 @@
-"""Recordings: an INS and a sensor network from a file of your own."""
+"""Recordings: a CSV of your own, and recorded data that are fetched once by their digests."""
 
 import lazy_loader
 

@@ -10,16 +10,18 @@ The state is :math:`x = (\delta L, \delta\lambda, \delta h, \delta v_E, \delta v
 \varepsilon_z)`: latitude and longitude (rad), height (m), velocity (m/s), attitude (rad), the
 accelerometers' biases (m/s^2) and the gyros' drifts (rad/s) in the body frame.
 
-All functions take stacks: a leading shape ``...`` that is the same for every argument.
+All functions take stacks: a leading shape ``...`` that is the same for every argument. ``position``
+(..., 3) is latitude, longitude (rad) and height (m), ``velocity`` (..., 3) east, north, up (m/s),
+``attitude`` (..., 3, 3) takes the body's axes (forward, right, down) to east, north, up.
 """
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pyins import earth
 
-Array = NDArray[np.float64]
+from inswsn_lib.checks import Array
 
 #: How many states P3 has
 STATES = 15
@@ -40,13 +42,7 @@ def skew(vector: Array) -> Array:
 
 
 def radii(position: Array) -> tuple[Array, Array]:
-    r"""Return the radii of curvature with the height, :math:`R_M + h` and :math:`R_N + h` (m).
-
-    Parameters
-    ----------
-    position : ndarray, (..., 3)
-        Latitude, longitude (rad) and height (m).
-    """
+    r"""Return the radii of curvature with the height, :math:`R_M + h` and :math:`R_N + h` (m)."""
     square = 1 - earth.E2 * np.sin(position[..., 0]) ** 2
     transverse: Array = earth.A / np.sqrt(square)
     meridian: Array = transverse * (1 - earth.E2) / square
@@ -58,27 +54,12 @@ def metres(position: Array) -> Array:
 
     They take a small difference of positions, in the order latitude, longitude, height, to metres.
 
-    Parameters
-    ----------
-    position : ndarray, (..., 3)
-        Latitude, longitude (rad) and height (m).
-
-    Returns
-    -------
-    ndarray, (..., 3)
-        m/rad, m/rad and 1.
-
     Examples
     --------
-    A minute of latitude is a nautical mile (1852 m) at 45 degrees; on the equator a minute of
-    longitude is a geographical one (1855 m).
+    On the equator a minute of longitude is a geographical mile:
 
-    >>> import numpy as np
-    >>> from inswsn_lib.vehicle import metres
-    >>> minute = np.radians(1 / 60)
-    >>> print(f"{metres(np.array([np.pi / 4, 0.0, 0.0]))[0] * minute:.1f} m")
-    1852.2 m
-    >>> print(f"{metres(np.zeros(3))[1] * minute:.1f} m")
+    >>> import numpy as np, inswsn_lib as iw
+    >>> print(f"{iw.vehicle.metres(np.zeros(3))[1] * np.radians(1 / 60):.1f} m")
     1855.3 m
     """
     meridian, transverse = radii(position)
@@ -88,7 +69,7 @@ def metres(position: Array) -> Array:
 
 
 def earth_rate(position: Array) -> Array:
-    r""":math:`\omega_{ie} = \Omega\,(0, \cos L, \sin L)`, (..., 3), rad/s."""
+    r"""Return :math:`\omega_{ie} = \Omega\,(0, \cos L, \sin L)`, (..., 3), rad/s."""
     latitude = position[..., 0]
     rate = np.zeros(position.shape)
     rate[..., 1], rate[..., 2] = earth.RATE * np.cos(latitude), earth.RATE * np.sin(latitude)
@@ -96,7 +77,7 @@ def earth_rate(position: Array) -> Array:
 
 
 def transport_rate(position: Array, velocity: Array) -> Array:
-    r""":math:`\omega_{en} = (-v_N/(R_M+h),\ v_E/(R_N+h),\ v_E\tan L/(R_N+h))`, (..., 3), rad/s."""
+    r"""Return :math:`(-v_N/(R_M+h),\ v_E/(R_N+h),\ v_E\tan L/(R_N+h))`, (..., 3), rad/s."""
     meridian, transverse = radii(position)
     east, north = velocity[..., 0], velocity[..., 1]
     rate = np.empty(position.shape)
@@ -126,34 +107,20 @@ def error_dynamics(position: Array, velocity: Array, attitude: Array, force: Arr
 
     Parameters
     ----------
-    position : ndarray, (..., 3)
-        Latitude, longitude (rad) and height (m).
-    velocity : ndarray, (..., 3)
-        East, north, up (m/s).
+    position, velocity, force : ndarray, (..., 3)
+        The last is specific force, east, north, up (m/s^2).
     attitude : ndarray, (..., 3, 3)
-        Body to east-north-up.
-    force : ndarray, (..., 3)
-        Specific force, east, north, up (m/s^2).
-
-    Returns
-    -------
-    ndarray, (..., 15, 15)
-        1/s, and units of the states.
 
     Examples
     --------
     A tilt about north makes the INS fall towards east with g, and moving east makes it turn about
-    north, over the radius of the earth: an oscillation with Schuler's period,
-    :math:`2\pi\sqrt{R/g}`.
+    north, over the radius of the earth: Schuler's period, :math:`2\pi\sqrt{R/g}`.
 
-    >>> import numpy as np
-    >>> from inswsn_lib.vehicle import error_dynamics
-    >>> level = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])  # heading north
-    >>> F = error_dynamics(np.zeros(3), np.zeros(3), level, np.array([0.0, 0.0, 9.78]))
-    >>> float(F[3, 7])  # velocity east by attitude about north
-    -9.78
-    >>> print(f"{2 * np.pi / np.sqrt(-F[3, 7] * F[7, 3]) / 60:.1f} min")
-    84.6 min
+    >>> import numpy as np, inswsn_lib as iw
+    >>> zero, gravity = np.zeros(3), np.array([0.0, 0.0, 9.78])
+    >>> F = iw.vehicle.error_dynamics(zero, zero, np.eye(3), gravity)
+    >>> print(f"{F[3, 7]:.2f} m/s^2, {2 * np.pi / np.sqrt(-F[3, 7] * F[7, 3]) / 60:.1f} min")
+    -9.78 m/s^2, 84.6 min
     """
     latitude = position[..., 0]
     meridian, transverse = radii(position)
@@ -184,8 +151,7 @@ def error_dynamics(position: Array, velocity: Array, attitude: Array, force: Arr
 
     across = skew(velocity)
     F[..., VELOCITY, POSITION] = across @ (2 * rate_by_position + transport_by_position)
-    gravity = earth.gravity(np.rad2deg(latitude), 0.0)
-    F[..., 5, 2] += 2 * gravity / earth.A
+    F[..., 5, 2] += 2 * earth.gravity(np.rad2deg(latitude), 0.0) / earth.A
     F[..., VELOCITY, VELOCITY] = across @ transport_by_velocity - skew(2 * rate + transport)
     F[..., VELOCITY, ATTITUDE] = skew(force)
     F[..., VELOCITY, ACCELEROMETER_BIAS] = attitude
@@ -202,27 +168,6 @@ def noise_input(attitude: Array) -> Array:
 
     The twelve noises are those of the accelerometers (3), of the gyros (3), and what drives the
     biases (3) and the drifts (3).
-
-    Parameters
-    ----------
-    attitude : ndarray, (..., 3, 3)
-        Body to east-north-up.
-
-    Returns
-    -------
-    ndarray, (..., 15, 12)
-
-    Examples
-    --------
-    Heading north, the noise of the forward accelerometer drives the velocity north, and that of the
-    gyro about the forward axis the attitude about north, with the other sign:
-
-    >>> import numpy as np
-    >>> from inswsn_lib.vehicle import noise_input
-    >>> level = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
-    >>> G = noise_input(level)
-    >>> G.shape, float(G[4, 0]), float(G[7, 3])
-    ((15, 12), 1.0, -1.0)
     """
     G = np.zeros((*attitude.shape[:-2], STATES, 12))
     G[..., VELOCITY, 0:3] = attitude
@@ -241,34 +186,20 @@ def discretise(F: Array, density: Array, step: ArrayLike) -> tuple[Array, Array]
 
     Parameters
     ----------
-    F : ndarray, (..., n, n)
-        1/s.
-    density : ndarray, (..., n, n)
-        :math:`S = G q G'`, the power density of the noise.
+    F, density : ndarray, (..., n, n)
+        The latter is :math:`S = G q G'`, the power density of the noise.
     step : array_like, (...)
         T (s); one for all, or one for each matrix.
 
-    Returns
-    -------
-    transition, covariance : ndarray, (..., n, n)
-
     Examples
     --------
-    White noise that is integrated twice. The transition is exact; the trapezoid gives the variance
-    of the first state as 1/2 where it is 1/3, which is why steps are short.
+    White noise that is integrated twice. The trapezoid gives the variance of the first state as 1/2
+    where it is 1/3, which is why steps are short.
 
-    >>> import numpy as np
-    >>> from inswsn_lib.vehicle import discretise
+    >>> import numpy as np, inswsn_lib as iw
     >>> F, density = np.array([[0.0, 1.0], [0.0, 0.0]]), np.diag([0.0, 1.0])
-    >>> transition, covariance = discretise(F, density, 1.0)
-    >>> transition.tolist(), covariance.tolist()
-    ([[1.0, 1.0], [0.0, 1.0]], [[0.5, 0.5], [0.5, 1.0]])
-    >>> _, in_ten = discretise(F, density, 0.1)
-    >>> step, total = np.array([[1.0, 0.1], [0.0, 1.0]]), np.zeros((2, 2))
-    >>> for _ in range(10):
-    ...     total = step @ total @ step.T + in_ten
-    >>> print(f"{total[0, 0]:.3f}")
-    0.335
+    >>> [matrix.tolist() for matrix in iw.vehicle.discretise(F, density, 1.0)]
+    [[[1.0, 1.0], [0.0, 1.0]], [[0.5, 0.5], [0.5, 1.0]]]
     """
     length = np.asarray(step, dtype=float)[..., None, None]
     scaled = F * length
@@ -279,29 +210,24 @@ def discretise(F: Array, density: Array, step: ArrayLike) -> tuple[Array, Array]
 
 
 def yaw(attitude: Array) -> Array:
-    r"""Return the yaw :math:`\psi = \mathrm{atan2}(c_E, c_N)` (rad), clockwise from north.
-
-    Parameters
-    ----------
-    attitude : ndarray, (..., 3, 3)
-        Body (forward, right, down) to east-north-up.
-
-    Returns
-    -------
-    ndarray, (...)
-        In (-pi, pi].
+    r"""Return the yaw :math:`\psi = \mathrm{atan2}(c_E, c_N)`, (...), clockwise from north (rad).
 
     Examples
     --------
-    Its columns are the body's axes; here forward is east, right is south, and down is down.
+    A body whose forward axis c, the first column, points east:
 
-    >>> import numpy as np
-    >>> from inswsn_lib.vehicle import yaw
-    >>> eastward = np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, -1.0]])
-    >>> float(np.degrees(yaw(eastward)))
+    >>> import numpy as np, inswsn_lib as iw
+    >>> float(np.degrees(iw.vehicle.yaw(np.eye(3))))
     90.0
     """
     return np.asarray(np.arctan2(attitude[..., 0, 0], attitude[..., 1, 0]))
+
+
+def wrapped(angle: Array) -> Array:
+    """Return angles (rad) in (-pi, pi]."""
+    within = np.pi - (np.pi - angle) % (2 * np.pi)
+    # the remainder of a number just below zero is rounded to the whole turn
+    return np.asarray(np.where(within <= -np.pi, np.pi, within))
 
 
 def compass_row(attitude: Array) -> Array:
@@ -310,25 +236,13 @@ def compass_row(attitude: Array) -> Array:
     With c the body's forward axis, :math:`\delta\psi = [-c_E c_U/d,\ -c_N c_U/d,\ 1]\,\varphi`,
     :math:`d = c_E^2 + c_N^2`.
 
-    Parameters
-    ----------
-    attitude : ndarray, (..., 3, 3)
-        Body to east-north-up.
-
-    Returns
-    -------
-    ndarray, (..., 1, 15)
-        rad per unit of the states.
-
     Examples
     --------
     A level car's compass sees the error about the vertical alone:
 
-    >>> import numpy as np
-    >>> from inswsn_lib.vehicle import compass_row
-    >>> level = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
-    >>> np.flatnonzero(compass_row(level)).tolist(), float(compass_row(level)[0, 8])
-    ([8], 1.0)
+    >>> import numpy as np, inswsn_lib as iw
+    >>> np.flatnonzero(iw.vehicle.compass_row(np.eye(3)))
+    array([8])
     """
     east, north, up = attitude[..., 0, 0], attitude[..., 1, 0], attitude[..., 2, 0]
     d = east**2 + north**2
@@ -343,29 +257,14 @@ def lateral_row(attitude: Array, velocity: Array) -> Array:
     With r the second row of :math:`C_n^b`,
     :math:`\delta v_y = r\,\delta v - r\,[v\times]\,\varphi`.
 
-    Parameters
-    ----------
-    attitude : ndarray, (..., 3, 3)
-        Body to east-north-up.
-    velocity : ndarray, (..., 3)
-        East, north, up (m/s).
-
-    Returns
-    -------
-    ndarray, (..., 1, 15)
-        m/s per unit of the states.
-
     Examples
     --------
-    A car that heads north at 10 m/s: an error of the velocity east is all lateral, and the sensor
-    sees the attitude about the vertical by the speed.
+    A car that goes north at 10 m/s sees the velocity east, and by its speed the yaw:
 
-    >>> import numpy as np
-    >>> from inswsn_lib.vehicle import lateral_row
-    >>> level = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
-    >>> row = lateral_row(level, np.array([0.0, 10.0, 0.0]))[0]
-    >>> {int(i): float(row[i]) for i in np.flatnonzero(row)}
-    {3: 1.0, 8: -10.0}
+    >>> import numpy as np, inswsn_lib as iw
+    >>> north = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+    >>> iw.vehicle.lateral_row(north, np.array([0.0, 10.0, 0.0]))[0, [3, 8]]
+    array([  1., -10.])
     """
     r = attitude[..., None, :, 1]
     row = np.zeros((*attitude.shape[:-2], 1, STATES))
@@ -377,15 +276,10 @@ def lateral_row(attitude: Array, velocity: Array) -> Array:
 def gps_rows() -> Array:
     """Return the rows of GPS position and velocity (P3 (20)), (6, 15).
 
-    Returns
-    -------
-    ndarray, (6, 15)
-
     Examples
     --------
-    >>> import numpy as np
-    >>> from inswsn_lib.vehicle import gps_rows
-    >>> (gps_rows() @ np.arange(15.0)).tolist()  # the first six states
-    [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]
+    >>> import numpy as np, inswsn_lib as iw
+    >>> iw.vehicle.gps_rows() @ np.arange(15)  # the first six states
+    array([0., 1., 2., 3., 4., 5.])
     """
     return np.eye(6, STATES)

@@ -6,13 +6,13 @@ from dataclasses import dataclass, fields, replace
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 # the compiled loop below pyins' public Integrator, which keeps its data in tables of pandas; a test
 # holds the two together
 from pyins.strapdown import integrate
 from scipy.spatial.transform import Rotation
 
+from inswsn_lib.checks import Array
 from inswsn_lib.vehicle.error_model import (
     ACCELEROMETER_BIAS,
     ATTITUDE,
@@ -23,7 +23,9 @@ from inswsn_lib.vehicle.error_model import (
     VELOCITY,
 )
 
-Array = NDArray[np.float64]
+_DEGREES = np.array([np.rad2deg(1.0), np.rad2deg(1.0), 1.0])
+# TURN by its entries: as a product with zeros it took as long as a tenth of the integration
+_AXES, _SIGNS = np.abs(TURN).argmax(axis=1), TURN.sum(axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,10 +36,8 @@ class VehicleState:
 
     Attributes
     ----------
-    position : ndarray, (..., 3)
-        Latitude, longitude (rad), height (m).
-    velocity : ndarray, (..., 3)
-        East, north, up (m/s).
+    position, velocity : ndarray, (..., 3)
+        Latitude, longitude (rad), height (m); east, north, up (m/s).
     attitude : ndarray, (..., 3, 3)
         Body (forward, right, down) to east-north-up.
     accelerometer_bias, gyro_drift : ndarray, (..., 3)
@@ -50,23 +50,13 @@ class VehicleState:
 
     Examples
     --------
-    An error of 2 m/s in the velocity north is estimated; fed back, it is taken off and known to be
-    zero:
+    An error of 2 m/s in the velocity north is estimated; fed back, it is taken off:
 
-    >>> import numpy as np
-    >>> from inswsn_lib.vehicle import STATES, VehicleState
-    >>> error = np.zeros((1, STATES))
-    >>> error[0, 4] = 2.0
-    >>> zero = np.zeros((1, 3))
-    >>> level = np.array([[[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]]])
-    >>> state = VehicleState(
-    ...     position=zero, velocity=zero + [0.0, 12.0, 0.0], attitude=level,
-    ...     accelerometer_bias=zero, gyro_drift=zero, error=error,
-    ...     covariance=np.zeros((1, STATES, STATES)),
-    ... )
-    >>> fed_back = state.corrected()
-    >>> fed_back.velocity[0].tolist(), bool(fed_back.error.any())
-    ([0.0, 10.0, 0.0], False)
+    >>> import numpy as np, inswsn_lib as iw
+    >>> zero, error = np.zeros(3), 2.0 * np.eye(15)[4]
+    >>> state = iw.vehicle.VehicleState(zero, zero, np.eye(3), zero, zero, error, error)
+    >>> state.corrected().velocity
+    array([ 0., -2.,  0.])
     """
 
     position: Array
@@ -84,10 +74,7 @@ class VehicleState:
     def corrected(self) -> Self:
         r"""Return the state with its error fed back, :math:`C = e^{[\varphi\times]} C'`.
 
-        Returns
-        -------
-        VehicleState
-            With the error of P3's fifteen states zero; extra states and the covariance stay.
+        The error of P3's fifteen states is then zero; extra states and the covariance stay.
         """
         x = self.error
         turns = Rotation.from_rotvec(x[..., ATTITUDE].reshape(-1, 3)).as_matrix()
@@ -104,41 +91,9 @@ class VehicleState:
         )
 
 
-@dataclass(frozen=True, eq=False)
-class Flight:
-    """What the INS computes over one interval, at the end of every sample.
-
-    Attributes
-    ----------
-    position, velocity : ndarray, (runs, samples + 1, 3)
-        As in `VehicleState`; the first is where the interval begins.
-    attitude : ndarray, (runs, samples + 1, 3, 3)
-
-    Examples
-    --------
-    An IMU that feels nothing falls: :math:`g t^2/2` in a second.
-
-    >>> import numpy as np
-    >>> from inswsn_lib.vehicle import STATES, VehicleState, integrate_strapdown
-    >>> zero, nothing = np.zeros((1, 3)), np.zeros((1, 100, 3))
-    >>> level = np.array([[[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]]])
-    >>> errors = np.zeros((1, STATES)), np.zeros((1, STATES, STATES))
-    >>> state = VehicleState(zero, zero, level, zero, zero, *errors)
-    >>> flight = integrate_strapdown(state, nothing, nothing, 0.01)
-    >>> flight.position.shape  # runs, samples and the start, latitude to height
-    (1, 101, 3)
-    >>> print(f"{flight.position[0, -1, 2]:.2f} m")
-    -4.89 m
-    """
-
-    position: Array
-    velocity: Array
-    attitude: Array
-
-
 def integrate_strapdown(
     state: VehicleState, rotations: Array, velocities: Array, period: float
-) -> Flight:
+) -> tuple[Array, Array, Array]:
     """Integrate the increments of one interval, less the biases of the state.
 
     Parameters
@@ -146,36 +101,22 @@ def integrate_strapdown(
     state : VehicleState
         Where each run begins, (runs,).
     rotations, velocities : ndarray, (runs, samples, 3)
-        Increments as in `Drive` (rad, m/s).
-    period : float
-        s.
+        Increments as in `Drive` (rad, m/s), each over the period (s).
 
     Returns
     -------
-    Flight
-        At the end of every sample.
+    position, velocity, attitude : ndarray, (runs, samples + 1, ...)
+        As in `VehicleState`, at the start and at the end of every sample.
 
     Examples
     --------
-    At rest on the equator, heading north: the gyros tell the rate of the earth, the accelerometers
-    the reaction to gravity, and ten seconds later the INS is where it was. A bias of 0.01 m/s^2
-    forward that nobody takes off moves it north by :math:`b t^2/2`, half a metre.
+    An IMU that feels nothing falls, :math:`g t^2/2` in a second:
 
-    >>> import numpy as np
-    >>> from pyins import earth
-    >>> from inswsn_lib.vehicle import STATES, VehicleState, integrate_strapdown, metres
-    >>> level = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
-    >>> zero = np.zeros((2, 3))  # two runs
-    >>> state = VehicleState(
-    ...     zero, zero, np.stack([level] * 2), zero, zero,
-    ...     np.zeros((2, STATES)), np.zeros((2, STATES, STATES)),
-    ... )
-    >>> turns, pushes = np.zeros((2, 2, 1000, 3))
-    >>> turns[..., 0], pushes[..., 2] = earth.RATE * 0.01, -earth.gravity(0.0, 0.0) * 0.01
-    >>> pushes[1, :, 0] = 0.01 * 0.01
-    >>> flight = integrate_strapdown(state, turns, pushes, 0.01)
-    >>> np.abs(flight.position[:, -1] * metres(zero)).round(3).tolist()
-    [[0.0, 0.0, 0.0], [0.5, 0.0, 0.0]]
+    >>> import numpy as np, inswsn_lib as iw
+    >>> zero, nothing = np.zeros((1, 3)), np.zeros((1, 100, 3))
+    >>> state = iw.vehicle.VehicleState(zero, zero, np.eye(3)[None], zero, zero, zero, zero)
+    >>> iw.vehicle.integrate_strapdown(state, nothing, nothing, 0.01)[0][0, -1].round(2)
+    array([ 0.  ,  0.  , -4.89])
     """
     runs, samples = rotations.shape[:2]
     lla, velocity = np.empty((2, runs, samples + 1, 3))
@@ -188,13 +129,5 @@ def integrate_strapdown(
     steps = np.full(samples, period)
     for r in range(runs):
         integrate(steps, lla[r], velocity[r], matrix[r], theta[r], dv[r], 0, True)
-    # TURN by its entries: as a product with zeros it took as long as a tenth of the integration
-    return Flight(
-        lla / _DEGREES,
-        velocity[..., _AXES] * _SIGNS,
-        matrix[..., _AXES, :] * _SIGNS[:, None],
-    )
-
-
-_DEGREES = np.array([np.rad2deg(1.0), np.rad2deg(1.0), 1.0])
-_AXES, _SIGNS = np.abs(TURN).argmax(axis=1), TURN.sum(axis=1)
+    position, attitude = lla / _DEGREES, matrix[..., _AXES, :] * _SIGNS[:, None]
+    return position, velocity[..., _AXES] * _SIGNS, attitude

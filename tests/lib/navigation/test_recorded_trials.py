@@ -19,8 +19,8 @@ from scipy.spatial.transform import Rotation
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.learning import HoldRegressor
 from inswsn_lib.navigation import RecordedTrials, VehicleHybrid, read_trials, run_recorded_outages
-from inswsn_lib.vehicle import FilterSettings, RecordedDrive, metres
-from inswsn_lib.vehicle.recorded import Track
+from inswsn_lib.recordings import RecordedDrive, Track
+from inswsn_lib.vehicle import FilterSettings, metres
 
 Array = NDArray[np.float64]
 
@@ -86,82 +86,27 @@ def test_any_metres_come_back(tmp_path: Path, metres_: Array) -> None:
         assert np.abs(x - metres_).max() <= 0.5e-3 + 1e-9
 
 
-def said(path: Path) -> str:
-    with pytest.raises(InswsnError) as error:
-        read_trials(path)
-    message = str(error.value)
-    assert str(path) in message
-    assert message.endswith(".")
-    assert "\n" not in message
-    return message
+WRONG: dict[str, Any] = {
+    "form": 7, "starts": ["a"], "errors": {"never": [[1], [1, 2]]}, "tracks": [1],
+    "reference": [[1, 2], [1]], "speed": ["a"], "mounting": "ab", "facts": 3,
+}  # fmt: skip
 
 
-def test_a_file_that_is_not_there(tmp_path: Path) -> None:
-    assert said(tmp_path / "none.json").startswith("There is no file")
-
-
-def test_a_file_of_another_form(tmp_path: Path) -> None:
+def test_another_file_is_refused(tmp_path: Path) -> None:
+    """None, a folder, no text, no JSON, one that is cut, or that lacks something or has another."""
     path = tmp_path / "trials.json"
-    path.write_text(some_trials().to_json(), encoding="utf-8")
-    path.write_text(path.read_text().replace('"form":1', '"form":7'))
-    assert "has the form 7; it may be 1" in said(path)
-
-
-@pytest.mark.parametrize("share", [0.0, 0.1, 0.5, 0.999])
-def test_a_file_that_is_cut(tmp_path: Path, share: float) -> None:
-    path = tmp_path / "trials.json"
-    path.write_text(some_trials().to_json(), encoding="utf-8")
-    text = path.read_text().rstrip()
-    path.write_text(text[: int(share * len(text))])
-    assert "does not hold the trials" in said(path)
-
-
-@pytest.mark.parametrize("text", ["[]", "3", "null", "{}", "no: json", '{"form": 1}', '"form"'])
-def test_a_file_of_another_kind(tmp_path: Path, text: str) -> None:
-    path = tmp_path / "trials.json"
-    path.write_text(text)
-    assert "does not hold the trials" in said(path)
-
-
-@pytest.mark.parametrize(
-    "name", ["facts", "starts", "errors", "tracks", "reference", "speed", "mounting"]
-)
-def test_a_file_that_lacks_something(tmp_path: Path, name: str) -> None:
-    path = tmp_path / "trials.json"
-    path.write_text(some_trials().to_json(), encoding="utf-8")
-    content = json.loads(path.read_text())
-    del content[name]
-    path.write_text(json.dumps(content))
-    assert "does not hold the trials" in said(path)
-
-
-@pytest.mark.parametrize(
-    ("name", "value"),
-    [
-        ("starts", None),
-        ("errors", [1]),
-        ("facts", 3),
-        ("starts", ["a"]),
-        ("errors", {"never": [[1], [1, 2]]}),
-        ("reference", [[1, 2], [1]]),
-        ("facts", "ab"),
-    ],
-)
-def test_a_file_with_something_else_inside(tmp_path: Path, name: str, value: Any) -> None:
-    path = tmp_path / "trials.json"
-    path.write_text(some_trials().to_json(), encoding="utf-8")
-    path.write_text(json.dumps(json.loads(path.read_text()) | {name: value}))
-    assert "does not hold the trials" in said(path)
-
-
-def test_a_file_that_is_not_text(tmp_path: Path) -> None:
-    path = tmp_path / "trials.json"
-    path.write_bytes(b"\xff\xfe\x00{")
-    assert "does not hold the trials" in said(path)
-
-
-def test_a_folder(tmp_path: Path) -> None:
-    said(tmp_path)
+    whole = json.loads(some_trials().to_json())
+    texts = ["[]", "null", "no: json", some_trials().to_json()[:-9]]
+    texts += [json.dumps(whole | {name: value}) for name, value in WRONG.items()]
+    texts += [json.dumps({k: v for k, v in whole.items() if k != name}) for name in WRONG]
+    contents = [text.encode() for text in texts] + [b"\xff\xfe\x00{"]
+    for content in contents:
+        path.write_bytes(content)
+        with pytest.raises(InswsnError, match=r"json does not hold the trials .*drive\.$"):
+            read_trials(path)
+    for missing in (tmp_path, tmp_path / "none.json"):
+        with pytest.raises(InswsnError, match="does not hold the trials"):
+            read_trials(missing)
 
 
 # --- the outages ---

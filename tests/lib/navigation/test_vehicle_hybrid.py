@@ -233,10 +233,9 @@ def trained_on(machine: VehicleHybrid, ramps: Ramps, which: int, start: int) -> 
         def predict(self, X: Any) -> np.ndarray:
             return np.zeros((len(X), 2))
 
-    machine.regressor, machine.scaled = Spy(), False
     numbers = np.arange(len(ramps.run), dtype=float)
     known = replace(ramps, difference=np.column_stack([numbers, numbers]))
-    machine.train(known, which, start)
+    replace(machine, regressor=Spy(), scaled=False).train(known, which, start)
     return Ramps(**{f.name: getattr(ramps, f.name)[rows] for f in fields(Ramps)})
 
 

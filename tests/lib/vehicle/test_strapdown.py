@@ -48,15 +48,15 @@ def test_it_is_what_pyins_integrates() -> None:
         np.zeros((2, 15)), np.zeros((2, 15, 15)),
     )  # fmt: skip
     theta, dv = (np.stack([x[names] for x in stretches]) for names in (THETA, DV))
-    flight = integrate_strapdown(begun, theta, dv, PERIOD)
+    position, velocity, attitude = integrate_strapdown(begun, theta, dv, PERIOD)
     for r in range(2):
         expected = by_pyins(begun[r], stretches[r])
-        lla = np.column_stack([np.rad2deg(flight.position[r, :, :2]), flight.position[r, :, 2]])
+        lla = np.column_stack([np.rad2deg(position[r, :, :2]), position[r, :, 2]])
         assert lla == pytest.approx(expected[["lat", "lon", "alt"]].to_numpy(), rel=1e-13)
-        velocity = flight.velocity[r] @ TURN
-        assert velocity == pytest.approx(expected[["VN", "VE", "VD"]].to_numpy(), abs=1e-10)
-        attitude = TURN @ transform.mat_from_rph(expected[["roll", "pitch", "heading"]])
-        assert flight.attitude[r] == pytest.approx(attitude, abs=1e-11)
+        north_east_down = expected[["VN", "VE", "VD"]].to_numpy()
+        assert velocity[r] @ TURN == pytest.approx(north_east_down, abs=1e-10)
+        theirs = TURN @ transform.mat_from_rph(expected[["roll", "pitch", "heading"]])
+        assert attitude[r] == pytest.approx(theirs, abs=1e-11)
 
 
 def test_it_follows_the_drive() -> None:
@@ -69,28 +69,28 @@ def test_it_follows_the_drive() -> None:
         (TURN @ transform.mat_from_rph(first[["roll", "pitch", "heading"]]))[None],
     )
     theta, dv = (made.increments[names].to_numpy()[None] for names in (THETA, DV))
-    flight = integrate_strapdown(begun, theta, dv, PERIOD)
-    lla = np.append(np.rad2deg(flight.position[0, -1, :2]), flight.position[0, -1, 2])
+    position, velocity, _ = integrate_strapdown(begun, theta, dv, PERIOD)
+    lla = np.append(np.rad2deg(position[0, -1, :2]), position[0, -1, 2])
     missed = transform.compute_lla_difference(lla, last[["lat", "lon", "alt"]])
     assert np.linalg.norm(missed) < 0.02
-    assert flight.velocity[0, -1] @ TURN == pytest.approx(last[["VN", "VE", "VD"]], abs=1e-3)
+    assert velocity[0, -1] @ TURN == pytest.approx(last[["VN", "VE", "VD"]], abs=1e-3)
 
 
 @pytest.mark.parametrize("latitude", [-60.0, 0.0, 32.0])
 def test_a_car_at_rest_stays_at_rest(latitude: float) -> None:
     """It feels its weight and the turning of the Earth, in whatever attitude it stands."""
-    position = np.array([np.deg2rad(latitude), 2.0, 55.0])
+    place = np.array([np.deg2rad(latitude), 2.0, 55.0])
     C = TURN @ Rotation.from_euler("ZYX", [2.0, 0.1, -0.2]).as_matrix()
-    rate = C.T @ (earth.RATE * np.array([0, np.cos(position[0]), np.sin(position[0])]))
+    rate = C.T @ (earth.RATE * np.array([0, np.cos(place[0]), np.sin(place[0])]))
     force = C.T @ [0, 0, float(earth.gravity(latitude, 55.0))]
     theta = np.tile(rate * PERIOD, (1, 6000, 1))
     # in the axes of the sample's beginning, from which the Earth turns away meanwhile
     dv = np.tile(force * PERIOD + 0.5 * np.cross(rate, force) * PERIOD**2, (1, 6000, 1))
-    begun = state(position[None], np.zeros((1, 3)), C[None])
-    flight = integrate_strapdown(begun, theta, dv, PERIOD)
-    assert np.abs(flight.velocity).max() < 1e-8
-    assert np.abs((flight.position[0, -1] - position) * metres(position)).max() < 1e-6
-    assert flight.attitude[0, -1] == pytest.approx(C, abs=1e-9)
+    begun = state(place[None], np.zeros((1, 3)), C[None])
+    position, velocity, attitude = integrate_strapdown(begun, theta, dv, PERIOD)
+    assert np.abs(velocity).max() < 1e-8
+    assert np.abs((position[0, -1] - place) * metres(place)).max() < 1e-6
+    assert attitude[0, -1] == pytest.approx(C, abs=1e-9)
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(0, 2))

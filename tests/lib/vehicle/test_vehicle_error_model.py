@@ -21,7 +21,6 @@ from inswsn_lib.vehicle import (
     gps_rows,
     lateral_row,
     metres,
-    noise_input,
     yaw,
 )
 from inswsn_lib.vehicle.error_model import (
@@ -31,9 +30,11 @@ from inswsn_lib.vehicle.error_model import (
     POSITION,
     VELOCITY,
     earth_rate,
+    noise_input,
     radii,
     skew,
     transport_rate,
+    wrapped,
 )
 
 DEGREES = np.array([180 / np.pi, 180 / np.pi, 1.0])
@@ -277,6 +278,14 @@ def test_yaw_is_clockwise_from_north() -> None:
     for heading in headings:
         C = TURN @ Rotation.from_euler("ZYX", [heading, 0.3, -0.4]).as_matrix()
         assert yaw(C) == pytest.approx(heading)
+
+
+def test_angles_are_wrapped_to_a_half_open_turn() -> None:
+    angles = np.array([0.0, 3.0, np.pi, -np.pi, 4.0, -4.0, 20.0, -np.nextafter(np.pi, 4)])
+    found = wrapped(angles)
+    assert found[:4].tolist() == [0.0, 3.0, np.pi, np.pi]
+    assert found[4:7] == pytest.approx([4 - 2 * np.pi, 2 * np.pi - 4, 20 - 6 * np.pi])
+    assert ((found > -np.pi) & (found <= np.pi)).all()
 
 
 @given(st.integers(0, 2**32 - 1))
