@@ -54,6 +54,7 @@ def test_a_dataclass_is_made_of_the_settings_of_its_fields() -> None:
     assert found == Place(Radio(1.0, 1.0), "hall", "any", (10.0, 1.0), (0.0, 5.0), corners, 2)
     assert isinstance(found.count, int)
     assert Radio(2.0).power == 0.5  # by hand, a field may have a default
+    assert from_settings(Place, told(GOOD | {"span": [2, 2]})).span == (2.0, 2.0)
     given = from_settings(Place, told(GOOD), radio=Radio(7.0), count=99)
     assert (given.radio.reach, given.count) == (7.0, 99)  # what is given is not looked at
 

@@ -46,11 +46,11 @@ def test_the_leader_and_its_lead() -> None:
 
 
 def test_the_interval_of_a_lead() -> None:
-    # differences 1 + 2 u, u evenly spaced 1/100 apart, of variance n (n + 1) / (12 (n - 1)^2)
+    # differences 2 + 2 u, u evenly spaced 1/100 apart, of variance n (n + 1) / (12 (n - 1)^2)
     u = np.linspace(-0.5, 0.5, 101)
     deviation = (101 * 102 / (12 * 100**2)) ** 0.5
-    lead = paired_lead(3 - u, 4 + u)
-    assert lead.percent == pytest.approx(25)
+    lead = paired_lead(2 - u, 4 + u)
+    assert lead.percent == pytest.approx(50)
     assert lead.within == pytest.approx(25 * 1.96 * 2 * deviation / 101**0.5, rel=1e-9)
     with pytest.raises(ParameterError, match="others is of shape"):
         paired_lead(u, u[1:])

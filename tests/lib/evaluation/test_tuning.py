@@ -20,7 +20,7 @@ def test_every_candidate_is_tried_once_in_order() -> None:
         return (x - 2) ** 2 + 1
 
     found = tune("parabola", [0, 1, 2.5, 4], loss)
-    assert found == Tuning("parabola", (0.0, 1.0, 2.5, 4.0), (5.0, 2.0, 1.25, 5.0))
+    assert found == Tuning("parabola", (0.0, 1.0, 2.5, 4.0), (5.0, 2.0, 1.25, 5.0), settled=True)
     assert (found.best, found.loss, found.trials) == (2.5, 1.25, 4)
     assert seen == [0, 1, 2.5, 4]
     assert tune("flat", [3, 1, 2], lambda _: 7.0).best == 3  # the first of equals
@@ -56,6 +56,7 @@ def test_a_pattern_search_ends_when_its_trials_do() -> None:
     found = search_pattern("slope", [1.0], [2.0], lambda x: 1 / x, most=4)
     assert found.candidates == ((1.0,), (2.0,), (0.5,), (4.0,))
     assert (found.best, found.settled) == ((4.0,), False)
+    assert search_pattern("slope", [1.0], [2.0], lambda x: 1 / x).trials == 16
     assert search_pattern("one", (8.0, 0.1), (2.0, 10.0), bowl, most=1).trials == 1
     assert not search_pattern("one", (8.0, 0.1), (2.0, 10.0), bowl, most=4).settled
     assert search_pattern("one", (8.0, 0.1), (2.0, 10.0), bowl, most=5).settled

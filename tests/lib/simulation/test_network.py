@@ -70,7 +70,13 @@ def test_a_slope_is_that_of_the_line_of_least_squares() -> None:
 
 
 def test_errors_of_slopes_are_those_of_the_fixes_and_of_the_bend() -> None:
-    motion = Path.through([(0, 0), (9, 0)], 1.0).drive(2.0, 0.5 * np.arange(6))
-    errors = np.random.default_rng(3).standard_normal((6, 2, 4))
-    found = slope_errors(errors, motion, 0.5, 2)
-    assert found[1:] == pytest.approx((errors[1:] - errors[:-1]) / 0.5)
+    """Exact fixes on a circle of 5 m: the slope is the chord's, the truth half a period ahead."""
+    motion = Path.through([(0, 0), (9, 0), (9, 9)], 5.0).drive(1.0, 0.1 * np.arange(200))
+    errors = np.random.default_rng(3).standard_normal((200, 2, 4))
+    found = slope_errors(errors, motion, 0.1, 2)
+    bent = slope_errors(np.zeros((200, 2, 1)), motion, 0.1, 2)
+    assert found[1:] - bent[1:] == pytest.approx((errors[1:] - errors[:-1]) / 0.1)
+    # two unit vectors, but for the shortness of the chord, 0.01 rad apart
+    bend = (motion.time > 4.11) & (motion.time < 4 + 5 * np.pi / 2)
+    assert np.hypot(*bent[bend, :, 0].T) == pytest.approx(0.1 / 5 / 2, rel=1e-3)
+    assert np.abs(bent[1:40]).max() < 1e-9
