@@ -40,7 +40,7 @@ _LARGEST_STACK = 64  # states for which the norm of the stacked system is comput
 _SMALLEST = 1e-8  # eigenvalues of the matrices that give the units are raised to this share
 _SEEN = 1e-9  # singular values of L, B and K D below this share of the largest count as zero
 _ROUNDING = 1e-9  # a matrix is positive semidefinite if no eigenvalue is below minus this share
-_SHARE = 10.0  # of a cluster in the sums that the solver is given
+_SHARE = 30.0  # of a cluster in the sums that the solver is given
 
 
 def design_fusion(
