@@ -23,7 +23,6 @@ from inswsn_lib.vehicle import (
     Drive,
     FilterSettings,
     Truth,
-    horizontal_error,
     simulate_sensors,
     true_motion,
 )
@@ -70,14 +69,10 @@ class VehicleOutages:
         The scenario file ``p3``.
     seed : int
         Of all random numbers but the routes, which are the same for every seed.
-    routes : int
-        Simulated routes, each with eight places.
-    draws : int
-        Draws of the sensors' errors on each route. Routes times draws are drives.
-    tau : int
-        Length of the simulated outages in which a hybrid learns, s.
-    window : int
-        Of the training, s.
+    routes, draws : int
+        Simulated routes with eight places each, and draws of the sensors' errors on each of them.
+    tau, window : int
+        Length of the simulated outages in which a hybrid learns, and of the training, s.
     lateral : float
         Standard deviation of the lateral velocity that the filter believes, m/s.
     slip : float
@@ -148,11 +143,14 @@ class VehicleOutages:
 
     @cached_property
     def hybrids(self) -> dict[str, VehicleHybrid]:
-        """The methods that learn, but for ``proven``."""
+        """The methods that learn."""
+        told, machine, learning = self.beliefs, SelectedLSSVM(), self.learning
+        rivals = [LSSVMRegressor(sigma, eta) for sigma in (2.0, 8.0) for eta in (0.1, 10.0)]
         return {
-            **p3_hybrids(self.beliefs, **self.learning),
-            "on never": VehicleHybrid(self.beliefs, SelectedLSSVM(), aiding=False, **self.learning),
-            "short": VehicleHybrid(self.beliefs, SelectedLSSVM(), tau=10, window=self.window),
+            **p3_hybrids(told, **learning),
+            "on never": VehicleHybrid(told, machine, aiding=False, **learning),
+            "short": VehicleHybrid(told, machine, tau=10, window=self.window),
+            "proven": VehicleHybrid(told, machine, past=4, rivals=rivals, **learning),
         }
 
     @cached_property
@@ -160,24 +158,9 @@ class VehicleOutages:
         """What each method did in the outages of each route."""
         hybrids = self.hybrids  # before the drives, which take longer than a refusal
         return [
-            self._with_proven(drive, run_outages(drive, self.beliefs, starts, LONG, hybrids))
+            run_outages(drive, self.beliefs, starts, LONG, hybrids)
             for drive, starts in zip(self.drives, self.starts, strict=True)
         ]
-
-    def _with_proven(self, drive: Drive, trials: OutageTrials) -> OutageTrials:
-        """Add the LS-SVM that has to prove itself, on the ramps of the LS-SVM."""
-        rivals = [LSSVMRegressor(sigma, eta) for sigma in (2.0, 8.0) for eta in (0.1, 10.0)]
-        hybrid = VehicleHybrid(
-            self.beliefs, SelectedLSSVM(), past=4, rivals=rivals, **self.learning
-        )
-        bridge = hybrid.bridge(
-            drive, trials.bases[True], trials.starts, LONG,
-            ramps=trials.ramps["lssvm"], branch=trials.branches["through"],
-        )  # fmt: skip
-        error = horizontal_error(bridge.branch, drive, bridge.position)
-        trials.errors["proven"] = error.reshape(trials.errors["through"].shape)
-        trials.bridges["proven"] = bridge
-        return trials
 
     @cached_property
     def errors(self) -> dict[str, Array]:

@@ -56,13 +56,13 @@ def plan_route(settings: Mapping[str, Setting], route: int = 0) -> Route:
     rng = np.random.default_rng(whole("route", route))
     course, waves = float(rng.uniform(-np.pi, np.pi)), _waves(limits, rng)
     driver = _Driver(limits, rng)
-    driver.hold(limits.standstill_at_start)
+    driver.go(limits.standstill_at_start)
     places = tuple(map(Place, _PLACES, _place_starts(int(limits.duration), rng)))
     for place in places:
         _fill(driver, place.start, driver.draw(*limits.cruise_speed))
         _PLACES[place.name](driver)
         if driver.clock < place.start + _LENGTH:
-            driver.hold_until(place.start + _LENGTH)
+            driver.go_until(place.start + _LENGTH)
     _fill(driver, int(limits.duration), 0.0)
     return Route(tuple(driver.pieces), course, places, waves, route)
 
@@ -94,66 +94,54 @@ class _Driver:
         self.clock += sum(piece.duration for piece in other.pieces)
         self.speed = other.speed
 
-    def hold(self, seconds: float) -> None:
-        """Go straight on at the present speed, or stand."""
-        self._add(seconds)
+    def go(self, seconds: float, acceleration: Range = NONE, course_rate: Range = NONE) -> None:
+        """Go straight on at the present speed, or stand, or as is told."""
+        if seconds > 0:
+            self.pieces.append(Piece(seconds, self.speed, acceleration, course_rate))
+            self.clock += seconds
+            self.speed += seconds * sum(acceleration) / 2
 
-    def hold_until(self, time: float) -> None:
+    def go_until(self, time: float) -> None:
         """Go straight on until a time; refuse a time that has passed."""
         if self.clock > time + ROUNDING:
             raise InswsnError(
                 "With these settings of the route a manoeuvre takes too long:"
                 f" it should be over after {time:.1f} s and is after {self.clock:.1f} s."
             )
-        self.hold(max(time - self.clock, 0.0))
+        self.go(time - self.clock)
 
     def reach(self, speed: float, gently: bool = False) -> None:
         """Brake or accelerate, within the limits of acceleration and jerk, or at the least."""
         change = speed - self.speed
         most = self.limits.acceleration if change > 0 else self.limits.deceleration
-        size, ramp, plateau = _pulse(
-            abs(change), most[0] if gently else self.draw(*most), self.limits.jerk
-        )
-        a = float(np.copysign(size, change))
-        for span, pair in ((ramp, (0.0, a)), (plateau, (a, a)), (ramp, (a, 0.0))):
-            self._add(span, acceleration=pair)
+        strength = most[0] if gently else self.draw(*most)
+        for seconds, acceleration in _pulse(change, strength, self.limits.jerk):
+            self.go(seconds, acceleration)
         self.speed = speed  # without the rounding of the sums
 
     def turn(self, degrees: Range, lateral: Range, side: float | None = None) -> None:
         """Turn at the present speed by an angle and a lateral acceleration that are drawn."""
         angle = (self.side() if side is None else side) * np.radians(self.draw(*degrees))
-        size, ramp, plateau = _pulse(
-            abs(angle), self.draw(*lateral) / self.speed, self.limits.lateral_jerk / self.speed
-        )
-        w = float(np.copysign(size, angle))
-        for span, pair in ((ramp, (0.0, w)), (plateau, (w, w)), (ramp, (w, 0.0))):
-            self._add(span, course_rate=pair)
-
-    def bend(self, rates: list[float], seconds: list[float]) -> None:
-        """Go through rates of the course, one after the other, each for some seconds."""
-        for before, rate, span in zip([0.0, *rates], [*rates, 0.0], [*seconds, 0.0], strict=True):
-            self._add(_BEND_RAMP, course_rate=(before, rate))
-            self._add(span, course_rate=(rate, rate))
-
-    def _add(self, span: float, acceleration: Range = NONE, course_rate: Range = NONE) -> None:
-        if span > 0:
-            self.pieces.append(Piece(span, self.speed, acceleration, course_rate))
-            self.clock += span
-            self.speed += span * sum(acceleration) / 2
+        strength, steepest = self.draw(*lateral) / self.speed, self.limits.lateral_jerk / self.speed
+        for seconds, rate in _pulse(angle, strength, steepest):
+            self.go(seconds, course_rate=rate)
 
 
-def _pulse(total: float, most: float, steepest: float) -> tuple[float, float, float]:
-    """Return height, ramp and plateau of a pulse with smooth flanks of a given integral.
+def _pulse(total: float, most: float, steepest: float) -> list[tuple[float, Range]]:
+    """Return the flanks and the plateau of a pulse with a given integral: seconds, and from to.
 
     The height is `most`, or less where the integral is too small to reach it with flanks that are
     not steeper than `steepest`, nor shorter than a car can follow.
     """
-    if total == 0.0:
-        return 0.0, 0.0, 0.0
-    height = min(most, float(np.sqrt(total * steepest / _STEEPEST)))
+    size = abs(total)
+    if size == 0.0:
+        return []
+    height = min(most, float(np.sqrt(size * steepest / _STEEPEST)))
     ramp = max(_STEEPEST * height / steepest, _SHORTEST)
-    height = min(height, total / ramp)
-    return height, ramp, max(total / height - ramp, 0.0)
+    height = min(height, size / ramp)
+    plateau = size / height - ramp
+    top = float(np.copysign(height, total))
+    return [(ramp, (0.0, top)), (plateau, (top, top)), (ramp, (top, 0.0))]
 
 
 def _square_turn(driver: _Driver) -> None:
@@ -163,7 +151,7 @@ def _square_turn(driver: _Driver) -> None:
     trial.reach(trial.draw(*driver.limits.turn_speed))
     braked = trial.clock
     trial.turn((86, 94), driver.limits.turn_lateral)
-    driver.hold_until(middle - (trial.clock + braked) / 2 + driver.clock)
+    driver.go_until(middle - (trial.clock + braked) / 2 + driver.clock)
     driver.join(trial)
     driver.reach(cruise)
 
@@ -172,33 +160,33 @@ def _long_straight(driver: _Driver) -> None:
     """Go straight on, a little faster and slower."""
     (least, most), cruise = driver.limits.cruise_speed, driver.speed
     for _ in range(2):
-        driver.hold(driver.draw(8, 14))
+        driver.go(driver.draw(8, 14))
         driver.reach(driver.draw(max(cruise - 1.5, least), min(cruise + 1.5, most)))
 
 
 def _stop_and_start(driver: _Driver) -> None:
     """Brake to a standstill, stand, and start again within an outage."""
     cruise, start = driver.speed, driver.clock
-    driver.hold(driver.draw(3, 6))
+    driver.go(driver.draw(3, 6))
     driver.reach(0.0)
-    driver.hold(min(driver.draw(*driver.limits.standstill), max(start + 32 - driver.clock, 5)))
+    driver.go(min(driver.draw(*driver.limits.standstill), max(start + 32 - driver.clock, 5)))
     driver.reach(cruise)
 
 
 def _two_turns(driver: _Driver) -> None:
     """Take two turns of about 90 degrees one after the other."""
     cruise = driver.speed
-    driver.hold(driver.draw(2, 4))
+    driver.go(driver.draw(2, 4))
     driver.reach(driver.draw(*driver.limits.turn_speed))
     driver.turn((80, 100), driver.limits.turn_lateral)
-    driver.hold(driver.draw(3, 5))
+    driver.go(driver.draw(3, 5))
     driver.turn((80, 100), driver.limits.turn_lateral)
     driver.reach(cruise)
 
 
 def _straight_curve_straight(driver: _Driver) -> None:
     """Go straight, through one curve, and straight again."""
-    driver.hold(driver.draw(9, 13))
+    driver.go(driver.draw(9, 13))
     driver.turn((40, 70), driver.limits.curve_lateral)
 
 
@@ -206,30 +194,32 @@ def _braking_and_accelerating(driver: _Driver) -> None:
     """Brake and accelerate twice on a straight."""
     cruise = driver.speed
     for _ in range(2):
-        driver.hold(driver.draw(3, 5))
+        driver.go(driver.draw(3, 5))
         driver.reach(cruise * driver.draw(0.35, 0.5))
-        driver.hold(driver.draw(1, 3))
+        driver.go(driver.draw(1, 3))
         driver.reach(cruise)
 
 
 def _s_curve(driver: _Driver) -> None:
     """Take a curve to one side and at once one to the other."""
-    driver.hold(driver.draw(3, 6))
+    driver.go(driver.draw(3, 6))
     side = driver.side()
     for each in (side, -side):
         driver.turn((30, 50), driver.limits.curve_lateral, each)
-        driver.hold(driver.draw(0, 1))
+        driver.go(driver.draw(0, 1))
 
 
 def _continuous_curve(driver: _Driver) -> None:
     """Follow a road that curves to one side for as long as the place lasts, now more, now less."""
     side, left = driver.side() / driver.speed, _LENGTH - _BEND_RAMP
-    rates, seconds = [], []
+    last = 0.0
     while left > 0:
-        rates.append(side * driver.draw(*driver.limits.bend_lateral))
-        seconds.append(driver.draw(4, 9))
-        left -= seconds[-1] + _BEND_RAMP
-    driver.bend(rates, seconds)
+        rate = side * driver.draw(*driver.limits.bend_lateral)
+        seconds = driver.draw(4, 9)
+        driver.go(_BEND_RAMP, course_rate=(last, rate))
+        driver.go(seconds, course_rate=(rate, rate))
+        last, left = rate, left - (seconds + _BEND_RAMP)
+    driver.go(_BEND_RAMP, course_rate=(last, 0.0))
 
 
 _PLACES: dict[str, Callable[[_Driver], None]] = {
@@ -256,7 +246,7 @@ def _curve(driver: _Driver) -> None:
 
 def _red_light(driver: _Driver) -> None:
     driver.reach(0.0)
-    driver.hold(driver.draw(*driver.limits.standstill))
+    driver.go(driver.draw(*driver.limits.standstill))
     _other_speed(driver)
 
 
@@ -276,7 +266,7 @@ def _fill(driver: _Driver, until: int, speed: float) -> None:
         before = driver.clock
         for k in driver.rng.permutation(len(_BETWEEN)):
             trial = driver.trial()
-            trial.hold(trial.draw(2, 8))
+            trial.go(trial.draw(2, 8))
             _BETWEEN[k](trial)
             reached = trial.trial()
             reached.reach(speed, gently=True)  # so that what is drawn later is in time
@@ -285,7 +275,7 @@ def _fill(driver: _Driver, until: int, speed: float) -> None:
                 break
         fits = driver.clock > before
     driver.reach(speed)
-    driver.hold_until(until)
+    driver.go_until(until)
 
 
 def _place_starts(duration: int, rng: np.random.Generator) -> list[int]:

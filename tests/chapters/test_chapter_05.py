@@ -10,14 +10,13 @@ from itertools import product
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 import pytest
 from inswsn_book.ledger import load_claims
 from inswsn_book.project import Project
 from inswsn_book.results import Results, read_results
 from inswsn_book.verdicts import Judged, Verdict, verdicts
 from numpy.typing import NDArray
-from pyins import strapdown, transform
+from pyins import transform
 
 from inswsn_lib import papers
 from inswsn_lib.files import DATA_VARIABLE
@@ -25,15 +24,13 @@ from inswsn_lib.scenario import Setting, load_scenario, with_values
 from inswsn_lib.vehicle import (
     Drive,
     FilterSettings,
+    Truth,
     VehicleRun,
-    error_dynamics,
     navigation_error,
     run_vehicle_filter,
-    sequential_update,
     simulate_sensors,
     true_motion,
 )
-from inswsn_lib.vehicle.simulated import Truth
 
 Array = NDArray[np.float64]
 
@@ -41,7 +38,6 @@ SEED, DRAWS, ROUTES, PLACES, OUTAGE = 2015, 5, 8, 8, 40
 FILTERS = ("never", "until", "through")
 METHODS = (*FILTERS, "lssvm", "rbf")
 LEARNERS = ("lssvm", "rbf", "no-time", "linear", "hold")
-TO_NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 DEGREES = np.array([np.rad2deg(1), np.rad2deg(1), 1.0])
 
 
@@ -127,116 +123,10 @@ def test_every_sentence_of_the_published_run_holds(results: Results) -> None:
     assert [s for s, holds in results.sentences.items() if not holds] == []
 
 
-# the error model, by the equations of the page
-
-
-def cross_product_form(
-    position: Array, velocity: Array, attitude: Array, force: Array, x: Array
-) -> Array:
-    """Return the derivative of fifteen errors by the page's equations, in cross products.
-
-    The errors of the two rates are central differences of their formulas, with the radii as they
-    are.
-    """
-    latitude, height = position[0], position[2]
-    e2, a, rate = 6.6943799901413e-3, 6378137.0, 7.292115e-5
-    w = np.sqrt(1 - e2 * np.sin(latitude) ** 2)
-    meridian, transverse = a * (1 - e2) / w**3, a / w
-
-    def rates(L: float, h: float, v: Array) -> tuple[Array, Array]:
-        ie = rate * np.array([0, np.cos(L), np.sin(L)])
-        across = transverse + h
-        en = np.array([-v[1] / (meridian + h), v[0] / across, v[0] * np.tan(L) / across])
-        return ie, en
-
-    s = 1e-3
-    ends = [rates(latitude + k * x[0], height + k * x[2], velocity + k * x[3:6]) for k in (s, -s)]
-    d_ie, d_en = ((p - m) / (2 * s) for p, m in zip(*ends, strict=True))
-    ie, en = rates(latitude, height, velocity)
-    phi, north, east = x[6:9], meridian + height, transverse + height
-    cosine = np.cos(latitude)
-    gravity = 9.7803253359 * (1 + 0.001931853 * np.sin(latitude) ** 2) / w
-    d_position = [
-        x[4] / north - velocity[1] * x[2] / north**2,
-        (x[3] + velocity[0] * np.tan(latitude) * x[0]) / (east * cosine)
-        - velocity[0] * x[2] / (east**2 * cosine),
-        x[5],
-    ]
-    d_velocity = (
-        np.cross(force, phi) + attitude @ x[9:12] - np.cross(2 * ie + en, x[3:6])
-        - np.cross(2 * d_ie + d_en, velocity) + np.array([0, 0, 2 * gravity * x[2] / a])
-    )  # fmt: skip
-    d_phi = -np.cross(ie + en, phi) + d_ie + d_en - attitude @ x[12:15]
-    return np.concatenate([d_position, d_velocity, d_phi, np.zeros(6)])
-
-
-def test_the_equations_of_the_page_are_those_of_the_library(truth: Truth) -> None:
-    """Column by column, at a moment of each place: no term is left out or has another sign."""
-    sizes = np.repeat([1e-6, 1.0, 1e-3, 0.1, 1e-3], 3)
-    sizes[2] = 1.0
-    for place in truth.places:
-        k = place.start + 15
-        p, v, C = (getattr(truth.reference, n)[k] for n in ("position", "velocity", "attitude"))
-        force = C @ truth.velocity[:, k * 100 + 1] / truth.period
-        F = error_dynamics(p, v, C, force)
-        for j, size in enumerate(sizes):
-            x = np.zeros(15)
-            x[j] = size
-            by_page = cross_product_form(p, v, C, force, x)
-            assert F @ x == pytest.approx(by_page, rel=1e-5, abs=1e-9 * np.abs(by_page).max())
-
-
-def test_schulers_period_is_in_the_error_model() -> None:
-    """The INS of a car that stands swings in 84.4 minutes, 2 pi sqrt(R / g).
-
-    The plane of the swing turns as Foucault's: there are two frequencies, one more and one less by
-    the rate of the earth about the vertical.
-    """
-    latitude = np.deg2rad(32.06)
-    F = error_dynamics(
-        np.array([latitude, 2.07, 20.0]), np.zeros(3), np.eye(3), np.array([0, 0, 9.795])
-    )
-    periods = []
-    for velocity, tilt, radius in ((4, 6, 6.3533e6), (3, 7, 6.3842e6)):
-        period = 2 * np.pi / np.sqrt(-F[velocity, tilt] * F[tilt, velocity])
-        assert period == pytest.approx(2 * np.pi * np.sqrt(radius / 9.795), rel=1e-3)
-        periods.append(period / 60)
-    assert np.mean(periods) == pytest.approx(84.4, abs=0.1)
-    level = F[np.ix_([0, 1, 3, 4, 6, 7, 8], [0, 1, 3, 4, 6, 7, 8])]
-    found = np.unique(np.abs(np.linalg.eigvals(level).imag).round(9))[-2:]
-    schuler = np.mean([2 * np.pi / (60 * period) for period in periods])
-    foucault = 7.292115e-5 * np.sin(latitude)
-    assert found == pytest.approx([schuler - foucault, schuler + foucault], rel=2e-3)
-
-
 def test_the_matrices_agree_as_far_as_the_claims_ask(results: Results) -> None:
     for name in ("dynamics", "compass", "lateral", "gps"):
         assert 0 < results[f"model.{name}-difference"].value < 1e-4
     assert 0 < results["model.transition-difference"].value < 1e-3
-
-
-# the update
-
-
-def test_sequential_and_centralised_update_add_up_information(results: Results) -> None:
-    """P^-1 plus the information of each group, in any order: by inverses, for made numbers."""
-    rng = np.random.default_rng(25)
-    n, runs = 15, 20
-    root = rng.normal(size=(runs, n, n))
-    P = root @ np.swapaxes(root, 1, 2) + np.eye(n)
-    H, R = rng.normal(size=(runs, 8, n)), rng.uniform(0.1, 3, 8)
-    x, z = rng.normal(size=(runs, n)), rng.normal(size=(runs, 8))
-    used = rng.random((runs, 8)) < 0.8
-    x1, P1, *_ = sequential_update(x, P, z[:, :2], H[:, :2], R[:2], used[:, :2])
-    x2, P2, *_ = sequential_update(x1, P1, z[:, 2:], H[:, 2:], R[2:], used[:, 2:])
-    for r in range(runs):
-        for measured, mean, covariance in ((2, x1[r], P1[r]), (8, x2[r], P2[r])):
-            rows = np.flatnonzero(used[r, :measured])
-            weighted = H[r, rows].T / R[rows]
-            information = np.linalg.inv(P[r]) + weighted @ H[r, rows]
-            told = np.linalg.inv(P[r]) @ x[r] + weighted @ z[r, rows]
-            assert covariance == pytest.approx(np.linalg.inv(information), rel=1e-6, abs=1e-8)
-            assert mean == pytest.approx(np.linalg.solve(information, told), rel=1e-6, abs=1e-8)
     for name in ("difference", "scalar-difference", "x1-difference"):
         assert results[f"sequential.{name}"].value < 1e-9
     assert 0 < results["kalman.difference"].value < 0.1
@@ -254,56 +144,6 @@ def test_the_route_is_as_long_and_as_fast_as_its_positions_say(
     assert results["sim.length"].value == pytest.approx(steps.sum() / 1000, rel=2e-3)
     assert results["sim.speed"].value == pytest.approx(steps.max(), rel=2e-3)
     assert len(truth.places) == PLACES
-
-
-def test_an_ins_without_errors_stays_on_the_route(
-    truth: Truth, scenario: dict[str, Setting]
-) -> None:
-    """pyins' integrator, from the true state, by what biased sensors say less their biases."""
-    quiet = {
-        f"{sensor}_{what}": 0.0
-        for sensor in ("gyro", "accelerometer")
-        for what in ("noise", "instability", "scale")
-    }
-    there = simulate_sensors(truth, with_values(scenario, **quiet), runs=1, seed=SEED)
-    true, period = truth.reference, truth.period
-    assert true.attitude is not None
-    assert there.reference.gyro_bias is not None
-    assert there.reference.accelerometer_bias is not None
-    for i in (0, 3, 7):
-        begin = truth.places[i].start
-        rows = slice(begin * 100, (begin + OUTAGE) * 100)
-        ends = []
-        for share in (1.0, 0.0):
-            theta = (
-                there.rotation_increments[rows, :, 0]
-                - share * period * (there.reference.gyro_bias[:, 0])
-            )
-            dv = (
-                there.velocity_increments[rows, :, 0]
-                - share * period * (there.reference.accelerometer_bias[:, 0])
-            )
-            table = pd.DataFrame(
-                np.column_stack([np.full(len(theta), period), theta, dv]),
-                index=period * np.arange(1, len(theta) + 1),
-                columns=["dt", "theta_x", "theta_y", "theta_z", "dv_x", "dv_y", "dv_z"],
-            )
-            start = pd.Series(
-                [
-                    *(true.position[begin] * DEGREES),
-                    *(TO_NED @ true.velocity[begin]),
-                    *transform.mat_to_rph(TO_NED @ true.attitude[begin]),
-                ],
-                index=["lat", "lon", "alt", "VN", "VE", "VD", "roll", "pitch", "heading"],
-                name=0.0,
-            )
-            way = strapdown.Integrator(start).integrate(table)
-            found = way[["lat", "lon", "alt"]].to_numpy()[-1]
-            away = transform.compute_lla_difference(found, true.position[begin + OUTAGE] * DEGREES)
-            ends.append(np.linalg.norm(away))
-        assert ends[0] < 0.05
-        # the biases left in: 10 mg over 40 s are 80 m
-        assert ends[1] > 5
 
 
 def test_gps_and_sins_alone_beat_the_fixes_they_are_given(results: Results) -> None:
@@ -600,15 +440,6 @@ def test_how_long_until_the_compass_pays(page: str, scenario: dict[str, Setting]
     assert seconds_of(page, "compass bias") == np.ceil(10 / (14 * np.deg2rad(1))) == 41
     assert seconds_of(page, "angle random walk") == np.ceil((10 * 3**0.5 / (14 * noise)) ** (2 / 3))
     assert seconds_of(page, "drift") == np.ceil(np.sqrt(20 / (14 * drift))) == 148
-
-
-def test_the_integral_of_a_random_walk_has_the_deviation_that_is_said() -> None:
-    """v s t^1.5 / sqrt(3): 4,000 walks of 400 steps; four standard errors."""
-    rng = np.random.default_rng(3)
-    step = 0.1
-    walks = np.cumsum(np.sqrt(step) * rng.normal(size=(400, 4000)), axis=0)
-    sideways = (walks * step).sum(axis=0)
-    assert sideways.std() == pytest.approx(40**1.5 / np.sqrt(3), rel=4 / np.sqrt(2 * 4000) + 0.01)
 
 
 def test_a_ramp_by_hand(results: Results, page: str) -> None:

@@ -14,7 +14,6 @@ from hypothesis.extra.numpy import arrays
 from lib.vehicle.made_drive import KNOWN, changed, make_drive
 from numpy.typing import NDArray
 from pyins import transform
-from sklearn.dummy import DummyRegressor
 from sklearn.linear_model import LinearRegression
 
 from inswsn_lib import papers
@@ -22,13 +21,12 @@ from inswsn_lib.errors import ParameterError
 from inswsn_lib.learning import HoldRegressor, RBFNetworkRegressor, SelectedLSSVM
 from inswsn_lib.navigation import (
     OutageTrials,
-    Ramps,
     VehicleHybrid,
     outage_size,
     p3_hybrids,
     run_outages,
 )
-from inswsn_lib.vehicle import Drive, replay, run_vehicle_filter
+from inswsn_lib.vehicle import Drive, run_vehicle_filter
 
 Array = NDArray[np.float64]
 
@@ -298,164 +296,3 @@ def test_the_settings_of_the_methods_are_those_that_p3_prints(root: Path) -> Non
 
 def test_options_are_for_all_of_them() -> None:
     assert all(m.tau == 7 and m.scaled for m in p3_hybrids(KNOWN, tau=7, scaled=True).values())
-
-
-# --- simulated outages, and regressors that prove themselves on them ---
-
-
-def test_where_the_run_ends_the_simulated_outage_ends_with_it() -> None:
-    drive, machine = driven(), VehicleHybrid(KNOWN, LinearRegression(), phase=3, **SHORT)
-    run = run_vehicle_filter(drive, KNOWN, last=48)
-    ramps = machine.simulate_outages(drive, run, [48])
-    lengths = {b: int(np.sum((ramps.ramp == b) & (ramps.run == 0))) for b in np.unique(ramps.ramp)}
-    assert lengths == {3: 10, 13: 10, 23: 10, 33: 10, 43: 5}
-    assert ramps.epoch.max() == 48
-    assert np.array_equal(ramps.epoch - ramps.ramp, ramps.elapsed)
-    # as far as it goes it is what it would have been
-    longer = machine.simulate_outages(drive, run_vehicle_filter(drive, KNOWN, last=80), [60])
-    rows, others = ramps.ramp == 43, (longer.ramp == 43) & (longer.epoch <= 48)
-    for name in ("epoch", "run", "elapsed", "motion", "difference"):
-        assert np.array_equal(getattr(ramps, name)[rows], getattr(longer, name)[others]), name
-    # and it is the first module after compass and constraint, less the second after GPS, east first
-    first = replay(drive, KNOWN, run, [43], 5, aiding=True).first[1:]
-    second = run.position[44:]
-    for r in range(drive.runs):
-        degrees = np.array([np.rad2deg(1), np.rad2deg(1), 1.0])
-        away = transform.compute_lla_difference(first[..., r] * degrees, second[..., r] * degrees)
-        found = ramps.difference[rows & (ramps.run == r)]
-        assert found == pytest.approx(away[:, [1, 0]], rel=1e-4, abs=1e-4)
-
-
-def made_ramps(slopes: Array, tau: int = 10) -> Ramps:
-    """Return ramps that grow by lines: slopes (runs, ramps), the same east and north."""
-    runs, count = slopes.shape
-    run, number, elapsed = (
-        x.ravel()
-        for x in np.meshgrid(
-            np.arange(runs), np.arange(count), np.arange(1, tau + 1), indexing="ij"
-        )
-    )
-    return Ramps(
-        epoch=number * tau + elapsed,
-        run=run,
-        ramp=number * tau,
-        elapsed=elapsed.astype(float),
-        motion=np.zeros((len(run), 3)),
-        difference=(slopes[run, number] * elapsed)[:, None] * [1.0, 1.0],
-    )
-
-
-def proving(regressor: Any = None, **options: Any) -> VehicleHybrid:
-    """One that learns from the last ramp alone, by its time."""
-    values: dict[str, Any] = {"tau": 10, "window": 10, "motion": False, "past": 8}
-    return VehicleHybrid(KNOWN, regressor or LinearRegression(), **(values | options))
-
-
-def test_where_all_ramps_are_alike_the_regressor_is_kept() -> None:
-    ramps = made_ramps(np.full((1, 10), 0.7))
-    machine = proving().train(ramps, 0, 100)
-    assert isinstance(machine.regressor, LinearRegression)
-    assert machine.pairs == 10
-    assert machine.predict(np.array([[40.0]])) == pytest.approx(np.full((1, 2), 28.0))
-
-
-def test_zero_is_chosen_where_the_sign_changes_too_often() -> None:
-    """Told the last ramp's slope, the square of a ramp's error is nothing or four times its own.
-
-    Of eight ramps two with another sign than the one before are as bad as saying nothing. With
-    random signs one change at most has the probability 9 / 256; 150 runs, four standard errors.
-    """
-    signs = np.random.default_rng(40).choice([-1.0, 1.0], size=(150, 10))
-    ramps, machine = made_ramps(signs), proving()
-    kept = np.array([machine.train(ramps, r, 100).regressor is not None for r in range(150)])
-    changes = (signs[:, 2:] != signs[:, 1:-1]).sum(axis=1)
-    assert np.array_equal(kept, changes < 2)
-    chance = 9 / 256
-    assert kept.mean() == pytest.approx(chance, abs=4 * np.sqrt(chance * (1 - chance) / 150))
-    silent = machine.train(ramps, int(np.argmin(kept)), 100)
-    assert silent.pairs == 0
-    assert np.array_equal(silent.predict(np.ones((3, 1))), np.zeros((3, 2)))
-
-
-def test_only_the_last_ramps_are_judged() -> None:
-    """Old ramps that change their sign do not count, new ones do."""
-    old, new = np.ones((1, 10)), np.ones((1, 10))
-    old[0, :4] = [1, -1, 1, -1]
-    new[0, -4:] = [1, -1, 1, -1]
-    assert proving(past=5).train(made_ramps(old), 0, 100).regressor is not None
-    assert proving(past=8).train(made_ramps(old), 0, 100).regressor is None
-    assert proving(past=5).train(made_ramps(new), 0, 100).regressor is None
-
-
-def test_what_comes_after_the_start_does_not_judge() -> None:
-    """Nor a ramp that is under way: it would need differences of the outage.
-
-    One ramp of the other sign among three: four times its square against three.
-    """
-    slopes = np.ones((1, 12))
-    slopes[0, 8:] = [-1, 1, -1, 1]
-    ramps = made_ramps(slopes)
-    assert proving(past=3).train(ramps, 0, 80).regressor is not None
-    assert proving(past=3).train(ramps, 0, 89).regressor is not None
-    assert proving(past=3).train(ramps, 0, 90).regressor is None
-
-
-def test_who_has_nothing_to_prove_itself_on_predicts_zero() -> None:
-    assert proving().train(made_ramps(np.ones((1, 3))), 0, 9).regressor is None
-
-
-def test_the_first_ramp_of_all_has_nothing_before_it_and_is_not_judged() -> None:
-    ramps = made_ramps(np.ones((1, 10)))
-    later = replace(ramps, epoch=ramps.epoch + 60, ramp=ramps.ramp + 60)
-    assert proving(past=10, phase=60).train(later, 0, 160).regressor is not None
-
-
-@pytest.mark.parametrize("options", [{"restart": "aligned"}, {"anchored": True}])
-def test_who_has_no_past_ramps_of_the_same_kind_cannot_prove_itself(
-    options: dict[str, Any],
-) -> None:
-    with pytest.raises(ParameterError, match="past"):
-        proving(**options)
-
-
-def test_the_best_of_the_rivals_is_taken() -> None:
-    wrong = [DummyRegressor(strategy="constant", constant=[c, c]) for c in (-9.0, 50.0)]
-    ramps = made_ramps(np.full((1, 10), 0.7))
-    machine = proving(wrong[0], rivals=[wrong[1], LinearRegression()]).train(ramps, 0, 100)
-    assert isinstance(machine.regressor, LinearRegression)
-    assert machine.predict(np.array([[3.0]])) == pytest.approx(np.full((1, 2), 2.1))
-    with_none = proving(wrong[0], rivals=wrong, scaled=False).train(ramps, 0, 100)
-    assert with_none.regressor is None
-
-
-def test_a_run_is_judged_by_its_own_ramps() -> None:
-    slopes = np.ones((2, 10))
-    slopes[1, ::2] = -1
-    ramps = made_ramps(slopes)
-    assert proving().train(ramps, 0, 100).regressor is not None
-    assert proving().train(ramps, 1, 100).regressor is None
-
-
-def test_a_ramp_is_predicted_from_the_one_before_it() -> None:
-    slopes = np.array([[0.5, -2.0, 3.0, 1.0]])
-    ramps, line = made_ramps(slopes), np.arange(1.0, 11)[:, None] * [1, 1]
-    for number in (1, 2, 3):
-        predicted, came = proving().predict_ramp(ramps, 0, 10 * number)
-        assert predicted == pytest.approx(slopes[0, number - 1] * line)
-        assert came == pytest.approx(slopes[0, number] * line)
-    constant = DummyRegressor(strategy="constant", constant=[4.0, 5.0])
-    predicted, _ = proving(scaled=False).predict_ramp(ramps, 0, 20, constant)
-    assert np.array_equal(predicted, np.tile([4.0, 5.0], (10, 1)))
-
-
-def test_in_outages_it_says_what_it_was_chosen_to_say() -> None:
-    """The whole way: made ramps of one slope, and of changing sign, through `bridge`."""
-    drive = driven()
-    run = run_vehicle_filter(drive, KNOWN, last=80)
-    slopes = np.full((2, 8), 0.7)
-    slopes[1, ::2] = -0.7
-    bridge = proving(past=4).bridge(drive, run, [80], 9, ramps=made_ramps(slopes))
-    expected = 0.7 * np.arange(10)[:, None] * [1, 1]
-    assert bridge.predicted[:, :, 0] == pytest.approx(expected)
-    assert not bridge.predicted[:, :, 1].any()
-    assert np.array_equal(bridge.position[..., 1], bridge.branch.first[..., 1])

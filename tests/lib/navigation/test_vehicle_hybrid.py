@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from lib.vehicle.made_drive import KNOWN, SENSORS, changed, make_drive, only
 from numpy.typing import ArrayLike
+from pyins import transform
 from sklearn.base import BaseEstimator, MultiOutputMixin, RegressorMixin
 from sklearn.dummy import DummyRegressor
 from sklearn.linear_model import LinearRegression
@@ -185,6 +186,29 @@ def test_when_simulated_outages_begin(
         assert np.array_equal(epochs, first + np.arange(1, tau + 1))
 
 
+def test_where_the_run_ends_the_simulated_outage_ends_with_it() -> None:
+    drive, machine = driven()[0], hybrid(phase=3)
+    run = run_vehicle_filter(drive, KNOWN, last=48)
+    ramps = machine.simulate_outages(drive, run, [48])
+    lengths = {b: int(np.sum((ramps.ramp == b) & (ramps.run == 0))) for b in np.unique(ramps.ramp)}
+    assert lengths == {3: 10, 13: 10, 23: 10, 33: 10, 43: 5}
+    assert ramps.epoch.max() == 48
+    assert np.array_equal(ramps.epoch - ramps.ramp, ramps.elapsed)
+    # as far as it goes it is what it would have been
+    longer = machine.simulate_outages(drive, run_vehicle_filter(drive, KNOWN, last=80), [60])
+    rows, others = ramps.ramp == 43, (longer.ramp == 43) & (longer.epoch <= 48)
+    for name in ("epoch", "run", "elapsed", "motion", "difference"):
+        assert np.array_equal(getattr(ramps, name)[rows], getattr(longer, name)[others]), name
+    # and it is the first module after compass and constraint, less the second after GPS, east first
+    first = replay(drive, KNOWN, run, [43], 5, aiding=True).first[1:]
+    second = run.position[44:]
+    for r in range(drive.runs):
+        degrees = np.array([np.rad2deg(1), np.rad2deg(1), 1.0])
+        away = transform.compute_lla_difference(first[..., r] * degrees, second[..., r] * degrees)
+        found = ramps.difference[rows & (ramps.run == r)]
+        assert found == pytest.approx(away[:, [1, 0]], rel=1e-4, abs=1e-4)
+
+
 def test_in_body_axes_the_difference_is_turned_by_the_yaw() -> None:
     drive, run = driven()
     plain, turned = (
@@ -358,73 +382,109 @@ def test_runs_are_what_they_are_alone() -> None:
 # --- a regressor that has to prove itself ---
 
 
-def proving(regressor: Any, **changes: Any) -> VehicleHybrid:
-    return hybrid(regressor, motion=False, **({"past": 3} | changes))
-
-
-def test_what_predicts_past_outages_is_used() -> None:
-    """Of a line, an oddity and nothing, the line tells what was to come."""
-    drive, run = driven()
-    odd = DummyRegressor(strategy="constant", constant=[30.0, 30.0])
-    ramps = line([0.5, -2.0], [3.0, 1.0])
-    for first, rivals in ((LinearRegression(), [odd]), (odd, [LinearRegression()])):
-        machine = proving(first, rivals=rivals)
-        bridge = machine.bridge(drive, run, [START], STEPS, ramps=ramps)
-        assert all(isinstance(m.regressor, LinearRegression) for m in bridge.machines)
-        assert bridge.predicted[-1, :, 0] == pytest.approx([3 + 0.5 * STEPS, 1 - 2 * STEPS])
-
-
-def test_nothing_is_predicted_where_nothing_can_be() -> None:
-    """Of ramps that change their sign each time no one can tell the next."""
-    drive, run = driven()
-    ramps = line([0.5, -2.0], [3.0, 1.0])
-    sign = np.where(ramps.ramp // 10 % 2, 1.0, -1.0)[:, None]
-    ramps = replace(ramps, difference=sign * ramps.difference)
-    machine = proving(LinearRegression(), window=10, rivals=[HoldRegressor()])
-    bridge = machine.bridge(drive, run, [START], STEPS, ramps=ramps)
-    assert [m.regressor for m in bridge.machines] == [None] * 3
-    assert not bridge.predicted.any()
-    assert np.array_equal(bridge.position, bridge.branch.first)
-
-
-def test_only_ramps_that_are_over_and_recent_judge() -> None:
-    """Good until 40, useless since: with the last three ramps in view, nothing is predicted."""
-    ramps = line([0.5, -2.0], [3.0, 1.0])
-    wild = np.random.default_rng(2).normal(size=ramps.difference.shape)
-    spoilt = np.where((ramps.ramp >= 40)[:, None], wild, ramps.difference)
-    ramps = replace(ramps, difference=spoilt)
-    short, long = (
-        proving(LinearRegression(), past=past).train(ramps, 0, START) for past in (3, 30)
+def made_ramps(slopes: np.ndarray, tau: int = 10) -> Ramps:
+    """Return ramps that grow by lines: slopes (runs, ramps), the same east and north."""
+    runs, count = slopes.shape
+    run, number, elapsed = (
+        x.ravel()
+        for x in np.meshgrid(
+            np.arange(runs), np.arange(count), np.arange(1, tau + 1), indexing="ij"
+        )
     )
-    assert short.regressor is None
-    assert long.regressor is not None
+    return Ramps(
+        epoch=number * tau + elapsed,
+        run=run,
+        ramp=number * tau,
+        elapsed=elapsed.astype(float),
+        motion=np.zeros((len(run), 3)),
+        difference=(slopes[run, number] * elapsed)[:, None] * [1.0, 1.0],
+    )
 
 
-def test_a_ramp_that_is_not_over_judges_nobody() -> None:
-    """At 69 the ramp of 60 has one second to go: that of 50 was a line, so the line is used."""
-    ramps = line([0.5, -2.0], [3.0, 1.0])
-    wild = np.random.default_rng(2).normal(size=ramps.difference.shape)
-    ramps = replace(ramps, difference=np.where((ramps.ramp >= 60)[:, None], wild, ramps.difference))
-    machine = proving(LinearRegression(), past=1)
-    assert machine.train(ramps, 0, 69).regressor is not None
-    assert machine.train(ramps, 0, 70).regressor is None
+def proving(regressor: Any = None, **options: Any) -> VehicleHybrid:
+    """One that learns from the last ramp alone, by its time."""
+    values: dict[str, Any] = {"tau": 10, "window": 10, "motion": False, "past": 8}
+    return VehicleHybrid(KNOWN, regressor or LinearRegression(), **(values | options))
 
 
-def test_without_a_past_nothing_is_predicted() -> None:
-    machine = proving(LinearRegression()).train(line([0.5, -2.0], [3.0, 1.0]), 0, 15)
-    assert machine.regressor is None
+def test_where_all_ramps_are_alike_the_regressor_is_kept() -> None:
+    ramps = made_ramps(np.full((1, 10), 0.7))
+    machine = proving().train(ramps, 0, 100)
+    assert isinstance(machine.regressor, LinearRegression)
+    assert machine.pairs == 10
+    assert machine.predict(np.array([[40.0]])) == pytest.approx(np.full((1, 2), 28.0))
 
 
-def test_who_is_anchored_cannot_be_judged() -> None:
-    """What an outage takes off at its start is not known of a past ramp: it has no pair there."""
-    with pytest.raises(ParameterError, match="past is 3"):
-        proving(LinearRegression(), anchored=True)
+def test_only_the_last_ramps_are_judged() -> None:
+    """Old ramps that change their sign do not count, new ones do."""
+    old, new = np.ones((1, 10)), np.ones((1, 10))
+    old[0, :4] = [1, -1, 1, -1]
+    new[0, -4:] = [1, -1, 1, -1]
+    assert proving(past=5).train(made_ramps(old), 0, 100).regressor is not None
+    assert proving(past=8).train(made_ramps(old), 0, 100).regressor is None
+    assert proving(past=5).train(made_ramps(new), 0, 100).regressor is None
 
 
-def test_a_past_is_of_successive_ramps_or_of_a_bank() -> None:
-    """Of aligned ramps there is one for each start, and none before it to learn from."""
-    with pytest.raises(ParameterError, match="past is 3"):
-        proving(LinearRegression(), restart="aligned")
+def test_what_comes_after_the_start_does_not_judge() -> None:
+    """Nor a ramp that is under way: it would need differences of the outage.
+
+    One ramp of the other sign among three: four times its square against three.
+    """
+    slopes = np.ones((1, 12))
+    slopes[0, 8:] = [-1, 1, -1, 1]
+    ramps = made_ramps(slopes)
+    assert proving(past=3).train(ramps, 0, 80).regressor is not None
+    assert proving(past=3).train(ramps, 0, 89).regressor is not None
+    assert proving(past=3).train(ramps, 0, 90).regressor is None
+
+
+def test_the_first_ramp_of_all_has_nothing_before_it_and_is_not_judged() -> None:
+    ramps = made_ramps(np.ones((1, 10)))
+    later = replace(ramps, epoch=ramps.epoch + 60, ramp=ramps.ramp + 60)
+    assert proving(past=10, phase=60).train(later, 0, 160).regressor is not None
+
+
+def test_the_best_of_the_rivals_is_taken() -> None:
+    wrong = [DummyRegressor(strategy="constant", constant=[c, c]) for c in (-9.0, 50.0)]
+    ramps = made_ramps(np.full((1, 10), 0.7))
+    machine = proving(wrong[0], rivals=[wrong[1], LinearRegression()]).train(ramps, 0, 100)
+    assert isinstance(machine.regressor, LinearRegression)
+    assert machine.predict(np.array([[3.0]])) == pytest.approx(np.full((1, 2), 2.1))
+    with_none = proving(wrong[0], rivals=wrong, scaled=False).train(ramps, 0, 100)
+    assert with_none.regressor is None
+
+
+def test_a_run_is_judged_by_its_own_ramps() -> None:
+    slopes = np.ones((2, 10))
+    slopes[1, ::2] = -1
+    ramps = made_ramps(slopes)
+    assert proving().train(ramps, 0, 100).regressor is not None
+    assert proving().train(ramps, 1, 100).regressor is None
+
+
+def test_a_ramp_is_predicted_from_the_one_before_it() -> None:
+    slopes = np.array([[0.5, -2.0, 3.0, 1.0]])
+    ramps, line = made_ramps(slopes), np.arange(1.0, 11)[:, None] * [1, 1]
+    for number in (1, 2, 3):
+        predicted, came = proving().predict_ramp(ramps, 0, 10 * number)
+        assert predicted == pytest.approx(slopes[0, number - 1] * line)
+        assert came == pytest.approx(slopes[0, number] * line)
+    constant = DummyRegressor(strategy="constant", constant=[4.0, 5.0])
+    predicted, _ = proving(scaled=False).predict_ramp(ramps, 0, 20, constant)
+    assert np.array_equal(predicted, np.tile([4.0, 5.0], (10, 1)))
+
+
+def test_in_outages_it_says_what_it_was_chosen_to_say() -> None:
+    """The whole way: made ramps of one slope, and of changing sign, through `bridge`."""
+    drive = only(driven()[0], [0, 1])
+    run = run_vehicle_filter(drive, KNOWN, last=80)
+    slopes = np.full((2, 8), 0.7)
+    slopes[1, ::2] = -0.7
+    bridge = proving(past=4).bridge(drive, run, [80], 9, ramps=made_ramps(slopes))
+    expected = 0.7 * np.arange(10)[:, None] * [1, 1]
+    assert bridge.predicted[:, :, 0] == pytest.approx(expected)
+    assert not bridge.predicted[:, :, 1].any()
+    assert np.array_equal(bridge.position[..., 1], bridge.branch.first[..., 1])
 
 
 # --- inputs ---
@@ -487,12 +547,12 @@ def test_motion_is_what_the_car_does() -> None:
     ("changes", "said"),
     [
         ({"tau": 0}, "tau is 0"),
-        ({"tau": 2.5}, "tau is 2.5"),
         ({"phase": -1}, "phase is -1"),
         ({"spacing": 0}, "spacing is 0"),
         ({"window": 1}, "window is 1"),
-        ({"window": True}, "window is True"),
         ({"past": -1}, "past is -1"),
+        ({"past": 3, "anchored": True}, "past is 3"),  # no pair at the start of a past ramp
+        ({"past": 3, "restart": "aligned"}, "past is 3"),  # no ramp before one to learn from
         ({"rivals": ["a line"]}, "regressor is 'a line'"),
         ({"restart": "never"}, "restart is 'never'"),
         ({"frame": "moon"}, "frame is 'moon'"),
@@ -504,22 +564,16 @@ def test_hybrids_that_cannot_be(changes: dict[str, Any], said: str) -> None:
         hybrid(**changes)
 
 
-def test_a_regressor_is_needed() -> None:
-    with pytest.raises(ParameterError, match="regressor is 'a line'"):
-        hybrid("a line")
-
-
 @pytest.mark.parametrize(
-    ("changes", "starts"),
-    [({}, [0]), ({}, [1]), ({"phase": 50}, [51]), ({"restart": "aligned"}, [9])],
-)
-def test_an_outage_needs_pairs_before_it(changes: dict[str, Any], starts: list[int]) -> None:
+    ("changes", "starts", "steps"),
+    [
+        ({}, [0], 5), ({}, [1], 5), ({"phase": 50}, [51], 5), ({"restart": "aligned"}, [9], 5),
+        ({}, [101], 0), ({}, [90], 11),
+    ],
+)  # fmt: skip
+def test_an_outage_has_pairs_before_it_and_ends_within_the_drive(
+    changes: dict[str, Any], starts: list[int], steps: int
+) -> None:
     drive, run = driven()
     with pytest.raises(ParameterError, match="starts is"):
-        hybrid(**changes).bridge(drive, run, starts, 5)
-
-
-def test_an_outage_ends_within_the_drive() -> None:
-    drive, run = driven()
-    with pytest.raises(ParameterError, match="starts is"):
-        hybrid().bridge(drive, run, [90], 11)
+        hybrid(**changes).bridge(drive, run, starts, steps)

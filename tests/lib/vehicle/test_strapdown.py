@@ -59,23 +59,6 @@ def test_it_is_what_pyins_integrates() -> None:
         assert attitude[r] == pytest.approx(theirs, abs=1e-11)
 
 
-def test_it_follows_the_drive() -> None:
-    """Increments without error bring the car to where the simulator of pyins had it."""
-    made = driven(60)
-    first, last = made.trajectory.iloc[0], made.trajectory.iloc[-1]
-    begun = state(
-        np.array([[np.deg2rad(first.lat), np.deg2rad(first.lon), first.alt]]),
-        (TURN @ first[["VN", "VE", "VD"]].to_numpy())[None],
-        (TURN @ transform.mat_from_rph(first[["roll", "pitch", "heading"]]))[None],
-    )
-    theta, dv = (made.increments[names].to_numpy()[None] for names in (THETA, DV))
-    position, velocity, _ = integrate_strapdown(begun, theta, dv, PERIOD)
-    lla = np.append(np.rad2deg(position[0, -1, :2]), position[0, -1, 2])
-    missed = transform.compute_lla_difference(lla, last[["lat", "lon", "alt"]])
-    assert np.linalg.norm(missed) < 0.02
-    assert velocity[0, -1] @ TURN == pytest.approx(last[["VN", "VE", "VD"]], abs=1e-3)
-
-
 @pytest.mark.parametrize("latitude", [-60.0, 0.0, 32.0])
 def test_a_car_at_rest_stays_at_rest(latitude: float) -> None:
     """It feels its weight and the turning of the Earth, in whatever attitude it stands."""
@@ -131,12 +114,3 @@ def test_the_attitude_error_turns_the_true_frame_into_the_computed() -> None:
     wrong.error[:, 6:9] = phi
     assert wrong.corrected().attitude[0] == pytest.approx(C, abs=2e-7)
     assert wrong.corrected().attitude[0] != pytest.approx(wrong.attitude[0], abs=2e-5)
-
-
-def test_an_index_takes_part_of_everything() -> None:
-    rng = np.random.default_rng(3)
-    whole = state(*(rng.normal(size=(5, 2, *s)) for s in ((3,), (3,), (3, 3))))
-    part = whole[3, 1]
-    assert np.array_equal(part.position, whole.position[3, 1])
-    assert part.attitude.shape == (3, 3)
-    assert part.covariance.shape == (15, 15)
