@@ -1,18 +1,17 @@
-"""One request, one key, one store: what makes a run due, and what finds it again."""
+"""One request, one key, one store: what makes a run due, what finds it, how one is executed."""
 
 from __future__ import annotations
 
+import json
 import os
-import time
 from collections.abc import Callable
-from multiprocessing import get_context
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
 import pytest
-from conftest import MiniProject, run_command
+from conftest import MiniProject
 from inswsn_book import runs
-from inswsn_book.compare import comparison
 from inswsn_book.files import file_digest
 from inswsn_book.progress import Quiet
 from inswsn_book.project import _EXECUTING, MODULES_VARIABLE, Project
@@ -24,6 +23,7 @@ from inswsn_book.runs import (
     Request,
     Run,
     Surroundings,
+    book_runs,
     chosen_surroundings,
     keep,
     lookup,
@@ -38,6 +38,8 @@ from inswsn_lib.files import DATA_VARIABLE
 PLAIN = Request("00")
 EMPTY = Results(chapter="00", parameters={}, data={}, quantities=())
 
+# The key -----------------------------------------------------------------------------------------
+
 
 @pytest.fixture
 def packages(mini: Project, monkeypatch: pytest.MonkeyPatch) -> Path:
@@ -51,15 +53,12 @@ def packages(mini: Project, monkeypatch: pytest.MonkeyPatch) -> Path:
     return mini.root
 
 
-def append(name: str) -> Callable[[Path], None]:
+def append(name: str) -> Callable[[Path], object]:
     def change(root: Path) -> None:
         with (root / name).open("a") as stream:
             stream.write("\n# changed\n")
 
     return change
-
-
-# The key
 
 
 @pytest.mark.parametrize(
@@ -76,13 +75,12 @@ def append(name: str) -> Callable[[Path], None]:
     ids=["source", "lock", "torch lock", "library", "record", "new module", "renamed module"],
 )
 def test_a_change_of_content_changes_the_key(
-    mini: Project, packages: Path, change: Callable[[Path], None]
+    mini: Project, packages: Path, change: Callable[[Path], object]
 ) -> None:
     before = request_key(mini, PLAIN)
     change(packages)
-    after = request_key(mini, PLAIN)
     # and the part of the key that tells an entry from another library
-    assert after[:12] != before[:12]
+    assert request_key(mini, PLAIN)[:12] != before[:12]
 
 
 @pytest.mark.parametrize(
@@ -104,53 +102,45 @@ def test_another_request_has_another_key(mini: Project, other: Request) -> None:
     assert after[:12] == before[:12]  # they stand beside one another in the store
 
 
-def test_another_python_changes_the_key(mini: Project, monkeypatch: pytest.MonkeyPatch) -> None:
-    before = request_key(mini, PLAIN)
-    monkeypatch.setattr("platform.python_version", lambda: "3.99.0")
-    assert request_key(mini, PLAIN) != before
-
-
-def test_whether_there_are_recorded_data_changes_the_key(
+def test_the_python_and_whether_there_are_recorded_data_change_the_key(
     mini: Project, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    def key(folder: str) -> str:
+        monkeypatch.setenv(DATA_VARIABLE, folder)
+        return request_key(mini, PLAIN)
+
     monkeypatch.delenv(DATA_VARIABLE, raising=False)
     without = request_key(mini, PLAIN)
     for name in ("first", "second"):
         (tmp_path / name).mkdir()
     (tmp_path / "first" / "file").touch()
-    keys = set()
-    for name in ("first", "second"):  # which folder it is and what it holds does not count
-        monkeypatch.setenv(DATA_VARIABLE, str(tmp_path / name))
-        keys.add(request_key(mini, PLAIN))
-    assert len(keys) == 1
-    assert without not in keys
-    # a name of no folder gives no data
+    # which folder it is and what it holds does not count; a name of no folder gives no data
+    assert key(str(tmp_path / "first")) == key(str(tmp_path / "second")) != without
     for name in ("", str(tmp_path / "none"), str(tmp_path / "first" / "file")):
-        monkeypatch.setenv(DATA_VARIABLE, name)
-        assert request_key(mini, PLAIN) == without, name
+        assert key(name) == without, name
+    monkeypatch.setattr("platform.python_version", lambda: "3.99.0")
+    assert request_key(mini, PLAIN) != without
 
 
 def test_a_readers_own_regressor_is_a_part_of_the_key(
     mini: MiniProject, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    (chapter,) = mini.chapters()
     declared = "# Which.\nlearner: str = 'sklearn.svm:SVR'  # 1; a regressor\n\n# What the number"
-    chapter.source.write_text(chapter.source.read_text().replace("# What the number", declared))
+    mini.source.write_text(mini.source.read_text().replace("# What the number", declared))
     monkeypatch.setenv(MODULES_VARIABLE, str(tmp_path))
-    (tmp_path / "own.py").write_text("class Mine: ...\n")
     request = Request("00", {"learner": "own:Mine"})
+    (tmp_path / "own.py").write_text("class Mine: ...\n")
     before = request_key(mini, request)
     (tmp_path / "own.py").write_text("class Mine: x = 1\n")
     assert request_key(mini, request) != before
 
 
-def test_what_does_not_count(mini: Project, packages: Path) -> None:
-    (chapter,) = mini.chapters()
+def test_what_does_not_count(mini: MiniProject, packages: Path) -> None:
     before = request_key(mini, PLAIN)
-    os.utime(packages / "inswsn_lib" / "a.py", (0, 0))
-    os.utime(chapter.source, (0, 0))
-    (mini.root / "README.md").write_text("unrelated")
-    (mini.root / "data" / "papers" / "other.txt").write_text("unrelated")
+    for path in (packages / "inswsn_lib" / "a.py", mini.source):
+        os.utime(path, (0, 0))
+    for name in ("README.md", "data/papers/other.txt"):
+        (mini.root / name).write_text("unrelated")
     # the command line and the pages may change without any chapter being due
     append("inswsn_book/rendering.py")(packages)
     assert request_key(mini, PLAIN) == before
@@ -159,29 +149,41 @@ def test_what_does_not_count(mini: Project, packages: Path) -> None:
 
 
 def test_what_may_not_be_asked_for(mini: Project) -> None:
-    with pytest.raises(ParameterError, match=r"scale is 0\.0"):
-        request_key(mini, Request("00", {"scale": 0.0}))
-    with pytest.raises(ParameterError, match="it may be one of scale"):
-        request_key(mini, Request("00", {"other": 0.0}))
-    with pytest.raises(InswsnError, match="NAME is '07'"):
-        request_key(mini, Request("07"))
+    for request, said in (
+        (Request("00", {"scale": 0.0}), r"scale is 0\.0"),
+        (Request("00", {"other": 0.0}), "it may be one of scale"),
+        (Request("07"), "NAME is '07'"),
+    ):
+        with pytest.raises(ParameterError, match=said):
+            request_key(mini, request)
 
 
-# The store
+# The store ---------------------------------------------------------------------------------------
 
 
-def test_an_entry_holds_while_its_data_are_unchanged(mini: Project) -> None:
-    data = mini.root / "data" / "papers" / "number.txt"
-    read = EMPTY.model_copy(update={"data": {"data/papers/number.txt": file_digest(data)}})
+def test_an_entry_holds_while_its_data_are_unchanged(mini: MiniProject) -> None:
+    read = EMPTY.model_copy(update={"data": {"data/papers/number.txt": file_digest(mini.number)}})
     kept = Run(PLAIN, read, "{}\n", {"note.csv": "a\r\nb\n"})
     assert lookup(mini, PLAIN) is None
+    with pytest.raises(InswsnError, match="Chapter 00 has not been built as it is now"):
+        book_runs(mini)
     keep(mini, PLAIN, kept)
     assert lookup(mini, PLAIN) == kept
+    assert book_runs(mini) == [kept]
     assert lookup(mini, Request("00", {"scale": 3.0})) is None
-    data.write_text("22")
+    mini.number.write_text("22")
     assert lookup(mini, PLAIN) is None
-    data.unlink()
+    mini.number.unlink()
     assert lookup(mini, PLAIN) is None
+
+
+def test_what_was_run_by_hand_is_the_books_once_it_is_the_default(mini: MiniProject) -> None:
+    """The key tells another source; what it holds is found by what it was made from alone."""
+    mini.source.write_text(mini.source.read_text().replace("float = 2.0", "float = 4.0"))
+    by_hand = Request("00", {"scale": 4.0})
+    keep(mini, by_hand, Run(by_hand, EMPTY))
+    assert lookup(mini, PLAIN) == Run(PLAIN, EMPTY)
+    assert lookup(mini, Request("00", {"scale": 2.0})) is None
 
 
 @pytest.mark.parametrize(
@@ -195,145 +197,130 @@ def test_an_entry_that_cannot_be_read_is_none(mini: Project, content: bytes) -> 
     assert lookup(mini, PLAIN) is None
     keep(mini, PLAIN, Run(PLAIN, EMPTY, "{}\n"))  # and another takes its place
     assert entry.read_bytes() == whole
-    assert lookup(mini, PLAIN) is not None
 
 
-def test_a_kill_while_an_entry_is_written_leaves_none(
-    mini: Project, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def killed(*_: Any) -> None:
-        raise KeyboardInterrupt
+def test_two_writers_keep_the_same(mini: Project) -> None:
+    kept, seen = Run(PLAIN, EMPTY, "{}\n", {"note.csv": "a\n"}), []
 
-    monkeypatch.setattr("os.fsync", killed)
-    with pytest.raises(KeyboardInterrupt):
-        keep(mini, PLAIN, Run(PLAIN, EMPTY, "{}\n"))
-    assert list((mini.store / "00").iterdir()) == []
+    def keep_often() -> None:
+        for _ in range(40):
+            keep(mini, PLAIN, kept)
 
-
-def _keep_often(root: Path, times: int) -> None:
-    for _ in range(times):
-        keep(Project(root), PLAIN, Run(PLAIN, EMPTY, "{}\n", {"note.csv": "a\n"}))
-
-
-def test_two_processes_keep_the_same(mini: Project) -> None:
-    context = get_context("spawn")
-    writers = [context.Process(target=_keep_often, args=(mini.root, 40)) for _ in range(2)]
-    for writer in writers:
-        writer.start()
-    seen = set()
-    while any(writer.is_alive() for writer in writers):
-        found = lookup(mini, PLAIN)
-        seen.add(None if found is None else (found.notebook, found.files["note.csv"]))
-        time.sleep(0.001)
-    for writer in writers:
-        writer.join()
-        assert writer.exitcode == 0
-    assert seen <= {None, ("{}\n", "a\n")}
-    assert lookup(mini, PLAIN) == Run(PLAIN, EMPTY, "{}\n", {"note.csv": "a\n"})
+    with ThreadPoolExecutor(2) as pool:
+        writers = [pool.submit(keep_often) for _ in range(2)]
+        while not all(writer.done() for writer in writers):
+            seen.append(lookup(mini, PLAIN))
+    assert all(writer.exception() is None for writer in writers)
+    assert all(found in (None, kept) for found in seen)
+    assert lookup(mini, PLAIN) == kept
     assert len(list((mini.store / "00").iterdir())) == 1
 
 
-def test_old_entries_go_but_for_the_last_few(mini: Project) -> None:
-    (chapter,) = mini.chapters()
-    source = chapter.source.read_text()
+def test_old_entries_go_but_for_the_last_few(mini: MiniProject) -> None:
+    source = mini.source.read_text()
 
-    def entries() -> set[str]:
-        return {path.name for path in (mini.store / "00").iterdir()}
+    def entries() -> list[Path]:
+        return list((mini.store / "00").iterdir())
 
     several = [PLAIN, *(Request("00", {"scale": float(n)}) for n in range(10, 16))]
     for request in several:
         keep(mini, request, Run(request, EMPTY, "{}\n"))
     assert len(entries()) == len(several)  # of the present source all are kept
     for edit in range(5):
-        chapter.source.write_text(f"{source}\nEdit {edit}.\n")
+        mini.source.write_text(f"{source}\nEdit {edit}.\n")
         keep(mini, PLAIN, Run(PLAIN, EMPTY, "{}\n"))
-        for path in (mini.store / "00").iterdir():  # what is written first is oldest
+        for path in entries():  # what is written first is oldest
             if path.stem == request_key(mini, PLAIN):
                 os.utime(path, (edit + 2e9, edit + 2e9))
     assert len(entries()) == 4
     for edit, there in enumerate([False, True, True, True, True]):
-        chapter.source.write_text(f"{source}\nEdit {edit}.\n")
+        mini.source.write_text(f"{source}\nEdit {edit}.\n")
         assert (lookup(mini, PLAIN) is not None) == there
 
 
-# Running
+# Running -----------------------------------------------------------------------------------------
 
 
-def test_what_the_book_has_executed_a_run_finds_and_the_other_way_round(
-    built: MiniProject, tmp_path: Path
+def test_a_kernel_is_given_nothing_personal_and_gives_its_files_and_tables(
+    mini: MiniProject, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    done = run_command(built.root, "run", "00", "-p", "scale=2", "--out", str(tmp_path / "out"))
-    assert done.returncode == 0, done.stderr
-    assert done.stderr.splitlines() == ["00-mini: unchanged"]
-    assert (tmp_path / "out" / "00-mini.ipynb").is_file()
-    done = run_command(built.root, "run", "00", "--fresh", "--out", str(tmp_path / "out"))
-    assert "executed" in done.stderr
-    # another default: what was run by hand is the book's
-    (chapter,) = built.chapters()
-    chapter.source.write_text(chapter.source.read_text().replace("float = 2.0", "float = 4.0"))
-    assert "executed" in run_command(built.root, "run", "00").stderr
-    done = run_command(built.root, "book")
-    assert done.returncode == 0, done.stderr
-    assert "00-mini: unchanged" in done.stderr
-    assert ">84<" in (built.site / "chapters" / "00-mini.html").read_text()
-    # and of all that was there before, only what has another key is executed
-    assert "executed" in run_command(built.root, "run", "00", "-p", "scale=3").stderr
-    assert "unchanged" in run_command(built.root, "run", "00", "-p", "scale=3").stderr
-
-
-def test_a_run_that_the_book_refuses_is_refused_from_the_store_too(built: MiniProject) -> None:
-    built.chapter(
-        "```{code-cell} ipython3\nrecord.holds('Twice it is odd.', 2 * number % 2 == 1)\n```"
-    )
-    assert run_command(built.root, "run", "00").returncode == 0
-    done = run_command(built.root, "book")
-    assert done.returncode == 1
-    assert "00-mini: unchanged" in done.stderr
-    assert "has sentences that its results do not bear out:\n  Twice it is odd." in done.stderr
-
-
-def test_a_table_is_recorded_as_it_is_shown(mini: MiniProject) -> None:
+    """All that one chapter can be asked at once."""
+    settings = tmp_path / "settings"
+    settings.mkdir()
+    (settings / "matplotlibrc").write_text("axes.linewidth: 9\n")
+    monkeypatch.setenv("PYTHONPATH", str(settings))
+    monkeypatch.setenv("MPLCONFIGDIR", str(settings))
+    monkeypatch.setenv("OMP_NUM_THREADS", "7")
+    monkeypatch.setenv("PYTHONHASHSEED", "7")
+    # named from where the command is run; the kernel works in a folder of its own
+    monkeypatch.setenv(DATA_VARIABLE, "recorded")
+    monkeypatch.chdir(mini.root)
     mini.chapter(
-        "```{code-cell} ipython3\nimport pandas as pd\nfrom inswsn_book.show import show_table\n\n"
+        "import json, os, sys\nimport matplotlib\nimport pandas as pd\n"
+        "from inswsn_book.show import show_table\n\n"
+        "names = ('OMP_NUM_THREADS', 'PYTHONHASHSEED', 'INSWSN_SOLVER', 'INSWSN_DATA')\n"
+        "told = {name: os.environ[name] for name in names}\n"
+        "told |= {'width': matplotlib.rcParams['axes.linewidth'], 'path': sys.path}\n"
+        "record.write_file('told.json', json.dumps(told))\n"
         "frame = pd.DataFrame({'a (m)': [f'{scale:.2f}']}, index=pd.Index(['x'], name='row'))\n"
-        "show_table(frame, name='tbl-mini', caption='A table.')\n```"
+        "show_table(frame, name='tbl-mini', caption='A table.')"
     )
     done = run(mini, PLAIN, Quiet())
     assert done.results.tables == {"tbl-mini": [["row", "a (m)"], ["x", "2.00"]]}
-    other = run(mini, Request("00", {"scale": 3.0}), Quiet()).results
-    assert other.tables["tbl-mini"][1] == ["x", "3.00"]
-    assert "table tbl-mini: 1 of 4 cells differ" in comparison(done.results, other, [])
+    assert done.results.cells == {"twice": "ch00-002"}
+    told = json.loads(done.files["told.json"])
+    assert str(settings) not in told.pop("path")
+    assert told == {
+        "OMP_NUM_THREADS": "1", "PYTHONHASHSEED": "0", "INSWSN_SOLVER": "clarabel",
+        "INSWSN_DATA": str(mini.root / "recorded"), "width": 0.8,
+    }  # fmt: skip
+    assert run(mini, PLAIN, Quiet()) == done  # from the store
 
 
 def test_an_overlay_is_as_an_edited_checkout(mini: MiniProject) -> None:
-    (chapter,) = mini.chapters()
-    source = chapter.source.read_text()
-    other = source.replace("scale * number", "scale * number + 1").replace(
-        "float = 2.0", "float = 3.0"
-    )
-    overlay = {f"chapters/{chapter.source.name}": other, "data/papers/number.txt": "5"}
+    source = mini.source.read_text()
+    other = source.replace("scale * number", "scale * number + 1").replace("= 2.0", "= 3.0")
+    overlay = {f"chapters/{mini.source.name}": other, "data/papers/number.txt": "5"}
     request = Request("00", overlay=overlay)
     over = run(mini, request, Quiet())
     assert over.results["twice"].value == 16
     assert lookup(mini, request) == over
     assert lookup(mini, PLAIN) is None
-    assert chapter.source.read_text() == source
-    assert (mini.root / "data" / "papers" / "number.txt").read_text() == "21"
+    assert (mini.source.read_text(), mini.number.read_text()) == (source, "21")
     # the same by hand
-    chapter.source.write_text(other)
-    (mini.root / "data" / "papers" / "number.txt").write_text("5")
+    mini.source.write_text(other)
+    mini.number.write_text("5")
     edited = run(mini, PLAIN, Quiet())
     assert edited.results.found() == over.results.found()
     assert edited.notebook == over.notebook
     made = over.results.provenance
     assert made is not None
-    assert made.sources["chapter"] == file_digest(chapter.source)
+    assert made.sources["chapter"] == file_digest(mini.source)
+
+
+# its words where they stand, and what is said of it
+FAILURES = {
+    "import os\nos._exit(1)": "Chapter 00-mini failed in cell 5 of 6 (ch00-004)",
+    "record.write = lambda: None": "Chapter 00-mini wrote no results file 00.json",
+    "import pathlib\nsource = pathlib.Path(SOURCE)\n"
+    "_ = source.write_text(source.read_text().replace('= 2.0', '= 3.0'))": (
+        "changed while it was executed, or the library did; run it again."
+    ),
+}
+
+
+@pytest.mark.parametrize("code", FAILURES, ids=["dies", "writes nothing", "changes"])
+def test_a_chapter_that_does_not_come_to_its_end(mini: MiniProject, code: str) -> None:
+    mini.chapter(code.replace("SOURCE", repr(str(mini.source))))
+    with pytest.raises(ChapterError) as failure:
+        run(mini, PLAIN, Quiet())
+    assert FAILURES[code] in str(failure.value)
+    assert "Traceback" not in str(failure.value)
+    assert not any(mini.store.rglob("*.json"))
 
 
 def test_a_failure_is_told_and_stops_all_or_not(mini: MiniProject) -> None:
-    mini.chapter(
-        "```{code-cell} ipython3\nif scale > 50:\n    raise ValueError('It is too much.')\n```"
-    )
+    mini.chapter("if scale > 50:\n    raise ValueError('It is too much.')")
     asked = [Request("00", {"scale": value}) for value in (60.0, 3.0)]
     ends: dict[int, Outcome] = {}
     run_all(mini, asked, Quiet(), ends.__setitem__, jobs=1)
@@ -345,21 +332,35 @@ def test_a_failure_is_told_and_stops_all_or_not(mini: MiniProject) -> None:
         run_all(mini, asked, Quiet())
 
 
+def test_chapters_run_side_by_side(mini: MiniProject) -> None:
+    """Each of the two waits for the other's mark: one after the other, neither would end."""
+    wait = (
+        "import pathlib, time\n"
+        f"here = pathlib.Path({str(mini.root)!r})\n"
+        "(here / f'mark-{scale}').touch()\n"
+        "end = time.monotonic() + 60\n"
+        "while not (here / f'mark-{7 - scale}').exists():\n"
+        "    assert time.monotonic() < end\n"
+        "    time.sleep(0.05)"
+    )
+    mini.chapter(wait)
+    asked = [Request("00", {"scale": value}) for value in (3.0, 4.0)]
+    found = run_all(mini, asked, Quiet(), jobs=2)
+    assert [done.results["twice"].value for done in found] == [63, 84]
+
+
 def test_chapters_that_take_long_come_first(
     mini: MiniProject, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    source = (mini.root / "chapters" / "00-mini.md").read_text()
     took = {"00": 1.0, "01": 30.0, "02": None, "03": 30.0, "04": 4.0}  # 02 was never published
-    machine = machine_facts()
     for number, seconds in took.items():
-        (mini.root / "chapters" / f"{number}-mini.md").write_text(source)
-        made = EMPTY.model_copy(update={"chapter": number})
+        mini.source.with_name(f"{number}-mini.md").write_text(mini.source.read_text())
         if seconds is not None:
             facts = Provenance(
                 version="1", commit=None, clean=None, sources={}, finished="", seconds=seconds,
-                **machine,
+                **machine_facts(),
             )  # fmt: skip
-            made = made.model_copy(update={"provenance": facts})
+            made = EMPTY.model_copy(update={"chapter": number, "provenance": facts})
             write_results(made, mini.published / f"{number}.json")
 
     def instantly(_: Any, request: Request, *__: Any) -> Run:
@@ -385,8 +386,7 @@ def test_the_core_of_a_chapter(mini: MiniProject, monkeypatch: pytest.MonkeyPatc
 
     monkeypatch.setattr(runs, "run_core", core)
     done = run(mini, request, Quiet())
-    assert done.notebook is None
-    assert done.results.found() == EMPTY
+    assert (done.notebook, done.results.found()) == (None, EMPTY)
     assert done.results.provenance is not None
     assert run(mini, request, Quiet()) == done  # found, not called again
     assert calls == [({"scale": 3.0}, 1, "clarabel")]
@@ -398,8 +398,7 @@ def test_only_a_run_of_ones_own_listens_to_the_variable(
 ) -> None:
     monkeypatch.setenv("INSWSN_SOLVER", "scs")
     for surroundings, solver in ((Surroundings(), "clarabel"), (chosen_surroundings(), "scs")):
-        told = runs._environment(mini, surroundings)
-        assert told["INSWSN_SOLVER"] == solver
+        assert runs._environment(mini, surroundings)["INSWSN_SOLVER"] == solver
     monkeypatch.setenv("INSWSN_SOLVER", "")
     assert chosen_surroundings() == Surroundings()
     monkeypatch.setenv("INSWSN_SOLVER", "mosek")
