@@ -251,7 +251,7 @@ def make_mini(folder: Path) -> MiniProject:
         (folder / name).mkdir(parents=True)
     for name in _TAKEN_OVER:
         copy = shutil.copytree if (ROOT / name).is_dir() else shutil.copy
-        copy(ROOT / name, folder / name)  # type: ignore[operator]
+        copy(ROOT / name, folder / name)
     (folder / "book" / "_toc.yml").write_text(
         "format: jb-book\nroot: index\nchapters:\n  - file: chapters/00-mini\n  - file: claims\n",
         encoding="utf-8",

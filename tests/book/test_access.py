@@ -36,7 +36,7 @@ def test_headers_of_a_table_say_what_they_head() -> None:
     ],
 )
 def test_a_table_is_named_by_the_words_above_it(before: str, name: str) -> None:
-    assert improved(before + TABLE).find("table")["aria-label"] == name  # type: ignore[index]
+    assert improved(before + TABLE).find("table")["aria-label"] == name
     captioned = TABLE.replace("<thead>", "<caption>Errors</caption><thead>")
     assert "aria-label" not in str(improved(before + captioned).find("table"))
 
@@ -69,7 +69,7 @@ def test_links_and_folds_are_named_by_what_they_do() -> None:
     heading, address = soup.find_all("a")
     assert heading["aria-label"] == "Link to this heading"
     assert address["class"] == ["reference", "external", "bare"]
-    assert soup.find("summary")["aria-label"] == "Show code"  # type: ignore[index]
+    assert soup.find("summary")["aria-label"] == "Show code"
 
 
 def test_an_id_stays_with_the_first_element_and_code_as_it_is() -> None:

@@ -150,7 +150,7 @@ def test_a_family_is_written_out(tmp_path: Path) -> None:
         "values": "7.5 40.25\n4.75 -", "check": {"chapter": "02", "quantity": "{c}{a}"},
     }  # fmt: skip
     found = load_claims(write(tmp_path / "claims.yaml", family))
-    assert [(c.id, c.value, c.says, c.check.quantity) for c in found] == [  # type: ignore[union-attr]
+    assert [(c.id, c.value, c.says, c.check.quantity) for c in found] == [
         ("P1-T2-rx-1", "7.5", "In area 1 the path is 7.5 {unit}.", "rx1"),
         ("P1-T2-rx-2", "40.25", "In area 2 the path is 40.25 {unit}.", "rx2"),
         ("P1-T2-v-1", "4.75", "In area 1 the speed is 4.75 {unit}.", "v1"),

@@ -23,63 +23,36 @@ from inswsn_book.pages import (
     with_captions,
     with_notes,
 )
-from inswsn_book.results import Provenance, Quantity, Results
+from inswsn_book.results import Provenance, Results
 from inswsn_book.runs import Request, Run
-from inswsn_book.verdicts import Judged, Verdict, verdicts
+from inswsn_book.verdicts import verdicts
 
 import inswsn_lib
 from inswsn_lib.errors import InswsnError
 
+MISSING = MissingCheck(needs=("lost",), reasons=("It is lost.",))
+MADE = Provenance(
+    version="1.0.0", commit=None, clean=None, sources={"library": "b" * 64}, cores=2, cpu="One",
+    finished="2026-11-22 06:00 UTC", seconds=12.3, python="3.11.7", system="Linux x86_64",
+    blas=("openblas 1, 1 thread",), packages={"numpy": "2.4.0", "scipy": "1.17"},
+)  # fmt: skip
+BARE = Results(
+    chapter="00", parameters={}, data={}, quantities=(), provenance=MADE, cells={"q": "ch00-001"}
+)
 
-def rows(text: str, name: str) -> list[list[str]]:
-    """Read one table of a page back, by its label, as rows of cells."""
+
+def rows(text: str, name: str) -> dict[str, list[str]]:
+    """Read one table of a page back, by its label, as rows of cells behind their first ones."""
     tables = re.findall(r"^:::::\{list-table\}(.*?)^:::::$", text, re.M | re.S)
     (table,) = (part for part in tables if f":name: {name}\n" in part)
-    return [
-        [cell[4:].strip().replace("\xa0", " ") for cell in row.splitlines() if cell.strip()]
-        for row in re.split(r"^(?=\* -)", table.split("\n\n", 1)[1], flags=re.M)
-        if row.strip()
+    read = [
+        re.findall(r"^(?:\* |  )- ?(.*)", row, re.M)
+        for row in re.split(r"^(?=\* -)", table, flags=re.M)
     ]
+    return {row[0]: row[1:] for row in read if row}
 
 
-def made(seconds: float, **changes: object) -> Provenance:
-    fields = {
-        "version": "1.0.0", "commit": "0123456789abcdef" + 24 * "0", "clean": True,
-        "sources": {"library": "b" * 64}, "finished": "2026-11-22 06:00 UTC", "seconds": seconds,
-        "python": "3.11.7", "system": "Linux x86_64", "cpu": "A processor", "cores": 2,
-        "blas": ("openblas 1, 1 thread",), "packages": {"numpy": "2.4.0", "scipy": "1.17"},
-    }  # fmt: skip
-    return Provenance.model_validate(fields | changes)
-
-
-def found(
-    chapter: str, quantities: int = 0, ran: Provenance | None = None, **sentences: bool
-) -> Results:
-    names = [f"q{i}" for i in range(quantities)]
-    fields: dict[str, Any] = {
-        "unit": "m",
-        "basis": "printed",
-        "how": "Made by hand.",
-        "tolerance": 0,
-    }
-    return Results(
-        chapter=chapter, parameters={"seed": 7}, data={"data/x": "a" * 64}, sentences=sentences,
-        quantities=tuple(Quantity(name=name, value=1.0, **fields) for name in names),
-        provenance=ran, cells=dict.fromkeys(names, f"ch{chapter}-001"),
-    )  # fmt: skip
-
-
-def judged(number: int, chapter: str | None, verdict: Verdict) -> Judged:
-    check: QuantityCheck | MissingCheck = MissingCheck(needs=("lost",), reasons=("It is lost.",))
-    if chapter is not None:
-        check = QuantityCheck(chapter=chapter, quantity="q0")
-    claim = Claim.model_construct(
-        id=f"P1-{number}", paper="P1", place="", says="", kind="numeric", check=check, why=""
-    )
-    return Judged(claim, verdict, "")
-
-
-# The front page ----------------------------------------------------------------------------------
+# Templates ---------------------------------------------------------------------------------------
 
 
 def test_the_counts_of_the_front_page_add_up(
@@ -99,87 +72,45 @@ def test_the_heads_of_chapters(mini: MiniProject, known: dict[str, Any]) -> None
     """Every chapter of the book says what it needs and how long it takes."""
     assert [c["name"] for c in known["chapters"] if not (c["need"] and c["minutes"])] == []
     mini.ledger.write_text("missing: {}\nclaims: []\n")
-    (silent,) = context(mini, [])["chapters"]
-    assert (silent["need"], silent["minutes"], silent["results"]) == ("", "", None)
     head = "**You need** means, and\nsums. **Reading time** 25 minutes. **Run time** 3 s."
-    mini.source.write_text(mini.source.read_text() + head)
-    (said,) = context(mini, [])["chapters"]
-    assert (said["need"], said["minutes"]) == ("means, and\nsums", "25")
-
-
-# The state of the build --------------------------------------------------------------------------
-
-
-@pytest.fixture
-def status(render: Callable[..., str]) -> Callable[..., str]:
-    """The page on the state of a build with some results."""
-    entries = [
-        judged(1, "00", Verdict.REPRODUCED), judged(2, "00", Verdict.REPRODUCED),
-        judged(3, "01", Verdict.NOT_REPRODUCED), judged(4, None, Verdict.UNTESTABLE),
-    ]  # fmt: skip
-
-    def page(*results: Results) -> str:
-        facts = [{"number": r.chapter, "name": f"{r.chapter}-name", "results": r} for r in results]
-        return render("status", chapters=facts, judged=entries)
-
-    return page
-
-
-def test_the_runs_their_sums_and_their_verdicts(status: Callable[..., str]) -> None:
-    page = status(
-        found("00", 3, made(61.5), a=True, b=True),
-        found("01", 2, made(63.5, clean=False), c=True, d=False),
-        found("90"),
-    )
-    ended = "2026-11-22 06:00 UTC"
-    assert rows(page, "tbl-runs")[1:] == [
-        ["{doc}`00 <chapters/00-name>`", "61.5 s", ended, "`0123456789ab`", "3", "2 of 2", "2"],
-        ["{doc}`01 <chapters/01-name>`", "63.5 s", ended, "`0123456789ab`, with changes", "2",
-         "1 of 2", "1"],
-        ["{doc}`90 <chapters/90-name>`", "unknown", "unknown", "unknown", "0", "0 of 0", "0"],
-        ["all", "2 min 5 s", "", "", "5", "3 of 4", "3"],
-    ]  # fmt: skip
-    header, *body = rows(page, "tbl-verdicts")
-    assert header == ["verdict", "00", "01", "in no chapter", "all"]
-    table = {row[0]: row[1:] for row in body}
-    assert set(table) == {str(verdict) for verdict in Verdict} | {"all"}
-    assert table["reproduced"] == ["2", "0", "0", "2"]
-    assert table["cannot be tested"] == ["0", "0", "1", "1"]
-    assert table["all"] == ["2", "1", "1", "4"]
-
-
-def test_a_machine_is_named_once(status: Callable[..., str]) -> None:
-    one = found("00", 1, made(1))
-    assert rows(status(one, found("01", 1, made(9))), "tbl-machines")[1:] == [
-        ["00, 01", "A processor, 2 cores, Linux x86_64", "openblas 1, 1 thread",
-         "Python 3.11.7, numpy 2.4.0, scipy 1.17"]
-    ]  # fmt: skip
-    other = rows(status(one, found("01", 1, made(1, cores=8))), "tbl-machines")
-    assert [row[0] for row in other[1:]] == ["00", "01"]
-
-
-# The claims, how they are cited, and the reference -----------------------------------------------
+    for text, said in (("", ("", "")), (head, ("means, and\nsums", "25"))):
+        mini.source.write_text(mini.source.read_text() + text)
+        (found,) = context(mini, [])["chapters"]
+        assert (found["need"], found["minutes"], found["results"]) == (*said, None)
 
 
 def test_the_page_of_many_claims(render: Callable[..., str]) -> None:
     kinds = ("numeric", "parameter", "qualitative", "formula")
     claims = [
         Claim(
-            id=f"P{1 + i % 3}-X-{i:03d}", paper=f"P{1 + i % 3}", place=f"Table {i}",  # type: ignore[arg-type]
-            says="It is *so* & $x < y$.", kind=kinds[i % 4],  # type: ignore[arg-type]
-            check=MissingCheck(needs=("lost",), reasons=("It is lost.",)), why="For a test.",
+            id=f"P{1 + i % 3}-X-{i:03d}", paper=f"P{1 + i % 3}", place=f"Table {i}", check=MISSING,
+            says="It is *so* & $x < y$.", kind=kinds[i % 4], why="For a test.",
         )
         for i in range(374)
     ]  # fmt: skip
     text = render("claims", judged=verdicts(claims, []))
     assert all(text.count(f"\n({claim.anchor})=\n") == 1 for claim in claims)
-    table = {row[0]: row[1:] for row in rows(text, "tbl-claims")}
+    table = rows(text, "tbl-claims")
     assert table["verdict"] == ["P1", "P2", "P3", "all"]
     assert table["all"] == table["cannot be tested"] == ["125", "125", "124", "374"]
     # each button but the first of its group has a rule that hides the others
     names = set(re.findall(r'id="(show-[a-z]+-[1-9]\d*)"', text))
     assert len(names) == 3 + 4 + 1
     assert set(re.findall(r"body:has\(#(\S+):checked\)", text)) == names
+
+
+def test_the_state_of_the_build_adds_up(render: Callable[..., str], known: dict[str, Any]) -> None:
+    page = render("status")
+    runs, judged = rows(page, "tbl-runs"), rows(page, "tbl-verdicts")
+    assert len(runs) == 2 + len(known["chapters"])
+    for column in (3, 5):  # quantities, and claims treated
+        *parts, whole = [int(row[column]) for row in list(runs.values())[1:]]
+        assert sum(parts) == whole
+    held, bound = runs["all"][4].split(" of ")
+    assert held == bound
+    for *parts, whole in [list(map(int, row)) for row in list(judged.values())[1:]]:
+        assert sum(parts) == whole
+    assert judged["all"][-1] == str(len(known["judged"]))
 
 
 def test_a_persons_name_is_no_group_in_bibtex(
@@ -197,50 +128,51 @@ def test_a_persons_name_is_no_group_in_bibtex(
 def test_the_reference_has_the_front_door_first_and_every_name_once() -> None:
     (_, first), *_ = groups = reference()
     assert first
-    named = [name for _, names in groups for _, name in names]
-    assert len(named) == len(set(named))
-    shown = {name.rsplit(".", 1)[1] for name in named}
+    pairs = [pair for _, group in groups for pair in group]
+    assert len(pairs) == len({name for _, name in pairs})
     rooms = [getattr(inswsn_lib, name) for name in inswsn_lib.__all__]
     offered = {n for room in rooms if hasattr(room, "__path__") for n in room.__all__}
-    assert offered <= shown
-    assert ("autofunction", "inswsn_lib.filters.run_kalman") in [p for _, g in groups for p in g]
-    assert ("autoclass", "inswsn_lib.models.ErrorModel") in [p for _, g in groups for p in g]
+    assert offered <= {name.rsplit(".", 1)[1] for _, name in pairs}
+    assert ("autofunction", "inswsn_lib.filters.run_kalman") in pairs
+    assert ("autoclass", "inswsn_lib.models.ErrorModel") in pairs
 
 
 # What the build adds to a chapter ----------------------------------------------------------------
 
 
-def test_the_provenance_of_a_run(root: Path) -> None:
-    results = found("00", 0, made(12.3, commit=None, clean=None))
-    results = results.model_copy(update={"solvers": {"HiGHS": "optimal"}})
-    bare = results.model_copy(update={"parameters": {}, "solvers": {}, "data": {}})
-    for run, words in (
-        (results, ("`seed = 7`", "unknown: not a git checkout\n", "HiGHS: optimal", "12.3 s, ended",
-                   "numpy 2.4.0, scipy 1.17\n", "`data/x` `aaaaaaaaaaaa…`")),
-        (bare, ("- none\n", "none declared", "none called", "none read")),
-    ):  # fmt: skip
-        (cell,) = with_notes(nbformat.v4.new_notebook(), run, [], environment(root)).cells
-        assert cell["id"] == "ch00-provenance"
-        assert [word for word in words if word not in cell.source] == []
+@pytest.mark.parametrize(
+    ("facts", "words"),
+    [
+        ({}, ("- none\n", "none declared", "none called", "none read")),
+        ({"parameters": {"seed": 7}, "data": {"data/x": "a" * 64}, "solvers": {"HiGHS": "optimal"}},
+         ("`seed = 7`", "unknown: not a git checkout\n", "HiGHS: optimal", "12.3 s, ended",
+          "numpy 2.4.0, scipy 1.17\n", "`data/x` `aaaaaaaaaaaa…`")),
+    ],
+)  # fmt: skip
+def test_the_provenance_of_a_run(root: Path, facts: dict[str, Any], words: list[str]) -> None:
+    run = BARE.model_copy(update=facts)
+    (cell,) = with_notes(nbformat.v4.new_notebook(), run, [], environment(root)).cells
+    assert cell["id"] == "ch00-provenance"
+    assert [word for word in words if word not in cell.source] == []
 
 
 @pytest.mark.parametrize("hidden", [False, True])
 @pytest.mark.parametrize(
     ("number", "said"),
-    [
-        (1, "decides the claim ["),
-        (2, "decides the claims ["),
-        (6, "decides 6 claims\n"),
-    ],
+    [(1, "decides the claim ["), (2, "decides the claims ["), (6, "decides 6 claims\n")],
 )
 def test_a_cell_that_decides_is_preceded_by_links(
     root: Path, number: int, said: str, hidden: bool
 ) -> None:
     cell = nbformat.v4.new_code_cell("x", metadata={"tags": ["remove-cell"] if hidden else []})
     cell["id"] = "ch00-001"
-    claims = [judged(i, "00", Verdict.REPRODUCED).claim for i in range(number)]
+    claims = [
+        Claim(id=f"P1-{i}", paper="P1", place="Here", says="So.", value="1", kind="numeric",
+              check=QuantityCheck(chapter="00", quantity="q"), tolerance="digits", why="So.")
+        for i in range(number)
+    ]  # fmt: skip
     notebook = nbformat.v4.new_notebook(cells=[cell])
-    before, _ = with_notes(notebook, found("00", 1), claims, environment(root)).cells
+    before, _, _ = with_notes(notebook, BARE, claims, environment(root)).cells
     assert before["id"] == "ch00-001-claims"
     assert before.source.startswith("(cell-ch00-001)=\n:::{")
     assert all(f"[{claim.id}](#{claim.anchor})" in before.source for claim in claims)
@@ -256,9 +188,8 @@ def test_captions_move_to_the_cell() -> None:
     cell = nbformat.v4.new_code_cell("x", outputs=[output("fig-a")])
     notebook = with_captions(nbformat.v4.new_notebook(cells=[cell]))
     assert notebook.cells[0].metadata["mystnb"] == {
-        "image": {"alt": "What fig-a shows."},
-        "figure": {"caption": "See fig-a.", "name": "fig-a"},
-    }
+        "image": {"alt": "What fig-a shows."}, "figure": {"caption": "See fig-a.", "name": "fig-a"}
+    }  # fmt: skip
     cell["outputs"].append(output("fig-b"))
     with pytest.raises(RenderingError, match="shows two figures; a cell shows one"):
         with_captions(notebook)
@@ -271,7 +202,7 @@ def test_nothing_is_written_into_the_folder_of_the_pages(mini: MiniProject, tmp_
     before = sorted((mini.root / "book").rglob("*"))
     mini.ledger.write_text("missing: {}\nclaims: []\n")
     notebook, source = nbformat.writes(nbformat.v4.new_notebook()), tmp_path / "source"
-    stage_book(mini, [Run(Request("00"), found("00"), notebook)], source)
+    stage_book(mini, [Run(Request("00"), BARE, notebook)], source)
     assert sorted((mini.root / "book").rglob("*")) == before
     staged = {path.relative_to(source).as_posix() for path in source.rglob("*.*")}
     assert {"index.md", "_toc.yml", "chapters/00-mini.ipynb", "generated/00.json"} <= staged
@@ -283,20 +214,20 @@ def test_nothing_is_written_into_the_folder_of_the_pages(mini: MiniProject, tmp_
              "chapters/00-mini.md", "_config.yml", "CITATION.cff", "environment.lock"],
 )  # fmt: skip
 def test_a_site_is_out_of_date_once_a_source_differs(mini: MiniProject, path: str) -> None:
-    def current(*runs: Run) -> bool:
+    def current(run: Run) -> bool:
         try:
-            require_current_site(mini, runs)
+            require_current_site(mini, [run])
         except InswsnError:
             return False
         return True
 
-    one = Run(Request("00"), found("00", 0, made(1)), "{}")
+    one = Run(Request("00"), BARE, "{}")
     assert not current(one)
     mini.site.mkdir(parents=True)
     (mini.site / ".inswsn-key").write_text(pages._site_key(mini, [one]))
     assert current(one)
     assert not current(replace(one, notebook="{ }"))
-    assert not current(replace(one, results=found("00", 0, made(2))))
+    assert not current(replace(one, results=BARE.found()))
     (mini.root / path).write_text((mini.root / path).read_text() + "\n")
     assert not current(one)
 

@@ -26,7 +26,7 @@ def record(mini: MiniProject, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
 
 
 def add(record: ChapterRecord, name: str = "x", value: float = 1.0, **changes: object) -> None:
-    record.quantity(name, value, **BASE | changes)  # type: ignore[arg-type]
+    record.quantity(name, value, **BASE | changes)
 
 
 def test_it_writes_what_it_read_and_found(
@@ -99,8 +99,7 @@ def test_a_reference_quantity_is_noted_by_what_is_said_of_it(
 ) -> None:
     def publish(value: float, other: float = 0.0, **changes: object) -> None:
         quantities = tuple(
-            Quantity(name=n, value=v, **BASE)  # type: ignore[arg-type]
-            for n, v in (("twice", value), ("other", other))
+            Quantity(name=n, value=v, **BASE) for n, v in (("twice", value), ("other", other))
         )
         made = Results(chapter="07", parameters={}, data={}, quantities=quantities)
         write_results(made.model_copy(update=changes), mini.published / "07.json")

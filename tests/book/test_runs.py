@@ -12,9 +12,9 @@ from typing import Any
 import pytest
 from conftest import MiniProject
 from inswsn_book import runs
-from inswsn_book.files import file_digest
+from inswsn_book.files import file_digest, write_whole
 from inswsn_book.progress import Quiet
-from inswsn_book.project import _EXECUTING, MODULES_VARIABLE, Project
+from inswsn_book.project import _EXECUTING, MODULES_VARIABLE
 from inswsn_book.provenance import machine_facts
 from inswsn_book.results import Provenance, Results, write_results
 from inswsn_book.runs import (
@@ -41,51 +41,55 @@ EMPTY = Results(chapter="00", parameters={}, data={}, quantities=())
 # The key -----------------------------------------------------------------------------------------
 
 
-@pytest.fixture
-def packages(mini: Project, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Two small packages in the place of the two of the checkout."""
-    folders = mini.root / "inswsn_lib", mini.root / "inswsn_book"
-    for folder in folders:
-        folder.mkdir()
-        for name in ("a.py", "rendering.py", *_EXECUTING):
-            (folder / name).write_text("x = 1\n")
-    monkeypatch.setattr(mini, "libraries", folders)
-    return mini.root
-
-
-def append(name: str) -> Callable[[Path], object]:
-    def change(root: Path) -> None:
-        with (root / name).open("a") as stream:
+def append(name: str) -> Callable[[MiniProject], object]:
+    def change(mini: MiniProject) -> None:
+        with (mini.root / name).open("a") as stream:
             stream.write("\n# changed\n")
 
     return change
 
 
+@pytest.fixture
+def packaged(mini: MiniProject, monkeypatch: pytest.MonkeyPatch) -> MiniProject:
+    """The small project with two small packages in the place of the two of the checkout."""
+    folders = mini.root / "inswsn_lib", mini.root / "inswsn_book"
+    for folder in folders:
+        folder.mkdir()
+        for name in ("a.py", "pages.py", *_EXECUTING):
+            (folder / name).write_text("x = 1\n")
+    monkeypatch.setattr(mini, "libraries", folders)
+    return mini
+
+
 @pytest.mark.parametrize(
-    "change",
+    ("change", "counts"),
     [
-        append("chapters/00-mini.md"),
-        append("environment.lock"),
-        append("environment-torch.lock"),
-        append("inswsn_lib/a.py"),
-        append("inswsn_book/record.py"),
-        lambda root: (root / "inswsn_lib" / "b.py").write_text(""),
-        lambda root: (root / "inswsn_lib" / "a.py").rename(root / "inswsn_lib" / "c.py"),
+        (append("chapters/00-mini.md"), True),
+        (append("environment.lock"), True),
+        (append("environment-torch.lock"), True),
+        (append("inswsn_lib/a.py"), True),
+        (append("inswsn_book/record.py"), True),
+        (append("inswsn_lib/new.py"), True),
+        (lambda mini: (mini.root / "inswsn_lib/a.py").rename(mini.root / "inswsn_lib/c.py"), True),
+        # the pages may change without any chapter being due, and what nobody reads
+        (append("inswsn_book/pages.py"), False),
+        (append("README.md"), False),
+        (append("data/papers/other.txt"), False),
+        (lambda mini: os.utime(mini.source, (0, 0)), False),
     ],
-    ids=["source", "lock", "torch lock", "library", "record", "new module", "renamed module"],
 )
 def test_a_change_of_content_changes_the_key(
-    mini: Project, packages: Path, change: Callable[[Path], object]
+    packaged: MiniProject, change: Callable[[MiniProject], object], counts: bool
 ) -> None:
-    before = request_key(mini, PLAIN)
-    change(packages)
+    before = request_key(packaged, PLAIN)
+    change(packaged)
+    after = request_key(packaged, PLAIN)
     # and the part of the key that tells an entry from another library
-    assert request_key(mini, PLAIN)[:12] != before[:12]
+    assert (after != before, after[:12] != before[:12]) == (counts, counts)
 
 
-@pytest.mark.parametrize(
-    "other",
-    [
+def test_another_request_has_another_key(mini: MiniProject) -> None:
+    others = [
         Request("00", {"scale": 3.0}),
         Request("00", surroundings=Surroundings(threads=2)),
         Request("00", surroundings=Surroundings(solver="scs")),
@@ -93,69 +97,42 @@ def test_a_change_of_content_changes_the_key(
         Request("00", overlay={"data/papers/number.txt": "1"}),
         Request("00", overlay={"data/papers/other.txt": "1"}),
         Request("00", core=True),
-    ],
-    ids=["parameter", "threads", "solver", "variable", "overlay", "its path", "core"],
-)
-def test_another_request_has_another_key(mini: Project, other: Request) -> None:
-    before, after = request_key(mini, PLAIN), request_key(mini, other)
-    assert after != before
-    assert after[:12] == before[:12]  # they stand beside one another in the store
+    ]
+    keys = [request_key(mini, request) for request in (PLAIN, *others)]
+    assert len(set(keys)) == len(keys)
+    assert len({key[:12] for key in keys}) == 1  # they stand beside one another in the store
+    # that a parameter is set to what it is does not count
+    assert request_key(mini, Request("00", {"scale": 2})) == keys[0]
+    for request in (Request("00", {"scale": 0.0}), Request("00", {"other": 0.0}), Request("07")):
+        with pytest.raises(ParameterError):
+            request_key(mini, request)
 
 
-def test_the_python_and_whether_there_are_recorded_data_change_the_key(
-    mini: Project, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_the_machine_of_a_reader_is_a_part_of_the_key(
+    mini: MiniProject, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """Its Python, whether there are recorded data, and a regressor of the reader's own."""
+
     def key(folder: str) -> str:
         monkeypatch.setenv(DATA_VARIABLE, folder)
         return request_key(mini, PLAIN)
 
-    monkeypatch.delenv(DATA_VARIABLE, raising=False)
-    without = request_key(mini, PLAIN)
+    without = key("")
     for name in ("first", "second"):
-        (tmp_path / name).mkdir()
-    (tmp_path / "first" / "file").touch()
+        write_whole(tmp_path / name / f"{name}.txt", "")
     # which folder it is and what it holds does not count; a name of no folder gives no data
     assert key(str(tmp_path / "first")) == key(str(tmp_path / "second")) != without
-    for name in ("", str(tmp_path / "none"), str(tmp_path / "first" / "file")):
-        assert key(name) == without, name
+    assert key(str(tmp_path / "none")) == key(str(tmp_path / "first/first.txt")) == without
     monkeypatch.setattr("platform.python_version", lambda: "3.99.0")
-    assert request_key(mini, PLAIN) != without
-
-
-def test_a_readers_own_regressor_is_a_part_of_the_key(
-    mini: MiniProject, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+    assert key("") != without
     declared = "# Which.\nlearner: str = 'sklearn.svm:SVR'  # 1; a regressor\n\n# What the number"
     mini.source.write_text(mini.source.read_text().replace("# What the number", declared))
     monkeypatch.setenv(MODULES_VARIABLE, str(tmp_path))
-    request = Request("00", {"learner": "own:Mine"})
-    (tmp_path / "own.py").write_text("class Mine: ...\n")
-    before = request_key(mini, request)
-    (tmp_path / "own.py").write_text("class Mine: x = 1\n")
-    assert request_key(mini, request) != before
-
-
-def test_what_does_not_count(mini: MiniProject, packages: Path) -> None:
-    before = request_key(mini, PLAIN)
-    for path in (packages / "inswsn_lib" / "a.py", mini.source):
-        os.utime(path, (0, 0))
-    for name in ("README.md", "data/papers/other.txt"):
-        (mini.root / name).write_text("unrelated")
-    # the command line and the pages may change without any chapter being due
-    append("inswsn_book/rendering.py")(packages)
-    assert request_key(mini, PLAIN) == before
-    # nor does it count that a parameter is set to what it is
-    assert request_key(mini, Request("00", {"scale": 2})) == before
-
-
-def test_what_may_not_be_asked_for(mini: Project) -> None:
-    for request, said in (
-        (Request("00", {"scale": 0.0}), r"scale is 0\.0"),
-        (Request("00", {"other": 0.0}), "it may be one of scale"),
-        (Request("07"), "NAME is '07'"),
-    ):
-        with pytest.raises(ParameterError, match=said):
-            request_key(mini, request)
+    own = []
+    for text in ("class Mine: ...\n", "class Mine: x = 1\n"):
+        (tmp_path / "own.py").write_text(text)
+        own.append(request_key(mini, Request("00", {"learner": "own:Mine"})))
+    assert own[0] != own[1]
 
 
 # The store ---------------------------------------------------------------------------------------
@@ -164,11 +141,9 @@ def test_what_may_not_be_asked_for(mini: Project) -> None:
 def test_an_entry_holds_while_its_data_are_unchanged(mini: MiniProject) -> None:
     read = EMPTY.model_copy(update={"data": {"data/papers/number.txt": file_digest(mini.number)}})
     kept = Run(PLAIN, read, "{}\n", {"note.csv": "a\r\nb\n"})
-    assert lookup(mini, PLAIN) is None
     with pytest.raises(InswsnError, match="Chapter 00 has not been built as it is now"):
         book_runs(mini)
     keep(mini, PLAIN, kept)
-    assert lookup(mini, PLAIN) == kept
     assert book_runs(mini) == [kept]
     assert lookup(mini, Request("00", {"scale": 3.0})) is None
     mini.number.write_text("22")
@@ -178,7 +153,6 @@ def test_an_entry_holds_while_its_data_are_unchanged(mini: MiniProject) -> None:
 
 
 def test_what_was_run_by_hand_is_the_books_once_it_is_the_default(mini: MiniProject) -> None:
-    """The key tells another source; what it holds is found by what it was made from alone."""
     mini.source.write_text(mini.source.read_text().replace("float = 2.0", "float = 4.0"))
     by_hand = Request("00", {"scale": 4.0})
     keep(mini, by_hand, Run(by_hand, EMPTY))
@@ -189,17 +163,17 @@ def test_what_was_run_by_hand_is_the_books_once_it_is_the_default(mini: MiniProj
 @pytest.mark.parametrize(
     "content", [b"", b"{", b"{}", b"[]", b'{"results": {\xff', b'{"results": {}}']
 )
-def test_an_entry_that_cannot_be_read_is_none(mini: Project, content: bytes) -> None:
-    keep(mini, PLAIN, Run(PLAIN, EMPTY, "{}\n"))
+def test_an_entry_that_cannot_be_read_is_none(mini: MiniProject, content: bytes) -> None:
+    keep(mini, PLAIN, Run(PLAIN, EMPTY))
     (entry,) = (mini.store / "00").iterdir()
     whole = entry.read_bytes()
     entry.write_bytes(content)
     assert lookup(mini, PLAIN) is None
-    keep(mini, PLAIN, Run(PLAIN, EMPTY, "{}\n"))  # and another takes its place
+    keep(mini, PLAIN, Run(PLAIN, EMPTY))  # and another takes its place
     assert entry.read_bytes() == whole
 
 
-def test_two_writers_keep_the_same(mini: Project) -> None:
+def test_two_writers_keep_the_same(mini: MiniProject) -> None:
     kept, seen = Run(PLAIN, EMPTY, "{}\n", {"note.csv": "a\n"}), []
 
     def keep_often() -> None:
@@ -210,7 +184,7 @@ def test_two_writers_keep_the_same(mini: Project) -> None:
         writers = [pool.submit(keep_often) for _ in range(2)]
         while not all(writer.done() for writer in writers):
             seen.append(lookup(mini, PLAIN))
-    assert all(writer.exception() is None for writer in writers)
+    assert [writer.exception() for writer in writers] == [None, None]
     assert all(found in (None, kept) for found in seen)
     assert lookup(mini, PLAIN) == kept
     assert len(list((mini.store / "00").iterdir())) == 1
@@ -218,24 +192,22 @@ def test_two_writers_keep_the_same(mini: Project) -> None:
 
 def test_old_entries_go_but_for_the_last_few(mini: MiniProject) -> None:
     source = mini.source.read_text()
-
-    def entries() -> list[Path]:
-        return list((mini.store / "00").iterdir())
-
     several = [PLAIN, *(Request("00", {"scale": float(n)}) for n in range(10, 16))]
     for request in several:
-        keep(mini, request, Run(request, EMPTY, "{}\n"))
-    assert len(entries()) == len(several)  # of the present source all are kept
+        keep(mini, request, Run(request, EMPTY))
+    # of the present source all are kept
+    assert len(list((mini.store / "00").iterdir())) == len(several)
     for edit in range(5):
         mini.source.write_text(f"{source}\nEdit {edit}.\n")
-        keep(mini, PLAIN, Run(PLAIN, EMPTY, "{}\n"))
-        for path in entries():  # what is written first is oldest
-            if path.stem == request_key(mini, PLAIN):
-                os.utime(path, (edit + 2e9, edit + 2e9))
-    assert len(entries()) == 4
-    for edit, there in enumerate([False, True, True, True, True]):
+        keep(mini, PLAIN, Run(PLAIN, EMPTY))
+        # what is written first is oldest
+        os.utime(mini.store / "00" / f"{request_key(mini, PLAIN)}.json", (edit + 2e9, edit + 2e9))
+    there = []
+    for edit in range(5):
         mini.source.write_text(f"{source}\nEdit {edit}.\n")
-        assert (lookup(mini, PLAIN) is not None) == there
+        there.append(lookup(mini, PLAIN) is not None)
+    assert there == [False, True, True, True, True]
+    assert len(list((mini.store / "00").iterdir())) == 4
 
 
 # Running -----------------------------------------------------------------------------------------
@@ -245,15 +217,12 @@ def test_a_kernel_is_given_nothing_personal_and_gives_its_files_and_tables(
     mini: MiniProject, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """All that one chapter can be asked at once."""
-    settings = tmp_path / "settings"
-    settings.mkdir()
-    (settings / "matplotlibrc").write_text("axes.linewidth: 9\n")
-    monkeypatch.setenv("PYTHONPATH", str(settings))
-    monkeypatch.setenv("MPLCONFIGDIR", str(settings))
-    monkeypatch.setenv("OMP_NUM_THREADS", "7")
-    monkeypatch.setenv("PYTHONHASHSEED", "7")
-    # named from where the command is run; the kernel works in a folder of its own
-    monkeypatch.setenv(DATA_VARIABLE, "recorded")
+    write_whole(tmp_path / "matplotlibrc", "axes.linewidth: 9\n")
+    # recorded data are named from where the command is run; the kernel works elsewhere
+    personal = {"PYTHONPATH": str(tmp_path), "MPLCONFIGDIR": str(tmp_path), "OMP_NUM_THREADS": "7",
+                "PYTHONHASHSEED": "7", DATA_VARIABLE: "recorded"}  # fmt: skip
+    for name, value in personal.items():
+        monkeypatch.setenv(name, value)
     monkeypatch.chdir(mini.root)
     mini.chapter(
         "import json, os, sys\nimport matplotlib\nimport pandas as pd\n"
@@ -269,7 +238,7 @@ def test_a_kernel_is_given_nothing_personal_and_gives_its_files_and_tables(
     assert done.results.tables == {"tbl-mini": [["row", "a (m)"], ["x", "2.00"]]}
     assert done.results.cells == {"twice": "ch00-002"}
     told = json.loads(done.files["told.json"])
-    assert str(settings) not in told.pop("path")
+    assert str(tmp_path) not in told.pop("path")
     assert told == {
         "OMP_NUM_THREADS": "1", "PYTHONHASHSEED": "0", "INSWSN_SOLVER": "clarabel",
         "INSWSN_DATA": str(mini.root / "recorded"), "width": 0.8,
@@ -281,10 +250,9 @@ def test_an_overlay_is_as_an_edited_checkout(mini: MiniProject) -> None:
     source = mini.source.read_text()
     other = source.replace("scale * number", "scale * number + 1").replace("= 2.0", "= 3.0")
     overlay = {f"chapters/{mini.source.name}": other, "data/papers/number.txt": "5"}
-    request = Request("00", overlay=overlay)
-    over = run(mini, request, Quiet())
+    over = run(mini, Request("00", overlay=overlay), Quiet())
     assert over.results["twice"].value == 16
-    assert lookup(mini, request) == over
+    assert lookup(mini, over.request) == over
     assert lookup(mini, PLAIN) is None
     assert (mini.source.read_text(), mini.number.read_text()) == (source, "21")
     # the same by hand
@@ -298,76 +266,63 @@ def test_an_overlay_is_as_an_edited_checkout(mini: MiniProject) -> None:
     assert made.sources["chapter"] == file_digest(mini.source)
 
 
-# its words where they stand, and what is said of it
-FAILURES = {
-    "import os\nos._exit(1)": "Chapter 00-mini failed in cell 5 of 6 (ch00-004)",
-    "record.write = lambda: None": "Chapter 00-mini wrote no results file 00.json",
-    "import pathlib\nsource = pathlib.Path(SOURCE)\n"
-    "_ = source.write_text(source.read_text().replace('= 2.0', '= 3.0'))": (
-        "changed while it was executed, or the library did; run it again."
-    ),
-}
-
-
-@pytest.mark.parametrize("code", FAILURES, ids=["dies", "writes nothing", "changes"])
-def test_a_chapter_that_does_not_come_to_its_end(mini: MiniProject, code: str) -> None:
+@pytest.mark.parametrize(
+    ("code", "said"),
+    [
+        ("import os\nos._exit(1)", "Chapter 00-mini failed in cell 5 of 6 (ch00-004)"),
+        ("record.write = lambda: None", "Chapter 00-mini wrote no results file 00.json"),
+        ("from pathlib import Path\n_ = Path(SOURCE).write_text(Path(SOURCE).read_text() + 'x')",
+         "changed while it was executed, or the library did; run it again."),
+    ],
+)  # fmt: skip
+def test_a_chapter_that_does_not_come_to_its_end(mini: MiniProject, code: str, said: str) -> None:
     mini.chapter(code.replace("SOURCE", repr(str(mini.source))))
     with pytest.raises(ChapterError) as failure:
         run(mini, PLAIN, Quiet())
-    assert FAILURES[code] in str(failure.value)
+    assert said in str(failure.value)
     assert "Traceback" not in str(failure.value)
     assert not any(mini.store.rglob("*.json"))
 
 
-def test_a_failure_is_told_and_stops_all_or_not(mini: MiniProject) -> None:
-    mini.chapter("if scale > 50:\n    raise ValueError('It is too much.')")
-    asked = [Request("00", {"scale": value}) for value in (60.0, 3.0)]
-    ends: dict[int, Outcome] = {}
-    run_all(mini, asked, Quiet(), ends.__setitem__, jobs=1)
-    assert isinstance(ends[0], ChapterError)
-    assert "It is too much." in str(ends[0])
-    assert ends[1] == lookup(mini, asked[1])
-    assert lookup(mini, asked[0]) is None
-    with pytest.raises(ChapterError, match="It is too much"):
-        run_all(mini, asked, Quiet())
-
-
-def test_chapters_run_side_by_side(mini: MiniProject) -> None:
-    """Each of the two waits for the other's mark: one after the other, neither would end."""
-    wait = (
+def test_runs_go_side_by_side_and_a_failure_stops_all_or_not(mini: MiniProject) -> None:
+    """Each of two waits for the other's mark: one after the other, neither would end."""
+    mini.chapter(
         "import pathlib, time\n"
-        f"here = pathlib.Path({str(mini.root)!r})\n"
+        f"here, end = pathlib.Path({str(mini.root)!r}), time.monotonic() + 60\n"
         "(here / f'mark-{scale}').touch()\n"
-        "end = time.monotonic() + 60\n"
         "while not (here / f'mark-{7 - scale}').exists():\n"
         "    assert time.monotonic() < end\n"
-        "    time.sleep(0.05)"
+        "    time.sleep(0.05)\n"
+        "if scale == 4:\n    raise ValueError('It is too much.')"
     )
-    mini.chapter(wait)
     asked = [Request("00", {"scale": value}) for value in (3.0, 4.0)]
-    found = run_all(mini, asked, Quiet(), jobs=2)
-    assert [done.results["twice"].value for done in found] == [63, 84]
+    ends: dict[int, Outcome] = {}
+    (done,) = run_all(mini, asked, Quiet(), ends.__setitem__, jobs=2)
+    assert done == ends[0] == lookup(mini, asked[0])
+    assert done.results["twice"].value == 63
+    assert isinstance(ends[1], ChapterError)
+    assert "It is too much." in str(ends[1])
+    with pytest.raises(ChapterError, match="It is too much"):  # the other is in the store
+        run_all(mini, asked, Quiet())
 
 
 def test_chapters_that_take_long_come_first(
     mini: MiniProject, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     took = {"00": 1.0, "01": 30.0, "02": None, "03": 30.0, "04": 4.0}  # 02 was never published
-    for number, seconds in took.items():
-        mini.source.with_name(f"{number}-mini.md").write_text(mini.source.read_text())
-        if seconds is not None:
-            facts = Provenance(
-                version="1", commit=None, clean=None, sources={}, finished="", seconds=seconds,
-                **machine_facts(),
-            )  # fmt: skip
-            made = EMPTY.model_copy(update={"chapter": number, "provenance": facts})
-            write_results(made, mini.published / f"{number}.json")
+    order: list[str] = []
 
     def instantly(_: Any, request: Request, *__: Any) -> Run:
         order.append(request.chapter)
         return Run(request, EMPTY)
 
-    order: list[str] = []
+    for number, seconds in took.items():
+        mini.source.with_name(f"{number}-mini.md").write_text(mini.source.read_text())
+        if seconds is not None:
+            facts = {"version": "1", "commit": None, "clean": None, "sources": {}, "finished": ""}
+            ran = Provenance(seconds=seconds, **facts, **machine_facts())
+            made = EMPTY.model_copy(update={"chapter": number, "provenance": ran})
+            write_results(made, mini.published / f"{number}.json")
     monkeypatch.setattr(runs, "_run_and_keep", instantly)
     given = [Request(number) for number in took]
     assert [done.request for done in run_all(mini, given, Quiet(), jobs=1)] == given
@@ -375,10 +330,9 @@ def test_chapters_that_take_long_come_first(
 
 
 def test_the_core_of_a_chapter(mini: MiniProject, monkeypatch: pytest.MonkeyPatch) -> None:
-    request = Request("00", {"scale": 3.0}, core=True)
+    request, calls = Request("00", {"scale": 3.0}, core=True), []
     with pytest.raises(InswsnError, match=r"^Chapter 00 has no core\.$"):
         run(mini, request, Quiet())
-    calls = []
 
     def core(*given: Any) -> tuple[Results, dict[str, str]]:
         calls.append(given[2:])

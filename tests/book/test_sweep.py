@@ -12,6 +12,7 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 
 import distributed
 import psutil
@@ -254,18 +255,17 @@ def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> tuple[bytes, float]
 
 def workers_of(process: subprocess.Popen[bytes]) -> list[psutil.Process]:
     """The processes that compute, of a command that may be ending."""
-    try:
+    with suppress(psutil.NoSuchProcess):
         children = psutil.Process(process.pid).children(recursive=True)
         return [child for child in children if "spawn_main" in " ".join(child.cmdline())]
-    except psutil.NoSuchProcess:
-        return []
+    return []
 
 
 def finished(swept: SweepProject) -> set[float]:
     """The cells of the grid that are in the store."""
     mini = swept.project
     requests = read_sweep(mini, mini.find("00"), [f"scale={GRID}"], []).requests
-    return {r.parameters["scale"] for r in requests if lookup(mini, r) is not None}  # type: ignore[misc]
+    return {r.parameters["scale"] for r in requests if lookup(mini, r) is not None}
 
 
 @pytest.mark.long

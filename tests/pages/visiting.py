@@ -119,5 +119,5 @@ def contrast_of(one: str, other: str) -> float:
 
 def set_theme(page: Page, theme: str) -> None:
     """Ask for the light or the dark theme, as the reader's system does."""
-    page.emulate_media(color_scheme=theme)  # type: ignore[arg-type]
+    page.emulate_media(color_scheme=theme)
     page.wait_for_function(f"document.documentElement.dataset.theme === '{theme}'")

@@ -72,7 +72,7 @@ def test_the_entries_hold_together(assumptions: Assumptions) -> None:
 
 def entry(content: dict[str, Any], name: str) -> dict[str, Any]:
     (found,) = (entry for entry in content["assumptions"] if entry["id"] == name)
-    return found  # type: ignore[no-any-return]
+    return found
 
 
 def problems(project: Project, content: dict[str, Any]) -> list[str]:

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-import re
 from collections.abc import Callable
-from typing import Any
 
 import pytest
 from assumptions import Assumptions
@@ -23,13 +21,10 @@ from effects import (
 )
 from hypothesis import given, strategies as st
 from inswsn_book.parameters import Parameter
-from inswsn_book.project import Project
 from inswsn_book.results import Quantity, Results
 from inswsn_book.review import Findings
 from small import SMALL, run, study
 from study import Run
-
-from inswsn_lib.files import read_yaml
 
 ASSUMED = Assumptions.model_validate(SMALL)
 SCALE = Parameter("scale", "float", 2.0, "1", "any", "How many times.")
@@ -166,16 +161,3 @@ def test_the_page_of_a_small_study(page: Callable[..., str]) -> None:
     assert " 0 reruns" in text
     assert "- **Not all reruns have been made yet** of [P1-M-scale]" in text
     assert "No rerun gives a verdict that no unchanged run gives." in text
-
-
-def test_the_numbers_on_the_page_are_those_of_the_scenarios(
-    project: Project, published: dict[str, Any], render: Callable[..., str]
-) -> None:
-    """Values are looked up again, from the files alone."""
-    text = re.sub(r"\n\s*\n", "\n", render("assumptions"))
-    told = read_yaml(project.root / "data/scenarios/p3.yaml")["gyro_correlation_time"]
-    assert f"- `gyro_correlation_time` = {told['value']} {told['unit']}\n" in text
-    told = read_yaml(project.root / "data/scenarios/p2.yaml")["speed"]
-    assert f"- `speed` = {told['value']} {told['unit']}\n  - assumed\n  - {told['why']}\n" in text
-    share = published["02"]["headline.kf-share"].value
-    assert f"  - {share:.3g}\n  - 100\n" in text
