@@ -6,6 +6,7 @@ import json
 import os
 import re
 import shutil
+import signal
 import subprocess
 import sys
 import threading
@@ -27,6 +28,8 @@ os.environ.update({f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "M
 from inswsn_book.project import Project
 
 if TYPE_CHECKING:
+    from click import Command
+    from inswsn_book.results import Results
     from inswsn_book.review import Findings
     from playwright.sync_api import Browser
 
@@ -35,17 +38,138 @@ settings.register_profile("inswsn", derandomize=True, deadline=None)
 settings.load_profile("inswsn")
 
 ROOT = Path(__file__).resolve().parents[1]
+WHOLE = os.environ.get("INSWSN_TESTS") == "whole"
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Put long tests first, so that no worker runs one at the end while the other has none.
+
+    Those that are marked whole are skipped unless INSWSN_TESTS says whole.
+    """
+    items.sort(key=lambda item: item.get_closest_marker("long") is None)
+    skip = pytest.mark.skip(reason="takes long: executed with INSWSN_TESTS=whole")
+    for item in items:
+        if not WHOLE and item.get_closest_marker("whole"):
+            item.add_marker(skip)
+
+
+# The checkout, its results and its book ----------------------------------------------------------
+
+
+@pytest.fixture(scope="session")
+def root() -> Path:
+    """The checkout under test."""
+    return ROOT
+
+
+@pytest.fixture(scope="session")
+def project(root: Path) -> Project:
+    """The checkout under test as a project."""
+    return Project(root)
+
+
+@pytest.fixture(scope="session")
+def published(project: Project) -> dict[str, Results]:
+    """The reference results, by chapter."""
+    from inswsn_book.results import read_results
+
+    return {path.stem: read_results(path) for path in sorted(project.published.glob("*.json"))}
+
+
+@pytest.fixture(scope="session")
+def known(project: Project, published: dict[str, Results]) -> dict[str, Any]:
+    """What the templates of the book are rendered over, from the published results."""
+    from inswsn_book.pages import context
+
+    return context(project, list(published.values()))
+
+
+@pytest.fixture(scope="session")
+def findings(known: dict[str, Any]) -> Findings:
+    """What the chapters found, as published."""
+    found: Findings = known["findings"]
+    return found
+
+
+@pytest.fixture(scope="session")
+def render(project: Project, known: dict[str, Any]) -> Callable[..., str]:
+    """Render a page, such as ``"errata"``, with parts of what it is given replaced."""
+    from inswsn_book.pages import environment
+
+    templates = environment(project.root)
+
+    def rendered(name: str, **changes: Any) -> str:
+        return templates.get_template(f"{name}.md").render(known | changes)
+
+    return rendered
+
+
+def shared_folder(factory: pytest.TempPathFactory) -> Path:
+    """Return a new folder for this run of tests, the same one in every worker."""
+    own = factory.getbasetemp()
+    return own.parent if "PYTEST_XDIST_WORKER" in os.environ else own
+
+
+def build_once(root: Path, told: Path) -> str:
+    """Build a book in the first worker that asks; return what the command said to it."""
+    with FileLock(told.with_suffix(".lock")):
+        if not told.is_file():
+            done = run_command(root, "book", timeout=1800)
+            told.write_text(json.dumps([done.returncode, done.stdout + done.stderr]))
+    status, said = json.loads(told.read_text())
+    assert status == 0, said
+    return str(said)
+
+
+@pytest.fixture(scope="session")
+def built_site(project: Project, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The book built from the present sources, by the command that a user calls."""
+    build_once(project.root, shared_folder(tmp_path_factory) / "book.json")
+    return project.site
+
+
+# The command -------------------------------------------------------------------------------------
+
+Done = subprocess.CompletedProcess[str]
+
+
+def run_command(root: Path, *words: str, timeout: float = 600, **options: Any) -> Done:
+    """Run ``inswsn`` on a checkout as a process of its own."""
+    return subprocess.run(
+        [sys.executable, "-m", "inswsn_book", "--root", str(root), *words],
+        check=False, capture_output=True, text=True, timeout=timeout, cwd=root, **options,
+    )  # fmt: skip
+
+
+@pytest.fixture
+def inswsn(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> Iterator[Callable[..., Done]]:
+    """Run ``inswsn``, or another command, on a checkout in this process: a second less each."""
+    from inswsn_book.cli import cli, run_command as run_here
+
+    handlers = {each: signal.getsignal(each) for each in (signal.SIGTERM, signal.SIGHUP)}
+
+    def call(root: Path, *words: str, command: Command = cli) -> Done:
+        monkeypatch.chdir(root)
+        named = ["--root", str(root)] if command is cli else []
+        monkeypatch.setattr(sys, "argv", ["inswsn", *named, *words])
+        capsys.readouterr()
+        with pytest.raises(SystemExit) as ended:
+            run_here(command)
+        return Done(words, int(ended.value.code or 0), *capsys.readouterr())
+
+    yield call
+    for each, handler in handlers.items():
+        signal.signal(each, handler)
+
+
+# A small project ---------------------------------------------------------------------------------
 
 MINI_CHAPTER = """\
 ---
-jupytext:
-  text_representation:
-    extension: .md
-    format_name: myst
-kernelspec:
-  display_name: Python 3
-  language: python
-  name: python3
+jupytext: {text_representation: {extension: .md, format_name: myst}}
+kernelspec: {display_name: Python 3, language: python, name: python3}
 ---
 
 # A small chapter
@@ -76,159 +200,78 @@ The number is {glue:text}`twice`.
 record.write()
 ```
 """
-
-
 MINI_LEDGER = """\
-missing:
-  lost: The page that says so is lost.
+missing: {lost: The page that says so is lost.}
 claims:
-- id: P1-M-twice
-  paper: P1
-  place: Section 1
-  says: Twice the number is 42 m.
-  value: "42"
-  unit: m
-  kind: numeric
-  check: {chapter: "00", quantity: twice}
-  tolerance: digits
-  why: It is printed in whole metres.
-- id: P2-M-lost
-  paper: P2
-  place: Section 2
-  says: Something that nobody can read.
-  kind: qualitative
-  check: {needs: [lost]}
-  why: The page would say.
+- {id: P1-M-twice, paper: P1, place: Section 1, says: Twice the number is 42 m., value: "42",
+   unit: m, kind: numeric, check: {chapter: "00", quantity: twice}, tolerance: digits,
+   why: It is printed in whole metres.}
+- {id: P2-M-lost, paper: P2, place: Section 2, says: Something that nobody can read.,
+   kind: qualitative, check: {needs: [lost]}, why: The page would say.}
 """
-
-WHOLE = os.environ.get("INSWSN_TESTS") == "whole"
-
-
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Put long tests first, so that no worker runs one at the end while the other has none.
-
-    Those that are marked whole are skipped unless INSWSN_TESTS says whole.
-    """
-    items.sort(key=lambda item: item.get_closest_marker("long") is None)
-    skip = pytest.mark.skip(reason="takes long: executed with INSWSN_TESTS=whole")
-    for item in items:
-        if not WHOLE and item.get_closest_marker("whole"):
-            item.add_marker(skip)
-
-
-@pytest.fixture(scope="session")
-def whole() -> bool:
-    """Whether all is asked of the pages, as in the weekly run, or what a push needs."""
-    return WHOLE
-
-
-@pytest.fixture(scope="session")
-def root() -> Path:
-    """The checkout under test."""
-    return ROOT
-
-
-@pytest.fixture(scope="session")
-def project(root: Path) -> Project:
-    """The checkout under test as a project."""
-    return Project(root)
-
-
-@pytest.fixture(scope="session")
-def known(project: Project) -> dict[str, Any]:
-    """What the templates of the book are rendered over, from the published results."""
-    from inswsn_book import pages
-    from inswsn_book.results import read_results
-
-    files = sorted(project.published.glob("[0-9][0-9].json"))
-    return pages.context(project, [read_results(path) for path in files])
-
-
-@pytest.fixture(scope="session")
-def findings(known: dict[str, Any]) -> Findings:
-    """What the chapters found, as published."""
-    found: Findings = known["findings"]
-    return found
-
-
-@pytest.fixture(scope="session")
-def render(project: Project, known: dict[str, Any]) -> Callable[..., str]:
-    """Render a page, such as ``"errata"``, with parts of what it is given replaced."""
-    from inswsn_book import pages
-
-    templates = pages.environment(project.root)
-
-    def rendered(name: str, **changes: Any) -> str:
-        return templates.get_template(f"{name}.md").render(known | changes)
-
-    return rendered
-
-
-@pytest.fixture(scope="session")
-def built_site(project: Project, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The book built from the present sources, by the command that a user calls.
-
-    Workers of pytest-xdist have one session each; the first that asks builds for all of them.
-    """
-    build_once(project.root, shared_folder(tmp_path_factory) / "book.json")
-    return project.site
-
-
-def shared_folder(factory: pytest.TempPathFactory) -> Path:
-    """Return a new folder for this run of tests, the same one in every worker."""
-    own = factory.getbasetemp()
-    return own.parent if "PYTEST_XDIST_WORKER" in os.environ else own
-
-
-def build_once(root: Path, told: Path) -> None:
-    """Build a book in the first worker that asks; the others wait, and read how it went."""
-    with FileLock(told.with_suffix(".lock")):
-        if not told.is_file():
-            done = run_command(root, "book", timeout=1800)
-            told.write_text(json.dumps([done.returncode, done.stdout + done.stderr]))
-    status, said = json.loads(told.read_text())
-    assert status == 0, said
-
-
-def run_command(
-    root: Path, *words: str, timeout: float = 600, **options: object
-) -> subprocess.CompletedProcess[str]:
-    """Run ``inswsn`` on a checkout as a process of its own."""
-    return subprocess.run(  # type: ignore[call-overload,no-any-return]
-        [sys.executable, "-m", "inswsn_book", "--root", str(root), *words],
-        check=False,
-        capture_output=True,
-        text=True,
-        timeout=timeout,
-        cwd=root,
-        **options,
-    )
+REPOSITORY = "https://github.com/someone/some-name"
+_TAKEN_OVER = (
+    *("_config.yml", "pyproject.toml", "environment.in", "environment.lock"),
+    *("environment-torch.lock", "CITATION.cff", "THIRD-PARTY.md", "book/references.bib"),
+    *("book/_static", "book/_templates"),
+)
 
 
 class MiniProject(Project):
-    """A project of one small chapter and one page."""
+    """A project of one small chapter, its claims and one page."""
 
-    def chapter(self, body: str = "") -> None:
-        """Write the chapter with `body` in its middle."""
-        text = MINI_CHAPTER.replace("@BODY@", body)
-        (self.root / "chapters" / "00-mini.md").write_text(text, encoding="utf-8")
+    @property
+    def source(self) -> Path:
+        """The source of the chapter."""
+        return self.root / "chapters" / "00-mini.md"
 
-    def page(self, text: str = "# Mini\n\nA page.\n") -> None:
+    @property
+    def number(self) -> Path:
+        """The file that the chapter reads."""
+        return self.root / "data" / "papers" / "number.txt"
+
+    @property
+    def ledger(self) -> Path:
+        """The claims on the chapter."""
+        return self.root / "data" / "claims" / "mini.yaml"
+
+    def chapter(self, code: str = "") -> None:
+        """Write the chapter, with a cell of that code in its middle."""
+        cell = f"```{{code-cell}} ipython3\n{code}\n```" if code else ""
+        self.source.write_text(MINI_CHAPTER.replace("@BODY@", cell), encoding="utf-8")
+
+    def page(self, text: str = "A page.") -> None:
         """Write the front page."""
-        (self.root / "book" / "index.md").write_text(text, encoding="utf-8")
+        (self.root / "book" / "index.md").write_text(f"# Mini\n\n{text}\n", encoding="utf-8")
+
+
+def make_mini(folder: Path) -> MiniProject:
+    """Write a small project."""
+    for name in ("book", "chapters", "data/claims", "data/papers"):
+        (folder / name).mkdir(parents=True)
+    for name in _TAKEN_OVER:
+        copy = shutil.copytree if (ROOT / name).is_dir() else shutil.copy
+        copy(ROOT / name, folder / name)
+    (folder / "book" / "_toc.yml").write_text(
+        "format: jb-book\nroot: index\nchapters:\n  - file: chapters/00-mini\n  - file: claims\n",
+        encoding="utf-8",
+    )
+    claims = (ROOT / "book" / "claims.md").read_text(encoding="utf-8")
+    # without the links to pages that it does not have
+    claims = re.sub(r"\{(doc|prf:ref)\}`([^`]*)`", r"\2", claims)
+    (folder / "book" / "claims.md").write_text(claims, encoding="utf-8")
+    made = MiniProject(folder)
+    made.ledger.write_text(MINI_LEDGER, encoding="utf-8")
+    made.number.write_text("21", encoding="utf-8")
+    made.chapter()
+    made.page()
+    return made
 
 
 @pytest.fixture
 def mini(tmp_path: Path) -> MiniProject:
     """A small project, in order, that a test may break."""
     return make_mini(tmp_path / "mini")
-
-
-@pytest.fixture
-def built(built_mini: Path, tmp_path: Path) -> MiniProject:
-    """The small project after a first, good build."""
-    shutil.copytree(built_mini, tmp_path / "mini")
-    return MiniProject(tmp_path / "mini")
 
 
 @pytest.fixture(scope="session")
@@ -242,37 +285,49 @@ def built_mini(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def make_mini(folder: Path) -> MiniProject:
-    """Write a small project."""
-    for name in ("book", "chapters", "data/claims", "data/papers"):
-        (folder / name).mkdir(parents=True)
-    for name in (
-        "_config.yml",
-        "pyproject.toml",
-        "environment.in",
-        "environment.lock",
-        "environment-torch.lock",
-        "CITATION.cff",
-        "THIRD-PARTY.md",
-        "book/references.bib",
-    ):
-        shutil.copy(ROOT / name, folder / name)
-    for name in ("_static", "_templates"):
-        shutil.copytree(ROOT / "book" / name, folder / "book" / name)
-    (folder / "book" / "_toc.yml").write_text(
-        "format: jb-book\nroot: index\nchapters:\n  - file: chapters/00-mini\n  - file: claims\n",
-        encoding="utf-8",
-    )
-    claims = (ROOT / "book" / "claims.md").read_text(encoding="utf-8")
-    # without the links to pages that it does not have
-    claims = re.sub(r"\{(doc|prf:ref)\}`([^`]*)`", r"\2", claims)
-    (folder / "book" / "claims.md").write_text(claims, encoding="utf-8")
-    (folder / "data" / "claims" / "mini.yaml").write_text(MINI_LEDGER, encoding="utf-8")
-    (folder / "data" / "papers" / "number.txt").write_text("21", encoding="utf-8")
-    made = MiniProject(folder)
-    made.chapter()
-    made.page()
-    return made
+@pytest.fixture
+def built(built_mini: Path, tmp_path: Path) -> MiniProject:
+    """The small project after a first, good build."""
+    shutil.copytree(built_mini, tmp_path / "mini")
+    return MiniProject(tmp_path / "mini")
+
+
+def git(root: Path, *words: str) -> str:
+    """Run git on a folder, as somebody; return what it says."""
+    who = ["-c", "user.name=a", "-c", "user.email=a@b.example", "-c", "commit.gpgsign=false"]
+    return subprocess.run(
+        ["git", "-C", str(root), *who, *words], check=True, capture_output=True, text=True
+    ).stdout.strip()
+
+
+@pytest.fixture(scope="session")
+def released_mini(built_mini: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The small project before `make archive`: of a repository, published, committed, built."""
+    from inswsn_book.compare import publish_build
+
+    folder = shared_folder(tmp_path_factory) / "released-mini"
+    with FileLock(folder.with_suffix(".made")):
+        if not folder.exists():
+            shutil.copytree(built_mini, folder)
+            released = MiniProject(folder)
+            publish_build(released)
+            released.page("Another page.")
+            with (folder / "CITATION.cff").open("a", encoding="utf-8") as file:
+                file.write(f"repository-code: {REPOSITORY}\n")
+            (folder / ".gitignore").write_text("/_build/\n/results/\n", encoding="utf-8")
+            git(folder, "init", "-q")
+            git(folder, "add", "-A")
+            git(folder, "commit", "-q", "-m", "all of it")
+    build_once(folder, folder.with_suffix(".json"))
+    return folder
+
+
+def files_of(folder: Path) -> dict[str, bytes]:
+    """Return all that is in a folder: to see that nothing has changed."""
+    return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+
+
+# A browser ---------------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="session")
@@ -295,20 +350,20 @@ def browser(chromium: str) -> Iterator[Browser]:
     """One headless Chromium for all tests of pages."""
     from playwright.sync_api import sync_playwright  # most tests need none
 
-    flags = [
-        "--disable-gpu",
-        "--disable-background-networking",
-        "--disable-component-update",
-        "--disable-sync",
-        "--disable-smooth-scrolling",  # a click would wait for the end of each scroll
-        "--no-first-run",
-    ]
+    flags = ["--disable-gpu", "--disable-background-networking", "--disable-component-update"]
+    # a click would wait for the end of each scroll
+    flags += ["--disable-sync", "--disable-smooth-scrolling", "--no-first-run"]
     if hasattr(os, "geteuid") and os.geteuid() == 0:
         flags.append("--no-sandbox")  # Chromium has no sandbox for root
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=chromium, args=flags)
         yield browser
         browser.close()
+
+
+class _Quiet(SimpleHTTPRequestHandler):
+    def log_message(self, *_: object) -> None:
+        """Say nothing for each file."""
 
 
 @pytest.fixture(scope="session")
@@ -321,11 +376,6 @@ def served(built_site: Path) -> Iterator[str]:
         server.shutdown()
 
 
-class _Quiet(SimpleHTTPRequestHandler):
-    def log_message(self, *_: object) -> None:
-        """Say nothing for each file."""
-
-
 @pytest.fixture(scope="session")
 def labs(built_site: Path) -> dict[str, Any]:
     """What each lab of the built book computes from, by its kind, and the page that it is on."""
@@ -333,9 +383,13 @@ def labs(built_site: Path) -> dict[str, Any]:
     for page in sorted((built_site / "chapters").glob("7*.html")):
         section = BeautifulSoup(page.read_text(encoding="utf-8"), "html.parser").select_one(".lab")
         assert section is not None, page.name
-        content = json.loads(section.script.string)  # type: ignore[union-attr, arg-type]
+        assert section.script is not None, page.name
+        content = json.loads(str(section.script.string))
         found[str(section["data-lab"])] = content | {"page": f"chapters/{page.name}"}
     return found
+
+
+# What a cell shows -------------------------------------------------------------------------------
 
 
 @pytest.fixture

@@ -1,4 +1,4 @@
-"""Each command of the README runs as it is written, with fewer runs."""
+"""Each command of the README is one; the short ones run as they are written, weekly all do."""
 
 from __future__ import annotations
 
@@ -9,7 +9,13 @@ import subprocess
 import sys
 from pathlib import Path
 
+import click
 import pytest
+from inswsn_book.cli import cli
+from inswsn_book.parameters import chapter_schema
+from inswsn_book.project import Project
+from inswsn_book.running import gather_parameters
+from inswsn_book.sweep import read_sweep
 
 README = Path(__file__).resolve().parents[1] / "README.md"
 COMMANDS = re.findall(
@@ -22,19 +28,18 @@ SHORT = {
     "inswsn run 03": "-p runs=40 -p tuning_runs=4 -p networks=40 --out out",
     "inswsn sweep 02": "-p runs=40 -p other_runs=40 --out out",
 }
+# they take a quarter of a minute and more, even so
+LONG = ("inswsn run 02", "inswsn run 03", "papermill chapters")
 
 
-def shortened(command: str) -> list[str]:
-    for start, more in SHORT.items():
-        if command.startswith(start):
-            return shlex.split(f"{command.replace(' -p runs=1000', '')} {more}")
-    return shlex.split(command)
+def started(command: str, starts: tuple[str, ...]) -> str | None:
+    return next((start for start in starts if command.startswith(start)), None)
 
 
 def test_there_are_commands() -> None:
     words = {command.split()[1] for command in COMMANDS}
     assert {"chapters", "run", "sweep", "claims", "--help-notebook"} <= words
-    assert all(any(c.startswith(start) for c in COMMANDS) for start in SHORT)
+    assert all(any(c.startswith(start) for c in COMMANDS) for start in (*SHORT, *LONG))
 
 
 @pytest.mark.parametrize("name", ["README.md", "CONTRIBUTING.md"])
@@ -45,10 +50,28 @@ def test_each_make_that_is_named_is_a_target(name: str, root: Path) -> None:
     assert {"book", "test"} <= {one or other for one, other in named} <= targets
 
 
+@pytest.mark.parametrize("command", [c for c in COMMANDS if c.startswith("inswsn")])
+def test_the_words_of_a_command_are_taken(command: str, project: Project) -> None:
+    """By the command line, and as parameters by the chapter that they name."""
+    _, name, *words = shlex.split(command)
+    given = cli.commands[name].make_context(name, words).params
+    if name in ("run", "sweep"):
+        chapter, settings = project.find(given["name"]), given["settings"]
+        schema = chapter_schema(project.root, chapter.number)
+        assert gather_parameters(schema, settings, None, project.root / "data")
+        assert name == "run" or read_sweep(project, chapter, given["axes"], settings).places
+    with pytest.raises(click.UsageError):
+        cli.commands[name].make_context(name, [*words, "--no-such-option"])
+
+
 @pytest.mark.long
-@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize(
+    "command",
+    [pytest.param(c, marks=[pytest.mark.whole] if started(c, LONG) else []) for c in COMMANDS],
+)
 def test_a_command_runs_as_written(command: str, root: Path, tmp_path: Path) -> None:
-    program, *words = shortened(command)
+    more = SHORT.get(started(command, tuple(SHORT)) or "", "")
+    program, *words = shlex.split(f"{command.replace(' -p runs=1000', '')} {more}")
     words = [str(root / word) if word.startswith("chapters/") else word for word in words]
     module = {"inswsn": ["inswsn_book", "--root", str(root)], "papermill": ["papermill"]}[program]
     done = subprocess.run(

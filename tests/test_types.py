@@ -1,4 +1,4 @@
-"""The types of the library hold together."""
+"""The types of both packages hold together."""
 
 from __future__ import annotations
 

@@ -17,50 +17,55 @@ from packaging.utils import canonicalize_name
 
 ABSENT = {"papermill", "sphinx", "click", "rich", "pydantic", "dask", "torch", "IPython"}
 # each module of the science but the network's, which needs the extra
-IMPORT_ALL = """
-import importlib, pkgutil, inswsn_lib
+ALONE = f"""
+import importlib, importlib.util, pkgutil, inswsn_lib
+print([n for n in {sorted({*ABSENT, "inswsn_book"})!r} if importlib.util.find_spec(n)])
 for module in pkgutil.walk_packages(inswsn_lib.__path__, "inswsn_lib."):
     if module.name != "inswsn_lib.learning.backprop":
         importlib.import_module(module.name)
 """
 
 
-def build(source: Path, folder: Path) -> Path:
+def build(source: Path, folder: Path) -> tuple[str, list[str], dict[str, str]]:
+    """Build a wheel; return its path, the files in it, and what it says of itself."""
     command = ["wheel", "--quiet", "--no-deps", "--no-build-isolation", "--no-index"]
-    done = subprocess.run(
+    subprocess.run(
         [sys.executable, "-m", "pip", *command, "--wheel-dir", str(folder), str(source)],
-        capture_output=True, text=True, check=False, cwd=folder,
+        check=True, cwd=folder,
     )  # fmt: skip
-    assert done.returncode == 0, done.stderr
     (built,) = folder.glob("*.whl")
-    return built
+    with zipfile.ZipFile(built) as archive:
+        names = archive.namelist()
+        own = [name for name in names if ".dist-info/" in name]
+        return str(built), names, {Path(name).name: archive.read(name).decode() for name in own}
 
 
 @pytest.fixture(scope="module")
-def wheel(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def wheel(
+    root: Path, tmp_path_factory: pytest.TempPathFactory
+) -> tuple[str, list[str], dict[str, str]]:
     return build(root, tmp_path_factory.mktemp("wheel"))
 
 
-def test_the_machinery_is_a_wheel_of_its_own(wheel: Path, root: Path, tmp_path: Path) -> None:
+def test_the_machinery_is_a_wheel_of_its_own(
+    wheel: tuple[str, list[str], dict[str, str]], root: Path, tmp_path: Path
+) -> None:
     """It has the version of the science and brings the command."""
-    built = build(root / "book", tmp_path)
-    assert built.name.split("-")[:2] == ["inswsn_book", wheel.name.split("-")[1]]
-    with zipfile.ZipFile(built) as archive:
-        names = archive.namelist()
-        (entries,) = (name for name in names if name.endswith("/entry_points.txt"))
-        assert "inswsn = inswsn_book.cli:main" in archive.read(entries).decode()
+    _, names, says = build(root / "book", tmp_path)
+    assert "inswsn = inswsn_book.cli:main" in says["entry_points.txt"]
     assert {name.partition("/")[0].partition("-")[0] for name in names} == {"inswsn_book"}
+    version = re.compile(r"^Version: (.*)$", re.M)
+    assert version.findall(says["METADATA"]) == version.findall(wheel[2]["METADATA"])
 
 
-def test_the_wheel_holds_the_science_and_its_data(wheel: Path) -> None:
-    with zipfile.ZipFile(wheel) as archive:
-        names = archive.namelist()
-        (metadata,) = (name for name in names if name.endswith("/METADATA"))
-        needs = re.findall(r"^Requires-Dist: ([\w-]+)(.*)$", archive.read(metadata).decode(), re.M)
+def test_the_wheel_holds_the_science_and_its_data(
+    wheel: tuple[str, list[str], dict[str, str]],
+) -> None:
+    _, names, says = wheel
     assert {"inswsn_lib/data/scenarios/p1.yaml", "inswsn_lib/data/examples/ins-wsn.csv"} <= {*names}
     assert not [name for name in names if "inswsn_book" in name or "chapters" in name]
-    always = {name for name, rest in needs if "extra ==" not in rest}
-    assert not always & ABSENT
+    needs = re.findall(r"^Requires-Dist: ([\w-]+)(.*)$", says["METADATA"], re.M)
+    assert not {name for name, rest in needs if "extra ==" not in rest} & ABSENT
     assert [name for name, rest in needs if "extra ==" in rest] == ["torch"]
 
 
@@ -77,51 +82,34 @@ def needed(requirements: Iterable[str]) -> set[str]:
     return found
 
 
-@pytest.fixture(scope="module")
-def python(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The interpreter of an environment that has the wheel, what it says it needs, and no more."""
-    folder = tmp_path_factory.mktemp("alone") / "environment"
-    EnvBuilder(symlinks=True).create(folder)
-    interpreter = folder / "bin" / "python"
-    (packages,) = folder.glob("lib/python*/site-packages")
-    with zipfile.ZipFile(wheel) as archive:
-        (name,) = (name for name in archive.namelist() if name.endswith("/METADATA"))
-        requirements = re.findall(r"^Requires-Dist: (.*)$", archive.read(name).decode(), re.M)
-    for name in needed(requirements):
+@pytest.mark.long
+def test_the_example_of_the_readme_runs_by_the_science_alone(
+    wheel: tuple[str, list[str], dict[str, str]], root: Path, tmp_path: Path
+) -> None:
+    """In an environment that has the wheel, what it says it needs, and no more."""
+    path, _, says = wheel
+    EnvBuilder(symlinks=True).create(tmp_path / "environment")
+    python = tmp_path / "environment" / "bin" / "python"
+    (packages,) = tmp_path.glob("environment/lib/python*/site-packages")
+    for name in needed(re.findall(r"^Requires-Dist: (.*)$", says["METADATA"], re.M)):
         installed = distribution(name)
         for top in {file.parts[0] for file in installed.files or []} - {"..", "__pycache__"}:
             if not (packages / top).exists():  # the packages of the lock, where they lie
                 (packages / top).symlink_to(str(installed.locate_file(top)))
-    install = ["install", "--quiet", "--no-deps", "--no-index", str(wheel)]
-    subprocess.run(
-        [sys.executable, "-m", "pip", "--python", str(interpreter), *install], check=True
-    )
-    return interpreter
+    install = ["--python", str(python), "install", "--quiet", "--no-deps", "--no-index", path]
+    subprocess.run([sys.executable, "-m", "pip", *install], check=True)
 
-
-def run(python: Path, script: str, folder: Path) -> str:
-    (folder / "script.py").write_text(script, encoding="utf-8")
-    done = subprocess.run(
-        [str(python), "-I", "script.py"], capture_output=True, text=True, check=False, cwd=folder
-    )
-    assert done.returncode == 0, done.stderr
-    return done.stdout
-
-
-@pytest.mark.long
-def test_the_science_is_imported_without_the_machinery(python: Path, tmp_path: Path) -> None:
-    look = "import importlib.util\nprint([n for n in {!r} if importlib.util.find_spec(n)])"
-    assert run(python, look.format(sorted({*ABSENT, "inswsn_book"})), tmp_path) == "[]\n"
-    run(python, IMPORT_ALL, tmp_path)
-
-
-@pytest.mark.long
-def test_the_example_of_the_readme_runs_alone(python: Path, root: Path, tmp_path: Path) -> None:
-    """A Kalman filter and an H-infinity design on the recording that the wheel carries."""
     readme = (root / "README.md").read_text(encoding="utf-8")
-    (script,) = re.findall(r"```python\n(.*?)```", readme, re.DOTALL)
-    assert len([line for line in script.splitlines() if line and "import" not in line]) <= 10
-    said = run(python, script, tmp_path)
-    kalman, hinfinity = map(float, re.findall(r"(\d+\.\d+) m", said))
+    (example,) = re.findall(r"```python\n(.*?)```", readme, re.DOTALL)
+    assert len([line for line in example.splitlines() if line and "import" not in line]) <= 10
+    done = subprocess.run(
+        [str(python), "-I", "-c", ALONE + example], capture_output=True, text=True, check=False,
+        cwd=tmp_path,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    there, *said = done.stdout.splitlines()
+    assert there == "[]"
+    # a Kalman filter and an H-infinity design on the recording that the wheel carries
+    kalman, hinfinity = map(float, re.findall(r"(\d+\.\d+) m", "\n".join(said)))
     assert 0 < kalman < 0.2  # the errors of the fixes have 0.2 m
     assert 0 < hinfinity < 1

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain, zip_longest
@@ -16,6 +17,8 @@ from inswsn_lib.errors import InswsnError
 
 # What a quantity is, beside its numbers
 _KIND = ("unit", "interval_kind", "runs", "basis", "role")
+# As a table shows it
+_NUMBER = re.compile(r"[-−+]?\d[\d.,]*(?:e[-+]?\d+)?")
 
 
 @dataclass(frozen=True)
@@ -50,6 +53,11 @@ class Change:
     def beyond_tolerance(self) -> bool:
         """Whether it is more than the tolerance that it states away, or another quantity."""
         return self.moved(by=self.before.tolerance if self.before else 0.0)
+
+    @property
+    def is_rounding(self) -> bool:
+        """Whether nothing but its numbers differs, within the tolerance that it states."""
+        return not self.beyond_tolerance and not self._differing(["how"])
 
     def _differing(self, fields: Iterable[str]) -> list[str]:
         if self.before is None or self.after is None:
@@ -142,24 +150,47 @@ def comparison(before: Results, after: Results, claims: Sequence[Claim]) -> list
 
 
 def _tables_that_differ(before: Results, after: Results) -> Iterator[str]:
-    for name in sorted(before.tables.keys() & after.tables.keys()):
+    for name in sorted(before.tables.keys() | after.tables.keys()):
+        if name not in before.tables or name not in after.tables:
+            words = ("there", "absent") if name in before.tables else ("absent", "there")
+            yield f"table {name}: {words[0]} -> {words[1]}"
+            continue
         old, new = (list(chain(*results.tables[name])) for results in (before, after))
         if changed := sum(a != b for a, b in zip_longest(old, new)):
             yield f"table {name}: {changed} of {max(len(old), len(new))} cells differ"
+
+
+def _changes(before: Results, after: Results) -> list[str]:
+    """Return a line for each thing that differs between the reference of a chapter and a build.
+
+    There is none if numbers have moved within their tolerances alone, as on another machine. Those
+    of a table are recorded as quantities; by itself it counts where its words differ, or its form.
+    """
+    pairs = [pair for pair in pair_quantities(before, after) if pair.before != pair.after]
+    conditions = compare_conditions(before, after)
+    same_words = _without_numbers(before) == _without_numbers(after)
+    if not conditions and same_words and all(pair.is_rounding for pair in pairs):
+        return []
+    return [
+        *(f"{'!' if p.beyond_tolerance else ' '} {after.chapter} {p}" for p in pairs),
+        *(f"! {after.chapter} {condition}" for condition in conditions),
+        *(f"  {after.chapter} {line}" for line in _tables_that_differ(before, after)),
+    ]
+
+
+def _without_numbers(results: Results) -> dict[str, list[list[str]]]:
+    """Return the tables of results with a sign in the place of each number."""
+    return {
+        name: [[_NUMBER.sub("#", cell) for cell in row] for row in table]
+        for name, table in results.tables.items()
+    }
 
 
 def changes_to_publish(project: Project) -> list[str]:
     """Return a line for each thing that publishing changes; what a build may not change has a !."""
     lines = []
     for run in book_runs(project):
-        number, after = run.request.chapter, run.results
-        before = reference_results(project, number)
-        lines += [
-            f"{'!' if pair.beyond_tolerance else ' '} {number} {pair}"
-            for pair in pair_quantities(before, after)
-            if pair.before != pair.after
-        ]
-        lines += [f"! {number} {condition}" for condition in compare_conditions(before, after)]
+        lines += _changes(reference_results(project, run.request.chapter), run.results)
     numbers = {chapter.number for chapter in project.chapters()}
     lines += [
         f"! data/published/{path.name} belongs to no chapter; remove it."
@@ -172,14 +203,13 @@ def changes_to_publish(project: Project) -> list[str]:
 def publish_build(project: Project) -> list[str]:
     """Make the present build the reference; return the files that were written.
 
-    Nothing is written if a chapter has not been built as it is now.
+    Nothing is written if a chapter has not been built as it is now. A chapter in which numbers have
+    moved within their tolerances alone keeps its reference.
     """
     changed = []
     for run in book_runs(project):
-        before = reference_results(project, run.request.chapter)
-        clean = [bool(r.provenance and r.provenance.clean) for r in (run.results, before)]
-        # the same numbers from a clean tree are better than from one with changes
-        if run.results.found() != before.found() or clean == [True, False]:
-            write_results(run.results, project.published / f"{run.results.chapter}.json")
-            changed.append(f"data/published/{run.results.chapter}.json")
+        name = f"{run.request.chapter}.json"
+        if _changes(reference_results(project, run.request.chapter), run.results):
+            write_results(run.results, project.published / name)
+            changed.append(f"data/published/{name}")
     return changed

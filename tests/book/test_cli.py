@@ -1,56 +1,164 @@
-"""The command line: help, and refusals in one sentence."""
+"""The command line: help, examples, and mistakes that are told in one sentence with status 2."""
 
 from __future__ import annotations
 
+import re
+import shlex
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
+import click
 import pytest
-from conftest import MiniProject, run_command
+from conftest import Done, MiniProject, files_of, run_command
+from inswsn_book.cli import cli
+from inswsn_book.results import Results
 
 import inswsn_lib
+from inswsn_lib.errors import BuildError
 
-
-def run(*words: str, cwd: Path) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "inswsn_book", *words],
-        cwd=cwd,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+COMMANDS = ["book", "chapters", "claims", "compare", "publish", "run", "sweep"]
 
 
 def test_help_and_version_need_no_checkout(tmp_path: Path) -> None:
-    done = run("--help", cwd=tmp_path)
-    assert done.returncode == 0
-    for command in ("book", "chapters", "run", "compare", "sweep", "claims", "publish"):
-        assert command in done.stdout
-    assert inswsn_lib.__version__ in run("--version", cwd=tmp_path).stdout
-    assert run("book", "--help", cwd=tmp_path).returncode == 0
+    module = [sys.executable, "-m", "inswsn_book"]
+    for word, said in (("--help", COMMANDS), ("--version", [inswsn_lib.__version__])):
+        done = subprocess.run(
+            [*module, word], cwd=tmp_path, capture_output=True, text=True, check=True
+        )
+        assert all(each in done.stdout for each in said)
+    assert sorted(cli.commands) == COMMANDS
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_a_command_says_what_it_is_and_its_example_is_one(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The words of the example are read as the command reads them; its files are there."""
+    monkeypatch.chdir(tmp_path)
+    command = cli.commands[name]
+    options = [each for each in command.params if isinstance(each, click.Option)]
+    assert [each.name for each in options if not each.help] == []
+    example = re.search(r"^ *For example: inswsn (.*)$", command.help or "", re.MULTILINE)
+    assert example is not None
+    first, *words = shlex.split(example[1])
+    assert first == name
+    for word in words:
+        if word.endswith(".json"):
+            (tmp_path / word).parent.mkdir(parents=True, exist_ok=True)
+            (tmp_path / word).touch()
+    command.make_context(name, words)
+
+
+MISTAKES = {
+    "boook": "No such command 'boook'",
+    "--root nowhere book": "--root is 'nowhere'; it may be the folder of a checkout of inswsn.",
+    "book --jobs 0": "--jobs",
+    "publish": "Chapter 00 has not been built as it is now; build it first: make book.",
+    "claims --verdict maybe": "--verdict is 'maybe'; it may be one of reproduced, ",
+    "claims --kind x": "--kind is 'x'; it may be one of numeric, parameter, ",
+    "claims --paper P4": "--paper is 'P4'; it may be one of P1, P2, P3.",
+    "claims --results nowhere": "nowhere",
+    "claims --results chapters": "by chapter 00, of which there are no results.",
+    "claims --against other.json --json": "without --paper, --kind, --verdict and --json",
+    "compare empty.json other.json": "two runs of one chapter can be compared",
+    "compare empty.json newer.json": "is not a results file of this version: schema_version",
+    "run 00 -p seed=7": "parameter is 'seed'; it may be one of scale.",
+    "run 00 -p scale=0": "scale is 0.0; it may be a number in (0, 100].",
+    "run 00 -p scale=inf": "scale is inf; it may be a number in (0, 100].",
+    "run 00 -p scale=two": "scale is 'two'; it may be a number in (0, 100].",
+    "run 00 -p scale": "-p is 'scale'; it may be name=value.",
+    "run 00 -p scale=1 -p scale=2": "it may be given once: scale is set twice.",
+    "run 07": "NAME is '07'; it may be one of 00.",
+    "run 00 --html": "Chapter 00 has not been built as it is now; build it first: make book.",
+    "run 00 --out data": "--out is 'data'; it may be a new or empty folder, or one that holds an",
+    "run 00 -f own/parameters.yml --out own": "one that holds an earlier run alone.",
+    "sweep 00 --grid scale=0": "scale is 0.0; it may be a number in (0, 100].",
+    "sweep 00 --runs 100": "No such option",
+    "sweep 00 --out data": "--out is 'data'; it may be a new or empty folder, or one that holds an",
+    "sweep 00 --dask tcp://127.0.0.1:1": "the address of a Dask scheduler that answers.",
+    "sweep 00 --dask nowhere --jobs 2": "--jobs is 2; it may be left out",
+    "sweep 00 --jobs 0": "--jobs",
+}
+
+
+@pytest.fixture
+def checkout(mini: MiniProject) -> MiniProject:
+    """The small project, with some files that a user may name."""
+    empty = Results(chapter="00", parameters={}, data={}, quantities=())
+    for name, text in {
+        "empty": empty.model_dump_json(),
+        "other": empty.model_copy(update={"chapter": "01"}).model_dump_json(),
+        "newer": empty.model_dump_json().replace('"schema_version":3', '"schema_version":99'),
+    }.items():
+        (mini.root / f"{name}.json").write_text(text, encoding="utf-8")
+    (mini.root / "own").mkdir()
+    (mini.root / "own" / "parameters.yml").write_text("scale: 3\n", encoding="utf-8")
+    return mini
+
+
+def test_a_mistake_is_one_sentence_and_nothing_runs(
+    checkout: MiniProject, inswsn: Callable[..., Done]
+) -> None:
+    before = files_of(checkout.root)
+    for words, said in MISTAKES.items():
+        done = inswsn(checkout.root, *words.split())
+        assert done.returncode == 2, words
+        assert done.stdout == "", words
+        sentence = done.stderr.splitlines()[-1]
+        assert said in sentence, words
+        assert sentence.startswith(("inswsn: ", "Error: ")), words  # by click, below how it is used
+    assert files_of(checkout.root) == before
+
+
+def test_a_checkout_is_found_and_has_no_library_of_its_own(
+    mini: MiniProject, tmp_path: Path
+) -> None:
+    """As processes: where the command is called counts."""
+    module = [sys.executable, "-m", "inswsn_book", "chapters"]
+    done = subprocess.run(module, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr == (
+        f"inswsn: {tmp_path} is not in a checkout of inswsn: go into one, or name it with --root.\n"
+    )
+    (mini.root / "inswsn_lib").mkdir()
+    done = run_command(mini.root, "book")
+    assert done.returncode == 2
+    assert "has a library of its own" in done.stderr
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("error", "status", "said"),
     [
-        (["book"], "is not in a checkout of inswsn"),
-        (["--root", "nowhere", "book"], "--root is 'nowhere'"),
-        (["boook"], "No such command 'boook'"),
+        (BuildError("It broke."), 1, "It broke."),
+        (PermissionError(13, "Permission denied", "a/b"), 2, "cannot read or write a/b: Permission "
+         "denied."),
+        (UnicodeDecodeError("utf-8", b"\xff", 0, 1, "invalid start byte"), 2,
+         "a text file of the checkout is not UTF-8: invalid start byte."),
+        (KeyboardInterrupt(15), 143, "stopped."),
+        (KeyboardInterrupt(), 130, "stopped."),
     ],
-)
-def test_a_mistake_is_one_sentence_and_status_2(
-    tmp_path: Path, words: list[str], said: str
+)  # fmt: skip
+def test_how_a_command_ends(
+    mini: MiniProject,
+    inswsn: Callable[..., Done],
+    monkeypatch: pytest.MonkeyPatch,
+    error: BaseException,
+    status: int,
+    said: str,
 ) -> None:
-    done = run(*words, cwd=tmp_path)
-    assert done.returncode == 2
-    assert said in done.stderr
-    assert "Traceback" not in done.stderr
-    assert done.stdout == ""
+    def fail(_: object) -> None:
+        raise error
+
+    monkeypatch.setattr("inswsn_book.compare.changes_to_publish", fail)
+    done = inswsn(mini.root, "publish")
+    assert (done.returncode, done.stdout, done.stderr.strip()) == (status, "", f"inswsn: {said}")
 
 
-def test_a_bad_option_is_refused_before_anything_runs(mini: MiniProject) -> None:
-    done = run_command(mini.root, "book", "--jobs", "0")
-    assert done.returncode == 2
-    assert "--jobs" in done.stderr
-    assert not mini.build.exists()
+def test_chapters_lists_their_parameters(mini: MiniProject, inswsn: Callable[..., Done]) -> None:
+    assert inswsn(mini.root, "chapters").stdout == (
+        "00  mini\n"
+        "    scale = 2.0; a number in (0, 100]\n"
+        "        What the number is multiplied by.\n"
+    )

@@ -1,52 +1,56 @@
-"""The comparison of two results files: quantities, conditions, verdicts."""
+"""The comparison of results, and the reference: what a build may move, and what publishing does."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
 import pytest
+from conftest import Done, MiniProject
 from inswsn_book.compare import (
     Change,
+    changes_to_publish,
     compare_conditions,
     comparison,
     flipped_verdicts,
     pair_quantities,
+    publish_build,
 )
 from inswsn_book.ledger import Claim, QuantityCheck
-from inswsn_book.results import Quantity, Results
+from inswsn_book.project import Project
+from inswsn_book.results import Quantity, Results, read_results, write_results
+from inswsn_book.runs import Request, Run, keep
+
+BASE: dict[str, Any] = {
+    "value": 1.0, "unit": "m", "basis": "printed", "how": "For a test.", "tolerance": 0.1,
+}  # fmt: skip
+
+
+def quantity(name: str, value: float = 1.0, **changes: Any) -> Quantity:
+    return Quantity(name=name, **BASE | {"value": value} | changes)
 
 
 def results(**values: float) -> Results:
-    return Results(
-        chapter="00",
-        parameters={},
-        data={},
-        quantities=tuple(
-            Quantity(
-                name=name, value=value, unit="m", basis="printed", how="For a test.", tolerance=0.1
-            )
-            for name, value in values.items()
-        ),
-    )
+    made = tuple(quantity(name, value) for name, value in values.items())
+    return Results(chapter="00", parameters={}, data={}, quantities=made)
 
 
 def compare(before: Results, after: Results) -> list[Change]:
     return [pair for pair in pair_quantities(before, after) if pair.before != pair.after]
 
 
-def test_compare_names_every_change_and_only_those() -> None:
-    before, after = (
-        results(same=1.0, near=1.0, far=1.0, gone=1.0),
-        results(same=1.0, near=1.05, far=1.2, new=1.0),
-    )
-    changes = {change.name: change for change in compare(before, after)}
-    assert list(changes) == ["near", "far", "gone", "new"]
-    assert {name: change.beyond_tolerance for name, change in changes.items()} == {
-        "near": False,
-        "far": True,
-        "new": True,
-        "gone": True,
-    }
-    assert str(changes["far"]) == "far: 1 m -> 1.2 m (change +0.2, tolerance 0.1)"
-    assert str(changes["gone"]) == "gone: 1 m -> absent"
+# Quantities, conditions, verdicts ----------------------------------------------------------------
+
+
+def test_every_change_is_named_and_only_those() -> None:
+    before = results(same=1.0, near=1.0, far=1.0, gone=1.0)
+    changes = compare(before, results(same=1.0, near=1.05, far=1.2, new=1.0))
+    assert [(change.name, change.beyond_tolerance) for change in changes] == [
+        ("near", False), ("far", True), ("gone", True), ("new", True),
+    ]  # fmt: skip
+    assert str(changes[1]) == "far: 1 m -> 1.2 m (change +0.2, tolerance 0.1)"
+    assert str(changes[2]) == "gone: 1 m -> absent"
     assert compare(before, before) == []
 
 
@@ -66,38 +70,24 @@ def test_compare_names_every_change_and_only_those() -> None:
         ({"tolerance": 0.1 * (1 + 1e-12)}, False),
     ],
 )
-def test_what_is_beyond_tolerance(changes: dict[str, object], beyond: bool) -> None:
-    (quantity,) = results(x=1.0).quantities
-    fields = quantity.model_dump() | {"interval": (1.0, 1.0), "interval_kind": "rounding"}
-    before = results().model_copy(update={"quantities": (Quantity(**fields),)})
-    after = results().model_copy(update={"quantities": (Quantity(**(fields | changes)),)})
-    (change,) = compare(before, after)
+def test_what_is_beyond_tolerance(changes: dict[str, Any], beyond: bool) -> None:
+    fields = {"interval": (1.0, 1.0), "interval_kind": "rounding"}
+    change = Change("x", quantity("x", **fields), quantity("x", **fields | changes))
     assert change.beyond_tolerance is beyond
     (field, *_) = changes
     assert field in str(change) or field == "unit"
 
 
-def test_conditions_that_differ_are_named() -> None:
-    before = results().model_copy(update={"parameters": {"a": 1}, "sentences": {"So.": True}})
-    after = results().model_copy(update={"parameters": {"a": 2}, "data": {"data/x": "0" * 64}})
-    assert compare_conditions(before, after) == [
-        "parameters: a: 1 -> 2",
-        f"data: data/x: absent -> {'0' * 64}",
-        "sentences: So.: True -> absent",
-    ]
-    assert compare_conditions(before, before) == []
-
-
-def claim(quantity: str, value: str = "1.0") -> Claim:
+def claim(name: str) -> Claim:
     return Claim(
-        id=f"P1-{quantity}", paper="P1", place="Table 1", says="For a test.", value=value,
-        unit="m", kind="numeric", check=QuantityCheck(chapter="00", quantity=quantity),
-        tolerance="within 0.1", why="For a test.",
+        id=f"P1-{name}", paper="P1", place="Table 1", says="For a test.", value="1.0", unit="m",
+        kind="numeric", check=QuantityCheck(chapter="00", quantity=name), tolerance="within 0.1",
+        why="For a test.",
     )  # fmt: skip
 
 
 def test_flipped_verdicts_and_only_those() -> None:
-    claims = [claim("same"), claim("moved"), claim("gone"), claim("new"), claim("never")]
+    claims = [claim(name) for name in ("same", "moved", "gone", "new", "never")]
     flips = flipped_verdicts(
         claims, results(same=1.0, moved=1.0, gone=1.0), results(same=1.05, moved=1.2, new=9.0)
     )
@@ -110,14 +100,119 @@ def test_flipped_verdicts_and_only_those() -> None:
     )
 
 
-def test_results_of_two_versions_of_a_chapter_are_compared() -> None:
-    old = results(x=1.0)
-    new = results(x=1.0, y=2.0).model_copy(
-        update={"cells": {"x": "ch00-001"}, "solvers": {"HiGHS": "optimal"}}
-    )
-    assert [change.name for change in compare(old, new)] == ["y"]
-    assert compare_conditions(old, new) == [
+def test_all_that_differs_between_two_runs_of_a_chapter() -> None:
+    before = results(old=1, both=1, rounded=1).model_copy(
+        update={
+            "parameters": {"a": 1, "same": 3}, "tables": {"tbl-a": [["x"], ["1"]]},
+            "sentences": {"It rains.": True, "It pours.": False, "It is gone.": True},
+        }
+    )  # fmt: skip
+    after = results(both=1, rounded=1 + 1e-15, new=3).model_copy(
+        update={
+            "parameters": {"b": 2, "same": 3}, "data": {"data/x": "a" * 64},
+            "sentences": {"It rains.": False, "It pours.": True, "It snows.": False},
+            "solvers": {"HiGHS": "optimal"}, "cells": {"both": "ch00-001"},
+            "tables": {"tbl-a": [["x"], ["2"], ["3"]], "tbl-b": []},
+        }
+    )  # fmt: skip
+    both = after["both"].model_copy(update={"tolerance": 0.2})
+    after = after.model_copy(update={"quantities": (both, *after.quantities[1:])})
+    assert comparison(before, after, []) == [
+        "old: 1 m -> absent",
+        "both: 1 m -> 1 m (change +0, tolerance 0.1); tolerance 0.1 -> 0.2",
+        "new: absent -> 3 m",
+        "parameters: b: absent -> 2",
+        "parameters: a: 1 -> absent",
+        "data: data/x: absent -> " + "a" * 64,
+        "sentences: It rains.: True -> False",
+        "sentences: It pours.: False -> True",
+        "sentences: It snows.: absent -> False",
+        "sentences: It is gone.: True -> absent",
         "solvers: HiGHS: absent -> optimal",
-        "cells: x: absent -> ch00-001",
+        "table tbl-a: 2 of 3 cells differ",
+        "table tbl-b: absent -> there",
+        "3 of 4 quantities changed, 4 of 4 sentences overturned, 0 of 0 verdicts flipped.",
     ]
-    assert flipped_verdicts([claim("x")], old, new) == []
+    assert "cells: both: absent -> ch00-001" in compare_conditions(before, after)
+    assert compare_conditions(before, before) == []
+
+
+# The reference -----------------------------------------------------------------------------------
+
+
+def test_a_fresh_build_is_within_tolerance_of_the_reference(
+    project: Project, built_site: Path
+) -> None:
+    due = [line for line in changes_to_publish(project) if line.startswith("!")]
+    if due:
+        said = "The build is not data/published; if what it found is meant to be: make publish"
+        pytest.fail("\n".join([said, *due]), pytrace=False)
+
+
+def build(mini: MiniProject, made: Results) -> None:
+    """Put results into the store as the book's run of the chapter."""
+    keep(mini, Request("00"), Run(Request("00"), made, "{}\n"))
+
+
+def test_only_publish_changes_the_reference(mini: MiniProject, inswsn: Callable[..., Done]) -> None:
+    reference = mini.published / "00.json"
+    build(mini, results(x=1.0))
+    assert inswsn(mini.root, "publish", "--check").stdout == "! 00 x: absent -> 1 m\n"
+    assert not reference.exists()
+    done = inswsn(mini.root, "publish")
+    assert done.stdout == "! 00 x: absent -> 1 m\nwrote data/published/00.json\n"
+    assert read_results(reference) == results(x=1.0)
+    # a run by hand writes to results/, and never reaches the reference
+    write_results(results(x=9.0), mini.results / "00.json")
+    assert inswsn(mini.root, "publish").stdout == ""
+    # a reference of another schema is shown as all new, and replaced
+    reference.write_text(reference.read_text().replace('version": 3', 'version": 9'))
+    assert "! 00 x: absent -> 1 m\n" in inswsn(mini.root, "publish").stdout
+    write_results(results(), mini.published / "07.json")
+    assert inswsn(mini.root, "publish", "--check").stdout == (
+        "! data/published/07.json belongs to no chapter; remove it.\n"
+    )
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"quantities": (quantity("x", 1.05), quantity("y"))}, None),  # rounding of a machine
+        ({"quantities": (quantity("x", 1.05), quantity("y", 1.2))},
+         ["  00 x: 1 m -> 1.05 m (change +0.05, tolerance 0.1)",
+          "! 00 y: 1 m -> 1.2 m (change +0.2, tolerance 0.1)"]),
+        ({"quantities": (quantity("x"),)}, ["! 00 y: 1 m -> absent"]),
+        ({"quantities": (quantity("x"), quantity("y", how="In another way."))},
+         ["  00 y: 1 m -> 1 m (change +0, tolerance 0.1); how For a test. -> In another way."]),
+        ({"parameters": {"a": 2}}, ["! 00 parameters: a: absent -> 2"]),
+        ({"sentences": {"So.": True}}, ["! 00 sentences: So.: absent -> True"]),
+        ({"tables": {"tbl-x": [["−1.5e-3 m"]]}}, None),  # it is for the quantities to say
+        ({"tables": {"tbl-x": [["1 km"]]}}, ["  00 table tbl-x: 1 of 1 cells differ"]),
+        ({"tables": {"tbl-x": [["1 m", "1 m"]]}}, ["  00 table tbl-x: 1 of 2 cells differ"]),
+        ({"tables": {}}, ["  00 table tbl-x: there -> absent"]),
+    ],
+)  # fmt: skip
+def test_a_chapter_is_published_if_more_than_its_rounding_has_changed(
+    mini: MiniProject, changes: dict[str, Any], said: list[str] | None
+) -> None:
+    before = results(x=1.0, y=1.0).model_copy(update={"tables": {"tbl-x": [["1 m"]]}})
+    write_results(before, mini.published / "00.json")
+    after = before.model_copy(update=changes)
+    build(mini, after)
+    assert changes_to_publish(mini) == (said or [])
+    assert publish_build(mini) == (["data/published/00.json"] if said else [])
+    assert read_results(mini.published / "00.json") == (after if said else before)
+    assert publish_build(mini) == []
+
+
+def test_compare_reads_files_of_older_forms(mini: MiniProject, inswsn: Callable[..., Done]) -> None:
+    write_results(results(x=1.0), mini.root / "new.json")
+    text = (
+        (mini.root / "new.json").read_text().replace('"schema_version": 3', '"schema_version": 1')
+    )
+    (mini.root / "old.json").write_text(text)
+    done = inswsn(mini.root, "compare", "old.json", "new.json")
+    assert done.returncode == 0
+    assert done.stdout == (
+        "0 of 1 quantities changed, 0 of 0 sentences overturned, 0 of 1 verdicts flipped.\n"
+    )

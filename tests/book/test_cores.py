@@ -20,17 +20,16 @@ OTHER_SECTIONS = {
 }
 
 
-def core(project: Project, number: str) -> type:
-    (chapter,) = (c for c in project.chapters() if c.number == number)
-    name = core_name(chapter.source.read_text(encoding="utf-8"))
-    assert name is not None
-    return load_core(name)
+def test_every_core_is_looked_at(project: Project) -> None:
+    named = {c.number: core_name(c.source.read_text("utf-8")) for c in project.chapters()}
+    assert {number for number, name in named.items() if name} == {*OTHER_SECTIONS}
 
 
 @pytest.mark.parametrize("number", OTHER_SECTIONS)
 def test_a_core_takes_the_parameters_of_its_chapter(project: Project, number: str) -> None:
     declared = chapter_schema(project.root, number).defaults
-    own = {f.name: f.default for f in fields(core(project, number)) if f.name != "published"}
+    name = core_name(project.find(number).source.read_text(encoding="utf-8"))
+    own = {f.name: f.default for f in fields(load_core(str(name))) if f.name != "published"}
     assert {*own} == {*declared} - OTHER_SECTIONS[number]
     assert own == {name: declared[name] for name in own}
     assert {n: type(v) for n, v in own.items()} == {n: type(declared[n]) for n in own}

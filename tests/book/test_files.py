@@ -1,98 +1,144 @@
-"""YAML is read as PyYAML reads it, but for what is refused; a folder is replaced whole."""
+"""YAML is read as PyYAML reads it, but for what is refused; files and folders are written whole."""
 
 from __future__ import annotations
 
-import subprocess
-import sys
+import runpy
+from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
-from inswsn_book.files import replace_folder
+from conftest import files_of
+from inswsn_book import files
+from inswsn_book.files import (
+    check_folder,
+    file_digest,
+    made_folder,
+    replace_folder,
+    text_digest,
+    tree_digest,
+    write_whole,
+)
 
-from inswsn_lib.errors import InswsnError
-from inswsn_lib.files import read_yaml
-
-FILES = sorted((Path(__file__).resolve().parents[2] / "data").rglob("*.yaml"))
-
-
-def told(value: object) -> object:
-    """Return what was read with numbers in powers of ten and dates as texts, in both ways."""
-    if isinstance(value, dict):
-        return {key: told(entry) for key, entry in value.items()}
-    if isinstance(value, list):
-        return [told(entry) for entry in value]
-    try:
-        return float(value)  # type: ignore[arg-type]
-    except (TypeError, ValueError):
-        return str(value)
+import inswsn_lib.files
+from inswsn_lib.errors import InswsnError, ParameterError
 
 
-@pytest.mark.parametrize("path", FILES, ids=lambda path: path.name)
-def test_our_files_hold_what_pyyaml_finds_in_them(path: Path) -> None:
-    theirs = yaml.load(path.read_text(encoding="utf-8"), Loader=yaml.SafeLoader)
-    assert told(read_yaml(path)) == told(theirs)
+@pytest.fixture(params=[True, False], ids=["with LibYAML", "without LibYAML"])
+def read(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Any:
+    """Read a text by `read_yaml` of a module that found LibYAML, or did not."""
+    monkeypatch.setattr(yaml, "__with_libyaml__", request.param)
+    reader, path = runpy.run_path(inswsn_lib.files.__file__)["read_yaml"], tmp_path / "a.yaml"
+    return lambda text: (path.write_text(text), reader(path))[1]
 
 
-@pytest.mark.parametrize("text", ["[" * 100_000, "[" * 5_000 + "]" * 5_000, "- " * 100_000])
-def test_too_deep_a_nesting_is_one_sentence(tmp_path: Path, text: str) -> None:
-    path = tmp_path / "deep.yaml"
-    path.write_text(text)
-    with pytest.raises(InswsnError, match=r"deep\.yaml is not YAML"):
-        read_yaml(path)
+def test_a_number_in_powers_of_ten_is_one_and_a_day_a_text(read: Callable[[str], Any]) -> None:
+    found = read("{a: 1e-1, b: -2.5E3, c: 2026-11-22, d: '1e3', e: yes}")
+    assert found == {"a": 0.1, "b": -2500.0, "c": "2026-11-22", "d": "1e3", "e": True}
 
 
 @pytest.mark.parametrize(
     ("text", "said"),
-    [("a: 1\na: 2\n", "the key a is repeated"), ("a: [", "is not YAML"), ("\x01", "is not YAML")],
+    [
+        ("a: 1\na: 2\n", "a.yaml is not YAML: the key a is repeated"),
+        ("a: [", "a.yaml is not YAML"),
+        ("\x01", "a.yaml is not YAML"),
+        ("[" * 5_000 + "]" * 5_000, "a.yaml is not YAML that can be read: it is nested too deeply"),
+        ("- " * 100_000, "a.yaml is not YAML"),
+    ],
+    ids=lambda text: text[:12],
 )
-@pytest.mark.parametrize("with_libyaml", [True, False])
-def test_what_is_refused_with_libyaml_and_without(
-    tmp_path: Path, text: str, said: str, with_libyaml: bool
+def test_what_is_no_yaml_is_one_sentence(read: Callable[[str], Any], text: str, said: str) -> None:
+    with pytest.raises(InswsnError, match=said) as refusal:
+        read(text)
+    assert "\n" not in str(refusal.value)
+
+
+def test_our_files_hold_what_pyyaml_finds_in_them(root: Path) -> None:
+    def told(value: object) -> object:
+        """Return what was read with numbers in powers of ten and dates as texts, in both ways."""
+        if isinstance(value, dict):
+            return {key: told(entry) for key, entry in value.items()}
+        if isinstance(value, list):
+            return [told(entry) for entry in value]
+        with suppress(TypeError, ValueError):
+            return float(value)
+        return str(value)
+
+    paths = sorted((root / "data").rglob("*.yaml"))
+    assert len(paths) > 10
+    for path in paths:
+        theirs = yaml.load(path.read_text(encoding="utf-8"), Loader=yaml.CSafeLoader)
+        assert told(inswsn_lib.files.read_yaml(path)) == told(theirs), path.name
+
+
+def test_digests(tmp_path: Path) -> None:
+    """SHA-256 of "abc" as FIPS 180-2 prints it; of a tree, names and contents count."""
+    known = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"
+    one, two = tmp_path / "one", tmp_path / "two"
+    one.write_text("abc")
+    two.write_text("x")
+    assert text_digest("abc") == file_digest(one) == known
+    before = tree_digest(tmp_path, [one, two])
+    assert tree_digest(tmp_path, [two, one, one]) == before != tree_digest(tmp_path, [one])
+    one.write_text("x")
+    two.write_text("abc")
+    assert tree_digest(tmp_path, [one, two]) != before
+
+
+def test_a_file_is_written_whole_or_not_at_all(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    path = tmp_path / "bad.yaml"
-    path.write_text(text)
-    code = f"import yaml\nyaml.__with_libyaml__ = {with_libyaml}\n"
-    code += "from pathlib import Path\nfrom inswsn_lib.files import read_yaml\n"
-    code += (
-        f"try:\n    read_yaml(Path({str(path)!r}))\nexcept Exception as error:\n    print(error)"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=tmp_path
-    )
-    assert said in done.stdout
+    def interrupted(_: int) -> None:
+        raise KeyboardInterrupt
+
+    path = tmp_path / "new" / "a.txt"
+    write_whole(path, "old")
+    assert (path.read_text(), path.stat().st_mode & 0o777) == ("old", 0o644)
+    monkeypatch.setattr(files.os, "fsync", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        write_whole(path, "new")
+    assert files_of(path.parent) == {"a.txt": b"old"}
 
 
-@pytest.fixture
-def sites(tmp_path: Path) -> tuple[Path, Path]:
-    """A new site, in a folder that is to go, and the place of the old one."""
-    new, site = tmp_path / "temporary" / "new", tmp_path / "html"
-    for folder, text in ((new, "new"), (site, "old")):
-        folder.mkdir(parents=True)
-        (folder / "index.html").write_text(text)
-    return new, site
-
-
-def test_a_folder_takes_the_place_of_another(sites: tuple[Path, Path]) -> None:
-    new, site = sites
-    replace_folder(site, new)
-    assert (site / "index.html").read_text() == "new"
-    assert not new.exists()
-
-
-@pytest.mark.parametrize("error", [OSError, KeyboardInterrupt])
-def test_a_replacement_that_is_cut_short_puts_the_old_folder_back(
-    sites: tuple[Path, Path], error: type[BaseException], monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("error", [None, OSError, KeyboardInterrupt])
+def test_a_folder_takes_the_place_of_another_or_the_old_one_is_put_back(
+    tmp_path: Path, error: type[BaseException] | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    new, site = sites
-    rename = Path.rename
+    new, site, rename = tmp_path / "temporary" / "new", tmp_path / "html", Path.rename
+    write_whole(new / "index.html", "new")
+    write_whole(site / "index.html", "old")
 
     def cut_short(path: Path, target: Path) -> Path:
-        if path == new:
+        if path == new and error is not None:
             raise error
         return rename(path, target)
 
     monkeypatch.setattr(Path, "rename", cut_short)
-    with pytest.raises(error):
+    with suppress(*[error] if error else []):
         replace_folder(site, new)
-    assert (site / "index.html").read_text() == "old"
+    assert files_of(site) == {"index.html": b"old" if error else b"new"}
+
+
+def test_no_folder_but_an_earlier_run_is_replaced(tmp_path: Path) -> None:
+    out, neighbour = tmp_path / "keep", tmp_path / "keep.old" / "thesis.txt"
+    write_whole(neighbour, "mine")
+    for content in ("first", "second"):  # an earlier run may be replaced
+        with made_folder(out) as made:
+            write_whole(made / f"{content}.txt", content)
+    kept = files_of(out)
+    assert set(kept) == {"second.txt", ".inswsn-run"}
+    with suppress(KeyboardInterrupt), made_folder(out) as made:
+        write_whole(made / "third.txt", "third")
+        raise KeyboardInterrupt
+    assert files_of(out) == kept
+    # not with anything else in it, and no file
+    write_whole(out / "note.txt", "mine")
+    for path in (out, neighbour):
+        with pytest.raises(ParameterError, match="one that holds an earlier run alone"):
+            check_folder(path)
+    with pytest.raises(ParameterError, match=r"where one can write, and .* is not"):
+        check_folder(neighbour / "below")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["keep", "keep.old"]

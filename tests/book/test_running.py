@@ -1,327 +1,359 @@
-"""Runs with other parameters: into a folder of their own, compared with the published run."""
+"""`inswsn run` and `inswsn book` on a small project: what they leave, and how they fail or end."""
 
 from __future__ import annotations
 
+import ctypes
 import json
+import shutil
+import signal
+import subprocess
 import sys
+import time
+from collections.abc import Callable
 from pathlib import Path
 
+import psutil
 import pytest
-from conftest import MiniProject, run_command
-from inswsn_book.compare import comparison
-from inswsn_book.parameters import chapter_schema, read_schema
+from bs4 import BeautifulSoup
+from conftest import Done, MiniProject, build_once, files_of, run_command
+from inswsn_book import running
+from inswsn_book.pages import RenderingError
+from inswsn_book.parameters import read_schema
 from inswsn_book.project import MODULES_VARIABLE
-from inswsn_book.record import ChapterRecord
-from inswsn_book.results import Quantity, Results, read_results
+from inswsn_book.results import read_results
 from inswsn_book.running import gather_parameters
 
-from inswsn_lib.errors import InswsnError, ParameterError
-from inswsn_lib.files import DATA_VARIABLE
+from inswsn_lib.errors import InswsnError
+
+Command = Callable[..., Done]
+
+# The parameters of a run -------------------------------------------------------------------------
+
+SCHEMA = read_schema("""\
+# A number.
+scale: float = 2.0  # 1; in (0, 100]
+# A file.
+name: str = 'given.csv'  # 1; a file
+# A method, of which the default is not tried: the published run has.
+learner: str = 'no.such:Thing'  # 1; a regressor
+""")
+LINEAR = "sklearn.linear_model:LinearRegression"
 
 
-def test_chapters_lists_their_parameters(mini: MiniProject) -> None:
-    done = run_command(mini.root, "chapters")
-    assert done.stdout == (
-        "00  mini\n"
-        "    scale = 2.0; a number in (0, 100]\n"
-        "        What the number is multiplied by.\n"
-    )
-
-
-def test_a_run_and_its_comparison(built: MiniProject, tmp_path: Path) -> None:
-    assert run_command(built.root, "publish").returncode == 0
-    published = (built.published / "00.json").read_bytes()
-    results = (built.results / "00.json").read_bytes()
-
-    out = tmp_path / "out"
-    done = run_command(built.root, "run", "0", "-p", "scale=3", "--out", str(out), "--html")
-    assert done.returncode == 0, done.stderr
-    lines = done.stdout.splitlines()
-    assert lines[0].startswith("twice: 42 m -> 63 m (change +21, tolerance 0.5)")
-    assert "parameters: scale: 2.0 -> 3.0" in lines
-    assert (
-        "verdict P1-M-twice: reproduced -> contradicted by the paper itself "
-        "(No numbers that round to the printed cells allow it.)"
-    ) in lines
-    assert (
-        "1 of 1 quantities changed, 0 of 0 sentences overturned, 1 of 1 verdicts flipped."
-    ) in lines
-    assert read_results(out / "00.json").parameters == {"scale": 3.0}
-    assert (out / "parameters.yml").read_text() == "scale: 3.0\n"
-    assert ">63<" in (out / "html" / "chapters" / "00-mini.html").read_text()
-    # the page of claims in the rendered run is of that run
-    assert "63 m" in (out / "html" / "claims.html").read_text()
-    assert "42 m" in (built.site / "claims.html").read_text()
-    assert "## Provenance" in (out / "00-mini.ipynb").read_text()
-    # the published results, the last build and its site are what they were
-    assert (built.published / "00.json").read_bytes() == published
-    assert (built.results / "00.json").read_bytes() == results
-    assert ">42<" in (built.site / "chapters" / "00-mini.html").read_text()
-    assert "00-mini: unchanged" in run_command(built.root, "book").stderr
-
-    # a file of parameters, overridden; the folder of an earlier run may be used again
-    file = tmp_path / "params.yml"
-    file.write_text("scale: 5\n")
-    done = run_command(built.root, "run", "00-mini", "-f", str(file), "--out", str(out))
-    assert done.returncode == 0
-    assert read_results(out / "00.json")["twice"].value == 105
-    assert not (out / "html").exists()  # a page of the earlier run would belie this one
-    words = ("run", "00", "-f", str(file), "-p", "scale=4")
-    done = run_command(built.root, *words)
-    (folder,) = (built.root / "runs").iterdir()
-    assert done.stdout.splitlines()[-1] == f"The run is in {folder}"
-    done = run_command(built.root, "compare", str(out / "00.json"), str(folder / "00.json"))
-    assert "parameters: scale: 5.0 -> 4.0" in done.stdout
-
-
-@pytest.mark.parametrize(
-    ("words", "sentence"),
-    [
-        (["00", "-p", "seed=7"], "parameter is 'seed'; it may be one of scale."),
-        (["00", "-p", "scale=0"], "scale is 0.0; it may be a number in (0, 100]."),
-        (["00", "-p", "scale=inf"], "scale is inf; it may be a number in (0, 100]."),
-        (["00", "-p", "scale=two"], "scale is 'two'; it may be a number in (0, 100]."),
-        (["00", "-p", "scale"], "-p is 'scale'; it may be name=value."),
-        (
-            ["00", "-p", "scale=1", "-p", "scale=2"],
-            "-p is 'scale=2'; it may be given once: scale is set twice.",
-        ),
-        (["07"], "NAME is '07'; it may be one of 00."),
-        (
-            ["00", "--out", "data"],
-            "--out is 'data'; it may be a new or empty folder, or one that holds an earlier run "
-            "alone.",
-        ),
-    ],
-)
-def test_a_run_is_refused_before_anything_runs(
-    mini: MiniProject, words: list[str], sentence: str
-) -> None:
-    done = run_command(mini.root, "run", *words)
-    assert done.returncode == 2
-    assert done.stderr == f"inswsn: {sentence}\n"
-    assert done.stdout == ""
-    assert not (mini.root / "runs").exists()
-
-
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        ("scale: [", "is not YAML"),
-        ("- scale", "is not a list of parameters"),
-        ("7: 1", "is not a list of parameters"),
-        ("scale: '3'", "scale is '3'"),
-        ("scale: .nan", "scale is nan"),
-        ("scale: true", "scale is True"),
-        ("other: 1", "parameter is 'other'"),
-    ],
-)
-def test_a_bad_file_of_parameters(mini: MiniProject, tmp_path: Path, text: str, said: str) -> None:
-    file = tmp_path / "params.yml"
-    file.write_text(text)
-    schema = chapter_schema(mini.root, "00")
-    with pytest.raises(InswsnError) as refusal:
-        gather_parameters(schema, [], file, tmp_path)
-    assert said in str(refusal.value)
-    file.write_text("")
-    assert gather_parameters(schema, [], file, tmp_path) == {}
-
-
-def test_a_run_that_fails_writes_nothing(mini: MiniProject) -> None:
-    (mini.root / "data" / "papers" / "number.txt").write_text("not a number")
-    done = run_command(mini.root, "run", "00")
-    assert done.returncode == 1
-    assert "Chapter 00-mini failed in cell 3" in done.stderr
-    assert not (mini.root / "runs").exists()
-
-
-def test_html_needs_a_built_book(mini: MiniProject, tmp_path: Path) -> None:
-    done = run_command(mini.root, "run", "00", "--html", "--out", str(tmp_path / "out"))
-    assert done.returncode == 2
-    assert "Chapter 00 has not been built as it is now" in done.stderr
-    assert "executing" not in done.stderr
-    assert not (tmp_path / "out").exists()
-
-
-def test_a_run_whose_page_cannot_be_rendered_writes_nothing(
-    built: MiniProject, tmp_path: Path
-) -> None:
-    built.page("# Mini\n\nSee {ref}`nowhere`.\n")
-    out = tmp_path / "out"
-    done = run_command(built.root, "run", "00", "--html", "--out", str(out))
-    assert done.returncode == 1
-    assert "undefined label: 'nowhere'" in done.stderr
-    assert not out.exists()
-    assert [path.name for path in tmp_path.iterdir()] == ["mini"]
-    built.page()
-    assert run_command(built.root, "run", "00", "--html", "--out", str(out)).returncode == 0
-
-
-def test_plain_papermill_is_held_to_the_declaration(mini: MiniProject) -> None:
-    # a record refuses what `inswsn run` would have refused
-    with pytest.raises(ParameterError, match=r"scale is 1000\.0"):
-        ChapterRecord("00", parameters={"scale": 1000.0}, root=mini.root)
-    with pytest.raises(ParameterError, match="parameter is 'other'"):
-        ChapterRecord("00", parameters={"scale": 1.0, "other": 1}, root=mini.root)
-    with pytest.raises(InswsnError, match="keeps no record of its parameter scale"):
-        ChapterRecord("00", parameters={}, root=mini.root)
-
-
-def quantity(name: str, value: float) -> Quantity:
-    return Quantity(
-        name=name, value=value, unit="m", basis="printed", how="Made for a test.", tolerance=0.1
-    )
-
-
-def test_compare_on_files_that_do_not_hold_the_same() -> None:
-    before = Results(
-        chapter="00",
-        parameters={"a": 1},
-        data={},
-        quantities=(quantity("old", 1), quantity("both", 1)),
-        sentences={"It rains.": True, "It pours.": False, "It is gone.": True},
-    )
-    after = Results(
-        chapter="00",
-        parameters={"b": 2},
-        data={"data/x": "a" * 64},
-        quantities=(
-            quantity("both", 1 + 1e-15).model_copy(update={"tolerance": 0.2}),
-            quantity("new", 3),
-        ),
-        sentences={"It rains.": False, "It pours.": True, "It snows.": False},
-    )
-    assert comparison(before, after, []) == [
-        "old: 1 m -> absent",
-        "both: 1 m -> 1 m (change +1.11e-15, tolerance 0.1); tolerance 0.1 -> 0.2",
-        "new: absent -> 3 m",
-        "parameters: b: absent -> 2",
-        "parameters: a: 1 -> absent",
-        "data: data/x: absent -> " + "a" * 64,
-        "sentences: It rains.: True -> False",
-        "sentences: It pours.: False -> True",
-        "sentences: It snows.: absent -> False",
-        "sentences: It is gone.: True -> absent",
-        "3 of 3 quantities changed, 4 of 4 sentences overturned, 0 of 0 verdicts flipped.",
-    ]
-
-
-def test_compare_refuses_what_cannot_be_compared(mini: MiniProject, tmp_path: Path) -> None:
-    first, second = tmp_path / "a.json", tmp_path / "b.json"
-    made = Results(chapter="00", parameters={}, data={}, quantities=())
-    first.write_text(made.model_dump_json())
-    second.write_text(made.model_copy(update={"chapter": "01"}).model_dump_json())
-    done = run_command(mini.root, "compare", str(first), str(second))
-    assert done.returncode == 2
-    assert "two runs of one chapter can be compared" in done.stderr
-    content = json.loads(first.read_text())
-    second.write_text(json.dumps(content | {"schema_version": 99}))
-    done = run_command(mini.root, "compare", str(first), str(second))
-    assert done.returncode == 2
-    assert "is not a results file of this version: schema_version" in done.stderr
-    # a file of the first version has no solvers, cells and provenance, and is compared
-    old = {k: v for k, v in content.items() if k not in ("solvers", "cells", "provenance")}
-    second.write_text(json.dumps(old | {"schema_version": 1}))
-    done = run_command(mini.root, "compare", str(first), str(second))
-    assert done.returncode == 0
-    assert done.stdout.splitlines()[-1].startswith("0 of 0 quantities changed")
-
-
-def test_no_folder_but_an_earlier_run_is_replaced(mini: MiniProject, tmp_path: Path) -> None:
-    out, neighbour = tmp_path / "keep", tmp_path / "keep.old"
-    neighbour.mkdir()
-    (neighbour / "thesis.txt").write_text("mine")
-    words = ("run", "00", "-p", "scale=3", "--out", str(out))
-    assert run_command(mini.root, *words).returncode == 0
-    assert run_command(mini.root, *words).returncode == 0  # an earlier run may be replaced
-    assert (neighbour / "thesis.txt").read_text() == "mine"
-    # not with anything else in it
-    (out / "note.txt").write_text("mine")
-    done = run_command(mini.root, *words)
-    assert done.returncode == 2
-    assert "one that holds an earlier run alone" in done.stderr
-    assert (out / "note.txt").read_text() == "mine"
-    # nor a folder with a file of parameters that a user wrote
-    own = tmp_path / "own"
-    own.mkdir()
-    (own / "parameters.yml").write_text("scale: 3\n")
-    done = run_command(mini.root, "run", "00", "-f", str(own / "parameters.yml"), "--out", str(own))
-    assert done.returncode == 2
-    assert [path.name for path in own.iterdir()] == ["parameters.yml"]
-
-
-def test_what_a_chapter_writes_for_its_reader_is_in_the_run(
-    mini: MiniProject, tmp_path: Path
-) -> None:
-    mini.chapter("```{code-cell} ipython3\nrecord.write_file('note.csv', 'a,b\\n')\n```")
-    done = run_command(mini.root, "run", "00", "--out", str(tmp_path / "out"))
-    assert done.returncode == 0, done.stderr
-    assert (tmp_path / "out" / "note.csv").read_text() == "a,b\n"
-
-
-def test_a_chapter_is_told_where_recorded_data_are(
-    mini: MiniProject, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    # named from where the command is run; the kernel works in a folder of its own
-    monkeypatch.setenv(DATA_VARIABLE, "recorded")
-    mini.chapter(
-        "```{code-cell} ipython3\nimport os\n"
-        f"record.write_file('told.txt', os.environ['{DATA_VARIABLE}'])\n```"
-    )
-    done = run_command(mini.root, "run", "00", "--out", str(tmp_path / "out"))
-    assert done.returncode == 0, done.stderr
-    assert (tmp_path / "out" / "told.txt").read_text() == str(mini.root / "recorded")
-
-
-def test_a_file_that_a_parameter_names(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    schema = read_schema("# A file.\nname: str = 'given.csv'  # 1; a file")
-    data = tmp_path / "data"
-    data.mkdir()
-    (data / "given.csv").write_text("")
-    (tmp_path / "own.csv").write_text("")
-    monkeypatch.chdir(tmp_path)
-    # one of the project's stays a name, so that a results file is the same on every machine
-    assert gather_parameters(schema, ["name=given.csv"], None, data) == {"name": "given.csv"}
-    own = str((tmp_path / "own.csv").resolve())
-    assert gather_parameters(schema, ["name=own.csv"], None, data) == {"name": own}
-    with pytest.raises(ParameterError, match="there is no such file"):
-        gather_parameters(schema, ["name=none.csv"], None, data)
-
-
-def test_a_regressor_that_a_parameter_names(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    schema = read_schema("# A method.\nlearner: str = 'no.such:Thing'  # 1; a regressor")
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A working folder with a file of the reader's own, and one of the project's below data."""
     monkeypatch.setattr(sys, "path", list(sys.path))
     monkeypatch.delenv(MODULES_VARIABLE, raising=False)
     monkeypatch.chdir(tmp_path)
-    # the default is not tried: the published run has
-    assert gather_parameters(schema, [], None, tmp_path) == {}
-    name = "sklearn.linear_model:LinearRegression"
-    assert gather_parameters(schema, [f"learner={name}"], None, tmp_path) == {"learner": name}
-    with pytest.raises(ParameterError) as refusal:
-        gather_parameters(schema, ["learner=nonsense"], None, tmp_path)
-    assert str(refusal.value) == (
-        "learner is 'nonsense'; it may be package.module:Class, a scikit-learn regressor that "
-        "needs no arguments."
-    )
-    # one in a file of parameters is tried as well
-    file = tmp_path / "params.yml"
-    file.write_text("learner: sklearn.linear_model:Nobody\n")
-    with pytest.raises(ParameterError, match=r"sklearn\.linear_model has no class Nobody"):
-        gather_parameters(schema, [], file, tmp_path)
-    # the command line comes before the file, and what it overrides is not tried
-    found = gather_parameters(schema, [f"learner={name}"], file, tmp_path)
-    assert found == {"learner": name}
+    (tmp_path / "data").mkdir()
+    for name in ("own.csv", "data/given.csv"):
+        (tmp_path / name).touch()
+    return tmp_path
 
 
-def test_what_the_library_refuses_in_a_run_is_one_sentence(mini: MiniProject) -> None:
-    mini.chapter(
-        "```{code-cell} ipython3\nfrom inswsn_lib.errors import ParameterError\n"
-        "if scale > 50:\n    raise ParameterError('scale', scale, 'at most 50 here')\n```"
+@pytest.mark.parametrize(
+    ("text", "settings", "found"),
+    [
+        ("", [], {}),
+        ("scale: 5\n", [], {"scale": 5.0}),
+        ("scale: 5\n", ["scale=4"], {"scale": 4.0}),
+        # one of the project's stays a name, so that a results file is the same on every machine
+        ("", ["name=given.csv"], {"name": "given.csv"}),
+        ("name: own.csv\n", [], {"name": "HERE/own.csv"}),
+        ("learner: sklearn.linear_model:Nobody\n", [f"learner={LINEAR}"], {"learner": LINEAR}),
+        ("scale: [", [], "is not YAML"),
+        ("- scale", [], "is not a list of parameters"),
+        ("7: 1", [], "is not a list of parameters"),
+        ("scale: '3'", [], "scale is '3'"),
+        ("scale: true", [], "scale is True"),
+        ("other: 1", [], "parameter is 'other'"),
+        ("", ["name=none.csv"], "there is no such file"),
+        ("", ["learner=nonsense"], "learner is 'nonsense'; it may be package.module:Class"),
+        ("learner: sklearn.linear_model:Nobody\n", [], "sklearn.linear_model has no class Nobody"),
+    ],
+)
+def test_the_parameters_of_a_file_and_of_the_command_line(
+    here: Path, text: str, settings: list[str], found: dict | str
+) -> None:
+    file, said = here / "params.yml", ""
+    file.write_text(text)
+    try:
+        assert gather_parameters(SCHEMA, settings, file, here / "data") == {
+            name: value.replace("HERE", str(here.resolve())) if isinstance(value, str) else value
+            for name, value in dict(found).items()
+        }
+    except InswsnError as error:
+        said = str(error)
+    assert (found in said) if isinstance(found, str) else said == ""
+
+
+# One chapter into a folder -----------------------------------------------------------------------
+
+
+def test_a_run_and_its_comparison(built: MiniProject, tmp_path: Path, inswsn: Command) -> None:
+    assert inswsn(built.root, "publish").returncode == 0
+    kept = {path: files_of(path) for path in (built.published, built.results, built.site)}
+    out, file = tmp_path / "out", tmp_path / "params.yml"
+    done = inswsn(built.root, "run", "0", "-p", "scale=3", "--out", str(out), "--html")
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines() == [
+        "twice: 42 m -> 63 m (change +21, tolerance 0.5)",
+        "parameters: scale: 2.0 -> 3.0",
+        "verdict P1-M-twice: reproduced -> contradicted by the paper itself (No numbers that round "
+        "to the printed cells allow it.)",
+        "1 of 1 quantities changed, 0 of 0 sentences overturned, 1 of 1 verdicts flipped.",
+        f"The run is in {out}",
+    ]
+    assert read_results(out / "00.json").parameters == {"scale": 3.0}
+    assert (out / "parameters.yml").read_text() == "scale: 3.0\n"
+    assert "## Provenance" in (out / "00-mini.ipynb").read_text()
+    # the pages of the run are of that run, that of claims too
+    assert ">63<" in (out / "html" / "chapters" / "00-mini.html").read_text()
+    assert "63 m" in (out / "html" / "claims.html").read_text()
+    # the published results, the last build and its site are what they were
+    assert kept == {path: files_of(path) for path in kept}
+    assert "00-mini: unchanged" in inswsn(built.root, "book").stderr
+
+    # a file of parameters; the folder of an earlier run may be used again
+    file.write_text("scale: 5\n")
+    assert inswsn(built.root, "run", "00-mini", "-f", str(file), "--out", str(out)).returncode == 0
+    assert read_results(out / "00.json")["twice"].value == 105
+    assert not (out / "html").exists()  # a page of the earlier run would belie this one
+    # overridden, into a folder of its own: it is found
+    done = inswsn(built.root, "run", "00", "-f", str(file), "-p", "scale=3")
+    assert done.stderr == "00-mini: unchanged\n"
+    (folder,) = (built.root / "runs").iterdir()
+    assert done.stdout.splitlines()[-1] == f"The run is in {folder}"
+
+
+def test_a_run_that_fails_writes_nothing(
+    built: MiniProject, inswsn: Command, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: object) -> None:
+        raise RenderingError("Sphinx has warned.")
+
+    monkeypatch.setattr(running, "render_run", fail)
+    done = inswsn(built.root, "run", "00", "--html")
+    assert (done.returncode, done.stdout) == (1, "")
+    assert done.stderr.endswith("inswsn: Sphinx has warned.\n")
+    # what the library refuses in a cell is one sentence
+    built.chapter(
+        "from inswsn_lib.errors import ParameterError\n"
+        "raise ParameterError('scale', scale, 'at most 50 here')"
     )
-    done = run_command(mini.root, "run", "00", "-p", "scale=60")
-    assert done.returncode == 2
+    done = inswsn(built.root, "run", "00", "-p", "scale=60")
+    assert (done.returncode, done.stdout, "Traceback" in done.stderr) == (2, "", False)
     assert done.stderr.splitlines()[-1] == "inswsn: scale is 60.0; it may be at most 50 here."
+    assert list((built.root / "runs").iterdir()) == []
+
+
+# All chapters into a site ------------------------------------------------------------------------
+
+
+def what_stays(built: MiniProject) -> list[object]:
+    """Return what two builds of the same have in common: results, notebook and pages."""
+    texts: list[object] = [read_results(built.results / "00.json").found()]
+    texts += [json.loads(path.read_text())["notebook"] for path in built.store.rglob("*.json")]
+    for name in ("index.html", "claims.html", "chapters/00-mini.html"):
+        soup = BeautifulSoup((built.site / name).read_text(), "html.parser")
+        for part in soup.select("table.provenance, a.download"):  # of the results file
+            part.decompose()
+        texts.append(str(soup))
+    return texts
+
+
+def test_a_build_and_the_builds_after_it(
+    built: MiniProject, built_mini: Path, released_mini: Path, inswsn: Command
+) -> None:
+    said = build_once(built_mini, built_mini.with_suffix(".json"))
+    assert "00-mini: executed in" in said
+    assert f"Open {built_mini / '_build' / 'html' / 'index.html'}" in said
+    assert ">42<" in (built.site / "chapters" / "00-mini.html").read_text()
+    first = read_results(built.results / "00.json")
+    assert first["twice"].value == 42.0
+
+    # nothing changed: nothing is executed, nothing rendered, the site is not touched
+    before, stays = files_of(built.site), what_stays(built)
+    assert inswsn(built.root, "book").stderr == "00-mini: unchanged\nbook: unchanged\n"
+    assert files_of(built.site) == before
+
+    # all of it anew, in a process of its own: the same, but for what it was made with
+    done = run_command(built.root, "book", "--fresh")
+    assert "00-mini: executed in" in done.stderr
+    assert "book: rendering" in done.stderr
+    assert what_stays(built) == stays
+    assert read_results(built.results / "00.json") != first
+
+    # a page changed: rendered, not executed
+    said = build_once(released_mini, released_mini.with_suffix(".json"))
+    assert "00-mini: unchanged\nbook: rendering\n" in said
+    assert "Another page." in (released_mini / "_build" / "html" / "index.html").read_text()
+
+
+TOC, LEDGER = "book/_toc.yml", "data/claims/mini.yaml"
+BY_HAND = [
+    (TOC, "- file: chapters/00-mini", "", "book/_toc.yml does not list chapters/00-mini"),
+    (TOC, "claims", "chapters/01-gone", "lists chapters/01-gone, and there is no such chapter"),
+    (TOC, "format: jb-book", "format: [", "_toc.yml is not YAML"),
+    ("_config.yml", "\n", "\n[", "_config.yml is not YAML"),
+    ("CITATION.cff", "\ntitle:", "\nt:", "CITATION.cff is no citation file: it lacks 'title'"),
+    (LEDGER, "digits,", "digits, verdict: reproduced,", "P1-M-twice: verdict: Extra inputs are"),
+    (LEDGER, "quantity: twice", "quantity: thrice", "thrice, which chapter 00 does not record"),
+]
+
+
+@pytest.mark.parametrize(("name", "old", "new", "said"), BY_HAND)
+def test_what_is_wrong_by_hand_stops_a_build_before_anything_runs(
+    built: MiniProject, inswsn: Command, name: str, old: str, new: str, said: str
+) -> None:
+    before, path = files_of(built.site), built.root / name
+    path.write_text(path.read_text().replace(old, new))
+    done = inswsn(built.root, "book")
+    assert done.returncode == 2
+    assert said in done.stderr.splitlines()[-1]
+    assert "executing" not in done.stderr
+    it_is_as_before(built, before)
+
+
+def it_is_as_before(built: MiniProject, site: dict[str, bytes]) -> None:
+    assert files_of(built.site) == site  # with its key: the next build renders again
+    assert list(built.build.glob("render-*")) == []
+
+
+def test_a_cell_that_raises_fails_the_build(built: MiniProject) -> None:
+    before = files_of(built.site)
+    built.chapter("reason = 'the sky fell'\nraise RuntimeError(reason)")
+    done = run_command(built.root, "book")
+    assert done.returncode == 1
+    assert "Chapter 00-mini failed in cell 5 of 6 (ch00-004)" in done.stderr
+    assert "raise RuntimeError(reason)" in done.stderr
+    assert "RuntimeError: the sky fell" in done.stderr
+    it_is_as_before(built, before)
+
+
+def test_a_sentence_that_is_not_so_fails_the_build(built: MiniProject, inswsn: Command) -> None:
+    """A run by hand goes on; the book refuses it, also from the store."""
+    before = files_of(built.site)
+    built.chapter("record.holds('Twice it is odd.', 2 * number % 2 == 1)")
+    assert inswsn(built.root, "run", "00").returncode == 0
+    done = inswsn(built.root, "book")
+    assert done.returncode == 1
+    assert "00-mini: unchanged" in done.stderr
+    assert "has sentences that its results do not bear out:\n  Twice it is odd." in done.stderr
+    it_is_as_before(built, before)
+
+
+# what Sphinx warns of, and what is found when the pages are written
+FAULTS = {
+    "See {ref}`nowhere`.": "undefined label: 'nowhere'",
+    "See {numref}`fig-nowhere`.": "undefined label: 'fig-nowhere'",
+    "See {py:func}`inswsn_lib.nothing`.": "inswsn_lib.nothing",
+    "See [there](nothing.md).": "nothing.md",
+    "```{figure} _static/missing.png\nA figure.\n```": "missing.png",
+    '<img src="_static/nothing.png" alt="A figure">': "nothing.png leads to no file",
+    '<a href="chapters/00-mini.html#nothing">there</a>': "#nothing leads to no element",
+    "![](_static/favicon.svg)": "no alternative text",
+    '<script src="https://a.example/x.js"></script>': "takes https://a.example/x.js from another",
+}
+
+
+def test_pages_that_do_not_hold_together_fail_the_build(built: MiniProject) -> None:
+    """One build has all faults, since each rendering takes seconds; each is named."""
+    before = files_of(built.site)
+    built.page("\n\n".join(FAULTS))
+    claims = built.root / "book" / "claims.md"
+    claims.write_text(claims.read_text() + "\n{{ nothing.of_the_kind }}\n")
+    done = run_command(built.root, "book")
+    assert done.returncode == 1, done.stdout + done.stderr
+    # what is to be edited is named, not what was staged
+    said = ["book/index.md:3: WARNING", "book/claims.md: WARNING: 'nothing' is undefined"]
+    assert [words for words in (*FAULTS.values(), *said) if words not in done.stderr] == []
     assert "Traceback" not in done.stderr
-    assert not list(mini.root.glob("runs/*"))
+    it_is_as_before(built, before)
+
+
+# What ends a build from outside ------------------------------------------------------------------
+
+
+def start_slow_build(project: MiniProject) -> tuple[subprocess.Popen[str], list[int]]:
+    """Start a build whose chapter sleeps; return it and the ids of its kernel and its worker."""
+    marker = project.root / "kernel-pid"
+    project.chapter(
+        "import os, pathlib, time\n"
+        f"pathlib.Path({str(marker)!r}).write_text(f'{{os.getpid()}} {{os.getppid()}}')\n"
+        "time.sleep(120)"
+    )
+    # what a shell runs in the background is born deaf to Ctrl-C, what nohup runs to the end of its
+    # terminal, and so are their children
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    hangup = signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    process = subprocess.Popen(
+        [sys.executable, "-m", "inswsn_book", "--root", str(project.root), "book"],
+        stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True, start_new_session=True,
+    )  # fmt: skip
+    signal.signal(signal.SIGINT, before)
+    signal.signal(signal.SIGHUP, hangup)
+    assert waited(60, lambda: marker.is_file() and marker.read_text()), "it did not start"
+    return process, [int(word) for word in marker.read_text().split()]
+
+
+def waited(seconds: float, for_what: Callable[[], object]) -> bool:
+    end = time.monotonic() + seconds
+    while not (came := for_what()) and time.monotonic() < end:
+        time.sleep(0.1)
+    return bool(came)
+
+
+@pytest.mark.parametrize("how", ["SIGINT", "SIGTERM", "SIGHUP", "SIGKILL"])
+def test_a_build_that_is_ended_leaves_nothing_that_stays(
+    built: MiniProject, inswsn: Command, how: str
+) -> None:
+    before, number = files_of(built.site), getattr(signal, how)
+    process, others = start_slow_build(built)
+    meanwhile = inswsn(built.root, "book")
+    process.send_signal(number)
+    _, said = process.communicate(timeout=60)
+    assert meanwhile.returncode == 2
+    assert meanwhile.stderr.startswith(f"inswsn: Another build of {built.root} is running")
+    for pid in others:
+        assert waited(15, lambda pid=pid: not psutil.pid_exists(pid)), "it was left running"
+    if how != "SIGKILL":
+        assert process.returncode == 128 + number, said
+        assert said.strip().endswith("inswsn: stopped.")
+        it_is_as_before(built, before)
+    (built.build / "render-killed").mkdir()
+    built.chapter()
+    assert inswsn(built.root, "book").returncode == 0  # the next build is as good as ever
+    it_is_as_before(built, before)
+
+
+def without_override() -> None:
+    """Give up root's right to write where the file mode forbids it; others never had it."""
+    drop_from_bounding_set, dac_override, dac_read_search = 24, 1, 2
+    libc = ctypes.CDLL(None, use_errno=True)
+    for capability in (dac_override, dac_read_search):
+        libc.prctl(drop_from_bounding_set, capability, 0, 0, 0)
+
+
+def test_where_nothing_can_be_written(built: MiniProject, inswsn: Command) -> None:
+    before = files_of(built.site)
+    built.page("Another page.")
+    folders = [built.build, *(p for p in built.build.rglob("*") if p.is_dir())]
+    for folder in folders:
+        folder.chmod(0o555)
+    try:
+        done = run_command(built.root, "book", preexec_fn=without_override)
+    finally:
+        for folder in folders:
+            folder.chmod(0o755)
+    assert done.returncode == 2, done.stderr
+    sentence = done.stderr.strip().splitlines()[-1]
+    assert sentence.startswith("inswsn: cannot read or write")
+    assert "Permission denied" in sentence
+    it_is_as_before(built, before)
+    shutil.rmtree(built.build)
+    built.build.write_text("in the way")
+    done = inswsn(built.root, "book")
+    assert (done.returncode, "inswsn: cannot read or write" in done.stderr) == (2, True)
+    assert built.build.read_text() == "in the way"

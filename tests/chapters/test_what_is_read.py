@@ -38,10 +38,13 @@ QUICK: dict[str, dict[str, Value]] = {
 
 
 LONG = {"00", "01", "02", "03", "04", "05", "62", "71", "72"}
-EXECUTED = [
-    pytest.param(number, marks=[pytest.mark.whole] if number in LONG else [])
-    for number in sorted(QUICK)
-]
+SPY = """\
+import os, sys
+def _hook(event, args, log=open({log!r}, "w", buffering=1)):
+    if event == "open" and not isinstance(args[0], int):
+        log.write(os.fsdecode(args[0]) + "\\n")
+sys.addaudithook(_hook)
+"""
 
 
 def test_every_chapter_is_looked_at(project: Project) -> None:
@@ -51,12 +54,8 @@ def test_every_chapter_is_looked_at(project: Project) -> None:
 def unrecorded(code: str, data: Path) -> list[str]:
     """Return what in the code of a chapter may read a file below data/ without recording it."""
     tree = ast.parse(code)
-    recorded = {
-        id(argument)
-        for call in ast.walk(tree)
-        if isinstance(call, ast.Call) and ast.unparse(call.func) == "record.data"
-        for argument in call.args
-    }
+    calls = (node for node in ast.walk(tree) if isinstance(node, ast.Call))
+    recorded = {id(a) for c in calls if ast.unparse(c.func) == "record.data" for a in c.args}
     found = []
     for node in ast.walk(tree):
         if isinstance(node, ast.Constant) and isinstance(node.value, str):
@@ -72,8 +71,7 @@ def unrecorded(code: str, data: Path) -> list[str]:
 
 @pytest.mark.parametrize("number", sorted(LONG))
 def test_its_code_names_no_file_but_to_the_record(number: str, project: Project) -> None:
-    chapter = next(c for c in project.chapters() if c.number == number)
-    cells = read_source(chapter).cells
+    cells = read_source(project.find(number)).cells
     code = "\n".join(cell.source for cell in cells if cell.cell_type == "code")
     assert unrecorded(code, project.root / "data") == []
 
@@ -95,35 +93,25 @@ def test_what_may_read_without_a_record_is_found(
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("number", EXECUTED)
+@pytest.mark.parametrize(
+    "number",
+    [pytest.param(n, marks=[pytest.mark.whole] if n in LONG else []) for n in sorted(QUICK)],
+)
 def test_it_reads_what_it_says_and_nothing_else(
     number: str, project: Project, tmp_path: Path
 ) -> None:
     """An audit hook sees every file that the kernel opens below data/."""
-    chapter = next(c for c in project.chapters() if c.number == number)
-    notebook = read_source(chapter)
-    log = tmp_path / "opened"
-    spy = (
-        "import os, sys\n"
-        f"_log = open({str(log)!r}, 'w', buffering=1)\n"
-        "def _hook(event, args, log=_log):\n"
-        "    if event == 'open' and not isinstance(args[0], int):\n"
-        "        log.write(os.fsdecode(args[0]) + '\\n')\n"
-        "sys.addaudithook(_hook)\n"
-    )
-    notebook.cells.insert(0, nbformat.v4.new_code_cell(spy))
+    notebook, log = read_source(project.find(number)), tmp_path / "opened"
+    notebook.cells.insert(0, nbformat.v4.new_code_cell(SPY.format(log=str(log))))
     own = {
         ROOT_VARIABLE: str(project.root),
         RESULTS_VARIABLE: str(tmp_path / "results"),
         "IPYTHONDIR": str(tmp_path / "ipython"),
     }
     execute_notebook(notebook, QUICK[number], tmp_path, os.environ | own)
-    data = project.root / "data"
-    opened = {
-        Path(line).resolve().relative_to(project.root).as_posix()
-        for line in log.read_text().splitlines()
-        if Path(line).resolve().is_relative_to(data)
-    }
+    opened = {Path(line).resolve() for line in log.read_text().splitlines()}
+    data = {path for path in opened if path.is_relative_to(project.root / "data")}
     results = read_results(tmp_path / "results" / f"{number}.json")
-    assert opened == {name.partition("#")[0] for name in results.data}
+    read = {(project.root / name.partition("#")[0]).resolve() for name in results.data}
+    assert data == read
     assert results.parameters.items() >= QUICK[number].items()

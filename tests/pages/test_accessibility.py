@@ -1,25 +1,21 @@
 """Every page for readers who do not see it, have no mouse, or have a small screen.
 
-axe-core looks at each page of the book. What it cannot know is checked beside it: that an
-alternative text holds numbers of the run, that each table has headers and a name, that text never
-needs sideways scrolling, that the keyboard does what the mouse does.
+Each page of the book is opened, and its structure is looked at. axe-core looks at one short page of
+each kind, with INSWSN_TESTS=whole at every page; the weekly run on the public host does so. What
+axe cannot know is checked beside it: that an alternative text holds numbers of the run, that each
+table has headers and a name, that text never needs sideways scrolling, that the keyboard does what
+the mouse does.
 
-All rules run on each page in the light theme, 1300 px wide. In the dark theme those run whose
-answer depends on colours, at 360 px those that depend on sizes; the rest would read the same
-document.
-
-Before that, what is repeated is thinned: of all tokens of one kind in one kind of box one keeps its
-own element, since the same style rules paint the others; of the formulas the first few stay, of a
-long table and of the contents the first rows, of claims and of entries of the reference some of
-each kind. The longest page has 60,000 elements before that, and axe would need minutes for it. And
-of all texts whose colours, sizes and boxes are computed to be the same, the contrast of one is
-looked at. With INSWSN_TESTS=whole nothing is left out; the weekly run on the public host does so.
+All rules run on a page in the light theme, 1300 px wide. In the dark theme those run whose answer
+depends on colours, at 360 px those that depend on sizes; the rest would read the same document.
 """
 
 from __future__ import annotations
 
 import ast
 import re
+from functools import cache
+from importlib.util import find_spec
 from io import BytesIO
 from itertools import pairwise
 from pathlib import Path
@@ -28,32 +24,40 @@ from typing import Any
 import nbformat
 import numpy as np
 import pytest
-from axe import AXE_TAGS, MADE_PAGES, SCREENS, axe_script
 from bs4 import BeautifulSoup, Tag
+from conftest import WHOLE
 from inswsn_book.project import Project
 from inswsn_book.runs import book_runs
 from PIL import Image
 from playwright.sync_api import Browser, Page
-from visiting import contrast_of, it_is_whole, page_names, visit
+from visiting import CHAPTER_00, LAB, OWN_DATA, PAGES, contrast_of, it_is_whole, set_theme, visit
 
 from inswsn_lib.plotting import COLOURS
 
 pytestmark = pytest.mark.page
 
-ROOT = Path(__file__).resolve().parents[2]
-ALL_RULES = {"type": "tag", "values": list(AXE_TAGS)}
+# What axe looks at daily: the front page, a lab with figures, exercises and code, wide tables,
+# references, an index, a form
+ONE_OF_EACH_KIND = {
+    "index.html", LAB, OWN_DATA, "elsewhere.html", "bibliography.html", "py-modindex.html",
+    "search.html",
+}  # fmt: skip
+# WCAG 2.0 to 2.2, levels A and AA, and axe's own advice, as axe-core names them
+TAGS = ("wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa", "best-practice")
+ALL_RULES = {"type": "tag", "values": list(TAGS)}
 ON_COLOURS = ["color-contrast", "link-in-text-block"]
 BY_COLOUR: dict[str, Any] = {"runOnly": {"type": "rule", "values": ON_COLOURS}}
 OTHERS = {"runOnly": ALL_RULES, "rules": {rule: {"enabled": False} for rule in ON_COLOURS}}
 BY_SIZE = {"runOnly": {"type": "rule", "values": ["scrollable-region-focusable", "target-size"]}}
-# what is run on each of SCREENS
-RULES: list[list[dict[str, Any]]] = [[OTHERS, BY_COLOUR], [BY_COLOUR], [BY_SIZE]]
-
+#: The screens on which a page is checked: theme, width in px, and what is run there
+SCREENS: tuple[tuple[str, int, list[dict[str, Any]]], ...] = (
+    ("light", 1300, [OTHERS, BY_COLOUR]), ("dark", 1300, [BY_COLOUR]), ("light", 360, [BY_SIZE]),
+)  # fmt: skip
 WIDTH = "document.documentElement.scrollWidth"
 
-RUN_AXE = """async ([context, options]) => {
+RUN_AXE = """async (options) => {
   // what passes is not described; that would take as long again
-  const found = await axe.run(context, { ...options, resultTypes: ["violations"] });
+  const found = await axe.run({ ...options, resultTypes: ["violations"] });
   // axe does not count a formula as text, though its MathML is read
   const formula = (rule, node) => rule.id === "empty-table-header"
     && document.querySelector(node.target.flat()[0])?.querySelector("mjx-container math");
@@ -74,358 +78,12 @@ AS_IT_WAS = """() => {
   });
 }"""
 
-THIN = """() => {
-  // apart from the document, since there each change has the browser look for what it may restyle
-  const body = document.body;
-  body.remove();
-  const leave = (boxes, count) => [...boxes].slice(count).forEach((box) => box.remove());
-  // a header that is a formula would be empty without it
-  [...body.querySelectorAll("mjx-container")].slice(10)
-    .forEach((box) => box.replaceWith(box.closest("th") ? "formula" : ""));
-  for (const rows of body.querySelectorAll("main tbody")) leave(rows.children, 3);
-  for (const list of body.querySelectorAll("main ul, main ol")) leave(list.children, 6);
-  for (const kind of new Set([...body.querySelectorAll(".claim")].map((c) => c.className)))
-    leave(body.getElementsByClassName(kind), 2);
-  for (const list of body.querySelectorAll("main section"))
-    leave(list.querySelectorAll(":scope > dl.py"), 2);
-  const seen = new Set();
-  for (const token of body.querySelectorAll(".highlight span, .sig span, .sig em, code span")) {
-    const box = token.closest(".cell_input, .output, .sig, code, .highlight");
-    const kind = `${box.className}/${token.parentElement.localName}/${token.className}`;
-    if (seen.has(kind)) token.replaceWith(...token.childNodes);
-    else seen.add(kind);
-  }
-  document.documentElement.append(body);
-}"""
-
-# Marks one text of each look. Contrast comes from what is computed for a text and for the boxes
-# that it stands in; where all of that is the same, so is the contrast.
-MARK = """() => {
-  const looks = new Map([[document.documentElement, ""]]);
-  const look = (box) => {
-    if (!looks.has(box)) {
-      const style = getComputedStyle(box);
-      looks.set(box, [look(box.parentElement), style.color, style.backgroundColor,
-        style.backgroundImage, style.opacity, style.filter, style.fontSize, style.fontWeight,
-        style.textShadow, style.textDecorationLine, style.position, box.localName].join());
-    }
-    return looks.get(box);
-  };
-  const seen = new Set();
-  for (const box of document.body.querySelectorAll("*")) {
-    // axe does not look at a hidden one, which so stands for no other
-    const own = [...box.childNodes].some((node) => node.nodeType === 3 && node.data.trim())
-      && box.checkVisibility({visibilityProperty: true});
-    box.toggleAttribute("data-look", own && !seen.has(look(box)));
-    if (own) seen.add(look(box));
-  }
-}"""
-MARKED_TEXTS = {"include": [["[data-look]"]]}
-
 # as access.js says it: what scrolls sideways is a tab stop
 REACHABLE = """() => [...document.querySelectorAll(
     ".bd-content figure, .bd-content pre, .bd-content .pst-scrollable-table-container")]
   .filter((box) => box.scrollWidth > box.clientWidth + 1)
   .filter((box) => getComputedStyle(box).overflowX !== "visible")
   .every((box) => box.tabIndex === 0 && box.getAttribute("aria-label"))"""
-
-
-def listed_pages() -> list[str]:
-    """Return the pages of the table of contents, and those that Sphinx adds."""
-    toc = (ROOT / "book" / "_toc.yml").read_text(encoding="utf-8")
-    names = re.findall(r"^\s*-?\s*(?:root|file): (\S+)", toc, re.MULTILINE)
-    return sorted(f"{name}.html" for name in [*names, *MADE_PAGES])
-
-
-PAGES = listed_pages()
-
-
-def opened(browser: Browser, served: str, name: str, **options: Any) -> Page:
-    """Open a page, and wait until all of it is there and typeset."""
-    page = visit(browser, served, name, **options).page
-    page.wait_for_load_state("load")
-    page.evaluate("() => window.MathJax?.startup?.promise")
-    return page
-
-
-def parsed(built_site: Path, name: str) -> BeautifulSoup:
-    """Return a page without its code, which is most of it and holds none of what is looked for."""
-    text = (built_site / name).read_text(encoding="utf-8")
-    return BeautifulSoup(re.sub(r"<pre>.*?</pre>", "<pre></pre>", text, flags=re.S), "html.parser")
-
-
-def test_each_page_of_the_site_is_looked_at(built_site: Path) -> None:
-    assert page_names(built_site) == PAGES
-
-
-@pytest.mark.parametrize("name", PAGES)
-def test_a_page(browser: Browser, served: str, name: str, whole: bool) -> None:
-    """All that is asked of each page in a browser; it is loaded once, since that takes long."""
-    # a change of theme fades, and a colour on its way is none of the page's
-    seen = visit(browser, served, name, color_scheme="light", reduced_motion="reduce")
-    page = seen.page
-    it_is_whole(seen, name)
-    assert name != "api.html" or page.locator("mjx-container").count() > 0
-    assert page.evaluate(WIDTH) <= 1300, name
-    text_is_read_without_sideways_scrolling(page, name)
-    axe_finds_nothing(page, name, whole)
-    page.close()
-
-
-def axe_finds_nothing(page: Page, name: str, whole: bool) -> None:
-    page.evaluate(AS_IT_WAS)
-    if not whole:
-        page.evaluate(THIN)
-    page.evaluate(axe_script())
-    for (theme, width), rules in zip(SCREENS, RULES, strict=True):
-        page.emulate_media(color_scheme=theme)  # type: ignore[arg-type]
-        page.set_viewport_size({"width": width, "height": 900})
-        page.wait_for_function(f"document.documentElement.dataset.theme === '{theme}'")
-        page.wait_for_function(REACHABLE)
-        assert page.evaluate(WIDTH) <= width, f"{name}, {theme}"
-        for options in rules:
-            found = page.evaluate(RUN_AXE, [context_of(page, options, whole), options])
-            assert found == [], f"{name}, {theme}, {width} px"
-
-
-def context_of(page: Page, options: dict[str, Any], whole: bool) -> dict[str, Any]:
-    """Return what axe is to look at: all, or for colours one text of each look."""
-    if whole or options is not BY_COLOUR:
-        return {"include": [["html"]]}
-    page.evaluate(MARK)
-    return MARKED_TEXTS
-
-
-def test_axe_finds_what_is_there(browser: Browser) -> None:
-    """A check that finds nothing is worth something only if it can find something."""
-    page = browser.new_page()
-    page.set_content(
-        "<html><title>x</title><main><h1>x</h1><img src='data:,'>"
-        "<p style='color: #999; background: #fff'>pale</p></main></html>"
-    )
-    page.evaluate(axe_script())
-    everything = [{"include": [["html"]]}, {"runOnly": ALL_RULES}]
-    found = {said.split(":")[0] for said in page.evaluate(RUN_AXE, everything)}
-    assert {"image-alt", "color-contrast", "html-has-lang"} <= found
-    page.close()
-
-
-def test_a_pale_text_is_found_among_many_of_its_kind(browser: Browser) -> None:
-    """By its own colour, by what is behind a box that it stands in, or by its size.
-
-    Also if the first of its look is hidden.
-    """
-    page = browser.new_page()
-    same = 50 * "<p><b>some words</b></p>"
-    pale = "<p><b style='color: #999'>pale</b></p><p style='background: #666'><b>dark</b></p>"
-    hidden = "<details{}><summary>words</summary><p><i style='color: #aaa'>pale</i></p></details>"
-    heading = "<h2 style='color: #888; font-size: {}px'>size</h2>"
-    page.set_content(
-        "<html lang='en'><title>x</title><main style='color: #444; background: #fff'>"
-        f"<h1>title</h1>{same}{pale}{same}{heading.format(30)}{heading.format(9)}"
-        f"{hidden.format('')}{hidden.format(' open')}"
-    )
-    page.evaluate(axe_script())
-    found = page.evaluate(RUN_AXE, [context_of(page, BY_COLOUR, whole=False), BY_COLOUR])
-    assert page.locator("[data-look]").count() == 8
-    assert len(found) == 4
-    assert found == page.evaluate(RUN_AXE, [context_of(page, BY_COLOUR, whole=True), BY_COLOUR])
-    page.close()
-
-
-@pytest.mark.parametrize("name", PAGES)
-def test_structure(built_site: Path, name: str) -> None:
-    """Headings in order, tables with headers and a name, no id twice, a language, a title."""
-    soup = parsed(built_site, name)
-    main = soup.find("main")
-    assert isinstance(main, Tag)
-    assert soup.html is not None
-    assert soup.html["lang"] == "en"
-    levels = [
-        int(heading.name[1])
-        for heading in main.find_all(re.compile(r"^h[1-6]$"))
-        if heading.find_parent(id="jb-print-docs-body") is None
-    ]
-    assert levels[0] == 1
-    assert levels.count(1) == 1
-    assert all(b <= a + 1 for a, b in pairwise(levels)), levels
-    ids = [tag["id"] for tag in soup.find_all(id=True)]
-    assert len(ids) == len(set(ids))
-    for table in main.find_all("table"):
-        if table.get("role") != "presentation":
-            check_table(table)
-
-
-def check_table(table: Tag) -> None:
-    headers = table.find_all("th")
-    assert headers
-    assert {header.get("scope") for header in headers} <= {"col", "row", "colgroup", "rowgroup"}
-    for header in headers:  # what heads several columns heads their group
-        for spans, kind in (("colspan", "col"), ("rowspan", "row")):
-            if header.get("scope") in (kind, f"{kind}group"):
-                several = int(str(header.get(spans, "1"))) > 1
-                assert header["scope"] == f"{kind}group" * several + kind * (not several)
-    assert all(header.get_text(strip=True) for header in headers)
-    name = table.caption.get_text() if table.caption else table.get("aria-label")
-    assert isinstance(name, str)
-    assert len(name) > 1
-
-
-def test_only_an_index_lays_out_by_a_table(built_site: Path) -> None:
-    laid_out = [
-        name
-        for name in PAGES
-        if re.search(r'<table[^>]* role="presentation"', (built_site / name).read_text("utf-8"))
-    ]
-    assert laid_out == ["genindex.html", "prf-prf.html", "py-modindex.html"]
-
-
-def test_titles_tell_the_pages_apart(built_site: Path) -> None:
-    titles = [
-        re.findall("<title>.*?</title>", (built_site / name).read_text("utf-8"), re.S)[0]
-        for name in PAGES
-    ]
-    assert len(titles) == len(set(titles))
-
-
-# Alternative texts
-
-# figures that show no data
-DIAGRAMS = {"fig-03-modes": "two block diagrams of the hybrid"}
-
-
-def figures(project: Project) -> list[tuple[str, dict[str, str], str]]:
-    """Return chapter, name with alternative text, and all string literals, of each figure."""
-    found = []
-    for run in book_runs(project):
-        notebook = nbformat.reads(run.notebook, as_version=4)
-        code = "\n".join(cell.source for cell in notebook.cells if cell.cell_type == "code")
-        for cell in notebook.cells:
-            for output in cell.get("outputs", []):
-                if shown := output.get("metadata", {}).get("inswsn"):
-                    found.append((run.request.chapter, dict(shown), code))
-    return found
-
-
-def computed_part(alt: str, code: str) -> str:
-    """Return what is left of an alternative text without what the source spells out."""
-    spelt = {
-        node.value
-        for node in ast.walk(ast.parse(code))
-        if isinstance(node, ast.Constant) and isinstance(node.value, str)
-    }
-    # a label such as "area 1" may be part of it; a lone digit is a key of something
-    for text in sorted(spelt, key=len, reverse=True):
-        if re.search(r"\d", text) and re.search(r"[A-Za-z]", text):
-            alt = alt.replace(text, " … ")
-    return alt
-
-
-def test_figures_have_alternative_texts_with_numbers_of_the_run(
-    built_site: Path, project: Project
-) -> None:
-    shown = figures(project)
-    assert len(shown) > 30
-    for chapter, figure, code in shown:
-        name, alt = figure["name"], figure["alt"]
-        assert len(alt) > 60, f"{chapter}: {name}"
-        if name not in DIAGRAMS:
-            assert re.search(r"\d", computed_part(alt, code)), f"{chapter}: {name}: {alt}"
-    assert {figure["name"] for _, figure, _ in shown} > set(DIAGRAMS)
-
-
-def test_a_text_that_is_typed_in_is_no_number_of_a_run() -> None:
-    code = 'alt = "A map of 700 m."\nother = f"A path of {length:.0f} m."'
-    assert not re.search(r"\d", computed_part("A map of 700 m.", code))
-    assert re.search(r"\d", computed_part("A path of 12 m.", code))
-
-
-def test_every_image_of_a_page_tells_numbers(built_site: Path) -> None:
-    """Those of generated pages too, as the reader gets them."""
-    without = []
-    for name in PAGES:
-        main = parsed(built_site, name).find("main")
-        assert isinstance(main, Tag)
-        for image in main.find_all("img"):
-            figure = image.find_parent("figure")
-            if not re.search(r"\d", str(image.get("alt"))):
-                without.append(figure.get("id") if figure is not None else name)
-    assert without == list(DIAGRAMS)
-
-
-# Contrast of what is not text
-
-
-def channels(colour: str) -> np.ndarray:
-    return np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)]) / 255
-
-
-def css(colour: np.ndarray) -> str:
-    return f"rgb({', '.join(f'{255 * channel:.3f}' for channel in colour)})"
-
-
-def filtered(colour: np.ndarray) -> np.ndarray:
-    """Return what ``invert(0.9) hue-rotate(180deg)`` makes of a colour (Filter Effects 1)."""
-    inverted = 0.9 + colour * (0.1 - 0.9)
-    parts = np.array([0.213, 0.715, 0.072])
-    # the matrix of the specification at 180 degrees, where the cosine is -1 and the sine is 0
-    turned = (2 * np.outer(np.ones(3), parts) - np.eye(3)) @ inverted
-    return np.clip(turned, 0, 1)
-
-
-@pytest.mark.parametrize("name", COLOURS)
-def test_inks_of_figures_stand_out_in_both_themes(name: str) -> None:
-    ink = channels(COLOURS[name])
-    assert contrast_of(css(ink), css(channels("#ffffff"))) >= 3
-    assert contrast_of(css(filtered(ink)), css(channels("#121212"))) >= 3
-
-
-@pytest.fixture(scope="module")
-def dark_filter(browser: Browser, served: str) -> str:
-    """What the book's style does to its figures in the dark theme; all of them alike."""
-    page = opened(browser, served, "chapters/71-two-filters-become-one.html", color_scheme="dark")
-    found = page.evaluate(
-        """[...document.querySelectorAll(".bd-content img[src$='.svg']")]
-          .map((image) => getComputedStyle(image).filter)"""
-    )
-    page.close()
-    assert len(set(found)) == 1
-    return str(found[0])
-
-
-@pytest.mark.parametrize("ink", [*COLOURS.values(), "#000000"])
-def test_the_filter_is_what_the_browser_does(browser: Browser, dark_filter: str, ink: str) -> None:
-    page = browser.new_page(viewport={"width": 20, "height": 20})
-    page.set_content(
-        f"<body style='margin: 0'><div style='width: 20px; height: 20px; background: {ink}; "
-        f"filter: {dark_filter}'></div>"
-    )
-    painted = Image.open(BytesIO(page.screenshot())).convert("RGB").getpixel((10, 10))
-    np.testing.assert_allclose(np.array(painted) / 255, filtered(channels(ink)), atol=2 / 255)
-    page.close()
-
-
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_the_grounds_and_the_marks_of_verdicts(browser: Browser, served: str, scheme: str) -> None:
-    page = opened(browser, served, "claims.html", color_scheme=scheme)
-    ground = rgb(page, "getComputedStyle(document.body).backgroundColor")
-    expected = {"light": "#ffffff", "dark": "#121212"}[scheme]
-    np.testing.assert_allclose(ground, channels(expected), atol=1e-3)
-    for verdict in ("reproduced", "not-reproduced", "contradicted-by-the-paper-itself"):
-        mark = rgb(
-            page,
-            f"getComputedStyle(document.querySelector('.claim.verdict-{verdict}')).borderLeftColor",
-        )
-        assert contrast_of(css(mark), css(ground)) >= 3, verdict
-    page.close()
-
-
-def rgb(page: Page, expression: str) -> np.ndarray:
-    words = re.findall(r"[\d.]+", page.evaluate(expression))
-    return np.array([float(word) for word in words[:3]]) / 255
-
-
-# Small screens and large letters
 
 # Text that leaves the window, or is in a box that scrolls sideways. Tables, code, formulas on
 # lines of their own and the images of figures may scroll in their boxes; captions may not.
@@ -484,6 +142,35 @@ CLIPPED = """() => [...document.querySelectorAll("main *")]
   .filter((box) => box.scrollHeight > box.clientHeight + 2)
   .map((box) => `${box.localName}.${box.className}: ${box.textContent.trim().slice(0, 60)}`)"""
 
+# What is drawn around what has the focus, its only child or its parent; and what was there before
+MARKED = """() => {
+  const at = document.activeElement;
+  const seen = [at, at.querySelector("*") ?? at, at.parentElement];
+  const marks = () => seen.map((e) => getComputedStyle(e)).map((s) => [
+    s.boxShadow, s.outlineStyle === "none" ? "0px" : s.outlineWidth + s.outlineColor]);
+  const focused = marks();
+  at.blur();
+  const plain = marks();
+  at.focus({focusVisible: true, preventScroll: true});
+  return [at.localName, `${at.className}: ${at.textContent.trim().slice(0, 40)}`,
+    focused.some((mark, i) => mark.some((m, j) => m !== plain[i][j]))];
+}"""
+
+# Each page --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_a_page(browser: Browser, served: str, name: str) -> None:
+    """All that is asked of a page in a browser; it is loaded once, since that takes long."""
+    # a change of theme fades, and a colour on its way is none of the page's
+    seen = visit(browser, served, name, color_scheme="light", reduced_motion="reduce")
+    it_is_whole(seen, name)
+    assert seen.page.evaluate(WIDTH) <= 1300, name
+    if WHOLE or name in ONE_OF_EACH_KIND:
+        text_is_read_without_sideways_scrolling(seen.page, name)
+        axe_finds_nothing(seen.page, name)
+    seen.page.close()
+
 
 def text_is_read_without_sideways_scrolling(page: Page, name: str) -> None:
     """At 320 px, which is also a window of 1280 px at 400 %; and with text spaced out.
@@ -506,11 +193,215 @@ def text_is_read_without_sideways_scrolling(page: Page, name: str) -> None:
     assert page.evaluate(WIDTH) <= 320, f"{name}, spaced out"
 
 
-# The keyboard
+def axe_finds_nothing(page: Page, name: str) -> None:
+    page.evaluate(AS_IT_WAS)
+    page.evaluate(axe_script())
+    for theme, width, rules in SCREENS:
+        set_theme(page, theme)
+        page.set_viewport_size({"width": width, "height": 900})
+        page.wait_for_function(REACHABLE)
+        assert page.evaluate(WIDTH) <= width, f"{name}, {theme}"
+        for options in rules:
+            assert page.evaluate(RUN_AXE, options) == [], f"{name}, {theme}, {width} px"
 
 
-def test_the_first_tab_leads_past_the_contents(browser: Browser, served: str) -> None:
-    page = opened(browser, served, "claims.html")
+@cache
+def axe_script() -> str:
+    """Return axe-core, a script that is run in a page; the lock has the package that carries it."""
+    spec = find_spec("axe_playwright_python")
+    assert spec is not None
+    assert spec.origin is not None
+    return (Path(spec.origin).parent / "axe.min.js").read_text(encoding="utf-8")
+
+
+def test_axe_finds_what_is_there(browser: Browser) -> None:
+    """A check that finds nothing is worth something only if it can find something."""
+    page = browser.new_page()
+    page.set_content(
+        "<html><title>x</title><main><h1>x</h1><img src='data:,'>"
+        "<p style='color: #999; background: #fff'>pale</p></main></html>"
+    )
+    page.evaluate(axe_script())
+    found = {said.split(":")[0] for rules in (OTHERS, BY_COLOUR)
+             for said in page.evaluate(RUN_AXE, rules)}  # fmt: skip
+    assert {"image-alt", "color-contrast", "html-has-lang"} <= found
+    page.close()
+
+
+# Structure ---------------------------------------------------------------------------------------
+
+
+@cache
+def main_of(path: Path) -> tuple[BeautifulSoup, Tag]:
+    """Return a page without its code, which is most of it and holds none of what is looked for."""
+    text = re.sub(r"<pre>.*?</pre>", "<pre></pre>", path.read_text(encoding="utf-8"), flags=re.S)
+    soup = BeautifulSoup(text, "html.parser")
+    main = soup.find("main")
+    assert isinstance(main, Tag)
+    return soup, main
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_structure(built_site: Path, name: str) -> None:
+    """Headings in order, tables with headers and a name, no id twice, a language."""
+    soup, main = main_of(built_site / name)
+    assert soup.html is not None
+    assert soup.html["lang"] == "en"
+    headings = main.find_all(re.compile(r"^h[1-6]$"))
+    levels = [int(h.name[1]) for h in headings if h.find_parent(id="jb-print-docs-body") is None]
+    assert (levels[0], levels.count(1)) == (1, 1)
+    assert all(b <= a + 1 for a, b in pairwise(levels)), levels
+    ids = [tag["id"] for tag in soup.find_all(id=True)]
+    assert len(ids) == len(set(ids))
+    index = name in ("genindex.html", "prf-prf.html", "py-modindex.html")
+    for table in main.find_all("table"):
+        # only an index lays out by a table
+        assert (table.get("role") == "presentation") is index
+        if not index:
+            check_table(table)
+
+
+def check_table(table: Tag) -> None:
+    headers = table.find_all("th")
+    assert headers
+    assert all(header.get_text(strip=True) for header in headers)
+    for header in headers:  # what heads several columns heads their group
+        kind = str(header["scope"])
+        assert kind in ("col", "row", "colgroup", "rowgroup")
+        spans = {"col": "colspan", "row": "rowspan"}[kind.removesuffix("group")]
+        assert (int(str(header.get(spans, "1"))) > 1) is kind.endswith("group")
+    name = table.caption.get_text() if table.caption else table.get("aria-label")
+    assert len(str(name or "")) > 1
+
+
+def test_the_pages_are_those_that_are_listed_and_have_titles_of_their_own(built_site: Path) -> None:
+    found = sorted(p.relative_to(built_site) for p in built_site.rglob("*.html"))
+    assert [p.as_posix() for p in found if "_static" not in p.parts] == PAGES
+    titles = [str(main_of(built_site / name)[0].title) for name in PAGES]
+    assert len(titles) == len(set(titles))
+
+
+# Alternative texts -------------------------------------------------------------------------------
+
+# figures that show no data
+DIAGRAMS = {"fig-03-modes": "two block diagrams of the hybrid"}
+
+
+def computed_part(alt: str, code: str) -> str:
+    """Return what is left of an alternative text without what the source spells out."""
+    nodes = (node for node in ast.walk(ast.parse(code)) if isinstance(node, ast.Constant))
+    spelt = {node.value for node in nodes if isinstance(node.value, str)}
+    # a label such as "area 1" may be part of it; a lone digit is a key of something
+    for text in sorted(spelt, key=len, reverse=True):
+        if re.search(r"\d", text) and re.search(r"[A-Za-z]", text):
+            alt = alt.replace(text, " … ")
+    return alt
+
+
+def test_figures_have_alternative_texts_with_numbers_of_the_run(
+    built_site: Path, project: Project
+) -> None:
+    shown = set()
+    for run in book_runs(project):
+        notebook = nbformat.reads(run.notebook, as_version=4)
+        code = "\n".join(cell.source for cell in notebook.cells if cell.cell_type == "code")
+        outputs = [o for cell in notebook.cells for o in cell.get("outputs", [])]
+        for figure in filter(None, (o.get("metadata", {}).get("inswsn") for o in outputs)):
+            name, alt = figure["name"], figure["alt"]
+            shown.add(name)
+            assert len(alt) > 60, name
+            assert name in DIAGRAMS or re.search(r"\d", computed_part(alt, code)), f"{name}: {alt}"
+    assert len(shown) > 30
+    assert shown > set(DIAGRAMS)
+    # and as the reader gets them, those of other pages too
+    images = [i for name in PAGES for i in main_of(built_site / name)[1].find_all("img")]
+    without = [i.find_parent("figure") for i in images if not re.search(r"\d", str(i.get("alt")))]
+    assert [figure and figure.get("id") for figure in without] == list(DIAGRAMS)
+
+
+def test_a_text_that_is_typed_in_is_no_number_of_a_run() -> None:
+    code = 'alt = "A map of 700 m."\nother = f"A path of {length:.0f} m."'
+    assert not re.search(r"\d", computed_part("A map of 700 m.", code))
+    assert re.search(r"\d", computed_part("A path of 12 m.", code))
+
+
+# Contrast of what is not text --------------------------------------------------------------------
+
+
+def channels(colour: str) -> np.ndarray:
+    return np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)]) / 255
+
+
+def css(colour: np.ndarray) -> str:
+    return f"rgb({', '.join(f'{255 * channel:.3f}' for channel in colour)})"
+
+
+def filtered(colour: np.ndarray) -> np.ndarray:
+    """Return what ``invert(0.9) hue-rotate(180deg)`` makes of a colour (Filter Effects 1)."""
+    inverted = 0.9 + colour * (0.1 - 0.9)
+    parts = np.array([0.213, 0.715, 0.072])
+    # the matrix of the specification at 180 degrees, where the cosine is -1 and the sine is 0
+    turned = (2 * np.outer(np.ones(3), parts) - np.eye(3)) @ inverted
+    return np.clip(turned, 0, 1)
+
+
+def test_inks_of_figures_stand_out_in_both_themes(browser: Browser, served: str) -> None:
+    """In the dark one by the filter that the style has for figures, as the browser paints it."""
+    page = visit(browser, served, LAB, color_scheme="dark").page
+    filters = page.evaluate(
+        """[...document.querySelectorAll(".bd-content img[src$='.svg']")]
+          .map((image) => getComputedStyle(image).filter)"""
+    )
+    page.close()
+    (dark,) = set(filters)
+    inks = [*map(channels, COLOURS.values()), np.zeros(3)]
+    page = browser.new_page(viewport={"width": 20 * len(inks), "height": 20})
+    boxes = "".join(f"<i style='background: {css(ink)}'></i>" for ink in inks)
+    page.set_content(f"<style>* {{ margin: 0 }} i {{ float: left; width: 20px; height: 20px; "
+                     f"filter: {dark} }}</style>{boxes}")  # fmt: skip
+    painted = np.asarray(Image.open(BytesIO(page.screenshot())).convert("RGB")) / 255
+    page.close()
+    for place, ink in enumerate(inks):
+        np.testing.assert_allclose(painted[10, 20 * place + 10], filtered(ink), atol=2 / 255)
+        assert contrast_of(css(ink), "rgb(255, 255, 255)") >= 3
+        assert contrast_of(css(filtered(ink)), css(channels("#121212"))) >= 3
+
+
+def test_text_marks_and_figures_stand_out_in_both_themes(browser: Browser, served: str) -> None:
+    pages = [visit(browser, served, name).page for name in (CHAPTER_00, "claims.html")]
+    for theme, expected in (("light", "#ffffff"), ("dark", "#121212")):
+        for page in pages:
+            set_theme(page, theme)
+            ground = colour(page, "body", "backgroundColor")
+            assert contrast_of(ground, css(channels(expected))) < 1.001
+            assert contrast_of(colour(page, "main p", "color"), ground) >= 7
+        for verdict in ("reproduced", "not-reproduced", "contradicted-by-the-paper-itself"):
+            mark = colour(pages[1], f".claim.verdict-{verdict}", "borderLeftColor")
+            assert contrast_of(mark, ground) >= 3, verdict
+        assert contrast_of(colour(pages[0], "main figcaption p", "color"), ground) >= 4.5
+        # the ink of a figure, as it is painted: its darkest or lightest pixel against its ground
+        figure = pages[0].locator("main figure img").first
+        figure.scroll_into_view_if_needed()
+        pixels = np.asarray(Image.open(BytesIO(figure.screenshot())).convert("L"), dtype=float)
+        paper = np.median(pixels)
+        assert (paper > 200) == (theme == "light")
+        assert np.abs(pixels - paper).max() > 150
+    for page in pages:
+        page.close()
+
+
+def colour(page: Page, selector: str, what: str) -> str:
+    words = f"getComputedStyle(document.querySelector('{selector}')).{what}"
+    return str(page.evaluate(words))
+
+
+# The keyboard ------------------------------------------------------------------------------------
+
+
+def test_the_first_tab_leads_past_the_contents_and_none_to_a_formula(
+    browser: Browser, served: str
+) -> None:
+    page = visit(browser, served, "notation.html").page
     page.keyboard.press("Tab")
     link = page.locator(":focus")
     assert link.inner_text() == "Skip to main content"
@@ -519,66 +410,6 @@ def test_the_first_tab_leads_past_the_contents(browser: Browser, served: str) ->
     page.wait_for_url("**#main-content")
     page.keyboard.press("Tab")
     assert page.evaluate("document.activeElement.closest('main') !== null")
-    page.close()
-
-
-# what is drawn around what has the focus, its only child or its parent; and what was there before
-MARKED = """() => {
-  const at = document.activeElement;
-  const seen = [at, at.querySelector("*") ?? at, at.parentElement];
-  const marks = () => seen.map((e) => getComputedStyle(e)).map((s) => [
-    s.boxShadow, s.outlineStyle === "none" ? "0px" : s.outlineWidth + s.outlineColor]);
-  const focused = marks();
-  at.blur();
-  const plain = marks();
-  at.focus({focusVisible: true, preventScroll: true});
-  return [at.localName, `${at.className}: ${at.textContent.trim().slice(0, 40)}`,
-    focused.some((mark, i) => mark.some((m, j) => m !== plain[i][j]))];
-}"""
-
-
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-@pytest.mark.parametrize(
-    ("name", "kinds"),
-    [
-        ("90-your-own-data", {"a", "button", "summary", "pre"}),
-        ("71-two-filters-become-one", {"a", "button", "summary", "input", "mjx-container"}),
-    ],
-)
-def test_focus_is_seen(
-    browser: Browser, served: str, name: str, kinds: set[str], scheme: str
-) -> None:
-    """Whatever a tab leads to gets an outline, or a shadow as an outline, that it had not."""
-    page = opened(
-        browser, served, f"chapters/{name}.html", color_scheme=scheme, reduced_motion="reduce"
-    )
-    reached = set()
-    for _ in range(60):
-        page.keyboard.press("Tab")
-        kind, said, marked = page.evaluate(MARKED)
-        if kind == "body":  # after the last one, before the window is left
-            break
-        assert marked, f"{kind} {said}"
-        reached.add(kind)
-    assert kinds <= reached
-    page.close()
-
-
-def test_a_solution_opens_by_the_keyboard_and_without_scripts(
-    browser: Browser, served: str
-) -> None:
-    page = browser.new_page(java_script_enabled=False)
-    page.goto(f"{served}chapters/90-your-own-data.html")
-    solution = page.locator("details.solution").first
-    body = solution.locator(".solution-body")
-    assert not body.is_visible()
-    solution.locator("summary").press("Enter")
-    assert body.is_visible()
-    page.close()
-
-
-def test_formulas_in_the_text_are_no_tab_stops(browser: Browser, served: str) -> None:
-    page = opened(browser, served, "notation.html")
     page.wait_for_function(
         "document.querySelectorAll('mjx-container:not([display])[tabindex=\"0\"]').length === 0"
     )
@@ -588,8 +419,21 @@ def test_formulas_in_the_text_are_no_tab_stops(browser: Browser, served: str) ->
     page.close()
 
 
-def test_nothing_moves_for_who_has_asked_for_that(browser: Browser, served: str) -> None:
-    page = opened(browser, served, "index.html", reduced_motion="reduce")
+@pytest.mark.parametrize(
+    ("name", "kinds"),
+    [
+        (OWN_DATA, {"a", "button", "summary", "pre"}),
+        (LAB, {"a", "button", "summary", "input", "mjx-container"}),
+    ],
+)
+def test_focus_is_seen_and_nothing_moves(
+    browser: Browser, served: str, name: str, kinds: set[str]
+) -> None:
+    """Whatever a tab leads to gets an outline, or a shadow as an outline, that it had not.
+
+    For a reader who has asked for that nothing moves.
+    """
+    page = visit(browser, served, name, reduced_motion="reduce").page
     moving = page.evaluate(
         """() => [...document.querySelectorAll("*")].filter((e) => {
           const style = getComputedStyle(e);
@@ -599,4 +443,29 @@ def test_nothing_moves_for_who_has_asked_for_that(browser: Browser, served: str)
     )
     assert moving == 0
     assert page.evaluate("getComputedStyle(document.documentElement).scrollBehavior") == "auto"
+    for theme in ("light", "dark"):
+        set_theme(page, theme)
+        page.evaluate("document.querySelector('a').focus()")  # from the top on
+        reached = set()
+        for _ in range(60):
+            page.keyboard.press("Tab")
+            kind, said, marked = page.evaluate(MARKED)
+            if kind == "body":  # after the last one, before the window is left
+                break
+            assert marked, f"{kind} {said}, {theme}"
+            reached.add(kind)
+        assert kinds <= reached
+    page.close()
+
+
+def test_a_solution_opens_by_the_keyboard_and_without_scripts(
+    browser: Browser, served: str
+) -> None:
+    page = browser.new_page(java_script_enabled=False)
+    page.goto(served + OWN_DATA)
+    solution = page.locator("details.solution").first
+    body = solution.locator(".solution-body")
+    assert not body.is_visible()
+    solution.locator("summary").press("Enter")
+    assert body.is_visible()
     page.close()

@@ -8,13 +8,36 @@ from __future__ import annotations
 
 import re
 import time
+from collections.abc import Iterable
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
+import pytest
+from conftest import ROOT
 from playwright.sync_api import Browser, Page, Request
 
 _SECONDS = 60
+
+
+def listed_pages() -> list[str]:
+    """Return the pages of the table of contents, and those that Sphinx and extensions add."""
+    toc = (ROOT / "book" / "_toc.yml").read_text(encoding="utf-8")
+    names = re.findall(r"^\s*-?\s*(?:root|file): (\S+)", toc, re.MULTILINE)
+    made = ("genindex", "prf-prf", "py-modindex", "search")
+    return sorted(f"{name}.html" for name in [*names, *made])
+
+
+PAGES = listed_pages()
+CHAPTER_00 = "chapters/00-the-published-numbers.html"
+LAB = "chapters/71-two-filters-become-one.html"
+OWN_DATA = "chapters/90-your-own-data.html"
+
+
+def weekly_but(daily: Iterable[str], names: Iterable[str] = PAGES) -> list[Any]:
+    """Return pages as parameters of a test: but for some, those are left to the weekly run."""
+    kept, all_ = set(daily), list(names)
+    assert kept <= set(all_)
+    return [pytest.param(name, marks=[] if name in kept else [pytest.mark.whole]) for name in all_]
 
 
 @dataclass
@@ -26,24 +49,22 @@ class Visit:
     failed: list[str] = field(default_factory=list)
     errors: list[str] = field(default_factory=list)
 
+    @property
+    def wrong(self) -> list[str]:
+        """What went wrong on the way."""
+        return self.errors + self.foreign + self.failed
+
 
 def visit(browser: Browser, served: str, name: str, **options: Any) -> Visit:
     """Open a page, wait for its mathematics, and note what goes wrong on the way."""
     page = browser.new_page(**({"viewport": {"width": 1300, "height": 900}} | options))
     seen = Visit(page)
-    page.on(
-        "request",
-        lambda r: (
-            None if r.url.startswith((served, "data:", "blob:")) else seen.foreign.append(r.url)
-        ),
-    )
-    page.on("response", lambda r: seen.failed.append(r.url) if r.status >= 400 else None)
-    page.on("console", lambda m: seen.errors.append(m.text) if m.type == "error" else None)
-    page.on("pageerror", lambda error: seen.errors.append(str(error)))
     under_way: set[Request] = set()
 
     def begun(request: Request) -> None:
         under_way.add(request)
+        if not request.url.startswith((served, "data:", "blob:")):
+            seen.foreign.append(request.url)
 
     def ended(request: Request) -> None:
         under_way.discard(request)
@@ -51,6 +72,9 @@ def visit(browser: Browser, served: str, name: str, **options: Any) -> Visit:
     page.on("request", begun)
     page.on("requestfinished", ended)
     page.on("requestfailed", ended)
+    page.on("response", lambda r: seen.failed.append(r.url) if r.status >= 400 else None)
+    page.on("console", lambda m: seen.errors.append(m.text) if m.type == "error" else None)
+    page.on("pageerror", lambda error: seen.errors.append(str(error)))
     page.goto(served + name)
     page.evaluate("() => document.fonts.ready.then(() => window.MathJax?.startup?.promise)")
     # a network that is idle for half a second, as Playwright has it, takes that on each page
@@ -64,46 +88,20 @@ def visit(browser: Browser, served: str, name: str, **options: Any) -> Visit:
 
 def it_is_whole(seen: Visit, name: str) -> None:
     """Check that a page comes without an error, all from the site, and says what made it."""
-    _no_error_no_foreign_request_no_broken_image(seen, name)
-    _mathematics_is_rendered(seen.page, name)
-    _it_says_what_it_was_built_from(seen.page, name)
-
-
-def _no_error_no_foreign_request_no_broken_image(seen: Visit, name: str) -> None:
-    assert seen.errors == [], name
-    assert seen.foreign == [], name
-    assert seen.failed == [], name
-    images = seen.page.evaluate(
-        "Array.from(document.images, i => [i.currentSrc, i.naturalWidth > 0, i.alt])"
-    )
-    for source, loaded, alt in images:
-        assert loaded, f"{name}: {source}"
-        assert alt.strip(), f"{name}: {source}"
-
-
-def _mathematics_is_rendered(page: Page, name: str) -> None:
-    asked = page.locator(".math").count()
-    assert page.locator("mjx-container").count() >= asked, name
+    page = seen.page
+    assert seen.wrong == [], name
+    images = page.evaluate("[...document.images].map(i => [i.src, i.naturalWidth > 0, i.alt])")
+    assert [source for source, loaded, alt in images if not (loaded and alt.strip())] == [], name
+    assert page.locator("mjx-container").count() >= page.locator(".math").count(), name
     assert page.locator("mjx-merror, .merror").count() == 0, name
-
-
-def _it_says_what_it_was_built_from(page: Page, name: str) -> None:
     assert "Built by inswsn" in page.locator(".extra_footer").inner_text(), name
     if name.startswith("chapters/"):
         words = page.locator("table.provenance").inner_text()
-        for word in ("parameters", "seed", "commit", "locks", "data", "solvers", "thread"):
+        for word in (
+            *("parameters", "seed", "commit", "locks", "data", "solvers", "thread", "Python"),
+            *("cores", " s, ended "),
+        ):
             assert word in words, name
-        for word in ("Python", "cores", " s, ended "):
-            assert word in words, name
-
-
-def page_names(site: Path) -> list[str]:
-    """Return the pages of a site, as paths below it."""
-    return [
-        path.relative_to(site).as_posix()
-        for path in sorted(site.rglob("*.html"))
-        if "_static" not in path.parts
-    ]
 
 
 def luminance(css: str) -> float:
@@ -119,19 +117,7 @@ def contrast_of(one: str, other: str) -> float:
     return (light + 0.05) / (dark + 0.05)
 
 
-def contrast(page: Page, selector: str) -> float:
-    """Return the contrast of an element's text with what is behind it."""
-    return contrast_of(
-        *page.evaluate(
-            """selector => {
-              const alpha = css => Number(css.match(/[\\d.]+/g)[3] ?? 1);
-              const element = document.querySelector(selector);
-              let ground = element;
-              while (ground && alpha(getComputedStyle(ground).backgroundColor) === 0)
-                ground = ground.parentElement;
-              const behind = ground ? getComputedStyle(ground).backgroundColor : "rgb(255,255,255)";
-              return [getComputedStyle(element).color, behind];
-            }""",
-            selector,
-        )
-    )
+def set_theme(page: Page, theme: str) -> None:
+    """Ask for the light or the dark theme, as the reader's system does."""
+    page.emulate_media(color_scheme=theme)
+    page.wait_for_function(f"document.documentElement.dataset.theme === '{theme}'")

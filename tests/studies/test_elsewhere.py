@@ -1,8 +1,10 @@
-"""Cells of the study of other surroundings: a chapter in a variant, held against the reference."""
+"""The study of other surroundings: its cells, one chapter live, its page, and the stored study."""
 
 from __future__ import annotations
 
 import math
+import re
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -10,22 +12,28 @@ import pytest
 from conftest import MiniProject
 from elsewhere import (
     AGAIN,
+    ELSEWHERE,
     MACHINE,
     Cell,
+    Flipped,
+    Moved,
+    Study,
     Variant,
     compared,
     found_elsewhere,
     merged,
     moved_by,
     read_elsewhere,
+    variants,
     write_elsewhere,
 )
 from inswsn_book.compare import Change
 from inswsn_book.files import file_digest
 from inswsn_book.progress import Quiet
 from inswsn_book.project import Project
-from inswsn_book.results import Quantity, read_results, write_results
-from inswsn_book.runs import ChapterError, Request, Surroundings, run
+from inswsn_book.provenance import available_cores
+from inswsn_book.results import Provenance, Quantity, Results, write_results
+from inswsn_book.runs import ChapterError, Surroundings, run, run_all
 
 from inswsn_lib.errors import InswsnError
 
@@ -33,6 +41,7 @@ BASE: dict[str, Any] = {
     "name": "a", "value": 1.0, "unit": "m", "basis": "simulation", "tolerance": 0.5,
     "how": "By some computation.",
 }  # fmt: skip
+INTERVAL = {"interval": (0.5, 2.0), "interval_kind": "confidence 95 %"}
 
 
 def cell(variant: str = AGAIN, chapter: str = "00", **fields: Any) -> Cell:
@@ -45,132 +54,253 @@ def cell(variant: str = AGAIN, chapter: str = "00", **fields: Any) -> Cell:
     return Cell(variant=variant, chapter=chapter, **made | fields)
 
 
+# Deviations --------------------------------------------------------------------------------------
+
+
 @pytest.mark.parametrize(
-    ("changes", "part", "deviation"),
+    ("before", "after", "part", "deviation"),
     [
-        ({"value": 2.5}, "value", 3.0),
-        ({}, "value", 0.0),
-        ({"value": 1.25}, "value", 0.5),
-        ({"interval": (0.5, 4.0), "interval_kind": "confidence 95 %"}, "upper end", 4.0),
-        ({"interval": (0.25, 2.0), "interval_kind": "confidence 95 %"}, "lower end", 0.5),
+        ({}, {"value": 2.5}, "value", 3.0),
+        ({}, {}, "value", 0.0),
+        ({}, {"value": 1.25}, "value", 0.5),
+        (INTERVAL, INTERVAL | {"interval": (0.5, 4.0)}, "upper end", 4.0),
+        (INTERVAL, INTERVAL | {"interval": (0.25, 2.0)}, "lower end", 0.5),
+        ({"tolerance": 0.0}, {"tolerance": 0.0}, "value", 0.0),
+        # without a size
+        ({"tolerance": 0.0}, {"tolerance": 0.0, "value": 2.0}, "value", None),
+        (INTERVAL, {}, "value", None),  # one that lost its interval is another quantity
+        (None, {}, "value", None),
+        ({}, None, "value", None),
     ],
 )
 def test_a_deviation_is_the_farthest_number_in_tolerances(
-    changes: dict[str, Any], part: str, deviation: float
+    before: dict[str, Any] | None, after: dict[str, Any] | None, part: str, deviation: float | None
 ) -> None:
-    before = BASE
-    if "interval" in changes:
-        before = BASE | {"interval": (0.5, 2.0), "interval_kind": "confidence 95 %"}
-    moved = moved_by(Change("a", Quantity(**before), Quantity(**before | changes)))
+    old, new = (None if given is None else Quantity(**BASE | given) for given in (before, after))
+    change = Change("a", old, new)
+    moved = moved_by(change)
     assert (moved.part, moved.deviation) == (part, deviation)
+    assert moved.size == (math.inf if deviation is None else deviation)
+    assert change.beyond_tolerance == (moved.size > 1)
+    assert (moved.before is None, moved.after is None) == (before is None, after is None)
 
 
-def test_another_quantity_of_the_same_value_is_beyond_and_has_no_size() -> None:
-    """One that lost its interval is another one, and not the nearest of all."""
-    whole = Quantity(**BASE | {"interval": (0.5, 2.0), "interval_kind": "confidence 95 %"})
-    change = Change("a", whole, Quantity(**BASE))
-    assert change.beyond_tolerance
-    lost = moved_by(change)
-    assert (lost.deviation, lost.size) == (None, math.inf)
+# Cells -------------------------------------------------------------------------------------------
 
 
-def test_a_deviation_without_a_size() -> None:
-    zero = Quantity(**BASE | {"tolerance": 0.0})
-    assert moved_by(Change("a", zero, zero)).deviation == 0
-    changed = zero.model_copy(update={"value": 2.0})
-    assert moved_by(Change("a", zero, changed)).deviation is None
-    new = moved_by(Change("a", None, zero))
-    assert (new.before, new.after, new.deviation) == (None, 1.0, None)
-    gone = moved_by(Change("a", zero, None))
-    assert (gone.before, gone.after, gone.deviation) == (1.0, None, None)
+@pytest.fixture
+def provenance(published: dict[str, Results]) -> Provenance:
+    """That of a reference, whose linear algebra had one thread."""
+    made = published["62"].provenance
+    assert made is not None
+    return made
 
 
-def variant(name: str = AGAIN, **given: Any) -> Variant:
-    return Variant(name, Surroundings(**given), "3.11.7")
-
-
-def test_a_run_is_held_against_the_reference(mini: MiniProject) -> None:
-    """Its one number is twice 21; the reference is made to say otherwise afterwards."""
+def test_a_run_is_held_against_the_reference(mini: MiniProject, provenance: Provenance) -> None:
     (chapter,) = mini.chapters()
-    found = run(mini, Request("00"), Quiet()).results
 
-    def held(value: float) -> Cell:
-        first = found.quantities[0].model_copy(update={"value": value})
-        reference = found.model_copy(update={"quantities": (first,)})
-        write_results(reference, mini.published / "00.json")
-        return compared(mini, variant(), chapter, found)
+    def results(value: float) -> Results:
+        twice = Quantity(**BASE | {"name": "twice", "value": value})
+        return Results(
+            chapter="00", parameters={}, data={}, quantities=(twice,), provenance=provenance,
+            sentences={"So.": False},
+        )  # fmt: skip
+
+    def held(value: float, threads: int = 1) -> Cell:
+        write_results(results(value), mini.published / "00.json")
+        variant = Variant(AGAIN, Surroundings(threads=threads), "3.11.7")
+        return compared(mini, variant, chapter, results(42.0))
 
     same = held(42.0)
     assert (same.compared, same.identical, same.beyond, same.farthest) == (1, 1, (), None)
-    assert same.sources["library"] == mini.computing_digest()
+    assert (same.overturned, same.judged, same.flipped) == (("So.",), 1, ())
+    assert (same.cpu, same.reference_cpu) == (provenance.cpu, provenance.cpu)
     near = held(41.75)
     assert (near.identical, near.beyond) == (0, ())
     assert near.farthest is not None
     assert near.farthest.deviation == 0.5
     (beyond,) = held(41.0).beyond
     assert (beyond.name, beyond.deviation) == ("twice", 2.0)
-    with pytest.raises(InswsnError, match=r"threads-2: .*1 thread computed, not 2 threads"):
-        compared(mini, variant("threads-2", threads=2), chapter, found)
-
-
-def test_a_chapter_that_fails_is_told_in_one_sentence(mini: MiniProject) -> None:
-    (chapter,) = mini.chapters()
+    assert [f.claim for f in held(63.0).flipped] == ["P1-M-twice"]
+    with pytest.raises(InswsnError, match=r"again: .*1 thread computed, not 2 threads"):
+        held(42.0, threads=2)
     failure = ChapterError("Chapter 00-mini failed:\n\nModuleNotFoundError: No module 'torch'\n")
-    failed = compared(mini, variant(), chapter, failure)
+    failed = compared(mini, Variant(AGAIN, Surroundings(), "3.11.7"), chapter, failure)
     assert (failed.compared, failed.failed) == (0, "ModuleNotFoundError: No module 'torch'")
-    assert failed.cpu
+    assert failed.sources["library"] == mini.computing_digest()
 
 
 def test_cells_that_are_run_again_take_the_place_of_the_old(tmp_path: Path) -> None:
-    old = [cell(), cell(chapter="01"), cell("scs")]
-    new = cell(chapter="01", seconds=99)
+    path = tmp_path / "study.json"
+    with pytest.raises(InswsnError, match="make elsewhere"):
+        read_elsewhere(path)
+    old, new = [cell(), cell(chapter="01"), cell("scs")], cell(chapter="01", seconds=99)
     study = merged([new], old)
     assert study.cells == (old[0], new, old[2])
-    write_elsewhere(study, tmp_path / "study.json")
-    assert read_elsewhere(tmp_path / "study.json") == study
-    for text, said in (("{", "is not a study"), ('{"cells": []}', "at least 1 item")):
-        (tmp_path / "study.json").write_text(text)
-        with pytest.raises(InswsnError, match=said):
-            read_elsewhere(tmp_path / "study.json")
-    with pytest.raises(InswsnError, match="make elsewhere"):
-        read_elsewhere(tmp_path / "none.json")
+    write_elsewhere(study, path)
+    assert read_elsewhere(path) == study
+    path.write_text('{"cells": []}')
+    with pytest.raises(InswsnError, match="is not a study: cells: Tuple should have at least 1"):
+        read_elsewhere(path)
 
 
-def test_what_another_build_found(project: Project, tmp_path: Path) -> None:
-    (chapter,) = (c for c in project.chapters() if c.number == "62")
+@pytest.mark.parametrize(
+    ("changes", "name"),
+    [
+        ({}, AGAIN),
+        ({"cpu": "Another"}, MACHINE),
+        ({"blas": ("openblas of numpy, for Another, 1 thread",)}, MACHINE),  # a twin by its name
+        ({"python": "3.12.1"}, "python-3.12"),
+        ({"sources": {"chapter": "0" * 64}}, "another source of chapter 62"),
+        (None, "does not say on what machine"),
+    ],
+)
+def test_what_another_build_found(
+    project: Project, published: dict[str, Results], provenance: Provenance, tmp_path: Path,
+    changes: dict[str, Any] | None, name: str,
+) -> None:  # fmt: skip
+    chapter, made, said = project.find("62"), None, ""
     assert found_elsewhere(project, tmp_path, chapter) is None
-    results = read_results(project.published / "62.json")
-    provenance = results.provenance
-    assert provenance is not None
-    sources = provenance.sources | {"chapter": file_digest(chapter.source)}
-    provenance = provenance.model_copy(update={"sources": sources})
-    there = provenance.model_copy(update={"cpu": "Another"})
-    write_results(results.model_copy(update={"provenance": there}), tmp_path / "62.json")
-    found = found_elsewhere(project, tmp_path, chapter)
-    assert found is not None
-    same = compared(project, found[0], chapter, found[1])
-    assert (same.variant, same.cpu) == (MACHINE, "Another")
-    assert same.compared == same.identical == len(results.quantities)
-    assert same.commit == provenance.commit
-    other = provenance.model_copy(update={"python": "3.12.1"})
-    write_results(results.model_copy(update={"provenance": other}), tmp_path / "62.json")
-    found = found_elsewhere(project, tmp_path, chapter)
-    assert found is not None
-    assert found[0].id == "python-3.12"
-    twin = provenance.model_copy(update={"blas": ("openblas of numpy, for Another, 1 thread",)})
-    write_results(results.model_copy(update={"provenance": twin}), tmp_path / "62.json")
-    found = found_elsewhere(project, tmp_path, chapter)
-    assert found is not None
-    assert found[0].id == MACHINE
-    same_machine = results.model_copy(update={"provenance": provenance})
-    write_results(same_machine, tmp_path / "62.json")
-    found = found_elsewhere(project, tmp_path, chapter)
-    assert found is not None
-    assert found[0].id == AGAIN
-    older = provenance.model_copy(update={"sources": provenance.sources | {"chapter": "0" * 64}})
-    write_results(results.model_copy(update={"provenance": older}), tmp_path / "62.json")
-    with pytest.raises(InswsnError, match="another source of chapter 62"):
-        found_elsewhere(project, tmp_path, chapter)
-    write_results(results.model_copy(update={"provenance": None}), tmp_path / "62.json")
-    with pytest.raises(InswsnError, match="does not say on what machine"):
-        found_elsewhere(project, tmp_path, chapter)
+    if changes is not None:
+        sources = {"chapter": file_digest(chapter.source)}
+        made = provenance.model_copy(update={"sources": sources} | changes)
+    results = published["62"].model_copy(update={"provenance": made})
+    write_results(results, tmp_path / "62.json")
+    try:
+        found = found_elsewhere(project, tmp_path, chapter)
+        assert found is not None
+        assert (found[0].id, found[1]) == (name, results)
+    except InswsnError as error:
+        said = str(error)
+    assert said == "" or name in said
+    assert bool(said) is (" " in name)
+
+
+def words_of(cell: Cell) -> set[str]:
+    """Return with how many threads the libraries of a run computed."""
+    return {library.rsplit(", ", 1)[1] for library in cell.blas}
+
+
+def test_a_short_chapter_in_every_variant_that_each_machine_has(
+    project: Project, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Live: the verdicts and values of the reference, within the stated tolerances."""
+    monkeypatch.setattr(project, "store", tmp_path)
+    chosen = [v for v in variants() if v.id != AGAIN]
+    if available_cores() < 2:
+        chosen = [v for v in chosen if v.surroundings.threads == 1]
+    asked = {v.id: v.request(project, project.find("61")) for v in chosen}
+    assert asked.pop("scs") is None  # the chapter designs no filter
+    chosen = [v for v in chosen if v.id in asked]
+    given = [request for request in asked.values() if request is not None]
+    for variant, done in zip(chosen, run_all(project, given, Quiet(), jobs=2), strict=True):
+        found = compared(project, variant, project.find("61"), done.results)
+        assert found.compared > 0
+        assert found.beyond == found.overturned == found.flipped == ()
+        assert words_of(found) == {"2 threads" if variant.id == "threads-2" else "1 thread"}
+        if variant.id == "older-processor":
+            # OpenBLAS calls what it has for processors before AVX by the name of the oldest
+            assert all(re.search("Katmai|Prescott|Core2", library) for library in found.blas)
+
+
+@pytest.mark.whole
+def test_a_design_is_asked_of_scs(
+    project: Project, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Live, in the shortest chapter that designs a filter."""
+    monkeypatch.setattr(project, "store", tmp_path)
+    (variant,) = (v for v in variants() if v.id == "scs")
+    request = variant.request(project, project.find("71"))
+    assert request is not None
+    done = run(project, request, Quiet())
+    found = compared(project, variant, project.find("71"), done.results)
+    assert any("scs" in name for name in found.solvers)
+    assert found.flipped == ()
+
+
+# Its page ----------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def page(render: Callable[..., str]) -> Callable[..., str]:
+    """The page of a small study."""
+
+    def shown(*cells: Cell, changed: tuple[str, ...] = ()) -> str:
+        study = Study(cells=cells).model_dump(mode="json")
+        return render("elsewhere", elsewhere=study, changed_since=lambda _: changed)
+
+    return shown
+
+
+def rows_of(page: str, name: str) -> list[list[str]]:
+    """Return the rows of a table below its head."""
+    table = page.split(f":name: {name}\n")[1].split(":::::", maxsplit=1)[0]
+    return [[part.strip() for part in row.split("\n  - ")] for row in table.split("* - ")[2:]]
+
+
+def test_all_that_moved_is_told(page: Callable[..., str], known: dict[str, Any]) -> None:
+    far = Moved(
+        name="a", unit="m", before=1.0, after=2.5, part="value", tolerance=0.5, deviation=3.0
+    )
+    moved = cell(
+        "threads-2", identical=1, beyond=(far,), farthest=far, overturned=("One.", "Two."),
+        flipped=(Flipped(claim="P1-X", before="reproduced", after=None),),
+    )  # fmt: skip
+    failed = cell("scs", failed="It broke.")
+    text = page(cell(), moved, failed, cell("scs", "62"),
+                changed=("chapter 00", "locks"))  # fmt: skip
+    for said in (
+        "Of 3 verdicts, **1** changed.", "**2** were overturned",
+        "What could not be run: {ref}`chapter 00 <chapter-00>` with SCS (It broke).",
+        "With two threads this sentence does not hold: “Two.”",
+        "With two threads P1-X is not judged, and was reproduced.",
+        "Since then, these have changed: chapter 00, locks.",
+    ):  # fmt: skip
+        assert said in text, said
+    first, *_ = rows_of(text, "tbl-elsewhere-chapters")
+    assert first[1:] == ["4", "same", "3, 1 beyond, 2 sentences, 1 verdict", "not run"]
+    (row,) = (row for row in rows_of(text, "tbl-elsewhere") if row[0] == "two threads")
+    assert row[1:] == [
+        f"1 of {len(known['chapters'])}", "1 of 1", "2 of 2", "1 of 4", "1 of 4",
+        "3, {ref}`chapter 00 <chapter-00>`",
+    ]  # fmt: skip
+    assert rows_of(text, "tbl-elsewhere-00") == [["two threads", "`a`", "1 m", "2.5 m", "3"]]
+
+
+# The stored study --------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def stored(project: Project) -> tuple[Cell, ...]:
+    """The stored cells."""
+    return read_elsewhere(project.root / ELSEWHERE).cells
+
+
+def test_the_stored_runs_were_made_as_asked(stored: tuple[Cell, ...]) -> None:
+    assert len({(c.variant, c.chapter) for c in stored}) == len(stored)
+    assert {AGAIN, "threads-2", "older-processor"} <= {c.variant for c in stored}
+    for found in stored:
+        if found.failed is None:
+            threads = "2 threads" if found.variant == "threads-2" else "1 thread"
+            assert words_of(found) == {threads}
+        if found.variant.startswith("python-"):
+            assert found.variant == "python-" + ".".join(found.python.split(".")[:2])
+            own = [c.python for c in stored if (c.variant, c.chapter) == (AGAIN, found.chapter)]
+            assert found.python not in own
+
+
+def test_nothing_is_beyond_its_tolerance_without_being_said_to_be(
+    stored: tuple[Cell, ...], render: Callable[..., str]
+) -> None:
+    """Each deviation by its own numbers, and on the page by its name."""
+    told = re.split(r"\n## ", render("elsewhere").split("## Beyond the tolerance")[1])[0]
+    for found in stored:
+        most = found.farthest
+        if most is not None and most.deviation is not None:
+            assert most.before is not None
+            assert most.after is not None
+            size = abs(most.after - most.before) / most.tolerance
+            assert most.deviation == pytest.approx(size, rel=1e-9)
+            assert size <= 1 or most.name in {moved.name for moved in found.beyond}
+        assert all(f"`{moved.name}`" in told for moved in found.beyond)
+        assert all(flip.claim in told for flip in found.flipped)

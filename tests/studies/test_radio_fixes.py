@@ -2,26 +2,15 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 import pytest
+import radio_fixes as study
 
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.files import data_mirror
-
-
-@pytest.fixture(scope="module")
-def study(root: Path) -> ModuleType:
-    spec = importlib.util.spec_from_file_location("radio_fixes", root / "studies/radio_fixes.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
 
 
 def made(offset: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -40,7 +29,7 @@ def made(offset: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return anchor, pose, np.array(rows)
 
 
-def test_exact_ranges_give_exact_fixes(study: ModuleType) -> None:
+def test_exact_ranges_give_exact_fixes() -> None:
     found = study.measure(*made(0.0))
     assert found["horizontal_rms"] == 0
     assert found["range_deviation"] == 0
@@ -48,7 +37,7 @@ def test_exact_ranges_give_exact_fixes(study: ModuleType) -> None:
     assert found["fixes"] == found["intervals"] == 10
 
 
-def test_an_offset_of_all_ranges_is_found_and_nearly_cancels_in_the_fix(study: ModuleType) -> None:
+def test_an_offset_of_all_ranges_is_found_and_nearly_cancels_in_the_fix() -> None:
     found = study.measure(*made(0.3))
     assert found["range_median_error"] == pytest.approx(0.3)
     assert found["range_deviation"] == 0
@@ -56,15 +45,15 @@ def test_an_offset_of_all_ranges_is_found_and_nearly_cancels_in_the_fix(study: M
     assert 0 < found["horizontal_rms"] < 0.3
 
 
-def test_a_wrong_mirror_is_refused(
-    study: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_wrong_mirror_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("INSWSN_DATA", str(tmp_path))
     with pytest.raises(InswsnError, match=r"anchor\.txt is not there, or is not the original"):
         study.recording()
 
 
-def test_the_kept_numbers_are_those_of_the_recording(root: Path, study: ModuleType) -> None:
+def test_the_kept_numbers_are_those_of_the_recording(
+    root: Path,
+) -> None:
     mirror = data_mirror()
     if mirror is None or not (mirror / f"{study.OWNER}__{study.NAME}").is_dir():
         pytest.skip("INSWSN_DATA names no folder with this recording.")
