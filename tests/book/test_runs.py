@@ -225,7 +225,7 @@ def test_a_kernel_is_given_nothing_personal_and_gives_its_files_and_tables(
     mini.chapter(
         "import json, os, sys\nimport matplotlib\nimport pandas as pd\n"
         "from inswsn_book.show import show_table\n\n"
-        "names = ('OMP_NUM_THREADS', 'PYTHONHASHSEED', 'INSWSN_SOLVER', 'INSWSN_DATA')\n"
+        "names = ('OMP_NUM_THREADS', 'PYTHONHASHSEED', 'INSWSN_DATA')\n"
         "told = {name: os.environ[name] for name in names}\n"
         "told |= {'width': matplotlib.rcParams['axes.linewidth'], 'path': sys.path}\n"
         "record.write_file('told.json', json.dumps(told))\n"
@@ -238,7 +238,7 @@ def test_a_kernel_is_given_nothing_personal_and_gives_its_files_and_tables(
     told = json.loads(done.files["told.json"])
     assert str(tmp_path) not in told.pop("path")
     assert told == {
-        "OMP_NUM_THREADS": "1", "PYTHONHASHSEED": "0", "INSWSN_SOLVER": "clarabel",
+        "OMP_NUM_THREADS": "1", "PYTHONHASHSEED": "0",
         "INSWSN_DATA": str(mini.root / "recorded"), "width": 0.8,
     }  # fmt: skip
     assert run(mini, PLAIN, Quiet()) == done  # from the store
