@@ -247,7 +247,7 @@ def test_all_that_moved_is_told(page: Callable[..., str], known: dict[str, Any])
         flipped=(Flipped(claim="P1-X", before="reproduced", after=None),),
     )  # fmt: skip
     failed = cell("scs", failed="It broke.")
-    text = page(cell(), moved, failed, cell("scs", "62"),
+    text = page(cell(), moved, failed, cell("scs", "61"), cell("scs", "62"),
                 changed=("chapter 00", "locks"))  # fmt: skip
     for said in (
         "Of 3 verdicts, **1** changed.", "**2** were overturned",
