@@ -39,6 +39,7 @@ MODULES = ("errors", "files", "models", "scenario")
 EXEMPT = {
     "errors.Described": "for the rooms",
     "navigation.Bridge": "shown by VehicleHybrid",
+    "navigation.Machine": "what VehicleHybrid trains",
     "navigation.OutageTrials": "shown by run_outages",
     "navigation.Ramps": "what VehicleHybrid learns from",
     "navigation.RecordedTrials": "shown by read_trials",
@@ -49,6 +50,7 @@ EXEMPT = {
     "scenario.between": "shown by from_settings",
     "scenario.frozen": "for the rooms",
     "scenario.take": "for the rooms",
+    "vehicle.Kinematics": "shown by Route",
     "vehicle.Piece": "shown by Route",
     "vehicle.Place": "shown by Drive",
     "vehicle.Reference": "shown by horizontal_error",
