@@ -38,6 +38,7 @@ MODULES = ("errors", "files", "models", "plotting", "scenario")
 EXEMPT = {
     "errors.Described": "for the rooms",
     "navigation.Bridge": "shown by VehicleHybrid",
+    "navigation.Machine": "what VehicleHybrid trains",
     "navigation.OutageTrials": "shown by run_outages",
     "navigation.Ramps": "what VehicleHybrid learns from",
     "navigation.RecordedTrials": "shown by read_trials",
@@ -46,6 +47,7 @@ EXEMPT = {
     "recordings.RecordingUnavailableError": "raised by load_drive where nothing can be fetched",
     "recordings.Track": "a part of RecordedDrive",
     "scenario.between": "shown by from_settings",
+    "vehicle.Kinematics": "shown by Route",
     "vehicle.Piece": "shown by Route",
     "vehicle.Place": "shown by Drive",
     "vehicle.Reference": "shown by horizontal_error",

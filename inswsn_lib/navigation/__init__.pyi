@@ -32,6 +32,7 @@ from .trials import (
 )
 from .vehicle_hybrid import (
     Bridge as Bridge,
+    Machine as Machine,
     Ramps as Ramps,
     VehicleHybrid as VehicleHybrid,
     sensed_motion as sensed_motion,

@@ -25,7 +25,7 @@ from .recorded import (
     emulate_sensors as emulate_sensors,
     estimate_mounting as estimate_mounting,
 )
-from .route import Piece as Piece, Route as Route
+from .route import Kinematics as Kinematics, Piece as Piece, Route as Route
 from .settings import FilterSettings as FilterSettings
 from .simulated import (
     Truth as Truth,

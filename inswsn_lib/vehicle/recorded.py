@@ -69,12 +69,6 @@ def emulate_sensors(
     >>> iw.vehicle.emulate_sensors(recorded, runs=2, seed=0, compass_sd=0.0).compass[:, 0]
     array([0., 0., 0.])
     """
-    for name, value in (
-        ("gps_position_sd", gps_position_sd),
-        ("gps_velocity_sd", gps_velocity_sd),
-        ("compass_sd", compass_sd),
-    ):
-        number(name, value, least=0)
     rotation = array("mounting", np.eye(3) if mounting is None else mounting, (3, 3), (runs, 3, 3))
     turn = np.broadcast_to(np.swapaxes(rotation, -1, -2), (whole("runs", runs, 1), 3, 3))
     east, north, _ = recorded.velocity.T
@@ -83,15 +77,15 @@ def emulate_sensors(
     course = pd.Series(np.arctan2(east, north)).where(known).ffill().bfill().to_numpy()
     rng = np.random.default_rng(whole("seed", seed))
     shape = (len(recorded.time), 3, runs)
-    moved = gps_position_sd * rng.standard_normal(shape) / metres(recorded.position)[:, :, None]
-    speeds = gps_velocity_sd * rng.standard_normal(shape)
-    angles = compass_sd * rng.standard_normal((len(recorded.time), runs))
+    moved = number("gps_position_sd", gps_position_sd, least=0) * rng.standard_normal(shape)
+    speeds = number("gps_velocity_sd", gps_velocity_sd, least=0) * rng.standard_normal(shape)
+    angles = number("compass_sd", compass_sd, least=0) * rng.standard_normal(shape[::2])
     return Drive(
         time=recorded.time,
         period=recorded.period,
         rotation_increments=np.moveaxis(recorded.rotation_increments @ turn, 0, 2),
         velocity_increments=np.moveaxis(recorded.velocity_increments @ turn, 0, 2),
-        gps_position=recorded.position[:, :, None] + moved,
+        gps_position=recorded.position[:, :, None] + moved / metres(recorded.position)[:, :, None],
         gps_velocity=recorded.velocity[:, :, None] + speeds,
         compass=wrapped(course[:, None] + angles),
         reference=Reference(position=recorded.position, velocity=recorded.velocity),
@@ -136,12 +130,9 @@ def estimate_mounting(run: VehicleRun, until: int, *, slowest: float = 5.0) -> A
     fast = np.linalg.norm(velocity, axis=-1) > slowest
     if not fast.any(axis=0).all():
         raise ParameterError("until", until, f"an epoch after motion faster than {slowest} m/s")
-    x, y, z = np.moveaxis((body * fast[..., None]).sum(axis=0), -1, 0)
-    turn, rise = np.arctan2(y, x), np.arctan2(-z, np.hypot(x, y))
-    forward = np.stack(
-        [np.cos(rise) * np.cos(turn), np.cos(rise) * np.sin(turn), -np.sin(rise)], axis=-1
-    )
-    right = np.stack([-np.sin(turn), np.cos(turn), np.zeros_like(turn)], axis=-1)
+    forward = (body * fast[..., None]).sum(axis=0)
+    axes = [forward, np.cross([0.0, 0.0, 1.0], forward)]  # the right side is level
+    forward, right = (axis / np.linalg.norm(axis, axis=-1, keepdims=True) for axis in axes)
     return np.stack([forward, right, np.cross(forward, right)], axis=1)
 
 
@@ -187,12 +178,12 @@ def calibrate_inertial_noise(
     first, last = rows
     whole("rows", last, whole("rows", first, 1) + 1, len(drive.time) - 1)
     candidates, means = {}, {}
-    for level in levels:
-        candidates[level] = louder = _louder(settings, number("levels", level, above=0))
+    for level in (number("levels", each, above=0) for each in levels):
+        candidates[level] = louder = _louder(settings, level)
         run = run_vehicle_filter(drive, louder, aiding=False, last=last)
         variances = np.diagonal(run.innovation_covariances, axis1=1, axis2=2)
         squares = run.innovations[:, 5:] ** 2 / np.moveaxis(variances, 2, 1)[:, 5:]
-        means[float(level)] = float(np.nanmean(squares[first:]))
+        means[level] = float(np.nanmean(squares[first:]))
     best = min(means, key=lambda level: abs(np.log(means[level])))
     return candidates[best], means
 
