@@ -7,7 +7,6 @@ from .designs import (
 )
 from .filter_design import (
     central_gain as central_gain,
-    certify as certify,
     design_filter as design_filter,
     minimise_gamma as minimise_gamma,
 )
@@ -25,7 +24,6 @@ from .riccati import riccati_filter as riccati_filter, riccati_gamma as riccati_
 from .stochastic import (
     finite_horizon_gain as finite_horizon_gain,
     mean_square_radius as mean_square_radius,
-    riccati_gain_below as riccati_gain_below,
     stochastic_gain as stochastic_gain,
     worst_disturbance as worst_disturbance,
 )

@@ -51,10 +51,10 @@ def mean_square_radius(A: ArrayLike, E: ArrayLike) -> float:
     return spectral_radius(np.kron(A, A) + sum(np.kron(e, e) for e in _stack(E, len(A))))
 
 
-def riccati_gain_below(
-    A: ArrayLike, E: ArrayLike, B: ArrayLike, L: ArrayLike, gain: float, iterations: int = 20_000
-) -> bool:
-    r"""Tell whether a system with multiplicative noise is stable with a gain below a number.
+def stochastic_gain(
+    A: ArrayLike, E: ArrayLike, B: ArrayLike, L: ArrayLike, relative: float = 1e-6
+) -> float:
+    r"""Return the gain of a system with multiplicative noise, by bisection.
 
     The plant is :math:`x^+ = (A + \sum_i E_i\beta_i) x + B s`, :math:`z = L x`, with
     :math:`\beta_i` white of unit variance and independent of one another. The recursion
@@ -70,49 +70,6 @@ def riccati_gain_below(
     ----------
     A, E, B, L : array_like, (n, n), (n, n) or (k, n, n), (n, p), (l, n)
         The system; E may be a stack of k matrices, one for each multiplicative noise.
-    gain : float
-        g.
-    iterations : int
-        After which a sequence that still moves counts as one that does not converge.
-
-    Raises
-    ------
-    ParameterError
-        If a shape does not fit, or a number is not finite.
-
-    Examples
-    --------
-    For A = E = 1/2 and B = L = 1 the gain is :math:`1 + \sqrt 3 = 2.732`:
-
-    >>> import inswsn_lib as iw
-    >>> half, one = [[0.5]], [[1.0]]
-    >>> [iw.lmi.riccati_gain_below(half, half, one, one, gain) for gain in (2.73, 2.74)]
-    [False, True]
-    """
-    A, E, B, L = _system(A, E, B, L)
-    number("gain", gain, least=0)
-    if mean_square_radius(A, E) >= 1:
-        return False
-    B, L, size = of_size_one(B, L)
-    before = np.zeros_like(A)
-    for P, _ in islice(_recursion(A, E, B, L, min(gain / size, _HIGHEST)), iterations):
-        # entry by entry: a mode that L hardly sees may still move
-        variances = P.diagonal()
-        if (np.abs(P - before) <= 1e-12 * np.sqrt(np.abs(np.outer(variances, variances)))).all():
-            return True
-        before = P
-    return False
-
-
-def stochastic_gain(
-    A: ArrayLike, E: ArrayLike, B: ArrayLike, L: ArrayLike, relative: float = 1e-6
-) -> float:
-    r"""Return the gain of a system with multiplicative noise, by bisection.
-
-    Parameters
-    ----------
-    A, E, B, L
-        The system of `riccati_gain_below`.
     relative : float
         Relative accuracy; not reached near instability, where the result is on the safe side.
 
@@ -124,7 +81,8 @@ def stochastic_gain(
     Raises
     ------
     ParameterError
-        As in `riccati_gain_below`; or the plant is too near instability, or the accuracy is none.
+        If a shape does not fit, a number is not finite, the plant is too near instability, or
+        there is no such accuracy.
 
     Examples
     --------
@@ -163,14 +121,14 @@ def finite_horizon_gain(
     .. math::
         \mathbb{E} \sum_{k=0}^{N} |z_k|^2 \le g^2\, \mathbb{E} \sum_{k=0}^{N-1} |s_k|^2 ,
 
-    for which N steps of the recursion of `riccati_gain_below` keep :math:`g^2 I - B'PB` positive
+    for which N steps of the recursion of `stochastic_gain` keep :math:`g^2 I - B'PB` positive
     definite: by dynamic programming, :math:`x'Px` is the largest energy of z from x on less what s
     costs. No stability is needed.
 
     Parameters
     ----------
     A, E, B, L
-        The system of `riccati_gain_below`.
+        The system of `stochastic_gain`.
     steps : int
         N, 1 or more.
     relative : float
@@ -179,7 +137,7 @@ def finite_horizon_gain(
     Raises
     ------
     ParameterError
-        As in `riccati_gain_below`; or there is no step, no such accuracy, or the gain no number.
+        As in `stochastic_gain`; or there is no step, or the gain is no number.
 
     Examples
     --------
@@ -264,6 +222,27 @@ def worst_disturbance(
     feedback = np.array([F for _, F in reversed(later)]).reshape(-1, B.shape[1], len(A))
     # the state is in units of the largest entry of B
     return WorstCase(gain, np.linalg.eigh(B.T @ P @ B)[1][:, -1], feedback / push)
+
+
+def riccati_gain_below(
+    A: Array, E: Array, B: Array, L: Array, gain: float, iterations: int = 20_000
+) -> bool:
+    """Tell whether a system is mean-square stable with a gain below a number.
+
+    A recursion that still moves after so many iterations counts as one that does not converge.
+    """
+    if mean_square_radius(A, E) >= 1:
+        return False
+    E = _stack(E, len(A))
+    B, L, size = of_size_one(B, L)
+    before = np.zeros_like(A)
+    for P, _ in islice(_recursion(A, E, B, L, min(gain / size, _HIGHEST)), iterations):
+        # entry by entry: a mode that L hardly sees may still move
+        variances = P.diagonal()
+        if (np.abs(P - before) <= 1e-12 * np.sqrt(np.abs(np.outer(variances, variances)))).all():
+            return True
+        before = P
+    return False
 
 
 def _recursion(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from typing import Any
 
 import control
 import numpy as np
@@ -13,6 +14,7 @@ from inswsn_lib.errors import ParameterError
 from inswsn_lib.lmi import hinf_norm, largest_singular_value, norms, spectral_radius
 from inswsn_lib.lmi.norms import least_level, of_size_one, swept_peak
 
+ONE, HALF = [[1.0]], [[0.5]]
 System = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
@@ -106,7 +108,7 @@ def test_the_norm_is_found_from_a_level_below_it(monkeypatch: pytest.MonkeyPatch
         assert hinf_norm(*system) == pytest.approx(norm, rel=1e-9)
 
 
-@pytest.mark.parametrize("where", [0.0, 1e-4, 0.7, np.pi])
+@pytest.mark.parametrize("where", [0.0, 0.7, np.pi])
 def test_the_sweep_finds_a_narrow_peak_where_a_pole_is(where: float) -> None:
     """A bell 1e-6 wide, half a width away from the pole, beside many that are lower."""
     width = 1e-6
@@ -118,12 +120,9 @@ def test_the_sweep_finds_a_narrow_peak_where_a_pole_is(where: float) -> None:
 
     pole = (1 - width) * np.exp(1j * where)
     assert swept_peak(bells, np.array([pole, 0.3])) == pytest.approx(2, rel=1e-8)
-
-
-def test_the_sweep_refines_a_peak_between_its_points() -> None:
-    for top in np.linspace(0.1, 3, 7):
-        found = swept_peak(lambda w, top=top: 1 / (1 + (w - top) ** 2), np.array([0.0]))  # type: ignore[misc]
-        assert found == pytest.approx(1, abs=1e-13)
+    # and one between the points of the grid
+    wide = swept_peak(lambda angles: 1 / (1 + (angles - 0.9 * where) ** 2), np.array([0.0]))
+    assert wide == pytest.approx(1, abs=1e-13)
 
 
 def test_the_least_level_is_approached_from_above() -> None:
@@ -138,30 +137,20 @@ def test_the_least_level_is_approached_from_above() -> None:
 
 
 @pytest.mark.parametrize(
-    ("changes", "said"),
+    ("call", "said"),
     [
-        ({"A": np.ones((2, 3))}, "A is of shape (2, 3); it may be (n, n)."),
-        ({"B": np.ones((3, 1))}, "B is of shape (3, 1); it may be finite numbers (2, p)."),
-        ({"C": [[1.0, np.nan]]}, "C is not finite; it may be finite numbers (l, 2)."),
-        (
-            {"relative": 1e-15},
-            "relative is 1e-15; it may be a number, at least 1e-14, below 1.",
-        ),
-        ({"relative": 1.0}, "relative is 1.0; it may be a number, at least 1e-14, below 1."),
+        (lambda: spectral_radius(np.ones((2, 3))), "A is"),
+        (lambda: hinf_norm(np.ones((2, 3)), ONE, ONE), "A is"),
+        (lambda: hinf_norm(np.eye(2), ONE, np.eye(2)), "B is"),
+        (lambda: hinf_norm(np.eye(2), np.eye(2), ONE), "C is"),
+        (lambda: hinf_norm(HALF, ONE, ONE, 1e-15), "relative is .* at least 1e-14, below 1"),
+        (lambda: hinf_norm(HALF, ONE, ONE, 1.0), "relative is"),
+        (lambda: largest_singular_value(np.ones((2, 3)), ONE, ONE, [0.0]), "A is"),
+        (lambda: largest_singular_value(np.eye(2), ONE, np.eye(2), [0.0]), "B is"),
+        (lambda: largest_singular_value(np.eye(2), np.eye(2), ONE, [0.0]), "C is"),
+        (lambda: largest_singular_value(HALF, ONE, ONE, 0.0), r"angles is .*\(k,\)"),
     ],
 )
-def test_what_has_no_norm_is_refused(changes: dict[str, object], said: str) -> None:
-    fine = {"A": np.eye(2) / 2, "B": np.eye(2), "C": np.eye(2)}
-    with pytest.raises(ParameterError) as caught:
-        hinf_norm(**(fine | changes))  # type: ignore[arg-type]
-    assert str(caught.value) == said
-    if "relative" not in changes:
-        with pytest.raises(ParameterError):
-            largest_singular_value(**(fine | changes), angles=[0.0])  # type: ignore[arg-type]
-
-
-def test_a_radius_and_angles_that_are_none_are_refused() -> None:
-    with pytest.raises(ParameterError, match=r"^A is of shape \(2, 3\); it may be \(n, n\)\.$"):
-        spectral_radius(np.ones((2, 3)))
-    with pytest.raises(ParameterError, match=r"^angles is of shape \(1, 1\); it may be .*\(k,\)"):
-        largest_singular_value([[0.5]], [[1.0]], [[1.0]], [[0.0]])
+def test_what_cannot_be_is_refused(call: Any, said: str) -> None:
+    with pytest.raises(ParameterError, match=f"^{said}"):
+        call()
