@@ -65,18 +65,17 @@ def run_federated(
     .. math::
         P_f^{-1} = \sum_c P_c^{-1}, \qquad \hat x_f = P_f \sum_c P_c^{-1} \hat x_c .
 
-    - Reset "fusion": at the end of each interval every filter is set to :math:`\hat x_f` and
+    - Reset "fusion": after each interval every filter is set to :math:`\hat x_f` and
       :math:`P_f/\beta_c`. With an interval of 1 the result is the Kalman filter of all
       measurements, whatever the shares.
-    - Reset "zero": at the end of each interval the master takes all, and the clusters are left with
-      no information. They have no share, so that inside an interval a measurement is used in the
-      fused estimate of its own step only.
+    - Reset "zero": after each interval the master takes all. The clusters have no share, so that
+      inside an interval a measurement is used in the fused estimate of its own step only.
     - Reset "none": the fused estimate is not fed back. It is not optimal, since each filter takes
       the process noise for larger than it is, unless the clusters are equal in all.
 
-    Where a message is lost the centre uses the last one that it received since the last reset, or
-    what the reset itself gave, aged by :math:`A P A' + Q/\beta_c`. The local filter goes on with
-    its measurement, which the next message before a reset brings. The way back is never lost.
+    Where a message is lost the centre uses the last one since the last reset, or what the reset
+    gave, aged by :math:`A P A' + Q/\beta_c`. The next message before a reset brings the
+    measurements of those lost. The way back is never lost.
 
     Parameters
     ----------
@@ -92,7 +91,6 @@ def run_federated(
         :math:`\beta` of the clusters and, last, of the master: not negative, of sum 1. Default:
         1/N for each cluster; with reset "zero", all for the master, the only value allowed then.
     reset : {"fusion", "zero", "none"}
-        See above.
     interval : int
         Steps from one reset to the next: the first is after step `interval` - 1.
     lost : array_like of bool, (N, steps, runs), optional
@@ -135,7 +133,7 @@ def federated_covariance(
 ) -> Array:
     """Return the covariance that the federated filter claims for its fused estimate.
 
-    It does not depend on the measured values, and is an upper bound of the covariance of the error.
+    It is an upper bound of the covariance of the error.
 
     Parameters
     ----------

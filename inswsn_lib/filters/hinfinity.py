@@ -26,16 +26,7 @@ Design = FilterDesign | tuple[ErrorModel, ArrayLike]
 
 
 def deadbeat_gain(model: ErrorModel) -> Array:
-    """Return B_f = A C^-1, with which A_f = 0: the filter carries the last measurement one step.
-
-    Parameters
-    ----------
-    model : ErrorModel
-        With a C that is square and can be inverted.
-
-    Returns
-    -------
-    ndarray, (n, n)
+    """Return B_f = A C^-1 (n, n), with which the filter carries the last measurement one step.
 
     Examples
     --------

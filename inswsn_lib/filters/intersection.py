@@ -138,7 +138,6 @@ def run_fused_locals(
     model, measurements, measurement_covariance, initial_covariance
         As in `run_federated`. A cluster hears the node where any component is there.
     rule : {"intersection", "best"}
-        See above.
     process_covariance, initial_state, predicted
         As in `run_kalman`.
 

@@ -61,7 +61,7 @@ def design_kalman(
         P_k^+ = (I - K_k C) P_k (I - K_k C)' + K_k R_k K_k', \quad
         P_{k+1} = A P_k^+ A' + Q_k
 
-    The jitter E is left out: it multiplies the state, which a Kalman filter does not model.
+    The jitter E, which multiplies the state, is left out.
 
     Parameters
     ----------
@@ -75,10 +75,6 @@ def design_kalman(
         Q; entry k drives step k to k + 1.
     measurement_covariance : array_like, (m, m) or (steps, m, m), optional
         R.
-
-    Returns
-    -------
-    KalmanDesign
 
     Examples
     --------
@@ -195,7 +191,7 @@ def updated(C: Array, P: Array, S: Array, R: Array, there: Mask) -> tuple[Array,
 
 
 def predictor_gain(model: ErrorModel) -> Array:
-    r"""Return the gain of the Kalman predictor in the steady state.
+    r"""Return the gain (n, m) of the Kalman predictor in the steady state, jitter left out.
 
     With P the stabilising solution of the Riccati equation, the covariance of the predicted error,
 
@@ -203,22 +199,11 @@ def predictor_gain(model: ErrorModel) -> Array:
         B_f = A P C' (C P C' + D D')^{-1} , \qquad
         P = A P A' + B B' - B_f (C P C' + D D') B_f' .
 
-    It has the least error variance for white noise. The jitter E is left out.
-
-    Parameters
-    ----------
-    model : ErrorModel
-        With an invertible :math:`D D'`.
-
-    Returns
-    -------
-    ndarray, (n, m)
-
     Raises
     ------
     ParameterError
         If there is no steady state: a mode that is not stable is not measured, or a mode on the
-        unit circle has no process noise.
+        unit circle has no process noise, or D D' is singular.
 
     Examples
     --------
@@ -244,22 +229,11 @@ def predictor_gain(model: ErrorModel) -> Array:
 
 
 def steady_error(model: ErrorModel, gain: ArrayLike) -> float:
-    r"""Return the root mean square of L e under white noise of unit variance, jitter left out.
+    r"""Return the root mean square of L e of a predictor with a gain B_f (n, m), jitter left out.
 
-    The covariance of the error obeys :math:`X = \tilde A X \tilde A' + \tilde B \tilde B'` with
-    :math:`\tilde A = A - B_f C` and :math:`\tilde B = [B\ \ {-B_f D}]`; the result is the root of
-    the trace of :math:`L X L'`.
-
-    Parameters
-    ----------
-    model : ErrorModel
-    gain : array_like, (n, m)
-        B_f.
-
-    Returns
-    -------
-    float
-        Infinite if the error system is not stable.
+    For white noise of unit variance the covariance of e obeys
+    :math:`X = \tilde A X \tilde A' + \tilde B \tilde B'` with :math:`\tilde A = A - B_f C` and
+    :math:`\tilde B = [B\ \ {-B_f D}]`. It is infinite if the error system is not stable.
 
     Examples
     --------

@@ -26,7 +26,7 @@ _TINY = 1e-300
 
 
 def gating(probability: float = 0.999, patience: int = 5) -> Policy:
-    """Return the policy that drops a measurement whose NIS is too large to be true.
+    """Return the policy of `run_robust` that drops a measurement whose NIS is too large.
 
     A filter that is lost takes every measurement for false. So after some rejections on end it is
     a plain Kalman filter until a measurement is inside the gate again.
@@ -37,10 +37,6 @@ def gating(probability: float = 0.999, patience: int = 5) -> Policy:
         With which a measurement of the modelled noise is kept; between 0 and 1.
     patience : int
         Rejections on end after which measurements are taken all the same.
-
-    Returns
-    -------
-    callable, for `run_robust`
 
     Examples
     --------
@@ -76,7 +72,7 @@ def gating(probability: float = 0.999, patience: int = 5) -> Policy:
 
 
 def huber(threshold: float = 1.345) -> Policy:
-    """Return the policy that bounds the influence of a large innovation.
+    """Return the policy of `run_robust` that bounds the influence of a large innovation.
 
     A component of the innovation beyond `threshold` standard deviations is taken for that many:
     its variance is inflated by size / threshold, so that it has the weight threshold / size of
@@ -87,10 +83,6 @@ def huber(threshold: float = 1.345) -> Policy:
     ----------
     threshold : float
         In standard deviations; 1.345 keeps 95 % of the efficiency for Gaussian noise.
-
-    Returns
-    -------
-    callable, for `run_robust`
 
     Examples
     --------
@@ -117,7 +109,7 @@ def huber(threshold: float = 1.345) -> Policy:
 
 
 def adaptive(forgetting: float = 0.95) -> Policy:
-    """Return the policy that learns the diagonal of R from the innovations (Mehra 1972).
+    """Return the policy of `run_robust` that learns the diagonal of R (Mehra 1972).
 
     The variance of each component is a running mean of the squared innovation less what the
     prediction accounts for, kept between a hundredth and ten thousand times the modelled one.
@@ -127,10 +119,6 @@ def adaptive(forgetting: float = 0.95) -> Policy:
     ----------
     forgetting : float
         Weight of the past, between 0 and 1.
-
-    Returns
-    -------
-    callable, for `run_robust`
 
     Examples
     --------

@@ -15,9 +15,7 @@ from inswsn_lib.filters import (
     deadbeat_gain,
     handover_weights,
     patterns_of,
-    predictor_gain,
     run_distributed,
-    run_hinfinity,
 )
 from inswsn_lib.lmi import design_filter
 from inswsn_lib.models import ErrorModel
@@ -134,24 +132,6 @@ def test_it_is_the_recursion_written_out(
         assert patterns_of(y, **links) == sorted(asked)
 
 
-@pytest.mark.parametrize("handover", ["restart", "constant"])
-@pytest.mark.parametrize("predicted", [True, False])
-def test_one_cluster_is_the_h_infinity_filter(handover: Any, predicted: bool) -> None:
-    rng = np.random.default_rng(22)
-    design, y = design_filter(MODEL), gappy(rng, (1, STEPS, 4, 3))
-    found = run_distributed([design], y, weights=np.eye(4)[None], handover=handover,
-                            predicted=predicted)  # fmt: skip
-    assert found == pytest.approx(run_hinfinity(design, y[0], predicted=predicted), abs=1e-10)
-
-
-def test_two_clusters_that_are_equal_in_all_are_one() -> None:
-    rng = np.random.default_rng(23)
-    design = (MODEL, predictor_gain(MODEL))
-    y, M = gappy(rng, (1, STEPS, 4, 3)), rng.normal(size=(4, 4))
-    found = run_distributed([design] * 2, np.concatenate([y, y]), weights=[M, np.eye(4) - M])
-    assert found == pytest.approx(run_hinfinity(design, y[0]), abs=1e-10)
-
-
 def test_weights_switch_exactly_at_the_handover() -> None:
     """With deadbeat gains a filtered estimate is the weighted mean of the data of its step."""
     y = np.empty((2, 9, 4, 1))
@@ -186,21 +166,6 @@ def test_constant_weights_grow_without_bound_where_a_restart_does_not() -> None:
     found = run_distributed(designs, y, weights=weights, handover="constant")
     assert found[:, :2] == pytest.approx(0.5 * truth[:, :2], abs=1e-9)
     assert run_distributed(designs, y, weights=weights) == pytest.approx(truth, abs=1e-9)
-
-
-@pytest.mark.parametrize("delay", [1, 5])
-def test_a_delay_carries_the_fused_state_of_then(delay: int) -> None:
-    """Weights that are multiples of I commute with A, so that fusing and carrying do."""
-    rng = np.random.default_rng(27)
-    designs, y, start = random_designs(rng), rng.normal(size=(3, STEPS, 4, 5)), rng.normal(size=4)
-    weights = np.array([0.2, 0.5, 0.3])[:, None, None] * np.eye(4)
-    options: dict[str, Any] = {"weights": weights, "initial_state": start, "predicted": True}
-    prompt = run_distributed(designs, y, **options)
-    late = run_distributed(designs, y, delay=delay, **options)
-    carried = np.linalg.matrix_power(MODEL.A, delay)
-    assert late[delay:] == pytest.approx(carried @ prompt[:-delay], abs=1e-10)
-    for k in range(delay):
-        assert late[k, :, 0] == pytest.approx(np.linalg.matrix_power(MODEL.A, k) @ start)
 
 
 def test_weights_by_design_for_each_pattern(monkeypatch: pytest.MonkeyPatch) -> None:

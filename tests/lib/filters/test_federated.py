@@ -63,18 +63,6 @@ def test_with_a_reset_each_step_it_is_the_kalman_filter_of_all_data(
     assert found == pytest.approx(expected, rel=1e-6, abs=1e-6)
 
 
-@pytest.mark.parametrize("reset", ["fusion", "none"])
-def test_one_cluster_with_all_shares_is_a_kalman_filter(reset: Any) -> None:
-    rng = np.random.default_rng(3)
-    model, R = random_model(rng, 3, 2), random_covariances(rng, 2)
-    y = gappy(rng, (1, 30, 2, 5))
-    noise: dict[str, Any] = {"initial_covariance": np.eye(3)}
-    found = run_federated(model, y, measurement_covariance=R[None], reset=reset, interval=4,
-                          **noise)  # fmt: skip
-    expected = run_kalman(model, y[0], measurement_covariance=R, **noise)
-    assert found == pytest.approx(expected, rel=1e-8, abs=1e-8)
-
-
 def exact_errors(
     model: ErrorModel, available: np.ndarray, R: np.ndarray, P0: np.ndarray, options: dict[str, Any]
 ) -> np.ndarray:
@@ -288,7 +276,7 @@ def test_no_runs_and_no_steps(shape: tuple[int, ...]) -> None:
         ("sharing", {"sharing": (0.5, 0.5)}),
         ("sharing", {"sharing": (0.5, 0.6, 0.0)}),
         ("sharing", {"sharing": (0.7, 0.5, -0.2)}),
-        ("sharing", {"sharing": (0.5, 0.5, 0.0), "reset": "zero"}),
+        ("sharing", {"sharing": (0.0, 1.0, 0.0), "reset": "zero"}),
         ("reset", {"reset": "both"}),
         ("interval", {"interval": 0}),
         ("lost", {"lost": np.zeros((2, 5), bool)}),

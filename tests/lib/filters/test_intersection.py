@@ -160,15 +160,6 @@ def test_equal_data_and_noise_are_those_of_one_cluster(rule: Any) -> None:
     assert found == pytest.approx(run_kalman(MODEL, y[0], initial_covariance=P0), abs=1e-9)
 
 
-def test_the_best_is_the_kalman_filter_of_a_cluster_that_is_always_better() -> None:
-    rng = np.random.default_rng(4)
-    y = rng.normal(size=(3, 25, 4, 5))
-    y[[0, 2]] = np.where(rng.random((2, 25, 1, 5)) < 0.4, np.nan, y[[0, 2]])
-    R = MODEL.measurement_covariance * np.array([4.0, 1.0, 9.0])[:, None, None]
-    found = run_fused_locals(MODEL, y, measurement_covariance=R, initial_covariance=P0, rule="best")
-    assert found == pytest.approx(run_kalman(MODEL, y[1], initial_covariance=P0), abs=1e-9)
-
-
 @pytest.mark.parametrize(
     ("name", "changed"),
     [

@@ -67,6 +67,13 @@ def test_a_gate_by_hand() -> None:
     assert step(far, PRIOR, ALL)[1].all()  # still lost
     assert step(0 * far, PRIOR, ALL)[1].all()
     assert not step(far, PRIOR, ALL)[1].any()
+    step = gating()(R, 1)  # 0.999, and five on end
+    kept = [bool(step(far, PRIOR, ALL)[1].all()) for _ in range(7)]
+    assert kept == [False] * 5 + [True] * 2
+    edge *= np.sqrt(chi2.ppf(0.999, 2) / chi2.ppf(0.99, 2))
+    for factor in (0.999, 1.001):
+        used = gating()(R, 1)(np.array([factor * edge]), PRIOR, ALL)[1]
+        assert used.all() == (factor < 1)
     one = np.array([[False, True]])
     size = np.sqrt(chi2.ppf(0.99, 1) * S[1, 1])
     for factor, kept in ((0.999, True), (1.001, False)):
