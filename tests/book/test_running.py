@@ -308,7 +308,7 @@ def test_a_regressor_that_a_parameter_names(
     # one in a file of parameters is tried as well
     file = tmp_path / "params.yml"
     file.write_text("learner: sklearn.linear_model:Nobody\n")
-    with pytest.raises(ParameterError, match=r"sklearn\.linear_model has no class Nobody"):
+    with pytest.raises(ParameterError, match="has no attribute 'Nobody'"):
         gather_parameters(schema, [], file, tmp_path)
     # the command line comes before the file, and what it overrides is not tried
     found = gather_parameters(schema, [f"learner={name}"], file, tmp_path)
