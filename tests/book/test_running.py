@@ -70,7 +70,7 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         ("other: 1", [], "parameter is 'other'"),
         ("", ["name=none.csv"], "there is no such file"),
         ("", ["learner=nonsense"], "learner is 'nonsense'; it may be package.module:Class"),
-        ("learner: sklearn.linear_model:Nobody\n", [], "sklearn.linear_model has no class Nobody"),
+        ("learner: sklearn.linear_model:Nobody\n", [], "has no attribute 'Nobody'"),
     ],
 )
 def test_the_parameters_of_a_file_and_of_the_command_line(

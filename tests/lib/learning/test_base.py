@@ -120,6 +120,15 @@ def test_one_value_that_is_not_finite_is_refused(wrong: float) -> None:
         machine.predict(X)
 
 
+def test_plain_arrays_are_told_without_scikit_learn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It would take longer than a prediction."""
+    monkeypatch.setattr("inswsn_lib.learning.base.validate_data", None)
+    for y in (np.arange(2.0), np.ones((2, 3))):
+        assert np.array_equal(
+            HoldRegressor().fit(np.ones((2, 1)), y).predict([[7.0]] * np.ones(1)), y[1:]
+        )
+
+
 def test_what_is_not_fitted_does_not_predict() -> None:
     with pytest.raises(NotFittedError):
         HoldRegressor().predict(np.zeros((1, 1)))

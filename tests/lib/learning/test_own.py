@@ -124,9 +124,9 @@ TRIAL = "a trial on 100 samples fails"
             MEAN.replace("np.tile(self", "[['a']] * len(X)  # (self"),
             f"{TRIAL}: ValueError: could not convert",
         ),
-        (MEAN.replace("self.mean_, (", "np.nan, ("), f"{TRIAL}: ValueError: predictions"),
-        (MEAN.replace("self.mean_, (", "np.inf, ("), f"{TRIAL}: ValueError: predictions"),
-        (MEAN.replace("(len(X), 1)", "(3, 1)"), f"{TRIAL}: ValueError: .* shape"),
+        (MEAN.replace("self.mean_, (", "self.mean_ * np.nan, ("), f"{TRIAL}: .*not finite"),
+        (MEAN.replace("self.mean_, (", "self.mean_ * [1, np.inf], ("), f"{TRIAL}: .*not finite"),
+        (MEAN.replace("(len(X), 1)", "(3, 1)"), f"{TRIAL}: ValueError: of 5 samples"),
     ],
 )
 def test_a_module_that_will_not_do(

@@ -74,6 +74,7 @@ def test_it_smooths_noise_and_follows_what_is_clear() -> None:
     x, z = np.linspace(-2, 2, 40)[:, None], np.random.default_rng(1).normal(size=40)
     clear, noise = SelectedLSSVM().fit(x, np.sin(4 * x[:, 0])), SelectedLSSVM().fit(x, z)
     assert clear.selection_.errors.shape == (len(SIGMAS), len(ETAS)) == (10, 9)
+    assert (SIGMAS[0], SIGMAS[-1], ETAS[0], ETAS[-1]) == pytest.approx((0.125, 64, 0.01, 100))
     assert clear.predict(x) == pytest.approx(np.sin(4 * x[:, 0]), abs=0.05)
     assert np.std(noise.predict(x)) < 0.5 * np.std(z)
 
