@@ -166,7 +166,7 @@ def patterns_of(
     [(True, False), (True, True)]
     """
     y = array("measurements", measurements, ("N", "steps", "m", "runs"), gaps=True)
-    known, _ = _known(np.any(~np.isnan(y), axis=2), margins, _Links(lost, delay, y))
+    known, _ = _known(~np.all(np.isnan(y), axis=2), margins, _Links(lost, delay, y))
     return sorted(tuple(row) for row in occurring(known)[0].tolist() if any(row))
 
 
@@ -260,11 +260,13 @@ class _Links:
         """
         if self.at_once:
             return message
+        if k == 0:
+            self._powers = [np.linalg.matrix_power(A, delay) for delay in self._delays]
         self._messages.append(message)
         held = A @ held
         for c, delay in enumerate(self._delays):
             if delay <= k:
-                arrived = np.linalg.matrix_power(A, delay) @ self._messages[-1 - delay][c]
+                arrived = self._powers[c] @ self._messages[-1 - delay][c]
                 held[c] = np.where(self.sent[c, k] == k - delay, arrived, held[c])
         return held
 

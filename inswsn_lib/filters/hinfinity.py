@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from inswsn_lib.checks import Array, array
+from inswsn_lib.checks import Array, Mask, array
 from inswsn_lib.errors import Described, ParameterError
 from inswsn_lib.filters.inputs import (
     Pattern,
@@ -78,8 +78,8 @@ def run_hinfinity(
     """
     model, gain = model_and_gain("design", design)
     y = array("measurements", measurements, ("steps", len(model.C), "runs"), gaps=True)
-    which = np.zeros((len(y), 1), dtype=np.intp)
-    return _run(model.A, model.C[None], gain[None], which, y[None], initial_state, predicted)
+    which, measured = np.zeros((len(y), 1), dtype=np.intp), present(y[None])
+    return _run(model.A, model.C[None], gain[None], which, *measured, initial_state, predicted)
 
 
 def run_switched(
@@ -125,7 +125,8 @@ def run_switched(
     """
     y = array("measurements", measurements, ("N", "steps", "m", "runs"), gaps=True)
     clusters, _, m, _ = y.shape
-    occur, which = occurring(np.any(~np.isnan(y), axis=2))
+    there, y = present(y)
+    occur, which = occurring(np.any(there, axis=2))
     filters = {key: model_and_gain("designs", design) for key, design in designs.items()}
     A = common_transition(model for model, _ in filters.values())
     C = np.zeros((len(occur), clusters * m, len(A)))
@@ -134,7 +135,7 @@ def run_switched(
         rows = np.repeat(pattern, m)
         C[place, rows] = array("designs", model.C, (int(rows.sum()), len(A)))
         gains[place][:, rows] = gain
-    return _run(A, C, gains, which, y, initial_state, predicted)
+    return _run(A, C, gains, which, there, y, initial_state, predicted)
 
 
 def _run(
@@ -142,17 +143,17 @@ def _run(
     C: Array,
     gains: Array,
     which: NDArray[np.intp],
+    there: Mask,
     y: Array,
     initial_state: ArrayLike | None,
     predicted: bool,
 ) -> Array:
     """Run with one of some C (patterns, N m, n) and gains (patterns, n, N m) at each step and run.
 
-    The measurements are (N, steps, m, runs).
+    The measurements are (N, steps, m, runs), zero where they are not there.
     """
     clusters, steps, m, runs = y.shape
     states = empty_predictions(A, first_state(initial_state, len(A), runs), steps, predicted)
-    there, y = present(y)
     for k, use in enumerate(each_step(which)):
         x = states[k]
         innovation = y[:, k].reshape(clusters * m, runs) - times(C[use], x)

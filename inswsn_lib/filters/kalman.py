@@ -140,17 +140,16 @@ def run_kalman(
     m, n = model.C.shape
     there, y = present(array("measurements", measurements, ("steps", m, "runs"), gaps=True))
     noise = _noise(model, len(y), initial_covariance, process_covariance, measurement_covariance)
-    x = first_state(initial_state, n, y.shape[2])
-    estimates = np.empty((len(y), *x.shape))
+    states = np.empty((len(y) + 1, n, y.shape[2]))
+    states[0] = first_state(initial_state, n, y.shape[2])
     # one gain for all runs where they miss the same; two products from one estimate to the next
     for k, (gain, keep, *_) in enumerate(_steps(model, np.swapaxes(there, 1, 2), *noise)):
         if predicted:
-            estimates[k] = x
-            x = times(model.A @ keep, x) + times(model.A @ gain, y[k])
+            F, G = model.A @ keep, model.A @ gain
         else:
-            x = times(keep @ model.A if k else keep, x) + times(gain, y[k])
-            estimates[k] = x
-    return estimates
+            F, G = keep @ model.A if k else keep, gain
+        np.add(times(F, states[k]), times(G, y[k]), out=states[k + 1])
+    return states[:-1] if predicted else states[1:]
 
 
 def _noise(
