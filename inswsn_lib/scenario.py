@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal, TypeVar, get_args, get_origin, get_t
 
 import numpy as np
 
-from inswsn_lib.checks import array, number, one_of, whole
+from inswsn_lib.checks import array, number, one_of
 from inswsn_lib.errors import InswsnError, ParameterError
 from inswsn_lib.files import read_yaml
 
@@ -19,6 +19,8 @@ Pair = tuple[float, float]
 Range = Annotated[Pair, "in order"]
 
 SOURCES = ("paper", "inferred", "calibrated", "assumed")
+#: Ranges of numbers of which no more is known
+POSITIVE, NOT_NEGATIVE, ANY = (1e-9, 1e9), (0.0, 1e9), (-1e9, 1e9)
 
 
 @dataclass(frozen=True)
@@ -180,10 +182,10 @@ def _checked(name: str, value: Any, hint: Any, least: Any = None, most: Any = No
     if get_origin(hint) is Literal:
         one_of(name, value, get_args(hint))
     elif hint in (float, int):
-        single = number(name, value, least=least, most=most)
-        return (
-            whole(name, int(single) if single == int(single) else single) if hint is int else single
-        )
+        number(name, value, least=least, most=most)
+        if hint is int and value != int(value):
+            raise ParameterError(name, value, "a whole number")
+        return hint(value)
     elif least is not None:
         numbers = array(name, value, _shape(hint))
         if (numbers < least).any() or (numbers > most).any():

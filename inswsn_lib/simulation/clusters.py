@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from inswsn_lib.checks import Array, Mask, array, number, whole
 from inswsn_lib.errors import Described, ParameterError
-from inswsn_lib.scenario import Pair, between
+from inswsn_lib.scenario import ANY, NOT_NEGATIVE, POSITIVE, Pair, between
 from inswsn_lib.simulation.ins import InertialErrors, inertial_errors
 from inswsn_lib.simulation.multilateration import LEAST, multilaterate, position_covariance
 from inswsn_lib.simulation.network import Ranging, measure_ranges, node_grid, slope_errors
@@ -60,14 +60,14 @@ class ClusterScene:
     ranging: Ranging
     velocity_source: Literal["sensor", "difference", "window"]
     inertial: InertialErrors
-    size: Pair = between(1e-9, 1e9)
-    spacing: float = between(1e-9, 1e9)
-    clusters: tuple[tuple[float, float, float, float], ...] = between(-1e9, 1e9)
-    waypoints: tuple[Pair, ...] = between(-1e9, 1e9)
-    radius: float = between(1e-9, 1e9)
-    speed: float = between(1e-9, 1e9)
-    period: float = between(1e-9, 1e9)
-    velocity_noise: float = between(0, 1e9)
+    size: Pair = between(*POSITIVE)
+    spacing: float = between(*POSITIVE)
+    clusters: tuple[tuple[float, float, float, float], ...] = between(*ANY)
+    waypoints: tuple[Pair, ...] = between(*ANY)
+    radius: float = between(*POSITIVE)
+    speed: float = between(*POSITIVE)
+    period: float = between(*POSITIVE)
+    velocity_noise: float = between(*NOT_NEGATIVE)
     velocity_fixes: int = between(2, 1e6)
 
     @cached_property

@@ -8,10 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from inswsn_lib.checks import Array, array
-from inswsn_lib.scenario import Pair, between
+from inswsn_lib.scenario import ANY, NOT_NEGATIVE, Pair, between
 from inswsn_lib.simulation.trajectory import Motion
-
-_LARGE = 1e9
 
 
 @dataclass(frozen=True)
@@ -46,15 +44,15 @@ class InertialErrors:
     [0.0, 1.25, 5.0]
     """
 
-    accelerometer_bias: Pair = between(-_LARGE, _LARGE, (0.0, 0.0))
-    accelerometer_scale: Pair = between(-_LARGE, _LARGE, (0.0, 0.0))
-    accelerometer_noise: float = between(0, _LARGE, 0.0)
-    gyro_bias: float = between(-_LARGE, _LARGE, 0.0)
-    gyro_scale: float = between(-_LARGE, _LARGE, 0.0)
-    gyro_noise: float = between(0, _LARGE, 0.0)
-    position: Pair = between(-_LARGE, _LARGE, (0.0, 0.0))
-    velocity: Pair = between(-_LARGE, _LARGE, (0.0, 0.0))
-    heading: float = between(-_LARGE, _LARGE, 0.0)
+    accelerometer_bias: Pair = between(*ANY, (0.0, 0.0))
+    accelerometer_scale: Pair = between(*ANY, (0.0, 0.0))
+    accelerometer_noise: float = between(*NOT_NEGATIVE, 0.0)
+    gyro_bias: float = between(*ANY, 0.0)
+    gyro_scale: float = between(*ANY, 0.0)
+    gyro_noise: float = between(*NOT_NEGATIVE, 0.0)
+    position: Pair = between(*ANY, (0.0, 0.0))
+    velocity: Pair = between(*ANY, (0.0, 0.0))
+    heading: float = between(*ANY, 0.0)
 
 
 def simulate_ins(motion: Motion, errors: InertialErrors, noise: ArrayLike | None = None) -> Array:

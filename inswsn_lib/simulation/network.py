@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from inswsn_lib.checks import Array, array, number, whole
 from inswsn_lib.errors import ParameterError
-from inswsn_lib.scenario import between
+from inswsn_lib.scenario import NOT_NEGATIVE, POSITIVE, between
 from inswsn_lib.simulation.trajectory import Motion
 
 
@@ -35,11 +35,11 @@ class Ranging:
     0.0
     """
 
-    reach: float = between(1e-9, 1e9)
-    noise: float = between(0, 1e9)
+    reach: float = between(*POSITIVE)
+    noise: float = between(*NOT_NEGATIVE)
     dropout: float = between(0, 1, 0.0)
     outlier: float = between(0, 1, 0.0)
-    outlier_scale: float = between(0, 1e9, 0.0)
+    outlier_scale: float = between(*NOT_NEGATIVE, 0.0)
 
 
 def node_grid(corner: ArrayLike, size: tuple[float, float], spacing: float) -> Array:

@@ -11,7 +11,7 @@ import numpy as np
 from inswsn_lib import scenario
 from inswsn_lib.checks import Array, whole
 from inswsn_lib.errors import ParameterError
-from inswsn_lib.scenario import Pair
+from inswsn_lib.scenario import ANY, NOT_NEGATIVE, POSITIVE, Pair
 from inswsn_lib.simulation.ins import InertialErrors, inertial_errors
 from inswsn_lib.simulation.multilateration import multilaterate
 from inswsn_lib.simulation.network import (
@@ -93,21 +93,21 @@ class Scene:
     ranging: Ranging
     velocity_source: Literal["sensor", "difference", "window"]
     inertial: InertialErrors
-    size: Pair = scenario.between(1e-9, 1e9)
-    waypoints: tuple[Pair, ...] = scenario.between(-1e9, 1e9)
-    radius: float = scenario.between(1e-9, 1e9)
-    speed: float = scenario.between(1e-9, 1e9)
-    lead: float = scenario.between(0, 1e9)
-    between: float = scenario.between(0, 1e9)
-    periods: Pair = scenario.between(1e-9, 1e9)
-    jitter: Pair = scenario.between(0, 1e9)
+    size: Pair = scenario.between(*POSITIVE)
+    waypoints: tuple[Pair, ...] = scenario.between(*ANY)
+    radius: float = scenario.between(*POSITIVE)
+    speed: float = scenario.between(*POSITIVE)
+    lead: float = scenario.between(*NOT_NEGATIVE)
+    between: float = scenario.between(*NOT_NEGATIVE)
+    periods: Pair = scenario.between(*POSITIVE)
+    jitter: Pair = scenario.between(*NOT_NEGATIVE)
     training_samples: int = scenario.between(1, 1e6)
     outage_samples: int = scenario.between(1, 1e6)
-    area_sizes: Pair = scenario.between(1e-9, 1e9)
-    spacing: float = scenario.between(1e-9, 1e9)
-    velocity_noise: float = scenario.between(0, 1e9)
+    area_sizes: Pair = scenario.between(*POSITIVE)
+    spacing: float = scenario.between(*POSITIVE)
+    velocity_noise: float = scenario.between(*NOT_NEGATIVE)
     velocity_fixes: int = scenario.between(2, 1e6)
-    inertial_interval: float = scenario.between(1e-9, 1e9)
+    inertial_interval: float = scenario.between(*POSITIVE)
 
     @cached_property
     def windows(self) -> dict[str, Window]:

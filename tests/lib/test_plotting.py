@@ -34,7 +34,10 @@ def test_colours_stand_out_from_a_white_page(colour: str) -> None:
 def test_a_figure_in_the_style_of_the_book() -> None:
     fig, axes = figure(2, 3, height=4)
     assert (axes.shape, fig.get_size_inches().tolist()) == ((2, 3), [7.2, 4.0])
-    assert fig.get_facecolor()[3] == 0  # no ground of its own
+    assert fig.get_facecolor()[3] == axes[0, 0].get_facecolor()[3] == 0  # no ground of its own
+    visible = {side: spine.get_visible() for side, spine in axes[0, 0].spines.items()}
+    assert visible == {"left": True, "right": False, "top": False, "bottom": True}
+    assert axes[0, 0].get_axisbelow() is True
     for which, axis in (("x", axes[0, 0].xaxis), ("y", axes[0, 0].yaxis)):
         percent_axis(axes[0, 0], which)
         assert axis.get_major_formatter()(12.4) == "12%"
@@ -43,10 +46,10 @@ def test_a_figure_in_the_style_of_the_book() -> None:
 def draw(*axes: str, values: tuple[Any, ...] = (1.0, 10.0), low: float = -1) -> Any:
     rows = [
         dict(zip(axes, place, strict=True))
-        | {"method": method, "column": column, "unit": "m", "median": median}
+        | {"method": method, "column": column, "unit": "m", "median": factor * median}
         | {"low": median + low, "high": median + 1}
         for place in itertools.product(values, repeat=len(axes))
-        for column in ("error", "time")
+        for column, factor in (("error", 1.0), ("time", 7.0))
         for method, median in (("one", 3.0), ("two", 4.0), ("third", 1e6))
     ]
     return draw_scores(pd.DataFrame(rows), {a: UNITS[a] for a in axes}, "error", METHODS)
@@ -69,8 +72,10 @@ def test_a_chart_for_each_value_of_the_other_axes() -> None:
         4,
     )
     # linear, where an end of a band is no positive number, or values are near to one another
-    near = draw("told", values=(1.0, 9.9), low=-3).axes[0]
-    assert (near.get_xscale(), near.get_yscale()) == ("linear", "linear")
+    for values in ((1.0, 9.9), (0.0, 10.0)):
+        near = draw("told", values=values, low=-3).axes[0]
+        assert (near.get_xscale(), near.get_yscale()) == ("linear", "linear")
+        assert near.get_xticks().tolist() == list(values)
 
 
 @pytest.mark.parametrize(

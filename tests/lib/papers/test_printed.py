@@ -38,6 +38,7 @@ decimals = st.builds(
         ("0.0900", 0.08995, 0.09005),
         ("85", 84.5, 85.5),
         ("-3.5", -3.55, -3.45),
+        ("1e2", 99.5, 100.5),
     ],
 )
 def test_interval_is_half_a_unit_of_the_last_digit_either_side(

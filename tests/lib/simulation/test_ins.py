@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
 from inswsn_lib.errors import ParameterError
+from inswsn_lib.scenario import Setting, from_settings
 from inswsn_lib.simulation import InertialErrors, Path, simulate_ins
 from inswsn_lib.simulation.ins import inertial_errors
 
@@ -82,13 +85,33 @@ def test_random_walks_have_their_variance() -> None:
     bound = 3.9 / (2 * 2000) ** 0.5 + 0.005
     assert errors[-1].std(axis=1, ddof=1) == pytest.approx(expected, rel=bound)
     assert np.abs(errors[0]).max() == 0
-    # a heading that walks by 0.01 sqrt(t): on a long circle the velocity turns by it at once
+    # a heading that walks by 0.01 sqrt(t) turns what a bias pushes; of the first run by ones
     noise = np.zeros((100, 3, 2000))
     noise[:, 2] = np.random.default_rng(9).standard_normal((100, 2000))
+    noise[:, 2, 0] = 1
     biased = InertialErrors(gyro_noise=0.01, accelerometer_bias=(1.0, 0.0))
     last = np.diff(simulate_ins(motion, biased, noise)[:, 2:], axis=0)[-1] / 0.1
     turned = np.angle(last[0] + 1j * last[1]) - np.arctan2(4, 3)
-    assert turned.std() == pytest.approx(0.01 * 9.95**0.5, rel=bound)
+    assert turned[0] == pytest.approx(99.5 * 0.01 * 0.1**0.5)
+    assert turned[1:].std() == pytest.approx(0.01 * 9.95**0.5, rel=bound)
+
+
+def made(values: dict[str, Any]) -> InertialErrors:
+    settings = {name: Setting(value, "1", "assumed", "So.") for name, value in values.items()}
+    return from_settings(InertialErrors, settings)
+
+
+def test_errors_are_none_unless_told_have_either_sign_and_noise_has_none() -> None:
+    pairs = ("accelerometer_bias", "accelerometer_scale", "position", "velocity")
+    noises = ("accelerometer_noise", "gyro_noise")
+    values = {name: [-0.1, -0.2] for name in pairs} | dict.fromkeys(noises, 0.3)
+    values |= dict.fromkeys(("gyro_bias", "gyro_scale", "heading"), -0.4)
+    as_tuples = {n: tuple(v) if isinstance(v, list) else v for n, v in values.items()}
+    assert vars(made(values)) == as_tuples
+    assert made({n: [0, 0] if n in pairs else 0 for n in values}) == InertialErrors()
+    for name in noises:
+        with pytest.raises(ParameterError, match=f"^{name} is -0.1"):
+            made(values | {name: -0.1})
 
 
 def test_noise_that_does_not_fit_is_refused() -> None:

@@ -31,6 +31,10 @@ def test_a_spacing_that_cannot_be(spacing: float) -> None:
     assert len(node_grid((0, 0), (10, 10), 0.05)) == 201**2
 
 
+def test_nothing_is_lost_or_late_unless_told() -> None:
+    assert Ranging(1.0, 0.0) == Ranging(1.0, 0.0, dropout=0, outlier=0, outlier_scale=0)
+
+
 def test_noise_dropouts_and_outliers_come_as_often_and_as_large_as_asked() -> None:
     """True ones leave the bounds once in 10,000 times."""
     truth, rng = np.array([61.3, 72.9]), np.random.default_rng(11)
