@@ -21,6 +21,7 @@ class Regressor(MultiOutputMixin, RegressorMixin, BaseEstimator, ABC):  # type: 
 
     A subclass has ``_fit(X, Y)``, which learns from arrays (n, inputs) and (n, outputs), and
     ``_predict(X)``, which returns (n, outputs). Here data are checked, and one output may be flat.
+    Parameters are the fields of a dataclass, ``@dataclass(eq=False, repr=False)``.
 
     Examples
     --------

@@ -114,9 +114,8 @@ def select_lssvm(
 
     def residuals(sigma: float) -> Array:
         if trained_on is None:
-            return _left_out(
-                kernel_matrix(inputs, inputs, kernel, sigma, degree), targets, strengths
-            )
+            K = kernel_matrix(inputs, inputs, kernel, sigma, degree)
+            return _left_out(K, targets, strengths)
         first, rest = slice(trained_on), slice(trained_on, None)
         machines = (LSSVMRegressor(sigma, float(eta), kernel, degree) for eta in strengths)
         fitted = [machine.fit(inputs[first], targets[first]) for machine in machines]

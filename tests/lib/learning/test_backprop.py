@@ -166,16 +166,6 @@ def test_the_trainers_agree_on_the_optimum() -> None:
     assert found == pytest.approx([found[0]] * 3, rel=1e-6)
 
 
-@pytest.mark.parametrize("trainer", TRAINERS)
-def test_without_bound_the_weight_decay_leaves_the_mean(trainer: Any) -> None:
-    """All parameters go to 0, which is the mean in units of mean 0 and deviation 1."""
-    X, y = data(8)
-    rate = 0.4 / 1e6  # below 1 / decay, so that descent converges
-    machine = BackpropRegressor(5, trainer, 200, rate, weight_decay=1e6, scaling="standard")
-    predicted = machine.fit(X, y).predict(X)
-    assert predicted == pytest.approx(np.tile(y.mean(axis=0), (len(X), 1)), abs=1e-4)
-
-
 @pytest.mark.parametrize("scaling", ["range", "standard"])
 def test_units_change_nothing_but_the_units(scaling: Any) -> None:
     X, y = data(14)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -227,22 +226,6 @@ def test_any_regressor_is_trained_on_the_pairs_before_the_outage(regressor: Any)
     with pytest.raises(NotFittedError):
         check_is_fitted(regressor)
     assert repr(regressor) == repr(before)
-
-
-def test_on_the_recording(root: Path) -> None:
-    """Predictor mode in the outages of the recording, and nowhere else; numbers everywhere."""
-    recording = read_recording(root / "data" / "examples" / "ins-wsn.csv")
-    navigator = HybridNavigator(kalman, LSSVMRegressor(3.0, 10.0), patience=3)
-    measured = recording.measurements
-    run = navigator.run(measured, recording.ins)
-    absent = np.isnan(recording.ins).any(axis=1)  # rows that the file lacks
-    expected = silent(len(measured), *((a + 3, b) for a, b in recording.outages)) & ~absent
-    assert expected.any()
-    assert np.array_equal(run.predicting[:, 0], expected)
-    assert np.isfinite(run.estimates).all()
-    assert np.array_equal(run.estimates[~expected], kalman(measured)[~expected])
-    for inputs in observable_inputs(recording.time, recording.ins[:, :, None]).values():
-        assert np.isfinite(navigator.run(measured, inputs).estimates).all()
 
 
 @settings(max_examples=30)
