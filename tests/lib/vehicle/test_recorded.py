@@ -251,6 +251,8 @@ def test_who_has_not_moved_is_told(until: int) -> None:
     body[3, 1] /= 3  # one run is fast by the last epoch, the other never
     with pytest.raises(ParameterError, match="until"):
         estimate_mounting(made_run(body), until)
+    with pytest.raises(ParameterError, match="until is 2; it may be a whole number, from 0 to 1"):
+        estimate_mounting(made_run(straight(0.1, 0.0, [9, 9])), 2)
 
 
 def test_of_a_filter_that_runs_over_a_made_drive() -> None:

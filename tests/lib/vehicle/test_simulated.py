@@ -448,18 +448,20 @@ def test_seeds(settings: Settings, still: Truth) -> None:
 
 def test_drives_are_what_they_were(settings: Settings) -> None:
     """Every simulation of the book rests on the order of these draws."""
-    coarse = with_values(settings, imu_period=0.1)
+    changes = {"gps_correlation_time": 60, "gps_correlated_share": 0.9, "compass_bias": 0.02}
+    coarse = with_values(settings, imu_period=0.1, **changes)
     drive = simulate_drive(coarse, runs=2, seed=3, route=7)
     expected = {
         "rotation_increments": (-0.00039222058421628514, 0.0236909660396011),
         "velocity_increments": (-0.19852547268414286, -0.9495440953198843),
-        "gps_position": (0.5594116068129082, 21.03858064456984),
+        "gps_position": (0.5594115363705292, 21.74839829267972),
         "gps_velocity": (13.808587197165389, -0.038266333045783946),
-        "compass": (1.8557315238316627, 1.7180924857722855),
+        "compass": (1.8757315238316628, 1.7380924857722855),
     }
     for name, values in expected.items():
         x = getattr(drive, name)
         assert (x[700].flat[0], x[1234].flat[-1]) == pytest.approx(values, rel=1e-9)
+    assert simulate_drive(coarse, runs=1, seed=3).places == plan_route(coarse, 0).places
 
 
 def test_a_change_of_one_setting_moves_no_other_draw(settings: Settings, still: Truth) -> None:
