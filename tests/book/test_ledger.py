@@ -188,6 +188,9 @@ def test_what_a_tolerance_stands_for(
 ) -> None:
     claim = Claim(**(ENTRY | changes))
     assert claim.published({"width": 2}) == pytest.approx(expected, abs=1e-15)
+    # widths are measured by the printed number; where there are several, by the bound
+    printed = isinstance(claim.value, str)
+    assert claim.reference == (float(claim.value) if printed else 0.005)
 
 
 def test_the_digest_of_a_chapter_is_of_its_claims_alone(tmp_path: Path) -> None:

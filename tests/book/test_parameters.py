@@ -23,6 +23,8 @@ samples: int = 100  # samples; in [4, 400]
 form: str = "exact"  # 1; one of exact, printed
 # Whether to draw.
 draw: bool = True  # 1; any
+# A share.
+share: float = 0.5  # 1; in (0, 1]
 # An offset.
 offset: float = 0.0  # m; any
 # A method, which the run tries.
@@ -33,7 +35,8 @@ NAMES = [parameter.name for parameter in SCHEMA.parameters]
 
 def test_a_cell_is_read() -> None:
     assert SCHEMA.defaults == {
-        "width": 2.5, "samples": 100, "form": "exact", "draw": True, "offset": 0.0,
+        "width": 2.5, "samples": 100, "form": "exact", "draw": True, "share": 0.5,
+        "offset": 0.0,
         "learner": "a.b:C",
     }  # fmt: skip
     width = SCHEMA["width"]
@@ -84,7 +87,7 @@ def test_a_float_survives_the_command_line(value: float) -> None:
 
 @pytest.mark.parametrize(
     ("name", "text", "value"),
-    [("samples", "010", 10), ("width", "1e0", 1.0), ("width", "3", 3.0), ("draw", "False", False)],
+    [("samples", "010", 10), ("width", "1e0", 1.0), ("share", "1", 1.0), ("draw", "False", False)],
 )
 def test_texts(name: str, text: str, value: object) -> None:
     found = SCHEMA[name].read(text)
@@ -95,6 +98,7 @@ def test_texts(name: str, text: str, value: object) -> None:
     ("name", "value", "sentence"),
     [
         ("width", 10.0, "width is 10.0; it may be a number in [0, 10)."),
+        ("share", 0.0, "share is 0.0; it may be a number in (0, 1]."),
         ("width", True, "width is True; it may be a number in [0, 10)."),
         ("width", "3", "width is '3'; it may be a number in [0, 10)."),
         ("offset", 10**400, f"offset is {str(10**400)[:200]}…; it may be any number."),
