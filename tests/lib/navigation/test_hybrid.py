@@ -20,7 +20,6 @@ from inswsn_lib.learning import BackpropRegressor, HoldRegressor, LSSVMRegressor
 from inswsn_lib.models import ErrorModel
 from inswsn_lib.navigation import HybridNavigator, observable_inputs
 from inswsn_lib.navigation.hybrid import Filter
-from inswsn_lib.recordings import read_recording
 
 MODEL = ErrorModel.p1(0.2, process_noise=(0.05, 0.1), measurement_noise=(0.2, 0.3))
 
