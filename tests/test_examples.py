@@ -37,7 +37,14 @@ MODULES = ("errors", "files", "models", "plotting", "scenario")
 #: Functions and classes of a room that need no example, each with the reason
 EXEMPT = {
     "errors.Described": "for the rooms",
+    "evaluation.DriftBound": "given by drift_bound",
+    "evaluation.Lead": "given by paired_lead",
+    "evaluation.Leader": "given by Scores.leader",
+    "evaluation.Score": "given by score_hypothesis",
+    "evaluation.Spread": "given by spread",
+    "lmi.WorstCase": "given by worst_disturbance",
     "navigation.Bridge": "shown by VehicleHybrid",
+    "navigation.Judged": "given by BridgedOutages.compare",
     "navigation.Machine": "what VehicleHybrid trains",
     "navigation.OutageTrials": "shown by run_outages",
     "navigation.Ramps": "what VehicleHybrid learns from",
@@ -47,6 +54,8 @@ EXEMPT = {
     "recordings.RecordingUnavailableError": "raised by load_drive where nothing can be fetched",
     "recordings.Track": "a part of RecordedDrive",
     "scenario.between": "shown by from_settings",
+    "simulation.Traffic": "given by count_traffic",
+    "simulation.Window": "a part of Scene",
     "vehicle.Kinematics": "shown by Route",
     "vehicle.Piece": "shown by Route",
     "vehicle.Place": "shown by Drive",

@@ -6,11 +6,13 @@ from .consistency import (
 )
 from .drift import (
     MOTIONS as MOTIONS,
+    DriftBound as DriftBound,
     Motion as Motion,
     drift_bound as drift_bound,
     longest_period as longest_period,
 )
 from .metrics import (
+    Spread as Spread,
     cluster_interval as cluster_interval,
     largest_error as largest_error,
     mean_absolute_error as mean_absolute_error,
@@ -19,6 +21,9 @@ from .metrics import (
 )
 from .monte_carlo import GROUP as GROUP, monte_carlo as monte_carlo
 from .scores import (
+    Lead as Lead,
+    Leader as Leader,
+    Score as Score,
     Scores as Scores,
     paired_lead as paired_lead,
     score_hypothesis as score_hypothesis,

@@ -22,6 +22,7 @@ from .norms import (
 )
 from .riccati import riccati_filter as riccati_filter, riccati_gamma as riccati_gamma
 from .stochastic import (
+    WorstCase as WorstCase,
     finite_horizon_gain as finite_horizon_gain,
     mean_square_radius as mean_square_radius,
     stochastic_gain as stochastic_gain,

@@ -113,14 +113,14 @@ class FilterDesign:
 
     @property
     def error_system(self) -> tuple[Array, Array, Array]:
-        """A_f, [B, -B_f D] and L: how process and measurement noise drive the error, (2.11)."""
+        """The matrices A_f, [B, -B_f D] and L of the estimation error without jitter (2.11)."""
         return self.A_f, np.hstack([self.model.B, -self.gain @ self.model.D]), self.model.L
 
     @property
     def buildable(self) -> bool:
-        """Whether (2.11) is the error of a filter that can be built: only without jitter.
+        """Whether (2.11) is the error of a filter that can be built, which is so without jitter.
 
-        With it, A_f would have to contain E times a number that nobody knows.
+        With jitter, A_f would have to contain E times a number that nobody knows.
         """
         return not self.model.E.any()
 

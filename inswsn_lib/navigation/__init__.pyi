@@ -1,5 +1,6 @@
 from .bridged_outages import (
     BridgedOutages as BridgedOutages,
+    Judged as Judged,
     Passage as Passage,
 )
 from .cluster_fusion import (

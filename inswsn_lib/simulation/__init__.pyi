@@ -16,6 +16,6 @@ from .network import (
     nodes_heard as nodes_heard,
     velocity_slopes as velocity_slopes,
 )
-from .scene import Scene as Scene
-from .traffic import OPERATIONS as OPERATIONS, count_traffic as count_traffic
+from .scene import Scene as Scene, Window as Window
+from .traffic import OPERATIONS as OPERATIONS, Traffic as Traffic, count_traffic as count_traffic
 from .trajectory import Motion as Motion, Path as Path
