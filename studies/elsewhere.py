@@ -42,7 +42,6 @@ from inswsn_book.runs import (
     Outcome,
     Request,
     Run,
-    Surroundings,
     reference_results,
     run_all,
 )
@@ -145,14 +144,13 @@ _OLDER = {
 
 # What runs here, by variant; its page says what each is for. Nobody reads the first variable: it
 # only asks for a run beside the one that the book has.
-_SURROUNDINGS = {
-    AGAIN: Surroundings(variables={"INSWSN_VARIANT": AGAIN}),
-    "threads-2": Surroundings(threads=2),
-    "older-processor": Surroundings(variables=_OLDER),
-    "hash-seed": Surroundings(variables={"PYTHONHASHSEED": "1"}),
+_CHANGES: dict[str, dict[str, Any]] = {
+    AGAIN: {"variables": {"INSWSN_VARIANT": AGAIN}},
+    "threads-2": {"threads": 2},
+    "older-processor": {"variables": _OLDER},
+    "hash-seed": {"variables": {"PYTHONHASHSEED": "1"}},
+    "scs": {"parameters": {"solver": "scs"}},  # in the chapters that declare it
 }
-# What runs here with other parameters, in the chapters that declare them.
-_PARAMETERS = {"scs": {"solver": "scs"}}
 
 
 @dataclass(frozen=True)
@@ -160,22 +158,22 @@ class Variant:
     """One way in which the surroundings differ from those of the book."""
 
     id: str  # for another Python ``"python-3.13"``
-    surroundings: Surroundings
     version: str  # of Python
+    threads: int = 1
+    variables: Mapping[str, str] = field(default_factory=dict)
     parameters: Mapping[str, Value] = field(default_factory=dict)
 
     def request(self, project: Project, chapter: Chapter) -> Request | None:
         """Return what is run of a chapter; None if it does not declare the parameters."""
         if not {*self.parameters} <= {*chapter_schema(project.root, chapter.number).defaults}:
             return None
-        return Request(chapter.number, self.parameters, self.surroundings)
+        return Request(chapter.number, self.parameters, self.threads, self.variables)
 
 
 def variants() -> list[Variant]:
     """Return the variants that run here."""
     own = platform.python_version()
-    around = [Variant(name, given, own) for name, given in _SURROUNDINGS.items()]
-    return around + [Variant(name, Surroundings(), own, g) for name, g in _PARAMETERS.items()]
+    return [Variant(name, own, **changes) for name, changes in _CHANGES.items()]
 
 
 def found_elsewhere(
@@ -203,7 +201,7 @@ def found_elsewhere(
     minors = [version.rpartition(".")[0] for version in versions]
     if minors[0] != minors[1]:
         name = f"python-{minors[0]}"
-    return Variant(name, Surroundings(), its.python), results
+    return Variant(name, its.python), results
 
 
 def compared(
@@ -270,7 +268,7 @@ def compared(
 
 def _check_machine(variant: Variant, chapter: Chapter, blas: Iterable[str]) -> None:
     """Refuse a run whose linear algebra did not have the threads that were asked for."""
-    asked = variant.surroundings.threads
+    asked = variant.threads
     words = f"{asked} thread{'s' if asked > 1 else ''}"
     wrong = [library for library in blas if not library.endswith(f", {words}")]
     if wrong:

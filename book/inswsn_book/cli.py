@@ -206,6 +206,7 @@ def claims(
     For example: inswsn claims --paper P1 --kind formula
     """
     from inswsn_book import judging
+    from inswsn_book.compare import differing
 
     if against is not None and (as_json or any(wanted.values())):
         raise ParameterError(
@@ -213,7 +214,8 @@ def claims(
         )
     selected = judging.judge_claims(_project(root), results, **wanted)
     if against is not None:
-        for line in judging.changed_verdicts(judging.read_verdicts(against), selected):
+        now = {entry.claim.id: str(entry.verdict) for entry in selected}
+        for line in differing(judging.read_verdicts(against), now):
             click.echo(line)
     elif as_json:
         click.echo(judging.verdicts_text(selected))

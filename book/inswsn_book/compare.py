@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain, zip_longest
 
@@ -113,15 +113,21 @@ def _word(judged: Judged | None) -> str:
 
 def compare_conditions(before: Results, after: Results) -> list[str]:
     """Return a line for each parameter, data file, sentence, solver and cell that differs."""
-    lines = []
-    for field in ("parameters", "data", "sentences", "solvers", "cells"):
-        old, new = getattr(before, field), getattr(after, field)
-        lines += [
-            f"{field}: {name}: {old.get(name, 'absent')} -> {new.get(name, 'absent')}"
-            for name in dict.fromkeys([*new, *old])
-            if old.get(name) != new.get(name)
-        ]
-    return lines
+    fields = ("parameters", "data", "sentences", "solvers", "cells")
+    return [
+        f"{field}: {line}"
+        for field in fields
+        for line in differing(getattr(before, field), getattr(after, field))
+    ]
+
+
+def differing(before: Mapping[str, object], after: Mapping[str, object]) -> list[str]:
+    """Return a line for each name that stands for something else, is new, or is gone."""
+    return [
+        f"{name}: {before.get(name, 'absent')} -> {after.get(name, 'absent')}"
+        for name in dict.fromkeys([*after, *before])
+        if before.get(name) != after.get(name)
+    ]
 
 
 def comparison(before: Results, after: Results, claims: Sequence[Claim]) -> list[str]:
@@ -151,11 +157,7 @@ def comparison(before: Results, after: Results, claims: Sequence[Claim]) -> list
 
 def _tables_that_differ(before: Results, after: Results) -> Iterator[str]:
     for name in sorted(before.tables.keys() | after.tables.keys()):
-        if name not in before.tables or name not in after.tables:
-            words = ("there", "absent") if name in before.tables else ("absent", "there")
-            yield f"table {name}: {words[0]} -> {words[1]}"
-            continue
-        old, new = (list(chain(*results.tables[name])) for results in (before, after))
+        old, new = (list(chain(*results.tables.get(name, ()))) for results in (before, after))
         if changed := sum(a != b for a, b in zip_longest(old, new)):
             yield f"table {name}: {changed} of {max(len(old), len(new))} cells differ"
 

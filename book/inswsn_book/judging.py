@@ -69,13 +69,3 @@ def read_verdicts(path: Path) -> dict[str, str]:
         raise InswsnError(
             f"{path} holds no verdicts; it may be a file written by inswsn claims --json."
         ) from None
-
-
-def changed_verdicts(before: dict[str, str], judged: Sequence[Judged]) -> list[str]:
-    """Return a line for each claim that has another verdict, is new, or is gone."""
-    after = {entry.claim.id: str(entry.verdict) for entry in judged}
-    return [
-        f"{name}: {before.get(name, 'not there')} -> {after.get(name, 'not there')}"
-        for name in dict.fromkeys([*after, *before])
-        if before.get(name) != after.get(name)
-    ]

@@ -39,11 +39,6 @@ def read_source(chapter: Chapter) -> Any:
     return notebook
 
 
-def twin_text(chapter: Chapter) -> str:
-    """Return the text of a chapter's .ipynb twin."""
-    return notebook_text(read_source(chapter))
-
-
 def notebook_text(notebook: Any) -> str:
     """Return a notebook as the text of an .ipynb file, with a line end at its end."""
     return str(nbformat.writes(notebook)) + "\n"
@@ -51,7 +46,7 @@ def notebook_text(notebook: Any) -> str:
 
 def stale_twins(project: Project) -> dict[Path, str | None]:
     """Return the twins that are not what the sources give: their texts, None for one too many."""
-    wanted = {chapter.twin: twin_text(chapter) for chapter in project.chapters()}
+    wanted = {chapter.twin: notebook_text(read_source(chapter)) for chapter in project.chapters()}
     there = set((project.root / "chapters").glob("[!.]*.ipynb"))
     return {
         path: wanted.get(path)

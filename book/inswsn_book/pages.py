@@ -126,32 +126,29 @@ def context(project: Project, results: Sequence[Results]) -> dict[str, Any]:
 def reference() -> list[tuple[str, list[tuple[str, str]]]]:
     """Return titles, each with the directives and names of Sphinx that stand below it.
 
-    First the front door of the library, by what its names are for; then what its rooms have
-    beside, for the chapters.
+    First the front door of the library, by what its names are for, which comments of its stub
+    tell; then what its rooms have beside, for the chapters.
     """
     package = Path(inswsn_lib.__file__).parent
-    groups = _stub_names(package / "__init__.pyi")
-    shown = {name for _, names in groups for _, name in names}
-    for stub in sorted(package.glob("*/__init__.pyi")):
-        names = [found for _, group in _stub_names(stub) for found in group]
-        title = f"More of {stub.parent.name}, for the chapters"
-        groups.append((title, sorted(pair for pair in names if pair[1] not in shown)))
-    return [(title, [_directive(*pair) for pair in names]) for title, names in groups if names]
+    front = (package / "__init__.pyi").read_text(encoding="utf-8")
+    groups = [part.partition("\n")[::2] for part in front.split("\n# ")[1:]]
+    shown = [(title, _stub_names("inswsn_lib", stub)) for title, stub in groups]
+    known = {name for _, names in shown for _, name in names}
+    for path in sorted(package.glob("*/__init__.pyi")):
+        names = _stub_names(f"inswsn_lib.{path.parent.name}", path.read_text(encoding="utf-8"))
+        more = sorted(pair for pair in names if pair[1] not in known)
+        shown.append((f"More of {path.parent.name}, for the chapters", more))
+    return [(title, [_directive(*pair) for pair in names]) for title, names in shown if names]
 
 
-def _stub_names(stub: Path) -> list[tuple[str, list[tuple[str, str]]]]:
-    """Return the names of a stub, each behind where it is imported from, below their comments."""
-    package = ".".join(stub.relative_to(Path(inswsn_lib.__file__).parents[1]).parent.parts)
-    groups: list[tuple[str, list[tuple[str, str]]]] = [("", [])]
-    home = ""
-    for line in stub.read_text(encoding="utf-8").splitlines():
-        if head := re.match(r"# (.*)", line):
-            groups.append((head[1], []))
-        if source := re.match(r"from \.(\w*) import", line):
-            home = f"{package}.{source[1]}"
-        if not home.endswith("."):  # a room itself
-            groups[-1][1].extend((home, name) for name in re.findall(r"(\w+) as \w+", line))
-    return groups
+def _stub_names(package: str, stub: str) -> list[tuple[str, str]]:
+    """Return the names that a stub imports from modules, each behind where it comes from."""
+    imports = re.findall(r"from \.(\w+) import (\(.*?\)|.*?\n)", stub, re.DOTALL)
+    return [
+        (f"{package}.{module}", name)
+        for module, names in imports
+        for name in re.findall(r"(\w+) as", names)
+    ]
 
 
 def _directive(home: str, name: str) -> tuple[str, str]:

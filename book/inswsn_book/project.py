@@ -137,9 +137,7 @@ class Project:
         for chapter in chapters:
             if word in (chapter.number, str(int(chapter.number)), chapter.name):
                 return chapter
-        raise ParameterError(
-            "NAME", word, "one of " + ", ".join(chapter.number for chapter in chapters)
-        )
+        raise ParameterError("NAME", word, "one of " + ", ".join(c.number for c in chapters))
 
     def build_lock(self) -> AbstractContextManager[object]:
         """Hold the lock of the checkout's build; refuse if another build holds it."""

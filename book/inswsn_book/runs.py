@@ -1,6 +1,6 @@
 """Run a chapter and keep what it gives: one request, one key, one store.
 
-A `Request` says which chapter is run, with which parameters, in which surroundings, and over which
+A `Request` says which chapter is run, with which parameters, with how many threads, over which
 changed files. `run` and `run_all` execute it if nothing is in the store, ``_build/store``. Book,
 ``inswsn run``, sweeps and studies are sets of requests.
 """
@@ -43,25 +43,19 @@ _ORIGIN, _KEPT = 12, 3
 
 
 @dataclass(frozen=True)
-class Surroundings:
-    """What a chapter is executed in, beside its sources and its environment."""
-
-    threads: int = 1  # that the linear algebra may use
-    variables: Mapping[str, str] = field(default_factory=dict)  # set on top of all others
-
-
-@dataclass(frozen=True)
 class Request:
     """What is to be run; parameters that are not set keep their defaults.
 
     An overlay gives, by path below the checkout, the whole text that stands in the place of that
     file, such as a changed scenario or source. `core` asks for the chapter's core function in place
-    of its notebook. The surroundings are those of the book whatever the caller's environment says.
+    of its notebook. The linear algebra has that many threads; the environment is that of the book
+    whatever the caller's says, but for `variables`.
     """
 
     chapter: str
     parameters: Mapping[str, Value] = field(default_factory=dict)
-    surroundings: Surroundings = field(default_factory=Surroundings)
+    threads: int = 1
+    variables: Mapping[str, str] = field(default_factory=dict)
     overlay: Mapping[str, str] = field(default_factory=dict)
     core: bool = False
 
@@ -87,9 +81,6 @@ class ChapterError(BuildError):
     refusal: str | None = None
 
 
-# The store ----------------------------------------------------------------------------------------
-
-
 @dataclass(frozen=True)
 class _Prepared:
     """A request as it is run now."""
@@ -102,7 +93,7 @@ class _Prepared:
 
 
 def _prepare(project: Project, request: Request) -> _Prepared:
-    chapter, around = project.find(request.chapter), request.surroundings
+    chapter = project.find(request.chapter)
     own = chapter.source.read_text(encoding="utf-8")
     source = request.overlay.get(f"chapters/{chapter.source.name}", own)
     schema = source_schema(source, chapter.source.name)
@@ -120,7 +111,7 @@ def _prepare(project: Project, request: Request) -> _Prepared:
             if schema[name].rule == REGRESSOR_RULE
         ],
         "python": platform.python_version(),
-        "surroundings": [around.threads, dict(around.variables)],
+        "surroundings": [request.threads, dict(request.variables)],
         "overlay": {name: text_digest(text) for name, text in request.overlay.items()},
         "recorded data": data_mirror() is not None,
         "core": request.core,
@@ -200,9 +191,6 @@ def reference_results(project: Project, number: str) -> Results:
         return read_results(project.published / f"{number}.json")
     except InswsnError:  # none yet, or one of an older schema: all of it is new
         return Results(chapter=number, parameters={}, data={}, quantities=())
-
-
-# Running ------------------------------------------------------------------------------------------
 
 
 def run(project: Project, request: Request, progress: Progress, *, fresh: bool = False) -> Run:
@@ -294,8 +282,8 @@ def _run_and_keep(
     prepared = _prepare(project, request)
     (commit, clean), began = repository_state(project.root), time.monotonic()
     if request.core:
-        values, threads = prepared.schema.check(request.parameters), request.surroundings.threads
-        found = run_core(project.root, prepared.chapter, values, threads)
+        values = prepared.schema.check(request.parameters)
+        found = run_core(project.root, prepared.chapter, values, request.threads)
         done, machine = Run(request, found[0], None, found[1]), machine_facts()
     else:
         done, machine = _execute(project, request, prepared, progress, kernels)
@@ -327,7 +315,7 @@ def _execute(
     """Execute a chapter's notebook; return its run and the facts of its machine."""
     from inswsn_book.execution import execute_notebook  # noqa: PLC0415  # takes long
 
-    chapter, around = prepared.chapter, request.surroundings
+    chapter = prepared.chapter
     place = "before its first cell"
 
     def tell_cell(number: int, total: int, identity: str) -> None:
@@ -342,7 +330,7 @@ def _execute(
         folder = Path(name)
         notebook = read_source(Chapter(chapter.name, root / "chapters" / chapter.source.name))
         progress.started(chapter.name, len(notebook.cells) + bool(prepared.parameters))
-        environment = _environment(project, around)
+        environment = _environment(project, request)
         own = {
             "IPYTHONDIR": str(folder / "ipython"),
             ROOT_VARIABLE: str(root),
@@ -411,7 +399,7 @@ def _shown(executed: Any) -> dict[str, Any]:
     return {"cells": cells, "tables": tables}
 
 
-def _environment(project: Project, surroundings: Surroundings) -> dict[str, str]:
+def _environment(project: Project, request: Request) -> dict[str, str]:
     """Return the environment of kernels: so many threads, nothing personal or left to chance."""
     threads = ("OMP", "OPENBLAS", "MKL", "NUMBA")
     personal = ("PYTHONPATH", "PYTHONSTARTUP", "MATPLOTLIBRC", "MPLBACKEND")
@@ -419,11 +407,11 @@ def _environment(project: Project, surroundings: Surroundings) -> dict[str, str]
     if kept.get(DATA_VARIABLE):  # a kernel has a working folder of its own
         kept[DATA_VARIABLE] = str(Path(kept[DATA_VARIABLE]).absolute())
     return kept | {
-        **{f"{name}_NUM_THREADS": str(surroundings.threads) for name in threads},
+        **{f"{name}_NUM_THREADS": str(request.threads) for name in threads},
         "PYTHONHASHSEED": "0",
         "PYDEVD_DISABLE_FILE_VALIDATION": "1",
         "MPLCONFIGDIR": str(project.build / "matplotlib"),  # its font cache, and no settings
         # where a reader's own modules lie
         MODULES_VARIABLE: os.environ.get(MODULES_VARIABLE, str(Path.cwd())),
-        **surroundings.variables,
+        **request.variables,
     }

@@ -38,9 +38,6 @@ _STARTS = 3
 _IGNORE_INTERRUPTS = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"
 
 
-# The grid -----------------------------------------------------------------------------------------
-
-
 @dataclass(frozen=True)
 class Sweep:
     """A chapter over a grid: axes with the values that they go through, and fixed settings.
@@ -63,9 +60,8 @@ class Sweep:
     @property
     def requests(self) -> list[Request]:
         """What is run in each cell."""
-        core = self.core is not None
         return [
-            Request(self.chapter.number, {**self.settings, **place}, core=core)
+            Request(self.chapter.number, {**self.settings, **place}, core=self.core is not None)
             for place in self.places
         ]
 
@@ -96,9 +92,6 @@ def read_sweep(
         raise ParameterError("--grid", f"of {count} cells", f"of {MOST_CELLS} cells at most")
     core = core_name(chapter.source.read_text(encoding="utf-8"))
     return Sweep(chapter, schema, core, found, chosen)
-
-
-# Computing ----------------------------------------------------------------------------------------
 
 
 def run_sweep(
@@ -260,9 +253,6 @@ def _state(project: Project, request: Request) -> str:
 @cache
 def _loaded_library() -> str:
     return Project(Path()).computing_digest()  # as it was when this process was first asked
-
-
-# What a sweep leaves ------------------------------------------------------------------------------
 
 
 def _write(

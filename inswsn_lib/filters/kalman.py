@@ -228,11 +228,17 @@ def predictor_gain(model: ErrorModel) -> Array:
 
 
 def steady_error(model: ErrorModel, gain: ArrayLike) -> float:
-    r"""Return the root mean square of L e of a predictor with a gain B_f (n, m), jitter left out.
+    r"""Return the root mean square of L e of a predictor with a constant gain, jitter left out.
 
     For white noise of unit variance the covariance of e obeys
     :math:`X = \tilde A X \tilde A' + \tilde B \tilde B'` with :math:`\tilde A = A - B_f C` and
     :math:`\tilde B = [B\ \ {-B_f D}]`. It is infinite if the error system is not stable.
+
+    Parameters
+    ----------
+    model : ErrorModel
+    gain : array_like, (n, m)
+        B_f.
 
     Examples
     --------

@@ -43,6 +43,11 @@ def position_error(run: VehicleRun, drive: Drive, position: Array | None = None)
 def horizontal_error(run: VehicleRun, drive: Drive, position: Array | None = None) -> Array:
     """Return the horizontal part of `position_error` (m), (steps, runs); P3 Section 5.
 
+    Parameters
+    ----------
+    run, drive, position
+        As in `position_error`.
+
     Examples
     --------
     >>> import inswsn_lib as iw

@@ -98,7 +98,14 @@ class Truth:
 def simulate_drive(
     settings: Mapping[str, Setting], *, runs: int, seed: int, route: int | Route = 0
 ) -> Drive:
-    """Simulate a drive: `true_motion`, then `simulate_sensors`, which say what the arguments are.
+    """Simulate a drive: `true_motion`, then `simulate_sensors`.
+
+    Parameters
+    ----------
+    settings, route
+        As in `true_motion`, and of the sensors' errors.
+    runs, seed
+        As in `simulate_sensors`.
 
     Raises
     ------

@@ -14,7 +14,7 @@ from inswsn_lib.errors import InswsnError
 #: Parameters that change other sections of a chapter only
 OTHER_SECTIONS = {
     "02": set(),
-    "03": set(),
+    "03": {"networks"},
     "04": {"fading_length", "most_clusters"},
     "05": {"sweep_draws", "recorded_draws"},
 }

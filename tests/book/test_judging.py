@@ -68,8 +68,8 @@ def test_verdicts_are_compared_with_those_of_another_version(
     before.write_text(json.dumps(changed))
     assert inswsn(project.root, "claims", "--against", str(before)).stdout.splitlines() == [
         f"{first['id']}: guessed -> {first['verdict']}",
-        f"{second['id']}: not there -> {second['verdict']}",
-        f"P2-gone: {second['verdict']} -> not there",
+        f"{second['id']}: absent -> {second['verdict']}",
+        f"P2-gone: {second['verdict']} -> absent",
     ]
 
 

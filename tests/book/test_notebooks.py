@@ -10,7 +10,7 @@ import sys
 import nbformat
 import pytest
 from conftest import MiniProject
-from inswsn_book.notebooks import read_source, stale_twins, strip_run, twin_text
+from inswsn_book.notebooks import notebook_text, read_source, stale_twins, strip_run
 from inswsn_book.project import ROOT_VARIABLE, Project
 
 from inswsn_lib.errors import InswsnError
@@ -23,7 +23,7 @@ def test_the_kept_twins_are_what_the_sources_give(project: Project) -> None:
 
 def test_a_twin_holds_no_output_and_is_written_where_it_is_stale(mini: MiniProject) -> None:
     (chapter,) = mini.chapters()
-    text, lost = twin_text(chapter), mini.root / "chapters" / "07-lost.ipynb"
+    text, lost = notebook_text(read_source(chapter)), mini.root / "chapters" / "07-lost.ipynb"
     cells = json.loads(text)["cells"]
     assert [cell["id"] for cell in cells] == [f"ch00-{i:03d}" for i in range(len(cells))]
     code = [cell for cell in cells if cell["cell_type"] == "code"]

@@ -22,7 +22,6 @@ from inswsn_book.runs import (
     Outcome,
     Request,
     Run,
-    Surroundings,
     book_runs,
     keep,
     lookup,
@@ -90,8 +89,8 @@ def test_a_change_of_content_changes_the_key(
 def test_another_request_has_another_key(mini: MiniProject) -> None:
     others = [
         Request("00", {"scale": 3.0}),
-        Request("00", surroundings=Surroundings(threads=2)),
-        Request("00", surroundings=Surroundings(variables={"A": "1"})),
+        Request("00", threads=2),
+        Request("00", variables={"A": "1"}),
         Request("00", overlay={"data/papers/number.txt": "1"}),
         Request("00", overlay={"data/papers/other.txt": "1"}),
         Request("00", core=True),

@@ -87,7 +87,7 @@ def test_the_odds_of_table_1_in_whole_numbers(results: Results, project: Project
         found = [(*chosen, j) for chosen in found for j in row if j not in chosen]
     assert results["table1.chance.odds"].value == math.perm(11, 10) / len(found)
     own = [abs(a + b - 2 * mean) <= 2 for a, b, mean in zip(x, y, m, strict=True)]
-    shown = dict(row for row in results.tables["tbl-00-readings"][1:])
+    shown = {reading: met for reading, met, _ in results.tables["tbl-00-readings"][1:]}
     assert int(shown["mean of the row's own x and y"]) == sum(own)
 
 

@@ -80,8 +80,8 @@ def test_a_setting_that_is_missing(name: str) -> None:
 @pytest.mark.parametrize(
     ("name", "value", "may_be"),
     [
-        ("reach", 0.9, "a number, at least 1, at most 100"),
-        ("reach", 100.1, "a number, at least 1, at most 100"),
+        ("reach", 0.9, "a number at least 1, at most 100"),
+        ("reach", 100.1, "a number at least 1, at most 100"),
         ("reach", "far", "a number"),
         ("reach", [2.0], "a number"),
         ("kind", "cellar", 'one of "room", "hall"'),

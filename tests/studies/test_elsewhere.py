@@ -33,7 +33,7 @@ from inswsn_book.progress import Quiet
 from inswsn_book.project import Project
 from inswsn_book.provenance import available_cores
 from inswsn_book.results import Provenance, Quantity, Results, write_results
-from inswsn_book.runs import ChapterError, Surroundings, run, run_all
+from inswsn_book.runs import ChapterError, run, run_all
 
 from inswsn_lib.errors import InswsnError
 
@@ -108,7 +108,7 @@ def test_a_run_is_held_against_the_reference(mini: MiniProject, provenance: Prov
 
     def held(value: float, threads: int = 1) -> Cell:
         write_results(results(value), mini.published / "00.json")
-        variant = Variant(AGAIN, Surroundings(threads=threads), "3.11.7")
+        variant = Variant(AGAIN, "3.11.7", threads)
         return compared(mini, variant, chapter, results(42.0))
 
     same = held(42.0)
@@ -125,7 +125,7 @@ def test_a_run_is_held_against_the_reference(mini: MiniProject, provenance: Prov
     with pytest.raises(InswsnError, match=r"again: .*1 thread computed, not 2 threads"):
         held(42.0, threads=2)
     failure = ChapterError("Chapter 00-mini failed:\n\nModuleNotFoundError: No module 'torch'\n")
-    failed = compared(mini, Variant(AGAIN, Surroundings(), "3.11.7"), chapter, failure)
+    failed = compared(mini, Variant(AGAIN, "3.11.7"), chapter, failure)
     assert (failed.compared, failed.failed) == (0, "ModuleNotFoundError: No module 'torch'")
     assert failed.sources["library"] == mini.computing_digest()
 
@@ -188,7 +188,7 @@ def test_a_short_chapter_in_every_variant_that_each_machine_has(
     monkeypatch.setattr(project, "store", tmp_path)
     chosen = [v for v in variants() if v.id != AGAIN]
     if available_cores() < 2:
-        chosen = [v for v in chosen if v.surroundings.threads == 1]
+        chosen = [v for v in chosen if v.threads == 1]
     asked = {v.id: v.request(project, project.find("61")) for v in chosen}
     assert asked.pop("scs") is None  # the chapter designs no filter
     chosen = [v for v in chosen if v.id in asked]

@@ -171,16 +171,17 @@ def test_constant_weights_grow_without_bound_where_a_restart_does_not() -> None:
 def test_weights_by_design_for_each_pattern(monkeypatch: pytest.MonkeyPatch) -> None:
     asked = []
 
-    def stub(designs: Any, noise: str, structure: str, *, margin: float) -> SimpleNamespace:
-        asked.append((designs, noise, structure, margin))
+    def stub(designs: Any, noise: str, structure: str, **options: Any) -> SimpleNamespace:
+        asked.append((designs, noise, structure, options))
         shares = np.arange(1, len(designs) + 1) / sum(range(len(designs) + 1))
         return SimpleNamespace(weights=shares[:, None, None] * np.eye(4))
 
     monkeypatch.setattr(lmi, "design_fusion", stub)
     designs: Any = [(MODEL, s * np.eye(4)) for s in (1, 2, 3)]
-    found = handover_weights(designs, iter(PATTERNS), "independent", "block", margin=0.1)
+    options: dict[str, Any] = {"margin": 0.1, "solver": "scs"}
+    found = handover_weights(designs, iter(PATTERNS), "independent", "block", **options)
     assert list(found) == PATTERNS
-    assert [number for _, *number in asked] == [["independent", "block", 0.1]] * 4
+    assert [number for _, *number in asked] == [["independent", "block", options]] * 4
     members = [[gain[0, 0] for _, gain in given] for given, *_ in asked]
     assert members == [[1, 2], [1, 3], [2, 3], [1, 2, 3]]
     for pattern, shares in {
@@ -191,7 +192,7 @@ def test_weights_by_design_for_each_pattern(monkeypatch: pytest.MonkeyPatch) -> 
         expected = np.array(shares)[:, None, None] * np.eye(4)
         assert found[pattern] == pytest.approx(expected)
     handover_weights(designs, [ALL])
-    assert asked[-1][1:] == ("common", "full", 0.01)
+    assert asked[-1][1:] == ("common", "full", {"margin": 0.01, "solver": "clarabel"})
     with pytest.raises(ParameterError, match="patterns"):
         handover_weights(designs, [(True, False)])
 

@@ -386,7 +386,7 @@ def other(**matrices: Any) -> FilterDesign:
         ([other(E=np.eye(2))], {}, "designs is for a model with jitter; "),
         ([LOCAL], {"noise": "white"}, "noise is 'white'; "),
         ([LOCAL], {"structure": ["full"]}, "structure is \\['full'\\]; "),
-        ([LOCAL], {"margin": 0}, "margin is 0; it may be a number, above 0, at most 1e.09."),
+        ([LOCAL], {"margin": 0}, "margin is 0; it may be a number above 0, at most 1e.09."),
         ([LOCAL], {"margin": 2e9}, "margin is"),
         ([LOCAL], {"solver": "x"}, "solver is 'x'; "),
         ([LOCAL], {"weights": np.eye(2)}, "weights is "),

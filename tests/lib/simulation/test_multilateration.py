@@ -44,7 +44,7 @@ def test_it_is_the_minimum_that_another_solver_finds() -> None:
         away = found[:, run] - HEARD[there]
         gradient = misses(found[:, run]) @ (away / np.hypot(*away.T)[:, None])
         assert gradient == pytest.approx([0, 0], abs=2e-5)
-        peer = least_squares(misses, TRUTH, xtol=1e-10).x
+        peer = least_squares(misses, TRUTH, ftol=1e-14, xtol=1e-12, gtol=1e-12).x
         assert found[:, run] == pytest.approx(peer, abs=1e-3)
 
 

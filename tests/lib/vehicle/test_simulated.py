@@ -491,8 +491,8 @@ def test_epochs_may_be_closer_than_a_second(settings: Settings) -> None:
     [
         ({"aiding_period": 0.3}, "imu_period and aiding_period is"),
         ({"imu_period": 0.013}, "imu_period and aiding_period is"),
-        ({"latitude": 1.57}, "latitude is 1.57; it may be a number from -1.4 to 1.4."),
-        ({"gyro_noise": -1.0}, "gyro_noise is -1.0; it may be a number from 0 to 10."),
+        ({"latitude": 1.57}, "latitude is 1.57; it may be a number at least -1.4, at most 1.4."),
+        ({"gyro_noise": -1.0}, "gyro_noise is -1.0; it may be a number at least 0, at most 10."),
         ({"compass_outlier_size": [0.2, 0.1]}, "compass_outlier_size is "),
     ],
 )
