@@ -50,8 +50,7 @@ def array(name: str, value: ArrayLike, *shapes: Shape, gaps: bool = False) -> Ar
         ...
     inswsn_lib.errors.ParameterError: gain is of shape (2,); it may be finite numbers (n, 2).
     """
-    kinds = " or ".join(f"({', '.join(map(str, s))}{',' * (len(s) == 1)})" for s in shapes)
-    may_be = f"finite numbers {kinds}{', NaN where missing' if gaps else ''}"
+    may_be = f"finite numbers {_told(shapes)}{', NaN where missing' if gaps else ''}"
     found = _of_kind(name, value, "biuf", may_be)
     if not any(_fits(found.shape, shape) for shape in shapes):
         raise ParameterError(name, Described(f"of shape {found.shape}"), may_be)
@@ -144,7 +143,7 @@ def positive_definite(name: str, value: Array) -> Array:
 
 def mask(name: str, value: ArrayLike, *shapes: Shape) -> Mask:
     """Return an array of bools of one of some shapes."""
-    may_be = f"bools {' or '.join(map(str, shapes))}"
+    may_be = f"bools {_told(shapes)}"
     found = _of_kind(name, value, "b", may_be)
     if not any(_fits(found.shape, shape) for shape in shapes):
         raise ParameterError(name, Described(f"of shape {found.shape}"), may_be)
@@ -241,6 +240,10 @@ def _of_kind(name: str, value: ArrayLike, kinds: str, may_be: str) -> NDArray[An
     if found.dtype.kind not in kinds:
         raise ParameterError(name, Described(f"{found.dtype} of shape {found.shape}"), may_be)
     return found
+
+
+def _told(shapes: tuple[Shape, ...]) -> str:
+    return " or ".join(f"({', '.join(map(str, s))}{',' * (len(s) == 1)})" for s in shapes)
 
 
 def _fits(found: tuple[int, ...], shape: Shape) -> bool:

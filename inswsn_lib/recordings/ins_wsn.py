@@ -105,17 +105,19 @@ class Recording:
         return [(int(a), int(b)) for a, b in edges.reshape(-1, 2) if b - a + 1 > _PATIENCE * usual]
 
 
-def read_recording(path: Path) -> Recording:
+def read_recording(path: str | Path) -> Recording:
     """Read a recording and put it on an even grid.
 
-    The file is a CSV with commas, a header and the columns `TIME`, `INS` and `WSN`; those of
-    `REFERENCE` are taken if all of them are there, and others are ignored. Lines that begin with
-    ``#`` are comments, and do not count when a row is named. The period comes from the time stamps.
-    Rows may be missing, and WSN cells may be empty: both are gaps.
+    The file is a CSV with commas, a header and the columns ``time_s``, ``ins_x_m``, ``ins_y_m``,
+    ``ins_vx_mps``, ``ins_vy_mps``, ``wsn_x_m``, ``wsn_y_m``; of the network there may be
+    ``wsn_vx_mps`` and ``wsn_vy_mps``, of a reference ``ref_x_m``, ``ref_y_m``, ``ref_vx_mps`` and
+    ``ref_vy_mps``. Other columns are ignored. Lines that begin with ``#`` are comments, and do not
+    count when a row is named. The period comes from the time stamps. Rows may be missing, and cells
+    of the network may be empty: both are gaps.
 
     Parameters
     ----------
-    path : Path
+    path : str or Path
 
     Raises
     ------
@@ -132,6 +134,7 @@ def read_recording(path: Path) -> Recording:
     >>> iw.read_recording(iw.data_file("examples/ins-wsn.csv")).measurements.shape
     (301, 4, 1)
     """
+    path = Path(path)
     table = _read_table(path)
     time = table[TIME].to_numpy()
     _check_time(path, time)
@@ -188,13 +191,18 @@ def _wanted(path: Path, header: list[str]) -> list[str]:
     for name in (TIME, *INS, *WSN, *REFERENCE):
         if header.count(name) > 1:
             raise InswsnError(f"{path} has the column {name} more than once.")
-    for name in (TIME, *INS, *WSN[:2]):
-        if name not in header:
-            raise InswsnError(f"{path} has no column {name}; it has {', '.join(header)[:200]}.")
-    if (WSN[2] in header) != (WSN[3] in header):
-        raise InswsnError(f"{path} has one of the columns {WSN[2]} and {WSN[3]}; both or neither.")
-    reference = REFERENCE if set(REFERENCE) <= set(header) else ()
-    return [name for name in (TIME, *INS, *WSN, *reference) if name in header]
+    if lacking := [name for name in (TIME, *INS, *WSN[:2]) if name not in header]:
+        raise InswsnError(
+            f"{path} has no column {', '.join(lacking)}; it has {', '.join(header)[:200]}."
+        )
+    for together in (WSN[2:], REFERENCE):
+        some = [name for name in together if name in header]
+        if some and len(some) < len(together):
+            raise InswsnError(
+                f"{path} has of the columns {', '.join(together)} only {', '.join(some)}; it may "
+                "have all of them, or none."
+            )
+    return [name for name in (TIME, *INS, *WSN, *REFERENCE) if name in header]
 
 
 def _numbers(path: Path, name: object, cells: pd.Series) -> pd.Series:

@@ -46,7 +46,7 @@ REFUSED: dict[str, Callable[[], Any]] = {
     "P is singular; it may be positive definite.": lambda: checks.covariance(
         "P", [[0]], (1, 1), definite=True
     ),
-    "lost is int64 of shape (2,); it may be bools (2,) or ('n', 1).": lambda: checks.mask(
+    "lost is int64 of shape (2,); it may be bools (2,) or (n, 1).": lambda: checks.mask(
         "lost", [0, 1], (2,), ("n", 1)
     ),
     "lost is of shape (1,); it may be bools (2,).": lambda: checks.mask("lost", [True], (2,)),

@@ -290,6 +290,25 @@ def test_what_does_not_fit_is_refused(name: str, changed: dict[str, Any]) -> Non
     with pytest.raises(ParameterError) as caught:
         run_federated(ErrorModel.p1(0.2), np.zeros((2, 5, 4, 1)), **(fine | changed))
     assert caught.value.name == name
-    masks = {"available": np.ones((5, 2))} | ({"lost": np.zeros(5, bool)} if name == "lost" else {})
-    with pytest.raises(ParameterError, match="available"):
-        federated_covariance(ErrorModel.p1(0.2), **masks, **fine)
+
+
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        ({"available": np.ones((5, 2))}, "available is float64 of shape (5, 2); (steps, N)."),
+        ({"available": np.ones(5, bool)}, "available is of shape (5,); (steps, N)."),
+        ({"lost": np.zeros(5, bool)}, "lost is of shape (5,); (5, 2)."),
+    ],
+)  # fmt: skip
+def test_masks_that_do_not_fit_are_refused(changed: dict[str, Any], said: str) -> None:
+    given: dict[str, Any] = {"available": np.ones((5, 2), bool)} | changed
+    with pytest.raises(ParameterError) as caught:
+        federated_covariance(ErrorModel.p1(0.2), measurement_covariance=np.stack([np.eye(4)] * 2),
+                             initial_covariance=np.eye(4), **given)  # fmt: skip
+    assert str(caught.value) == said.replace("; ", "; it may be bools ")
+
+
+def test_measurements_of_another_shape_are_refused() -> None:
+    with pytest.raises(ParameterError, match=r"numbers \(N, steps, 4, runs\), NaN where missing"):
+        run_federated(ErrorModel.p1(0.2), np.zeros((2, 5)), measurement_covariance=[np.eye(4)] * 2,
+                      initial_covariance=np.eye(4))  # fmt: skip

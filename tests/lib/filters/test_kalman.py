@@ -192,8 +192,10 @@ def test_no_gain_has_a_smaller_error_than_the_predictor() -> None:
     ],
 )
 def test_without_a_steady_state_there_is_no_gain(model: ErrorModel) -> None:
-    with pytest.raises(ParameterError, match="model is without a steady state"):
+    with pytest.raises(ParameterError) as caught:
         predictor_gain(model)
+    may_be = "one whose Riccati equation has a stable solution"
+    assert str(caught.value) == f"model is without a steady state; it may be {may_be}."
     assert steady_error(model, np.zeros_like(model.C.T)) == np.inf
 
 
@@ -213,6 +215,8 @@ def test_what_does_not_fit_is_refused(name: str, value: np.ndarray) -> None:
     with pytest.raises(ParameterError) as caught:
         run_kalman(MODEL, **(given | {name: value}))
     assert caught.value.name == name
+    if value.shape == (4, 4) and not value.any():
+        assert str(caught.value).endswith("an innovation is certain; it may be positive definite.")
 
 
 def test_masks_and_gains_that_do_not_fit_are_refused() -> None:

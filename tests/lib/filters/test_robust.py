@@ -90,6 +90,10 @@ def test_a_huber_update_by_hand() -> None:
     missing = np.array([[False, True]])
     used, _ = huber(2.0)(R, 1)(np.array([[np.nan, 8.0]]), PRIOR, missing)
     assert used[0] == pytest.approx(R + np.diag([0.0, 4.0]))
+    edge = np.array([[3 * 1.345, 0.0]])  # without an argument: 1.345 deviations of Huber
+    for factor in (0.999, 1.001):
+        used, _ = huber()(R, 1)(factor * edge, PRIOR, ALL)
+        assert (used[0, 0, 0] > R[0, 0]) == (factor > 1)
 
 
 def test_an_adaptive_variance_by_hand() -> None:
@@ -100,6 +104,8 @@ def test_an_adaptive_variance_by_hand() -> None:
     assert there is ALL
     used, _ = step(np.array([[np.nan, 1e9]]), PRIOR, np.array([[False, True]]))
     assert used[0] == pytest.approx(np.diag([8.0, 1e4]))  # kept, and at most ten thousand times
+    used, _ = adaptive(0.9)(R, 1)(np.array([[1e9, 0.0]]), PRIOR, ALL)
+    assert used[0, 0, 0] == pytest.approx(4e4)  # of the modelled variance
     used, _ = adaptive(0.1)(R, 1)(np.zeros((1, 2)), PRIOR, ALL)
     assert used[0] == pytest.approx(np.diag([0.04, 0.01]))  # a hundredth at least
 
