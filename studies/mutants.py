@@ -30,7 +30,11 @@ source_paths = ["inswsn_lib"]
 only_mutate = ["inswsn_lib/{room}/*.py", "inswsn_lib/{room}.py"]
 also_copy = {also}
 pytest_add_cli_args_test_selection = {tests}
-pytest_add_cli_args = ["-q", "-x", "-p", "no:cacheprovider", "-p", "no:xdist"]
+pytest_add_cli_args = [
+    "-q", "-x", "-p", "no:cacheprovider", "-p", "no:xdist",
+    "-o", "faulthandler_timeout=60", "-o", "faulthandler_exit_on_timeout=true",
+]
+timeout_multiplier = 5
 """
 SURVIVED = (0, 33)  # the tests pass; there is none
 

@@ -41,7 +41,7 @@ from inswsn_lib.vehicle import (
     run_vehicle_filter,
     sequential_update,
 )
-from inswsn_lib.vehicle.updates import _force
+from inswsn_lib.vehicle.updates import _force, measure
 
 WIDE = replace(KNOWN, gate=1e6)
 
@@ -271,7 +271,9 @@ def test_errors_of_nine_states_are_told_in_the_models_own_terms() -> None:
             told = found[epoch].T
             assert told == pytest.approx(expected, **close)
     recorded = changed(drive, reference=replace(drive.reference, attitude=None))
-    with pytest.raises(ParameterError, match="drive is a recording"):
+    with pytest.raises(
+        ParameterError, match=r"recording; it may be one whose attitude is known\.$"
+    ):
         navigation_error(run, recorded)
 
 
@@ -358,6 +360,16 @@ def test_a_replay_with_gps_is_the_run_itself() -> None:
     branch = replay(eight(), KNOWN, run, [20], 10, aiding=True, gps=True)
     assert same(run, branch, slice(20, 31))
     assert np.array_equal(run.innovations[21:31], branch.innovations[1:])
+
+
+def test_a_replay_with_feedback_begins_by_it() -> None:
+    """Of a run in open loop, whose INS is corrected where the replay starts."""
+    run = run_vehicle_filter(eight(), KNOWN, feedback=False)
+    branch = replay(eight(), KNOWN, run, [20], 3, aiding=True)
+    corrected = run.states[20].corrected()
+    assert not branch.states.error.any()
+    assert np.array_equal(branch.states.position[0], corrected.position)
+    assert np.array_equal(branch.states.attitude[0], corrected.attitude)
 
 
 def test_branches_are_those_of_their_epochs_and_runs() -> None:
@@ -520,6 +532,16 @@ def test_the_error_of_gps_stays_as_large_as_it_is() -> None:
     assert later.states.error[:, 0, 16] == pytest.approx(np.exp(-t / 20), rel=1e-3)
 
 
+def test_an_error_of_gps_is_in_its_position_east_and_north() -> None:
+    """Of a metre each; the INS less GPS has it with the other sign."""
+    drive, settings = eight(), replace(KNOWN, extra=("gps",))
+    state = run_vehicle_filter(drive, settings, last=1).states[1]
+    _, H, _ = measure(drive, settings, state, np.arange(8), np.full(8, 1))
+    told = H[:, 2:4, 15:] * metres(state.position)[:, :2, None]
+    assert told == pytest.approx(np.tile([[[0.0, -1.0], [-1.0, 0.0]]], (8, 1, 1)))
+    assert not np.delete(H, [2, 3], axis=1)[:, :, 15:].any()
+
+
 def test_an_error_of_gps_that_lasts_is_told_from_white_noise() -> None:
     """With the state the filter trusts GPS less, and says how much is common to its fixes."""
     drive = make_drive(60, 4, seed=12)
@@ -653,6 +675,13 @@ def test_settings_are_those_of_a_scenario_and_may_be_changed() -> None:
 def test_runs_that_cannot_be(arguments: dict[str, Any], said: str) -> None:
     with pytest.raises(ParameterError, match=said):
         run_vehicle_filter(eight(), **({"settings": KNOWN} | arguments))
+
+
+def test_the_shortest_run_and_the_shortest_drive() -> None:
+    run = run_vehicle_filter(make_drive(1), KNOWN, last=1)
+    assert run.epochs[:, 0].tolist() == [0, 1]
+    with pytest.raises(ParameterError, match="time is 1 epochs long; it may be two or more"):
+        changed(make_drive(1), time=np.zeros(1))
 
 
 @pytest.mark.parametrize(

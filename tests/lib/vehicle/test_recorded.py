@@ -218,6 +218,13 @@ def test_any_mounting_is_found(mounted: list[tuple[float, float]], speeds: list[
         assert R[2, 2] >= 0
 
 
+@pytest.mark.parametrize("name", ["gps_position_sd", "gps_velocity_sd", "compass_sd"])
+def test_no_noise_is_negative(name: str) -> None:
+    still = np.tile([20.0, 0.0, 0.0], (3, 1))
+    with pytest.raises(ParameterError, match=rf"{name} is -0\.1; it may be a number at least 0"):
+        emulate_sensors(recording(still), runs=1, seed=1, **{name: -0.1})  # type: ignore[arg-type]
+
+
 def test_signs_by_hand() -> None:
     """Forward axis 30 degrees to the right of the IMU's, and 30 degrees up."""
     c, s = np.sqrt(3) / 2, 0.5
