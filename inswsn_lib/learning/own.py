@@ -22,7 +22,7 @@ MODULES_VARIABLE = "INSWSN_MODULES"
 #: What such a parameter may be
 ALLOWED = "package.module:Class, a scikit-learn regressor that needs no arguments"
 
-_FORM = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*:[A-Za-z_]\w*")
+_FORM = re.compile(r"([A-Za-z_]\w*(?:\.[A-Za-z_]\w*)*):([A-Za-z_]\w*)")
 
 
 def load_regressor(name: str, text: str, *, seed: int = 0) -> Any:
@@ -56,9 +56,9 @@ def load_regressor(name: str, text: str, *, seed: int = 0) -> Any:
     >>> load_regressor("learner", "sklearn.svm:SVR")
     MultiOutputRegressor(estimator=SVR())
     """
-    if not _FORM.fullmatch(text):
+    if not (parts := _FORM.fullmatch(text)):
         raise ParameterError(name, text, ALLOWED)
-    module, _, class_name = text.partition(":")
+    module, class_name = parts.groups()
     folder = os.environ.get(MODULES_VARIABLE, str(Path.cwd()))
     if folder not in sys.path:
         sys.path.append(folder)

@@ -15,6 +15,7 @@ from sklearn.neural_network import MLPRegressor
 
 from inswsn_lib.errors import ParameterError
 from inswsn_lib.learning import BackpropRegressor
+from inswsn_lib.learning.backprop import _Layers, _normal_equations, _Work
 
 TRAINERS: list[Any] = ["levenberg-marquardt", "gradient-descent", "l-bfgs"]
 
@@ -155,6 +156,7 @@ def test_a_share_is_held_back_and_one_sample_is_left_to_train(share: float, held
     assert held in (0, 19) or len(np.unique(trains, axis=0)) == 3
 
 
+@pytest.mark.filterwarnings("error")  # scipy's, of options that another method does not have
 def test_the_trainers_agree_on_the_optimum() -> None:
     """The best of six starts of a small problem with weight decay, by three ways."""
     X, y = data(7, n=25)
@@ -241,6 +243,29 @@ def test_steps_that_overflow_leave_the_best_weights() -> None:
         assert (machine.losses_ <= tiny.losses_ * (1 + 1e-12)).all()
     assert machine.weights_ == pytest.approx(tiny.weights_)  # no step was a good one
     assert machine.steps_.max() < 100  # and the network is given up
+
+
+def test_a_network_that_overflows_holds_up_no_other() -> None:
+    X, y = data(16)
+    machine = BackpropRegressor(5, "gradient-descent", 300, 0.01, 0.9, scaling="none")
+    broken, beside = machine.fit_many([X, X], [1e200 * y, y], [1, 2])
+    (alone,) = machine.fit_many([X], [y], [2])
+    assert broken.steps_.max() < 100
+    assert beside.weights_ == pytest.approx(alone.weights_)
+    assert beside.steps_ == alone.steps_
+
+
+def test_decay_is_added_to_the_normal_equations_to_the_last_digit() -> None:
+    X, y = data(9, n=8)
+    X, y = (torch.from_numpy(values[None]) for values in (X, y))
+    layers = _Layers(2, 3, 2)
+    weights = torch.linspace(-1, 1, 3 * 2 + 3 + 2 * 3 + 2, dtype=torch.float64)[None]
+    trains = torch.ones((1, 8), dtype=torch.bool)
+    (plain, flat), (normal, slope) = (
+        _normal_equations(_Work(layers, X, y, trains, decay), weights) for decay in (0.0, 0.1)
+    )
+    assert (normal - plain)[0].numpy() == pytest.approx(0.1 * np.eye(17), abs=1e-15)
+    assert (slope - flat)[0].numpy() == pytest.approx(0.1 * weights[0].numpy(), abs=1e-15)
 
 
 def test_a_damping_that_has_fallen_far_can_rise_again() -> None:

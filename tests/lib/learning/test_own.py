@@ -61,6 +61,7 @@ def test_what_takes_one_output_is_copied_for_each_with_its_seed() -> None:
     text = "sklearn.ensemble:GradientBoostingRegressor"
     machine = load_regressor("learner", text, seed=7)
     assert isinstance(machine, MultiOutputRegressor)
+    assert machine.estimator.random_state == 7
     rng = np.random.default_rng(1)
     X, y = rng.normal(size=(20, 2)), rng.normal(size=(20, 2))
     predicted = machine.fit(X, y).predict(X)
@@ -111,6 +112,7 @@ TRIAL = "a trial on 100 samples fails"
     ("body", "why"),
     [
         ("raise RuntimeError('no\\nluck')", f"{IMPORTING}: RuntimeError: no."),
+        ("raise RuntimeError('.' * 200)", rf"{IMPORTING}: RuntimeError: \.{{{{146}}}}\.$"),
         ("def f(:", f"{IMPORTING}: SyntaxError"),
         ("import sys; sys.exit('done')", f"{IMPORTING}: SystemExit: done"),
         ("class Other: pass", f"{IMPORTING}: AttributeError: .*Mean"),

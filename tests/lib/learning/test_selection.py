@@ -84,7 +84,7 @@ def test_it_smooths_noise_and_follows_what_is_clear() -> None:
     [
         ({"X": [[1.0], [np.nan]]}, "X is not finite"),
         ({"y": [1.0]}, "y is of shape"),
-        ({"sigmas": []}, "sigmas is empty"),
+        ({"sigmas": []}, "sigmas is empty; it may be one or more positive numbers."),
         ({"sigmas": [1.0, 0.0]}, "sigmas is .*0.0"),
         ({"etas": [-1.0]}, "etas is .*-1.0"),
         ({"trained_on": 0}, "trained_on is 0"),
