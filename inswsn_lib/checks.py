@@ -7,6 +7,7 @@ again.
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -182,20 +183,26 @@ def number(
         ...
     inswsn_lib.errors.ParameterError: margin is 0; it may be a number above 0, at most 1e+09.
     """
-    bounds = {"above": above, "at least": least, "below": below, "at most": most}
-    words = ", ".join(f"{word} {bound:g}" for word, bound in bounds.items() if bound is not None)
-    real = isinstance(value, int | float | np.number) and not isinstance(value, bool)
+    found = math.nan
+    if isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool):
+        try:
+            found = float(value)
+        except OverflowError:  # of a whole number
+            found = math.inf
     fits = (
-        real
-        and np.isfinite(value)
-        and (above is None or value > above)
-        and (least is None or value >= least)
-        and (below is None or value < below)
-        and (most is None or value <= most)
+        math.isfinite(found)
+        and (above is None or found > above)
+        and (least is None or found >= least)
+        and (below is None or found < below)
+        and (most is None or found <= most)
     )
     if not fits:
+        bounds = {"above": above, "at least": least, "below": below, "at most": most}
+        words = ", ".join(
+            f"{word} {bound:g}" for word, bound in bounds.items() if bound is not None
+        )
         raise ParameterError(name, value, f"a number {words}" if words else "a finite number")
-    return float(value)
+    return found
 
 
 def whole(name: str, value: Any, least: int = 0, most: int | None = None) -> int:

@@ -110,7 +110,7 @@ class LSSVMRegressor(Regressor):
             may_be = "smaller for such a kernel: K + I/eta is singular to rounding"
             raise ParameterError("eta", self.eta, may_be) from None
         right = np.column_stack([np.ones(len(X)), Y])
-        solved = cho_solve(factor, right, overwrite_b=True)
+        solved = cho_solve(factor, right, overwrite_b=True, check_finite=False)
         u, v = solved[:, 0], solved[:, 1:]
         self.bias_: Array = v.sum(axis=0) / u.sum()
         self.alpha_: Array = v - np.outer(u, self.bias_)
