@@ -10,8 +10,7 @@ from scipy.spatial.distance import cdist
 from inswsn_lib.checks import Array, number, whole
 from inswsn_lib.learning.base import Regressor
 
-# What is left of a candidate after the neurons before it are taken out, below which it is spanned;
-# before, it is one or more, since a neuron says one of its own centre.
+# What is left of a candidate after the neurons before it are taken out, below which it is spanned.
 _SPANNED = 1e-14
 
 
@@ -64,12 +63,13 @@ class RBFNetworkRegressor(Regressor):
         if self.max_neurons is not None:
             most = min(most, whole("max_neurons", self.max_neurons))
         responses = self._responses(X, X)
+        sizes_before = np.sum(responses**2, axis=0)
         left, chosen = responses.copy(), list[int]()
         solution, error = _least_squares(responses[:, chosen], Y)
         errors = [error]
         while len(chosen) < most and error > self.goal:
             sizes = np.sum(left**2, axis=0)  # of what the chosen neurons do not span
-            free = sizes > _SPANNED
+            free = sizes > _SPANNED * sizes_before
             free[chosen] = False
             if not free.any():
                 break

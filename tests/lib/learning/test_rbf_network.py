@@ -60,6 +60,26 @@ def test_with_a_neuron_for_each_sample_it_interpolates() -> None:
     assert network.predict(X) == pytest.approx(y, abs=1e-8)
 
 
+def test_it_stops_when_the_others_are_spanned() -> None:
+    """What is left of a neuron beside those chosen, by a QR factorisation, over what it was."""
+
+    def share(neuron: np.ndarray, before: np.ndarray) -> float:
+        basis, _ = np.linalg.qr(before)
+        for _ in range(2):  # again, for what rounding has left
+            neuron = neuron - basis @ (basis.T @ neuron)
+        return float(neuron @ neuron)
+
+    rng = np.random.default_rng(113)  # what is left is near 1e-14, from either side
+    X, y = rng.uniform(0, 3, (60, 1)), rng.normal(size=60)
+    network = RBFNetworkRegressor(spread=0.5).fit(X, y)
+    neurons = np.exp2(-(((X - X.T) / 0.5) ** 2))
+    neurons /= np.linalg.norm(neurons, axis=0)
+    place = [int(np.flatnonzero(X == centre)[0]) for centre in network.centres_]
+    chosen, others = neurons[:, place], np.delete(neurons, place, axis=1)
+    assert share(chosen[:, -1], chosen[:, :-1]) > 1e-14
+    assert max(share(neuron, chosen) for neuron in others.T) <= 1e-14
+
+
 def test_it_stops_at_the_goal_and_not_before() -> None:
     X, y = data(2)
     network = RBFNetworkRegressor(spread=1.0, goal=0.3).fit(X, y)
