@@ -74,7 +74,7 @@ def test_it_stops_when_the_others_are_spanned() -> None:
     network = RBFNetworkRegressor(spread=0.5).fit(X, y)
     neurons = np.exp2(-(((X - X.T) / 0.5) ** 2))
     neurons /= np.linalg.norm(neurons, axis=0)
-    place = [int(np.flatnonzero(X == centre)[0]) for centre in network.centres_]
+    place = [int(np.flatnonzero(centre == X)[0]) for centre in network.centres_]
     chosen, others = neurons[:, place], np.delete(neurons, place, axis=1)
     assert share(chosen[:, -1], chosen[:, :-1]) > 1e-14
     assert max(share(neuron, chosen) for neuron in others.T) <= 1e-14
