@@ -133,7 +133,7 @@ class Claim(Frozen):
 
     @property
     def reference(self) -> float:
-        """The number that widths are measured by: the printed one, or that of the bound."""
+        """The number that widths are measured by, the printed one or that of the bound."""
         if isinstance(self.value, str):
             return float(self.value)
         return float(self._tolerance_parts().get("bound") or math.nan)

@@ -34,7 +34,7 @@ class Verdict(StrEnum):
 
     @property
     def counts(self) -> bool:
-        """Whether it is in the headline counts: what was put in is no finding."""
+        """Whether it is in the headline counts; what was put in is no finding."""
         return self not in (Verdict.INPUT, Verdict.CALIBRATED)
 
 
@@ -51,7 +51,7 @@ class Judged:
 
     @property
     def published_text(self) -> str:
-        """When the claim holds, written with its unit: ``"85 ± 2.5 %"``, ``"at most 1"``."""
+        """When the claim holds, with its unit, such as ``"85 ± 2.5 %"``, ``"at most 1"``."""
         if self.published is None:
             return "–"
         low, high = self.published
@@ -69,7 +69,7 @@ class Judged:
 
     @property
     def rebuilt_text(self) -> str:
-        """The deciding quantity with its interval and unit: ``"70.20 (70.19 to 70.21) %"``."""
+        """The deciding quantity, interval and unit, such as ``"70.20 (70.19 to 70.21) %"``."""
         if self.quantity is None:
             return "–"
         value, unit = self.quantity.value, self.quantity.unit

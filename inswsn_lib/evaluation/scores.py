@@ -165,7 +165,7 @@ class Score:
 
     @property
     def spread(self) -> float:
-        """Root mean square of the logarithms of the ratios: 0.1 is about ten per cent."""
+        """Root mean square of the logarithms of the ratios; 0.1 is about ten per cent."""
         return float(np.sqrt(np.mean(np.log(self.ratios) ** 2)))
 
     @property

@@ -283,7 +283,7 @@ class BridgedOutages:
 
     @cached_property
     def fits(self) -> dict[str, tuple[Any, list[int]]]:
-        """What fits the last fixes alone: regressors on time, and the numbers of fixes."""
+        """What fits the last fixes alone, regressors on time with the numbers of fixes."""
         quadratic = make_pipeline(PolynomialFeatures(2), LinearRegression())
         lasts = [2, 4, 6, 8, 12, 16, 20, 25, 30, 35, 40, 50]
         return {

@@ -167,7 +167,7 @@ class TrainingAreas:
 
     @cached_property
     def identity(self) -> dict[str, ErrorModel]:
-        """The same without the jitter: Q = R = I."""
+        """The same without the jitter, Q = R = I."""
         return {a: replace(model, E=np.zeros((4, 4))) for a, model in self.models.items()}
 
     @cached_property
@@ -210,7 +210,7 @@ class TrainingAreas:
 
     @cached_property
     def deadbeat(self) -> dict[str, tuple[ErrorModel, Array]]:
-        """The published filter: the model and the printed gain, B_f = A."""
+        """The published filter, as the model and the printed gain, B_f = A."""
         return {a: (model, deadbeat_gain(model)) for a, model in self.identity.items()}
 
     def estimate(self, method: str, area: str, y: Array) -> Array:

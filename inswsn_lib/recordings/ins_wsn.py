@@ -89,12 +89,12 @@ class Recording:
 
     @property
     def measurements(self) -> Array:
-        """INS less WSN, (steps, 4, 1): what the filters of P1 (2.5) take; NaN where missing."""
+        """INS less WSN (P1 2.5), which filters take, (steps, 4, 1); NaN where missing."""
         return (self.ins - self.wsn)[:, :, None]
 
     @property
     def outages(self) -> list[tuple[int, int]]:
-        """The outages: first step, and the step after the last.
+        """The outages, as the first step and the step after the last.
 
         An outage is a run of steps without any measurement around which measurements are more than
         2.5 times their median distance apart: a network that is slower than the INS is not silent.

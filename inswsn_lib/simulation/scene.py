@@ -111,7 +111,7 @@ class Scene:
 
     @cached_property
     def windows(self) -> dict[str, Window]:
-        """The four windows, by name: area1, outage1, area2, outage2."""
+        """The four windows, by their names area1, outage1, area2, outage2."""
         first, second = self.periods
         area1 = Window(self.lead, first, self.training_samples)
         outage1 = Window(area1.end, first, self.outage_samples)
@@ -133,7 +133,7 @@ class Scene:
 
     @cached_property
     def nodes(self) -> dict[str, Array]:
-        """The reference nodes of each area: a grid around the path inside it, within the scene.
+        """The reference nodes of each area, a grid around the path inside it, within the scene.
 
         Its middle is that of the path, or as near to that as the edges of the scene allow.
         """
