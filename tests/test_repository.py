@@ -9,13 +9,18 @@ import shutil
 import subprocess
 from hashlib import sha256
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 from inswsn_book.project import Project
 from inswsn_book.runs import book_runs
 from threadpoolctl import threadpool_info
 
-import inswsn_lib as iw
+import inswsn_lib
+
+ROOMS = [
+    face for name in inswsn_lib.__all__ if hasattr(face := getattr(inswsn_lib, name), "__path__")
+]
 
 
 @pytest.fixture(scope="module")
@@ -82,8 +87,9 @@ def test_the_two_routes_without_make_agree(root: Path) -> None:
     assert set(steps("book/reproduce.md")) == set(steps("README.md"))
 
 
-def test_functions_of_the_front_door_say_what_they_take() -> None:
-    functions = filter(inspect.isfunction, (getattr(iw, name) for name in iw.__all__))
+@pytest.mark.parametrize("room", ROOMS, ids=lambda m: m.__name__)
+def test_public_functions_say_what_they_take(room: ModuleType) -> None:
+    functions = [f for f in map(room.__dict__.get, room.__all__) if inspect.isfunction(f)]
     short = [
         f.__name__
         for f in functions

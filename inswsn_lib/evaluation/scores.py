@@ -175,9 +175,14 @@ class Score:
 
 
 def score_hypothesis(rebuilt: ArrayLike, printed: ArrayLike, free: int) -> Score:
-    """Score the cells (cells,) that a hypothesis rebuilds against those that are printed.
+    """Score the cells that a hypothesis rebuilds against those that are printed.
 
-    Both are positive, and `free` numbers of the hypothesis were chosen with these cells in view.
+    Parameters
+    ----------
+    rebuilt, printed : array_like, (cells,)
+        Positive, in one unit.
+    free : int
+        Numbers of the hypothesis that were chosen with these cells in view.
 
     Examples
     --------

@@ -18,13 +18,21 @@ KERNELS: tuple[Kernel, ...] = ("rbf", "linear", "polynomial")
 
 
 def kernel_matrix(X: Array, Z: Array, kernel: Kernel, sigma: float, degree: int) -> Array:
-    r"""Return how alike each row of X (n, inputs) is to each of Z (m, inputs), (n, m).
+    r"""Return how alike each row of X is to each of Z, (n, m).
 
     .. math::
         \exp(-|x - z|^2 / 2\sigma^2), \qquad x'z, \qquad (1 + x'z/\sigma^2)^d
 
-    for the kernel ``"rbf"``, which is radial (P1 3.9), ``"linear"``, without a width, and
-    ``"polynomial"``, with the degree d.
+    for the kernels "rbf", which is radial (P1 3.9), "linear" and "polynomial".
+
+    Parameters
+    ----------
+    X, Z : ndarray, (n, inputs) and (m, inputs)
+    kernel : {"rbf", "linear", "polynomial"}
+    sigma : float
+        The width, in the unit of the inputs; the linear kernel has none.
+    degree : int
+        d, of the polynomial kernel.
 
     Examples
     --------

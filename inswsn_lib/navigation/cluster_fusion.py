@@ -374,6 +374,12 @@ def planar_rms(error: Array) -> Array:
 def widen_velocities(covariance: Array, factor: float) -> Array:
     """Return covariances (..., 4, 4) with the part of the velocities times a factor.
 
+    Parameters
+    ----------
+    covariance : ndarray, (..., 4, 4)
+        Of positions and velocities.
+    factor : float
+
     Examples
     --------
     >>> import numpy as np

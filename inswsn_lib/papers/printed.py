@@ -57,6 +57,13 @@ def interval(text: Printed) -> Interval:
 def about(text: Printed, half_width: float | Decimal) -> Interval:
     """Return the interval that "about `text`" stands for: the number less and plus a half width.
 
+    Parameters
+    ----------
+    text : str
+        The number as it is printed.
+    half_width : float or decimal.Decimal
+        In the unit of the number, not negative.
+
     Examples
     --------
     P1's "about 85 %", if it speaks in multiples of 5 %, stands for 82.5 % to 87.5 %:
@@ -72,6 +79,11 @@ def about(text: Printed, half_width: float | Decimal) -> Interval:
 
 def span(low: float, high: float) -> Interval:
     """Return the closed interval between two numbers.
+
+    Parameters
+    ----------
+    low, high : float
+        In order.
 
     Examples
     --------
@@ -99,6 +111,10 @@ def bounds(x: Interval) -> tuple[float, float]:
 def intersects(x: Interval, y: Interval) -> bool:
     """Tell whether two closed intervals have a value in common.
 
+    Parameters
+    ----------
+    x, y : Interval
+
     Examples
     --------
     >>> from inswsn_lib.papers import intersects, span
@@ -110,6 +126,11 @@ def intersects(x: Interval, y: Interval) -> bool:
 
 def meet(x: Interval, y: Interval) -> Interval:
     """Return the interval of the values that two closed intervals have in common.
+
+    Parameters
+    ----------
+    x, y : Interval
+        Those that intersect.
 
     Examples
     --------
@@ -124,6 +145,12 @@ def meet(x: Interval, y: Interval) -> Interval:
 
 def admits(x: Interval, text: Printed) -> bool:
     """Tell whether some value in an interval rounds to a printed number.
+
+    Parameters
+    ----------
+    x : Interval
+    text : str
+        The number as it is printed.
 
     Examples
     --------
@@ -153,6 +180,11 @@ def mean(*cells: Interval) -> Interval:
 
 def reduction(after: Interval, before: Interval) -> Interval:
     r"""Return the reduction :math:`100\,(1 - \text{after}/\text{before})` in per cent.
+
+    Parameters
+    ----------
+    after, before : Interval
+        In one unit; `before` does not hold zero.
 
     Examples
     --------

@@ -127,11 +127,18 @@ def drifting(
 
 
 def heavy_tailed(errors: ArrayLike, degrees: float, rng: np.random.Generator) -> Array:
-    r"""Give Gaussian errors, (steps, n, runs), the tails of Student's t distribution.
+    r"""Give Gaussian errors the tails of Student's t distribution.
 
     The errors of one step and run are multiplied by :math:`\sqrt{\nu / \chi^2_\nu}`, which makes
     them multivariate t (Kotz and Nadarajah 2004, Section 1.1). The variance grows by
-    :math:`\nu / (\nu - 2)`, which is finite for :math:`\nu`, the `degrees`, above 2.
+    :math:`\nu / (\nu - 2)`, which is finite for :math:`\nu` above 2.
+
+    Parameters
+    ----------
+    errors : array_like, (steps, n, runs)
+    degrees : float
+        :math:`\nu`.
+    rng : numpy.random.Generator
 
     Examples
     --------
@@ -148,7 +155,15 @@ def heavy_tailed(errors: ArrayLike, degrees: float, rng: np.random.Generator) ->
 
 
 def losing(errors: ArrayLike, share: float, rng: np.random.Generator) -> Array:
-    """Lose a share of fixes, (steps, n, runs), each by itself: all components become NaN.
+    """Lose a share of fixes, each by itself: all components become NaN.
+
+    Parameters
+    ----------
+    errors : array_like, (steps, n, runs)
+        Of the fixes.
+    share : float
+        From 0 to 1.
+    rng : numpy.random.Generator
 
     Examples
     --------

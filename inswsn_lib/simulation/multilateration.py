@@ -165,8 +165,17 @@ def _solve_two(rows: Array, weight: Array, right: Array, damping: Array | float 
 def position_covariance(nodes: Array, position: Array, noise: float) -> Array:
     r"""Return the covariance :math:`\sigma^2 (H'H)^{-1}` of a multilaterated position, (2, 2).
 
-    It holds to first order in the noise, the deviation of a range, m; the rows of H are directions
-    from the nodes (heard, 2) to the position (2,), m, of which none is at it and not all in a line.
+    It holds to first order in the noise. The rows of H are directions from the nodes to the
+    position.
+
+    Parameters
+    ----------
+    nodes : ndarray, (heard, 2)
+        m; none is at the position, and not all are on a line with it.
+    position : ndarray, (2,)
+        m.
+    noise : float
+        Standard deviation of a range, m.
 
     Examples
     --------

@@ -56,7 +56,16 @@ def node_grid(corner: ArrayLike, size: tuple[float, float], spacing: float) -> A
 
 
 def nodes_heard(nodes: Array, position: Array, reach: float) -> Array:
-    """Return those of some nodes (nodes, 2) that are within reach of a position (2,), all in m.
+    """Return those of some nodes that are within reach of a position, (heard, 2), m.
+
+    Parameters
+    ----------
+    nodes : ndarray, (nodes, 2)
+        m.
+    position : ndarray, (2,)
+        m.
+    reach : float
+        m.
 
     Examples
     --------

@@ -257,6 +257,13 @@ def lateral_row(attitude: Array, velocity: Array) -> Array:
     With r the second row of :math:`C_n^b`,
     :math:`\delta v_y = r\,\delta v - r\,[v\times]\,\varphi`.
 
+    Parameters
+    ----------
+    attitude : ndarray, (..., 3, 3)
+        From the body's axes to east, north and up.
+    velocity : ndarray, (..., 3)
+        East, north and up, m/s.
+
     Examples
     --------
     A car that goes north at 10 m/s sees the velocity east, and by its speed the yaw:

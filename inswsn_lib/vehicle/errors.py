@@ -67,6 +67,11 @@ def navigation_error(run: VehicleRun, drive: Drive) -> Array:
     What is left of them after all updates: position (rad, rad, m), velocity (m/s), and the attitude
     error :math:`\varphi` of :math:`C' = (I - [\varphi\times])\,C` (rad).
 
+    Parameters
+    ----------
+    run, drive
+        As in `position_error`.
+
     Examples
     --------
     After 100 s with all aids the attitude is known to better than a degree about each axis:

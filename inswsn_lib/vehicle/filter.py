@@ -189,6 +189,12 @@ def align(drive: Drive, settings: FilterSettings) -> VehicleState:
     Roll and pitch come from the mean specific force over the first interval (Groves 2013, Section
     5.6), yaw from the first compass measurement, position from the first GPS fix, velocity is zero.
 
+    Parameters
+    ----------
+    drive : Drive
+    settings : FilterSettings
+        Of them the standard deviations at the start.
+
     Examples
     --------
     >>> import inswsn_lib as iw
