@@ -64,6 +64,9 @@ lock: environment ## compile environment.in to environment.lock; versions stay u
 upgrade: ## the same with the newest versions that environment.in allows
 	@$(MAKE) lock UPGRADE=1
 
+trials: environment ## try thousands of systems, files, commands, recordings and damages; writes data/trials.json
+	INSWSN_TESTS=whole INSWSN_TRIALS=data/trials.json $(RUN) -m pytest -n $(WORKERS) --dist worksteal tests/trials
+
 # TAG is left to the script, which takes it as it is: a name from outside may hold anything
 tag: ## tell whether TAG=v2.0.0 names this version
 	@.ci/release check
@@ -118,4 +121,4 @@ help: ## list the targets
 
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
-.PHONY: book test serve notebooks publish archive calibrate studies elsewhere bench mutants lock upgrade tag assets release report actionlint format environment clean help
+.PHONY: book test serve notebooks publish archive calibrate studies elsewhere bench mutants trials lock upgrade tag assets release report actionlint format environment clean help
