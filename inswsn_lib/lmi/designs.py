@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -47,6 +47,11 @@ class Certificate:
         H-infinity norm of the error system without jitter, from its frequency response.
     stochastic : bool
         Whether a gain below the level is confirmed with the jitter as (2.11) has it.
+    lower : float
+        No filter of the form has a bound below it: the value of a dual solution of the inequality,
+        made exact, or what one step of the process noise does.
+    upper : float
+        A filter of the form is known to have it.
 
     Examples
     --------
@@ -60,6 +65,13 @@ class Certificate:
     smallest_eigenvalue_p: float
     norm: float
     stochastic: bool
+    lower: float
+    upper: float
+
+    def in_units(self, seen: float) -> Certificate:
+        """Return the certificate with its gains in the units of what L sees."""
+        gains = {name: seen * getattr(self, name) for name in ("norm", "lower", "upper")}
+        return replace(self, **gains)
 
 
 @dataclass(frozen=True, eq=False)

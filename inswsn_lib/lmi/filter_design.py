@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import threading
-from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from typing import Any
 
 import cvxpy as cp
 import numpy as np
+from scipy.linalg import block_diag, solve_discrete_lyapunov
 
 from inswsn_lib.checks import Array, number, one_of
 from inswsn_lib.errors import Described, ParameterError
+from inswsn_lib.lmi.bounds import dual_bound
 from inswsn_lib.lmi.designs import Certificate, FilterDesign, Form, InfeasibleDesignError, Solver
 from inswsn_lib.lmi.norms import hinf_norm, spectral_radius
 from inswsn_lib.lmi.solvers import first_that_passes, in_order, solve
 from inswsn_lib.lmi.stochastic import mean_square_radius, riccati_gain_below
+from inswsn_lib.lmi.units import Units
 from inswsn_lib.models import ErrorModel
 
 FORMS = ("exact", "printed")
@@ -23,7 +25,14 @@ FORMS = ("exact", "printed")
 LARGEST_MARGIN = 1e9
 #: A solver's answer may break the inequality, and the level, by this share
 TOLERANCE = 1e-6
-_KALMAN_STEPS = 40
+#: The bounds on the least gamma may differ by this share
+LARGEST_GAP = 1e-3
+_HALF_GAP = LARGEST_GAP / 2
+# Numbers of a scaled problem that are as small are nothing to a solver
+_FAINT = 1e-7
+# Attempts: a share of the largest variance to which the others are raised in the units, and how
+# much a filter may change in a step for it to be designed in differences
+_ATTEMPTS = ((1e-15, 0.1), (1e-15, np.inf), (1e-8, np.inf), (1e-4, np.inf), (1.0, np.inf))
 
 
 def design_filter(
@@ -95,34 +104,43 @@ def design_filter(
     for name in "BL":
         if not getattr(model, name).any():
             raise ParameterError(name, Described("zero"), "a matrix that is not zero")
-    units = _Units.of(model)
-    # the first states work nearly always; where a solver fails, other states of the same problem
-    # help
+    # the first units work nearly always; where a solver fails, others of the same problem help
     return first_that_passes(
-        partial(_designed, model, form, margin, units, start / units.states, rounds, by)
-        for start in (np.eye(len(model.A)), _inverse_root(units.correlation))
-        for rounds in (1, 2)
+        partial(_designed, model, form, margin, *attempt, by)
+        for attempt in _ATTEMPTS
         for by in solvers
     )
 
 
 def _designed(
-    model: ErrorModel, form: Form, margin: float, units: _Units, S: Array, rounds: int, by: Solver
+    model: ErrorModel, form: Form, margin: float, least: float, change: float, by: Solver
 ) -> FilterDesign:
-    """Design in the states S x, and then in those in which a first solution P is the identity."""
+    """Make one attempt at a design."""
+    units = Units.of(model, least)
+    scaled = units.scaled(model)
     problems = _problems(_shape(model), form, by)
-    for _ in range(rounds):
-        P = problems.smallest_gamma(units.scaled(model, S))[2]
-        S = _square_root(P) @ S
-    balanced = units.scaled(model, S)
-    gamma, status, _, _ = problems.smallest_gamma(balanced)
-    P, Q = problems.least_variance(balanced, gamma * (1 + margin))
-    gain = np.linalg.solve(S, np.linalg.solve(P, Q)) / units.outputs
-    P = units.seen**2 * S.T @ P @ S
-    gamma *= units.seen
+    gamma, status, gain, lower = problems.smallest_gamma(scaled, change)
     level = gamma * (1 + margin)
-    certificate = certify(model, P, gain, level, form)
-    return FilterDesign(model, form, gamma, level, gain, P, certificate, status, by)
+    upper = _worst_gain(scaled, gain, gamma * (1 + _HALF_GAP), form)
+    P, gain = problems.least_variance(scaled, change, level)
+    certificate = certify(scaled, P, gain, level, form, (min(lower, gamma), max(upper, gamma)))
+    return FilterDesign(
+        model, form, units.seen * gamma, units.seen * level,
+        units.back @ gain @ units.outputs, units.seen**2 * units.states.T @ P @ units.states,
+        certificate.in_units(units.seen), status, by,
+    )  # fmt: skip
+
+
+def _worst_gain(model: ErrorModel, gain: Array, level: float, form: Form) -> float:
+    """Return the worst case of a gain, or with jitter the level if that is confirmed.
+
+    The printed form is the exact one of an error system with a further jitter, its own A_f.
+    """
+    A, B = model.A - gain @ model.C, np.hstack([model.B, -gain @ model.D])
+    if form == "exact" and not model.E.any():
+        return hinf_norm(A, B, model.L)
+    jitters = np.stack([model.E, A]) if form == "printed" else model.E
+    return level if riccati_gain_below(A, jitters, B, model.L, level) else np.inf
 
 
 def minimise_gamma(
@@ -156,10 +174,13 @@ def minimise_gamma(
     1.414 1.00
     """
     one_of("form", form, FORMS)
-    gamma, _, P, Q = first_that_passes(
-        partial(_problems(_shape(model), form, by).smallest_gamma, model) for by in in_order(solver)
-    )
-    return gamma, np.asarray(np.linalg.solve(P, Q))
+    P, Q = cp.Variable(model.A.shape, symmetric=True), cp.Variable(model.C.T.shape)
+    squared = cp.Variable()
+    least = cp.bmat(inequality(_numbers(model), P, Q, squared, form)) << 0
+    problem = cp.Problem(cp.Minimize(squared), [least])
+    first_that_passes(partial(solve, problem, by) for by in in_order(solver))
+    gamma = float(np.sqrt(max(float(squared.value), 0.0)))
+    return gamma, np.asarray(np.linalg.solve(P.value, Q.value))
 
 
 def central_gain(
@@ -206,21 +227,24 @@ def central_gain(
     return np.asarray(np.linalg.solve(P.value, Q.value))
 
 
-def certify(model: ErrorModel, P: Array, gain: Array, level: float, form: Form) -> Certificate:
+def certify(
+    model: ErrorModel, P: Array, gain: Array, level: float, form: Form, bounds: tuple[float, float]
+) -> Certificate:
     """Return the certificate of a gain at a level, computed without any solver.
 
     It is refused if P is not positive definite, the inequality does not hold, the error system is
-    not stable in the mean square, or its gain, from its frequency response and by the Riccati
-    iteration, is above the level.
+    not stable in the mean square, its gain, from its frequency response and by the Riccati
+    iteration, is above the level; or if the bounds on the least gamma are far apart, or refuted.
     """
     values = np.linalg.eigvalsh(P)
     blocks = np.block(inequality(_numbers(model), P, P @ gain, level**2, form))
     largest = float(np.linalg.eigvalsh(blocks).max() / np.abs(blocks).max())
     A, B = model.A - gain @ model.C, np.hstack([model.B, -gain @ model.D])
     norm, radius = hinf_norm(A, B, model.L), mean_square_radius(A, model.E)
-    slack = level * (1 + TOLERANCE)
+    slack, (lower, upper) = level * (1 + TOLERANCE), bounds
     # without jitter the norm says it all; the iteration is slow near instability
     stochastic = not model.E.any() or riccati_gain_below(A, model.E, B, model.L, slack)
+    plain = form == "exact" and not model.E.any()
     refuse_if({
         f"P has the eigenvalue {values.min():.3g}": values.min() <= 0,
         f"the inequality has the eigenvalue {largest:.3g}": largest > TOLERANCE,
@@ -228,8 +252,15 @@ def certify(model: ErrorModel, P: Array, gain: Array, level: float, form: Form) 
         f"the error system has the mean-square radius {radius:.6g}": radius >= 1,
         f"the norm is {norm:.6g}, above {level:.6g}": norm > slack,
         "the Riccati iteration does not confirm the gain": not stochastic,
+        f"the norm is {norm:.6g}, below what no filter can have, {lower:.6g}": (
+            plain and norm < lower * (1 - TOLERANCE)
+        ),
+        f"the least gamma is only known to lie between {lower:.6g} and {upper:.6g}": (
+            not upper <= lower * (1 + LARGEST_GAP)
+        ),
     })  # fmt: skip
-    return Certificate(largest, float(values.min() / values.max()), norm, stochastic)
+    smallest = float(values.min() / values.max())
+    return Certificate(largest, smallest, norm, stochastic, lower, upper)
 
 
 def refuse_if(complaints: dict[str, bool]) -> None:
@@ -279,40 +310,63 @@ class _Problems:
 
     def __init__(self, shape: tuple[int, int, int, int], form: Form, solver: Solver) -> None:
         n, p, m, q = shape
-        self._solver = solver
+        self._form, self._solver = form, solver
         self._guard = threading.Lock()  # the problems hold the numbers of one model at a time
         sizes = {"A": (n, n), "B": (n, p), "C": (m, n), "D": (m, q), "E": (n, n), "LL": (n, n)}
+        sizes |= {f"slow {name}": sizes[name] for name in "ABCD"} | {"copied A": (n, n)}
         self._numbers = {name: cp.Parameter(size) for name, size in sizes.items()}
         self._P, self._Q = P, Q = cp.Variable((n, n), symmetric=True), cp.Variable((n, m))
         self._squared, self._level = cp.Variable(), cp.Parameter(nonneg=True)
-        least, held = (
-            cp.bmat(inequality(self._numbers, P, Q, squared, form)) << 0
+        self._least, held = (
+            cp.bmat(_differences(self._numbers, P, Q, squared, form)) << 0
             for squared in (self._squared, self._level)
         )
-        self.first = cp.Problem(cp.Minimize(self._squared), [least])
+        self.first = cp.Problem(cp.Minimize(self._squared), [self._least])
         driven = cp.hstack([P @ self._numbers["B"], -(Q @ self._numbers["D"])])
         bound = cp.Variable((p + q, p + q), symmetric=True)  # on B~' P B~
         schur = cp.bmat([[bound, driven.T], [driven, P]])
         self.second = cp.Problem(cp.Minimize(cp.trace(bound)), [held, schur >> 0])
 
-    def smallest_gamma(self, model: ErrorModel) -> tuple[float, str, Array, Array]:
-        """Return gamma, the solver's word, P and Q."""
+    def smallest_gamma(self, model: ErrorModel, change: float) -> tuple[float, str, Array, float]:
+        """Return gamma, the solver's word, the gain, and what gamma cannot be below."""
         with self._guard:
-            status = self._solve(self.first, model)
+            step, numbers = self._take(model, change)
+            status = solve(self.first, self._solver)
             gamma = float(np.sqrt(max(float(self._squared.value), 0.0)))
-            return gamma, status, self._P.value, self._Q.value
+            gain = step * np.linalg.solve(self._P.value, self._Q.value)
+            dual = self._least.dual_value
+        (n, m), upper = self._Q.shape, np.triu_indices(len(model.A))
 
-    def least_variance(self, model: ErrorModel, level: float) -> tuple[Array, Array]:
-        """Return P and Q at a level."""
+        def left_side(unknown: Array) -> Array:
+            P = np.zeros((n, n))
+            P[upper] = P.T[upper] = unknown[: len(upper[0])]
+            Q = unknown[len(upper[0]) : -1].reshape(n, m)
+            return np.block(_differences(numbers, P, Q, unknown[-1], self._form))
+
+        cost = np.eye(len(upper[0]) + n * m + 1)[-1]
+        squared = dual_bound(dual, _inside(model, numbers, step, self._form), left_side, cost)
+        one_step = float(np.linalg.norm(model.L @ model.B, 2))  # which no filter undoes
+        return gamma, status, gain, max(one_step, float(np.sqrt(max(squared, 0.0))))
+
+    def least_variance(self, model: ErrorModel, change: float, level: float) -> tuple[Array, Array]:
+        """Return P and the gain at a level."""
         with self._guard:
+            step, _ = self._take(model, change)
             self._level.value = level**2
-            self._solve(self.second, model)
-            return self._P.value, self._Q.value
+            solve(self.second, self._solver)
+            P = self._P.value
+            return P, step * np.linalg.solve(P, self._Q.value)
 
-    def _solve(self, problem: Any, model: ErrorModel) -> str:
-        for name, value in _numbers(model).items():
-            self._numbers[name].value = value
-        return solve(problem, self._solver)
+    def _take(self, model: ErrorModel, change: float) -> tuple[float, dict[str, Array]]:
+        """Give the problems the numbers of a model; return the root of the step, and the numbers.
+
+        What is faint is given as nothing: a solver would stumble over it.
+        """
+        step, numbers = _in_differences(model, change)
+        for name, value in numbers.items():
+            faint = np.abs(value) < _FAINT * max(1.0, np.abs(value).max())
+            self._numbers[name].value = np.where(faint, 0.0, value)
+        return step, numbers
 
 
 @lru_cache(maxsize=32)
@@ -320,59 +374,74 @@ def _problems(shape: tuple[int, int, int, int], form: Form, solver: Solver) -> _
     return _Problems(shape, form, solver)
 
 
-@dataclass(frozen=True, eq=False)
-class _Units:
-    """Units in which the noise, the states of a Kalman filter and L are of the order of one.
+def _in_differences(model: ErrorModel, change: float) -> tuple[float, dict[str, Array]]:
+    """Return t and the numbers of `_differences`.
 
-    The states are measured in `states`, (n,), the outputs in `outputs`, (m,), and what L sees in
-    `seen`. In these units `correlation`, (n, n), is the covariance of a Kalman filter's error.
+    t squared is how much a filter in these units changes in a step, at most 1. If that is more than
+    `change`, the numbers are those of the inequality as it stands, with t = 1.
     """
-
-    states: Array
-    outputs: Array
-    seen: float
-    correlation: Array
-
-    @classmethod
-    def of(cls, model: ErrorModel) -> _Units:
-        """Take the outputs by their noise, and the states by what a Kalman filter makes of them."""
-        Q, R = model.process_covariance, model.measurement_covariance
-        floor = 1e-6 * max(float(np.trace(R)) / len(R), 1e-300)
-        outputs = np.sqrt(np.maximum(np.diag(R), floor))
-        C, R = model.C / outputs[:, None], R / np.outer(outputs, outputs)
-        P = Q + 1e-12 * float(np.trace(Q)) * np.eye(len(Q))
-        for _ in range(_KALMAN_STEPS):
-            S = C @ P @ C.T + R + 1e-9 * np.eye(len(R))
-            P = model.A @ (P - P @ C.T @ np.linalg.solve(S, C @ P)) @ model.A.T + Q
-            P = (P + P.T) / 2
-        sizes = np.sqrt(np.maximum(np.diag(P), 1e-12 * max(float(np.trace(P)), 1e-300)))
-        if not np.isfinite(sizes).all():  # a mode grows that is not seen
-            P, sizes = np.eye(len(Q)), np.ones(len(Q))
-        seen = float(np.linalg.norm(model.L * sizes, 2))
-        if not model.D.any():
-            outputs = np.linalg.norm(model.C * sizes, axis=1)
-            outputs = np.where(outputs > 0, outputs, 1.0)
-        return cls(sizes, outputs, seen, P / np.outer(sizes, sizes))
-
-    def scaled(self, model: ErrorModel, S: Array) -> ErrorModel:
-        """Return the model with outputs and L in these units, and for the states S x."""
-        back = np.linalg.inv(S)
-        return replace(
-            model, A=S @ model.A @ back, B=S @ model.B, C=model.C @ back / self.outputs[:, None],
-            D=model.D / self.outputs[:, None], L=model.L @ back / self.seen,
-            E=S @ model.E @ back,
-        )  # fmt: skip
+    A, B, C, D, eye = model.A, model.B, model.C, model.D, np.eye(len(model.A))
+    most = max(float(np.linalg.norm(X, 2)) ** k for X, k in ((A - eye, 1), (B, 2), (C, 2)))
+    if most > change:
+        slow = {"A": -eye / 2, "B": 0 * B, "C": 0 * C, "D": 0 * D}
+        t, fast = 1.0, {"A": A, "B": B, "C": C, "D": D}
+    else:
+        t = min(1.0, most) ** 0.5
+        slow = {"A": (A - eye) / t**2, "B": B / t, "C": C / t, "D": D}
+        fast = {"A": (A - eye) / t, "B": B, "C": C, "D": t * D}
+    return t, {
+        **{f"slow {name}": value for name, value in slow.items()}, **fast,
+        "E": model.E / t, "LL": model.L.T @ model.L / t**2, "copied A": A / t,
+    }  # fmt: skip
 
 
-def _square_root(P: Array) -> Array:
-    """Return the symmetric square root of a positive definite matrix, rounding mended."""
-    values, vectors = np.linalg.eigh(P)
-    roots = np.sqrt(np.maximum(values, 1e-10 * values.max()))
-    return np.asarray((vectors * roots) @ vectors.T)
+def _inside(model: ErrorModel, numbers: dict[str, Array], t: float, form: Form) -> Array:
+    """Return the dual solution of `_differences` that a Kalman predictor gives, in `Units`.
+
+    It is the covariance of t e, w, v, e+ - e (e+ as the inequality stands) and a noise, for the
+    least w and v that lead to an error e+ and are not seen: with the predictor's covariance I,
+    e = (I - C'C) A' e+, w = B' e+ and v = -D'CA' e+. All have noises of their own besides.
+    """
+    A, B, C, D, eye = model.A, model.B, model.C, model.D, np.eye(len(model.A))
+    before = (eye - C.T @ C) @ A.T
+    copies = 2 if form == "printed" else 1
+    after = eye
+    if spectral_radius(before) < 1:  # else there is no predictor
+        after = solve_discrete_lyapunov(before, (1 + copies) * eye)
+    less = 1.0 if numbers["slow B"].any() else 0.0
+    linear = np.vstack([t * before, B.T, -D.T @ C @ A.T, eye - less * before])
+    own = np.vstack([t * eye, 0 * B.T, 0 * D.T @ C, -less * eye])  # of e
+    free = np.diag(np.repeat([0.0, 1.0, 0.0], [len(A), B.shape[1] + D.shape[1], len(A)]))
+    return np.asarray(block_diag(linear @ after @ linear.T + own @ own.T + free, *[eye] * copies))
 
 
-def _inverse_root(P: Array) -> Array:
-    """Return the symmetric root of the inverse of a covariance, tiny variances raised."""
-    values, vectors = np.linalg.eigh(P)
-    roots = 1 / np.sqrt(np.maximum(values, 1e-8 * values.max()))
-    return np.asarray((vectors * roots) @ vectors.T)
+def _differences(
+    numbers: dict[str, Any], P: Any, Q: Any, squared: Any, form: Form
+) -> list[list[Any]]:
+    r"""Return the blocks of `inequality` in a form made for steps that change little.
+
+    Its fourth row and column are added to the first, which are then divided by t; Q is divided by
+    t. With :math:`\Delta = P(A - I) - QC` the upper left block is
+    :math:`(\Delta + \Delta' + L'L) / t^2`, in which nothing cancels: where A goes to I with the
+    period, and t with its root, this is the inequality of continuous time.
+    """
+    slow, fast = (
+        [P @ numbers[kind + "A"] - Q @ numbers[kind + "C"], P @ numbers[kind + "B"],
+         -(Q @ numbers[kind + "D"])] for kind in ("slow ", "")
+    )  # fmt: skip
+    jitter, p, q = P @ numbers["E"], numbers["B"].shape[1], numbers["D"].shape[1]
+    n = P.shape[0]
+    nn, np_, nq, pq = (np.zeros(s) for s in ((n, n), (n, p), (n, q), (p, q)))
+    rows = [
+        [slow[0] + slow[0].T + numbers["LL"], *slow[1:], fast[0].T, jitter.T],
+        [slow[1].T, -squared * np.eye(p), pq, fast[1].T, np_.T],
+        [slow[2].T, pq.T, -squared * np.eye(q), fast[2].T, nq.T],
+        [*fast, -P, nn],
+        [jitter, np_, nq, nn, -P],
+    ]
+    if form == "printed":
+        copy = P @ numbers["copied A"] - Q @ numbers["C"]
+        column = (copy.T, np_.T, nq.T, nn, nn)
+        rows = [[*row, block] for row, block in zip(rows, column, strict=True)]
+        rows.append([copy, np_, nq, nn, nn, -P])
+    return rows

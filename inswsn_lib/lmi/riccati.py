@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
-from scipy.linalg import LinAlgError, solve_discrete_are
+from scipy.linalg import LinAlgError, eigh, solve_discrete_are, solve_discrete_lyapunov
 
 from inswsn_lib.checks import Array, number
 from inswsn_lib.errors import Described, ParameterError
-from inswsn_lib.lmi.norms import hinf_norm, least_level
+from inswsn_lib.lmi.designs import InfeasibleDesignError
+from inswsn_lib.lmi.norms import hinf_norm, least_level, spectral_radius
+from inswsn_lib.lmi.units import Units
 from inswsn_lib.models import ErrorModel
 
 _DOUBLINGS = 120
 _ROUNDING = 1e-9
+# What a least gamma may be above what no filter can have, and how well a disturbance leads there
+_GAP, _MISSED = 1e-3, 1e-6
 _ON_CIRCLE = 1e-9
 
 
@@ -59,22 +65,31 @@ def riccati_filter(model: ErrorModel, gamma: float) -> Array | None:
     """
     _check(model)
     number("gamma", gamma, above=0, most=1e100)
-    R = model.measurement_covariance
-    A, B, C, L = model.A, model.B, model.C, model.L
-    cost, none = gamma**2 * np.eye(len(L)), np.zeros((len(R), len(L)))
+    units = Units.of(model)
+    found = _central(units.scaled(model), gamma / units.seen)
+    return None if found is None else units.back @ found[0] @ units.outputs
+
+
+def _central(model: ErrorModel, gamma: float) -> tuple[Array, Array, Array] | None:
+    """Return gain, P and P after the measurement and L x, of a model in `Units`."""
+    A, B, C, D, L = model.A, model.B, model.C, model.D, model.L
+    R, cost, none = D @ D.T, gamma**2 * np.eye(len(L)), np.zeros((len(C), len(L)))
+    both, weights = np.vstack([C, L]), np.block([[R, none], [none.T, -cost]])
     try:
-        P = solve_discrete_are(
-            A.T, np.vstack([C, L]).T, B @ B.T, np.block([[R, none], [none.T, -cost]])
-        )
-    except (LinAlgError, ValueError):  # eigenvalues on the unit circle, or too near to it
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # what is returned is checked
+            P = solve_discrete_are(A.T, both.T, B @ B.T, weights)
+            after = P - P @ both.T @ np.linalg.solve(both @ P @ both.T + weights, both @ P)
+            slack = cost - L @ P @ L.T
+            seen = P + P @ L.T @ np.linalg.solve(slack, L @ P)
+            gain = np.linalg.solve(R + C @ seen @ C.T, C @ seen @ A.T).T
+            norm = hinf_norm(A - gain @ C, np.hstack([B, -gain @ D]), L)
+    # eigenvalues on the unit circle, or too near to it; or numbers too large
+    except (LinAlgError, ValueError):
         return None
-    slack = cost - L @ P @ L.T
-    if np.linalg.eigvalsh(slack).min() <= 0:
+    if np.linalg.eigvalsh(slack).min() <= 0 or not norm <= gamma * (1 + _ROUNDING):
         return None
-    P = P + P @ L.T @ np.linalg.solve(slack, L @ P)
-    gain = np.linalg.solve(R + C @ P @ C.T, C @ P @ A.T).T
-    norm = hinf_norm(A - gain @ C, np.hstack([B, -gain @ model.D]), L)
-    return gain if norm <= gamma * (1 + _ROUNDING) else None
+    return gain, P, after
 
 
 def riccati_gamma(model: ErrorModel, relative: float = 1e-8) -> float:
@@ -111,12 +126,48 @@ def riccati_gamma(model: ErrorModel, relative: float = 1e-8) -> float:
     number("relative", relative, least=1e-14, below=1)
     if not model.L.any() or not model.B.any():
         raise ParameterError("B, L", Described("zero"), "matrices that are not zero")
+    units = Units.of(model)
+    scaled = units.scaled(model)
+    # the Kalman predictor, in its units
+    gain = scaled.A @ scaled.C.T
+    high = hinf_norm(scaled.A - gain @ scaled.C, np.hstack([scaled.B, -gain @ scaled.D]), scaled.L)
+    if high == np.inf:
+        return high
     # no filter undoes what one step does; if L does not see it, only the scale is known
-    low = float(np.linalg.norm(model.L @ model.B, 2))
-    high = low or 1e-12 * float(np.linalg.norm(model.L, 2) * np.linalg.norm(model.B, 2))
-    return least_level(
-        lambda gamma: riccati_filter(model, gamma) is not None, low, high, relative, _DOUBLINGS
+    low = float(np.linalg.norm(scaled.L @ scaled.B, 2)) or 1e-12 * high
+    high = least_level(
+        lambda gamma: _central(scaled, gamma) is not None, low, high, relative, _DOUBLINGS
     )
+    found = None if high == np.inf else _central(scaled, high)
+    lower = low if found is None else max(low, _unseen(scaled, *found[1:]))
+    if not high <= lower * (1 + _GAP + relative):
+        raise InfeasibleDesignError(
+            "The Riccati equation leaves the least gamma open: it is between "
+            f"{units.seen * lower:.6g} and {units.seen * high:.6g}."
+        )
+    return units.seen * high
+
+
+def _unseen(model: ErrorModel, P: Array, after: Array) -> float:
+    r"""Return a worst-case gain that no filter can be below.
+
+    Disturbances :math:`w = B'P^{-1}x^+` and :math:`v = -D^+Cx` lead along
+    :math:`x = \Sigma A'P^{-1}x^+`, with :math:`\Sigma` after the measurement and L x, from nothing
+    to any state. The outputs are zero, so that the state is the error of each filter. The best end
+    is the largest eigenvalue of two energies.
+    """
+    A, B, C, D, L = model.A, model.B, model.C, model.D, model.L
+    inverse = np.linalg.inv(P)
+    back, w = after @ A.T @ inverse, B.T @ inverse
+    v = np.linalg.pinv(D) @ C @ back
+    misses = np.abs(A @ back + B @ w - np.eye(len(A))).max()
+    if not (spectral_radius(back) < 1 and misses < _MISSED):
+        return 0.0
+    try:
+        gained, spent = (solve_discrete_lyapunov(back.T, X) for X in (L.T @ L, w.T @ w + v.T @ v))
+        return float(np.sqrt(eigh(gained, spent, eigvals_only=True)[-1]))
+    except LinAlgError:  # a state to which nothing leads
+        return 0.0
 
 
 def _check(model: ErrorModel) -> None:

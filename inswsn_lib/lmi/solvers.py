@@ -12,18 +12,15 @@ from collections.abc import Callable, Iterable
 from typing import Any, TypeVar
 
 import cvxpy as cp
+import numpy as np
 
 from inswsn_lib.checks import one_of
 from inswsn_lib.lmi.designs import InfeasibleDesignError, Solver
 
 _SETTINGS: dict[str, dict[str, Any]] = {
     "clarabel": {"solver": cp.CLARABEL},
-    # from the start each time, so that an answer does not depend on what was solved before; with
-    # the default accuracy it stops at 1e-4
-    "scs": {
-        "solver": cp.SCS, "warm_start": False, "eps_abs": 1e-9, "eps_rel": 1e-9,
-        "max_iters": 20_000,
-    },
+    # with the default accuracy it stops at 1e-4
+    "scs": {"solver": cp.SCS, "eps_abs": 1e-9, "eps_rel": 1e-9, "max_iters": 20_000},
 }  # fmt: skip
 
 _Made = TypeVar("_Made")
@@ -45,9 +42,11 @@ def solve(problem: Any, solver: Solver, *, accurate: bool = False) -> str:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of an inaccurate answer
         try:
-            problem.solve(**_SETTINGS[solver])
+            # from the start each time: an answer must not depend on what was solved before
+            problem.solve(warm_start=False, **_SETTINGS[solver])
         except cp.SolverError as error:
-            raise InfeasibleDesignError(f"The solver failed on the inequality: {error}.") from None
+            said = str(error).partition(". ")[0].removesuffix(".")  # and not what else to try
+            raise InfeasibleDesignError(f"The solver failed on the inequality: {said}.") from None
     if problem.status not in ("optimal", "optimal_inaccurate")[: 1 if accurate else 2]:
         raise InfeasibleDesignError(
             f"No solution of the inequality was found: the solver says {problem.status}."
@@ -63,4 +62,6 @@ def first_that_passes(attempts: Iterable[Callable[[], _Made]]) -> _Made:
             return attempt()
         except InfeasibleDesignError as error:
             failures.append(error)
+        except np.linalg.LinAlgError as error:
+            failures.append(InfeasibleDesignError(f"Numbers are too far apart: {error}."))
     raise failures[0]

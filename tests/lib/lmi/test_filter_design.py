@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -28,6 +29,7 @@ from inswsn_lib.lmi import (
 from inswsn_lib.lmi.designs import Form
 from inswsn_lib.lmi.filter_design import certify, inequality
 from inswsn_lib.lmi.stochastic import riccati_gain_below
+from inswsn_lib.lmi.units import Units
 
 FORMS: tuple[Form, ...] = ("exact", "printed")
 KINDS = ("stable", "unstable", "hidden mode", "badly scaled")
@@ -146,14 +148,19 @@ def test_the_design_says_what_it_is() -> None:
     assert L is model.L
     assert design.buildable
     assert not design_filter(replace(model, E=0.01 * np.eye(4))).buildable
-    values = np.linalg.eigvalsh(design.P)
     certificate = design.certificate
-    assert certificate.smallest_eigenvalue_p == pytest.approx(values[0] / values[-1])
     assert certificate.norm == pytest.approx(hinf_norm(A, B, L))
-    blocks = np.block(inequality(filter_design._numbers(model), design.P, design.P @ design.gain,
-                                 design.level**2, "exact"))  # fmt: skip
+    # in units in which a Kalman predictor's errors have the covariance I
+    units = Units.of(model)
+    back = np.linalg.inv(units.states)
+    P, gain = back.T @ design.P @ back, units.states @ design.gain @ np.linalg.inv(units.outputs)
+    values = np.linalg.eigvalsh(P)
+    assert certificate.smallest_eigenvalue_p == pytest.approx(values[0] / values[-1])
+    scaled, P = units.scaled(model), P / units.seen**2
+    blocks = np.block(inequality(filter_design._numbers(scaled), P, P @ gain,
+                                 (design.level / units.seen) ** 2, "exact"))  # fmt: skip
     largest = np.linalg.eigvalsh(blocks).max() / np.abs(blocks).max()
-    assert certificate.largest_eigenvalue == pytest.approx(largest, abs=1e-15)
+    assert certificate.largest_eigenvalue == pytest.approx(largest, abs=1e-12)
 
 
 # Random systems -----------------------------------------------------------------------------------
@@ -257,14 +264,14 @@ def test_designs_exist_at_the_corners_of_a_wide_range() -> None:
 
 
 def test_other_states_are_tried_where_the_first_fail(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Each with one round and with two, by each solver in turn, and all give the same design."""
+    """And other forms of the problem, by each solver in turn; all give the same design."""
     model, right = positions_only(0.2), filter_design._designed
     expected = design_filter(model)
-    asked: list[tuple[bool, int, str]] = []
+    asked: list[tuple[tuple[float, float], str]] = []
 
     def broken(*given_: Any) -> FilterDesign:
-        *_, S, rounds, by = given_
-        asked.append((bool(np.count_nonzero(S) == len(S)), rounds, by))
+        *_, least, change, by = given_
+        asked.append(((least, change), by))
         made = right(*given_)
         assert made.gamma == pytest.approx(expected.gamma, rel=1e-6)
         assert made.gain == pytest.approx(expected.gain, abs=1e-3)
@@ -273,15 +280,13 @@ def test_other_states_are_tried_where_the_first_fail(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(filter_design, "_designed", broken)
     with pytest.raises(InfeasibleDesignError, match=r"^Broken 1\.$"):
         design_filter(model, solver=("scs", "clarabel"))
-    assert asked == [
-        (diagonal, rounds, by)
-        for diagonal in (True, False)
-        for rounds in (1, 2)
-        for by in ("scs", "clarabel")
-    ]
+    assert asked == list(product(filter_design._ATTEMPTS, ("scs", "clarabel")))
 
 
 # Certificates -------------------------------------------------------------------------------------
+
+
+WIDE = (1.0, 1.0)  # bounds that say nothing
 
 
 def largest_of_walk(P: float, gain: float, level: float) -> float:
@@ -310,11 +315,11 @@ def largest_of_walk(P: float, gain: float, level: float) -> float:
 def test_what_does_not_pass_is_told(P: float, gain: float, level: float, also: str) -> None:
     """With the gain 1 the error of a random walk is w - v, and any P from 1 to 1.28 will do."""
     for fine in (1.01, 1.27):
-        made = certify(WALK, one(fine), one(1.0), 1.6, "exact")
+        made = certify(WALK, one(fine), one(1.0), 1.6, "exact", WIDE)
         assert made.largest_eigenvalue == pytest.approx(largest_of_walk(fine, 1, 1.6))
         assert (made.smallest_eigenvalue_p, made.stochastic) == (1.0, True)
     with pytest.raises(InfeasibleDesignError) as caught:
-        certify(WALK, one(P), one(gain), level, "exact")
+        certify(WALK, one(P), one(gain), level, "exact", WIDE)
     said = f"the inequality has the eigenvalue {largest_of_walk(P, gain, level):.3g}{also}."
     said = f"P has the eigenvalue {P:.3g}; {said}" if P < 0 else said
     assert str(caught.value) == f"The design does not pass its certificate: {said}"
@@ -323,13 +328,34 @@ def test_what_does_not_pass_is_told(P: float, gain: float, level: float, also: s
 def test_a_certificate_with_jitter() -> None:
     """a = e = 1/2, not measured: the gain is 1 / (sqrt(1 - e^2) - a) = 2.73, and 2 without e."""
     model, P, gain = scalar(A=0.5, C=0.0, E=0.5), one(3.2), one(0.0)
-    certificate = certify(model, P, gain, 2.8, "exact")
+    certificate = certify(model, P, gain, 2.8, "exact", WIDE)
     assert certificate.stochastic
     assert certificate.norm == pytest.approx(2)
     with pytest.raises(InfeasibleDesignError, match="the Riccati iteration does not confirm the g"):
-        certify(model, P, gain, 2.7, "exact")
+        certify(model, P, gain, 2.7, "exact", WIDE)
     with pytest.raises(InfeasibleDesignError, match=r"the mean-square radius 1\.06;.* not confirm"):
-        certify(scalar(A=0.5, C=0.0, E=0.9), P, gain, 1e3, "exact")
+        certify(scalar(A=0.5, C=0.0, E=0.9), P, gain, 1e3, "exact", WIDE)
+
+
+@pytest.mark.parametrize(
+    ("bounds", "said"),
+    [
+        ((1.4, 1.4013), None),
+        ((1.4, 1.4015), r"only known to lie between 1\.4 and 1\.4015\.$"),
+        ((0.0, np.inf), "only known to lie between 0 and inf"),
+        ((1.4, np.inf), "only known to lie between 1.4 and inf"),
+        ((1.4143, 1.4143), r"the norm is 1\.41421, below what no filter can have, 1\.4143\.$"),
+    ],
+)
+def test_bounds_that_are_far_apart_or_refuted_do_not_pass(
+    bounds: tuple[float, float], said: str | None
+) -> None:
+    if said is None:
+        made = certify(WALK, one(1.1), one(1.0), 1.6, "exact", bounds)
+        assert (made.lower, made.upper) == bounds
+    else:
+        with pytest.raises(InfeasibleDesignError, match=said):
+            certify(WALK, one(1.1), one(1.0), 1.6, "exact", bounds)
 
 
 @pytest.mark.parametrize(
@@ -344,10 +370,10 @@ def test_a_certificate_with_jitter() -> None:
 )
 def test_a_certificate_forgives_rounding_and_no_more(P: float, level: float, passes: bool) -> None:
     if passes:
-        certify(WALK, one(P), one(1.0), level, "exact")
+        certify(WALK, one(P), one(1.0), level, "exact", WIDE)
     else:
         with pytest.raises(InfeasibleDesignError, match=r"certificate: .* the eigenvalue .*e-06"):
-            certify(WALK, one(P), one(1.0), level, "exact")
+            certify(WALK, one(P), one(1.0), level, "exact", WIDE)
 
 
 def test_the_inequality_is_the_lemma_written_out() -> None:

@@ -90,10 +90,12 @@ def test_a_plant_that_is_not_stable_has_no_gain() -> None:
             assert stochastic_gain(A, np.diag([0, E]), np.eye(2), L) == np.inf
 
 
-def test_a_sequence_that_still_moves_counts_as_one_that_does_not_converge() -> None:
-    half, zero, one = np.array([[0.5]]), np.zeros((1, 1)), np.eye(1)
-    assert riccati_gain_below(half, zero, one, one, 2.1, iterations=200)
-    assert not riccati_gain_below(half, zero, one, one, 2.1, iterations=5)
+def test_a_gain_is_told_at_its_edge() -> None:
+    """However slowly the plain recursion goes there: 1 / (1 - a) for a of nearly 1."""
+    for a in (0.5, 1 - 1e-6):
+        plant, zero, one = np.array([[a]]), np.zeros((1, 1)), np.eye(1)
+        assert riccati_gain_below(plant, zero, one, one, (1 + 1e-6) / (1 - a))
+        assert not riccati_gain_below(plant, zero, one, one, (1 - 1e-6) / (1 - a))
 
 
 @settings(max_examples=20)
