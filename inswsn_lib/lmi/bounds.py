@@ -8,8 +8,8 @@ import numpy as np
 
 from inswsn_lib.checks import Array
 
-# Shares of another dual solution that are added to a solver's until it can be made exact
-_SHARES = (0.0, 1e-12, 1e-10, 1e-8, 1e-6, 1e-5, 1e-4)
+#: Shares of another dual solution that are added to a solver's until it can be made exact
+SHARES = (0.0, 1e-12, 1e-10, 1e-8, 1e-6, 1e-5, 1e-4)
 _LEFT_OVER = 1e-9
 
 
@@ -42,18 +42,40 @@ def dual_bound(
     """
     constant = left_side(np.zeros_like(cost))
     terms = np.array([left_side(unit) - constant for unit in np.eye(len(cost))])
-    dual, eye = (dual + dual.T) / 2, np.eye(len(dual))
     inside = inside * np.trace(dual) / np.trace(inside)
-    for share in _SHARES:
-        values, vectors = np.linalg.eigh(dual + share * inside)
-        root = vectors * np.sqrt(np.maximum(values, 0.0))
-        seen = (root.T @ terms @ root).reshape(len(cost), -1)
-        sizes = np.linalg.norm(seen, axis=1)
-        seen, wanted = seen / sizes[:, None], -cost / sizes
-        change = np.linalg.lstsq(seen, wanted - seen @ eye.ravel(), rcond=1e-14)[0]
-        mended = eye + change.reshape(eye.shape)
-        mended = (mended + mended.T) / 2
-        left_over = np.abs(seen @ mended.ravel() - wanted).max()
-        if left_over < _LEFT_OVER and np.linalg.eigvalsh(mended)[0] >= 0:
-            return float(np.sum(root.T @ constant @ root * mended))
+    for share in SHARES:
+        found = mended(dual + share * inside, terms, -cost)
+        if found is not None:
+            return float(np.sum(constant * found))
     return float("-inf")
+
+
+def mended(dual: Array, terms: Array, wanted: Array) -> Array | None:
+    """Return a positive semidefinite matrix near a given one, with products that are wanted.
+
+    Parameters
+    ----------
+    dual : ndarray, (k, k)
+        Symmetric up to rounding; eigenvalues below zero are taken as zero.
+    terms : ndarray, (unknowns, k, k)
+    wanted : ndarray, (unknowns,)
+        The inner products with the terms.
+
+    Returns
+    -------
+    ndarray, (k, k), or None
+    """
+    eye = np.eye(len(dual))
+    values, vectors = np.linalg.eigh((dual + dual.T) / 2)
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    seen = (root.T @ terms @ root).reshape(len(terms), -1)
+    sizes = np.linalg.norm(seen, axis=1)
+    sizes = np.where(sizes > 0, sizes, 1.0)
+    seen, wanted = seen / sizes[:, None], wanted / sizes
+    change = np.linalg.lstsq(seen, wanted - seen @ eye.ravel(), rcond=1e-14)[0]
+    middle = eye + change.reshape(eye.shape)
+    middle = (middle + middle.T) / 2
+    left_over = np.abs(seen @ middle.ravel() - wanted).max()
+    if left_over > _LEFT_OVER or np.linalg.eigvalsh(middle)[0] < 0:
+        return None
+    return np.asarray(root @ middle @ root.T)

@@ -150,6 +150,9 @@ class FusionCertificate:
         The largest entry of the sum of the weights less the identity.
     norm : float
         H-infinity norm of the fused error, from its frequency response.
+    lower, upper : float
+        No weights and P of the structure have a level below `lower`, by a dual solution made exact;
+        some have `upper`.
 
     Examples
     --------
@@ -163,6 +166,8 @@ class FusionCertificate:
     largest_eigenvalue: float
     weights_sum_error: float
     norm: float
+    lower: float
+    upper: float
 
 
 @dataclass(frozen=True, eq=False)

@@ -62,6 +62,10 @@ def design_filter(
     the filter with the least worst case; with a large one the filter of the exact form becomes the
     Kalman predictor. States that L does not see may have any gain that keeps them stable.
 
+    All is solved in units in which a Kalman predictor's error and innovation have the covariance I,
+    and, where a step changes little, for the change of a step. So neither the units of the model
+    nor a short period matter. What comes of it must pass a certificate that knows of no solver.
+
     Parameters
     ----------
     model : ErrorModel
@@ -83,7 +87,8 @@ def design_filter(
     ------
     InfeasibleDesignError
         If no solution is found, as where a mode that is not seen is not stable, or none that
-        passes the certificate.
+        passes the certificate: what bounds the least gamma from below, and the gain of a filter
+        that was found, must be within a thousandth.
     ParameterError
         If there is no such form, margin or solver, or B or L is zero.
 
@@ -123,6 +128,7 @@ def _designed(
     level = gamma * (1 + margin)
     upper = _worst_gain(scaled, gain, gamma * (1 + _HALF_GAP), form)
     P, gain = problems.least_variance(scaled, change, level)
+    gain = np.where(np.abs(gain) < _FAINT, 0.0, gain)  # axes that have no part in each other
     certificate = certify(scaled, P, gain, level, form, (min(lower, gamma), max(upper, gamma)))
     return FilterDesign(
         model, form, units.seen * gamma, units.seen * level,
@@ -255,12 +261,15 @@ def certify(
         f"the norm is {norm:.6g}, below what no filter can have, {lower:.6g}": (
             plain and norm < lower * (1 - TOLERANCE)
         ),
-        f"the least gamma is only known to lie between {lower:.6g} and {upper:.6g}": (
-            not upper <= lower * (1 + LARGEST_GAP)
-        ),
+        told_gap(lower, upper): not upper <= lower * (1 + LARGEST_GAP),
     })  # fmt: skip
     smallest = float(values.min() / values.max())
     return Certificate(largest, smallest, norm, stochastic, lower, upper)
+
+
+def told_gap(lower: float, upper: float) -> str:
+    """Return what is said of bounds that are far apart."""
+    return f"the least gamma is only known to lie between {lower:.6g} and {upper:.6g}"
 
 
 def refuse_if(complaints: dict[str, bool]) -> None:

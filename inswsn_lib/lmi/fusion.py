@@ -22,6 +22,7 @@ from scipy.linalg import block_diag, eigvalsh, solve_discrete_lyapunov
 
 from inswsn_lib.checks import Array, array, number, one_of
 from inswsn_lib.errors import Described, ParameterError
+from inswsn_lib.lmi.bounds import SHARES, mended
 from inswsn_lib.lmi.designs import (
     FilterDesign,
     FusionCertificate,
@@ -31,7 +32,13 @@ from inswsn_lib.lmi.designs import (
     Solver,
     Structure,
 )
-from inswsn_lib.lmi.filter_design import LARGEST_MARGIN, TOLERANCE, refuse_if
+from inswsn_lib.lmi.filter_design import (
+    LARGEST_GAP,
+    LARGEST_MARGIN,
+    TOLERANCE,
+    refuse_if,
+    told_gap,
+)
 from inswsn_lib.lmi.norms import hinf_norm, spectral_radius, swept_peak
 from inswsn_lib.lmi.solvers import first_that_passes, in_order, solve
 
@@ -152,15 +159,17 @@ def _designed(
 ) -> FusionDesign:
     """Solve both problems in some states, and certify what comes of it."""
     units, parts = _balanced(designs, noise, structure, whitened)
-    gamma, _, status = _solved(parts, units.L, len(designs), by)
+    gamma, first, status = _solved(parts, units.L, len(designs), by)
+    bounds = _bounds(parts, units.L, gamma, first)
     level = gamma * (1 + margin)
     _, found, last = _solved(parts, units.L, len(designs), by, level)
     back = [np.linalg.inv(part.states) for part in parts]
-    Y = np.hstack([Y @ T for (_, Y), T in zip(found, back, strict=True)])
-    P = np.stack([units.seen**2 * T.T @ P @ T for (P, _), T in zip(found, back, strict=True)])
+    Y = np.hstack([each.Y @ T for each, T in zip(found, back, strict=True)])
+    P = np.stack([units.seen**2 * T.T @ each.P @ T for each, T in zip(found, back, strict=True)])
     P = P[0] if structure == "full" else P
     weights = _weights(units, Y, len(designs))
-    certificate = _certified(designs, noise, weights, P, units.seen * level)
+    bounds = units.seen * bounds[0], units.seen * bounds[1]
+    certificate = _certified(designs, noise, weights, P, units.seen * level, bounds)
     status = status if status != "optimal" else last
     return FusionDesign(
         designs, noise, structure, units.seen * gamma, units.seen * level, weights, P, certificate,
@@ -184,12 +193,22 @@ class _Part:
     states: Array
 
 
+@dataclass(frozen=True, eq=False)
+class _Solution:
+    """What is found of a part: P, Y = L M, what it takes of w and z, and its dual solution."""
+
+    P: Array
+    Y: Array
+    X: Array
+    dual: Array
+
+
 def _solved(
     parts: list[_Part], L: Array, clusters: int, by: Solver, level: float | None = None
-) -> tuple[float, list[tuple[Array, Array]], str]:
+) -> tuple[float, list[_Solution], str]:
     """Find the least level, or at one that is given the least bound on the variance.
 
-    Returns the level, P and Y = L M of each part, and the solver's word.
+    Returns the level, what is found of each part, and the solver's word.
     """
     # each cluster has a share of about 1 / N in the sums, and the solver is accurate if its numbers
     # are not small: it is given this multiple of all unknowns
@@ -204,10 +223,11 @@ def _solved(
     turned = np.vstack([part.turned for part in parts])
     of_w, of_z = np.repeat(np.eye(2), [shared, seen], axis=1)
     taken = sum(X) - squared * np.diag(of_w) - scale * np.diag(of_z)
+    negative = [_left_side(*each, unit, squared) << 0 for each in zip(parts, P, Y, X, strict=True)]
     constraints = [
         cp.hstack(Y) @ turned == scale * L,
         taken[np.triu_indices(shared + seen)] == 0,  # it is symmetric: each equation once
-        *(_left_side(*each, unit, squared) << 0 for each in zip(parts, P, Y, X, strict=True)),
+        *negative,
     ]
     cost = squared
     if level is not None:
@@ -217,8 +237,86 @@ def _solved(
         cost = sum(variances) / scale
     status = solve(cp.Problem(cp.Minimize(cost), constraints), by)
     least = (max(float(squared.value), 0.0) / scale) ** 0.5 if level is None else level
-    found = [(p.value / scale, y.value / scale) for p, y in zip(P, Y, strict=True)]
+    found = [
+        _Solution(p.value / scale, y.value / scale, x.value / scale, part.dual_value)
+        for p, y, x, part in zip(P, Y, X, negative, strict=True)
+    ]
     return least, found, status
+
+
+def _bounds(
+    parts: list[_Part], L: Array, gamma: float, found: list[_Solution]
+) -> tuple[float, float]:
+    """Return what the least level cannot be below, and a level at which the inequality holds."""
+    level = gamma * (1 + LARGEST_GAP / 2)
+    largest = max(
+        np.linalg.eigvalsh(left).max() / np.abs(left).max()
+        for left in (
+            _left_side(part, each.P, each.Y, each.X, 1.0, level**2)
+            for part, each in zip(parts, found, strict=True)
+        )
+    )
+    lower = next((b for b in (_lower(parts, L, found, s) for s in SHARES) if b is not None), 0.0)
+    return min(lower, gamma), level if largest <= TOLERANCE else np.inf
+
+
+def _lower(parts: list[_Part], L: Array, found: list[_Solution], share: float) -> float | None:
+    r"""Return a bound on the least level from dual solutions Z_c, made exact if they can be.
+
+    They are :math:`\ge 0`, stationary, :math:`E Z E' = S Z S'` with the state E and the next one
+    S, agree in the covariance :math:`\Theta` of w and z, and have :math:`2 z Z E' = -\Lambda T'`.
+    Then :math:`\gamma^2` is not below
+    :math:`\langle\Lambda, L\rangle^2 / (4\,\mathrm{tr}\,\Theta_z)` over the power of all noise.
+    """
+    seen, shared = len(L), parts[0].shared
+    taken, states, duals = [], [], []
+    for part, each in zip(parts, found, strict=True):
+        (k, u), size = part.K.shape, float(np.trace(each.dual))
+        own = block_diag(solve_discrete_lyapunov(part.A, part.K @ part.K.T), np.eye(u + seen))
+        dual = each.dual + share * size / len(parts) * own
+        ends = np.r_[k : k + shared, k + u : k + u + seen]
+        taken.append(dual[np.ix_(ends, ends)])
+        states.append(-2 * dual[:k, k + u :])
+        duals.append(dual)
+    theta = sum(taken) / len(parts)
+    turned = np.vstack([part.turned for part in parts])
+    multiplier = np.linalg.lstsq(turned, np.vstack(states), rcond=None)[0].T
+    power = float(np.trace(theta[:shared, :shared]))
+    for part, dual in zip(parts, duals, strict=True):
+        terms, kinds = _terms(part, seen)
+        wanted = np.concatenate([
+            np.zeros(kinds[0]), -(multiplier @ part.turned.T).ravel(),
+            [-np.sum(theta * X) for X in _symmetric(shared + seen)],
+        ])  # fmt: skip
+        exact = mended(dual, terms, wanted)
+        if exact is None:
+            return None
+        k, u = part.K.shape
+        power += float(np.trace(exact[k + shared : k + u, k + shared : k + u]))
+    gained = float(np.sum(multiplier * L)) ** 2 / (4 * float(np.trace(theta[shared:, shared:])))
+    return float(np.sqrt(gained / power))
+
+
+def _terms(part: _Part, seen: int) -> tuple[Array, tuple[int, int, int]]:
+    """Return what each unknown of a part does to its left side, and how many P, Y and X have."""
+    k, noP, noY = len(part.A), np.zeros(part.A.shape), np.zeros((seen, len(part.A)))
+    noX = np.zeros((part.shared + seen,) * 2)
+    P, X = _symmetric(k), _symmetric(len(noX))
+    Y = np.eye(seen * k).reshape(-1, seen, k)
+    terms = [
+        *(_left_side(part, p, noY, noX, 1.0, 0.0) for p in P),
+        *(_left_side(part, noP, y, noX, 1.0, 0.0) for y in Y),
+        *(_left_side(part, noP, noY, x, 1.0, 0.0) for x in X),
+    ]
+    return np.array(terms), (len(P), len(Y), len(X))
+
+
+def _symmetric(n: int) -> Array:
+    """Return a basis of the symmetric matrices."""
+    basis = np.zeros((n * (n + 1) // 2, n, n))
+    for each, (i, j) in zip(basis, zip(*np.triu_indices(n), strict=True), strict=True):
+        each[i, j] = each[j, i] = 1.0
+    return basis
 
 
 def _left_side(part: _Part, P: Any, Y: Any, X: Any, unit: float, squared: Any) -> Any:
@@ -430,7 +528,12 @@ def _weights(units: _Units, Y: Array, clusters: int) -> Array:
 
 
 def _certified(
-    designs: tuple[FilterDesign, ...], noise: Noise, weights: Array, P: Array, level: float
+    designs: tuple[FilterDesign, ...],
+    noise: Noise,
+    weights: Array,
+    P: Array,
+    level: float,
+    bounds: tuple[float, float],
 ) -> FusionCertificate:
     """Return the certificate of weights; raise if they do not keep the level."""
     largest = _largest_eigenvalue(designs, noise, weights, P, level)
@@ -440,8 +543,9 @@ def _certified(
         f"the inequality has the eigenvalue {largest:.3g}": not largest <= TOLERANCE,
         f"the weights miss the identity by {error:.3g}": not error <= _ROUNDING,
         f"the norm is {norm:.6g}, above {level:.6g}": not norm <= level * (1 + TOLERANCE),
+        told_gap(*bounds): not bounds[1] <= bounds[0] * (1 + LARGEST_GAP),
     })  # fmt: skip
-    return FusionCertificate(largest, error, norm)
+    return FusionCertificate(largest, error, norm, *bounds)
 
 
 def _largest_eigenvalue(

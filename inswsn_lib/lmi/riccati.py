@@ -105,12 +105,14 @@ def riccati_gamma(model: ErrorModel, relative: float = 1e-8) -> float:
     Returns
     -------
     float
-        Infinite if no filter is found, as when a mode that is not seen is not stable.
+        Infinite if a mode that is not seen is not stable.
 
     Raises
     ------
     ParameterError
         If the model is not such, or there is no such accuracy.
+    InfeasibleDesignError
+        If the gamma that is found is more than a thousandth above what no filter can be below.
 
     Examples
     --------
@@ -131,12 +133,12 @@ def riccati_gamma(model: ErrorModel, relative: float = 1e-8) -> float:
     # the Kalman predictor, in its units
     gain = scaled.A @ scaled.C.T
     high = hinf_norm(scaled.A - gain @ scaled.C, np.hstack([scaled.B, -gain @ scaled.D]), scaled.L)
-    if high == np.inf:
+    if high == np.inf and _hides_growth(scaled):
         return high
     # no filter undoes what one step does; if L does not see it, only the scale is known
-    low = float(np.linalg.norm(scaled.L @ scaled.B, 2)) or 1e-12 * high
+    low = float(np.linalg.norm(scaled.L @ scaled.B, 2)) or 1e-12 * min(high, 1.0)
     high = least_level(
-        lambda gamma: _central(scaled, gamma) is not None, low, high, relative, _DOUBLINGS
+        lambda gamma: _central(scaled, gamma) is not None, low, min(high, 1e6), relative, _DOUBLINGS
     )
     found = None if high == np.inf else _central(scaled, high)
     lower = low if found is None else max(low, _unseen(scaled, *found[1:]))
@@ -157,17 +159,27 @@ def _unseen(model: ErrorModel, P: Array, after: Array) -> float:
     is the largest eigenvalue of two energies.
     """
     A, B, C, D, L = model.A, model.B, model.C, model.D, model.L
-    inverse = np.linalg.inv(P)
-    back, w = after @ A.T @ inverse, B.T @ inverse
-    v = np.linalg.pinv(D) @ C @ back
-    misses = np.abs(A @ back + B @ w - np.eye(len(A))).max()
-    if not (spectral_radius(back) < 1 and misses < _MISSED):
-        return 0.0
     try:
+        inverse = np.linalg.inv(P)
+        back, w = after @ A.T @ inverse, B.T @ inverse
+        v = np.linalg.pinv(D) @ C @ back
+        misses = np.abs(A @ back + B @ w - np.eye(len(A))).max()
+        if not (spectral_radius(back) < 1 and misses < _MISSED):
+            return 0.0
         gained, spent = (solve_discrete_lyapunov(back.T, X) for X in (L.T @ L, w.T @ w + v.T @ v))
         return float(np.sqrt(eigh(gained, spent, eigvals_only=True)[-1]))
     except LinAlgError:  # a state to which nothing leads
         return 0.0
+
+
+def _hides_growth(model: ErrorModel) -> bool:
+    """Tell whether a mode that is not stable is not seen: the test of Popov, Belevitch, Hautus."""
+    n = len(model.A)
+    return any(
+        np.linalg.matrix_rank(np.vstack([model.A - mode * np.eye(n), model.C])) < n
+        for mode in np.linalg.eigvals(model.A)
+        if abs(mode) >= 1
+    )
 
 
 def _check(model: ErrorModel) -> None:

@@ -66,7 +66,7 @@ def stochastic_gain(
 
     from :math:`P = L'L` rises. If the plant is mean-square stable, it converges with
     :math:`g^2 I - B'PB > 0` for every g above the gain, and for none below it (El Bouhtouri,
-    Hinrichsen and Pritchard 1999), slowly if g is near the gain or the plant near instability.
+    Hinrichsen and Pritchard 1999). Its limit is found by policies, a linear equation each.
 
     Parameters
     ----------

@@ -1,8 +1,8 @@
 """What trials share: how many inputs, from which seed, and where their line of figures goes.
 
 A trial makes many inputs from a seed and counts what comes of each. Daily it makes a few; with
-``INSWSN_TESTS=whole`` all. ``INSWSN_SEED`` is another seed. `make trials` keeps the lines of a whole
-run in ``data/trials.json``, for the book's page on its state.
+``INSWSN_TESTS=whole`` all. ``INSWSN_SEED`` is another seed. `make trials` keeps the lines of a
+whole run in ``data/trials.json``, for the book's page on its state.
 """
 
 from __future__ import annotations

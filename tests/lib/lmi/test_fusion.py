@@ -308,8 +308,9 @@ def test_weights_that_do_not_pass_are_told() -> None:
     local = replace(design_filter(WALK), gain=np.ones((1, 1)), P=np.ones((1, 1)), level=1.0)
     P, half = np.full((2, 2), 0.25) + 0.02 * np.eye(2), np.full(2, 0.5)
 
-    def certified(P: np.ndarray, weights: np.ndarray, level: float) -> Any:
-        return fusion._certified((local, local), "common", weights.reshape(2, 1, 1), P, level)
+    def certified(P: np.ndarray, weights: np.ndarray, level: float, upper: float = 1.0) -> Any:
+        weights = weights.reshape(2, 1, 1)
+        return fusion._certified((local, local), "common", weights, P, level, (1.0, upper))
 
     made = certified(P, half, 1.3)
     assert made.largest_eigenvalue == pytest.approx(largest_of_walks(P, half, 1.3), abs=1e-12)
@@ -326,6 +327,24 @@ def test_weights_that_do_not_pass_are_told() -> None:
         said = f"the inequality has the eigenvalue {largest:.3g}{also}."
         said = said if largest > 1e-6 else said.partition("; ")[2]
         assert str(caught.value) == f"The design does not pass its certificate: {said}"
+    assert certified(P, half, 1.3, upper=1.0009).upper == 1.0009
+    with pytest.raises(InfeasibleDesignError, match=r"known to lie between 1 and 1\.0011\.$"):
+        certified(P, half, 1.3, upper=1.0011)
+
+
+@for_each_structure
+@for_each_noise
+def test_the_least_level_lies_between_its_bounds(noise: Noise, structure: Structure) -> None:
+    """Two equal walks of the gain 1: the root of 3/2, or of 1/2 + 1/2 with noises of their own.
+
+    With three the roots of 1 + 1/3 and of 1/3 + 1/3.
+    """
+    for N in (2, 3):
+        design = design_fusion([design_filter(WALK, margin=1e-7)] * N, noise, structure)
+        least = (1 + 1 / N if noise == "common" else 2 / N) ** 0.5
+        bounds = design.certificate
+        assert bounds.lower * (1 - 1e-6) <= least <= bounds.upper
+        assert bounds.upper / bounds.lower < 1.0006
 
 
 def test_other_states_are_tried_where_the_first_fail(monkeypatch: pytest.MonkeyPatch) -> None:
