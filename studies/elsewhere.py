@@ -32,12 +32,12 @@ from typing import Annotated, Any, Literal
 
 from inswsn_book.compare import Change, flipped_verdicts, pair_quantities
 from inswsn_book.files import file_digest, text_digest, tree_digest, write_whole
-from inswsn_book.ledger import LEDGER, claims_of, load_claims
+from inswsn_book.ledger import LEDGER, Claim, claims_of, load_claims
 from inswsn_book.parameters import Value, chapter_schema
 from inswsn_book.progress import Quiet
 from inswsn_book.project import Chapter, Project
 from inswsn_book.provenance import machine_facts, repository_state
-from inswsn_book.results import Frozen, Results, read_results
+from inswsn_book.results import Frozen, Quantity, Results, read_results
 from inswsn_book.runs import (
     Outcome,
     Request,
@@ -100,6 +100,8 @@ class Cell(Frozen):
     identical: int = 0  # those that are the same to the last bit, interval and all
     beyond: tuple[Moved, ...] = ()  # their tolerance
     farthest: Moved | None = None  # moved, in tolerances
+    distances: dict[str, float] = Field(default_factory=dict)  # of all that moved, in their units
+    hanging: tuple[str, ...] = ()  # claims with another verdict if a quantity moved twice as far
     sentences: int = 0  # that were bound to conditions
     overturned: tuple[str, ...] = ()  # those that no longer hold
     judged: int = 0  # claims that the chapter decides
@@ -236,6 +238,11 @@ def compared(
     _check_machine(variant, chapter, made.blas)
     pairs = pair_quantities(reference, outcome)
     moved = [moved_by(pair) for pair in pairs if _moved(pair)]
+    distances = {
+        one.name: abs(one.after - one.before)
+        for one in moved
+        if one.before is not None and one.after is not None
+    }
     claims = claims_of(load_claims(project.root / LEDGER), chapter.number)
     return Cell(
         **common,
@@ -250,6 +257,8 @@ def compared(
         identical=len(pairs) - len(moved),
         beyond=tuple(moved_by(pair) for pair in pairs if pair.beyond_tolerance),
         farthest=max(moved, key=lambda one: one.size, default=None),
+        distances=distances,
+        hanging=hanging(claims, reference, distances),
         sentences=len(outcome.sentences),
         overturned=tuple(text for text, held in outcome.sentences.items() if not held),
         judged=len(claims),
@@ -264,6 +273,30 @@ def compared(
         solvers=outcome.solvers,
         blas=made.blas,
     )
+
+
+def hanging(
+    claims: list[Claim], reference: Results, distances: Mapping[str, float]
+) -> tuple[str, ...]:
+    """Return the claims whose verdict changes if one quantity moves twice as far, either way."""
+    found = set()
+    for quantity in reference.quantities:
+        for step in (2, -2) if quantity.name in distances else ():
+            there = _shifted(reference, quantity.name, step * distances[quantity.name])
+            found |= {claim.id for claim, *_ in flipped_verdicts(claims, reference, there)}
+    return tuple(sorted(found))
+
+
+def _shifted(results: Results, name: str, by: float) -> Results:
+    """Return results in which one quantity, interval and all, is moved."""
+
+    def moved(quantity: Quantity) -> Quantity:
+        if quantity.name != name:
+            return quantity
+        ends = quantity.interval and tuple(end + by for end in quantity.interval)
+        return quantity.model_copy(update={"value": quantity.value + by, "interval": ends})
+
+    return results.model_copy(update={"quantities": tuple(map(moved, results.quantities))})
 
 
 def _check_machine(variant: Variant, chapter: Chapter, blas: Iterable[str]) -> None:

@@ -119,6 +119,10 @@ def test_a_run_is_held_against_the_reference(mini: MiniProject, provenance: Prov
     assert (near.identical, near.beyond) == (0, ())
     assert near.farthest is not None
     assert near.farthest.deviation == 0.5
+    # 42 in print is 41.5 to 42.5: twice as far as 41.75 is from 42 is out of it, below
+    assert (near.distances, near.hanging) == ({"twice": 0.25}, ("P1-M-twice",))
+    assert (same.distances, same.hanging) == ({}, ())
+    assert held(41.875).hanging == ()
     (beyond,) = held(41.0).beyond
     assert (beyond.name, beyond.deviation) == ("twice", 2.0)
     assert [f.claim for f in held(63.0).flipped] == ["P1-M-twice"]
