@@ -1,11 +1,10 @@
 # Two commands from a fresh machine: `make book` and `make test`. Each installs what it needs first.
 # The same steps without make are in README.md.
 
-PYTHON  ?= $(firstword $(foreach name,python3.11 python3 python,$(shell command -v $(name) 2>/dev/null)))
+PYTHON  ?= $(firstword $(foreach name,python3.11 python3 python $(RUN),$(shell command -v $(name) 2>/dev/null)))
 VENV    := .venv
 RUN     := $(VENV)/bin/python
 INSWSN  := $(RUN) -m inswsn_book
-INSTALL := $(RUN) -m pip install --quiet --disable-pip-version-check --require-hashes
 COMPILE := $(RUN) -m uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header environment.in -o environment.lock
 FRESH   ?=
 JOBS    ?=
@@ -91,27 +90,9 @@ format: environment ## put the code into the one format
 	$(RUN) -m ruff check --fix .
 	$(RUN) -m ruff format .
 
-environment: $(VENV)/package
-
-# The environment is made anew when the lock changes, so that nothing is left over from the old one.
-$(VENV)/environment: environment.lock environment-torch.lock .ci/pip.txt
+environment:
 	@test -n "$(PYTHON)" || { echo "Python 3.11 is needed, and no python was found." >&2; exit 2; }
-	@$(PYTHON) -c 'import sys; v = sys.version_info[:2]; sys.exit(0 if v == (3, 11) else f"Python 3.11 is needed; {sys.executable} is {v[0]}.{v[1]}. Name another one: make PYTHON=/path/to/python3.11")'
-	@echo "Installing the locked environment into $(VENV) (a few minutes, once)"
-	@base=$$($(PYTHON) -c 'import sys; print(sys._base_executable)') \
-	    && rm -rf $(VENV) && "$$base" -m venv $(VENV)  # not the one in .venv, which goes
-	@$(INSTALL) -r .ci/pip.txt
-	@# both at once, since each unpacks on one core; the one in the background does not hear Ctrl-C, and is ended
-	@$(INSTALL) --no-compile --no-deps -r environment-torch.lock & torch=$$!; \
-	    trap 'kill $$torch 2>/dev/null' EXIT INT TERM; \
-	    $(INSTALL) --no-compile -r environment.lock && wait $$torch
-	@# on all cores, where pip would take one, and without tests; what is no Python 3 stays as it is
-	@$(RUN) -m compileall -q -j 0 -x '[/\\]tests?[/\\]' $(VENV)/lib >/dev/null || true
-	@touch $@
-
-$(VENV)/package: $(VENV)/environment pyproject.toml book/pyproject.toml
-	@$(RUN) -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --no-index -e . -e book
-	@touch $@
+	@$(PYTHON) .ci/environment.py
 
 clean: ## remove what was built; the environment stays
 	rm -rf _build results
