@@ -33,7 +33,7 @@ from inswsn_book.results import Results, write_results
 from inswsn_book.runs import Run, book_runs
 from inswsn_book.verdicts import Verdict, count_verdicts, verdicts
 from inswsn_lib.errors import BuildError, InswsnError
-from inswsn_lib.files import read_yaml
+from inswsn_lib.files import read_text, read_yaml
 from inswsn_lib.scenario import load_scenario
 
 _KEY_FILE = ".inswsn-key"
@@ -91,7 +91,7 @@ def _number(value: float, form: str = "g") -> str:
 
 def _head_of(chapter: Chapter) -> dict[str, str]:
     """Return what the head of a chapter says that it needs, and the minutes to read it."""
-    head = _HEAD.search(chapter.source.read_text(encoding="utf-8"))
+    head = _HEAD.search(read_text(chapter.source))
     return head.groupdict() if head else {"need": "", "minutes": ""}
 
 

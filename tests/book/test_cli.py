@@ -66,7 +66,7 @@ MISTAKES = {
     "compare empty.json newer.json": "is not a results file of this version: schema_version",
     "run 00 -p seed=7": "parameter is 'seed'; it may be one of scale.",
     "run 00 -p scale=0": "scale is 0.0; it may be a number in (0, 100].",
-    "run 00 -p scale=inf": "scale is inf; it may be a number in (0, 100].",
+    "run 00 -p scale=inf": "scale is 'inf'; it may be a number in (0, 100].",
     "run 00 -p scale=two": "scale is 'two'; it may be a number in (0, 100].",
     "run 00 -p scale": "-p is 'scale'; it may be name=value.",
     "run 00 -p scale=1 -p scale=2": "it may be given once: scale is set twice.",
