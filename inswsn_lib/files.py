@@ -131,7 +131,7 @@ class _Reader(*_PARSERS):  # type: ignore[misc]
             raise _refused(f"its aliases make it {_MOST} times as long", node)
         if isinstance(node, yaml.SequenceNode):
             return [self.value(entry) for entry in node.value]
-        if not isinstance(node, yaml.MappingNode):
+        if isinstance(node, yaml.ScalarNode):
             return node.value if node.style else read_scalar(node.value)
         made = {}
         for key_node, value_node in node.value:

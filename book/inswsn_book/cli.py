@@ -93,7 +93,7 @@ def chapters(root: Path | None) -> None:
 @_settings
 @click.option("-f", "file", type=_FILE, help="A YAML file of parameters; -p overrides it.")
 @_out
-@click.option("--html", is_flag=True, help="Render the book with this run in it.")
+@click.option("--html", is_flag=True, help="Render the chapter's page of this run, too.")
 @click.option("--fresh", is_flag=True, help="Execute it, even if the same has been run before.")
 @click.pass_obj
 def run(

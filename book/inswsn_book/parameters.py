@@ -9,7 +9,7 @@ parameter is::
 
 A rule is ``any``, an interval of numbers such as ``in (0, 10]`` or ``in [0, inf)``, ``one of`` a
 list of words, ``a file``: the path of a file, or the name of one below ``data/``, or
-``a regressor``: the module and the class of a scikit-learn regressor.
+``a regressor``: the module and the name of a scikit-learn regressor.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ class Parameter:
         if self.rule == FILE_RULE:
             return "the path of a file, or the name of one below data/"
         if self.rule == REGRESSOR_RULE:
-            return "package.module:Class, a scikit-learn regressor"
+            return "package.module:name of a scikit-learn regressor"
         return self.rule if self.rule.startswith("one of ") else f"{kind} {self.rule}"
 
     def check(self, value: object) -> Value:

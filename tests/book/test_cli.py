@@ -71,7 +71,6 @@ MISTAKES = {
     "run 00 -p scale": "-p is 'scale'; it may be name=value.",
     "run 00 -p scale=1 -p scale=2": "it may be given once: scale is set twice.",
     "run 07": "NAME is '07'; it may be one of 00.",
-    "run 00 --html": "Chapter 00 has not been built as it is now; build it first: make book.",
     "run 00 --out data": "--out is 'data'; it may be a new or empty folder, or one that holds an",
     "run 00 -f own/parameters.yml --out own": "one that holds an earlier run alone.",
     "sweep 00 --grid scale=0": "scale is 0.0; it may be a number in (0, 100].",

@@ -115,7 +115,7 @@ def test_texts(name: str, text: str, value: object) -> None:
         ("samples", False, "samples is False; it may be a whole number in [4, 400]."),
         ("form", "other", "form is 'other'; it may be one of exact, printed."),
         ("draw", 1, "draw is 1; it may be true or false."),
-        ("learner", 3, "learner is 3; it may be package.module:Class, a scikit-learn regressor."),
+        ("learner", 3, "learner is 3; it may be package.module:name of a scikit-learn regressor."),
         ("wdith", 1.0, f"parameter is 'wdith'; it may be one of {', '.join(NAMES)}."),
     ],
 )
