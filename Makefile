@@ -6,6 +6,10 @@ VENV    := .venv
 RUN     := $(VENV)/bin/python
 INSWSN  := $(RUN) -m inswsn_book
 COMPILE := $(RUN) -m uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header environment.in -o environment.lock
+# a tool apart from the environment: what .ci/NAME.txt pins, in _build/NAME
+tool     = $(found); $(PYTHON) -m venv _build/$(1) && \
+    _build/$(1)/bin/python -m pip install --quiet --disable-pip-version-check --require-hashes -r .ci/$(1).txt
+found    = test -n "$(PYTHON)" || { echo "Python 3.11 is needed, and no python was found." >&2; exit 2; }
 FRESH   ?=
 JOBS    ?=
 PORT    ?= 8000
@@ -81,18 +85,21 @@ report: ## say in an issue on the public host that the weekly run failed, by its
 
 # The package fetches the linter from the public host while it is installed; so it is not in the lock.
 actionlint: ## check the workflow files by actionlint, installed into _build; needs the public host
-	@test -n "$(PYTHON)" || { echo "Python 3.11 is needed, and no python was found." >&2; exit 2; }
-	@$(PYTHON) -m venv _build/actionlint
-	@_build/actionlint/bin/python -m pip install --quiet --disable-pip-version-check --require-hashes -r .ci/actionlint.txt
+	@$(call tool,actionlint)
 	_build/actionlint/bin/actionlint -color
+
+# The wheel of torch for CPUs has a version of its own, of which no list of vulnerabilities speaks.
+audit: ## look for known vulnerabilities of what the locks pin, by pip-audit, installed into _build; needs the network
+	@$(call tool,audit)
+	@sed 's/+cpu//' environment-torch.lock > _build/audit/torch.txt
+	_build/audit/bin/pip-audit --strict --require-hashes --disable-pip -r environment.lock -r _build/audit/torch.txt
 
 format: environment ## put the code into the one format
 	$(RUN) -m ruff check --fix .
 	$(RUN) -m ruff format .
 
 environment:
-	@test -n "$(PYTHON)" || { echo "Python 3.11 is needed, and no python was found." >&2; exit 2; }
-	@$(PYTHON) .ci/environment.py
+	@$(found); $(PYTHON) .ci/environment.py
 
 clean: ## remove what was built; the environment stays
 	rm -rf _build results
@@ -102,4 +109,4 @@ help: ## list the targets
 
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
-.PHONY: book test serve notebooks publish archive calibrate studies elsewhere bench mutants trials lock upgrade tag assets release report actionlint format environment clean help
+.PHONY: book test serve notebooks publish archive calibrate studies elsewhere bench mutants trials lock upgrade tag assets release report actionlint audit format environment clean help
