@@ -70,6 +70,9 @@ upgrade: ## the same with the newest versions that environment.in allows
 trials: environment ## try thousands of systems, files, commands, recordings and damages; writes data/trials.json
 	INSWSN_TESTS=whole INSWSN_TRIALS=data/trials.json $(RUN) -m pytest -n $(WORKERS) --dist worksteal tests/trials
 
+licences: environment ## list the licences of what the locks pin in THIRD-PARTY-PACKAGES.md
+	@$(RUN) studies/licences.py
+
 # TAG is left to the script, which takes it as it is: a name from outside may hold anything
 tag: ## tell whether TAG=v2.0.0 names this version
 	@.ci/release check
@@ -109,4 +112,4 @@ help: ## list the targets
 
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
-.PHONY: book test serve notebooks publish archive calibrate studies elsewhere bench mutants trials lock upgrade tag assets release report actionlint audit format environment clean help
+.PHONY: book test serve notebooks publish archive calibrate studies elsewhere bench mutants trials licences lock upgrade tag assets release report actionlint audit format environment clean help
