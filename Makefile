@@ -1,12 +1,15 @@
 # Two commands from a fresh machine: `make book` and `make test`. Each installs what it needs first.
 # The same steps without make are in README.md.
 
-PYTHON  ?= $(firstword $(foreach name,python3.11 python3 python,$(shell command -v $(name) 2>/dev/null)))
+PYTHON  ?= $(firstword $(foreach name,python3.11 python3 python $(RUN),$(shell command -v $(name) 2>/dev/null)))
 VENV    := .venv
 RUN     := $(VENV)/bin/python
 INSWSN  := $(RUN) -m inswsn_book
-INSTALL := $(RUN) -m pip install --quiet --disable-pip-version-check --require-hashes
 COMPILE := $(RUN) -m uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header environment.in -o environment.lock
+# a tool apart from the environment: what .ci/NAME.txt pins, in _build/NAME
+tool     = $(found); $(PYTHON) -m venv _build/$(1) && \
+    _build/$(1)/bin/python -m pip install --quiet --disable-pip-version-check --require-hashes -r .ci/$(1).txt
+found    = test -n "$(PYTHON)" || { echo "Python 3.11 is needed, and no python was found." >&2; exit 2; }
 FRESH   ?=
 JOBS    ?=
 PORT    ?= 8000
@@ -67,6 +70,9 @@ upgrade: ## the same with the newest versions that environment.in allows
 trials: environment ## try thousands of systems, files, commands, recordings and damages; writes data/trials.json
 	INSWSN_TESTS=whole INSWSN_TRIALS=data/trials.json $(RUN) -m pytest -n $(WORKERS) --dist worksteal tests/trials
 
+licences: environment ## list the licences of what the locks pin in THIRD-PARTY-PACKAGES.md
+	@$(RUN) studies/licences.py
+
 # TAG is left to the script, which takes it as it is: a name from outside may hold anything
 tag: ## tell whether TAG=v2.0.0 names this version
 	@.ci/release check
@@ -82,36 +88,21 @@ report: ## say in an issue on the public host that the weekly run failed, by its
 
 # The package fetches the linter from the public host while it is installed; so it is not in the lock.
 actionlint: ## check the workflow files by actionlint, installed into _build; needs the public host
-	@test -n "$(PYTHON)" || { echo "Python 3.11 is needed, and no python was found." >&2; exit 2; }
-	@$(PYTHON) -m venv _build/actionlint
-	@_build/actionlint/bin/python -m pip install --quiet --disable-pip-version-check --require-hashes -r .ci/actionlint.txt
+	@$(call tool,actionlint)
 	_build/actionlint/bin/actionlint -color
+
+# The wheel of torch for CPUs has a version of its own, of which no list of vulnerabilities speaks.
+audit: ## look for known vulnerabilities of what the locks pin, by pip-audit, installed into _build; needs the network
+	@$(call tool,audit)
+	@sed 's/+cpu//' environment-torch.lock > _build/audit/torch.txt
+	_build/audit/bin/pip-audit --strict --require-hashes --disable-pip -r environment.lock -r _build/audit/torch.txt
 
 format: environment ## put the code into the one format
 	$(RUN) -m ruff check --fix .
 	$(RUN) -m ruff format .
 
-environment: $(VENV)/package
-
-# The environment is made anew when the lock changes, so that nothing is left over from the old one.
-$(VENV)/environment: environment.lock environment-torch.lock .ci/pip.txt
-	@test -n "$(PYTHON)" || { echo "Python 3.11 is needed, and no python was found." >&2; exit 2; }
-	@$(PYTHON) -c 'import sys; v = sys.version_info[:2]; sys.exit(0 if v == (3, 11) else f"Python 3.11 is needed; {sys.executable} is {v[0]}.{v[1]}. Name another one: make PYTHON=/path/to/python3.11")'
-	@echo "Installing the locked environment into $(VENV) (a few minutes, once)"
-	@base=$$($(PYTHON) -c 'import sys; print(sys._base_executable)') \
-	    && rm -rf $(VENV) && "$$base" -m venv $(VENV)  # not the one in .venv, which goes
-	@$(INSTALL) -r .ci/pip.txt
-	@# both at once, since each unpacks on one core; the one in the background does not hear Ctrl-C, and is ended
-	@$(INSTALL) --no-compile --no-deps -r environment-torch.lock & torch=$$!; \
-	    trap 'kill $$torch 2>/dev/null' EXIT INT TERM; \
-	    $(INSTALL) --no-compile -r environment.lock && wait $$torch
-	@# on all cores, where pip would take one, and without tests; what is no Python 3 stays as it is
-	@$(RUN) -m compileall -q -j 0 -x '[/\\]tests?[/\\]' $(VENV)/lib >/dev/null || true
-	@touch $@
-
-$(VENV)/package: $(VENV)/environment pyproject.toml book/pyproject.toml
-	@$(RUN) -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --no-index -e . -e book
-	@touch $@
+environment:
+	@$(found); $(PYTHON) .ci/environment.py
 
 clean: ## remove what was built; the environment stays
 	rm -rf _build results
@@ -121,4 +112,4 @@ help: ## list the targets
 
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
-.PHONY: book test serve notebooks publish archive calibrate studies elsewhere bench mutants trials lock upgrade tag assets release report actionlint format environment clean help
+.PHONY: book test serve notebooks publish archive calibrate studies elsewhere bench mutants trials licences lock upgrade tag assets release report actionlint audit format environment clean help

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-# characters of a value that a sentence repeats
-_LONGEST = 200
+# characters of a value that a sentence repeats, and of a sentence
+_LONGEST, _LONGEST_SENTENCE = 200, 1000
 
 
 class InswsnError(ValueError):
@@ -22,6 +22,11 @@ class InswsnError(ValueError):
     ...     print(error)
     There is no absent.yaml.
     """
+
+    def __init__(self, said: str) -> None:
+        # a name out of a file may be of any length, and hold what ends a line
+        line = " ".join(said.splitlines())
+        super().__init__(_cut(line, _LONGEST_SENTENCE))
 
 
 class BuildError(RuntimeError):
@@ -80,4 +85,8 @@ def _short(value: object) -> str:
         text = repr(value)
     except ValueError:  # a whole number of thousands of digits
         text = f"a {type(value).__name__} of very many digits"
-    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}…"
+    return _cut(text, _LONGEST)
+
+
+def _cut(text: str, longest: int) -> str:
+    return text if len(text) <= longest else f"{text[:longest]}…"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -55,52 +56,108 @@ def data_mirror() -> Path | None:
     return folder if folder.is_dir() else None
 
 
+def read_text(path: Path) -> str:
+    """Read a text file; refuse one that is not there, and one that is not UTF-8.
+
+    Examples
+    --------
+    >>> from inswsn_lib.files import data_file, read_text
+    >>> read_text(data_file("examples/ins-wsn.csv"))[:7]
+    'time_s,'
+    """
+    try:
+        return path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        raise InswsnError(f"There is no {path}.") from None
+    except UnicodeDecodeError as error:
+        line = error.object[: error.start].count(b"\n") + 1
+        raise InswsnError(f"{path} is not UTF-8 text: {error.reason} in line {line}.") from None
+
+
+# YAML 1.2's core schema, in which a number looks the same as on a command line
+_WHOLE = re.compile(r"[-+]?[0-9]+")
+_NUMBER = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
+_WORDS = {
+    word: value
+    for value, word_of_it in ((None, "null"), (True, "true"), (False, "false"))
+    for word in (word_of_it, word_of_it.capitalize(), word_of_it.upper())
+} | {"": None, "~": None}
+
+
+def read_scalar(text: str) -> str | float | bool | None:
+    """Return what a text without quotes stands for: a number, a truth value, None, or itself.
+
+    Examples
+    --------
+    >>> from inswsn_lib.files import read_scalar
+    >>> [read_scalar(text) for text in ("010", "1e-1", "true", "null", "1:30", "2012-07-07")]
+    [10, 0.1, True, None, '1:30', '2012-07-07']
+    """
+    if text in _WORDS:
+        return _WORDS[text]
+    if _WHOLE.fullmatch(text):
+        with suppress(ValueError):  # thousands of digits
+            return int(text)
+    return float(text) if _NUMBER.fullmatch(text) else text
+
+
 # LibYAML finds the tokens several times as fast. The nodes are put together by PyYAML in any case:
 # too deep a nesting is then an error of Python, by which LibYAML would crash.
+_MOST = 4  # times that a file may be as long with its aliases written out
 _PARSERS: tuple[Any, ...] = (
     (Composer, yaml.CSafeLoader) if yaml.__with_libyaml__ else (yaml.SafeLoader,)
 )
 
 
-class _Loader(*_PARSERS):  # type: ignore[misc]
-    """YAML without repeated keys, without dates, and with 1e-1 as a number, as in YAML 1.2."""
+class _Reader(*_PARSERS):  # type: ignore[misc]
+    """Values of YAML, without tags, and with aliases that do not multiply what is written."""
 
     def __init__(self, text: str) -> None:
         _PARSERS[-1].__init__(self, text)
         Composer.__init__(self)
+        self.left = _MOST * len(text)
 
-    yaml_implicit_resolvers = {  # as in the base class
-        first: [(tag, pattern) for tag, pattern in resolvers if not tag.endswith(":timestamp")]
-        for first, resolvers in yaml.SafeLoader.yaml_implicit_resolvers.items()
-    }
+    def compose_node(self, parent: Any, index: Any) -> Any:
+        """Compose a node; refuse one that says of which type it is."""
+        event = self.peek_event()
+        if getattr(event, "tag", None) is not None:
+            raise _refused(f"the tag {event.tag} is not read", event)
+        return super().compose_node(parent, index)
 
-    def construct_mapping(self, node: Any, deep: bool = False) -> Any:
-        """Construct a mapping; refuse a key that is there already."""
-        keys = set()
-        for key_node, _ in node.value:
-            key = key_node.value if isinstance(key_node, yaml.ScalarNode) else None
-            if key is not None and key in keys:
-                raise yaml.constructor.ConstructorError(
-                    None, None, f"the key {key} is repeated", key_node.start_mark
-                )
-            keys.add(key)
-        return super().construct_mapping(node, deep)
+    def value(self, node: yaml.Node) -> Any:
+        """Return what a node stands for; refuse a key that is there already, or is no scalar."""
+        self.left -= len(node.value)  # characters, or entries
+        if self.left < 0:
+            raise _refused(f"its aliases make it {_MOST} times as long", node)
+        if isinstance(node, yaml.SequenceNode):
+            return [self.value(entry) for entry in node.value]
+        if isinstance(node, yaml.ScalarNode):
+            return node.value if node.style else read_scalar(node.value)
+        made = {}
+        for key_node, value_node in node.value:
+            key = self.value(key_node)
+            if isinstance(key, list | dict):
+                raise _refused("a list or a mapping is a key", key_node)
+            if key in made:
+                raise _refused(f"the key {key} is repeated", key_node)
+            made[key] = self.value(value_node)
+        return made
 
 
-_Loader.add_implicit_resolver(
-    "tag:yaml.org,2002:float",
-    re.compile(r"^[-+]?(\d+(\.\d*)?|\.\d+)[eE][-+]?\d+$"),
-    list("-+.0123456789"),
-)
+def _refused(what: str, place: Any) -> yaml.MarkedYAMLError:
+    return yaml.MarkedYAMLError(problem=what, problem_mark=place.start_mark)
 
 
 def read_yaml(path: Path) -> Any:
     """Read a YAML file: mappings, lists, texts (dates too), numbers, truth values and None.
 
+    That is YAML 1.2 without tags.
+
     Raises
     ------
     InswsnError
-        If there is no such file, it is not YAML, or a key is repeated; the sentence says where.
+        If there is no such file, it is not such YAML, or a key is repeated; the sentence says
+        where.
 
     Examples
     --------
@@ -108,14 +165,15 @@ def read_yaml(path: Path) -> Any:
     >>> read_yaml(data_file("scenarios/p2.yaml"))["spacing"]["value"]
     7
     """
+    text = read_text(path)
     try:
-        return yaml.load(path.read_text(encoding="utf-8"), Loader=_Loader)
-    except FileNotFoundError:
-        raise InswsnError(f"There is no {path}.") from None
+        reader = _Reader(text)
+        node = reader.get_single_node()
+        return None if node is None else reader.value(node)
     except RecursionError:
         raise InswsnError(
             f"{path} is not YAML that can be read: it is nested too deeply."
         ) from None
     except (yaml.YAMLError, ValueError) as error:
-        said = " ".join(str(error).split())[:300]
+        said = " ".join(str(error).replace('"<unicode string>", ', "").split())[:300]
         raise InswsnError(f"{path} is not YAML: {said}.") from None

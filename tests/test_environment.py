@@ -2,9 +2,16 @@
 
 from __future__ import annotations
 
+import inspect
+import os
 import re
+import signal
+import subprocess
+import sys
+import time
 import tomllib
 from collections.abc import Iterable, Iterator
+from hashlib import sha256
 from pathlib import Path
 
 import pytest
@@ -45,3 +52,136 @@ def test_every_pin_has_a_hash(root: Path, name: str) -> None:
     pins = PIN.findall((root / name).read_text(encoding="utf-8"))
     assert pins
     assert [pin for pin, _, rest in pins if not rest.endswith("\\")] == []
+
+
+# How it is made: by the recipe itself, with one small package in the lock -------------------------
+
+
+def write_wheel(folder: str, name: str, version: int = 1, text: str = "") -> str:
+    """Write a package of one module; return the name of its file."""
+    import zipfile
+
+    wheel = f"{name}-{version}-py3-none-any.whl"
+    head = f"Metadata-Version: 2.1\nName: {name}\nVersion: {version}\n"
+    with zipfile.ZipFile(f"{folder}/{wheel}", "w") as made:
+        for path, content in {
+            f"{name}.py": text,
+            f"{name}-{version}.dist-info/METADATA": head,
+            f"{name}-{version}.dist-info/WHEEL": "Wheel-Version: 1.0\nTag: py3-none-any\n",
+            f"{name}-{version}.dist-info/RECORD": "",
+        }.items():
+            made.writestr(path, content)
+    return wheel
+
+
+PROJECT = """
+[build-system]
+requires = []
+build-backend = "backend"
+backend-path = ["."]
+"""
+BACKEND = """
+def build_editable(folder, settings=None, metadata=None):
+    import os
+    return write_wheel(folder, "own" if os.path.exists("Makefile") else "own_book")
+"""
+
+
+class Checkout:
+    """A folder in which ``make environment`` needs no network."""
+
+    def __init__(self, folder: Path, root: Path) -> None:
+        self.folder, self.made = folder, folder / ".venvs"
+        for part in (folder, folder / ".ci", folder / "book"):
+            part.mkdir(exist_ok=True)
+            (part / "pyproject.toml").write_text(PROJECT)
+            (part / "backend.py").write_text(inspect.getsource(write_wheel) + BACKEND)
+        for name in ("Makefile", ".ci/environment.py"):
+            (folder / name).write_text((root / name).read_text())
+        for name in (".ci/pip.txt", "environment-torch.lock"):
+            (folder / name).write_text("")
+        self.lock(1)
+
+    def lock(self, version: int) -> Path:
+        """Write the lock, and the package that it pins."""
+        text = f"print({version})"
+        wheel = self.folder / write_wheel(str(self.folder), "small", version, text)
+        pin = f"small @ {wheel.as_uri()} --hash=sha256:{sha256(wheel.read_bytes()).hexdigest()}\n"
+        (self.folder / "environment.lock").write_text(pin)
+        return wheel
+
+    def start(self) -> subprocess.Popen[str]:
+        kept = {name: v for name, v in os.environ.items() if not name.startswith(("MAKE", "PIP_"))}
+        return subprocess.Popen(
+            ["make", "environment", f"PYTHON={sys.executable}"], cwd=self.folder, text=True,
+            env=kept | {"PIP_NO_INDEX": "1", "PIP_CONFIG_FILE": os.devnull},
+            stdout=subprocess.PIPE, stderr=subprocess.STDOUT, start_new_session=True,
+        )  # fmt: skip
+
+    def make(self) -> tuple[int, str]:
+        started = self.start()
+        said = started.communicate(timeout=120)[0]
+        return started.returncode, said
+
+    def installed(self) -> str:
+        """Return the version that ``.venv`` has of the package."""
+        words = [self.folder / ".venv/bin/python", "-c", "import small, own, own_book"]
+        return subprocess.run(words, capture_output=True, text=True, check=True).stdout.strip()
+
+
+@pytest.fixture
+def checkout(tmp_path: Path, root: Path) -> Checkout:
+    return Checkout(tmp_path, root)
+
+
+def test_an_environment_is_made_anew_for_another_content_of_the_lock_alone(
+    checkout: Checkout,
+) -> None:
+    wheel, lock = checkout.folder / "small-1-py3-none-any.whl", checkout.folder / "environment.lock"
+    status, said = checkout.make()
+    assert status == 0, said
+    assert checkout.installed() == "1"
+    wheel.unlink()
+    lock.touch()
+    assert checkout.make() == (0, "")
+    checkout.lock(2).unlink()  # as without a network
+    status, said = checkout.make()
+    assert status != 0
+    assert ".venv is as it was" in said
+    assert checkout.installed() == "1"
+    assert {path.name for path in checkout.made.iterdir()} == {
+        "lock", (checkout.folder / ".venv").resolve().name,
+    }  # fmt: skip
+    checkout.lock(2)
+    status, said = checkout.make()
+    assert status == 0, said
+    assert checkout.installed() == "2"
+    assert len(list(checkout.made.iterdir())) == 2, "the old one is gone"
+
+
+def test_two_at_once_wait_for_each_other(checkout: Checkout) -> None:
+    both = [checkout.start(), checkout.start()]
+    said = "".join(started.communicate(timeout=120)[0] for started in both)
+    assert [started.returncode for started in both] == [0, 0], said
+    assert said.count("Installing the locked environment") == 1
+    assert said.count("Waiting for another make") == 1
+    assert checkout.installed() == "1"
+
+
+def test_one_that_is_stopped_leaves_the_folder_of_an_earlier_version(checkout: Checkout) -> None:
+    old = checkout.folder / ".venv/bin/python"
+    old.parent.mkdir(parents=True)
+    old.write_text("of before")
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGKILL):
+        started = checkout.start()
+        while not list(checkout.made.glob("*/bin/python")):
+            time.sleep(0.01)
+        os.killpg(started.pid, number)
+        started.communicate(timeout=120)
+        assert started.returncode != 0
+        assert old.read_text() == "of before"
+    status, said = checkout.make()
+    assert status == 0, said
+    assert checkout.installed() == "1"
+    assert (checkout.folder / ".venv").is_symlink()
+    assert len(list(checkout.made.iterdir())) == 2

@@ -136,7 +136,16 @@ def test_each_step_is_a_make_target_or_the_script(root: Path, steps: list[dict[s
     assert script == ["book", "test"]
     runs = {step["run"] for step in steps if "run" in step}
     called = {run.removeprefix("make ") for run in runs - {".ci/run"}}
-    assert {"tag", "archive", "assets", "release", "upgrade", "report", "actionlint"} <= called
+    assert {
+        "tag",
+        "archive",
+        "assets",
+        "release",
+        "upgrade",
+        "report",
+        "actionlint",
+        "audit",
+    } <= called
     assert {*called, *script} <= targets
     for target in called:  # make reads the whole file, and runs nothing
         done = lint("make", "-n", target, "TAG=v1.0.0", cwd=root)
@@ -226,8 +235,18 @@ def test_a_release_checks_before_it_builds_and_builds_before_it_publishes(
 
 def test_the_weekly_jobs_do_not_wait_for_each_other(workflows: dict[str, Any]) -> None:
     jobs = workflows["weekly"]["jobs"]
-    assert ("needs" in jobs["locked"], "needs" in jobs["newest"]) == (False, False)
-    assert set(jobs["report"]["needs"]) == {"locked", "newest"}
+    assert {name for name, job in jobs.items() if "needs" not in job} == {
+        "locked",
+        "newest",
+        "audit",
+    }
+    assert set(jobs["report"]["needs"]) == {"locked", "newest", "audit"}
+    assert all(
+        f"needs.{name}.result != 'success'" in jobs["report"]["if"]
+        for name in jobs
+        if name != "report"
+    )
+    assert runs_of(jobs["audit"]) == ["make audit"]
     assert runs_of(jobs["newest"]) == ["make upgrade", "make book", "make test"]
     # where the tests that are left out daily are made
     assert "INSWSN_TESTS: whole" in yaml.safe_dump(workflows["weekly"])

@@ -5,6 +5,7 @@ What computes is imported where it is called, so that a mistake is told at once.
 
 from __future__ import annotations
 
+import re
 import signal
 import sys
 import textwrap
@@ -92,7 +93,7 @@ def chapters(root: Path | None) -> None:
 @_settings
 @click.option("-f", "file", type=_FILE, help="A YAML file of parameters; -p overrides it.")
 @_out
-@click.option("--html", is_flag=True, help="Render the book with this run in it.")
+@click.option("--html", is_flag=True, help="Render the chapter's page of this run, too.")
 @click.option("--fresh", is_flag=True, help="Execute it, even if the same has been run before.")
 @click.pass_obj
 def run(
@@ -259,6 +260,9 @@ def run_command(command: click.Command) -> None:
         if number is not None and signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, _stop)
     try:
+        for word in sys.argv[1:]:  # a name of other bytes fits into no file of results
+            if re.search(r"[\ud800-\udfff]", word):
+                raise InswsnError(f"the word {word!r} is not UTF-8.")
         sys.exit(command.main(standalone_mode=False, prog_name="inswsn") or 0)
     except (click.exceptions.Abort, KeyboardInterrupt) as stopped:
         cause = stopped.__cause__ if isinstance(stopped, click.exceptions.Abort) else stopped

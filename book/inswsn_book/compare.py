@@ -17,6 +17,8 @@ from inswsn_lib.errors import InswsnError
 
 # What a quantity is, beside its numbers
 _KIND = ("unit", "interval_kind", "runs", "basis", "role")
+# How quantities of a method of the reader's own begin
+_OWN = "own."
 # As a table shows it
 _NUMBER = re.compile(r"[-−+]?\d[\d.,]*(?:e[-+]?\d+)?")
 
@@ -53,6 +55,11 @@ class Change:
     def beyond_tolerance(self) -> bool:
         """Whether it is more than the tolerance that it states away, or another quantity."""
         return self.moved(by=self.before.tolerance if self.before else 0.0)
+
+    @property
+    def beyond_rounding(self) -> bool:
+        """Whether it moved by more than another order of the same sums may move it."""
+        return self.moved(by=1e-6 * self.before.tolerance if self.before else 0.0, share=1e-12)
 
     @property
     def is_rounding(self) -> bool:
@@ -133,17 +140,20 @@ def differing(before: Mapping[str, object], after: Mapping[str, object]) -> list
 def comparison(before: Results, after: Results, claims: Sequence[Claim]) -> list[str]:
     """Return a line for each thing that differs between two results, and a summary.
 
-    What differs by rounding alone is left out.
+    What differs by rounding alone is left out. First stands what was set, and what came of a method
+    of the reader's own.
     """
     pairs = pair_quantities(before, after)
-    changed = [pair for pair in pairs if pair.moved(share=1e-12)]
+    changed = [pair for pair in pairs if pair.beyond_rounding]
+    changed.sort(key=lambda pair: not pair.name.startswith(_OWN))
     conditions = compare_conditions(before, after)
     flips = flipped_verdicts(claims, before, after)
     overturned = sum(line.startswith("sentences: ") for line in conditions)
     sentences = len(before.sentences.keys() | after.sentences.keys())
     return [
+        *(line for line in conditions if line.startswith("parameters: ")),
         *map(str, changed),
-        *(line for line in conditions if not line.startswith("cells: ")),
+        *(line for line in conditions if not line.startswith(("cells: ", "parameters: "))),
         *_tables_that_differ(before, after),
         *(
             f"verdict {claim.id}: {_word(old)} -> {_word(new)}"

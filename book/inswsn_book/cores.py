@@ -20,6 +20,7 @@ from inswsn_book.parameters import Value
 from inswsn_book.project import Chapter
 from inswsn_book.results import Quantity, Results
 from inswsn_lib.errors import InswsnError
+from inswsn_lib.files import read_text
 
 if TYPE_CHECKING:
     from inswsn_lib.evaluation import Scores
@@ -52,7 +53,7 @@ def run_core(
     """Compute the core of a chapter; return its scores as results and as the file `SCORES`."""
     from threadpoolctl import threadpool_limits  # noqa: PLC0415  # the parent needs no numerics
 
-    name = core_name(chapter.source.read_text(encoding="utf-8"))
+    name = core_name(read_text(chapter.source))
     if name is None:
         raise InswsnError(f"Chapter {chapter.number} has no core.")
     core = load_core(name)

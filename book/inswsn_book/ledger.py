@@ -235,7 +235,7 @@ def _read_ledger(path: Path) -> tuple[Claim, ...]:
         return _Ledger.model_validate(content).claims
     except ValidationError as error:
         said = first_problem(error, content=content)
-    except ValueError as error:
+    except (ValueError, TypeError, AttributeError) as error:  # such as an axis that is a number
         said = str(error)
     raise InswsnError(f"{path} is not a ledger of claims: {said}.")
 

@@ -5,13 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import jupytext
 import nbformat
 
 from inswsn_book.files import write_whole
-from inswsn_book.parameters import notebook_schema
+from inswsn_book.parameters import notebook_schema, read_myst
 from inswsn_book.project import Chapter, Project, find_root
-from inswsn_lib.errors import InswsnError
+from inswsn_lib.files import read_text
 
 _KERNEL = {"display_name": "Python 3", "language": "python", "name": "python3"}
 
@@ -21,13 +20,7 @@ def read_source(chapter: Chapter) -> Any:
 
     The id of a cell is the chapter's number and the cell's place, for example ``ch00-003``.
     """
-    try:
-        notebook = jupytext.read(chapter.source, fmt="md:myst")
-    except Exception as error:  # jupytext has no error class of its own for a broken source
-        said = (str(error).strip() or repr(error)).splitlines()[0]
-        raise InswsnError(
-            f"chapters/{chapter.source.name} is not a MyST notebook: {said}."
-        ) from None
+    notebook = read_myst(read_text(chapter.source), chapter.source.name)
     for place, cell in enumerate(notebook.cells):
         cell["id"] = f"ch{chapter.number}-{place:03d}"
     notebook_schema(notebook, chapter.source.name)

@@ -30,13 +30,17 @@ from inswsn_book.progress import Progress
 from inswsn_book.project import ROOT_VARIABLE, Chapter, Project
 from inswsn_book.provenance import repository_state
 from inswsn_book.results import Results, write_results
-from inswsn_book.runs import Run, book_runs
+from inswsn_book.runs import Run, reference_results
 from inswsn_book.verdicts import Verdict, count_verdicts, verdicts
 from inswsn_lib.errors import BuildError, InswsnError
-from inswsn_lib.files import read_yaml
+from inswsn_lib.files import read_text, read_yaml
 from inswsn_lib.scenario import load_scenario
 
 _KEY_FILE = ".inswsn-key"
+#: Set for the Sphinx that renders one page of the book
+ALONE = "INSWSN_ALONE"
+# What is rendered beside it, since citations are resolved there
+_CITED = ("bibliography",)
 # The trees of all pages live until the end. To look for what is dead among them as often as Python
 # does by default takes a quarter of the time; to look seldom takes a tenth more memory.
 _JUPYTER_BOOK = (
@@ -91,7 +95,7 @@ def _number(value: float, form: str = "g") -> str:
 
 def _head_of(chapter: Chapter) -> dict[str, str]:
     """Return what the head of a chapter says that it needs, and the minutes to read it."""
-    head = _HEAD.search(chapter.source.read_text(encoding="utf-8"))
+    head = _HEAD.search(read_text(chapter.source))
     return head.groupdict() if head else {"need": "", "minutes": ""}
 
 
@@ -191,14 +195,21 @@ def stage_book(project: Project, runs: Sequence[Run], folder: Path) -> None:
         folder,
         ignore=shutil.ignore_patterns("inswsn_book", "_templates", "pyproject.toml"),
     )
-    context(project, [run.results for run in runs])  # what cannot be shown is refused by it
+    rendered = [run.results for run in runs]
+    here = {results.chapter for results in rendered}
+    # what the pages and the verdicts need of chapters that are not rendered
+    others = [
+        reference_results(project, c.number) for c in project.chapters() if c.number not in here
+    ]
+    context(project, [*rendered, *others])  # what cannot be shown is refused by it
+    for results in (*rendered, *others):
+        write_results(results, folder / "generated" / f"{results.chapter}.json")
     templates, claims = environment(project.root), load_claims(project.root / LEDGER)
     for run in runs:
         name, results = project.find(run.request.chapter).name, run.results
         notebook = with_captions(nbformat.reads(run.notebook, as_version=4))
         shown = with_notes(notebook, results, claims_of(claims, results.chapter), templates)
         write_whole(folder / "chapters" / f"{name}.ipynb", notebook_text(shown))
-        write_results(results, folder / "generated" / f"{results.chapter}.json")
     for figure in (project.root / "data").glob("*.svg"):
         shutil.copy(figure, folder / "generated")
 
@@ -267,7 +278,8 @@ def render_book(
     progress.say("book: rendering")
     project.build.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=project.build, prefix="render-") as name:
-        site = _render(project, runs, Path(name))
+        stage_book(project, runs, Path(name) / "source")
+        site = _render(project, Path(name))
         if _site_key(project, runs) != key:
             raise RenderingError("Something changed while the book was rendered; build it again.")
         write_whole(site / _KEY_FILE, key)
@@ -275,27 +287,31 @@ def render_book(
 
 
 def render_run(project: Project, run: Run, target: Path) -> None:
-    """Render the book with another run of one chapter in it."""
-    shown = [
-        run if other.request.chapter == run.request.chapter else other
-        for other in book_runs(project)
-    ]
+    """Render the page of a run, with links to the built book; without one they are plain words."""
+    chapter = f"chapters/{project.find(run.request.chapter).name}"
     with tempfile.TemporaryDirectory(dir=target.parent, prefix="render-") as name:
-        _render(project, shown, Path(name)).rename(target)
+        source = Path(name) / "source"
+        stage_book(project, [run], source)
+        more = [f"- file: {page}" for page in _CITED if (source / f"{page}.md").is_file()]
+        toc = ["format: jb-book", f"root: {chapter}", *(["chapters:", *more] if more else [])]
+        (source / "_toc.yml").write_text("\n".join(toc), encoding="utf-8")
+        _render(project, Path(name), alone=True).rename(target)
 
 
-def _render(project: Project, runs: Sequence[Run], stage: Path) -> Path:
-    """Stage and render a book; return the folder of the site."""
-    stage_book(project, runs, stage / "source")
+def _render(project: Project, stage: Path, *, alone: bool = False) -> Path:
+    """Render what is staged; return the folder of the site.
+
+    A page that is alone may lack what it names.
+    """
     command = [
         *(sys.executable, "-c", _JUPYTER_BOOK),
         *("build", str(stage / "source"), "--config", "_config.yml", "--path-output", str(stage)),
-        *("--all", "-W", "-n", "--keep-going", "-q"),
+        *("--all", "-q", *(() if alone else ("-W", "-n", "--keep-going"))),
     ]
     done = subprocess.run(
         command,
         cwd=project.root,
-        env=os.environ | {ROOT_VARIABLE: str(project.root)},
+        env=os.environ | {ROOT_VARIABLE: str(project.root), ALONE: "yes" if alone else ""},
         capture_output=True,
         text=True,
         stdin=subprocess.DEVNULL,
@@ -305,7 +321,7 @@ def _render(project: Project, runs: Sequence[Run], stage: Path) -> Path:
     said = _COLOUR.sub("", done.stdout + done.stderr).replace(str(stage / "source"), "book")
     warnings = [line for line in said.splitlines() if WARNING.search(line)]
     # jupyter-book's exit status alone is not to be trusted: it has been 0 after warnings
-    if done.returncode != 0 or warnings:
+    if done.returncode != 0 or (warnings and not alone):
         raise RenderingError(
             "Sphinx could not render the book without warnings:\n"
             + ("\n".join(warnings) if warnings else said.strip())

@@ -9,7 +9,7 @@ parameter is::
 
 A rule is ``any``, an interval of numbers such as ``in (0, 10]`` or ``in [0, inf)``, ``one of`` a
 list of words, ``a file``: the path of a file, or the name of one below ``data/``, or
-``a regressor``: the module and the class of a scikit-learn regressor.
+``a regressor``: the module and the name of a scikit-learn regressor.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ from typing import Any
 import jupytext
 
 from inswsn_lib.errors import InswsnError, ParameterError
+from inswsn_lib.files import read_scalar, read_text
 
 Value = bool | int | float | str
 
@@ -60,7 +61,7 @@ class Parameter:
         if self.rule == FILE_RULE:
             return "the path of a file, or the name of one below data/"
         if self.rule == REGRESSOR_RULE:
-            return "package.module:Class, a scikit-learn regressor"
+            return "package.module:name of a scikit-learn regressor"
         return self.rule if self.rule.startswith("one of ") else f"{kind} {self.rule}"
 
     def check(self, value: object) -> Value:
@@ -77,19 +78,9 @@ class Parameter:
         raise ParameterError(self.name, value, self.allowed)
 
     def read(self, text: str) -> Value:
-        """Return the value that a text stands for, as on a command line; refuse another one."""
+        """Return the value that a text stands for, as in a file; refuse another one."""
         text = text.strip()
-        value: object = text
-        if self.kind == "bool":
-            value = {"true": True, "false": False}.get(text.lower(), text)
-        elif self.kind == "int" and re.fullmatch(r"[+-]?\d+", text):
-            value = int(text)
-        elif self.kind == "float":
-            try:
-                value = float(text)
-            except ValueError:
-                raise ParameterError(self.name, text, self.allowed) from None
-        return self.check(value)
+        return self.check(text if self.kind == "str" else read_scalar(text))
 
 
 @dataclass(frozen=True)
@@ -121,13 +112,22 @@ def chapter_schema(root: Path, number: str) -> Schema:
     sources = sorted((root / "chapters").glob(f"{number}-*.md"))
     if not sources:
         raise InswsnError(f"There is no chapter {number} in {root / 'chapters'}.")
-    return source_schema(sources[0].read_text(encoding="utf-8"), sources[0].name)
+    return source_schema(read_text(sources[0]), sources[0].name)
 
 
 @cache
 def source_schema(source: str, name: str) -> Schema:
     """Read the parameters of a chapter's source; a build asks for the same ones a hundred times."""
-    return notebook_schema(jupytext.reads(source, fmt="md:myst"), name)
+    return notebook_schema(read_myst(source, name), name)
+
+
+def read_myst(source: str, name: str) -> Any:
+    """Return the notebook that a chapter's source is; refuse one that is none."""
+    try:
+        return jupytext.reads(source, fmt="md:myst")
+    except Exception as error:  # jupytext has no error class of its own for a broken source
+        said = (str(error).strip() or repr(error)).splitlines()[0]
+        raise InswsnError(f"chapters/{name} is not a MyST notebook: {said}.") from None
 
 
 def notebook_schema(notebook: Any, name: str) -> Schema:
@@ -137,7 +137,10 @@ def notebook_schema(notebook: Any, name: str) -> Schema:
         raise InswsnError(
             f"chapters/{name} has {len(tagged)} cells tagged parameters; a chapter has exactly one."
         )
-    return read_schema(tagged[0].source)
+    try:
+        return read_schema(tagged[0].source)
+    except InswsnError as error:
+        raise InswsnError(f"chapters/{name}: {error}") from None
 
 
 def read_schema(cell: str) -> Schema:
@@ -161,7 +164,7 @@ def read_schema(cell: str) -> Schema:
             )
         try:
             value = ast.literal_eval(default)
-        except (ValueError, SyntaxError):
+        except (ValueError, TypeError, SyntaxError, MemoryError, RecursionError):
             raise InswsnError(f"The default of {name} is no literal.") from None
         draft = Parameter(name, kind, value, unit, rule, " ".join(meaning))
         parameters[name] = replace(draft, default=draft.check(value))

@@ -95,11 +95,14 @@ class Project:
         path = self.root / "CITATION.cff"
         said = read_yaml(path)
         for field in ("title", "abstract", "version", "date-released", "authors", "license"):
-            if field not in said:
+            if not isinstance(said, dict) or field not in said:
                 raise InswsnError(f"{path} is no citation file: it lacks '{field}'.")
-        names = [
-            a.get("name") or f"{a['family-names']}, {a['given-names']}" for a in said["authors"]
-        ]
+        try:
+            names = [
+                a.get("name") or f"{a['family-names']}, {a['given-names']}" for a in said["authors"]
+            ]
+        except (KeyError, TypeError, AttributeError):
+            raise InswsnError(f"{path} is no citation file: it lacks names of authors.") from None
         return {"doi": None, "repository-code": None, **said, "names": names}
 
     def library_digest(self) -> str:

@@ -74,14 +74,12 @@ def run_chapter(
     """Run a chapter and write what comes of it to a folder of its own, whole or not at all.
 
     That is the executed notebook, its results, ``parameters.yml``, what the chapter wrote for its
-    reader, and, if asked for, the book rendered with this run in it.
+    reader, and, if asked for, the chapter's page of this run.
     """
     name = project.find(number).name
     text = yaml.safe_dump(chapter_schema(project.root, number).check(values), sort_keys=False)
     folder = out or project.root / "runs" / f"{name}-{text_digest(text)[:8]}"
     check_folder(folder)
-    if html:
-        runs.book_runs(project)  # refused before the chapter runs rather than after
     done = runs.run(project, runs.Request(number, values), progress, fresh=fresh)
     notebook = nbformat.reads(done.notebook, as_version=4)
     own = with_notes(notebook, done.results, (), environment(project.root))
@@ -91,7 +89,7 @@ def run_chapter(
             write_whole(made / written, content)
         write_results(done.results, made / f"{number}.json")
         if html:
-            progress.say("book: rendering with this run in it")
+            progress.say(f"{name}: rendering its page")
             render_run(project, done, made / "html")
     return folder.resolve(), done.results
 

@@ -33,7 +33,7 @@ from inswsn_book.provenance import MACHINE, available_cores, machine_facts, repo
 from inswsn_book.results import Provenance, Results, read_results
 from inswsn_lib import __version__
 from inswsn_lib.errors import BuildError, InswsnError, ParameterError
-from inswsn_lib.files import DATA_VARIABLE, data_mirror
+from inswsn_lib.files import DATA_VARIABLE, data_mirror, read_text
 
 # Raised when the form of the store, or the way in which chapters are executed, changes.
 _FORM = 6
@@ -94,7 +94,7 @@ class _Prepared:
 
 def _prepare(project: Project, request: Request) -> _Prepared:
     chapter = project.find(request.chapter)
-    own = chapter.source.read_text(encoding="utf-8")
+    own = read_text(chapter.source)
     source = request.overlay.get(f"chapters/{chapter.source.name}", own)
     schema = source_schema(source, chapter.source.name)
     checked = {name: schema[name].check(value) for name, value in request.parameters.items()}

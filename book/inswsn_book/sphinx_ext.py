@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from html import escape
 from pathlib import Path
@@ -9,10 +10,10 @@ from typing import Any
 from urllib.parse import urlsplit
 
 from jinja2 import TemplateError
-from sphinx.util import logging
+from sphinx.util import docname_join, logging
 
 from inswsn_book.access import finish_site
-from inswsn_book.pages import context, environment, footer
+from inswsn_book.pages import ALONE, context, environment, footer
 from inswsn_book.project import Project, find_root
 from inswsn_book.results import read_results
 from inswsn_lib.errors import InswsnError
@@ -39,9 +40,19 @@ def _configure(app: Any, config: Any) -> None:
                 "notebook_interface": "jupyterlab",
             },
         }
+    site = project.site
+    if os.environ.get(ALONE) and (site / "objects.inv").is_file():
+        config.intersphinx_mapping = {"book": (site.as_uri(), str(site / "objects.inv"))}
+        config.intersphinx_disabled_reftypes = []
     found = [read_results(path) for path in sorted(Path(app.srcdir, "generated").glob("*.json"))]
     app.inswsn_templates = environment(project.root)
     app.inswsn_context = context(project, found)
+
+
+def _whole_name(app: Any, env: Any, node: Any, words: Any) -> None:
+    """Give a page that is looked for in the built book its name from the root of the book."""
+    if node.get("reftype") == "doc":
+        node["reftarget"] = docname_join(node["refdoc"], node["reftarget"])
 
 
 def _render(app: Any, page: str, source: list[str]) -> None:
@@ -68,6 +79,9 @@ def _skip(app: Any, what: str, name: str, member: Any, skip: bool, options: Any)
 
 def setup(app: Any) -> dict[str, bool]:
     """Register the extension; called by Sphinx."""
+    if os.environ.get(ALONE):
+        app.setup_extension("sphinx.ext.intersphinx")
+        app.connect("missing-reference", _whole_name, priority=100)
     # before the handlers that work on what is set here
     app.connect("config-inited", _configure, priority=100)
     app.connect("source-read", _render)

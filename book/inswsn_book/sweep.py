@@ -28,6 +28,7 @@ from inswsn_book.running import gather_parameters
 from inswsn_book.runs import Request, Run, keep, lookup, request_key, run
 from inswsn_lib import __version__
 from inswsn_lib.errors import BuildError, InswsnError, ParameterError
+from inswsn_lib.files import read_text
 
 MOST_CELLS = 10_000
 _MOST_ROWS = 40
@@ -90,7 +91,7 @@ def read_sweep(
     count = math.prod(map(len, found.values()))
     if count > MOST_CELLS:
         raise ParameterError("--grid", f"of {count} cells", f"of {MOST_CELLS} cells at most")
-    core = core_name(chapter.source.read_text(encoding="utf-8"))
+    core = core_name(read_text(chapter.source))
     return Sweep(chapter, schema, core, found, chosen)
 
 

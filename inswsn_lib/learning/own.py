@@ -1,4 +1,4 @@
-"""A reader's own regressor: named by module and class, and tried before anything runs."""
+"""A reader's own regressor: named by its module and name, and tried before anything runs."""
 
 from __future__ import annotations
 
@@ -20,13 +20,16 @@ from inswsn_lib.errors import ParameterError
 #: Names the folder in which a reader's own modules are looked for; by default the working folder.
 MODULES_VARIABLE = "INSWSN_MODULES"
 #: What such a parameter may be
-ALLOWED = "package.module:Class, a scikit-learn regressor that needs no arguments"
+ALLOWED = (
+    "package.module:name of a scikit-learn regressor: a class or a function, called without "
+    "arguments, or an instance, such as a pipeline"
+)
 
 _FORM = re.compile(r"([A-Za-z_]\w*(?:\.[A-Za-z_]\w*)*):([A-Za-z_]\w*)")
 
 
 def load_regressor(name: str, text: str, *, seed: int = 0) -> Any:
-    """Return the regressor that a text names, made without arguments, for several outputs.
+    """Return the regressor that a text names, for several outputs.
 
     It is tried on 100 samples with four inputs and two outputs. If it takes one output only, it is
     copied for each: it comes in scikit-learn's ``MultiOutputRegressor``.
@@ -36,14 +39,15 @@ def load_regressor(name: str, text: str, *, seed: int = 0) -> Any:
     name : str
         Of the parameter, for the sentence of a refusal.
     text : str
-        ``package.module:Class``; the module is installed or lies in the working folder.
+        ``package.module:name``; the module is installed or lies in the working folder. It names a
+        class, or a function, which is called without arguments, or an instance, which is copied.
     seed : int
-        The random state, if it has one.
+        The random state, where it has one that is not set.
 
     Raises
     ------
     ParameterError
-        If the text has another form, there is no such module or class, it cannot be made without
+        If the text has another form, there is no such module or name, it cannot be made without
         arguments, or the trial fails.
 
     Examples
@@ -55,20 +59,29 @@ def load_regressor(name: str, text: str, *, seed: int = 0) -> Any:
     LinearRegression()
     >>> load_regressor("learner", "sklearn.svm:SVR")
     MultiOutputRegressor(estimator=SVR())
+
+    One with arguments is an instance in a module of your own, say ``mine.py`` with the line
+    ``ridge = Ridge(alpha=10)``, named ``mine:ridge``.
     """
     if not (parts := _FORM.fullmatch(text)):
         raise ParameterError(name, text, ALLOWED)
-    module, class_name = parts.groups()
+    module, attribute = parts.groups()
     folder = os.environ.get(MODULES_VARIABLE, str(Path.cwd()))
     if folder not in sys.path:
         sys.path.append(folder)
-    doing = f"importing {class_name} from {module}"
+    doing = f"importing {attribute} from {module}"
     try:
-        found = getattr(importlib.import_module(module), class_name)
-        doing = f"making {class_name}, or a copy of it,"
-        machine = clone(found())
-        if "random_state" in machine.get_params():
-            machine.set_params(random_state=seed)
+        found = getattr(importlib.import_module(module), attribute)
+        doing = f"making {attribute}, or a copy of it,"
+        # an instance may be callable, and a class has a method fit as well
+        instance = hasattr(found, "fit") and not isinstance(found, type)
+        machine = clone(found if instance else found())
+        chances = [
+            name
+            for name, value in machine.get_params().items()
+            if name.rpartition("__")[2] == "random_state" and value is None
+        ]
+        machine.set_params(**dict.fromkeys(chances, seed))
         doing = "a trial on 100 samples"
         if not _takes_several(machine):
             machine = MultiOutputRegressor(machine)

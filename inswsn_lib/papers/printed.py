@@ -6,9 +6,10 @@ result contains every result that values inside the operands' intervals can give
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
-from decimal import Decimal, InvalidOperation
+from decimal import Decimal
 from typing import Any
 
 from mpmath import iv
@@ -21,15 +22,14 @@ Interval = Any
 #: A number as a paper prints it, for example ``"0.0900"``: its digits carry its rounding.
 Printed = str
 
+# What fits into a float, and on a page
+_FORM = re.compile(r"[-+]?([0-9]{1,99}(\.[0-9]{0,99})?|\.[0-9]{1,99})([eE][-+]?[0-9]{1,2})?")
+
 
 def _decimal(text: Printed) -> Decimal:
-    try:
-        value = Decimal(text)
-    except (InvalidOperation, TypeError):
-        value = Decimal("NaN")
-    if not value.is_finite():
+    if not isinstance(text, str) or not _FORM.fullmatch(text):
         raise ParameterError("text", text, "a printed decimal number such as '0.0900'")
-    return value
+    return Decimal(text)
 
 
 def interval(text: Printed) -> Interval:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import csv
+from io import StringIO
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
 from inswsn_lib.errors import InswsnError
-from inswsn_lib.files import read_yaml
+from inswsn_lib.files import read_text, read_yaml
 
 #: The four error components, position then velocity
 AXES = ("rx", "ry", "vx", "vy")
@@ -28,7 +30,8 @@ def read_table(path: Path, index: str) -> pd.DataFrame:
     Raises
     ------
     InswsnError
-        If the file has no such column, a name twice, or a blank cell.
+        If the file has no such column, a name twice, a blank cell, a row of another length than
+        the header, or none.
 
     Examples
     --------
@@ -38,11 +41,23 @@ def read_table(path: Path, index: str) -> pd.DataFrame:
     >>> table.loc["HF", "rx1"]
     '0.3881'
     """
-    frame = pd.read_csv(path, dtype=str, keep_default_na=False)
-    if index not in frame.columns:
-        raise InswsnError(
-            f"{path.name} has no column {index!r}; it has {', '.join(map(str, frame))}."
-        )
+    try:
+        lines = csv.reader(StringIO(read_text(path), newline=""), strict=True)
+        header, *rows = [line for line in lines if line] or [[]]
+    except csv.Error as error:
+        raise InswsnError(f"{path.name} is not a CSV file: {error}.") from None
+    if index not in header:
+        named = ", ".join(header) or "none"
+        raise InswsnError(f"{path.name} has no column {index!r}; it has {named}.")
+    if len(set(header)) < len(header):
+        raise InswsnError(f"{path.name} names a column twice; it has {', '.join(header)}.")
+    for row in rows or [[]]:
+        if len(row) != len(header):
+            raise InswsnError(
+                f"{path.name} has {len(row)} cells in a row ({', '.join(row)}); it may have "
+                f"{len(header)}, as the header has."
+            )
+    frame = pd.DataFrame(rows, columns=header, dtype="str")
     if frame[index].duplicated().any():
         raise InswsnError(f"{path.name} names a row twice in its column {index!r}.")
     if (frame == "").any(axis=None):
@@ -65,7 +80,9 @@ def read_numbers(path: Path) -> dict[str, Any]:
     >>> read_numbers(iw.data_file("papers/p1.yaml"))["text"]["sampling_period"]  # s
     '1'
     """
-    content: dict[str, Any] = read_yaml(path)
+    content = read_yaml(path)
+    if not isinstance(content, dict):
+        raise InswsnError(f"{path.name} holds no names with numbers.")
     _refuse_numbers(content, path.name)
     return content
 

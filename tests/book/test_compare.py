@@ -101,13 +101,13 @@ def test_flipped_verdicts_and_only_those() -> None:
 
 
 def test_all_that_differs_between_two_runs_of_a_chapter() -> None:
-    before = results(old=1, both=1, rounded=1).model_copy(
+    before = results(old=1, both=1, rounded=1, **{"own.left": 4}).model_copy(
         update={
             "parameters": {"a": 1, "same": 3}, "tables": {"tbl-a": [["x"], ["1"]]},
             "sentences": {"It rains.": True, "It pours.": False, "It is gone.": True},
         }
     )  # fmt: skip
-    after = results(both=1, rounded=1 + 1e-15, new=3).model_copy(
+    after = results(both=1, rounded=1 + 1e-8, new=3, **{"own.left": 5}).model_copy(
         update={
             "parameters": {"b": 2, "same": 3}, "data": {"data/x": "a" * 64},
             "sentences": {"It rains.": False, "It pours.": True, "It snows.": False},
@@ -118,11 +118,12 @@ def test_all_that_differs_between_two_runs_of_a_chapter() -> None:
     both = after["both"].model_copy(update={"tolerance": 0.2})
     after = after.model_copy(update={"quantities": (both, *after.quantities[1:])})
     assert comparison(before, after, []) == [
+        "parameters: b: absent -> 2",
+        "parameters: a: 1 -> absent",
+        "own.left: 4 m -> 5 m (change +1, tolerance 0.1)",
         "old: 1 m -> absent",
         "both: 1 m -> 1 m (change +0, tolerance 0.1); tolerance 0.1 -> 0.2",
         "new: absent -> 3 m",
-        "parameters: b: absent -> 2",
-        "parameters: a: 1 -> absent",
         "data: data/x: absent -> " + "a" * 64,
         "sentences: It rains.: True -> False",
         "sentences: It pours.: False -> True",
@@ -130,7 +131,7 @@ def test_all_that_differs_between_two_runs_of_a_chapter() -> None:
         "sentences: It is gone.: True -> absent",
         "solvers: HiGHS: absent -> optimal",
         "table tbl-a: 2 of 3 cells differ",
-        "3 of 4 quantities changed, 4 of 4 sentences overturned, 0 of 0 verdicts flipped.",
+        "4 of 5 quantities changed, 4 of 4 sentences overturned, 0 of 0 verdicts flipped.",
     ]
     assert "cells: both: absent -> ch00-001" in compare_conditions(before, after)
     assert compare_conditions(before, before) == []

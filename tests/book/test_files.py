@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import runpy
+import tracemalloc
 from collections.abc import Callable
 from contextlib import suppress
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -35,8 +37,29 @@ def read(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch, tmp_pa
 
 
 def test_a_number_in_powers_of_ten_is_one_and_a_day_a_text(read: Callable[[str], Any]) -> None:
-    found = read("{a: 1e-1, b: -2.5E3, c: 2026-11-22, d: '1e3', e: yes}")
-    assert found == {"a": 0.1, "b": -2500.0, "c": "2026-11-22", "d": "1e3", "e": True}
+    found = read("{a: 1e-1, b: -2.5E3, c: 2026-11-22, d: '1e3', e: yes, f: 010, g: 1:30, h: True}")
+    assert found == {
+        "a": 0.1, "b": -2500.0, "c": "2026-11-22", "d": "1e3", "e": "yes", "f": 10, "g": "1:30",
+        "h": True,
+    }  # fmt: skip
+
+
+#: Each line stands for nine times the one before: 4e8 letters in 400
+BOMB = "a: &a [x,x,x,x,x,x,x,x,x]\n" + "".join(
+    f"{b}: &{b} [{','.join(9 * [f'*{a}'])}]\n" for a, b in pairwise("abcdefgh")
+)
+
+
+def test_an_alias_stands_for_what_it_names_and_does_not_multiply(
+    read: Callable[[str], Any],
+) -> None:
+    assert read("{a: &x [1, 2], b: *x}") == {"a": [1, 2], "b": [1, 2]}
+    assert len(BOMB) < 400
+    tracemalloc.start()
+    with pytest.raises(InswsnError, match="its aliases make it 4 times as long in line 1"):
+        read(BOMB)
+    assert tracemalloc.get_traced_memory()[1] < 2e6
+    tracemalloc.stop()
 
 
 @pytest.mark.parametrize(
@@ -47,6 +70,17 @@ def test_a_number_in_powers_of_ten_is_one_and_a_day_a_text(read: Callable[[str],
         ("\x01", "a.yaml is not YAML"),
         ("[" * 5_000 + "]" * 5_000, "a.yaml is not YAML that can be read: it is nested too deeply"),
         ("- " * 100_000, "a.yaml is not YAML"),
+        ("&a [*a]", "a.yaml is not YAML"),
+        ("b: *a", "a.yaml is not YAML: found undefined alias"),
+        (
+            "a: 1\nb: !!int ''",
+            "a.yaml is not YAML: the tag tag:yaml.org,2002:int is not read.*line 2",
+        ),
+        ("!!bool x", "a.yaml is not YAML: the tag"),
+        ("- !!timestamp x", "a.yaml is not YAML: the tag"),
+        ("a: ! 7", "a.yaml is not YAML: the tag"),
+        ("[1, 2]: 3", "a.yaml is not YAML: a list or a mapping is a key"),
+        ("7: 1\n7.0: 2", "a.yaml is not YAML: the key 7.0 is repeated"),
     ],
     ids=lambda text: text[:12],
 )

@@ -87,7 +87,15 @@ def test_a_float_survives_the_command_line(value: float) -> None:
 
 @pytest.mark.parametrize(
     ("name", "text", "value"),
-    [("samples", "010", 10), ("width", "1e0", 1.0), ("share", "1", 1.0), ("draw", "False", False)],
+    [
+        ("samples", "010", 10),
+        ("width", "1e0", 1.0),
+        ("share", "1", 1.0),
+        ("draw", "False", False),
+        ("width", ".5", 0.5),
+        ("width", "5.", 5.0),
+        ("share", "1E-3", 1e-3),
+    ],
 )
 def test_texts(name: str, text: str, value: object) -> None:
     found = SCHEMA[name].read(text)
@@ -107,7 +115,7 @@ def test_texts(name: str, text: str, value: object) -> None:
         ("samples", False, "samples is False; it may be a whole number in [4, 400]."),
         ("form", "other", "form is 'other'; it may be one of exact, printed."),
         ("draw", 1, "draw is 1; it may be true or false."),
-        ("learner", 3, "learner is 3; it may be package.module:Class, a scikit-learn regressor."),
+        ("learner", 3, "learner is 3; it may be package.module:name of a scikit-learn regressor."),
         ("wdith", 1.0, f"parameter is 'wdith'; it may be one of {', '.join(NAMES)}."),
     ],
 )
@@ -129,6 +137,11 @@ def test_a_refusal_is_one_sentence(name: str, value: object, sentence: str) -> N
         ),
         *("x: float = 1  # m; in [0, 1)", "x: int = 1  # m; a regressor", "x: int = = 1  # m; any"),
         *("x: bool = True  # 1; a regressor", "x: str = 'a:B'  # 1; a regressor, a file"),
+        *(
+            "x: int = {[]: 1}  # m; any",
+            "x: int = (  # m; any",
+            f"x: int = {'-' * 9999}1  # m; any",
+        ),
         *("x: str = 3  # 1; a regressor", "x: int = len('ab')  # m; any", "x = 1  # m; any"),
         "x: int = 1  # m; any\n# Y.\nx: int = 2  # m; any",
     ],

@@ -91,6 +91,40 @@ def test_a_module_of_the_readers_own(
     assert predicted.tolist() == [[3.0, 6.0]]
 
 
+NAMED = """\
+from sklearn.linear_model import Ridge
+from sklearn.neural_network import MLPRegressor
+from sklearn.pipeline import make_pipeline
+from sklearn.preprocessing import StandardScaler
+
+ridge = Ridge(alpha=10)
+chain = make_pipeline(StandardScaler(), MLPRegressor(max_iter=3))
+fixed = MLPRegressor(max_iter=3, random_state=5)
+
+def made():
+    return Ridge(alpha=3)
+"""
+
+
+@pytest.mark.filterwarnings("ignore:Stochastic Optimizer")
+def test_an_instance_a_pipeline_and_a_function_that_makes_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    name = f"own_{tmp_path.name}"
+    (tmp_path / f"{name}.py").write_text(NAMED)
+    monkeypatch.chdir(tmp_path)
+    ridge, chain, fixed, made = (
+        load_regressor("learner", f"{name}:{each}", seed=7)
+        for each in ("ridge", "chain", "fixed", "made")
+    )
+    assert (ridge.alpha, made.alpha) == (10, 3)
+    assert ridge is not sys.modules[name].ridge  # what a module holds is not trained
+    assert chain.get_params()["mlpregressor__random_state"] == 7
+    assert fixed.random_state == 5  # as it was set
+    X = np.random.default_rng(0).normal(size=(30, 2))
+    assert np.array_equal(chain.fit(X, X).predict(X), chain.fit(X, X).predict(X))
+
+
 @pytest.mark.parametrize(
     "text",
     [
@@ -118,6 +152,7 @@ TRIAL = "a trial on 100 samples fails"
         ("class Other: pass", f"{IMPORTING}: AttributeError: .*Mean"),
         ("def Mean(): pass", f"{MAKING}: TypeError"),
         ("Mean = 3", f"{MAKING}: TypeError"),
+        (f"{MEAN}\nmade = Mean\nMean = lambda size: made()", f"{MAKING}: TypeError"),
         (MEAN + "\n    def __init__(self, size):\n        self.size = size", f"{MAKING}: TypeErr"),
         (MEAN + "\n    def __init__(self, a=1):\n        self.a_ = a", f"{MAKING}: AttributeError"),
         (MEAN.replace("predict", "forecast"), f"{TRIAL}: .*predict"),

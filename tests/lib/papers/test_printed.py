@@ -92,7 +92,10 @@ def test_what_intervals_have_in_common() -> None:
     assert bounds(mean(span(0, 1), span(2, 4), span(1, 1))) == (1, 2)
 
 
-@pytest.mark.parametrize("text", ["", "abc", "1,5", "NaN", "inf", None])
+@pytest.mark.parametrize(
+    "text",
+    ["", "abc", "1,5", "NaN", "inf", None, "1e999", "1e-999999999", "1_0", "٣", " 1", "1.2.3"],
+)
 def test_what_is_not_a_printed_number(text: str) -> None:
     for read in (interval, lambda text: derive(reduction, text, "1"), lambda text: about(text, 1)):
         with pytest.raises(ParameterError, match=r"^text is .* a printed decimal number"):

@@ -24,6 +24,18 @@ def test_digits_survive(tmp_path: Path) -> None:
         ("name,a\nKF,1\n", "t.csv has no column 'method'; it has name, a."),
         ("method,a\nKF,1\nKF,2\n", "t.csv names a row twice in its column 'method'."),
         ("method,a\nKF,\n", "t.csv has a blank cell; every printed cell has a number."),
+        ("", "t.csv has no column 'method'; it has none."),
+        ("method,a,a\nKF,1,2\n", "t.csv names a column twice; it has method, a, a."),
+        (
+            "method,a\nKF,1,2\n",
+            "t.csv has 3 cells in a row (KF, 1, 2); it may have 2, as the header has.",
+        ),
+        (
+            "method,a\nKF,1,\n",
+            "t.csv has 3 cells in a row (KF, 1, ); it may have 2, as the header has.",
+        ),
+        ("method,a\n", "t.csv has 0 cells in a row (); it may have 2, as the header has."),
+        ('method,a\n"KF,1\n', "t.csv is not a CSV file: unexpected end of data."),
     ],
 )
 def test_a_bad_table_is_refused(tmp_path: Path, text: str, sentence: str) -> None:
