@@ -184,9 +184,8 @@ def minimise_gamma(
     squared = cp.Variable()
     least = cp.bmat(inequality(_numbers(model), P, Q, squared, form)) << 0
     problem = cp.Problem(cp.Minimize(squared), [least])
-    first_that_passes(partial(solve, problem, by) for by in in_order(solver))
-    gamma = float(np.sqrt(max(float(squared.value), 0.0)))
-    return gamma, np.asarray(np.linalg.solve(P.value, Q.value))
+    gain = first_that_passes(partial(_solved_gain, problem, P, Q, by) for by in in_order(solver))
+    return float(np.sqrt(max(float(squared.value), 0.0))), gain
 
 
 def central_gain(
@@ -229,7 +228,13 @@ def central_gain(
     P, Q = cp.Variable(model.A.shape, symmetric=True), cp.Variable(model.C.T.shape)
     matrix = cp.bmat(inequality(_numbers(model), P, Q, level**2, form))
     centre = cp.Problem(cp.Maximize(cp.log_det(-matrix)))
-    first_that_passes(partial(solve, centre, by, accurate=True) for by in in_order(solver))
+    return first_that_passes(
+        partial(_solved_gain, centre, P, Q, by, accurate=True) for by in in_order(solver)
+    )
+
+
+def _solved_gain(problem: Any, P: Any, Q: Any, by: Solver, *, accurate: bool = False) -> Array:
+    solve(problem, by, accurate=accurate)
     return np.asarray(np.linalg.solve(P.value, Q.value))
 
 

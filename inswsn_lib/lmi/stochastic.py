@@ -23,6 +23,8 @@ _HIGHEST = 1e100  # of a gain, whose square must be a number
 _DOUBLINGS, _DOUBLINGS_FROM_NOTHING, _NOTHING = 12, 400, 1e-100
 # How many policies are tried, and which change of the value is none
 _POLICIES, _STILL = 200, 1e-10
+# A plant as near to instability is taken as unstable: the equation is singular to rounding
+_EDGE = 1e-14
 # The disturbance is computed this far above the gain, where the recursion still holds.
 _ABOVE = 1e-9
 
@@ -242,7 +244,7 @@ def riccati_gain_below(A: Array, E: Array, B: Array, L: Array, gain: float) -> b
     for _ in range(_POLICIES):
         closed = A + B @ feedback
         moves = np.kron(closed, closed) + jitter
-        if spectral_radius(moves) >= 1:
+        if not (np.isfinite(moves).all() and spectral_radius(moves) < 1 - _EDGE):
             return False
         value = L.T @ L - feedback.T @ level @ feedback
         P = np.linalg.solve(np.eye(len(moves)) - moves.T, value.ravel()).reshape(A.shape)
