@@ -62,8 +62,8 @@ def read_text(path: Path) -> str:
     Examples
     --------
     >>> from inswsn_lib.files import data_file, read_text
-    >>> read_text(data_file("examples/ins-wsn.csv"))[:7]
-    'time_s,'
+    >>> read_text(data_file("examples/ins-wsn.csv"))[:11]
+    '# Simulated'
     """
     try:
         return path.read_text(encoding="utf-8")

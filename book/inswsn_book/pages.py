@@ -175,7 +175,7 @@ def _kept(project: Project) -> dict[str, Any]:
     }
     assumed = data / "assumptions.yaml"
     return {
-        **{path.stem: json.loads(path.read_text("utf-8")) for path in data.glob("*.json")},
+        **{path.stem: read_json(path) for path in data.glob("*.json")},
         "assumptions": read_yaml(assumed) if assumed.is_file() else {},
         "settings": {path.stem: load_scenario(path) for path in data.glob("scenarios/*.yaml")},
         "schemas": {c.number: chapter_schema(project.root, c.number) for c in project.chapters()},
@@ -183,6 +183,15 @@ def _kept(project: Project) -> dict[str, Any]:
             name for name, digest in sources.items() if now.get(name, digest) != digest
         ],
     }
+
+
+def read_json(path: Path) -> Any:
+    """Read what a study keeps; refuse what is no JSON."""
+    text = read_text(path)
+    try:
+        return json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise InswsnError(f"{path} is not JSON: {error}.") from None
 
 
 # Staging

@@ -30,6 +30,7 @@ from inswsn_book.cli import cli, run_command
 from inswsn_book.judging import read_verdicts
 from inswsn_book.ledger import load_claims
 from inswsn_book.notebooks import read_source
+from inswsn_book.pages import read_json
 from inswsn_book.parameters import (
     FILE_RULE,
     REGRESSOR_RULE,
@@ -46,6 +47,7 @@ from inswsn_book.verdicts import verdicts
 import inswsn_lib as iw
 from inswsn_lib.errors import BuildError, InswsnError
 from inswsn_lib.files import read_yaml
+from inswsn_lib.navigation import read_trials
 from inswsn_lib.papers import interval, read_numbers, read_table
 from inswsn_lib.scenario import from_settings, load_scenario
 from inswsn_lib.simulation import Scene
@@ -323,6 +325,8 @@ def readers(project: Project) -> dict[str, tuple[str, list[str], Callable[[Path]
         "scenarios": ("a.yaml", scenarios, scenario),
         "results": ("61.json", texts("published/61.json", "published/90.json"), results),
         "verdicts": ("a.json", [verdict], read_verdicts),
+        "recorded trials": ("a.json", texts("recorded/p3-drive.json"), read_trials),
+        "kept studies": ("a.json", texts("recorded/uwb-fixes.json"), read_json),
         "citations": ("CITATION.cff", [(root / "CITATION.cff").read_text("utf-8")], citation),
         "chapters": ("00-a.md", sources, lambda path: read_source(Chapter("00-a", path))),
     }  # fmt: skip
