@@ -39,8 +39,6 @@ from inswsn_lib.scenario import load_scenario
 _KEY_FILE = ".inswsn-key"
 #: Set for the Sphinx that renders one page of the book
 ALONE = "INSWSN_ALONE"
-# What is rendered beside it, since citations are resolved there
-_CITED = ("bibliography",)
 # The trees of all pages live until the end. To look for what is dead among them as often as Python
 # does by default takes a quarter of the time; to look seldom takes a tenth more memory.
 _JUPYTER_BOOK = (
@@ -301,9 +299,10 @@ def render_run(project: Project, run: Run, target: Path) -> None:
     with tempfile.TemporaryDirectory(dir=target.parent, prefix="render-") as name:
         source = Path(name) / "source"
         stage_book(project, [run], source)
-        more = [f"- file: {page}" for page in _CITED if (source / f"{page}.md").is_file()]
-        toc = ["format: jb-book", f"root: {chapter}", *(["chapters:", *more] if more else [])]
-        (source / "_toc.yml").write_text("\n".join(toc), encoding="utf-8")
+        toc = f"format: jb-book\nroot: {chapter}\n"
+        if (source / "bibliography.md").is_file():  # citations are resolved there
+            toc += "chapters:\n- file: bibliography\n"
+        write_whole(source / "_toc.yml", toc)
         _render(project, Path(name), alone=True).rename(target)
 
 

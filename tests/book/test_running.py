@@ -130,6 +130,17 @@ def test_a_run_and_its_comparison(built: MiniProject, tmp_path: Path, inswsn: Co
     assert done.stdout.splitlines()[-1] == f"The run is in {folder}"
 
 
+def test_the_page_of_a_run_needs_no_built_book(
+    mini: MiniProject, tmp_path: Path, inswsn: Command
+) -> None:
+    done = inswsn(mini.root, "run", "00", "--html", "--out", str(tmp_path / "out"))
+    assert done.returncode == 0, done.stderr
+    page = (tmp_path / "out" / "html" / "chapters" / "00-mini.html").read_text()
+    assert ">42<" in page
+    assert "P1-M-twice" in page  # named, and there is no page to link to
+    assert "claims.html" not in page
+
+
 def test_a_run_that_fails_writes_nothing(
     built: MiniProject, inswsn: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -241,6 +241,7 @@ def checkout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Project:
     monkeypatch.setattr(sweep, "_client", lambda *_: contextlib.nullcontext())
     monkeypatch.setattr(sweep, "_compute", cells)
     monkeypatch.setattr(running, "render_book", lambda *_, **__: None)
+    monkeypatch.setattr(running, "render_run", lambda *_: None)
     everything = [computed(Project(ROOT), runs.Request(c.number)) for c in Project(ROOT).chapters()]
     monkeypatch.setattr(compare, "book_runs", lambda _: everything)
     monkeypatch.setattr(sys, "path", list(sys.path))
