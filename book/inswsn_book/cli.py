@@ -255,13 +255,10 @@ def verify(root: Path | None, path: Path | None, names: tuple[str, ...]) -> None
     Files are held against their digests, numbers on the pages against the results, and chapters
     that are executed anew against the reference results, within their tolerances.
     """
-    from inswsn_book.files import MANIFEST
     from inswsn_book.progress import Progress
     from inswsn_book.verifying import verify as checks
 
     folder, differing = path.resolve() if path else _project(root).root, 0
-    if not is_checkout(folder) and not (folder / MANIFEST).exists():
-        raise ParameterError("PATH", str(path), f"a checkout, or a folder with {MANIFEST}")
     numbers = [_project(folder).find(name).number for name in names]
     with Progress() as progress:
         for what, differences in checks(folder, numbers, progress):

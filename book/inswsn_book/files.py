@@ -20,6 +20,8 @@ from inswsn_lib.errors import InswsnError, ParameterError
 
 #: The manifest: lists the files of its folder with their digests
 MANIFEST = "SHA256SUMS"
+# Marks a folder that a command made. One that holds this and what is listed alone may be replaced.
+_MADE = ".inswsn-run"
 _RESTORE = "restore the folder, such as by git checkout"
 _LISTED = re.compile(r"([0-9a-f]{64})  (.+)\n")
 # What may lie beside what is listed: hidden, or made in an unpacked archive
@@ -183,8 +185,8 @@ def replace_folder(old: Path, new: Path) -> None:
 def check_folder(folder: Path) -> None:
     """Refuse a folder that `made_folder` may not replace or make: told before anything runs."""
     held = {path.name for path in folder.iterdir()} if folder.is_dir() else set()
-    listed = read_manifest(folder) if MANIFEST in held else {}
-    known = {name.partition("/")[0] for name in listed} | {MANIFEST}
+    listed = read_manifest(folder) if {_MADE, MANIFEST} <= held else {}
+    known = {name.partition("/")[0] for name in listed} | ({MANIFEST} if listed else set())
     if (folder.exists() and not folder.is_dir()) or not held <= known:
         raise ParameterError(
             "--out", str(folder), "a new or empty folder, or one that holds an earlier run alone"
@@ -204,5 +206,6 @@ def made_folder(folder: Path) -> Iterator[Path]:
         made = temporary / "run"
         made.mkdir()
         yield made
+        write_whole(made / _MADE, "")
         seal_folder(made)
         replace_folder(folder, made)

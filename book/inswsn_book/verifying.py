@@ -19,7 +19,7 @@ from inswsn_book.results import Results, read_results
 from inswsn_book.review import Findings
 from inswsn_book.runs import Request, book_runs, reference_results, run
 from inswsn_book.verdicts import verdicts
-from inswsn_lib.errors import InswsnError
+from inswsn_lib.errors import InswsnError, ParameterError
 
 _GLUED = re.compile(r"\{glue:text\}`([^`:]*):?([^`]*)`")
 # In the cell of a table: where a link leads, and a role, which the page shows in words of its own
@@ -39,6 +39,8 @@ def verify(
     archived = (folder / MANIFEST).exists() or (folder / "ro-crate-metadata.json").exists()
     if archived:
         yield "the folder: its digests", damages(folder)
+    elif not is_checkout(folder):
+        raise ParameterError("PATH", str(folder), f"a checkout, or a folder with {MANIFEST}")
     if not is_checkout(folder):
         return
     project = Project(folder)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import runpy
+import shutil
 import subprocess
 import sys
 from collections.abc import Callable
@@ -202,11 +203,17 @@ def test_no_folder_but_an_earlier_run_is_replaced(tmp_path: Path) -> None:
         with made_folder(out) as made:
             write_whole(made / f"{content}.txt", content)
     kept = files_of(out)
-    assert set(kept) == {"second.txt", "SHA256SUMS"}
+    assert set(kept) == {"second.txt", ".inswsn-run", "SHA256SUMS"}
     with suppress(KeyboardInterrupt), made_folder(out) as made:
         write_whole(made / "third.txt", "third")
         raise KeyboardInterrupt
     assert files_of(out) == kept
+    # a folder of somebody else's with such a manifest is none, nor one with a manifest alone
+    for content in ({"data.csv": "mine"}, {}):
+        write_listed(other := tmp_path / f"other-{len(content)}", content)
+        with pytest.raises(ParameterError, match="one that holds an earlier run alone"):
+            check_folder(other)
+        shutil.rmtree(other)
     # not with anything else in it, and no file
     write_whole(out / "note.txt", "mine")
     for path in (out, neighbour):

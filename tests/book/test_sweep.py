@@ -128,7 +128,7 @@ def test_what_a_sweep_of_a_core_leaves(
     assert inswsn(root, *swept.words("0.5", *at, "--fresh")).returncode == 0
     assert swept.calls()[0.5] == 2
     assert sorted(path.name for path in swept.folder.glob("*.*")) == [
-        "leaders.csv", "sweep.csv", "sweep.json",
+        ".inswsn-run", "leaders.csv", "sweep.csv", "sweep.json",
     ], "one value makes no line, and none has failed"  # fmt: skip
 
 

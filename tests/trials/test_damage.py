@@ -24,6 +24,8 @@ from inswsn_book.running import build_book
 from inswsn_book.runs import Request, book_runs, keep, lookup
 from inswsn_book.verifying import verify
 
+from inswsn_lib.errors import InswsnError
+
 SCALES = (3.0, 4.0)
 
 
@@ -65,7 +67,11 @@ def damage(path: Path, chance: random.Random) -> str:
 
 
 def differences(folder: Path) -> list[str]:
-    return [line for _, lines in verify(folder, [], Quiet()) for line in lines]
+    """Return what `inswsn verify` tells of a folder."""
+    try:
+        return [line for _, lines in verify(folder, [], Quiet()) for line in lines]
+    except InswsnError as refusal:
+        return [str(refusal)]
 
 
 def noticed(mini: Project, area: str, folder: Path, path: Path, whole: bytes) -> bool:

@@ -38,10 +38,14 @@ def start(root: Path, words: list[str], **variables: str) -> subprocess.Popen[by
     )  # fmt: skip
 
 
-def below(process: subprocess.Popen[bytes]) -> list[psutil.Process]:
+def below(process: subprocess.Popen[bytes], word: str = "") -> list[psutil.Process]:
+    """Return what a command has started, and the word is in the command of."""
+    found = []
     with suppress(psutil.NoSuchProcess):
-        return psutil.Process(process.pid).children(recursive=True)
-    return []
+        for child in psutil.Process(process.pid).children(recursive=True):
+            with suppress(psutil.NoSuchProcess):  # it may be ending
+                found += [child] if word in " ".join(child.cmdline()) else []
+    return found
 
 
 def end(process: subprocess.Popen[bytes], how: signal.Signals) -> None:
@@ -112,9 +116,10 @@ def kill_sweeps(sweep_project: Callable[[str], Any], number: int, chance: random
         if kill:
             killed, calls = chance.choice(["command", "worker", "both"]), swept.calls()
             time.sleep(chance.uniform(0, seconds))
-            workers = [p for p in below(process) if "spawn_main" in " ".join(p.cmdline())]
+            workers = below(process, "spawn_main")
             if killed != "command" and workers:
-                chance.choice(workers).kill()
+                with suppress(psutil.NoSuchProcess):
+                    chance.choice(workers).kill()
             if killed != "worker":
                 end(process, signal.SIGKILL)
                 there, calls = finished(swept), swept.calls()
