@@ -156,14 +156,21 @@ def _files_below(folder: Path) -> set[str]:
 
 @contextmanager
 def temporary_folder(parent: Path | None = None) -> Iterator[Path]:
-    """Give a temporary folder; those of processes of this machine that were killed go first."""
-    parent, own = parent or Path(tempfile.gettempdir()), text_digest(platform.node())[:6]
-    processes = Path("/proc")
-    for left in parent.glob(f".inswsn-{own}-*") if processes.is_dir() else ():
-        if not (processes / left.name.split("-")[2]).exists():
-            shutil.rmtree(left, ignore_errors=True)
-    with tempfile.TemporaryDirectory(dir=parent, prefix=f".inswsn-{own}-{os.getpid()}-") as name:
+    """Give a temporary folder; those of killed processes go first."""
+    remove_left(parent := parent or Path(tempfile.gettempdir()))
+    with tempfile.TemporaryDirectory(dir=parent, prefix=f"{_temporary()}{os.getpid()}-") as name:
         yield Path(name)
+
+
+def remove_left(parent: Path) -> None:
+    """Remove the temporary folders of processes of this machine that were killed."""
+    for left in parent.glob(f"{_temporary()}*") if Path("/proc").is_dir() else ():
+        if not Path("/proc", left.name.split("-")[2]).exists():
+            shutil.rmtree(left, ignore_errors=True)
+
+
+def _temporary() -> str:
+    return f".inswsn-{text_digest(platform.node())[:6]}-"
 
 
 def replace_folder(old: Path, new: Path) -> None:

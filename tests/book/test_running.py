@@ -317,6 +317,26 @@ def test_a_build_that_is_ended_leaves_nothing_that_stays(
     it_is_as_before(built, before)
 
 
+@pytest.mark.parametrize("how", ["SIGTERM", "SIGKILL"])
+def test_the_rendering_ends_with_the_command(built: MiniProject, inswsn: Command, how: str) -> None:
+    built.page("Another page.")
+    process = subprocess.Popen(
+        [sys.executable, "-m", "inswsn_book", "--root", str(built.root), "book"],
+        stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL, start_new_session=True,
+    )  # fmt: skip
+    command = psutil.Process(process.pid)
+    written = lambda: [*built.build.glob(".inswsn-*/_build/html/index.html")]  # noqa: E731
+    assert waited(60, written), "it did not render"
+    others = command.children(recursive=True)
+    assert any("jupyter_book" in " ".join(other.cmdline()) for other in others)
+    process.send_signal(getattr(signal, how))
+    process.wait(30)
+    assert psutil.wait_procs(others, timeout=10)[1] == []
+    assert inswsn(built.root, "book").returncode == 0
+    assert list(built.build.glob(".inswsn-*")) == []
+    assert "Another page." in (built.site / "index.html").read_text()
+
+
 def without_override() -> None:
     """Give up root's right to write where the file mode forbids it; others never had it."""
     drop_from_bounding_set, dac_override, dac_read_search = 24, 1, 2
