@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import os
 import re
@@ -10,6 +11,7 @@ import signal
 import subprocess
 import sys
 import threading
+from collections import Counter
 from collections.abc import Callable, Iterator
 from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
@@ -220,6 +222,13 @@ _TAKEN_OVER = (
 class MiniProject(Project):
     """A project of one small chapter, its claims and one page."""
 
+    def publish(self, results: Results) -> None:
+        """Make results the reference of their chapter."""
+        from inswsn_book.files import write_listed
+        from inswsn_book.results import results_text
+
+        write_listed(self.published, {f"{results.chapter}.json": results_text(results)})
+
     @property
     def source(self) -> Path:
         """The source of the chapter."""
@@ -292,6 +301,64 @@ def built(built_mini: Path, tmp_path: Path) -> MiniProject:
     return MiniProject(tmp_path / "mini")
 
 
+# A core that takes its time, and tells each time that it is called
+SWEEP_CORE = """
+import os, time
+from dataclasses import dataclass
+import numpy as np
+from inswsn_lib.errors import InswsnError
+from inswsn_lib.evaluation import Scores
+
+@dataclass
+class Core:
+    scale: float = 2.0
+
+    def scores(self):
+        with open(os.environ["MINI_LOG"], "a") as log:
+            log.write(f"{self.scale}\\n")
+        if self.scale == 13:
+            raise InswsnError("Thirteen has no design.")
+        time.sleep(float(os.environ.get("MINI_SECONDS", "0")))
+        spread = np.linspace(0.9, 1.1, 41)
+        return Scores(
+            methods={"old": "the old one", "new": "the new one", "none": "nothing"},
+            columns={"error": "m"},
+            values={
+                "old.error": self.scale * spread, "new.error": spread, "none.error": 99 * spread,
+            },
+            headline="error",
+            baselines=frozenset({"none"}),
+        )
+"""
+
+
+class SweepProject:
+    """A small project whose chapter has a core; sweeps of it are written to one folder."""
+
+    def __init__(self, mini: MiniProject) -> None:
+        text = mini.source.read_text(encoding="utf-8")
+        mini.source.write_text(text.replace("\n---\n", "\ncore: minicore:Core\n---\n", 1))
+        (mini.root / "minicore.py").write_text(SWEEP_CORE, encoding="utf-8")
+        self.project, self.folder, self.log = mini, mini.root / "made", mini.root / "log.txt"
+
+    def words(self, scales: str, *more: str) -> list[str]:
+        return ["sweep", "00", "--grid", f"scale={scales}", "--out", str(self.folder), *more]
+
+    def calls(self) -> Counter[float]:
+        """How often the core was called, by its parameter."""
+        return Counter(map(float, self.log.read_text().split())) if self.log.exists() else Counter()
+
+    def table(self, name: str = "sweep") -> list[dict[str, str]]:
+        with (self.folder / f"{name}.csv").open(encoding="utf-8", newline="") as stream:
+            return list(csv.DictReader(stream))
+
+
+@pytest.fixture
+def sweep_project(tmp_path: Path) -> Callable[[str], SweepProject]:
+    """Make a small project with a core, in a folder of that name."""
+    return lambda name: SweepProject(make_mini(tmp_path / name))
+
+
 def git(root: Path, *words: str) -> str:
     """Run git on a folder, as somebody; return what it says."""
     who = ["-c", "user.name=a", "-c", "user.email=a@b.example", "-c", "commit.gpgsign=false"]
@@ -320,6 +387,25 @@ def released_mini(built_mini: Path, tmp_path_factory: pytest.TempPathFactory) ->
             git(folder, "commit", "-q", "-m", "all of it")
     build_once(folder, folder.with_suffix(".json"))
     return folder
+
+
+@pytest.fixture(scope="session")
+def what_stays() -> Callable[[Project], list[object]]:
+    """Return what two builds of the small project have in common: results, notebook and pages."""
+    from inswsn_book.results import read_results
+    from inswsn_book.runs import book_runs
+
+    def found(project: Project) -> list[object]:
+        texts: list[object] = [read_results(project.results / "00.json").found()]
+        texts += [run.notebook for run in book_runs(project)]
+        for name in ("index.html", "claims.html", "chapters/00-mini.html"):
+            soup = BeautifulSoup((project.site / name).read_text(), "html.parser")
+            for part in soup.select("table.provenance, a.download"):  # of the results file
+                part.decompose()
+            texts.append(str(soup))
+        return texts
+
+    return found
 
 
 def files_of(folder: Path) -> dict[str, bytes]:

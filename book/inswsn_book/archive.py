@@ -19,12 +19,13 @@ from rocrate.model import ContextEntity, File
 from rocrate.rocrate import ROCrate
 
 from inswsn_book.cli import run_command
-from inswsn_book.files import write_whole
+from inswsn_book.files import MANIFEST, manifest_text, write_whole
 from inswsn_book.judging import verdicts_text
 from inswsn_book.ledger import LEDGER, load_claims
 from inswsn_book.pages import require_current_site
 from inswsn_book.project import Project, find_root
 from inswsn_book.provenance import repository_state
+from inswsn_book.results import results_text
 from inswsn_book.runs import Run, book_runs
 from inswsn_book.verdicts import verdicts
 from inswsn_lib.errors import InswsnError, ParameterError
@@ -63,9 +64,8 @@ def write_archive(project: Project, target: Path | None = None) -> Path:
     require_current_site(project, runs)
     content = _kept_files(project) | _made_files(project, runs)
     content["ro-crate-metadata.json"] = _crate_text(project, runs, commit, content).encode()
-    digests = {name: sha256(content[name]).hexdigest() for name in sorted(content)}
-    sums = "".join(f"{digest}  {name}\n" for name, digest in digests.items())
-    content["SHA256SUMS"] = sums.encode()
+    digests = {name: sha256(content[name]).hexdigest() for name in content}
+    content[MANIFEST] = manifest_text(digests.items()).encode()
     target = target or project.build / f"inswsn-{about['version']}.zip"
     write_whole(target, _zipped(project.root, content, about["date-released"]))
     return target
@@ -77,8 +77,8 @@ def _kept_files(project: Project) -> dict[str, bytes]:
     tracked = subprocess.run(listing, capture_output=True, check=True, text=True).stdout
     files = {name: project.root / name for name in tracked.split("\0") if name}
     for path in sorted(project.site.rglob("*")):
-        # .buildinfo and the renderer's key are notes of the build to itself
-        if path.is_file() and not path.name.startswith("."):
+        # .buildinfo, the renderer's key and the manifest are notes of the build to itself
+        if path.is_file() and not path.name.startswith((".", MANIFEST)):
             files[f"site/{path.relative_to(project.site).as_posix()}"] = path
     return {name: path.read_bytes() for name, path in files.items()}
 
@@ -90,7 +90,7 @@ def _made_files(project: Project, runs: Sequence[Run]) -> dict[str, bytes]:
     for run in runs:
         name = project.find(run.request.chapter).name
         texts[f"executed/{name}.ipynb"] = run.notebook or ""
-        texts[f"results/{run.request.chapter}.json"] = run.results.model_dump_json(indent=1) + "\n"
+        texts[f"results/{run.request.chapter}.json"] = results_text(run.results)
     for package in SITE_PACKAGES:
         for file in distribution(package).files or []:
             if "LICENSE" in file.name.upper() and ".dist-info" in str(file):

@@ -242,13 +242,37 @@ def publish(root: Path | None, check: bool) -> None:
             click.echo(f"wrote {name}")
 
 
+@cli.command()
+@click.argument("path", type=_FOLDER, required=False)
+@click.option(
+    "--execute", "names", multiple=True, metavar="NAME", help="A chapter to execute anew."
+)
+@click.pass_obj
+def verify(root: Path | None, path: Path | None, names: tuple[str, ...]) -> None:
+    """Check a checkout, an unpacked archive, or the folder of a run or a sweep.
+
+    For example: inswsn verify --execute 62
+
+    Files are held against their digests, numbers on the pages against the results, and chapters
+    that are executed anew against the reference results, within their tolerances.
+    """
+    from inswsn_book.progress import Progress
+    from inswsn_book.verifying import verify as checks
+
+    folder, differing = path.resolve() if path else _project(root).root, 0
+    numbers = [_project(folder).find(name).number for name in names]
+    with Progress() as progress:
+        for what, differences in checks(folder, numbers, progress):
+            click.echo(f"{'differs' if differences else 'good':8} {what}")
+            for line in differences:
+                click.echo(f"         {line}")
+            differing += bool(differences)
+    if differing:
+        raise BuildError(f"{differing} of the checks found what differs.")
+
+
 def _stop(number: int, _: object) -> None:
     raise KeyboardInterrupt(number)
-
-
-def main() -> None:
-    """Run ``inswsn``."""
-    run_command(cli)
 
 
 def run_command(command: click.Command) -> None:

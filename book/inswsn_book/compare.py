@@ -7,10 +7,12 @@ import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain, zip_longest
+from pathlib import Path
 
+from inswsn_book.files import write_listed
 from inswsn_book.ledger import Claim
 from inswsn_book.project import Project
-from inswsn_book.results import Quantity, Results, write_results
+from inswsn_book.results import Quantity, Results, results_text
 from inswsn_book.runs import book_runs, reference_results
 from inswsn_book.verdicts import Judged, verdicts
 from inswsn_lib.errors import InswsnError
@@ -19,8 +21,8 @@ from inswsn_lib.errors import InswsnError
 _KIND = ("unit", "interval_kind", "runs", "basis", "role")
 # How quantities of a method of the reader's own begin
 _OWN = "own."
-# As a table shows it
-_NUMBER = re.compile(r"[-−+]?\d[\d.,]*(?:e[-+]?\d+)?")
+#: A number as a table shows it
+NUMBER = re.compile(r"[-−+]?\d[\d.,]*(?:e[-+]?\d+)?")
 
 
 @dataclass(frozen=True)
@@ -193,7 +195,7 @@ def _changes(before: Results, after: Results) -> list[str]:
 def _without_numbers(results: Results) -> dict[str, list[list[str]]]:
     """Return the tables of results with a sign in the place of each number."""
     return {
-        name: [[_NUMBER.sub("#", cell) for cell in row] for row in table]
+        name: [[NUMBER.sub("#", cell) for cell in row] for row in table]
         for name, table in results.tables.items()
     }
 
@@ -203,13 +205,13 @@ def changes_to_publish(project: Project) -> list[str]:
     lines = []
     for run in book_runs(project):
         lines += _changes(reference_results(project, run.request.chapter), run.results)
+    left = [f"! data/published/{p.name} belongs to no chapter, and goes." for p in _left(project)]
+    return lines + left
+
+
+def _left(project: Project) -> list[Path]:
     numbers = {chapter.number for chapter in project.chapters()}
-    lines += [
-        f"! data/published/{path.name} belongs to no chapter; remove it."
-        for path in sorted(project.published.glob("*.json"))
-        if path.stem not in numbers
-    ]
-    return lines
+    return [p for p in sorted(project.published.glob("*.json")) if p.stem not in numbers]
 
 
 def publish_build(project: Project) -> list[str]:
@@ -218,10 +220,12 @@ def publish_build(project: Project) -> list[str]:
     Nothing is written if a chapter has not been built as it is now. A chapter in which numbers have
     moved within their tolerances alone keeps its reference.
     """
-    changed = []
-    for run in book_runs(project):
-        name = f"{run.request.chapter}.json"
-        if _changes(reference_results(project, run.request.chapter), run.results):
-            write_results(run.results, project.published / name)
-            changed.append(f"data/published/{name}")
-    return changed
+    changed = {
+        f"{run.request.chapter}.json": results_text(run.results)
+        for run in book_runs(project)
+        if _changes(reference_results(project, run.request.chapter), run.results)
+    }
+    for path in _left(project):
+        path.unlink()
+    write_listed(project.published, changed)
+    return [f"data/published/{name}" for name in changed]

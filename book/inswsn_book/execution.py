@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import papermill
+from jupyter_client.kernelspec import KernelSpec
 from papermill.clientwrap import PapermillNotebookClient
 from papermill.engines import NBClientEngine, papermill_engines
 
@@ -41,9 +42,12 @@ class _Engine(NBClientEngine):  # type: ignore[misc]  # papermill has no types
             coalesce_streams=True,  # what a cell prints comes in as many pieces as it likes
         )
         kernel = client.create_kernel_manager()
-        kernel.kernel_spec.argv[0] = sys.executable
+        # by its path: whatever Jupyter finds by a name may be another one
+        command = [sys.executable, "-m", "ipykernel_launcher", "-f", "{connection_file}"]
+        kernel._kernel_spec = KernelSpec(argv=command, language="python")
         # by files of its folder: of network ports another process may take one that was chosen
         kernel.transport, kernel.ip = "ipc", str(Path(options["cwd"]) / "kernel")
+        kernel.connection_file = f"{kernel.ip}.json"
         tell_kernel(kernel)
         client.execute(**options)
 

@@ -1,18 +1,31 @@
-"""Files and folders that are written whole or not at all, and the digests of their content."""
+"""Files and folders that are written whole or not at all, with digests that are held when read.
+
+A file of the store begins with the digest of the rest. A folder that readers see has a manifest,
+which ``sha256sum -c`` reads as well.
+"""
 
 from __future__ import annotations
 
 import hashlib
 import os
+import platform
+import re
+import shutil
 import tempfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from inswsn_lib.errors import ParameterError
+from inswsn_lib.errors import InswsnError, ParameterError
 
-# Lists what a command made in a folder. One that holds this and no more may be replaced.
+#: The manifest: lists the files of its folder with their digests
+MANIFEST = "SHA256SUMS"
+# Marks a folder that a command made. One that holds this and what is listed alone may be replaced.
 _MADE = ".inswsn-run"
+_RESTORE = "restore the folder, such as by git checkout"
+_LISTED = re.compile(r"([0-9a-f]{64})  (.+)\n")
+# What may lie beside what is listed: hidden, or made in an unpacked archive
+_UNLISTED = re.compile(r"(^|/)(\.|_build/|runs/|__pycache__/)")
 
 
 def write_whole(path: Path, content: str | bytes) -> None:
@@ -52,6 +65,114 @@ def tree_digest(root: Path, paths: Iterable[Path]) -> str:
     return digest.hexdigest()
 
 
+def write_sealed(path: Path, text: str) -> None:
+    """Write a file that `read_sealed` reads, whole or not at all."""
+    write_whole(path, f"{text_digest(text)}\n{text}")
+
+
+def read_sealed(path: Path) -> str | None:
+    """Return the text of a sealed file; None if the file is not as it was written."""
+    digest, _, content = path.read_bytes().partition(b"\n")
+    return content.decode() if hashlib.sha256(content).hexdigest().encode() == digest else None
+
+
+def manifest_text(digests: Iterable[tuple[str, str]]) -> str:
+    """Return a manifest of files, given by their names and digests."""
+    return "".join(f"{digest}  {name}\n" for name, digest in sorted(digests))
+
+
+def read_manifest(folder: Path) -> dict[str, set[str]]:
+    """Return the digests that each file of a folder may have; refuse a manifest that is none."""
+    path, listed = folder / MANIFEST, dict[str, set[str]]()
+    if not path.is_file():
+        raise InswsnError(f"There is no {path}; {_RESTORE}.")
+    for line in path.read_bytes().decode(errors="replace").splitlines(keepends=True):
+        if not (entry := _LISTED.fullmatch(line)):
+            raise InswsnError(f"{path} is damaged: {line[:80]!r} is no digest and name.")
+        listed.setdefault(entry[2], set()).add(entry[1])
+    return listed
+
+
+def seal_folder(folder: Path) -> None:
+    """Write the manifest of all that is in a folder."""
+    digests = [(name, file_digest(folder / name)) for name in _files_below(folder)]
+    write_whole(folder / MANIFEST, manifest_text(digests))
+
+
+def write_listed(folder: Path, texts: Mapping[str, str]) -> None:
+    """Write files into a folder with a manifest, which gets one if it has none.
+
+    Until all are written the manifest allows both old and new, so that a kill spoils none.
+    """
+    listed = read_manifest(folder) if (folder / MANIFEST).exists() else {}
+    old = [(name, digest) for name, digests in listed.items() for digest in digests]
+    new = [(name, text_digest(text)) for name, text in texts.items()]
+    write_whole(folder / MANIFEST, manifest_text({*old, *new}))
+    for name, text in texts.items():
+        write_whole(folder / name, text)
+    seal_folder(folder)
+
+
+def read_listed(path: Path) -> bytes:
+    """Return the content of a file; refuse it if a manifest beside it does not vouch for it."""
+    content, vouched = path.read_bytes(), (path.parent / MANIFEST).exists()
+    digest = hashlib.sha256(content).hexdigest()
+    if vouched and digest not in read_manifest(path.parent).get(path.name, ()):
+        raise InswsnError(f"{path} is not the one in {MANIFEST} beside it; {_RESTORE}.")
+    return content
+
+
+def damages(folder: Path) -> list[str]:
+    """Return what in a folder is not as its manifest says, a phrase each."""
+    try:
+        listed, there = read_manifest(folder), _files_below(folder)
+    except InswsnError as error:
+        return [str(error).rstrip(".")]
+    gone, more = sorted(listed.keys() - there), sorted(there - listed.keys())
+    changed = [n for n in sorted(there - {*more}) if file_digest(folder / n) not in listed[n]]
+    return [
+        *(f"{name} is gone" for name in gone),
+        *(f"{name} is changed" for name in changed),
+        *(f"{name} is not listed" for name in more if not _UNLISTED.search(name)),
+    ]
+
+
+def check_listed(folder: Path) -> None:
+    """Refuse a folder that is there and is not as its manifest says."""
+    if folder.exists() and (damaged := damages(folder)):
+        raise InswsnError(f"{folder}: {few(damaged)}; {_RESTORE}.")
+
+
+def few(phrases: Sequence[str]) -> str:
+    """Return the first of many phrases, and how many more there are."""
+    more = f" and {len(phrases) - 3} more" if len(phrases) > 3 else ""
+    return "; ".join(phrases[:3]) + more
+
+
+def _files_below(folder: Path) -> set[str]:
+    names = {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
+    return names - {MANIFEST}
+
+
+@contextmanager
+def temporary_folder(parent: Path | None = None) -> Iterator[Path]:
+    """Give a temporary folder; those of killed processes go first."""
+    remove_left(parent := parent or Path(tempfile.gettempdir()))
+    with tempfile.TemporaryDirectory(dir=parent, prefix=f"{_temporary()}{os.getpid()}-") as name:
+        yield Path(name)
+
+
+def remove_left(parent: Path) -> None:
+    """Remove the temporary folders of processes of this machine that were killed."""
+    for left in parent.glob(f"{_temporary()}*") if Path("/proc").is_dir() else ():
+        if not Path("/proc", left.name.split("-")[2]).exists():
+            shutil.rmtree(left, ignore_errors=True)
+
+
+def _temporary() -> str:
+    return f".inswsn-{text_digest(platform.node())[:6]}-"
+
+
 def replace_folder(old: Path, new: Path) -> None:
     """Put a new folder in the place of an old one, which goes where the new one was made.
 
@@ -71,9 +192,9 @@ def replace_folder(old: Path, new: Path) -> None:
 def check_folder(folder: Path) -> None:
     """Refuse a folder that `made_folder` may not replace or make: told before anything runs."""
     held = {path.name for path in folder.iterdir()} if folder.is_dir() else set()
-    made = folder / _MADE
-    listed = set(made.read_text(encoding="utf-8").split("\n")) if made.is_file() else set()
-    if (folder.exists() and not folder.is_dir()) or not held <= listed | {_MADE}:
+    listed = read_manifest(folder) if {_MADE, MANIFEST} <= held else {}
+    known = {name.partition("/")[0] for name in listed} | ({MANIFEST} if listed else set())
+    if (folder.exists() and not folder.is_dir()) or not held <= known:
         raise ParameterError(
             "--out", str(folder), "a new or empty folder, or one that holds an earlier run alone"
         )
@@ -88,10 +209,10 @@ def made_folder(folder: Path) -> Iterator[Path]:
     check_folder(folder)
     folder = folder.resolve()
     folder.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(dir=folder.parent, prefix=".run-") as temporary:
-        made = Path(temporary) / "run"
+    with temporary_folder(folder.parent) as temporary:
+        made = temporary / "run"
         made.mkdir()
         yield made
-        listing = sorted(path.name for path in made.iterdir())
-        write_whole(made / _MADE, "\n".join(listing) + "\n")
+        write_whole(made / _MADE, "")
+        seal_folder(made)
         replace_folder(folder, made)

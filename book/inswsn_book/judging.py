@@ -10,6 +10,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
+from inswsn_book.files import check_listed
 from inswsn_book.ledger import KINDS, LEDGER, PAPERS, load_claims
 from inswsn_book.project import Project
 from inswsn_book.results import read_results
@@ -31,6 +32,7 @@ def judge_claims(
             raise ParameterError(f"--{name}", word, "one of " + ", ".join(words[name]))
     folders = [project.published] if folder is None else [project.published, folder]
     paths = {path.name: path for each in folders for path in each.glob("[0-9][0-9].json")}
+    check_listed(project.published)
     judged = verdicts(load_claims(project.root / LEDGER), map(read_results, paths.values()))
     for name, word in asked.items():
         judged = [e for e in judged if word in (e.verdict, getattr(e.claim, name, None))]

@@ -12,7 +12,6 @@ import re
 import shutil
 import subprocess
 import sys
-import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -21,8 +20,7 @@ import nbformat
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 import inswsn_lib
-from inswsn_book import review
-from inswsn_book.files import file_digest, replace_folder, text_digest, tree_digest, write_whole
+from inswsn_book import files, review
 from inswsn_book.ledger import KINDS, LEDGER, PAPERS, Claim, claims_of, load_claims
 from inswsn_book.notebooks import notebook_text
 from inswsn_book.parameters import chapter_schema
@@ -40,10 +38,16 @@ _KEY_FILE = ".inswsn-key"
 #: Set for the Sphinx that renders one page of the book
 ALONE = "INSWSN_ALONE"
 # The trees of all pages live until the end. To look for what is dead among them as often as Python
-# does by default takes a quarter of the time; to look seldom takes a tenth more memory.
-_JUPYTER_BOOK = (
-    "import gc; gc.set_threshold(100_000, 20, 20); from jupyter_book.cli.main import main; main()"
-)
+# does by default takes a quarter of the time; to look seldom takes a tenth more memory. When the
+# command ends, however it does, its end of the pipe is closed, and all of this group ends as well.
+_JUPYTER_BOOK = """
+import gc, os, signal, threading
+from jupyter_book.cli.main import main
+end = lambda: os.read(0, 1) or os.killpg(0, signal.SIGKILL)
+threading.Thread(target=end, daemon=True).start()
+gc.set_threshold(100_000, 20, 20)
+main()
+"""
 #: A warning as Sphinx writes it: "place: WARNING: what", or the word first
 WARNING = re.compile(r"(^|: )(WARNING|ERROR|CRITICAL|SEVERE): ")
 _COLOUR = re.compile(r"\x1b\[[\d;]*m")
@@ -168,8 +172,8 @@ def _kept(project: Project) -> dict[str, Any]:
     data = project.root / "data"
     now = {
         "library": project.computing_digest(),
-        "locks": tree_digest(project.root, project.locks),
-        **{f"chapter {c.number}": file_digest(c.source) for c in project.chapters()},
+        "locks": files.tree_digest(project.root, project.locks),
+        **{f"chapter {c.number}": files.file_digest(c.source) for c in project.chapters()},
     }
     assumed = data / "assumptions.yaml"
     return {
@@ -216,7 +220,7 @@ def stage_book(project: Project, runs: Sequence[Run], folder: Path) -> None:
         name, results = project.find(run.request.chapter).name, run.results
         notebook = with_captions(nbformat.reads(run.notebook, as_version=4))
         shown = with_notes(notebook, results, claims_of(claims, results.chapter), templates)
-        write_whole(folder / "chapters" / f"{name}.ipynb", notebook_text(shown))
+        files.write_whole(folder / "chapters" / f"{name}.ipynb", notebook_text(shown))
     for figure in (project.root / "data").glob("*.svg"):
         shutil.copy(figure, folder / "generated")
 
@@ -279,31 +283,33 @@ def render_book(
     not repeat the warnings of pages that it does not read again.
     """
     key = _site_key(project, runs)
-    if not fresh and _kept_key(project) == key:
+    why = "it is asked for" if fresh else _why_due(project, key)
+    if not why:
         progress.say("book: unchanged")
         return
-    progress.say("book: rendering")
+    progress.say(f"book: rendering, since {why}")
     project.build.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(dir=project.build, prefix="render-") as name:
-        stage_book(project, runs, Path(name) / "source")
-        site = _render(project, Path(name))
+    with files.temporary_folder(project.build) as stage:
+        stage_book(project, runs, stage / "source")
+        site = _render(project, stage)
         if _site_key(project, runs) != key:
             raise RenderingError("Something changed while the book was rendered; build it again.")
-        write_whole(site / _KEY_FILE, key)
-        replace_folder(project.site, site)
+        files.write_whole(site / _KEY_FILE, key)
+        files.seal_folder(site)
+        files.replace_folder(project.site, site)
 
 
 def render_run(project: Project, run: Run, target: Path) -> None:
     """Render the page of a run, with links to the built book; without one they are plain words."""
     chapter = f"chapters/{project.find(run.request.chapter).name}"
-    with tempfile.TemporaryDirectory(dir=target.parent, prefix="render-") as name:
-        source = Path(name) / "source"
+    with files.temporary_folder(target.parent) as stage:
+        source = stage / "source"
         stage_book(project, [run], source)
         toc = f"format: jb-book\nroot: {chapter}\n"
         if (source / "bibliography.md").is_file():  # citations are resolved there
             toc += "chapters:\n- file: bibliography\n"
-        write_whole(source / "_toc.yml", toc)
-        _render(project, Path(name), alone=True).rename(target)
+        files.write_whole(source / "_toc.yml", toc)
+        _render(project, stage, alone=True).rename(target)
 
 
 def _render(project: Project, stage: Path, *, alone: bool = False) -> Path:
@@ -312,21 +318,24 @@ def _render(project: Project, stage: Path, *, alone: bool = False) -> Path:
     A page that is alone may lack what it names.
     """
     command = [
-        *(sys.executable, "-c", _JUPYTER_BOOK),
+        *(sys.executable, "-I", "-X", "utf8", "-c", _JUPYTER_BOOK),
         *("build", str(stage / "source"), "--config", "_config.yml", "--path-output", str(stage)),
         *("--all", "-q", *(() if alone else ("-W", "-n", "--keep-going"))),
     ]
-    done = subprocess.run(
+    with subprocess.Popen(
         command,
         cwd=project.root,
         env=os.environ | {ROOT_VARIABLE: str(project.root), ALONE: "yes" if alone else ""},
-        capture_output=True,
-        text=True,
-        stdin=subprocess.DEVNULL,
-        check=False,
-    )
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        encoding="utf-8",
+        start_new_session=True,
+    ) as done:
+        assert done.stdout is not None
+        said = done.stdout.read()
     # without colours, and what is to be edited lies in book/
-    said = _COLOUR.sub("", done.stdout + done.stderr).replace(str(stage / "source"), "book")
+    said = _COLOUR.sub("", said).replace(str(stage / "source"), "book")
     warnings = [line for line in said.splitlines() if WARNING.search(line)]
     # jupyter-book's exit status alone is not to be trusted: it has been 0 after warnings
     if done.returncode != 0 or (warnings and not alone):
@@ -338,14 +347,17 @@ def _render(project: Project, stage: Path, *, alone: bool = False) -> Path:
 
 
 def require_current_site(project: Project, runs: Sequence[Run]) -> None:
-    """Raise `InswsnError` if there is no site, or it was rendered from something else."""
-    if _kept_key(project) != _site_key(project, runs):
-        raise InswsnError(f"The book in {project.site} is not up to date; build it: make book.")
+    """Raise `InswsnError` if there is no site, or it is not what is rendered of all this."""
+    if why := _why_due(project, _site_key(project, runs)):
+        raise InswsnError(f"The book in {project.site} is not up to date, since {why}: make book.")
 
 
-def _kept_key(project: Project) -> str | None:
-    path = project.site / _KEY_FILE
-    return path.read_text(encoding="utf-8") if path.is_file() else None
+def _why_due(project: Project, key: str) -> str:
+    """Return why the site must be rendered; nothing if it need not be."""
+    kept = project.site / _KEY_FILE
+    if not kept.is_file() or kept.read_bytes() != key.encode():
+        return "its sources have changed"
+    return files.few(files.damages(project.site))
 
 
 def _site_key(project: Project, runs: Sequence[Run]) -> str:
@@ -356,10 +368,10 @@ def _site_key(project: Project, runs: Sequence[Run]) -> str:
     sources += [chapter.source for chapter in project.chapters()]
     sources += [*project.locks, root / "_config.yml", root / "CITATION.cff"]
     kept = [path for path in sources if "__pycache__" not in path.parts and path.is_file()]
-    facts = [tree_digest(root, kept), project.library_digest(), footer(project)]
-    facts += [text_digest(run.notebook or "") for run in runs]
-    facts += [text_digest(run.results.model_dump_json()) for run in runs]
-    return text_digest("\n".join(facts))
+    facts = [files.tree_digest(root, kept), project.library_digest(), footer(project)]
+    facts += [files.text_digest(run.notebook or "") for run in runs]
+    facts += [files.text_digest(run.results.model_dump_json()) for run in runs]
+    return files.text_digest("\n".join(facts))
 
 
 def footer(project: Project) -> str:
@@ -367,7 +379,7 @@ def footer(project: Project) -> str:
     commit, clean = repository_state(project.root)
     state = "" if clean is None or clean else " with changes that were not committed"
     source = f"commit {commit[:12]}{state}" if commit else "files that are not a git checkout"
-    lock = file_digest(project.locks[0])
+    lock = files.file_digest(project.locks[0])
     return (
         f"Built by inswsn {project.about()['version']} from {source}, "
         f"environment.lock SHA-256 {lock[:12]}…"

@@ -6,6 +6,7 @@ import os
 import platform
 import subprocess
 from contextlib import suppress
+from functools import cache
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -42,6 +43,16 @@ def _git(root: Path, *words: str) -> str | None:
     return done.stdout.strip() if done.returncode == 0 else None
 
 
+@cache
+def package_versions() -> dict[str, str]:
+    """Return the versions of the packages that compute, as this process finds them."""
+    packages = {}
+    for name in _COMPUTING:
+        with suppress(PackageNotFoundError):
+            packages[name] = version(name)
+    return packages
+
+
 def machine_facts() -> dict[str, Any]:
     """Return what this process computes with, as plain data: the fields of `Provenance`."""
     from threadpoolctl import threadpool_info  # noqa: PLC0415  # the parent needs no numerics
@@ -49,17 +60,13 @@ def machine_facts() -> dict[str, Any]:
     for name in ("numpy", "scipy.linalg"):
         import_module(name)
     libraries = {_described(entry) for entry in threadpool_info() if entry["user_api"] == "blas"}
-    packages = {}
-    for name in _COMPUTING:
-        with suppress(PackageNotFoundError):
-            packages[name] = version(name)
     return {
         "python": platform.python_version(),
         "system": f"{platform.system()} {platform.machine()}",
         "cpu": _cpu_name(),
         "cores": available_cores(),
         "blas": sorted(libraries),
-        "packages": packages,
+        "packages": package_versions(),
     }
 
 

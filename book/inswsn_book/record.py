@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -156,16 +157,20 @@ class ChapterRecord:
         What the chapter was computed with goes beside it, for the executor.
         """
         results, folder = self.results(), results_folder(self._root)
-        write_whole(folder / MACHINE, json.dumps(machine_facts()))
+        facts = machine_facts() | {"executable": sys.executable}
+        write_whole(folder / MACHINE, json.dumps(facts))
         write_results(results, folder / f"{self._chapter}.json")
         return results
 
 
+def plain(value: float) -> int | float:
+    """Return a whole number as one: as text shows it."""
+    return int(value) if float(value).is_integer() and abs(value) < 1e15 else value
+
+
 def _glue(name: str, value: float | str, **details: str) -> None:
-    if isinstance(value, float) and value.is_integer() and abs(value) < 1e15:
-        value = int(value)
     display(
-        {_GLUE_TYPE: value if isinstance(value, str) else repr(value)},
+        {_GLUE_TYPE: value if isinstance(value, str) else repr(plain(value))},
         metadata={
             "scrapbook": {"name": name, "mime_prefix": "application/papermill.record/"} | details
         },

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from inswsn_book.files import text_digest, write_whole
+from inswsn_book.files import read_listed, text_digest, write_whole
 from inswsn_lib.errors import InswsnError
 
 Name = Annotated[str, Field(pattern=r"^[a-z0-9]+([._-][a-z0-9]+)*$", max_length=80)]
@@ -127,20 +127,26 @@ def quantity_digest(quantity: Quantity) -> str:
     return text_digest(quantity.model_dump_json())
 
 
+def results_text(results: Results) -> str:
+    """Return the text of a results file."""
+    return results.model_dump_json(indent=1) + "\n"
+
+
 def write_results(results: Results, path: Path) -> None:
     """Write a results file, whole or not at all."""
-    write_whole(path, results.model_dump_json(indent=1) + "\n")
+    write_whole(path, results_text(results))
 
 
 def read_results(path: Path) -> Results:
     """Read a results file; refuse one that is not there or does not fit, and say where."""
+    if not path.exists():
+        raise InswsnError(f"There is no results file {path}.")
+    text = read_listed(path)
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = json.loads(text)
         if isinstance(content, dict) and content.get("schema_version") in (1, 2):
             content["schema_version"] = SCHEMA_VERSION
         return Results.model_validate(content)
-    except FileNotFoundError:
-        raise InswsnError(f"There is no results file {path}.") from None
     except ValidationError as error:
         said = first_problem(error)
     except (ValueError, RecursionError) as error:  # no UTF-8, no JSON, or absurd in size

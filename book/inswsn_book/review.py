@@ -143,7 +143,7 @@ class Findings:
 
         They are ``{01:name:.2f}`` for a number, ``{01:name@low:.2f}`` and ``@high`` for the ends of
         its interval, ``{01:name:.0%}`` for a share in per cent, and ``{claim:P1-P-T}`` for a claim
-        with its verdict.
+        with its verdict. A number is marked by its placeholder, for `inswsn verify`.
         """
         return _PLACEHOLDER.sub(self._filled, text.strip())
 
@@ -158,7 +158,8 @@ class Findings:
             shown = format(ends[end == "@high"], form or "g")
         except (IndexError, ValueError):
             raise InswsnError(f"{match[0]} has a wrong format, or there is no interval.") from None
-        return f"**{shown.replace('%', ' %').replace('-', '−')}**"
+        shown = f"**{shown.replace('%', ' %').replace('-', '−')}**"
+        return f'<span data-quantity="{match[0][1:-1]}">{shown}</span>'
 
     def numbers(self, texts: Iterable[str]) -> list[tuple[str, Quantity]]:
         """Return the quantities that texts show, each once, with its chapter."""

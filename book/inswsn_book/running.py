@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import shutil
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
@@ -11,7 +10,14 @@ import nbformat
 import yaml
 
 from inswsn_book import parameters, runs
-from inswsn_book.files import check_folder, made_folder, text_digest, write_whole
+from inswsn_book.files import (
+    check_folder,
+    check_listed,
+    made_folder,
+    remove_left,
+    text_digest,
+    write_whole,
+)
 from inswsn_book.notebooks import notebook_text
 from inswsn_book.pages import check_pages, environment, render_book, render_run, with_notes
 from inswsn_book.parameters import Parameter, Schema, Value, chapter_schema
@@ -99,9 +105,9 @@ def build_book(
 ) -> None:
     """Execute what is due and render the book; refuse a chapter that may not stand in it."""
     with project.build_lock():
-        for folder in project.build.glob("render-*"):  # of a build that was killed
-            shutil.rmtree(folder)
+        remove_left(project.build)
         check_pages(project)  # before the chapters, which take long
+        check_listed(project.published)
         requests = [runs.Request(chapter.number) for chapter in project.chapters()]
         made = runs.run_all(project, requests, progress, _check, fresh=fresh, jobs=jobs)
         render_book(project, made, progress, fresh=fresh)

@@ -12,7 +12,7 @@ import math
 import os
 import platform
 import shutil
-import tempfile
+import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
@@ -22,21 +22,20 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from inswsn_book import files, provenance
 from inswsn_book.cores import run_core
-from inswsn_book.files import text_digest, tree_digest, write_whole
 from inswsn_book.ledger import data_digest
 from inswsn_book.notebooks import notebook_text, read_source, strip_run
 from inswsn_book.parameters import REGRESSOR_RULE, Schema, Value, source_schema
 from inswsn_book.progress import Progress
 from inswsn_book.project import MODULES_VARIABLE, RESULTS_VARIABLE, ROOT_VARIABLE, Chapter, Project
-from inswsn_book.provenance import MACHINE, available_cores, machine_facts, repository_state
 from inswsn_book.results import Provenance, Results, read_results
 from inswsn_lib import __version__
 from inswsn_lib.errors import BuildError, InswsnError, ParameterError
 from inswsn_lib.files import DATA_VARIABLE, data_mirror, read_text
 
 # Raised when the form of the store, or the way in which chapters are executed, changes.
-_FORM = 6
+_FORM = 7
 # How many digits of a key tell the library, the locks and the chapter's source; and how many
 # entries of a chapter are kept that were made from others than the present ones.
 _ORIGIN, _KEPT = 12, 3
@@ -100,8 +99,10 @@ def _prepare(project: Project, request: Request) -> _Prepared:
     checked = {name: schema[name].check(value) for name, value in request.parameters.items()}
     parameters = {name: v for name, v in checked.items() if v != schema[name].default}
     library = project.computing_digest()
-    locks = tree_digest(project.root, project.locks)
-    origin = text_digest(json.dumps([_FORM, chapter.name, text_digest(own), library, locks]))
+    locks = files.tree_digest(project.root, project.locks)
+    origin = files.text_digest(
+        json.dumps([_FORM, chapter.name, files.text_digest(own), library, locks])
+    )
     facts = {
         "origin": origin,
         "parameters": parameters,
@@ -110,14 +111,14 @@ def _prepare(project: Project, request: Request) -> _Prepared:
             for name, value in parameters.items()
             if schema[name].rule == REGRESSOR_RULE
         ],
-        "python": platform.python_version(),
+        "python": [platform.python_version(), provenance.package_versions()],
         "surroundings": [request.threads, dict(request.variables)],
-        "overlay": {name: text_digest(text) for name, text in request.overlay.items()},
+        "overlay": {name: files.text_digest(text) for name, text in request.overlay.items()},
         "recorded data": data_mirror() is not None,
         "core": request.core,
     }
-    key = f"{origin[:_ORIGIN]}-{text_digest(json.dumps(facts, sort_keys=True))[:32]}"
-    sources = {"chapter": text_digest(source), "library": library, "locks": locks}
+    key = f"{origin[:_ORIGIN]}-{files.text_digest(json.dumps(facts, sort_keys=True))[:32]}"
+    sources = {"chapter": files.text_digest(source), "library": library, "locks": locks}
     return _Prepared(chapter, schema, parameters, sources, key)
 
 
@@ -131,13 +132,23 @@ def request_key(project: Project, request: Request) -> str:
     return _prepare(project, request).key
 
 
-def lookup(project: Project, request: Request) -> Run | None:
-    """Return the run of a request if the store has it and the data that it read are unchanged."""
+def lookup(
+    project: Project, request: Request, say: Callable[[str], None] = lambda _: None
+) -> Run | None:
+    """Return the run of a request if the store has it and the data that it read are unchanged.
+
+    It is told of an entry that is damaged, which counts as none.
+    """
+    entry = _entry(project, request)
     try:
-        kept = json.loads(_entry(project, request).read_bytes())
-        results = Results.model_validate(kept["results"])
-    except (OSError, ValueError, KeyError, TypeError):  # none, or none that can be read
+        text = files.read_sealed(entry)
+    except FileNotFoundError:
         return None
+    if text is None:
+        say(f"{entry.relative_to(project.root)} is damaged: it is computed anew")
+        return None
+    kept = json.loads(text)
+    results = Results.model_validate(kept["results"])
     for name, digest in results.data.items():
         # what the overlay replaces is a part of the key
         replaced = name.partition("#")[0] in request.overlay
@@ -154,24 +165,24 @@ def keep(project: Project, request: Request, run: Run) -> None:
     """
     entry, results = _entry(project, request), run.results.model_dump(mode="json")
     kept = {"results": results, "notebook": run.notebook, "files": dict(run.files)}
-    write_whole(entry, json.dumps(kept))
+    files.write_sealed(entry, json.dumps(kept))
     with suppress(OSError):  # another process has just removed some
         own = entry.name[:_ORIGIN]
-        others = [e for e in entry.parent.glob("*.json") if e.name[:_ORIGIN] != own]
+        others = [e for e in entry.parent.glob("[!.]*") if e.name[:_ORIGIN] != own]
         for old in sorted(others, key=lambda e: e.stat().st_mtime, reverse=True)[_KEPT:]:
             old.unlink()
 
 
 def _entry(project: Project, request: Request) -> Path:
-    return project.store / request.chapter / f"{request_key(project, request)}.json"
+    return project.store / request.chapter / request_key(project, request)
 
 
 def _modules_digest(regressor: str) -> str:
     """Return the digest of the reader's own module, or package, that a regressor is in."""
     folder = Path(os.environ.get(MODULES_VARIABLE, str(Path.cwd())))
     top = regressor.partition(":")[0].partition(".")[0]
-    files = [folder / f"{top}.py", *(folder / top).rglob("*.py")]
-    return tree_digest(folder, [path for path in files if path.is_file()])
+    own = [folder / f"{top}.py", *(folder / top).rglob("*.py")]
+    return files.tree_digest(folder, [path for path in own if path.is_file()])
 
 
 def book_runs(project: Project) -> list[Run]:
@@ -187,6 +198,7 @@ def book_runs(project: Project) -> list[Run]:
 
 def reference_results(project: Project, number: str) -> Results:
     """Return the reference results of a chapter; without any quantity if there are none yet."""
+    files.check_listed(project.published)
     try:
         return read_results(project.published / f"{number}.json")
     except InswsnError:  # none yet, or one of an older schema: all of it is new
@@ -236,7 +248,7 @@ def run_all(
         outcomes[place] = outcome
 
     for place, request in enumerate(requests):
-        found = None if fresh else lookup(project, request)
+        found = None if fresh else lookup(project, request, progress.say)
         if found is not None:
             progress.unchanged(project.find(request.chapter).name)
             end(place, found)
@@ -253,7 +265,7 @@ def run_all(
     for place in due:
         if requests[place].core:
             end(place, one(place))
-    with ThreadPoolExecutor(max_workers=jobs or available_cores()) as pool:
+    with ThreadPoolExecutor(max_workers=jobs or provenance.available_cores()) as pool:
         pending = {pool.submit(one, p): p for p in due if not requests[p].core}
         try:
             for future in as_completed(pending):
@@ -280,11 +292,11 @@ def _run_and_keep(
     project: Project, request: Request, progress: Progress, kernels: list[Any]
 ) -> Run:
     prepared = _prepare(project, request)
-    (commit, clean), began = repository_state(project.root), time.monotonic()
+    (commit, clean), began = provenance.repository_state(project.root), time.monotonic()
     if request.core:
         values = prepared.schema.check(request.parameters)
         found = run_core(project.root, prepared.chapter, values, request.threads)
-        done, machine = Run(request, found[0], None, found[1]), machine_facts()
+        done, machine = Run(request, found[0], None, found[1]), provenance.machine_facts()
     else:
         done, machine = _execute(project, request, prepared, progress, kernels)
     made = Provenance(
@@ -325,9 +337,8 @@ def _execute(
 
     with (
         _overlaid(project.root, request.overlay) as root,
-        tempfile.TemporaryDirectory(prefix=f"inswsn-{chapter.number}-") as name,
+        files.temporary_folder() as folder,
     ):
-        folder = Path(name)
         notebook = read_source(Chapter(chapter.name, root / "chapters" / chapter.source.name))
         progress.started(chapter.name, len(notebook.cells) + bool(prepared.parameters))
         environment = _environment(project, request)
@@ -348,11 +359,17 @@ def _execute(
                 f"Chapter {chapter.name} wrote no results file {chapter.number}.json: "
                 "its last code cell calls record.write()."
             )
-        files = {p.name: p.read_bytes().decode("utf-8") for p in (folder / "results").iterdir()}
-    results = Results.model_validate_json(files.pop(f"{chapter.number}.json"))
-    machine = json.loads(files.pop(MACHINE))
+        written = {p.name: p.read_bytes().decode("utf-8") for p in (folder / "results").iterdir()}
+    results = Results.model_validate_json(written.pop(f"{chapter.number}.json"))
+    machine = json.loads(written.pop(provenance.MACHINE))
+    found = machine.pop("executable"), machine["packages"]
+    if found != (sys.executable, provenance.package_versions()):
+        raise ChapterError(
+            f"Chapter {chapter.name} was not executed by {sys.executable} with what is installed "
+            f"there: its kernel is {found[0]} with {found[1]}."
+        )
     results = results.model_copy(update=_shown(executed))
-    return Run(request, results, notebook_text(strip_run(executed)), files), machine
+    return Run(request, results, notebook_text(strip_run(executed)), written), machine
 
 
 def _failure(name: str, place: str, error: Exception, log: str) -> ChapterError:
@@ -373,13 +390,13 @@ def _overlaid(root: Path, overlay: Mapping[str, str]) -> Iterator[Path]:
     if not overlay:
         yield root
         return
-    with tempfile.TemporaryDirectory(prefix="inswsn-overlay-") as name:
-        copy = Path(name).resolve() / "checkout"
+    with files.temporary_folder() as folder:
+        copy = folder.resolve() / "checkout"
         unread = shutil.ignore_patterns(".*", "_build", "runs", "tests")
         shutil.copytree(root, copy, copy_function=os.symlink, ignore=unread)
         for path, text in overlay.items():
             (copy / path).unlink(missing_ok=True)
-            write_whole(copy / path, text)
+            files.write_whole(copy / path, text)
         yield copy
 
 
@@ -402,12 +419,13 @@ def _shown(executed: Any) -> dict[str, Any]:
 def _environment(project: Project, request: Request) -> dict[str, str]:
     """Return the environment of kernels: so many threads, nothing personal or left to chance."""
     threads = ("OMP", "OPENBLAS", "MKL", "NUMBA")
-    personal = ("PYTHONPATH", "PYTHONSTARTUP", "MATPLOTLIBRC", "MPLBACKEND")
-    kept = {name: value for name, value in os.environ.items() if name not in personal}
+    personal = ("PYTHON", "MATPLOTLIB", "MPL")
+    kept = {name: value for name, value in os.environ.items() if not name.startswith(personal)}
     if kept.get(DATA_VARIABLE):  # a kernel has a working folder of its own
         kept[DATA_VARIABLE] = str(Path(kept[DATA_VARIABLE]).absolute())
     return kept | {
         **{f"{name}_NUM_THREADS": str(request.threads) for name in threads},
+        **{f"PYTHON{name}": "1" for name in ("UTF8", "SAFEPATH", "NOUSERSITE")},
         "PYTHONHASHSEED": "0",
         "PYDEVD_DISABLE_FILE_VALIDATION": "1",
         "MPLCONFIGDIR": str(project.build / "matplotlib"),  # its font cache, and no settings

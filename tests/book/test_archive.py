@@ -72,4 +72,4 @@ def test_what_may_not_be_archived_is_refused(
     git(released.root, "commit", "-q", "-a", "-m", "a third page")
     done = inswsn(released.root, command=main)
     assert (done.returncode, done.stdout) == (2, "")
-    assert "is not up to date; build it: make book." in done.stderr
+    assert "is not up to date, since its sources have changed: make book." in done.stderr

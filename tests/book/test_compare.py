@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from conftest import Done, MiniProject
+from conftest import Done, MiniProject, files_of
 from inswsn_book.compare import (
     Change,
     changes_to_publish,
@@ -17,6 +17,7 @@ from inswsn_book.compare import (
     pair_quantities,
     publish_build,
 )
+from inswsn_book.files import write_listed
 from inswsn_book.ledger import Claim, QuantityCheck
 from inswsn_book.project import Project
 from inswsn_book.results import Quantity, Results, read_results, write_results
@@ -166,12 +167,25 @@ def test_only_publish_changes_the_reference(mini: MiniProject, inswsn: Callable[
     write_results(results(x=9.0), mini.results / "00.json")
     assert inswsn(mini.root, "publish").stdout == ""
     # a reference of another schema is shown as all new, and replaced
-    reference.write_text(reference.read_text().replace('version": 3', 'version": 9'))
+    other = reference.read_text().replace('version": 3', 'version": 9')
+    write_listed(mini.published, {"00.json": other})
     assert "! 00 x: absent -> 1 m\n" in inswsn(mini.root, "publish").stdout
-    write_results(results(), mini.published / "07.json")
-    assert inswsn(mini.root, "publish", "--check").stdout == (
-        "! data/published/07.json belongs to no chapter; remove it.\n"
-    )
+    mini.publish(results().model_copy(update={"chapter": "07"}))
+    said = "! data/published/07.json belongs to no chapter, and goes.\n"
+    assert inswsn(mini.root, "publish", "--check").stdout == said
+    assert inswsn(mini.root, "publish").stdout == said
+    assert inswsn(mini.root, "publish").stdout == ""
+    # what was not published, or is cut off, or gone, is refused in a sentence and not taken as none
+    before = files_of(mini.published)
+    for damage in (lambda: reference.write_text("{}"), reference.unlink,
+                   (mini.published / "SHA256SUMS").unlink,
+                   lambda: (mini.published / "01.json").write_text("{}")):  # fmt: skip
+        damage()
+        for words in (["publish"], ["publish", "--check"], ["book"]):
+            done = inswsn(mini.root, *words)
+            assert (done.returncode, "restore the folder" in done.stderr) == (2, True), words
+        for name, content in before.items():
+            (mini.published / name).write_bytes(content)
 
 
 @pytest.mark.parametrize(
@@ -196,7 +210,7 @@ def test_a_chapter_is_published_if_more_than_its_rounding_has_changed(
     mini: MiniProject, changes: dict[str, Any], said: list[str] | None
 ) -> None:
     before = results(x=1.0, y=1.0).model_copy(update={"tables": {"tbl-x": [["1 m"]]}})
-    write_results(before, mini.published / "00.json")
+    mini.publish(before)
     after = before.model_copy(update=changes)
     build(mini, after)
     assert changes_to_publish(mini) == (said or [])

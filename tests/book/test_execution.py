@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import os
+import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -35,6 +37,19 @@ def test_kernels_side_by_side_work_in_folders_of_their_own(tmp_path: Path) -> No
             assert printed["text"] == f"{folder}\n"
             assert shown["data"]["text/plain"] == "42"
             assert told == [(1, 1, "answer")]
+
+
+def test_the_kernel_is_this_interpreter_whatever_jupyter_knows(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    kernel = tmp_path / "kernels" / "python3" / "kernel.json"
+    kernel.parent.mkdir(parents=True)
+    other = {"argv": ["/nowhere", "-c", "0"], "env": {"OTHER": "1"}, "language": "python"}
+    kernel.write_text(json.dumps(other | {"display_name": "Another"}))
+    monkeypatch.setenv("JUPYTER_PATH", str(tmp_path))
+    monkeypatch.setitem(CELL, "source", "import os, sys\nsys.executable, os.environ.get('OTHER')")
+    (shown,), _ = execute(tmp_path / "own")
+    assert shown["data"]["text/plain"] == repr((sys.executable, None))
 
 
 def test_a_kernel_that_does_not_answer_is_told(

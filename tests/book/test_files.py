@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import runpy
+import shutil
+import subprocess
+import sys
 import tracemalloc
 from collections.abc import Callable
 from contextlib import suppress
@@ -16,11 +20,17 @@ from conftest import files_of
 from inswsn_book import files
 from inswsn_book.files import (
     check_folder,
+    check_listed,
+    damages,
     file_digest,
     made_folder,
+    read_listed,
     replace_folder,
+    seal_folder,
+    temporary_folder,
     text_digest,
     tree_digest,
+    write_listed,
     write_whole,
 )
 
@@ -137,6 +147,70 @@ def test_a_file_is_written_whole_or_not_at_all(
     assert files_of(path.parent) == {"a.txt": b"old"}
 
 
+def test_a_manifest_is_what_sha256sum_writes(tmp_path: Path) -> None:
+    for name in ("b.txt", "below/a b.txt", ".key"):
+        write_whole(tmp_path / name, name)
+    seal_folder(tmp_path)
+    names = sorted(files_of(tmp_path).keys() - {"SHA256SUMS"})
+    theirs = subprocess.run(
+        ["sha256sum", "--", *names], cwd=tmp_path, capture_output=True, text=True, check=True
+    )
+    assert (tmp_path / "SHA256SUMS").read_text() == theirs.stdout
+    assert damages(tmp_path) == []
+    write_whole(tmp_path / ".DS_Store", "of the system")  # hidden: nobody reads it
+    assert damages(tmp_path) == []
+    write_whole(tmp_path / "b.txt", "other")
+    write_whole(tmp_path / "c.txt", "new")
+    (tmp_path / "below" / "a b.txt").unlink()
+    said = ["below/a b.txt is gone", "b.txt is changed", "c.txt is not listed"]
+    assert damages(tmp_path) == said
+    with pytest.raises(InswsnError, match=r"b\.txt is not the one in SHA256SUMS beside it"):
+        read_listed(tmp_path / "b.txt")
+    with pytest.raises(InswsnError, match=r"b\.txt is changed; c\.txt is not listed; restore the"):
+        check_listed(tmp_path)
+    check_listed(tmp_path / "none")  # there is nothing yet
+
+
+@pytest.mark.parametrize("writes", range(5))
+def test_files_and_their_manifest_survive_a_kill(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, writes: int
+) -> None:
+    """After any number of the four writes each file is the old or the new one, and vouched for."""
+    whole, done = files.write_whole, []
+
+    def killed(*write: Any) -> None:
+        if len(done) == writes:
+            raise KeyboardInterrupt
+        done.append(whole(*write))
+
+    write_listed(tmp_path, {"a": "1", "b": "1", "c": "1"})
+    monkeypatch.setattr(files, "write_whole", killed)
+    with suppress(KeyboardInterrupt):
+        write_listed(tmp_path, {"a": "2", "b": "2"})
+    found = [read_listed(tmp_path / name).decode() for name in "abc"]
+    assert found == [["1", "1"], ["1", "1"], ["2", "1"], ["2", "2"], ["2", "2"]][writes] + ["1"]
+    assert damages(tmp_path) == []
+    monkeypatch.undo()
+    write_listed(tmp_path, {"a": "3"})
+    assert len((tmp_path / "SHA256SUMS").read_text().splitlines()) == 3
+    assert damages(tmp_path) == []
+
+
+def test_folders_of_killed_processes_go(tmp_path: Path) -> None:
+    ended = subprocess.Popen([sys.executable, "-c", ""])
+    ended.wait()
+    with temporary_folder(tmp_path) as first:
+        prefix = first.name.rpartition("-")[0].removesuffix(str(os.getpid()))
+        left = tmp_path / f"{prefix}{ended.pid}-x"
+        for folder in (left / "below", tmp_path / "others", tmp_path / f"{prefix}nobody-x"):
+            folder.mkdir(parents=True)
+        with temporary_folder(tmp_path) as second:
+            assert first.is_dir()
+            assert second.is_dir()
+            assert not left.exists()
+    assert [path.name for path in tmp_path.iterdir()] == ["others"]
+
+
 @pytest.mark.parametrize("error", [None, OSError, KeyboardInterrupt])
 def test_a_folder_takes_the_place_of_another_or_the_old_one_is_put_back(
     tmp_path: Path, error: type[BaseException] | None, monkeypatch: pytest.MonkeyPatch
@@ -163,11 +237,17 @@ def test_no_folder_but_an_earlier_run_is_replaced(tmp_path: Path) -> None:
         with made_folder(out) as made:
             write_whole(made / f"{content}.txt", content)
     kept = files_of(out)
-    assert set(kept) == {"second.txt", ".inswsn-run"}
+    assert set(kept) == {"second.txt", ".inswsn-run", "SHA256SUMS"}
     with suppress(KeyboardInterrupt), made_folder(out) as made:
         write_whole(made / "third.txt", "third")
         raise KeyboardInterrupt
     assert files_of(out) == kept
+    # a folder of somebody else's with such a manifest is none, nor one with a manifest alone
+    for content in ({"data.csv": "mine"}, {}):
+        write_listed(other := tmp_path / f"other-{len(content)}", content)
+        with pytest.raises(ParameterError, match="one that holds an earlier run alone"):
+            check_folder(other)
+        shutil.rmtree(other)
     # not with anything else in it, and no file
     write_whole(out / "note.txt", "mine")
     for path in (out, neighbour):

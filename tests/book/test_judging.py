@@ -10,9 +10,10 @@ from pathlib import Path
 import pytest
 from conftest import Done, MiniProject
 from hypothesis import given, strategies as st
+from inswsn_book.files import write_listed
 from inswsn_book.judging import judge_claims, read_verdicts
 from inswsn_book.project import Project
-from inswsn_book.results import Quantity, Results, write_results
+from inswsn_book.results import Quantity, Results, results_text
 
 from inswsn_lib.errors import InswsnError
 
@@ -51,7 +52,7 @@ def test_results_of_another_folder_go_first(mini: MiniProject, tmp_path: Path) -
     for folder, value in ((mini.published, 42.0), (tmp_path / "run", 63.0)):
         twice = Quantity(name="twice", value=value, **fields)
         made = Results(chapter="00", parameters={}, data={}, quantities=(twice,))
-        write_results(made, folder / "00.json")
+        write_listed(folder, {"00.json": results_text(made)})
     for folder, verdict in ((None, "reproduced"), (tmp_path / "run", CONTRADICTED)):
         found = [str(entry.verdict) for entry in judge_claims(mini, folder)]
         assert found == [verdict, "cannot be tested"]

@@ -12,6 +12,7 @@ import nbformat
 import pytest
 from conftest import MiniProject
 from inswsn_book import pages
+from inswsn_book.files import seal_folder
 from inswsn_book.ledger import Claim, MissingCheck, QuantityCheck
 from inswsn_book.pages import (
     RenderingError,
@@ -225,6 +226,7 @@ def test_a_site_is_out_of_date_once_a_source_differs(mini: MiniProject, path: st
     assert not current(one)
     mini.site.mkdir(parents=True)
     (mini.site / ".inswsn-key").write_text(pages._site_key(mini, [one]))
+    seal_folder(mini.site)
     assert current(one)
     assert not current(replace(one, notebook="{ }"))
     assert not current(replace(one, results=BARE.found()))

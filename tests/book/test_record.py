@@ -12,7 +12,7 @@ from inswsn_book.files import file_digest
 from inswsn_book.ledger import data_digest
 from inswsn_book.project import RESULTS_VARIABLE
 from inswsn_book.record import ChapterRecord
-from inswsn_book.results import Quantity, Results, read_results, write_results
+from inswsn_book.results import Quantity, Results, read_results
 
 from inswsn_lib.errors import InswsnError
 
@@ -102,7 +102,7 @@ def test_a_reference_quantity_is_noted_by_what_is_said_of_it(
             Quantity(name=n, value=v, **BASE) for n, v in (("twice", value), ("other", other))
         )
         made = Results(chapter="07", parameters={}, data={}, quantities=quantities)
-        write_results(made.model_copy(update=changes), mini.published / "07.json")
+        mini.publish(made.model_copy(update=changes))
 
     key = "data/published/07.json#twice"
     assert data_digest(mini.root, key) is None

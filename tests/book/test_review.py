@@ -58,17 +58,22 @@ FOUND = Findings([RESULTS], [Judged(CLAIM, Verdict.REPRODUCED, "It lies within."
 @pytest.mark.parametrize(
     ("text", "shown"),
     [
-        ("{00:twice:.1f} m", "**42.2** m"),
-        ("{00:twice}", "**42.25**"),
-        ("{00:twice@low:.0f} to {00:twice@high:.0f}", "**42** to **43**"),
-        ("{00:share:.0%}", "**25 %**"),
-        ("{00:loss:.1f}", "**−3.5**"),
+        ("{00:twice:.1f} m", "<00:twice:.1f **42.2**> m"),
+        ("{00:twice}", "<00:twice **42.25**>"),
+        (
+            "{00:twice@low:.0f} to {00:twice@high:.0f}",
+            "<00:twice@low:.0f **42**> to <00:twice@high:.0f **43**>",
+        ),
+        ("{00:share:.0%}", "<00:share:.0% **25 %**>"),
+        ("{00:loss:.1f}", "<00:loss:.1f **−3.5**>"),
         ("{claim:P1-M-twice}", "[P1-M-twice](#claim-p1-m-twice) (*reproduced*)"),
         ("{ref}`x <y>` and {prf:ref}`z` and $A_{f}$", "{ref}`x <y>` and {prf:ref}`z` and $A_{f}$"),
     ],
 )
 def test_placeholders_are_filled(text: str, shown: str) -> None:
-    assert FOUND.fill(text) == shown
+    """A number bears its placeholder, written here as ``<placeholder **number**>``."""
+    marked = re.sub(r"<(\S+) (\*\*.+?\*\*)>", r'<span data-quantity="\1">\2</span>', shown)
+    assert FOUND.fill(text) == marked
 
 
 @pytest.mark.parametrize(

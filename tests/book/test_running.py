@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ctypes
-import json
 import shutil
 import signal
 import subprocess
@@ -14,7 +13,6 @@ from pathlib import Path
 
 import psutil
 import pytest
-from bs4 import BeautifulSoup
 from conftest import Done, MiniProject, build_once, files_of, run_command
 from inswsn_book import running
 from inswsn_book.pages import RenderingError
@@ -165,20 +163,12 @@ def test_a_run_that_fails_writes_nothing(
 # All chapters into a site ------------------------------------------------------------------------
 
 
-def what_stays(built: MiniProject) -> list[object]:
-    """Return what two builds of the same have in common: results, notebook and pages."""
-    texts: list[object] = [read_results(built.results / "00.json").found()]
-    texts += [json.loads(path.read_text())["notebook"] for path in built.store.rglob("*.json")]
-    for name in ("index.html", "claims.html", "chapters/00-mini.html"):
-        soup = BeautifulSoup((built.site / name).read_text(), "html.parser")
-        for part in soup.select("table.provenance, a.download"):  # of the results file
-            part.decompose()
-        texts.append(str(soup))
-    return texts
-
-
 def test_a_build_and_the_builds_after_it(
-    built: MiniProject, built_mini: Path, released_mini: Path, inswsn: Command
+    built: MiniProject,
+    built_mini: Path,
+    released_mini: Path,
+    inswsn: Command,
+    what_stays: Callable[[MiniProject], list[object]],
 ) -> None:
     said = build_once(built_mini, built_mini.with_suffix(".json"))
     assert "00-mini: executed in" in said
@@ -201,7 +191,7 @@ def test_a_build_and_the_builds_after_it(
 
     # a page changed: rendered, not executed
     said = build_once(released_mini, released_mini.with_suffix(".json"))
-    assert "00-mini: unchanged\nbook: rendering\n" in said
+    assert "00-mini: unchanged\nbook: rendering, since its sources have changed\n" in said
     assert "Another page." in (released_mini / "_build" / "html" / "index.html").read_text()
 
 
@@ -232,7 +222,7 @@ def test_what_is_wrong_by_hand_stops_a_build_before_anything_runs(
 
 def it_is_as_before(built: MiniProject, site: dict[str, bytes]) -> None:
     assert files_of(built.site) == site  # with its key: the next build renders again
-    assert list(built.build.glob("render-*")) == []
+    assert list(built.build.glob(".inswsn-*")) == []
 
 
 def test_a_cell_that_raises_fails_the_build(built: MiniProject) -> None:
@@ -336,10 +326,29 @@ def test_a_build_that_is_ended_leaves_nothing_that_stays(
         assert process.returncode == 128 + number, said
         assert said.strip().endswith("inswsn: stopped.")
         it_is_as_before(built, before)
-    (built.build / "render-killed").mkdir()
     built.chapter()
     assert inswsn(built.root, "book").returncode == 0  # the next build is as good as ever
     it_is_as_before(built, before)
+
+
+@pytest.mark.parametrize("how", ["SIGTERM", "SIGKILL"])
+def test_the_rendering_ends_with_the_command(built: MiniProject, inswsn: Command, how: str) -> None:
+    built.page("Another page.")
+    process = subprocess.Popen(
+        [sys.executable, "-m", "inswsn_book", "--root", str(built.root), "book"],
+        stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL, start_new_session=True,
+    )  # fmt: skip
+    command = psutil.Process(process.pid)
+    written = lambda: [*built.build.glob(".inswsn-*/_build/html/index.html")]  # noqa: E731
+    assert waited(60, written), "it did not render"
+    others = command.children(recursive=True)
+    assert any("jupyter_book" in " ".join(other.cmdline()) for other in others)
+    process.send_signal(getattr(signal, how))
+    process.wait(30)
+    assert psutil.wait_procs(others, timeout=10)[1] == []
+    assert inswsn(built.root, "book").returncode == 0
+    assert list(built.build.glob(".inswsn-*")) == []
+    assert "Another page." in (built.site / "index.html").read_text()
 
 
 def without_override() -> None:

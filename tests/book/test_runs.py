@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import sys
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -16,7 +17,7 @@ from inswsn_book.files import file_digest, write_whole
 from inswsn_book.progress import Quiet
 from inswsn_book.project import _EXECUTING, MODULES_VARIABLE
 from inswsn_book.provenance import machine_facts
-from inswsn_book.results import Provenance, Results, write_results
+from inswsn_book.results import Provenance, Results
 from inswsn_book.runs import (
     ChapterError,
     Outcome,
@@ -158,14 +159,19 @@ def test_what_was_run_by_hand_is_the_books_once_it_is_the_default(mini: MiniProj
 
 
 @pytest.mark.parametrize(
-    "content", [b"", b"{", b"{}", b"[]", b'{"results": {\xff', b'{"results": {}}']
-)
-def test_an_entry_that_cannot_be_read_is_none(mini: MiniProject, content: bytes) -> None:
+    "damage",
+    [lambda b: b"", lambda b: b[:-1], lambda b: b + b" ", lambda b: b.replace(b"00", b"01", 1),
+     lambda b: b.partition(b"\n")[2], lambda b: b[:64] + b"\n{\xff"],
+)  # fmt: skip
+def test_an_entry_that_is_damaged_is_none_and_is_told(
+    mini: MiniProject, damage: Callable[[bytes], bytes]
+) -> None:
     keep(mini, PLAIN, Run(PLAIN, EMPTY))
     (entry,) = (mini.store / "00").iterdir()
-    whole = entry.read_bytes()
-    entry.write_bytes(content)
-    assert lookup(mini, PLAIN) is None
+    whole, told = entry.read_bytes(), list[str]()
+    entry.write_bytes(damage(whole))
+    assert lookup(mini, PLAIN, told.append) is None
+    assert told == [f"_build/store/00/{entry.name} is damaged: it is computed anew"]
     keep(mini, PLAIN, Run(PLAIN, EMPTY))  # and another takes its place
     assert entry.read_bytes() == whole
 
@@ -198,7 +204,7 @@ def test_old_entries_go_but_for_the_last_few(mini: MiniProject) -> None:
         mini.source.write_text(f"{source}\nEdit {edit}.\n")
         keep(mini, PLAIN, Run(PLAIN, EMPTY))
         # what is written first is oldest
-        os.utime(mini.store / "00" / f"{request_key(mini, PLAIN)}.json", (edit + 2e9, edit + 2e9))
+        os.utime(mini.store / "00" / request_key(mini, PLAIN), (edit + 2e9, edit + 2e9))
     there = []
     for edit in range(5):
         mini.source.write_text(f"{source}\nEdit {edit}.\n")
@@ -266,6 +272,13 @@ def test_an_overlay_is_as_an_edited_checkout(mini: MiniProject) -> None:
 @pytest.mark.parametrize(
     ("code", "said"),
     [
+        # what another kernel would say of itself
+        ("import sys\nsys.executable = '/usr/bin/other'",
+         f"was not executed by {sys.executable} with what is installed there: its kernel is "
+         "/usr/bin/other"),
+        ("import importlib.metadata as m\nfrom inswsn_book import provenance\n"
+         "provenance.package_versions.cache_clear()\nprovenance.version = lambda name: '2.3.5'",
+         "with {'numpy': '2.3.5'"),
         ("import os\nos._exit(1)", "Chapter 00-mini failed in cell 5 of 6 (ch00-004)"),
         ("record.write = lambda: None", "Chapter 00-mini wrote no results file 00.json"),
         ("from pathlib import Path\n_ = Path(SOURCE).write_text(Path(SOURCE).read_text() + 'x')",
@@ -278,7 +291,7 @@ def test_a_chapter_that_does_not_come_to_its_end(mini: MiniProject, code: str, s
         run(mini, PLAIN, Quiet())
     assert said in str(failure.value)
     assert "Traceback" not in str(failure.value)
-    assert not any(mini.store.rglob("*.json"))
+    assert not mini.store.exists()
 
 
 def test_runs_go_side_by_side_and_a_failure_stops_all_or_not(mini: MiniProject) -> None:
@@ -319,7 +332,7 @@ def test_chapters_that_take_long_come_first(
             facts = {"version": "1", "commit": None, "clean": None, "sources": {}, "finished": ""}
             ran = Provenance(seconds=seconds, **facts, **machine_facts())
             made = EMPTY.model_copy(update={"chapter": number, "provenance": ran})
-            write_results(made, mini.published / f"{number}.json")
+            mini.publish(made)
     monkeypatch.setattr(runs, "_run_and_keep", instantly)
     given = [Request(number) for number in took]
     assert [done.request for done in run_all(mini, given, Quiet(), jobs=1)] == given

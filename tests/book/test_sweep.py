@@ -1,80 +1,21 @@
-"""A sweep: its grid, its files, whom it refuses, and that it survives whatever is killed."""
+"""A sweep: its grid, its files, and whom it refuses."""
 
 from __future__ import annotations
 
-import csv
 import json
-import os
-import random
-import signal
-import subprocess
 import sys
 import time
-from collections import Counter
 from collections.abc import Callable, Iterator
-from contextlib import suppress
 
 import distributed
-import psutil
 import pytest
-from conftest import WHOLE, Done, MiniProject, make_mini
+from conftest import Done, MiniProject, SweepProject
 from inswsn_book.parameters import chapter_schema
 from inswsn_book.project import Project
 from inswsn_book.runs import Request, lookup
 from inswsn_book.sweep import read_sweep
 
 from inswsn_lib.errors import ParameterError
-
-# A core that takes its time, and tells each time that it is called
-CORE = """
-import os, time
-from dataclasses import dataclass
-import numpy as np
-from inswsn_lib.errors import InswsnError
-from inswsn_lib.evaluation import Scores
-
-@dataclass
-class Core:
-    scale: float = 2.0
-
-    def scores(self):
-        with open(os.environ["MINI_LOG"], "a") as log:
-            log.write(f"{self.scale}\\n")
-        if self.scale == 13:
-            raise InswsnError("Thirteen has no design.")
-        time.sleep(float(os.environ.get("MINI_SECONDS", "0")))
-        spread = np.linspace(0.9, 1.1, 41)
-        return Scores(
-            methods={"old": "the old one", "new": "the new one", "none": "nothing"},
-            columns={"error": "m"},
-            values={
-                "old.error": self.scale * spread, "new.error": spread, "none.error": 99 * spread,
-            },
-            headline="error",
-            baselines=frozenset({"none"}),
-        )
-"""
-
-
-class SweepProject:
-    """A small project whose chapter has a core; sweeps of it are written to one folder."""
-
-    def __init__(self, mini: MiniProject) -> None:
-        text = mini.source.read_text(encoding="utf-8")
-        mini.source.write_text(text.replace("\n---\n", "\ncore: minicore:Core\n---\n", 1))
-        (mini.root / "minicore.py").write_text(CORE, encoding="utf-8")
-        self.project, self.folder, self.log = mini, mini.root / "made", mini.root / "log.txt"
-
-    def words(self, scales: str, *more: str) -> list[str]:
-        return ["sweep", "00", "--grid", f"scale={scales}", "--out", str(self.folder), *more]
-
-    def calls(self) -> Counter[float]:
-        """How often the core was called, by its parameter."""
-        return Counter(map(float, self.log.read_text().split())) if self.log.exists() else Counter()
-
-    def table(self, name: str = "sweep") -> list[dict[str, str]]:
-        with (self.folder / f"{name}.csv").open(encoding="utf-8", newline="") as stream:
-            return list(csv.DictReader(stream))
 
 
 @pytest.fixture
@@ -223,74 +164,3 @@ def test_workers_that_would_find_other_numbers_are_refused(
     assert said in done.stderr
     assert not swept.calls()
     assert not swept.folder.exists()
-
-
-# What is killed -----------------------------------------------------------------------------------
-
-GRID = "2,3,4,5,6,7,8,9"
-SECONDS = "0.15"  # of a cell
-
-
-def start(swept: SweepProject) -> subprocess.Popen[bytes]:
-    """Start the command on processes of its own, as a user does."""
-    paths = [str(swept.project.root), os.environ.get("PYTHONPATH", "")]
-    own = {"PYTHONPATH": os.pathsep.join(filter(None, paths)), "MINI_LOG": str(swept.log),
-           "MINI_SECONDS": SECONDS}  # fmt: skip
-    return subprocess.Popen(
-        [sys.executable, "-m", "inswsn_book", *swept.words(GRID, "--jobs", "2")],
-        env=os.environ | own, cwd=swept.project.root, stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-    )  # fmt: skip
-
-
-@pytest.fixture(scope="module")
-def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> tuple[bytes, float]:
-    """The table of a sweep that nobody disturbed, and how long it took."""
-    swept = SweepProject(make_mini(tmp_path_factory.mktemp("undisturbed") / "mini"))
-    began = time.monotonic()
-    assert start(swept).wait(400) == 0
-    assert len(swept.table()) == 8 * 3
-    return (swept.folder / "sweep.csv").read_bytes(), time.monotonic() - began
-
-
-def workers_of(process: subprocess.Popen[bytes]) -> list[psutil.Process]:
-    """The processes that compute, of a command that may be ending."""
-    with suppress(psutil.NoSuchProcess):
-        children = psutil.Process(process.pid).children(recursive=True)
-        return [child for child in children if "spawn_main" in " ".join(child.cmdline())]
-    return []
-
-
-def finished(swept: SweepProject) -> set[float]:
-    """The cells of the grid that are in the store."""
-    mini = swept.project
-    requests = read_sweep(mini, mini.find("00"), [f"scale={GRID}"], []).requests
-    return {r.parameters["scale"] for r in requests if lookup(mini, r) is not None}
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("moment", range(10) if WHOLE else range(1))
-@pytest.mark.parametrize("killed", ["parent", "worker", "both"])
-def test_it_survives_whatever_is_killed(
-    mini: MiniProject, undisturbed: tuple[bytes, float], killed: str, moment: int
-) -> None:
-    expected, duration = undisturbed
-    swept, chance = SweepProject(mini), random.Random(f"{killed} {moment}")
-    process = start(swept)
-    time.sleep(chance.uniform(0, duration))
-    workers = workers_of(process)
-    if killed != "parent" and workers:
-        chance.choice(workers).send_signal(signal.SIGKILL)
-    if killed == "worker":
-        assert process.wait(400) == 0
-        assert finished(swept) == set(map(float, GRID.split(",")))
-    else:
-        process.kill()
-        process.wait(10)
-        # nobody computes on without the command
-        assert not psutil.wait_procs(workers, timeout=20)[1]
-        there, calls = finished(swept), swept.calls()
-        assert start(swept).wait(400) == 0
-        assert not there & set(swept.calls() - calls), "a finished cell was computed again"
-    assert (swept.folder / "sweep.csv").read_bytes() == expected
-    assert set(swept.calls()) == set(map(float, GRID.split(",")))

@@ -107,7 +107,7 @@ def test_a_run_is_held_against_the_reference(mini: MiniProject, provenance: Prov
         )  # fmt: skip
 
     def held(value: float, threads: int = 1) -> Cell:
-        write_results(results(value), mini.published / "00.json")
+        mini.publish(results(value))
         variant = Variant(AGAIN, "3.11.7", threads)
         return compared(mini, variant, chapter, results(42.0))
 

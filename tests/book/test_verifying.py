@@ -1,0 +1,131 @@
+"""`inswsn verify`: what it holds against what, and that it says where they differ."""
+
+from __future__ import annotations
+
+import shutil
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from conftest import Done, MiniProject, files_of
+from inswsn_book.archive import write_archive
+from inswsn_book.files import seal_folder
+from inswsn_book.progress import Quiet
+from inswsn_book.project import Project
+from inswsn_book.results import Quantity, Results
+from inswsn_book.runs import book_runs, keep
+from inswsn_book.verifying import _of_chapter, _read, verify
+
+
+@pytest.fixture
+def built(released_mini: Path, tmp_path: Path) -> MiniProject:
+    """The small project, published and built."""
+    shutil.copytree(released_mini, tmp_path / "mini", symlinks=True)
+    return MiniProject(tmp_path / "mini")
+
+
+@pytest.fixture
+def archive(released_mini: Path, tmp_path: Path) -> Path:
+    with zipfile.ZipFile(write_archive(Project(released_mini), tmp_path / "a.zip")) as opened:
+        opened.extractall(tmp_path / "archive")
+    return tmp_path / "archive"
+
+
+def differing(folder: Path) -> list[str]:
+    return [line for _, lines in verify(folder, [], Quiet()) for line in lines]
+
+
+def test_what_is_in_order(built: MiniProject, archive: Path, inswsn: Callable[..., Done]) -> None:
+    before = files_of(built.site)
+    done = inswsn(built.root, "verify")
+    assert (done.returncode, done.stderr) == (0, "")
+    # the number in the text, that there is one, two claims, and what decides one of them
+    assert done.stdout.splitlines() == [
+        "good     data/published: its digests",
+        "good     the pages: 6 numbers, cells of tables and verdicts",
+    ]
+    assert files_of(built.site) == before
+    done = inswsn(archive, "verify", str(archive))
+    assert (done.returncode, "good     the folder: its digests" in done.stdout) == (0, True)
+    done = inswsn(built.root, "verify", "book")
+    assert done.returncode == 2
+    assert "book'; it may be a checkout, or a folder with SHA256SUMS." in done.stderr
+
+
+def test_a_chapter_is_executed_anew(built: MiniProject, inswsn: Callable[..., Done]) -> None:
+    store = {path: path.read_bytes() for path in built.store.rglob("*") if path.is_file()}
+    done = inswsn(built.root, "verify", "--execute", "0")
+    assert "executing 5 cells" in done.stderr
+    assert "good     chapter 00, executed anew: 1 quantities" in done.stdout
+    assert {path: path.read_bytes() for path in store} == store
+    # what is in the store says the same and is not asked
+    source = built.source.read_text()
+    built.source.write_text(source.replace("scale * number", "scale * number + 1"))
+    done = inswsn(built.root, "verify", "--execute", "0")
+    assert done.returncode == 1
+    assert "         twice: 42 m -> 43 m (change +1, tolerance 0.5)\n" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new", "said"),
+    [
+        ("chapters/00-mini.html", ">42<", ">43<", "00-mini, twice: '43' for '42'"),
+        ("chapters/00-mini.html", "pasted-text", "other", "'0 numbers' for '1 numbers'"),
+        ("claims.html", ": 42 m.", ": 43 m.", "for ': 42 m.'"),
+        ("claims.html", "<strong>reproduced</strong>", "<strong>refuted</strong>", "'reproduced'"),
+    ],
+)
+def test_a_page_that_shows_another_number_is_told_even_if_it_is_sealed_again(
+    archive: Path, name: str, old: str, new: str, said: str
+) -> None:
+    page = archive / "site" / name
+    assert old in page.read_text()
+    page.write_text(page.read_text().replace(old, new))
+    assert differing(archive) == [f"site/{name} is changed"] or said in differing(archive)[1]
+    seal_folder(archive)
+    (line,) = differing(archive)
+    assert said in line
+
+
+def test_a_site_that_is_not_that_of_the_store(built: MiniProject) -> None:
+    (run,) = book_runs(built)
+    keep(built, run.request, run.__class__(run.request, run.results.found(), run.notebook))
+    assert "is not up to date, since its sources have changed" in differing(built.root)[0]
+    shutil.rmtree(built.site)
+    assert differing(built.root) == []  # nothing has been built
+
+
+CELLS = "<div id=tbl><table><tr><td>{}</td><td>{}</td></tr></table></div>"
+
+
+@pytest.mark.parametrize(
+    ("cells", "shown", "right"),
+    [
+        (["1.50 m", "[P1-2](#claim-p1-2)"], ["1.50 m", "P1-2"], True),
+        (["1.50 m", "2, {prf:ref}`thm-x`"], ["1.50 m", "2, Theorem 3"], True),
+        (["1.50 m", "2"], ["1.51 m", "2"], False),
+        (["1.50 m", "2"], ["1.50 m", ""], False),
+        (["−1e-3", "2"], ["−1e-4", "2"], False),
+        (["1", "2", "3"], ["1", "2"], False),
+    ],
+)
+def test_cells_of_tables(tmp_path: Path, cells: list[str], shown: list[str], right: bool) -> None:
+    (tmp_path / "page.html").write_text(CELLS.format(*shown))
+    facts: dict[str, Any] = {"chapter": "00", "parameters": {}, "data": {}}
+    results = Results(**facts, quantities=(), tables={"tbl": [cells]})
+    told = list(_of_chapter(_read(tmp_path / "page.html"), "", results))
+    assert all(text == expected for _, text, expected in told) is right
+
+
+@pytest.mark.parametrize(
+    ("value", "role", "shown"),
+    [(42.0, "x", "42"), (0.1, "x", "0.1"), (1234.5, "x:,.0f", "1,234"), (1e16, "x", "1e+16")],
+)
+def test_numbers_in_the_text(tmp_path: Path, value: float, role: str, shown: str) -> None:
+    (tmp_path / "page.html").write_text(f'<span class="pasted-text">{shown}</span>')
+    quantity = Quantity(name="x", value=value, unit="m", basis="printed", tolerance=0, how="x" * 10)
+    results = Results(chapter="00", parameters={}, data={}, quantities=(quantity,))
+    told = list(_of_chapter(_read(tmp_path / "page.html"), f"{{glue:text}}`{role}`", results))
+    assert [entry[1:] for entry in told] == [("1 numbers", "1 numbers"), (shown, shown)]
