@@ -17,6 +17,7 @@ _UNITS = {
     "miles": 1.6093,
 }  # fmt: skip
 _NEAR = 0.03  # of a unit, in scale
+_LEAST = 0.01  # variance of a whitened value, lest a track that is the other one has none
 _COLUMNS = "abcdt"
 
 
@@ -65,17 +66,18 @@ class Comparison:
         return unit
 
     def _track(self) -> Array:
-        return np.eye(1, len(self.gram))[0]
+        return np.asarray(np.eye(1, len(self.gram))[0])
 
     def _left(self, rest: Array) -> float:
         return float(rest @ self.gram @ rest)
 
     def _fitted(self, track: Array, *columns: Array) -> tuple[Array, float]:
         """Return coefficients of a track on columns, and the squares that are left."""
-        basis = np.stack(columns)
-        inner = basis @ self.gram @ basis.T
-        found = np.linalg.lstsq(inner, basis @ self.gram @ track, rcond=1e-10)[0]
-        return found, self._left(track - found @ basis)
+        rows = np.stack([track, *columns])
+        inner = rows @ self.gram @ rows.T
+        found = np.linalg.lstsq(inner[1:, 1:], inner[1:, 0], rcond=1e-10)[0]
+        rest = np.append(1.0, -found)
+        return np.asarray(found), float(rest @ inner @ rest)
 
     def explanations(self) -> tuple[float, float, list[Fit]]:
         """Return the squares left by none, the variance of a value, and the explanations."""
@@ -84,7 +86,7 @@ class Comparison:
             self._fitted(self._track(), *(self._column(x, k) for k in (j, j + 1) for x in "abcd"))
             for j in cells
         ]
-        variance = min(left for _, left in every) / max(1, self.freedom - 8)
+        variance = max(_LEAST, min(left for _, left in every) / max(1, self.freedom - 8))
         nothing = self._left(self._track() - self._column("a", 0))
         fits = [self._time(cells, variance), self._clock(cells)]
         fits += [self._turn(letters, 0, variance) for letters in ("ab", "cd")]

@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.stats import chi2, f, norm, poisson
 
-from inswsn_lib.checks import Array, Mask, covariance
+from inswsn_lib.checks import Array, Mask, covariance, positive_definite
+from inswsn_lib.errors import Described, ParameterError
 from inswsn_lib.evaluation.alignment import Comparison
 from inswsn_lib.filters import design_kalman, run_kalman
 from inswsn_lib.models import ErrorModel
@@ -32,6 +33,10 @@ _REACH, _SPACING = 5.0, 0.1  # s: how late and how early is looked for, and how 
 _LAG, _TURN = 1.0, 20.0
 _COPIED = 0.1  # of the network's variance: a reference that is nearer was made from it
 _OTHER = 9.0  # times the variance of the network: what no lag and no turn explain is another run
+# Where one mistake makes several checks fail, those that are not here come first, then these.
+_ORDER = ("run", "outliers", "start", "origin", "size", "colour", "copy", "noise", "misfit")
+_MOVED = 3.0  # times its noise: how far the network must have moved, beside what an INS drifts
+_REST = 0.3  # of what is too much: what an explanation may leave
 _KINDS = 50  # kinds of misfit, and lags of their own, that are tried at once
 
 
@@ -42,9 +47,10 @@ class Finding:
     Attributes
     ----------
     name : str
-        What fails if it fails: ``rate``, ``repeats``, ``itself``, ``time``, ``clock``, ``frame``, ``axes``, ``scale``, ``run``,
-        ``origin``,
-        ``copy``, ``noise``, ``start``, ``outliers``, ``size`` or ``colour``.
+        What fails if it fails. Of the columns: ``rate``, ``repeats``, ``itself`` (positions against
+        velocities). Of two sources: ``time``, ``clock``, ``frame``, ``axes``, ``scale``, ``run``
+        (they do not go together), ``misfit`` (one of these fits better, but not well), ``origin``,
+        ``copy``, ``noise``. Of the filter: ``start``, ``outliers``, ``size``, ``colour``.
     subject : str
         Of what.
     value, low, high : float
@@ -105,15 +111,22 @@ def check_recording(
     network and INS: 1.0 s
     network and reference: 1.0 s
     """
-    P0 = covariance("initial_covariance", initial_covariance, model.A.shape)
-    return [
+    if model.A.shape != (4, 4) or len(model.C) not in {2, 4}:
+        got = Described(f"of {len(model.A)} states and {len(model.C)} measured components")
+        raise ParameterError("model", got, "of 4 states and 2 or 4 measured components")
+    positive_definite("D D' of the model", model.measurement_covariance)
+    P0 = covariance("initial_covariance", initial_covariance, (4, 4))
+    innovations = list(_innovations(data, model, P0))
+    sized = all(each.fits for each in innovations if each.name == "size")
+    found = [
         _rate(data),
         _repeats(data, model),
         *_in_itself(data),
-        *_against_ins(data, model),
-        *_against_reference(data, model, P0),
-        *_innovations(data, model, P0),
+        *_pair("network and INS", data, model, data.ins, filtered=True),
+        *_against_reference(data, model, P0, sized),
+        *innovations,
     ]
+    return sorted(found, key=lambda each: _ORDER.index(each.name) if each.name in _ORDER else -1)
 
 
 def verdict(findings: Sequence[Finding]) -> str:
@@ -169,7 +182,7 @@ def _repeats(data: Recording, model: ErrorModel) -> Finding:
     """Count values of the network that stand again, and how many noise and rounding make."""
     sigma = np.sqrt(np.diag(model.measurement_covariance))
     worst = Finding("repeats", "network", 0, 0, 0, True, "no value stands again too often")
-    for name, values, size in zip("x y v_x v_y".split(), data.wsn.T, sigma, strict=False):
+    for name, values, size in zip(["x", "y", "v_x", "v_y"], data.wsn.T, sigma, strict=False):
         there = values[~np.isnan(values)]
         if there.size < 3:
             continue
@@ -269,8 +282,10 @@ def _innovations(data: Recording, model: ErrorModel, P0: Array) -> Iterator[Find
     squares, counts = np.sum(white**2, axis=1), there.sum(axis=1)
     fixes = np.flatnonzero(counts)
     first = fixes[0]
-    chance = chi2.sf(squares[fixes], counts[fixes])
-    value, bound = float(squares[first]), float(chi2.isf(FALSE_ALARM, counts[first]))
+    # what stands out does so beside the others, however large they are
+    scale = max(1.0, float(np.median(squares[fixes] / chi2.median(counts[fixes]))))
+    chance = chi2.sf(squares[fixes] / scale, counts[fixes])
+    value, bound = float(squares[first]) / scale, float(chi2.isf(FALSE_ALARM, counts[first]))
     says = "the first fix is as near as the initial errors say" if value <= bound else (
         f"the first fix is {np.sqrt(value / counts[first]):.1f} times as far as the initial errors "
         "say: they are too small, or the network has another origin"
@@ -304,7 +319,9 @@ def _colour(white: Array, there: Mask) -> Finding:
         n = len(e)
         if n < 5 * _LAGS:
             continue
-        r = np.array([np.sum(e[lag:] * e[:-lag]) for lag in range(1, _LAGS + 1)]) / max(np.sum(e**2), 1e-300)
+        r = np.array([np.sum(e[lag:] * e[:-lag]) for lag in range(1, _LAGS + 1)]) / max(
+            np.sum(e**2), 1e-300
+        )
         total += n * (n + 2) * float(np.sum(r**2 / (n - np.arange(1, _LAGS + 1))))
         degrees += _LAGS
     if not degrees:
@@ -320,22 +337,28 @@ def _colour(white: Array, there: Mask) -> Finding:
 # What fits better than no lag and no turn
 
 
-def _against_ins(data: Recording, model: ErrorModel) -> Iterator[Finding]:
-    found = list(_judged("network and INS", _compare(data, model, data.ins, filtered=True)))
+def _pair(
+    subject: str, data: Recording, model: ErrorModel, other: Array, *, filtered: bool
+) -> list[Finding]:
+    """Return lag and turn of the network, or of what alone is wrong of positions and velocities."""
+    found = list(_judged(subject, _compare(data, model, other, filtered=filtered)))
     wrong = next((each for each in found if each.fits is False), None)
-    if wrong and len(model.C) == 4 and _has(data.wsn[:, 2:]):
-        # is it in the positions alone, or in the velocities?
-        for part, rest in (("positions", slice(0, 2)), ("velocities", slice(2, 4))):
-            kept = data.wsn.copy()
-            kept[:, rest] = np.nan
-            others = replace(data, wsn=kept)
-            alone = list(_judged("", _compare(others, model, data.ins, filtered=True)))
-            time, frame = alone
-            enough = time.high if wrong.name == "time" else frame.high
-            if time.fits and frame.fits and 1.5 * enough < _size(wrong):
-                which = "velocities" if part == "positions" else "positions"
-                found = [replace(each, subject=f"{which} of network and INS") for each in found]
-    yield from found
+    if wrong is None or len(model.C) < 4 or not _has(data.wsn[:, 2:]):
+        return found
+    alone = {}
+    for part, rest in (("positions", slice(2, 4)), ("velocities", slice(0, 2))):
+        wsn = data.wsn.copy()
+        wsn[:, rest] = np.nan
+        kept = _compare(replace(data, wsn=wsn), model, other, filtered=filtered)
+        alone[part] = list(_judged(f"{part} of {subject}", kept))
+    for part, right in (("positions", "velocities"), ("velocities", "positions")):
+        mine = next((each for each in alone[part] if each.fits is False), None)
+        time, frame = alone[right]
+        if mine and time.fits and frame.fits:
+            enough = time.high if mine.name == "time" else frame.high
+            if 1.5 * enough < _size(mine):
+                return alone[part]
+    return found
 
 
 def _size(wrong: Finding) -> float:
@@ -349,30 +372,32 @@ def _has(values: Array) -> bool:
     return bool(np.isfinite(values).any())
 
 
-def _against_reference(data: Recording, model: ErrorModel, P0: Array) -> Iterator[Finding]:
+def _against_reference(
+    data: Recording, model: ErrorModel, P0: Array, sized: bool
+) -> Iterator[Finding]:
     reference = data.reference
-    if reference is None or not _has(data.wsn[:, :2] - reference[:, :2]):
+    if reference is None or np.isfinite(data.wsn - reference).sum() < _FEWEST:
         return
-    yield from _judged("network and reference", _compare(data, model, reference, filtered=False))
+    yield from _pair("network and reference", data, model, reference, filtered=False)
     m = len(model.C)
     apart = data.wsn[:, :m] - reference[:, :m]
     there = ~np.isnan(apart)
     sigma = np.sqrt(np.diag(model.measurement_covariance))
     scaled = apart / sigma
+    # the noise of the network, free of the mean
+    measured = int(there.sum()) - 2
+    middle = np.nanmean(scaled[:, :2], axis=0)
+    squares = np.nansum((scaled[:, :2] - middle) ** 2) + np.nansum(scaled[:, 2:] ** 2)
+    mean = float(squares) / measured
+    low, high = (float(x) for x in chi2.ppf([_LOW, 1 - _LOW], measured) / measured)
     # the origin
-    counts = there[:, :2].sum(axis=0)
-    z = float(np.abs(np.nansum(scaled[:, :2], axis=0) / np.sqrt(counts)).max())
+    z = float(np.abs(middle * np.sqrt(there[:, :2].sum(axis=0))).max()) / max(1.0, mean**0.5)
     bound = float(norm.isf(FALSE_ALARM / 4))
     shift = np.nanmean(apart[:, :2], axis=0)
     says = "network and reference have one origin" if z <= bound else (
         f"they are ({shift[0]:.3g}, {shift[1]:.3g}) m apart on average: another origin"
     )  # fmt: skip
     yield Finding("origin", "network and reference", z, 0, bound, z <= bound, says)
-    # the noise of the network, free of the mean
-    measured = int(there.sum()) - 2
-    mean = float(np.nansum((scaled[:, :2] - np.nanmean(scaled[:, :2], axis=0)) ** 2))
-    mean = (mean + float(np.nansum(scaled[:, 2:] ** 2))) / measured
-    low, high = (float(x) for x in chi2.ppf([_LOW, 1 - _LOW], measured) / measured)
     # what the filter knew before a fix is independent of the noise of the fix
     before = run_kalman(model, data.measurements[:, :m], initial_covariance=P0, predicted=True)
     track = data.ins[:, :m] - (model.C @ before)[:, :, 0] - reference[:, :m]
@@ -381,11 +406,12 @@ def _against_reference(data: Recording, model: ErrorModel, P0: Array) -> Iterato
     size = float(np.sqrt(np.sum(weights**2)))
     z = float(np.sum(weights * np.nan_to_num(scaled))) / size if size > 0 else 0.0
     bound = float(norm.isf(_LOW))
-    who, says = "copy", "the network is as far from the reference as its noise says"
     fits = low <= mean <= high and abs(z) <= bound
-    if mean < _COPIED or z < -bound:
+    who, says = "copy", "the network is as far from the reference as its noise says"
+    # the innovations do not know the reference: if they are as large as told, it is the reference's
+    if mean < _COPIED or z < -bound or (mean < low and sized):
         says = "the reference has the network's noise: it was made from the network"
-    elif z > bound:
+    elif z > bound or (mean > high and sized):
         who, says = "noise", "the reference has noise of its own, or another rate or run"
     elif not fits:
         who, says = "size", f"the noise of the network is {np.sqrt(mean):.3g} times what is told"
@@ -400,11 +426,13 @@ def _compare(data: Recording, model: ErrorModel, other: Array, *, filtered: bool
     spacing = max(1, round(_SPACING / T))
     lags = max(1, int(min(_REACH, steps * T / 10) / (spacing * T)))
     margin = (lags + 1) * spacing
+    found = Comparison(lags, spacing * T)
+    if np.isnan(other).any(axis=1).all():
+        return found
     centre = np.append(np.nanmean(other[:, :2], axis=0), [0.0, 0.0])
     moving, z = _filled(other) - centre, (data.wsn - centre)[:, :m]
-    usable = ~np.isnan(other).any(axis=1)
-    usable[:margin] = usable[steps - margin :] = False
-    found = Comparison(lags, spacing * T)
+    usable: Mask = np.asarray(~np.isnan(other).any(axis=1))
+    usable[:margin] = usable[max(0, steps - margin) :] = False
     for begin in _begins(steps):
         part = slice(begin, min(begin + _WINDOW, steps))
         there = ~np.isnan(z[part]) & usable[part, None]
@@ -468,9 +496,13 @@ def _offset(model: ErrorModel, steps: int) -> Array:
 
 def _judged(subject: str, found: Comparison) -> Iterator[Finding]:
     """Return whether a lag and a turn fit better than none, and which."""
-    if found.freedom < _FEWEST:
+    moved = found.gram[0, 0] / max(1, found.freedom)
+    if found.freedom < _FEWEST or moved < _MOVED:
+        says = (
+            "too few fixes" if found.freedom < _FEWEST else "too little moves for the data to tell"
+        )
         for name in ("time", "frame"):
-            yield Finding(name, subject, np.nan, np.nan, np.nan, None, "too few fixes")
+            yield Finding(name, subject, np.nan, np.nan, np.nan, None, says)
         return
     nothing, variance, tries = found.explanations()
     far = float(norm.isf(FALSE_ALARM / (2 * _KINDS)))
@@ -480,15 +512,23 @@ def _judged(subject: str, found: Comparison) -> Iterator[Finding]:
         for fit in tries
     }
     wrong = [fit for fit in tries if gains[fit] > bounds[fit]]
-    best = min(wrong, key=lambda fit: fit.left / variance + fit.parameters * np.log(found.freedom),
-               default=None)  # fmt: skip
+    price = 3 * float(np.log(found.freedom))  # of a parameter
+    best = min(wrong, key=lambda fit: fit.left / variance + price * fit.parameters, default=None)
+    kind = best.name if best is not None else ""
+    low, high = chi2.ppf([FALSE_ALARM / 2, 1 - FALSE_ALARM / 2], found.freedom) / found.freedom
+    off = abs(best.left - found.freedom) if best is not None else 0.0
+    if best is not None and not (
+        low <= best.left / found.freedom <= high or off <= _REST * (nothing - found.freedom)
+    ):
+        # it is better, but not right: a sign of something else
+        best = best._replace(name="misfit", says=f"{best.says}, but this does not explain all")
     if best is not None and best.left > _OTHER * found.freedom:
         says = "they do not go together, with any lag, turn or scale"
         best = best._replace(name="run", value=best.left / found.freedom, says=says)
     time, turn = tries[0], tries[2]
     bounds_of = far * time.deviation, float(np.degrees(min(far * turn.deviation, 3.0)))
     for simple, bound, limit in zip((time, turn), bounds_of, (_LAG, _TURN), strict=True):
-        if best is not None and (best.name == "time") == (simple is time):
+        if best is not None and (kind == "time") == (simple is time):
             yield Finding(best.name, subject, best.value, -bound, bound, False, best.says)
         elif bound > limit:
             says = "too little changes for the data to tell"
