@@ -35,7 +35,7 @@ def turned(track: np.ndarray, degrees: float) -> np.ndarray:
     return np.asarray(track @ np.kron(np.eye(2), [[c, -s], [s, c]]).T)
 
 
-EXCHANGED = [1, 0, 3, 2]
+EXCHANGED, ASIDE = [1, 0, 3, 2], np.array([3.0, 0, 0, 0])
 TRUE = RIGHT.reference if RIGHT.reference is not None else RIGHT.ins
 NOISE = RIGHT.wsn - TRUE
 OTHER = [0.2, 0.2, 0.1, 0.1] * np.random.default_rng(8).standard_normal(TRUE.shape)
@@ -60,7 +60,7 @@ def test_the_recording_that_comes_along_fits() -> None:
         ({"wsn": RIGHT.wsn[:, EXCHANGED], "reference": None}, "axes", "network and INS", 90, 5),
         ({"ins": RIGHT.ins[:, EXCHANGED], "reference": None}, "axes", "network and INS", 90, 5),
         ({"reference": TRUE * 1.0936}, "scale", "network and reference", 1 / 1.0936, 0.01),
-        ({"reference": TRUE + np.array([3.0, 0, 0, 0])}, "origin", "network and reference", None, 0),
+        ({"reference": TRUE + ASIDE}, "origin", "network and reference", None, 0),
         ({"reference": RIGHT.wsn}, "copy", "network and reference", 0, 1e-12),
         ({"reference": TRUE + 0.7 * NOISE}, "copy", "network and reference", 0.09, 0.02),
         ({"reference": TRUE + OTHER}, "noise", "network and reference", 2, 0.3),
