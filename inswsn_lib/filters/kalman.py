@@ -182,9 +182,10 @@ def _steps(
     there P is carried as a square root.
     """
     P, root, after, driven = P[None], None, None, None
-    for here, Q, R in zip(there, Qs, Rs, strict=True):
+    limits = _FAR * np.diagonal(Rs, axis1=1, axis2=2)
+    for here, Q, R, limit in zip(there, Qs, Rs, limits, strict=True):
         S = model.C @ P @ model.C.T + R
-        if (here & (np.diagonal(S, axis1=1, axis2=2) > _FAR * np.diagonal(R))).any():
+        if (here & (S.diagonal(axis1=1, axis2=2) > limit)).any():
             if after is None or driven is None:
                 root = _root(P)
             else:

@@ -1,8 +1,8 @@
 """Whether a recording and the figures of a filter fit one another, and what misfits point to.
 
-Each check compares one number with a bound that a recording which fits passes by chance once in a
-thousand times. A mistake that the data cannot show, as a late network while nothing moves, is told
-to be one.
+Each check compares one number with a bound that a recording which fits exceeds by chance once in a
+thousand times, or less often. A mistake that the data cannot show, as a late network while nothing
+moves, is told to be one.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ _LAG, _TURN = 1.0, 20.0
 _COPIED = 0.1  # of the network's variance: a reference that is nearer was made from it
 _OTHER = 9.0  # times the variance of the network: what no lag and no turn explain is another run
 # Where one mistake makes several checks fail, those that are not here come first, then these.
-_ORDER = ("run", "outliers", "start", "origin", "size", "colour", "copy", "noise", "misfit")
+_ORDER = ("run", "start", "outliers", "origin", "size", "colour", "copy", "noise", "misfit")
 _MOVED = 3.0  # times its noise: how far the network must have moved, beside what an INS drifts
 _REST = 0.3  # of what is too much: what an explanation may leave
 _KINDS = 50  # kinds of misfit, and lags of their own, that are tried at once
@@ -218,6 +218,8 @@ def _interpolated(positions: Array) -> float:
         return 0.0
     unit = np.array([_resolution(x[~np.isnan(x)]) for x in positions.T])
     scale = np.median(np.abs(np.diff(positions[~np.isnan(positions[:, 0])], axis=0)), axis=0)
+    if (scale <= 10 * unit).any():  # rounding makes straight lines, too
+        return 0.0
     close = np.abs(second[known]) <= np.minimum(2.1 * unit, 0.02 * scale) + 1e-9 * scale
     return float(np.mean(close.all(axis=1)))
 
@@ -233,19 +235,15 @@ def _in_itself(data: Recording) -> Iterator[Finding]:
         if known.sum() < 3:
             continue
         moved, told = moved[known], told[known]
-        off = np.linalg.norm(moved - told, axis=1)
+        apart = moved - told
+        off = np.linalg.norm(apart, axis=1)
+        noise = float(np.median(np.linalg.norm(np.diff(apart, axis=0), axis=1)))
         unit = max(_resolution(column) for column in values[~np.isnan(values).any(axis=1), :2].T)
         unit = unit if np.isfinite(unit) else 0.0
         change = np.linalg.norm(np.diff(values[:, 2:], axis=0)[known], axis=1) * data.period
-        # an integral by rectangles is half a change of velocity away; noise is told by the median
-        slack = 0.2 * np.linalg.norm(told, axis=1) + change + 5 * unit + 8 * np.median(off)
+        # an integral by rectangles is half a change of velocity away; noise changes by the step
+        slack = 0.2 * np.linalg.norm(told, axis=1) + change + 5 * unit + 8 * noise
         count = int(np.sum(off > slack))
-        if 8 * np.median(off) > np.median(np.linalg.norm(told, axis=1)):
-            # noisy steps: the scale and the axes of all together
-            sizes = np.sum(moved**2), np.sum(told**2)
-            like = float(np.sum(moved * told) / np.sqrt(sizes[0] * sizes[1])) if min(sizes) else 1.0
-            if like < 0.5 and subject == "INS":
-                count = max(count, int(np.sum(off > np.median(off))))
         bound = 2.0
         says = "positions follow velocities" if count <= bound else (
             f"in {count} rows positions do not move as velocities say: stuck, set back, in other "
@@ -517,6 +515,8 @@ def _judged(subject: str, found: Comparison) -> Iterator[Finding]:
     kind = best.name if best is not None else ""
     low, high = chi2.ppf([FALSE_ALARM / 2, 1 - FALSE_ALARM / 2], found.freedom) / found.freedom
     off = abs(best.left - found.freedom) if best is not None else 0.0
+    if best is not None and kind == "scale":  # which stretches the noise of the network as well
+        low, high = low * min(1, best.value**2), high * max(1, best.value**2)
     if best is not None and not (
         low <= best.left / found.freedom <= high or off <= _REST * (nothing - found.freedom)
     ):

@@ -469,7 +469,7 @@ def reference_held(walk: Walk, rng: Random) -> tuple[str, ...]:
     walk.referenced = True
     every = max(2, round(rng.uniform(1, 3) / walk.period))
     walk.reference = walk.truth[np.arange(walk.steps) // every * every]
-    return ("itself", "time", "noise")
+    return ("itself", "time", "noise", "run")
 
 
 @kind
