@@ -7,6 +7,7 @@ digits forgive. What it is given are the floats that the library is given.
 from __future__ import annotations
 
 import math
+from collections import defaultdict
 from collections.abc import Callable, Collection
 from decimal import Context, Decimal, localcontext
 from itertools import product
@@ -65,6 +66,22 @@ def reference(
     return found
 
 
+def constant(model: ErrorModel, gain: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Return the predictions of a filter of constant gain, in 50 digits, before each step."""
+    A, C, B_f = decimals(model.A), decimals(model.C), decimals(gain)
+    n, m = range(len(A)), range(len(C))
+    x, found = [Decimal(0)] * len(n), []
+    with localcontext(DIGITS):
+        for row in y.tolist():
+            found.append([float(value) for value in x])
+            e = [
+                Decimal(0) if math.isnan(v) else Decimal(v) - sum(C[j][b] * x[b] for b in n)
+                for j, v in enumerate(row)
+            ]
+            x = [sum(A[a][b] * x[b] for b in n) + sum(B_f[a][j] * e[j] for j in m) for a in n]
+    return np.array(found)
+
+
 def models(ratio: float) -> list[ErrorModel]:
     """Return a position and a velocity, driven by one noise or two, one or both measured."""
     A, size = np.array([[1.0, 1.0], [0.0, 1.0]]), np.sqrt(ratio)
@@ -101,9 +118,17 @@ def estimates_off(states: np.ndarray, exact: dict[int, Exact]) -> float:
     )
 
 
+def constant_gain_off(model: ErrorModel, y: np.ndarray) -> float:
+    """Return the largest error of a filter with the steady gain, as a share of a component's size."""
+    gain = iw.predictor_gain(model)
+    exact = constant(model, gain, y)
+    found = iw.run_hinfinity((model, gain), y[:, :, None], predicted=True)[:, :, 0]
+    return float(np.max(np.abs(found - exact) / np.abs(exact).max(axis=0)))
+
+
 def test_filters(size: Callable[[int, int], int], seed: int, tell: Callable[[str], None]) -> None:
     rng, steps = np.random.default_rng(seed), size(300, 100_000)
-    worst = dict.fromkeys(("P", "P+", "estimate", "federated", "federated at 1e12"), 0.0)
+    worst: defaultdict[str, float] = defaultdict(float)
     for ratio, start in product(RATIOS, (1.0, 1e8)):
         for model in models(ratio):
             many = steps if start == 1 else min(steps, EARLY)
@@ -118,6 +143,8 @@ def test_filters(size: Callable[[int, int], int], seed: int, tell: Callable[[str
                 worst["P"] = max(worst["P"], off(design.predicted[k], e.predicted))
                 worst["P+"] = max(worst["P+"], off(design.filtered[k], e.filtered))
             worst["estimate"] = max(worst["estimate"], estimates_off(states, exact))
+            if start == 1:
+                worst["constant gain"] = max(worst["constant gain"], constant_gain_off(model, y))
             # two clusters of twice the variance that hear the same are one
             R = [2 * model.measurement_covariance] * 2
             both = np.stack([y, y])[:, :EARLY, :, None]
@@ -130,6 +157,7 @@ def test_filters(size: Callable[[int, int], int], seed: int, tell: Callable[[str
     assert worst["P"] < 1e-11
     assert worst["estimate"] < 1e-8
     assert worst["P+"] < 1e-8
+    assert worst["constant gain"] < 1e-10
     assert worst["federated"] < 1e-7
     assert worst["federated at 1e12"] < 1e-2
 
