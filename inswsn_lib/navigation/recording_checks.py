@@ -174,8 +174,15 @@ def _rate(data: Recording) -> Finding:
 
 
 def _resolution(values: Array) -> float:
+    """Return the unit that values are rounded to: the least of their distances, or a decimal."""
     found = np.unique(values)
-    return float(np.diff(found).min()) if found.size > 1 else np.inf
+    if found.size < 2:
+        return 0.0
+    for unit in (float(np.diff(found).min()), *10.0 ** np.arange(0, -9, -1)):
+        parts = (found - found[0]) / unit
+        if np.abs(parts - np.round(parts)).max() < 1e-3:
+            return float(unit)
+    return 0.0
 
 
 def _repeats(data: Recording, model: ErrorModel) -> Finding:
@@ -186,7 +193,7 @@ def _repeats(data: Recording, model: ErrorModel) -> Finding:
         there = values[~np.isnan(values)]
         if there.size < 3:
             continue
-        resolution = min(_resolution(there), 1e3 * size)
+        resolution = _resolution(there)
         again = int(np.sum(there[1:] == there[:-1]))
         found, counts = np.unique(there, return_counts=True)
         usual, most = (
@@ -239,7 +246,6 @@ def _in_itself(data: Recording) -> Iterator[Finding]:
         off = np.linalg.norm(apart, axis=1)
         noise = float(np.median(np.linalg.norm(np.diff(apart, axis=0), axis=1)))
         unit = max(_resolution(column) for column in values[~np.isnan(values).any(axis=1), :2].T)
-        unit = unit if np.isfinite(unit) else 0.0
         change = np.linalg.norm(np.diff(values[:, 2:], axis=0)[known], axis=1) * data.period
         # an integral by rectangles is half a change of velocity away; noise changes by the step
         slack = 0.2 * np.linalg.norm(told, axis=1) + change + 5 * unit + 8 * noise

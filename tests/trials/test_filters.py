@@ -119,7 +119,7 @@ def estimates_off(states: np.ndarray, exact: dict[int, Exact]) -> float:
 
 
 def constant_gain_off(model: ErrorModel, y: np.ndarray) -> float:
-    """Return the largest error of a filter with the steady gain, as a share of a component's size."""
+    """Return the largest error of a filter with the steady gain, as a share of the largest."""
     gain = iw.predictor_gain(model)
     exact = constant(model, gain, y)
     found = iw.run_hinfinity((model, gain), y[:, :, None], predicted=True)[:, :, 0]

@@ -21,13 +21,15 @@ def checked(data: Recording, model: ErrorModel = MODEL) -> list[Finding]:
 
 
 def moved(track: np.ndarray, seconds: float) -> np.ndarray:
-    """Return a track as it is told so much later, carried on at the start."""
+    """Return a track as it is told so much later, carried on at its ends."""
     time = 0.2 * np.arange(len(track))
     known = ~np.isnan(track[:, 0])
     late = np.column_stack([np.interp(time - seconds, time[known], x[known]) for x in track.T])
     early = np.maximum(seconds - time, 0)[:, None]
     late[:, :2] -= early * track[0, 2:]
-    return late
+    after = np.maximum(time - seconds - time[-1], 0)[:, None]
+    late[:, :2] += after * track[-1, 2:]
+    return np.round(late, 4)
 
 
 def turned(track: np.ndarray, degrees: float) -> np.ndarray:
@@ -37,7 +39,7 @@ def turned(track: np.ndarray, degrees: float) -> np.ndarray:
 
 EXCHANGED, ASIDE = [1, 0, 3, 2], np.array([3.0, 0, 0, 0])
 TRUE = RIGHT.reference if RIGHT.reference is not None else RIGHT.ins
-NOISE = RIGHT.wsn - TRUE
+NOISE = np.round(RIGHT.wsn - TRUE, 4)
 OTHER = [0.2, 0.2, 0.1, 0.1] * np.random.default_rng(8).standard_normal(TRUE.shape)
 
 
