@@ -18,6 +18,11 @@ from .recorded_trials import (
     read_trials as read_trials,
     run_recorded_outages as run_recorded_outages,
 )
+from .recording_checks import (
+    Finding as Finding,
+    check_recording as check_recording,
+    verdict as verdict,
+)
 from .training_areas import (
     TrainingAreas as TrainingAreas,
     errors_by_area as errors_by_area,

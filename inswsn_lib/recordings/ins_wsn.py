@@ -2,32 +2,20 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Iterator
 from dataclasses import dataclass
-from io import StringIO
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid
 
 from inswsn_lib.checks import Array
 from inswsn_lib.errors import InswsnError
+from inswsn_lib.recordings.columns import INS, REFERENCE, TIME, WSN, read_columns
 
 Rows = NDArray[np.intp]
-#: The column of time stamps, s
-TIME = "time_s"
-#: The columns of the INS: position (m) and velocity (m/s) in the horizontal frame of the network
-INS = ("ins_x_m", "ins_y_m", "ins_vx_mps", "ins_vy_mps")
-#: The columns of the network, in the same frame; empty where there is no fix. A network without
-#: velocities may leave out the last two.
-WSN = ("wsn_x_m", "wsn_y_m", "wsn_vx_mps", "wsn_vy_mps")
-#: The columns of a reference, if there is one
-REFERENCE = ("ref_x_m", "ref_y_m", "ref_vx_mps", "ref_vy_mps")
-
 # A time stamp may be this share of a period away from the grid.
 _JITTER = 0.2
 # The grid may have this many times as many steps as there are rows, or this many.
@@ -108,12 +96,14 @@ class Recording:
 def read_recording(path: str | Path) -> Recording:
     """Read a recording and put it on an even grid.
 
-    The file is a CSV with commas, a header and the columns ``time_s``, ``ins_x_m``, ``ins_y_m``,
+    The file is a CSV with a header and the columns ``time_s``, ``ins_x_m``, ``ins_y_m``,
     ``ins_vx_mps``, ``ins_vy_mps``, ``wsn_x_m``, ``wsn_y_m``; of the network there may be
     ``wsn_vx_mps`` and ``wsn_vy_mps``, of a reference ``ref_x_m``, ``ref_y_m``, ``ref_vx_mps`` and
     ``ref_vy_mps``. Other columns are ignored. Lines that begin with ``#`` are comments, and do not
-    count when a row is named. The period comes from the time stamps. Rows may be missing, and cells
-    of the network may be empty: both are gaps.
+    count when a row is named. Commas, semicolons or tabs separate columns; decimals have a point
+    or, where it does not separate, a comma. ``time_s`` has seconds, or dates and times by ISO 8601,
+    which become seconds since 1970 (UTC where no zone is named). The period comes from the time
+    stamps. Rows may be missing, and cells of the network may be empty: both are gaps.
 
     Parameters
     ----------
@@ -135,92 +125,15 @@ def read_recording(path: str | Path) -> Recording:
     (301, 4, 1)
     """
     path = Path(path)
-    table = _read_table(path)
-    time = table[TIME].to_numpy()
+    table = read_columns(path)
+    time = table[TIME]
     _check_time(path, time)
     columns = {"ins": INS, "wsn": WSN} | ({"ref": REFERENCE} if REFERENCE[0] in table else {})
-    sources = {who: table[list(names)].to_numpy() for who, names in columns.items()}
+    sources = {who: np.column_stack([table[n] for n in names]) for who, names in columns.items()}
     _check_positions(path, sources["ins"], sources["wsn"])
     for one, other, known in _comparable(time, sources):
         _refuse_other_units(path, one, other, known)
     return _on_grid(path, time, sources)
-
-
-def _read_table(path: Path) -> pd.DataFrame:
-    """Return the columns that are known, as numbers, those of a missing velocity all NaN."""
-    try:
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
-        lines = [line for line in lines if line.strip() and not line.startswith("#")]
-        header = [name.strip() for name in _cells(lines[0])] if lines else []
-        wanted = _wanted(path, header)
-        for row, line in enumerate(lines, start=1):
-            # commas may stand within quotes: only a line with another number of them is split
-            if line.count(",") != len(header) - 1 and len(_cells(line)) != len(header):
-                raise InswsnError(
-                    f"{path} has {len(_cells(line))} cells in row {row}; it may have "
-                    f"{len(header)}, as the header has."
-                )
-        table = pd.read_csv(
-            StringIO("\n".join(lines)), usecols=[header.index(name) for name in wanted],
-            skipinitialspace=True, keep_default_na=False, na_values=["", "nan", "NaN"],
-            index_col=False, low_memory=False,
-        )  # fmt: skip
-    except FileNotFoundError:
-        raise InswsnError(f"There is no file {path}.") from None
-    except IsADirectoryError:
-        raise InswsnError(f"{path} is a folder; it may be a CSV file.") from None
-    except UnicodeDecodeError:
-        raise InswsnError(f"{path} is not a CSV file: it is not UTF-8.") from None
-    except (csv.Error, pd.errors.ParserError) as error:
-        raise InswsnError(f"{path} is not a CSV file: {str(error).strip()}.") from None
-    table.columns = pd.Index(sorted(wanted, key=header.index))
-    numbers = {name: _numbers(path, name, table[name]) for name in table}
-    return pd.DataFrame(numbers).reindex(columns=list(dict.fromkeys([*wanted, *WSN])))
-
-
-def _cells(line: str) -> list[str]:
-    return next(csv.reader([line], skipinitialspace=True, strict=True))
-
-
-def _wanted(path: Path, header: list[str]) -> list[str]:
-    """Return the columns to read; refuse a header without those that must be there."""
-    if not header:
-        raise InswsnError(f"{path} is empty; it may be a CSV file with a header.")
-    if len(header) == 1 and any(sign in header[0] for sign in ";\t"):
-        raise InswsnError(f"{path} has no commas; columns may be separated by commas.")
-    for name in (TIME, *INS, *WSN, *REFERENCE):
-        if header.count(name) > 1:
-            raise InswsnError(f"{path} has the column {name} more than once.")
-    if lacking := [name for name in (TIME, *INS, *WSN[:2]) if name not in header]:
-        raise InswsnError(
-            f"{path} has no column {', '.join(lacking)}; it has {', '.join(header)[:200]}."
-        )
-    for together in (WSN[2:], REFERENCE):
-        some = [name for name in together if name in header]
-        if some and len(some) < len(together):
-            raise InswsnError(
-                f"{path} has of the columns {', '.join(together)} only {', '.join(some)}; it may "
-                "have all of them, or none."
-            )
-    return [name for name in (TIME, *INS, *WSN, *REFERENCE) if name in header]
-
-
-def _numbers(path: Path, name: object, cells: pd.Series) -> pd.Series:
-    """Return cells as floats; refuse words and what is not finite."""
-    if cells.dtype.kind in "iuf":
-        numbers, wrong = cells.astype(float), np.isinf(cells)
-    else:
-        texts = cells.astype("str").str.strip()
-        numbers = pd.to_numeric(texts, errors="coerce").astype(float)
-        none = cells.isna() | texts.str.lower().isin(["", "nan"])
-        wrong = (numbers.isna() & ~none) | np.isinf(numbers)
-    if wrong.any():
-        row = int(np.flatnonzero(wrong)[0])
-        raise InswsnError(
-            f"{path} has {str(cells.iloc[row])[:40]!r} in column {name}, row {row + 2}; it may be "
-            "a finite number, or empty where there is no fix."
-        )
-    return numbers
 
 
 def _check_time(path: Path, time: Array) -> None:
@@ -246,8 +159,8 @@ def _check_time(path: Path, time: Array) -> None:
 
 def _check_positions(path: Path, ins: Array, wsn: Array) -> None:
     """Refuse an INS with gaps, a network without positions, and frames that are far apart."""
-    missing = np.isnan(ins)
-    if missing.any():
+    if np.isnan(ins.sum()):
+        missing = np.isnan(ins)
         row, column = (int(i[0]) for i in np.nonzero(missing))
         length = int(np.argmin(np.append(missing[row:, column], False)))
         raise InswsnError(
@@ -258,8 +171,8 @@ def _check_positions(path: Path, ins: Array, wsn: Array) -> None:
     for column, name in enumerate(WSN[:2]):
         if np.isnan(wsn[:, column]).all():
             raise InswsnError(f"{path} has no number at all in column {name}.")
-    fixed = ~np.isnan(wsn[:, :2]).any(axis=1)
-    apart = float(np.hypot(*(wsn[fixed, :2] - ins[fixed, :2])[0])) if fixed.any() else 0.0
+    fixed = _complete(wsn[:, :2])[:1]
+    apart = float(np.hypot(*(wsn[fixed, :2] - ins[fixed, :2]).T).max(initial=0.0))
     if apart >= _FARTHEST:
         raise InswsnError(
             f"{path}: the first position of the network is {apart / 1000:.4g} km from that of the "
@@ -300,25 +213,29 @@ def _blocks(time: Array, needed: Array) -> Rows:
     Blocks that follow one another share a row. None crosses a gap; if none is long enough, the
     longest stretch without a gap is one.
     """
-    rows = np.flatnonzero(~np.isnan(needed).any(axis=1))
+    rows = _complete(needed)
     steps = np.diff(time[rows])
     gaps = np.flatnonzero(steps > _PATIENCE * np.median(steps)) + 1 if steps.size else rows[:0]
-    beyond = np.searchsorted(time[rows], time[rows] + _BLOCK - 1e-9).tolist()
-    found, longest = [], (0, 0)
+    found, longest = [np.empty((0, 2), dtype=np.intp)], (0, 0)
     for begin, end in pairwise([0, *gaps.tolist(), len(rows)]):
         longest = max(longest, (begin, end - 1), key=lambda pair: pair[1] - pair[0])
-        first = begin
-        while first < end and (last := beyond[first]) < end:
-            found.append((first, last))
-            first = last
-    if not found and longest[1] > longest[0]:
-        found = [longest]
-    return np.asarray(rows[np.array(found, dtype=int).reshape(-1, 2)])
+        since = time[rows[begin:end]] - time[rows[begin]] if end > begin else np.empty(0)
+        edges = begin + np.flatnonzero(np.diff(np.floor(since / _BLOCK + 1e-9), prepend=-1.0))
+        found.append(np.column_stack([edges[:-1], edges[1:]]))
+    blocks = np.concatenate(found)
+    if not len(blocks) and longest[1] > longest[0]:
+        blocks = np.array([longest])
+    return np.asarray(rows[blocks])
+
+
+def _complete(values: Array) -> Rows:
+    """Return the rows without a gap; a product is quicker than to look at each."""
+    return np.flatnonzero(~np.isnan(values @ np.ones(values.shape[1])))
 
 
 def _way(time: Array, values: Array) -> Array:
     """Return the integral of the velocities over the rows that are whole, (rows, 2)."""
-    rows = np.flatnonzero(~np.isnan(values).any(axis=1))
+    rows = _complete(values)
     way = np.zeros((len(time), 2))
     if rows.size:
         way[rows] = cumulative_trapezoid(values[rows, 2:], time[rows], axis=0, initial=0)
@@ -359,8 +276,9 @@ def _refuse_other_units(path: Path, one: _Named, other: _Named, known: bool) -> 
 
 def _on_grid(path: Path, time: Array, sources: dict[str, Array]) -> Recording:
     place = _places(time)
-    slope, late = np.polyfit(place, time - time[0], 1)
-    period, start = float(slope), float(time[0] + late)
+    middle, centred = place.mean(), (time - time[0]).mean()
+    period = float(np.dot(place - middle, time - time[0]) / np.sum((place - middle) ** 2))
+    start = float(time[0] + centred - period * middle)
     offset = time - start - place * period
     if (np.diff(place) <= 0).any() or np.abs(offset).max() > _JITTER * period:
         row = int(np.argmax(np.abs(offset)))
@@ -369,9 +287,11 @@ def _on_grid(path: Path, time: Array, sources: dict[str, Array]) -> Recording:
             f"off an even grid of {period:.4g} s; a fifth of a period is allowed. Resample the "
             "recording."
         )
-    grids = {who: np.full((place[-1] + 1, 4), np.nan) for who in sources}
-    for who, values in sources.items():
-        grids[who][place] = values
+    grids = sources
+    if place[-1] >= len(time):  # rows are missing
+        grids = {who: np.full((place[-1] + 1, 4), np.nan) for who in sources}
+        for who, values in sources.items():
+            grids[who][place] = values
     return Recording(
         time=start + period * np.arange(place[-1] + 1),
         period=period,

@@ -1,0 +1,179 @@
+"""The columns of a recording of an INS and a sensor network, read from a CSV file."""
+
+from __future__ import annotations
+
+import csv
+import warnings
+from io import BytesIO
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from inswsn_lib.checks import Array
+from inswsn_lib.errors import InswsnError
+
+#: The column of time stamps, s, or dates and times by ISO 8601
+TIME = "time_s"
+#: The columns of the INS: position (m) and velocity (m/s) in the horizontal frame of the network
+INS = ("ins_x_m", "ins_y_m", "ins_vx_mps", "ins_vy_mps")
+#: The columns of the network, in the same frame; empty where there is no fix. A network without
+#: velocities may leave out the last two.
+WSN = ("wsn_x_m", "wsn_y_m", "wsn_vx_mps", "wsn_vy_mps")
+#: The columns of a reference, if there is one
+REFERENCE = ("ref_x_m", "ref_y_m", "ref_vx_mps", "ref_vy_mps")
+
+_SEPARATORS = ",;\t"
+_NOT_THERE = ["", "nan", "NaN"]
+# Numbers of this size are no lengths, speeds or seconds.
+_LARGEST = 1e15
+_ISO = r"\d{4}-?\d\d-?\d\d[T ]\d\d"
+_PEEK = 1000  # rows that tell the decimal sign
+
+
+def read_columns(path: Path) -> dict[str, Array]:
+    """Return the columns that are known, those of a network's missing velocity all NaN.
+
+    Their entry k is row k + 2 of the file, comments and blank lines not counted.
+    """
+    try:
+        data = _without_comments(_as_utf8(path.read_bytes()))
+        head = data[: data.find(b"\n") + 1].decode().strip()
+        separator = max(_SEPARATORS, key=head.count)
+        header = [name.strip() for name in _cells(head, separator)] if data else []
+        wanted = _wanted(path, header)
+        _refuse_other_lengths(path, data, separator, len(header))
+        decimal = _decimal(data, separator, [header.index(name) for name in wanted])
+        with warnings.catch_warnings(action="ignore", category=pd.errors.DtypeWarning):
+            table = pd.read_csv(
+                BytesIO(data), sep=separator, decimal=decimal, index_col=False,
+                usecols=[header.index(name) for name in wanted], keep_default_na=False,
+                na_values=_NOT_THERE, skipinitialspace=b" " in data,
+            )  # fmt: skip
+    except FileNotFoundError:
+        raise InswsnError(f"There is no file {path}.") from None
+    except IsADirectoryError:
+        raise InswsnError(f"{path} is a folder; it may be a CSV file.") from None
+    except UnicodeDecodeError:
+        raise InswsnError(f"{path} is not a CSV file: it is not UTF-8.") from None
+    except (csv.Error, pd.errors.ParserError) as error:
+        raise InswsnError(f"{path} is not a CSV file: {str(error).strip()}.") from None
+    table.columns = pd.Index(sorted(wanted, key=header.index))
+    numbers = {name: _numbers(path, name, table[name], decimal) for name in wanted}
+    return dict.fromkeys(WSN[2:], np.full(len(table), np.nan)) | numbers
+
+
+def _as_utf8(data: bytes) -> bytes:
+    """Return what a file holds with line feeds alone; refuse what is no text."""
+    data = data.removeprefix(b"\xef\xbb\xbf")
+    if not data.isascii():
+        data.decode()
+    if b"\r" in data:
+        data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+    return data if data.endswith(b"\n") else data + b"\n"
+
+
+def _ends(data: bytes, sign: str = "\n") -> NDArray[np.intp]:
+    return np.flatnonzero(np.frombuffer(data, np.uint8) == ord(sign))
+
+
+def _without_comments(data: bytes) -> bytes:
+    """Return the lines that neither are blank nor begin with ``#``."""
+    ends = _ends(data)
+    begins = np.append(0, ends[:-1] + 1)
+    first = np.frombuffer(data, np.uint8)[begins]
+    kept, done = [], 0
+    for line in np.flatnonzero((first <= ord(" ")) | (first == ord("#"))).tolist():
+        begin, end = int(begins[line]), int(ends[line]) + 1
+        if data[begin : begin + 1] == b"#" or not data[begin:end].strip():
+            kept.append(data[done:begin])
+            done = end
+    return b"".join([*kept, data[done:]]) if kept else data
+
+
+def _cells(line: str, separator: str) -> list[str]:
+    return next(csv.reader([line], delimiter=separator, skipinitialspace=True, strict=True))
+
+
+def _wanted(path: Path, header: list[str]) -> list[str]:
+    """Return the columns to read; refuse a header without those that must be there."""
+    if not header:
+        raise InswsnError(f"{path} is empty; it may be a CSV file with a header.")
+    for name in (TIME, *INS, *WSN, *REFERENCE):
+        if header.count(name) > 1:
+            raise InswsnError(f"{path} has the column {name} more than once.")
+    if lacking := [name for name in (TIME, *INS, *WSN[:2]) if name not in header]:
+        raise InswsnError(
+            f"{path} has no column {', '.join(lacking)}; it has {', '.join(header)[:200]}."
+        )
+    for together in (WSN[2:], REFERENCE):
+        some = [name for name in together if name in header]
+        if some and len(some) < len(together):
+            raise InswsnError(
+                f"{path} has of the columns {', '.join(together)} only {', '.join(some)}; it may "
+                "have all of them, or none."
+            )
+    return [name for name in (TIME, *INS, *WSN, *REFERENCE) if name in header]
+
+
+def _refuse_other_lengths(path: Path, data: bytes, separator: str, cells: int) -> None:
+    """Refuse a file with a line that has another number of cells than the header."""
+    ends, signs = _ends(data), _ends(data, separator)
+    if b'"' not in data and signs.size == ends.size * (cells - 1):
+        each = signs.reshape(ends.size, cells - 1)
+        if (each[1:, 0] > ends[:-1]).all() and (each[:, -1] < ends).all():
+            return
+    # a separator may stand within quotes: lines with one are split, and those with a wrong count
+    others = np.diff(np.searchsorted(signs, ends), prepend=0) != cells - 1
+    others |= np.diff(np.searchsorted(_ends(data, '"'), ends), prepend=0) > 0
+    for row in np.flatnonzero(others).tolist():
+        begin = int(ends[row - 1]) + 1 if row else 0
+        there = len(_cells(data[begin : int(ends[row])].decode(), separator))
+        if there != cells:
+            raise InswsnError(
+                f"{path} has {there} cells in row {row + 1}; it may have {cells}, as the header "
+                "has."
+            )
+
+
+def _decimal(data: bytes, separator: str, columns: list[int]) -> str:
+    """Return the decimal sign of the first rows: a comma may be one where it does not separate."""
+    if separator == ",":
+        return "."
+    seen = pd.read_csv(
+        BytesIO(data), sep=separator, usecols=columns, nrows=_PEEK, dtype=str, index_col=False,
+        keep_default_na=False,
+    )  # fmt: skip
+    texts = "".join(seen.to_numpy().ravel().tolist())
+    return max(".,", key=texts.count)
+
+
+def _numbers(path: Path, name: str, cells: pd.Series, decimal: str) -> Array:
+    """Return cells as floats; refuse words and what is no length, speed or time."""
+    if cells.dtype.kind in "iuf":
+        numbers, none = cells.astype(float), cells.isna()
+        if numbers.abs().max() < _LARGEST:
+            return np.asarray(numbers)
+    else:
+        texts = cells.astype("str").str.strip()
+        none = cells.isna() | texts.str.lower().isin(["", "nan"])
+        numbers = pd.to_numeric(texts, errors="coerce").astype(float)
+        if name == TIME and (iso := _seconds(texts, decimal)).count() > numbers.count():
+            numbers = iso
+    wrong = np.asarray((numbers.isna() & ~none) | (numbers.abs() > _LARGEST))
+    if wrong.any():
+        row = int(np.flatnonzero(wrong)[0])
+        may_be = "empty where there is no fix" if name != TIME else "a date and time by ISO 8601"
+        raise InswsnError(
+            f"{path} has {str(cells.iloc[row])[:40]!r} in column {name}, row {row + 2}; it may be "
+            f"a finite number below {_LARGEST:.0e}, or {may_be}."
+        )
+    return np.asarray(numbers)
+
+
+def _seconds(texts: pd.Series, decimal: str) -> pd.Series:
+    """Return dates and times as seconds since 1970, UTC where none is named; else NaN."""
+    dated = texts.where(texts.str.match(_ISO)).str.replace(decimal, ".", regex=False)
+    moments = pd.to_datetime(dated, format="ISO8601", utc=True, errors="coerce")
+    return (moments - pd.Timestamp(0, tz="UTC")) / pd.Timedelta(seconds=1)

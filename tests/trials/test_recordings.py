@@ -1,0 +1,605 @@
+"""Mistakes put into recordings that are right: what is refused, what is found, what is it called.
+
+A recording is simulated by the filter's own model. A mistake that changes what the network says is
+*detectable* if the change, whitened by the covariance of all that is random in the comparison (the
+errors of INS and network, or those of the network alone where there is a reference) and freed of an
+unknown start and bias of the INS, is 8 long or more: a test that knew what to look for would then
+miss it once in ten thousand times. Others are made large enough to be seen by the eye: so many rows
+are changed. What is detectable may not fit.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from inswsn_lib import ErrorModel, InswsnError, read_recording
+from inswsn_lib.navigation import check_recording, verdict
+from inswsn_lib.recordings import INS, REFERENCE, TIME, WSN
+
+Random = np.random.Generator
+DETECTABLE = 8.0
+CHANCE = 0.015  # of a finding on a recording that is right: 14 checks of a thousandth each
+
+
+def turn(angle: float) -> np.ndarray:
+    """Return the matrix that turns positions and velocities."""
+    c, s = np.cos(angle), np.sin(angle)
+    return np.kron(np.eye(2), [[c, -s], [s, c]])
+
+
+EXCHANGE = np.kron(np.eye(2), [[0.0, 1.0], [1.0, 0.0]])
+MIRROR = np.kron(np.eye(2), [[1.0, 0.0], [0.0, -1.0]])
+
+
+@dataclass
+class Walk:
+    """A recording that is right, and the parts that it was made of."""
+
+    rng: Random
+    period: float = 0.2
+    steps: int = 300
+    noise: tuple[float, float] = (0.2, 0.1)
+    acceleration: float = 0.05
+    referenced: bool = True
+    with_velocities: bool = True
+    every: int = 1
+    still: bool = False
+    waves: np.ndarray = field(init=False)
+
+    @classmethod
+    def draw(cls, rng: Random) -> Walk:
+        position = float(rng.uniform(0.05, 0.5))
+        return cls(
+            rng,
+            period=float(rng.choice([0.1, 0.2, 0.5])),
+            steps=int(rng.integers(300, 700)),
+            noise=(position, position * float(rng.uniform(0.3, 1))),
+            acceleration=float(rng.uniform(0.01, 0.1)),
+            referenced=bool(rng.random() < 0.6),
+            with_velocities=bool(rng.random() < 0.7),
+            every=int(rng.choice([1, 1, 2, 5])),
+        )
+
+    def __post_init__(self) -> None:
+        rng, T = self.rng, self.period
+        # the way is a sum of slow turns, some m to each side
+        span = self.steps * T
+        self.waves = np.array(
+            [(rng.uniform(4, 10) / (k + 1), 2 * np.pi * (k + rng.uniform(0.7, 1.3)) / min(span, 40),
+              rng.uniform(0, 2 * np.pi)) for k in range(3) for _ in range(2)]
+        )  # fmt: skip
+        if self.still:
+            self.waves[:, 0] = 0
+        self.time = T * np.arange(self.steps)
+        self.truth = self.at(self.time)
+        wrong = self.acceleration * rng.standard_normal((self.steps - 1, 2))
+        v = np.vstack([np.zeros(2), np.cumsum(wrong * T, axis=0)]) + 0.1 * rng.standard_normal(2)
+        p = np.zeros((self.steps, 2)) + rng.standard_normal(2)
+        p[1:] += np.cumsum(v[:-1] * T + wrong * T**2 / 2, axis=0)
+        self.drift = np.hstack([p, v])
+        self.fix_noise = np.repeat(self.noise, 2) * rng.standard_normal((self.steps, 4))
+        self.heard = np.arange(self.steps) % self.every == 0
+        begin = int(rng.integers(60, self.steps - 100))
+        self.heard[begin : begin + int(rng.integers(0, 40))] = False
+        self.ins, self.reference = self.truth + self.drift, self.truth.copy()
+        self.wsn = self.truth + self.fix_noise
+
+    def at(self, time: np.ndarray) -> np.ndarray:
+        """Return the true position and velocity at times."""
+        phase = self.waves[:, 1] * time[:, None] + self.waves[:, 2]
+        p = self.waves[:, 0] * np.sin(phase)
+        v = self.waves[:, 0] * self.waves[:, 1] * np.cos(phase)
+        return np.column_stack(
+            [p[:, ::2].sum(1), p[:, 1::2].sum(1), v[:, ::2].sum(1), v[:, 1::2].sum(1)]
+        )
+
+    def table(self) -> pd.DataFrame:
+        """Return the columns of the file."""
+        stamps = self.time + 0.01 * self.period * self.rng.standard_normal(self.steps)
+        wsn = np.where(self.heard[:, None], self.wsn, np.nan)
+        made = pd.DataFrame(np.column_stack([stamps, self.ins, wsn]), columns=[TIME, *INS, *WSN])
+        if not self.with_velocities:
+            made = made.drop(columns=[*WSN[2:]])
+        if self.referenced:
+            made[list(REFERENCE)] = self.reference
+        return made.round(4) if np.abs(self.wsn).max() < 1e100 else made
+
+    def model(self) -> ErrorModel:
+        """Return the filter's model."""
+        T, a = self.period, self.acceleration
+        model = ErrorModel.p1(T, process_noise=(a * T**2 / 2, a * T), measurement_noise=self.noise)
+        if self.with_velocities:
+            return model
+        return ErrorModel(A=model.A, B=model.B, C=model.C[:2], D=model.D[:2], period=T)
+
+    def length(self, change: np.ndarray) -> float:
+        """Return how long a change of the network is, by the covariance of all that is random."""
+        m = 4 if self.with_velocities else 2
+        rows = np.flatnonzero(self.heard)
+        rows = rows[:: max(1, len(rows) // 250)]
+        T, a, n = self.period, self.acceleration, len(rows)
+        R = np.diag(np.repeat(self.noise, 2)[:m] ** 2)
+        seconds = rows * T
+        unknown = np.zeros((n, m, 6))
+        unknown[:, :2, :2] = np.eye(2)
+        unknown[:, :2, 2:4] = seconds[:, None, None] * np.eye(2)
+        unknown[:, :2, 4:] = (seconds**2 / 2)[:, None, None] * np.eye(2)
+        if m == 4:
+            unknown[:, 2:, 2:4] = np.eye(2)
+            unknown[:, 2:, 4:] = seconds[:, None, None] * np.eye(2)
+        cov = np.kron(np.eye(n), R)
+        if self.referenced:
+            unknown = unknown[:, :, :2]
+        else:  # white acceleration: the velocity a random walk, the position its integral
+            early = np.minimum(seconds[:, None], seconds)
+            late = np.maximum(seconds[:, None], seconds)
+            blocks = np.zeros((n, m, n, m))
+            for axis in range(2):
+                blocks[:, axis, :, axis] = early**2 * (3 * late - early) / 6
+                if m == 4:
+                    blocks[:, 2 + axis, :, 2 + axis] = early
+                    other = np.where(
+                        seconds[:, None] <= seconds, seconds[:, None] ** 2 / 2,
+                        seconds * seconds[:, None] - seconds**2 / 2,
+                    )  # fmt: skip
+                    blocks[:, axis, :, 2 + axis] = other
+                    blocks[:, 2 + axis, :, axis] = other.T
+            cov += a**2 * T * blocks.reshape(n * m, n * m)
+        L = np.linalg.cholesky(cov)
+        change = np.clip(change, -1e9, 1e9)
+        white = np.linalg.solve(L, change[rows, :m].ravel())
+        basis, _ = np.linalg.qr(np.linalg.solve(L, unknown.reshape(n * m, -1)))
+        return float(np.linalg.norm(white - basis @ (basis.T @ white)))
+
+
+#: What a mistake makes: the recording is changed in place, or its file is; and how it may be called
+Mistake = Callable[[Walk, Random], tuple[str, ...]]
+KINDS: dict[str, Mistake] = {}
+
+
+def kind(mistake: Mistake) -> Mistake:
+    """Name a mistake by its function."""
+    KINDS[mistake.__name__] = mistake
+    return mistake
+
+
+def shifted(walk: Walk, lag: np.ndarray | float) -> np.ndarray:
+    return walk.at(walk.time - lag)
+
+
+@kind
+def network_late(walk: Walk, rng: Random) -> tuple[str, ...]:
+    walk.wsn = shifted(walk, rng.uniform(0.1, 3)) + walk.fix_noise
+    return ("time",)
+
+
+@kind
+def network_early(walk: Walk, rng: Random) -> tuple[str, ...]:
+    walk.wsn = shifted(walk, -rng.uniform(0.1, 3)) + walk.fix_noise
+    return ("time",)
+
+
+@kind
+def network_clock_gains(walk: Walk, rng: Random) -> tuple[str, ...]:
+    walk.wsn = (
+        shifted(walk, rng.choice([-1, 1]) * rng.uniform(0.005, 0.05) * walk.time) + walk.fix_noise
+    )
+    return ("clock", "time")
+
+
+@kind
+def network_of_another_hour(walk: Walk, rng: Random) -> tuple[str, ...]:
+    walk.wsn = shifted(walk, rng.uniform(500, 3600)) + walk.fix_noise
+    return ("run",)
+
+
+@kind
+def network_late_from_the_middle_on(walk: Walk, rng: Random) -> tuple[str, ...]:
+    late = np.where(walk.time > walk.time[-1] / 2, rng.uniform(1, 3), 0.0)
+    walk.wsn = shifted(walk, late) + walk.fix_noise
+    return ("clock", "time", "outliers", "size", "colour", "run", "misfit")
+
+
+@kind
+def ins_late(walk: Walk, rng: Random) -> tuple[str, ...]:
+    walk.ins = shifted(walk, rng.uniform(0.2, 3)) + walk.drift
+    return ("time",)
+
+
+@kind
+def reference_late(walk: Walk, rng: Random) -> tuple[str, ...]:
+    walk.referenced = True
+    walk.reference = shifted(walk, rng.choice([-1, 1]) * rng.uniform(0.2, 3))
+    return ("time",)
+
+
+def turned(who: str, matrix: Callable[[Random], np.ndarray], *names: str) -> Mistake:
+    def mistake(walk: Walk, rng: Random) -> tuple[str, ...]:
+        if who == "reference":
+            walk.referenced = True
+        setattr(walk, who, getattr(walk, who) @ matrix(rng).T)
+        return names
+
+    return mistake
+
+
+FRAMES: dict[str, tuple[Callable[[Random], np.ndarray], tuple[str, ...]]] = {
+    "turned": (lambda rng: turn(rng.choice([-1, 1]) * rng.uniform(0.05, 1.5)), ("frame",)),
+    "turned_by_90": (lambda rng: turn(rng.choice([-1, 1]) * np.pi / 2), ("frame",)),
+    "turned_by_180": (lambda rng: turn(np.pi), ("frame",)),
+    "mirrored": (lambda rng: MIRROR * rng.choice([-1, 1]), ("axes",)),
+    "exchanged": (lambda rng: EXCHANGE, ("axes",)),
+    "in_feet": (lambda rng: 3.2808 * np.eye(4), ("scale",)),
+    "in_yards": (lambda rng: 1.0936 * np.eye(4), ("scale",)),
+    "in_cm": (lambda rng: 100 * np.eye(4), ("scale",)),
+    "in_mm": (lambda rng: 1000 * np.eye(4), ("scale",)),
+    "in_km": (lambda rng: 0.001 * np.eye(4), ("scale",)),
+    "scaled": (lambda rng: rng.choice([rng.uniform(1.05, 1.5), rng.uniform(0.6, 0.95)]) * np.eye(4),
+               ("scale",)),
+}  # fmt: skip
+for who in ("wsn", "ins", "reference"):
+    for what, (matrix, names) in FRAMES.items():
+        KINDS[f"{who}_{what}"] = turned(who, matrix, *names)
+
+
+@kind
+def reference_of_another_origin(walk: Walk, rng: Random) -> tuple[str, ...]:
+    walk.referenced = True
+    walk.reference[:, :2] += rng.uniform(0.5, 50) * np.array([1, -1])
+    return ("origin",)
+
+
+@kind
+def network_of_another_origin(walk: Walk, rng: Random) -> tuple[str, ...]:
+    walk.wsn[:, :2] += rng.uniform(20, 500) * np.array([1, -1])
+    return ("origin", "start")
+
+
+@kind
+def network_jumps_to_another_origin(walk: Walk, rng: Random) -> tuple[str, ...]:
+    walk.wsn[walk.steps // 2 :, :2] += rng.uniform(20, 100)
+    return ("outliers", "origin", "run")
+
+
+@kind
+def network_velocities_turned(walk: Walk, rng: Random) -> tuple[str, ...]:
+    walk.with_velocities = True
+    walk.wsn[:, 2:] = walk.wsn[:, 2:] @ turn(rng.uniform(0.5, 1.5))[:2, :2].T
+    return ("frame",)
+
+
+@kind
+def network_velocities_exchanged(walk: Walk, rng: Random) -> tuple[str, ...]:
+    walk.with_velocities = True
+    walk.wsn[:, 2:] = walk.wsn[:, [3, 2]]
+    return ("axes", "frame")
+
+
+@kind
+def ins_velocities_exchanged(walk: Walk, rng: Random) -> tuple[str, ...]:
+    walk.ins[:, 2:] = walk.ins[:, [3, 2]]
+    return ("itself",)
+
+
+@kind
+def ins_velocities_in_kmh(walk: Walk, rng: Random) -> tuple[str, ...]:
+    walk.ins[:, 2:] *= 3.6
+    return ("itself",)
+
+
+@kind
+def ins_velocities_late(walk: Walk, rng: Random) -> tuple[str, ...]:
+    late = shifted(walk, rng.uniform(3, 6)) + walk.drift
+    walk.ins[:, 2:] = late[:, 2:]
+    return ("itself",)
+
+
+def stretch(walk: Walk, rng: Random, rows: int = 40) -> slice:
+    begin = int(rng.integers(20, walk.steps - rows - 20))
+    return slice(begin, begin + rows)
+
+
+@kind
+def network_stuck(walk: Walk, rng: Random) -> tuple[str, ...]:
+    part = stretch(walk, rng, 60)
+    walk.wsn[part] = walk.wsn[part.start]
+    return ("repeats",)
+
+
+@kind
+def network_held(walk: Walk, rng: Random) -> tuple[str, ...]:
+    every = int(rng.integers(2, 10)) * walk.every
+    walk.wsn = walk.wsn[np.arange(walk.steps) // every * every]
+    walk.heard[:] = True
+    return ("repeats",)
+
+
+@kind
+def network_interpolated(walk: Walk, rng: Random) -> tuple[str, ...]:
+    every = int(rng.integers(3, 10))
+    rows = np.arange(walk.steps)
+    walk.wsn = np.column_stack([np.interp(rows, rows[::every], x[::every]) for x in walk.wsn.T])
+    walk.heard[:] = True
+    return ("repeats", "colour", "size", "copy")
+
+
+@kind
+def network_smoothed(walk: Walk, rng: Random) -> tuple[str, ...]:
+    kernel = np.ones(5) / 5
+    smooth = [np.convolve(x, kernel, "same") for x in walk.fix_noise.T]
+    walk.wsn = walk.truth + np.column_stack(smooth)
+    walk.heard[:] = True
+    return ("colour", "size")
+
+
+@kind
+def network_zeros_for_gaps(walk: Walk, rng: Random) -> tuple[str, ...]:
+    walk.wsn[stretch(walk, rng)] = 0.0
+    walk.heard[:] = True
+    return ("repeats",)
+
+
+@kind
+def network_filled_with_9999(walk: Walk, rng: Random) -> tuple[str, ...]:
+    walk.wsn[stretch(walk, rng)] = -9999
+    walk.heard[:] = True
+    return ("repeats",)
+
+
+@kind
+def network_clipped(walk: Walk, rng: Random) -> tuple[str, ...]:
+    walk.wsn[:, 0] = np.minimum(walk.wsn[:, 0], np.quantile(walk.wsn[walk.heard, 0], 0.8))
+    return ("repeats",)
+
+
+@kind
+def network_spikes(walk: Walk, rng: Random) -> tuple[str, ...]:
+    rows = rng.choice(np.flatnonzero(walk.heard)[3:], 5, replace=False)
+    walk.wsn[rows, :2] += rng.choice([-1, 1], (5, 2)) * rng.uniform(10, 100) * walk.noise[0]
+    return ("outliers",)
+
+
+@kind
+def network_1e200(walk: Walk, rng: Random) -> tuple[str, ...]:
+    walk.wsn[int(rng.choice(np.flatnonzero(walk.heard))), 0] = 1e200
+    return ("outliers",)
+
+
+@kind
+def network_shuffled(walk: Walk, rng: Random) -> tuple[str, ...]:
+    walk.wsn = walk.wsn[rng.permutation(walk.steps)]
+    return ("run", "size", "outliers", "noise")
+
+
+@kind
+def network_backwards(walk: Walk, rng: Random) -> tuple[str, ...]:
+    walk.wsn = walk.wsn[::-1]
+    return ("run", "size", "outliers", "noise")
+
+
+@kind
+def network_noise_larger(walk: Walk, rng: Random) -> tuple[str, ...]:
+    walk.wsn = walk.truth + rng.uniform(1.7, 4) * walk.fix_noise
+    return ("size",)
+
+
+@kind
+def network_noise_smaller(walk: Walk, rng: Random) -> tuple[str, ...]:
+    walk.wsn = walk.truth + rng.uniform(0.2, 0.55) * walk.fix_noise
+    return ("size",)
+
+
+@kind
+def network_noise_with_memory(walk: Walk, rng: Random) -> tuple[str, ...]:
+    e, share = walk.fix_noise, rng.uniform(0.6, 0.9)
+    for k in range(1, walk.steps):
+        e[k] = share * e[k - 1] + np.sqrt(1 - share**2) * e[k]
+    walk.wsn, walk.every, walk.heard[:] = walk.truth + e, 1, True
+    return ("colour", "size")
+
+
+@kind
+def ins_stuck(walk: Walk, rng: Random) -> tuple[str, ...]:
+    part = stretch(walk, rng, 40)
+    walk.ins[part, :2] = walk.ins[part.start, :2]
+    return ("itself",)
+
+
+@kind
+def ins_all_stuck(walk: Walk, rng: Random) -> tuple[str, ...]:
+    part = stretch(walk, rng, 60)
+    walk.ins[part] = walk.ins[part.start]
+    return ("itself",)
+
+
+@kind
+def ins_set_back(walk: Walk, rng: Random) -> tuple[str, ...]:
+    for row in rng.choice(np.arange(30, walk.steps - 30), 4, replace=False):
+        walk.ins[row:, :2] += rng.uniform(5, 20, 2)
+    return ("itself",)
+
+
+@kind
+def ins_already_corrected(walk: Walk, rng: Random) -> tuple[str, ...]:
+    walk.ins = walk.wsn.copy()
+    walk.heard[:] = True
+    return ("size", "itself")
+
+
+@kind
+def reference_is_the_network(walk: Walk, rng: Random) -> tuple[str, ...]:
+    walk.referenced, walk.with_velocities = True, True
+    walk.reference = walk.wsn.copy()
+    return ("copy",)
+
+
+@kind
+def reference_is_the_network_smoothed(walk: Walk, rng: Random) -> tuple[str, ...]:
+    walk.referenced = True
+    walk.heard[:] = True
+    kernel = np.ones(3) / 3
+    smooth = [np.convolve(x, kernel, "same") for x in walk.fix_noise.T]
+    walk.reference = walk.truth + np.column_stack(smooth)
+    return ("copy",)
+
+
+@kind
+def reference_as_noisy_as_the_network(walk: Walk, rng: Random) -> tuple[str, ...]:
+    walk.referenced = True
+    walk.reference = walk.truth + np.repeat(walk.noise, 2) * rng.standard_normal((walk.steps, 4))
+    return ("noise",)
+
+
+@kind
+def reference_of_another_run(walk: Walk, rng: Random) -> tuple[str, ...]:
+    walk.referenced = True
+    walk.reference = Walk(rng, walk.period, walk.steps).truth
+    return ("run",)
+
+
+@kind
+def reference_held(walk: Walk, rng: Random) -> tuple[str, ...]:
+    walk.referenced = True
+    every = max(2, round(rng.uniform(1, 3) / walk.period))
+    walk.reference = walk.truth[np.arange(walk.steps) // every * every]
+    return ("itself", "time", "noise", "run")
+
+
+@kind
+def reference_is_the_ins(walk: Walk, rng: Random) -> tuple[str, ...]:
+    walk.referenced, walk.acceleration = True, max(walk.acceleration, 0.05)
+    walk.reference = walk.ins.copy()
+    return ("origin", "noise", "frame", "time", "scale", "clock", "axes", "run")
+
+
+# Mistakes of the file
+
+Files = Callable[[pd.DataFrame, Random], str]
+
+
+def text(made: pd.DataFrame, **how: str) -> str:
+    return str(made.to_csv(index=False, **how))
+
+
+def cell(made: pd.DataFrame, rng: Random, columns: list[str], value: object) -> pd.DataFrame:
+    made = made.astype(object)
+    made.loc[int(rng.integers(5, len(made) - 5)), rng.choice(columns)] = value
+    return made
+
+
+def dated(made: pd.DataFrame) -> pd.DataFrame:
+    moments = pd.to_datetime(made[TIME] + 1.7e9, unit="s")
+    return made.assign(**{TIME: moments.dt.strftime("%Y-%m-%dT%H:%M:%S.%fZ")})
+
+
+def halved(made: pd.DataFrame, rng: Random) -> str:
+    half = len(made) // 2
+    return text(made.drop(index=range(half + 1, len(made) - 1, 2)))
+
+
+#: Files that are refused, or of which `rate` is found, and (True) such as are read as if right
+FILES: dict[str, tuple[Files, bool]] = {
+    "two rates": (halved, False),
+    "time in ms": (lambda made, rng: text(made.assign(**{TIME: made[TIME] * 1000})), False),
+    "time backwards": (lambda made, rng: text(made[::-1]), False),
+    "time shuffled": (lambda made, rng: text(made.sample(frac=1, random_state=1)), False),
+    "rows twice": (lambda made, rng: text(pd.concat([made[:50], made[40:]])), False),
+    "a clock set back": (lambda made, rng: text(made.assign(**{TIME: made[TIME] % 30})), False),
+    "a word": (lambda made, rng: text(cell(made, rng, [*INS, *WSN[:2]], "lost")), False),
+    "infinite": (lambda made, rng: text(cell(made, rng, [*INS, *WSN[:2]], "inf")), False),
+    "INS with gaps": (lambda made, rng: text(cell(made, rng, [*INS], np.nan)), False),
+    "time with gaps": (lambda made, rng: text(cell(made, rng, [TIME], np.nan)), False),
+    "no header": (lambda made, rng: text(made, header=False), False),
+    "units in names": (lambda made, rng: text(made.rename(columns={INS[0]: "ins_x [m]"})), False),
+    "no column": (lambda made, rng: text(made.drop(columns=rng.choice([TIME, *INS]))), False),
+    "a column twice": (lambda made, rng: text(made).replace(INS[0], INS[1], 1), False),
+    "decimal and separating commas": (lambda made, rng: text(made).replace(".", ","), False),
+    "a short row": (lambda made, rng: text(made) + "1,2,3\n", False),
+    "longitudes": (lambda made, rng: text(made.assign(wsn_x_m=made.wsn_x_m / 111_200,
+                                                      wsn_y_m=made.wsn_y_m / 111_200)), False),
+    "semicolons": (lambda made, rng: text(made, sep=";"), True),
+    "tabs": (lambda made, rng: text(made, sep="\t"), True),
+    "decimal commas": (lambda made, rng: text(made, sep=";", decimal=","), True),
+    "ISO times": (lambda made, rng: text(dated(made)), True),
+    "a byte order mark": (lambda made, rng: "\ufeff" + text(made), True),
+    "carriage returns": (lambda made, rng: text(made).replace("\n", "\r\n"), True),
+    "quotes": (lambda made, rng: text(made, quoting=1), True),
+    "comments": (lambda made, rng: "# x\n\n" + text(made).replace("\n", "\n#\n", 3), True),
+    "other columns": (lambda made, rng: text(made.assign(more="a")[["more", *made][::-1]]), True),
+}  # fmt: skip
+
+
+def findings(walk: Walk, written: str, path: Path) -> list[str]:
+    """Return the names of what is found in a file, the first telling most; refused, if it is."""
+    path.write_text(written, encoding="utf-8")
+    try:
+        data = read_recording(path)
+    except InswsnError as error:
+        return ["refused"] if "\n" not in str(error) else ["not one sentence"]
+    P0 = np.diag([1.0, 1.0, 0.01, 0.01])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found = check_recording(data, walk.model(), initial_covariance=P0)
+    assert verdict(found).startswith("Recording and figures do not") == any(
+        each.fits is False for each in found
+    )
+    return [each.name for each in found if each.fits is False]
+
+
+def of_file(what: str, walk: Walk, rng: Random, path: Path) -> str:
+    """Return what comes of a mistake of the file."""
+    make, as_right = FILES[what]
+    found = findings(walk, make(walk.table(), rng), path)
+    if as_right:
+        return "read as right" if found[:1] != ["refused"] else f"{what} not read"
+    return found[0] if found[:1] == ["refused"] else "named" if "rate" in found else "silent"
+
+
+def of_values(what: str, walk: Walk, rng: Random, path: Path) -> str:
+    """Return what comes of a mistake of the values."""
+    to_ins, to_reference = walk.wsn - walk.ins, walk.wsn - walk.reference
+    expected = KINDS[what](walk, rng)
+    change = walk.wsn - walk.reference - to_reference
+    told, walk.referenced = walk.referenced, walk.referenced and bool(np.any(change))
+    length = walk.length(change if walk.referenced else walk.wsn - walk.ins - to_ins)
+    walk.referenced = told
+    found = findings(walk, text(walk.table()), path)
+    if found[:1] == ["refused"]:
+        return "refused"
+    if found:
+        named = found[0] in expected or found[0].split(" ")[0] in expected
+        return "named" if named else f"named otherwise: {what} {found[0]}"
+    alike = {"time", "clock", "frame", "axes", "scale"} & set(expected)
+    return "too small to tell" if alike and length < DETECTABLE else f"silent: {what} {length:.3g}"
+
+
+def test_recordings(
+    size: Callable[[int, int], int], seed: int, tell: Callable[[str], None], tmp_path: Path
+) -> None:
+    rng, path = np.random.default_rng(seed), tmp_path / "my.csv"
+    count, right = size(30, 500), size(10, 500)
+    names = [*KINDS, *FILES]
+    order = [names[i % len(names)] for i in rng.permutation(len(names) * (1 + count // len(names)))]
+    came = []
+    for what in order[:count]:
+        walk = Walk.draw(rng)
+        came.append((of_file if what in FILES else of_values)(what, walk, rng, path))
+    alarms = [walk for walk in (Walk.draw(rng) for _ in range(right))
+              if findings(walk, text(walk.table()), path)]  # fmt: skip
+    counts = Counter(each.partition(":")[0] for each in came)
+    told = ", ".join(f"{number} {each}" for each, number in sorted(counts.items()))
+    tell(
+        f"{count} mistakes of {len(names)} kinds: {told}; {len(alarms)} of {right} right ones fail"
+    )
+    print(*Counter(each for each in came if ":" in each).items(), sep="\n")
+    assert not any(each.startswith(("silent", "not one")) for each in came)
+    assert not any(each.endswith("not read") for each in came)
+    assert counts["named otherwise"] <= 0.1 * count
+    assert len(alarms) <= CHANCE * right + 4 * np.sqrt(CHANCE * right)
