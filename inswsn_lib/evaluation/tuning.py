@@ -12,6 +12,9 @@ from inswsn_lib.errors import Described, ParameterError
 
 Candidate = TypeVar("Candidate", float, tuple[float, ...])
 
+# Share of a loss by which a better one is no gain
+_FLAT = 3e-5
+
 
 @dataclass(frozen=True)
 class Tuning(Generic[Candidate]):
@@ -91,7 +94,8 @@ def search_pattern(
     """Tune positive numbers by going from the best point so far to its neighbours.
 
     The neighbours of a point have one number multiplied or divided by its ratio. As soon as all
-    neighbours of the best are known, none of them better, the search has settled.
+    neighbours of the best are known, none of them better by more than a share of 3e-5, the search
+    has settled: along a flat valley it would else go on for ever, led by rounding.
 
     Parameters
     ----------
@@ -148,5 +152,6 @@ def search_pattern(
         for place in new[: most - len(tried)]:
             attempt(place)
         best = min(tried, key=lambda place: tried[place])
-        settled = best == centre and all(place in tried for place in around)
+        gained = tried[centre] - tried[best]
+        settled = gained <= _FLAT * abs(tried[centre]) and all(place in tried for place in around)
     return Tuning(name, tuple(map(numbers, tried)), tuple(tried.values()), settled)

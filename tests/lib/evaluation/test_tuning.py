@@ -62,6 +62,15 @@ def test_a_pattern_search_ends_when_its_trials_do() -> None:
     assert search_pattern("one", (8.0, 0.1), (2.0, 10.0), bowl, most=5).settled
 
 
+@pytest.mark.parametrize(("drop", "settled"), [(1e-5, True), (1e-4, False)])
+def test_a_flat_valley_is_no_way(drop: float, settled: bool) -> None:
+    """Each step is better by a share; the least that was tried is the best either way."""
+    found = search_pattern("valley", (1.0,), (2.0,), lambda x: (1 - drop) ** np.log2(x), most=9)
+    assert found.settled is settled
+    assert found.trials == (3 if settled else 9)
+    assert found.best == ((2.0,) if settled else (128.0,))
+
+
 def test_a_pattern_search_goes_around_what_cannot_be_had() -> None:
     def walled(x: float) -> float:
         return np.inf if x > 3 else -x
