@@ -111,7 +111,7 @@ def run_kalman(
     """Run the Kalman filter of `design_kalman` over any number of runs at once.
 
     Over 10^5 steps and ratios of Q to R from 10^-12 to 10^12 the estimates are those of 50 digits
-    to 1e-8 of their size, or of their deviation where that is larger.
+    to 1e-7 of their size, or of their deviation where that is larger.
 
     Parameters
     ----------

@@ -37,7 +37,7 @@ _OTHER = 9.0  # times the variance of the network: what no lag and no turn expla
 _ORDER = ("run", "start", "outliers", "origin", "size", "colour", "copy", "noise", "misfit")
 _MOVED = 3.0  # times its noise: how far the network must have moved, beside what an INS drifts
 _REST = 0.3  # of what is too much: what an explanation may leave
-_KINDS = 50  # kinds of misfit, and lags of their own, that are tried at once
+_KINDS = 300  # kinds of misfit, and lags of their own, that are tried at once
 
 
 @dataclass(frozen=True)
