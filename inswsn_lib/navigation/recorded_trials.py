@@ -91,7 +91,15 @@ def read_trials(path: Path) -> tuple[RecordedTrials, dict[str, Any]]:
         starts, facts = np.array(content.pop("starts"), dtype=np.intp), dict(content.pop("facts"))
         del content["form"]
         return RecordedTrials(starts=starts, **content), facts
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
+    except (
+        OSError,
+        ValueError,
+        KeyError,
+        TypeError,
+        AttributeError,
+        RecursionError,
+        OverflowError,
+    ):
         raise InswsnError(f"{path} does not hold the trials of a recorded drive.") from None
 
 
