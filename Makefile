@@ -4,7 +4,7 @@
 PYTHON  ?= $(firstword $(foreach name,python3.11 python3 python $(RUN),$(shell command -v $(name) 2>/dev/null)))
 VENV    := .venv
 RUN     := $(VENV)/bin/python
-INSWSN  := $(RUN) -m inswsn_book
+INSWSN  := $(RUN) -I -X utf8 -m inswsn_book
 COMPILE := $(RUN) -m uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header environment.in -o environment.lock
 # a tool apart from the environment: what .ci/NAME.txt pins, in _build/NAME
 tool     = $(found); $(PYTHON) -m venv _build/$(1) && \
@@ -31,14 +31,14 @@ serve: book ## show the built book at http://127.0.0.1:$(PORT)/
 	@$(RUN) -m http.server --directory _build/html --bind 127.0.0.1 $(PORT) >/dev/null 2>&1
 
 notebooks: environment ## write the .ipynb twins of chapters/*.md
-	@$(RUN) -m inswsn_book.notebooks
+	@$(RUN) -I -X utf8 -m inswsn_book.notebooks
 
 publish: environment ## make the last build's results the reference in data/published, after showing what changes
 	@$(INSWSN) publish
 	@$(RUN) studies/front_picture.py
 
 archive: book ## make one zip of the release that opens offline, in _build
-	@$(RUN) -m inswsn_book.archive
+	@$(RUN) -I -X utf8 -m inswsn_book.archive
 
 calibrate: environment ## fit the simulated INS to the INS-only cells and write data/scenarios/p1-inertial*.yaml
 	@$(RUN) studies/calibrate_imu.py

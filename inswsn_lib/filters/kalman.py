@@ -222,12 +222,13 @@ def _updated_root(C: Array, W: Array, R: Array, there: Mask) -> tuple[Array, Arr
     (Kailath, Sayed and Hassibi 2000, Section 12.3).
     """
     m, n = C.shape
-    seen = np.where(there[:, :, None], C, 0.0)
-    noise = np.broadcast_to(_root(R[None]), (len(W), m, m))
-    noise = np.where(there[:, :, None], noise, np.eye(m))
+    W = np.broadcast_to(W, (len(there), *W.shape[1:]))  # one until measurements differ
+    seen, noise = (np.where(there[:, :, None], X, 0.0) for X in (C, _root(R[None])))
+    # what is missing has a noise of its own, and tells nothing
+    noise = np.concatenate([noise, np.where(there[:, :, None], 0.0, np.eye(m))], axis=2)
     turned = np.swapaxes(W, 1, 2)
     upper = np.concatenate([turned @ np.swapaxes(seen, 1, 2), turned], axis=2)
-    lower = np.concatenate([np.swapaxes(noise, 1, 2), np.zeros((len(W), m, n))], axis=2)
+    lower = np.concatenate([np.swapaxes(noise, 1, 2), np.zeros((len(W), 2 * m, n))], axis=2)
     whole: Array = np.concatenate([upper, lower], axis=1)
     triangle: Array = np.asarray(np.linalg.qr(whole, mode="r"))
     solved = solve_present(np.ones_like(there), triangle[:, :m, :m], triangle[:, :m, m:])

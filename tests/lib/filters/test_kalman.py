@@ -224,3 +224,16 @@ def test_masks_and_gains_that_do_not_fit_are_refused() -> None:
         design_kalman(MODEL, np.ones((3, 4)), initial_covariance=np.eye(4))
     with pytest.raises(ParameterError, match="gain"):
         steady_error(MODEL, np.eye(2))
+
+
+@pytest.mark.parametrize("size", [1.0, 1e8])
+def test_runs_that_miss_different_measurements_are_filtered_as_if_alone(size: float) -> None:
+    """Also where the first prediction is far less certain than a measurement."""
+    model = ErrorModel.p1(0.2, process_noise=(0.05, 0.1), measurement_noise=(0.2, 0.3))
+    rng = np.random.default_rng(4)
+    y = rng.normal(size=(12, 4, 5))
+    y[rng.random(y.shape) < 0.3] = np.nan
+    together = run_kalman(model, y, initial_covariance=size * np.eye(4))
+    for r in range(5):
+        alone = run_kalman(model, y[:, :, r : r + 1], initial_covariance=size * np.eye(4))
+        assert together[:, :, r : r + 1] == pytest.approx(alone, rel=1e-9, abs=1e-12)
