@@ -17,6 +17,7 @@ from inswsn_lib.errors import ParameterError
 from inswsn_lib.filters import (
     deadbeat_gain,
     design_kalman,
+    kalman,
     predictor_gain,
     run_kalman,
     steady_error,
@@ -237,3 +238,17 @@ def test_runs_that_miss_different_measurements_are_filtered_as_if_alone(size: fl
     for r in range(5):
         alone = run_kalman(model, y[:, :, r : r + 1], initial_covariance=size * np.eye(4))
         assert together[:, :, r : r + 1] == pytest.approx(alone, rel=1e-9, abs=1e-12)
+
+
+def test_square_roots_are_the_same_filter(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where they are not needed, with noise that is correlated and components that are missing."""
+    rng = np.random.default_rng(8)
+    model, Q, R = random_model(rng, 3, 2), random_covariances(rng, 3), random_covariances(rng, 2)
+    y = rng.normal(size=(15, len(model.C), 6))
+    y[rng.random(y.shape) < 0.4] = np.nan
+    told = {
+        "process_covariance": Q, "measurement_covariance": R, "initial_covariance": np.eye(3),
+    }  # fmt: skip
+    plain = run_kalman(model, y, **told)
+    monkeypatch.setattr(kalman, "_FAR", 0.0)
+    assert run_kalman(model, y, **told) == pytest.approx(plain, rel=1e-9, abs=1e-12)
