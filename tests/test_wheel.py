@@ -52,7 +52,7 @@ def test_the_machinery_is_a_wheel_of_its_own(
 ) -> None:
     """It has the version of the science and brings the command."""
     _, names, says = build(root / "book", tmp_path)
-    assert "inswsn = inswsn_book.cli:main" in says["entry_points.txt"]
+    assert "inswsn = inswsn_book.__main__:main" in says["entry_points.txt"]
     assert {name.partition("/")[0].partition("-")[0] for name in names} == {"inswsn_book"}
     version = re.compile(r"^Version: (.*)$", re.M)
     assert version.findall(says["METADATA"]) == version.findall(wheel[2]["METADATA"])
