@@ -74,7 +74,7 @@ def run_federated(
       the process noise for larger than it is, unless the clusters are equal in all.
 
     Estimates are those of 50 digits to 1e-7 of their size or deviation for ratios of Q to R from
-    10^-12 to 10^6; at 10^12, with a singular Q and in a gap, to 1e-2.
+    10^-12 to 10^6; at 10^12, with a singular Q and measurements that are missing, to 5e-2.
 
     Where a message is lost the centre uses the last one since the last reset, or what the reset
     gave, aged by :math:`A P A' + Q/\beta_c`. The next message before a reset brings the

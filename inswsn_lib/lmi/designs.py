@@ -16,6 +16,14 @@ Noise = Literal["common", "independent"]
 Structure = Literal["full", "block"]
 Solver = Literal["clarabel", "scs"]
 
+#: The bounds on the least gamma may differ by this share
+LARGEST_GAP = 1e-3
+
+
+def told_gap(lower: float, upper: float) -> str:
+    """Return what is said of bounds that are far apart."""
+    return f"the least gamma is only known to lie between {lower:.6g} and {upper:.6g}"
+
 
 class InfeasibleDesignError(InswsnError):
     """No filter satisfies the inequality, or none could be certified; the message says which.

@@ -13,7 +13,15 @@ from scipy.linalg import block_diag, solve_discrete_lyapunov
 from inswsn_lib.checks import Array, number, one_of
 from inswsn_lib.errors import Described, ParameterError
 from inswsn_lib.lmi.bounds import dual_bound
-from inswsn_lib.lmi.designs import Certificate, FilterDesign, Form, InfeasibleDesignError, Solver
+from inswsn_lib.lmi.designs import (
+    LARGEST_GAP,
+    Certificate,
+    FilterDesign,
+    Form,
+    InfeasibleDesignError,
+    Solver,
+    told_gap,
+)
 from inswsn_lib.lmi.norms import hinf_norm, spectral_radius
 from inswsn_lib.lmi.solvers import first_that_passes, in_order, solve
 from inswsn_lib.lmi.stochastic import mean_square_radius, riccati_gain_below
@@ -25,9 +33,6 @@ FORMS = ("exact", "printed")
 LARGEST_MARGIN = 1e9
 #: A solver's answer may break the inequality, and the level, by this share
 TOLERANCE = 1e-6
-#: The bounds on the least gamma may differ by this share
-LARGEST_GAP = 1e-3
-_HALF_GAP = LARGEST_GAP / 2
 # Numbers of a scaled problem that are as small are nothing to a solver
 _FAINT = 1e-7
 # Attempts: a share of the largest variance to which the others are raised in the units, and how
@@ -126,10 +131,11 @@ def _designed(
     problems = _problems(_shape(model), form, by)
     gamma, status, gain, lower = problems.smallest_gamma(scaled, change)
     level = gamma * (1 + margin)
-    upper = _worst_gain(scaled, gain, gamma * (1 + _HALF_GAP), form)
+    upper = _worst_gain(scaled, gain, gamma * (1 + LARGEST_GAP / 2), form)
     P, gain = problems.least_variance(scaled, change, level)
     gain = np.where(np.abs(gain) < _FAINT, 0.0, gain)  # axes that have no part in each other
-    certificate = certify(scaled, P, gain, level, form, (min(lower, gamma), max(upper, gamma)))
+    bounds = min(lower, gamma), max(upper, gamma)  # so that gamma is held to them, too
+    certificate = certify(scaled, P, gain, level, form, bounds)
     return FilterDesign(
         model, form, units.seen * gamma, units.seen * level,
         units.back @ gain @ units.outputs, units.seen**2 * units.states.T @ P @ units.states,
@@ -253,9 +259,9 @@ def certify(
     A, B = model.A - gain @ model.C, np.hstack([model.B, -gain @ model.D])
     norm, radius = hinf_norm(A, B, model.L), mean_square_radius(A, model.E)
     slack, (lower, upper) = level * (1 + TOLERANCE), bounds
-    # without jitter the norm says it all; the iteration is slow near instability
-    stochastic = not model.E.any() or riccati_gain_below(A, model.E, B, model.L, slack)
-    plain = form == "exact" and not model.E.any()
+    jitters = bool(model.E.any())  # without them the norm says it all
+    stochastic = not jitters or riccati_gain_below(A, model.E, B, model.L, slack)
+    plain = form == "exact" and not jitters
     refuse_if({
         f"P has the eigenvalue {values.min():.3g}": values.min() <= 0,
         f"the inequality has the eigenvalue {largest:.3g}": largest > TOLERANCE,
@@ -272,11 +278,6 @@ def certify(
     return Certificate(largest, smallest, norm, stochastic, lower, upper)
 
 
-def told_gap(lower: float, upper: float) -> str:
-    """Return what is said of bounds that are far apart."""
-    return f"the least gamma is only known to lie between {lower:.6g} and {upper:.6g}"
-
-
 def refuse_if(complaints: dict[str, bool]) -> None:
     """Raise what a certificate complains of."""
     failed = [complaint for complaint, fails in complaints.items() if fails]
@@ -289,30 +290,61 @@ def refuse_if(complaints: dict[str, bool]) -> None:
 def inequality(
     numbers: dict[str, Any], P: Any, Q: Any, squared: Any, form: Form
 ) -> list[list[Any]]:
-    """Return the blocks that must be negative, of arrays or of expressions of a convex problem.
+    r"""Return the blocks that must be negative, of arrays or of expressions of a convex problem.
 
-    `numbers` has A, B, C, D and E of a model, and L'L as LL; `squared` is the bound squared.
+    `squared` is the bound squared. With `_numbers` it is the inequality as it stands. For steps
+    that change little `_in_differences` adds the fourth row and column to the first, which are then
+    divided by t, as Q is. With :math:`\Delta = P(A - I) - QC` the upper left block becomes
+    :math:`(\Delta + \Delta' + L'L) / t^2`, in which nothing cancels: where A goes to I with the
+    period, and t with its root, this is the inequality of continuous time.
     """
-    A, B, C, D, E, LL = (numbers[name] for name in ("A", "B", "C", "D", "E", "LL"))
-    n, p, q = A.shape[0], B.shape[1], D.shape[1]
-    error, process, measurement, jitter = P @ A - Q @ C, P @ B, -(Q @ D), P @ E
+    slow, fast = (
+        [P @ numbers[kind + "A"] - Q @ numbers[kind + "C"], P @ numbers[kind + "B"],
+         -(Q @ numbers[kind + "D"])] for kind in ("slow ", "")
+    )  # fmt: skip
+    jitter, n, p, q = P @ numbers["E"], P.shape[0], fast[1].shape[1], fast[2].shape[1]
     nn, np_, nq, pq = (np.zeros(s) for s in ((n, n), (n, p), (n, q), (p, q)))
     rows = [
-        [-P + LL, np_, nq, error.T, jitter.T],
-        [np_.T, -squared * np.eye(p), pq, process.T, np_.T],
-        [nq.T, pq.T, -squared * np.eye(q), measurement.T, nq.T],
-        [error, process, measurement, -P, nn],
+        [slow[0] + slow[0].T + numbers["LL"], *slow[1:], fast[0].T, jitter.T],
+        [slow[1].T, -squared * np.eye(p), pq, fast[1].T, np_.T],
+        [slow[2].T, pq.T, -squared * np.eye(q), fast[2].T, nq.T],
+        [*fast, -P, nn],
         [jitter, np_, nq, nn, -P],
     ]
     if form == "printed":
-        column = (error.T, np_.T, nq.T, nn, nn)
+        copy = P @ numbers["copied A"] - Q @ numbers["C"]
+        column = (copy.T, np_.T, nq.T, nn, nn)
         rows = [[*row, block] for row, block in zip(rows, column, strict=True)]
-        rows.append([error, np_, nq, nn, nn, -P])
+        rows.append([copy, np_, nq, nn, nn, -P])
     return rows
 
 
-def _numbers(model: ErrorModel) -> dict[str, Any]:
-    return {name: getattr(model, name) for name in "ABCDE"} | {"LL": model.L.T @ model.L}
+def _numbers(model: ErrorModel) -> dict[str, Array]:
+    """Return the numbers of the inequality as it stands, whose upper left block is L'L - P."""
+    A, B, C, D = model.A, model.B, model.C, model.D
+    return {
+        "slow A": -np.eye(len(A)) / 2, "slow B": 0 * B, "slow C": 0 * C, "slow D": 0 * D,
+        "A": A, "B": B, "C": C, "D": D, "E": model.E, "LL": model.L.T @ model.L, "copied A": A,
+    }  # fmt: skip
+
+
+def _in_differences(model: ErrorModel, change: float) -> tuple[float, dict[str, Array]]:
+    """Return t and the numbers of the inequality.
+
+    t squared is how much a filter in `Units` changes in a step, at most 1. If that is more than
+    `change`, the numbers are those of the inequality as it stands, with t = 1.
+    """
+    A, B, C, D = model.A, model.B, model.C, model.D
+    moved = A - np.eye(len(A))
+    most = max(float(np.linalg.norm(X, 2)) ** k for X, k in ((moved, 1), (B, 2), (C, 2)))
+    if most > change:
+        return 1.0, _numbers(model)
+    t = min(1.0, most) ** 0.5
+    return t, {
+        "slow A": moved / t**2, "slow B": B / t, "slow C": C / t, "slow D": D,
+        "A": moved / t, "B": B, "C": C, "D": t * D,
+        "E": model.E / t, "LL": model.L.T @ model.L / t**2, "copied A": A / t,
+    }  # fmt: skip
 
 
 def _shape(model: ErrorModel) -> tuple[int, int, int, int]:
@@ -332,7 +364,7 @@ class _Problems:
         self._P, self._Q = P, Q = cp.Variable((n, n), symmetric=True), cp.Variable((n, m))
         self._squared, self._level = cp.Variable(), cp.Parameter(nonneg=True)
         self._least, held = (
-            cp.bmat(_differences(self._numbers, P, Q, squared, form)) << 0
+            cp.bmat(inequality(self._numbers, P, Q, squared, form)) << 0
             for squared in (self._squared, self._level)
         )
         self.first = cp.Problem(cp.Minimize(self._squared), [self._least])
@@ -355,7 +387,7 @@ class _Problems:
             P = np.zeros((n, n))
             P[upper] = P.T[upper] = unknown[: len(upper[0])]
             Q = unknown[len(upper[0]) : -1].reshape(n, m)
-            return np.block(_differences(numbers, P, Q, unknown[-1], self._form))
+            return np.block(inequality(numbers, P, Q, unknown[-1], self._form))
 
         cost = np.eye(len(upper[0]) + n * m + 1)[-1]
         squared = dual_bound(dual, _inside(model, numbers, step, self._form), left_side, cost)
@@ -388,29 +420,8 @@ def _problems(shape: tuple[int, int, int, int], form: Form, solver: Solver) -> _
     return _Problems(shape, form, solver)
 
 
-def _in_differences(model: ErrorModel, change: float) -> tuple[float, dict[str, Array]]:
-    """Return t and the numbers of `_differences`.
-
-    t squared is how much a filter in these units changes in a step, at most 1. If that is more than
-    `change`, the numbers are those of the inequality as it stands, with t = 1.
-    """
-    A, B, C, D, eye = model.A, model.B, model.C, model.D, np.eye(len(model.A))
-    most = max(float(np.linalg.norm(X, 2)) ** k for X, k in ((A - eye, 1), (B, 2), (C, 2)))
-    if most > change:
-        slow = {"A": -eye / 2, "B": 0 * B, "C": 0 * C, "D": 0 * D}
-        t, fast = 1.0, {"A": A, "B": B, "C": C, "D": D}
-    else:
-        t = min(1.0, most) ** 0.5
-        slow = {"A": (A - eye) / t**2, "B": B / t, "C": C / t, "D": D}
-        fast = {"A": (A - eye) / t, "B": B, "C": C, "D": t * D}
-    return t, {
-        **{f"slow {name}": value for name, value in slow.items()}, **fast,
-        "E": model.E / t, "LL": model.L.T @ model.L / t**2, "copied A": A / t,
-    }  # fmt: skip
-
-
 def _inside(model: ErrorModel, numbers: dict[str, Array], t: float, form: Form) -> Array:
-    """Return the dual solution of `_differences` that a Kalman predictor gives, in `Units`.
+    """Return the dual solution of the inequality that a Kalman predictor gives, in `Units`.
 
     It is the covariance of t e, w, v, e+ - e (e+ as the inequality stands) and a noise, for the
     least w and v that lead to an error e+ and are not seen: with the predictor's covariance I,
@@ -427,35 +438,3 @@ def _inside(model: ErrorModel, numbers: dict[str, Array], t: float, form: Form) 
     own = np.vstack([t * eye, 0 * B.T, 0 * D.T @ C, -less * eye])  # of e
     free = np.diag(np.repeat([0.0, 1.0, 0.0], [len(A), B.shape[1] + D.shape[1], len(A)]))
     return np.asarray(block_diag(linear @ after @ linear.T + own @ own.T + free, *[eye] * copies))
-
-
-def _differences(
-    numbers: dict[str, Any], P: Any, Q: Any, squared: Any, form: Form
-) -> list[list[Any]]:
-    r"""Return the blocks of `inequality` in a form made for steps that change little.
-
-    Its fourth row and column are added to the first, which are then divided by t; Q is divided by
-    t. With :math:`\Delta = P(A - I) - QC` the upper left block is
-    :math:`(\Delta + \Delta' + L'L) / t^2`, in which nothing cancels: where A goes to I with the
-    period, and t with its root, this is the inequality of continuous time.
-    """
-    slow, fast = (
-        [P @ numbers[kind + "A"] - Q @ numbers[kind + "C"], P @ numbers[kind + "B"],
-         -(Q @ numbers[kind + "D"])] for kind in ("slow ", "")
-    )  # fmt: skip
-    jitter, p, q = P @ numbers["E"], numbers["B"].shape[1], numbers["D"].shape[1]
-    n = P.shape[0]
-    nn, np_, nq, pq = (np.zeros(s) for s in ((n, n), (n, p), (n, q), (p, q)))
-    rows = [
-        [slow[0] + slow[0].T + numbers["LL"], *slow[1:], fast[0].T, jitter.T],
-        [slow[1].T, -squared * np.eye(p), pq, fast[1].T, np_.T],
-        [slow[2].T, pq.T, -squared * np.eye(q), fast[2].T, nq.T],
-        [*fast, -P, nn],
-        [jitter, np_, nq, nn, -P],
-    ]
-    if form == "printed":
-        copy = P @ numbers["copied A"] - Q @ numbers["C"]
-        column = (copy.T, np_.T, nq.T, nn, nn)
-        rows = [[*row, block] for row, block in zip(rows, column, strict=True)]
-        rows.append([copy, np_, nq, nn, nn, -P])
-    return rows

@@ -24,6 +24,7 @@ from inswsn_lib.checks import Array, array, number, one_of
 from inswsn_lib.errors import Described, ParameterError
 from inswsn_lib.lmi.bounds import SHARES, mended
 from inswsn_lib.lmi.designs import (
+    LARGEST_GAP,
     FilterDesign,
     FusionCertificate,
     FusionDesign,
@@ -31,14 +32,9 @@ from inswsn_lib.lmi.designs import (
     Noise,
     Solver,
     Structure,
-)
-from inswsn_lib.lmi.filter_design import (
-    LARGEST_GAP,
-    LARGEST_MARGIN,
-    TOLERANCE,
-    refuse_if,
     told_gap,
 )
+from inswsn_lib.lmi.filter_design import LARGEST_MARGIN, TOLERANCE, refuse_if
 from inswsn_lib.lmi.norms import hinf_norm, spectral_radius, swept_peak
 from inswsn_lib.lmi.solvers import first_that_passes, in_order, solve
 
@@ -283,32 +279,30 @@ def _lower(parts: list[_Part], L: Array, found: list[_Solution], share: float) -
     multiplier = np.linalg.lstsq(turned, np.vstack(states), rcond=None)[0].T
     power = float(np.trace(theta[:shared, :shared]))
     for part, dual in zip(parts, duals, strict=True):
-        terms, kinds = _terms(part, seen)
+        k, u = part.K.shape
         wanted = np.concatenate([
-            np.zeros(kinds[0]), -(multiplier @ part.turned.T).ravel(),
+            np.zeros(k * (k + 1) // 2), -(multiplier @ part.turned.T).ravel(),
             [-np.sum(theta * X) for X in _symmetric(shared + seen)],
         ])  # fmt: skip
-        exact = mended(dual, terms, wanted)
+        exact = mended(dual, _terms(part, seen), wanted)
         if exact is None:
             return None
-        k, u = part.K.shape
         power += float(np.trace(exact[k + shared : k + u, k + shared : k + u]))
     gained = float(np.sum(multiplier * L)) ** 2 / (4 * float(np.trace(theta[shared:, shared:])))
     return float(np.sqrt(gained / power))
 
 
-def _terms(part: _Part, seen: int) -> tuple[Array, tuple[int, int, int]]:
-    """Return what each unknown of a part does to its left side, and how many P, Y and X have."""
-    k, noP, noY = len(part.A), np.zeros(part.A.shape), np.zeros((seen, len(part.A)))
-    noX = np.zeros((part.shared + seen,) * 2)
-    P, X = _symmetric(k), _symmetric(len(noX))
-    Y = np.eye(seen * k).reshape(-1, seen, k)
+def _terms(part: _Part, seen: int) -> Array:
+    """Return what each unknown of a part, those of P, Y and X in turn, does to its left side."""
+    k, ends = len(part.A), part.shared + seen
+    P, Y, X = np.zeros((k, k)), np.zeros((seen, k)), np.zeros((ends, ends))
+    units = np.eye(seen * k).reshape(-1, seen, k)
     terms = [
-        *(_left_side(part, p, noY, noX, 1.0, 0.0) for p in P),
-        *(_left_side(part, noP, y, noX, 1.0, 0.0) for y in Y),
-        *(_left_side(part, noP, noY, x, 1.0, 0.0) for x in X),
+        *(_left_side(part, p, Y, X, 1.0, 0.0) for p in _symmetric(k)),
+        *(_left_side(part, P, y, X, 1.0, 0.0) for y in units),
+        *(_left_side(part, P, Y, x, 1.0, 0.0) for x in _symmetric(ends)),
     ]
-    return np.array(terms), (len(P), len(Y), len(X))
+    return np.array(terms)
 
 
 def _symmetric(n: int) -> Array:

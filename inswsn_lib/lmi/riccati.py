@@ -9,15 +9,17 @@ from scipy.linalg import LinAlgError, eigh, solve_discrete_are, solve_discrete_l
 
 from inswsn_lib.checks import Array, number
 from inswsn_lib.errors import Described, ParameterError
-from inswsn_lib.lmi.designs import InfeasibleDesignError
+from inswsn_lib.lmi.designs import LARGEST_GAP, InfeasibleDesignError, told_gap
 from inswsn_lib.lmi.norms import hinf_norm, least_level, spectral_radius
 from inswsn_lib.lmi.units import Units
 from inswsn_lib.models import ErrorModel
 
 _DOUBLINGS = 120
 _ROUNDING = 1e-9
-# What a least gamma may be above what no filter can have, and how well a disturbance leads there
-_GAP, _MISSED = 1e-3, 1e-6
+# How well a disturbance must lead where it is to lead
+_MISSED = 1e-6
+# Of a gain in `Units`, where that of the Kalman predictor, the first that is tried, may be endless
+_HIGH, _LOW = 1e6, 1e-12
 _ON_CIRCLE = 1e-9
 
 
@@ -136,16 +138,20 @@ def riccati_gamma(model: ErrorModel, relative: float = 1e-8) -> float:
     if high == np.inf and _hides_growth(scaled):
         return high
     # no filter undoes what one step does; if L does not see it, only the scale is known
-    low = float(np.linalg.norm(scaled.L @ scaled.B, 2)) or 1e-12 * min(high, 1.0)
+    low = float(np.linalg.norm(scaled.L @ scaled.B, 2)) or _LOW
     high = least_level(
-        lambda gamma: _central(scaled, gamma) is not None, low, min(high, 1e6), relative, _DOUBLINGS
+        lambda gamma: _central(scaled, gamma) is not None,
+        low,
+        min(high, _HIGH),
+        relative,
+        _DOUBLINGS,
     )
     found = None if high == np.inf else _central(scaled, high)
     lower = low if found is None else max(low, _unseen(scaled, *found[1:]))
-    if not high <= lower * (1 + _GAP + relative):
+    if not high <= lower * (1 + LARGEST_GAP + relative):
         raise InfeasibleDesignError(
-            "The Riccati equation leaves the least gamma open: it is between "
-            f"{units.seen * lower:.6g} and {units.seen * high:.6g}."
+            "The Riccati equation does not tell: "
+            f"{told_gap(units.seen * lower, units.seen * high)}."
         )
     return units.seen * high
 

@@ -92,13 +92,14 @@ def models(ratio: float) -> list[ErrorModel]:
 
 
 def measured(model: ErrorModel, steps: int, rng: np.random.Generator) -> np.ndarray:
-    """Return measurements of a run, with a gap."""
+    """Return measurements of a run, with a gap, and with components that are missing."""
     pushed = rng.standard_normal((steps, model.B.shape[1])) @ model.B.T
     velocity = np.cumsum(pushed[:, 1])
     position = np.cumsum(pushed[:, 0]) + np.append(0, np.cumsum(velocity)[:-1])
     y = np.column_stack([position, velocity])[:, : len(model.C)]
     y = y + rng.standard_normal(y.shape)
     y[steps // 3 : steps // 3 + steps // 20] = np.nan
+    y[rng.random(y.shape) < 0.1] = np.nan
     return y
 
 
@@ -156,10 +157,10 @@ def test_filters(size: Callable[[int, int], int], seed: int, tell: Callable[[str
     tell(f"{4 * len(RATIOS)} runs of {steps} steps, ratios 1e-12 to 1e12, furthest off: {told}")
     assert worst["P"] < 1e-11
     assert worst["estimate"] < 1e-7  # a velocity near zero, beside a position of 1e13
-    assert worst["P+"] < 1e-8
+    assert worst["P+"] < 1e-7
     assert worst["constant gain"] < 1e-10
     assert worst["federated"] < 1e-7
-    assert worst["federated at 1e12"] < 1e-2
+    assert worst["federated at 1e12"] < 5e-2
 
 
 def test_steady_states_by_their_closed_forms() -> None:

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from other_units import in_units
 
 from inswsn_lib import ErrorModel, InswsnError
 from inswsn_lib.lmi import design_filter, riccati_gamma
@@ -69,16 +70,6 @@ def transition(kind: str, n: int, rng: np.random.Generator) -> np.ndarray:
     A = rng.normal(size=(n, n))
     radius = rng.uniform(1, 1.6) if kind == "unstable" else rng.uniform(0.1, 0.98)
     return np.asarray(A * radius / np.abs(np.linalg.eigvals(A)).max())
-
-
-def in_units(model: ErrorModel, rng: np.random.Generator, decades: float) -> ErrorModel:
-    """Return the model in other units of states and outputs, up to so many decades apart."""
-    sizes = len(model.A), len(model.C)
-    S, W = (10.0 ** (decades * rng.uniform(-0.5, 0.5, size=size)) for size in sizes)
-    return replace(
-        model, A=model.A * S[:, None] / S, B=model.B * S[:, None], C=model.C * W[:, None] / S,
-        D=model.D * W[:, None], L=model.L / S,
-    )  # fmt: skip
 
 
 def detectable(kind: str, model: ErrorModel) -> bool:

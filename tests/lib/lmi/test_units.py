@@ -2,24 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
+from other_units import in_units
 
 from inswsn_lib import ErrorModel
 from inswsn_lib.lmi.units import Units
-
-
-def in_units(model: ErrorModel, rng: np.random.Generator, decades: float) -> ErrorModel:
-    """Return the model in other units of states and outputs, up to so many decades apart."""
-    sizes = len(model.A), len(model.C)
-    S, W = (10.0 ** (decades * rng.uniform(-0.5, 0.5, size=size)) for size in sizes)
-    return replace(
-        model, A=model.A * S[:, None] / S, B=model.B * S[:, None], C=model.C * W[:, None] / S,
-        D=model.D * W[:, None], L=model.L / S, E=model.E * S[:, None] / S,
-    )  # fmt: skip
 
 
 @settings(max_examples=30)
