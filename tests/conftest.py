@@ -132,6 +132,21 @@ def built_site(project: Project, tmp_path_factory: pytest.TempPathFactory) -> Pa
 
 # The command -------------------------------------------------------------------------------------
 
+
+@pytest.fixture
+def as_in_a_terminal() -> Iterator[None]:
+    """Let what a test starts hear Ctrl-C and the end of its terminal.
+
+    What a shell runs in the background is born deaf to the one, what nohup runs to the other, and
+    so are their children: these tests, and what they start.
+    """
+    heard = {signal.SIGINT: signal.default_int_handler, signal.SIGHUP: signal.SIG_DFL}
+    before = {number: signal.signal(number, handler) for number, handler in heard.items()}
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
 Done = subprocess.CompletedProcess[str]
 
 

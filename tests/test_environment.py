@@ -168,6 +168,7 @@ def test_two_at_once_wait_for_each_other(checkout: Checkout) -> None:
     assert checkout.installed() == "1"
 
 
+@pytest.mark.usefixtures("as_in_a_terminal")
 def test_one_that_is_stopped_leaves_the_folder_of_an_earlier_version(checkout: Checkout) -> None:
     old = checkout.folder / ".venv/bin/python"
     old.parent.mkdir(parents=True)

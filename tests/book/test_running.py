@@ -288,16 +288,10 @@ def start_slow_build(project: MiniProject) -> tuple[subprocess.Popen[str], list[
         f"pathlib.Path({str(marker)!r}).write_text(f'{{os.getpid()}} {{os.getppid()}}')\n"
         "time.sleep(120)"
     )
-    # what a shell runs in the background is born deaf to Ctrl-C, what nohup runs to the end of its
-    # terminal, and so are their children
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    hangup = signal.signal(signal.SIGHUP, signal.SIG_DFL)
     process = subprocess.Popen(
         [sys.executable, "-m", "inswsn_book", "--root", str(project.root), "book"],
         stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True, start_new_session=True,
     )  # fmt: skip
-    signal.signal(signal.SIGINT, before)
-    signal.signal(signal.SIGHUP, hangup)
     assert waited(60, lambda: marker.is_file() and marker.read_text()), "it did not start"
     return process, [int(word) for word in marker.read_text().split()]
 
@@ -309,6 +303,7 @@ def waited(seconds: float, for_what: Callable[[], object]) -> bool:
     return bool(came)
 
 
+@pytest.mark.usefixtures("as_in_a_terminal")
 @pytest.mark.parametrize("how", ["SIGINT", "SIGTERM", "SIGHUP", "SIGKILL"])
 def test_a_build_that_is_ended_leaves_nothing_that_stays(
     built: MiniProject, inswsn: Command, how: str
