@@ -63,7 +63,6 @@ def left_by(process: subprocess.Popen[bytes], root: Path) -> list[Path]:
     return [path for place in places for path in place.glob(f".inswsn-*-{process.pid}-*")]
 
 
-@pytest.mark.usefixtures("as_in_a_terminal")
 @pytest.mark.long
 def test_what_is_killed_goes_on(
     mini: Any,
