@@ -5,12 +5,14 @@ papermill takes half a second to load, so this module is imported where somethin
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 import papermill
+import zmq
 from jupyter_client.kernelspec import KernelSpec
 from papermill.clientwrap import PapermillNotebookClient
 from papermill.engines import NBClientEngine, papermill_engines
@@ -45,9 +47,12 @@ class _Engine(NBClientEngine):  # type: ignore[misc]  # papermill has no types
         # by its path: whatever Jupyter finds by a name may be another one
         command = [sys.executable, "-m", "ipykernel_launcher", "-f", "{connection_file}"]
         kernel._kernel_spec = KernelSpec(argv=command, language="python")
-        # by files of its folder: of network ports another process may take one that was chosen
-        kernel.transport, kernel.ip = "ipc", str(Path(options["cwd"]) / "kernel")
-        kernel.connection_file = f"{kernel.ip}.json"
+        folder = Path(options["cwd"])
+        kernel.connection_file = str(folder / "kernel.json")
+        # by files of its folder, where their path is no longer than a socket's may be: of network
+        # ports another process may take one that was chosen
+        if len(os.fsencode(folder / "kernel-5")) <= zmq.IPC_PATH_MAX_LEN:
+            kernel.transport, kernel.ip = "ipc", str(folder / "kernel")
         tell_kernel(kernel)
         client.execute(**options)
 

@@ -73,8 +73,9 @@ def run_federated(
     - Reset "none": the fused estimate is not fed back. It is not optimal, since each filter takes
       the process noise for larger than it is, unless the clusters are equal in all.
 
-    Estimates are those of 50 digits to 1e-7 of their size or deviation for ratios of Q to R from
-    10^-12 to 10^6; at 10^12, with a singular Q and measurements that are missing, to 5e-2.
+    Estimates are those of 50 digits to 1e-6 of their size or deviation for ratios of Q to R from
+    10^-12 to 10^6, and to 1e-3 beyond. Where more is lost, as with a singular Q that is 10^10 times
+    R, the filter raises a ParameterError.
 
     Where a message is lost the centre uses the last one since the last reset, or what the reset
     gave, aged by :math:`A P A' + Q/\beta_c`. The next message before a reset brings the

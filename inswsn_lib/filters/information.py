@@ -6,6 +6,7 @@ runs.
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -16,18 +17,23 @@ from inswsn_lib.errors import Described, ParameterError
 from inswsn_lib.filters.inputs import occurring, over_steps, present
 from inswsn_lib.models import ErrorModel
 
+# Largest product of a variance and its place in the information: as many digits are lost
+_INFLATION = 1e9
+
 
 def inverses(matrices: Array) -> Array:
     """Return the inverses of positive definite matrices (..., n, n, K)."""
-    try:
-        # for one LAPACK is quicker
-        if matrices.shape[-1] == 1:
-            return np.asarray(np.linalg.inv(matrices[..., 0])[..., None])
-        with np.errstate(divide="raise"):
-            return _eliminated(matrices)
-    except (np.linalg.LinAlgError, FloatingPointError):
-        got = Described("so large beside R that it is lost to rounding")
-        raise ParameterError("initial_covariance", got, "smaller") from None
+    found: Array = np.full(matrices.shape, np.nan)
+    with suppress(np.linalg.LinAlgError, FloatingPointError), np.errstate(divide="raise"):
+        if matrices.shape[-1] == 1:  # for one LAPACK is quicker
+            found = np.asarray(np.linalg.inv(matrices[..., 0])[..., None])
+        else:
+            found = _eliminated(matrices)
+    inflation = np.einsum("...iik,...iik->...ik", matrices, found).max(initial=0.0)
+    if not inflation <= _INFLATION:  # nor NaN
+        got = Described("so small beside P_0 or Q that the state is lost to rounding")
+        raise ParameterError("measurement_covariance", got, "larger")
+    return found
 
 
 def _eliminated(matrices: Array) -> Array:

@@ -39,6 +39,12 @@ def test_kernels_side_by_side_work_in_folders_of_their_own(tmp_path: Path) -> No
             assert told == [(1, 1, "answer")]
 
 
+def test_a_folder_whose_path_is_too_long_for_a_socket_has_a_kernel(tmp_path: Path) -> None:
+    folder = tmp_path / ("x" * 120)
+    (printed, _), _ = execute(folder)
+    assert printed["text"] == f"{folder}\n"
+
+
 def test_the_kernel_is_this_interpreter_whatever_jupyter_knows(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

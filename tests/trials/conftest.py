@@ -12,12 +12,15 @@ import os
 from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
+from tempfile import gettempdir
 
 import pytest
 from filelock import FileLock
 from inswsn_book.files import write_whole
 
 WHOLE = os.environ.get("INSWSN_TESTS") == "whole"
+#: Now, since trials work in other folders
+KEPT = Path(os.environ["INSWSN_TRIALS"]).absolute() if "INSWSN_TRIALS" in os.environ else None
 
 
 @pytest.fixture
@@ -39,14 +42,12 @@ def tell(request: pytest.FixtureRequest, seed: int) -> Callable[[str], None]:
     def keep(figures: str) -> None:
         name = request.path.stem.removeprefix("test_").replace("_", " ")
         print(f"{name}, seed {seed}: {figures}")
-        if kept := os.environ.get("INSWSN_TRIALS"):
-            path = Path(kept)
-            with FileLock(f"{path}.lock"):
-                lines = json.loads(path.read_bytes()) if path.is_file() else {}
+        if KEPT:
+            with FileLock(Path(gettempdir()) / "inswsn-trials.lock"):
+                lines = json.loads(KEPT.read_bytes()) if KEPT.is_file() else {}
                 lines[name] = {
                     "figures": figures, "seed": seed, "day": f"{datetime.now(UTC):%Y-%m-%d}",
                 }  # fmt: skip
-                write_whole(path, json.dumps(dict(sorted(lines.items())), indent=1) + "\n")
-            Path(f"{path}.lock").unlink(missing_ok=True)
+                write_whole(KEPT, json.dumps(dict(sorted(lines.items())), indent=1) + "\n")
 
     return keep

@@ -19,7 +19,7 @@ import numpy as np
 import inswsn_lib as iw
 from inswsn_lib import ErrorModel
 
-RATIOS = [10.0**e for e in range(-12, 13, 6)]
+RATIOS = [10.0**e for e in (-12, -6, 0, 6, 9, 12)]
 EARLY = 1000  # steps after which nothing is left of a start that was uncertain
 DIGITS = Context(prec=50, Emax=10**9, Emin=-(10**9))
 
@@ -92,12 +92,17 @@ def models(ratio: float) -> list[ErrorModel]:
 
 
 def measured(model: ErrorModel, steps: int, rng: np.random.Generator) -> np.ndarray:
-    """Return measurements of a run, with a gap, and with components that are missing."""
+    """Return measurements of a run."""
     pushed = rng.standard_normal((steps, model.B.shape[1])) @ model.B.T
     velocity = np.cumsum(pushed[:, 1])
     position = np.cumsum(pushed[:, 0]) + np.append(0, np.cumsum(velocity)[:-1])
     y = np.column_stack([position, velocity])[:, : len(model.C)]
-    y = y + rng.standard_normal(y.shape)
+    return y + rng.standard_normal(y.shape)
+
+
+def missing(y: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Return measurements with a gap, and with components that are missing."""
+    y, steps = y.copy(), len(y)
     y[steps // 3 : steps // 3 + steps // 20] = np.nan
     y[rng.random(y.shape) < 0.1] = np.nan
     return y
@@ -120,7 +125,10 @@ def estimates_off(states: np.ndarray, exact: dict[int, Exact]) -> float:
 
 
 def constant_gain_off(model: ErrorModel, y: np.ndarray) -> float:
-    """Return the largest error of a filter with the steady gain, as a share of the largest."""
+    """Return the largest error of a filter with the steady gain, as a share of the largest.
+
+    Where measurements are missing such a filter may diverge: these are complete.
+    """
     gain = iw.predictor_gain(model)
     exact = constant(model, gain, y)
     found = iw.run_hinfinity((model, gain), y[:, :, None], predicted=True)[:, :, 0]
@@ -130,11 +138,13 @@ def constant_gain_off(model: ErrorModel, y: np.ndarray) -> float:
 def test_filters(size: Callable[[int, int], int], seed: int, tell: Callable[[str], None]) -> None:
     rng, steps = np.random.default_rng(seed), size(300, 100_000)
     worst: defaultdict[str, float] = defaultdict(float)
+    refused = 0
     for ratio, start in product(RATIOS, (1.0, 1e8)):
         for model in models(ratio):
             many = steps if start == 1 else min(steps, EARLY)
             shown = {*range(60), *np.linspace(0, many - 1, 200).astype(int).tolist()}
-            y, P0 = measured(model, many, rng), start * np.eye(2)
+            complete, P0 = measured(model, many, rng), start * np.eye(2)
+            y = missing(complete, rng)
             exact = reference(model, model.process_covariance, P0, y, shown)
             design = iw.design_kalman(model, ~np.isnan(y), initial_covariance=P0)
             states = iw.run_kalman(model, y[:, :, None], initial_covariance=P0)[:, :, 0]
@@ -145,22 +155,35 @@ def test_filters(size: Callable[[int, int], int], seed: int, tell: Callable[[str
                 worst["P+"] = max(worst["P+"], off(design.filtered[k], e.filtered))
             worst["estimate"] = max(worst["estimate"], estimates_off(states, exact))
             if start == 1:
-                worst["constant gain"] = max(worst["constant gain"], constant_gain_off(model, y))
+                worst["constant gain"] = max(
+                    worst["constant gain"], constant_gain_off(model, complete)
+                )
             # two clusters of twice the variance that hear the same are one
             R = [2 * model.measurement_covariance] * 2
             both = np.stack([y, y])[:, :EARLY, :, None]
             early = {k: e for k, e in exact.items() if k < EARLY}
-            fused = iw.run_federated(model, both, measurement_covariance=R, initial_covariance=P0)
-            which = "federated at 1e12" if ratio > 1e6 else "federated"
+            which = "federated beyond 1e6" if ratio > 1e6 else "federated"
+            try:
+                fused = iw.run_federated(
+                    model, both, measurement_covariance=R, initial_covariance=P0
+                )
+            except iw.ParameterError:
+                refused += 1
+                assert ratio > 1e6
+                continue
             worst[which] = max(worst[which], estimates_off(fused[:, :, 0], early))
     told = ", ".join(f"{name} {value:.0e}" for name, value in worst.items())
-    tell(f"{4 * len(RATIOS)} runs of {steps} steps, ratios 1e-12 to 1e12, furthest off: {told}")
+    tell(
+        f"{4 * len(RATIOS)} runs of {steps} steps, ratios 1e-12 to 1e12, furthest off: {told}; "
+        f"{refused} federated ones refused"
+    )
     assert worst["P"] < 1e-11
     assert worst["estimate"] < 1e-7  # a velocity near zero, beside a position of 1e13
     assert worst["P+"] < 1e-7
-    assert worst["constant gain"] < 1e-10
-    assert worst["federated"] < 1e-7
-    assert worst["federated at 1e12"] < 5e-2
+    assert worst["constant gain"] < 1e-8  # a velocity, beside a position of 10^5 times its size
+    assert worst["federated"] < 1e-6
+    assert worst["federated beyond 1e6"] < 1e-3
+    assert refused <= 4  # of those with one noise alone, at 1e12
 
 
 def test_steady_states_by_their_closed_forms() -> None:

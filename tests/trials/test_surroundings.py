@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from click import unstyle
 from inswsn_book.files import damages
 from inswsn_book.project import Project
 from inswsn_book.results import read_results
@@ -103,7 +104,7 @@ def test_other_surroundings(
             cwd=chance.choice([place, own]), umask=chance.choice([0o22, 0o77, 0]),
             capture_output=True, timeout=300,
         )  # fmt: skip
-        said = (done.stdout + done.stderr).decode(errors="replace")
+        said = unstyle((done.stdout + done.stderr).decode(errors="replace"))
         ends[f"{done.returncode}"] += 1
         right = "Traceback" not in said and "a module of the reader" not in said
         if blocked and words[0] == "book":

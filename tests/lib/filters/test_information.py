@@ -20,10 +20,24 @@ def test_inverses_are_those_of_each_matrix(size: int, count: int) -> None:
 
 
 @pytest.mark.parametrize("runs", [1, 3])
+def test_an_inverse_that_would_be_wrong_in_its_sixth_digit_is_refused(runs: int) -> None:
+    """Of [[1, c], [c, 1]] it has 1 / (1 - c^2) in its diagonal, and so is the loss of digits."""
+
+    def pair(c: float) -> np.ndarray:
+        return np.repeat(np.array([[1, c], [c, 1]])[:, :, None], runs, axis=2)
+
+    near = pair(np.sqrt(1 - 1e-8))
+    exact = np.array([[1, -1], [-1, 1]]) * 1e8
+    np.testing.assert_allclose(inverses(near)[..., 0], exact, rtol=1e-7)
+    with pytest.raises(ParameterError, match="measurement_covariance is so small"):
+        inverses(pair(np.sqrt(1 - 1e-10)))
+
+
+@pytest.mark.parametrize("runs", [1, 3])
 def test_a_prior_that_is_lost_to_rounding_is_refused(runs: int) -> None:
     """One number is measured of two, beside which the information of the prior is too small."""
     singular = np.repeat(np.ones((2, 2, 1)), runs, axis=2)
-    with pytest.raises(ParameterError, match="initial_covariance is so large"):
+    with pytest.raises(ParameterError, match="measurement_covariance is so small"):
         inverses(singular)
 
 
