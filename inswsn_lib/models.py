@@ -199,19 +199,14 @@ class ErrorModel:
         >>> model.D.diagonal().tolist()
         [2.0, 2.0, 0.1, 0.1]
         """
-        sizes: dict[str, tuple[float, ...]] = {"jitter": (jitter,)}
-        sizes |= {"process_noise": process_noise, "measurement_noise": measurement_noise}
-        for name, values in sizes.items():
-            if not all(np.isfinite(value) and value >= 0 for value in values):
-                raise ParameterError(name, values, "finite and not negative")
         A, E = np.eye(4), np.zeros((4, 4))
-        A[0, 2] = A[1, 3] = period
-        E[0, 2] = E[1, 3] = jitter
+        A[0, 2] = A[1, 3] = number("period", period, above=0)
+        E[0, 2] = E[1, 3] = number("jitter", jitter, least=0)
         return cls(
             A=A,
-            B=np.diag(np.repeat(process_noise, 2)),
+            B=_twice("process_noise", process_noise),
             C=np.eye(4),
-            D=np.diag(np.repeat(measurement_noise, 2)),
+            D=_twice("measurement_noise", measurement_noise),
             L=L,  # type: ignore[arg-type]  # made an array
             E=E,
             period=period,
@@ -250,6 +245,14 @@ class ErrorModel:
         False
         """
         return cls.p1(period, process_noise=process_noise, measurement_noise=measurement_noise, L=L)
+
+
+def _twice(name: str, pair: ArrayLike) -> Array:
+    """Return the diagonal matrix of a deviation of positions and one of velocities, in x and y."""
+    deviations = array(name, pair, (2,))
+    if deviations.min() < 0:
+        raise ParameterError(name, pair, "two numbers that are not negative, in m and m/s")
+    return np.diag(np.repeat(deviations, 2))
 
 
 def _root(covariance: Array) -> Array:

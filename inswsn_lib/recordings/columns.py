@@ -164,10 +164,11 @@ def _numbers(path: Path, name: str, cells: pd.Series, decimal: str) -> Array:
     wrong = np.asarray((numbers.isna() & ~none) | (numbers.abs() > _LARGEST))
     if wrong.any():
         row = int(np.flatnonzero(wrong)[0])
-        may_be = "empty where there is no fix" if name != TIME else "a date and time by ISO 8601"
+        empty = "" if name in INS else ", or empty where there is no fix"
+        or_else = ", or a date and time by ISO 8601" if name == TIME else empty
         raise InswsnError(
             f"{path} has {str(cells.iloc[row])[:40]!r} in column {name}, row {row + 2}; it may be "
-            f"a finite number below {_LARGEST:.0e}, or {may_be}."
+            f"a finite number below {_LARGEST:.0e}{or_else}."
         )
     return np.asarray(numbers)
 

@@ -146,7 +146,7 @@ def _check_time(path: Path, time: Array) -> None:
         row = int((steps <= 0).argmax()) + 1
         what = "repeats" if steps[row - 1] == 0 else "goes back from"
         raise InswsnError(
-            f"{path}: {TIME} {what} {time[row - 1]:.12g} s in row {row + 2}; time stamps may only "
+            f"{path}: {TIME} {what} {time[row - 1]:.12g} s in row {row + 2}; time stamps must "
             "increase. Sort the file, or drop the row."
         )
     if time[-1] - time[0] > np.median(steps) * max(_ALWAYS, _SPARSEST * time.size):
@@ -176,7 +176,7 @@ def _check_positions(path: Path, ins: Array, wsn: Array) -> None:
     if apart >= _FARTHEST:
         raise InswsnError(
             f"{path}: the first position of the network is {apart / 1000:.4g} km from that of the "
-            "INS; both may be in one frame, that of the network."
+            "INS; both must be in one frame, that of the network."
         )
 
 
