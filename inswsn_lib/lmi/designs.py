@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -45,6 +45,9 @@ class InfeasibleDesignError(InswsnError):
 class Certificate:
     """What vouches for a filter, computed without the solver.
 
+    Norm and bounds are gains, in the unit of L x for noise of one unit. The eigenvalues are those
+    in the units of the design, in which a Kalman predictor's error has the covariance I.
+
     Attributes
     ----------
     largest_eigenvalue : float
@@ -59,7 +62,7 @@ class Certificate:
         No filter of the form has a bound below it: the value of a dual solution of the inequality,
         made exact, or what one step of the process noise does.
     upper : float
-        A filter of the form is known to have it.
+        A filter of the form is known to have it: that of the least gamma, not the one returned.
 
     Examples
     --------
@@ -75,11 +78,6 @@ class Certificate:
     stochastic: bool
     lower: float
     upper: float
-
-    def in_units(self, seen: float) -> Certificate:
-        """Return the certificate with its gains in the units of what L sees."""
-        gains = {name: seen * getattr(self, name) for name in ("norm", "lower", "upper")}
-        return replace(self, **gains)
 
 
 @dataclass(frozen=True, eq=False)

@@ -65,7 +65,8 @@ def design_filter(
     (1 + margin) gamma, those are taken that have the least :math:`\mathrm{tr}\,\tilde B'P\tilde B`,
     a bound on the variance of :math:`L e` for white noise of unit variance. A small margin gives
     the filter with the least worst case; with a large one the filter of the exact form becomes the
-    Kalman predictor. States that L does not see may have any gain that keeps them stable.
+    Kalman predictor, if there is no jitter. States that L does not see may have any gain that keeps
+    them stable.
 
     All is solved in units in which a Kalman predictor's error and innovation have the covariance I,
     and, where a step changes little, for the change of a step. So neither the units of the model
@@ -93,7 +94,8 @@ def design_filter(
     InfeasibleDesignError
         If no solution is found, as where a mode that is not seen is not stable, or none that
         passes the certificate: what bounds the least gamma from below, and the gain of a filter
-        that was found, must be within a thousandth.
+        that was found, must be within a thousandth. So it is where a stable mode has next to no
+        process noise: the least gamma is then approached, and not attained.
     ParameterError
         If there is no such form, margin or solver, or B or L is zero.
 
@@ -127,32 +129,36 @@ def _designed(
 ) -> FilterDesign:
     """Make one attempt at a design."""
     units = Units.of(model, least)
-    scaled = units.scaled(model)
+    numbers = _in_differences(units.scaled(model), units.moved(model), change)
     problems = _problems(_shape(model), form, by)
-    gamma, status, gain, lower = problems.smallest_gamma(scaled, change)
-    level = gamma * (1 + margin)
-    upper = _worst_gain(scaled, gain, gamma * (1 + LARGEST_GAP / 2), form)
-    P, gain = problems.least_variance(scaled, change, level)
+    gamma, status, gain, lower = problems.smallest_gamma(units.scaled(model), *numbers)
+    upper = _worst_gain(model, units, gain, gamma * (1 + LARGEST_GAP / 2), form)
+    P, gain = problems.least_variance(*numbers, gamma * (1 + margin))
     gain = np.where(np.abs(gain) < _FAINT, 0.0, gain)  # axes that have no part in each other
-    bounds = min(lower, gamma), max(upper, gamma)  # so that gamma is held to them, too
-    certificate = certify(scaled, P, gain, level, form, bounds)
+    gamma, level = units.seen * gamma, units.seen * gamma * (1 + margin)
+    bounds = min(units.seen * lower, gamma), max(upper, gamma)  # so that gamma is held to them, too
+    certificate = certify(model, P, gain, level, form, bounds, units)
     return FilterDesign(
-        model, form, units.seen * gamma, units.seen * level,
-        units.back @ gain @ units.outputs, units.seen**2 * units.states.T @ P @ units.states,
-        certificate.in_units(units.seen), status, by,
+        model, form, gamma, level, units.back @ gain @ units.outputs,
+        units.seen**2 * units.states.T @ P @ units.states, certificate, status, by,
     )  # fmt: skip
 
 
-def _worst_gain(model: ErrorModel, gain: Array, level: float, form: Form) -> float:
-    """Return the worst case of a gain, or with jitter the level if that is confirmed.
+def _worst_gain(model: ErrorModel, units: Units, gain: Array, level: float, form: Form) -> float:
+    """Return the worst case of a gain in `units`, or with jitter the level if that is confirmed.
 
     The printed form is the exact one of an error system with a further jitter, its own A_f.
     """
-    A, B = model.A - gain @ model.C, np.hstack([model.B, -gain @ model.D])
     if form == "exact" and not model.E.any():
-        return hinf_norm(A, B, model.L)
-    jitters = np.stack([model.E, A]) if form == "printed" else model.E
-    return level if riccati_gain_below(A, jitters, B, model.L, level) else np.inf
+        return hinf_norm(*_error_system(model, units.back @ gain @ units.outputs))
+    scaled = units.scaled(model)
+    A, B, L = _error_system(scaled, gain)
+    jitters = np.stack([scaled.E, A]) if form == "printed" else scaled.E
+    return units.seen * level if riccati_gain_below(A, jitters, B, L, level) else np.inf
+
+
+def _error_system(model: ErrorModel, gain: Array) -> tuple[Array, Array, Array]:
+    return model.A - gain @ model.C, np.hstack([model.B, -gain @ model.D]), model.L
 
 
 def minimise_gamma(
@@ -163,7 +169,8 @@ def minimise_gamma(
 ) -> tuple[float, Array]:
     r"""Solve P1 (2.23) as it stands: the least gamma over P and Q, and :math:`B_f = P^{-1} Q`.
 
-    There is no second criterion and no certificate. Where many gains attain the least gamma, or
+    There is no second criterion, no change of units and no certificate: gamma squared is what the
+    solver calls accurate, about 1e-8 absolutely. Where many gains attain the least gamma, or
     nearly, the solver decides which one it is: `design_filter` is for filters that are to be run.
 
     Parameters
@@ -245,22 +252,31 @@ def _solved_gain(problem: Any, P: Any, Q: Any, by: Solver, *, accurate: bool = F
 
 
 def certify(
-    model: ErrorModel, P: Array, gain: Array, level: float, form: Form, bounds: tuple[float, float]
+    model: ErrorModel,
+    P: Array,
+    gain: Array,
+    level: float,
+    form: Form,
+    bounds: tuple[float, float],
+    units: Units,
 ) -> Certificate:
-    """Return the certificate of a gain at a level, computed without any solver.
+    """Return the certificate of P and a gain in `units` at a level, computed without any solver.
 
     It is refused if P is not positive definite, the inequality does not hold, the error system is
     not stable in the mean square, its gain, from its frequency response and by the Riccati
     iteration, is above the level; or if the bounds on the least gamma are far apart, or refuted.
+    Level, bounds and the norm are of the model itself, which no units have rounded.
     """
+    scaled, own = units.scaled(model), level / units.seen
     values = np.linalg.eigvalsh(P)
-    blocks = np.block(inequality(_numbers(model), P, P @ gain, level**2, form))
+    blocks = np.block(inequality(_numbers(scaled), P, P @ gain, own**2, form))
     largest = float(np.linalg.eigvalsh(blocks).max() / np.abs(blocks).max())
-    A, B = model.A - gain @ model.C, np.hstack([model.B, -gain @ model.D])
-    norm, radius = hinf_norm(A, B, model.L), mean_square_radius(A, model.E)
+    norm = hinf_norm(*_error_system(model, units.back @ gain @ units.outputs))
+    A, B, L = _error_system(scaled, gain)
+    radius = mean_square_radius(A, scaled.E)
     slack, (lower, upper) = level * (1 + TOLERANCE), bounds
     jitters = bool(model.E.any())  # without them the norm says it all
-    stochastic = not jitters or riccati_gain_below(A, model.E, B, model.L, slack)
+    stochastic = not jitters or riccati_gain_below(A, scaled.E, B, L, own * (1 + TOLERANCE))
     plain = form == "exact" and not jitters
     refuse_if({
         f"P has the eigenvalue {values.min():.3g}": values.min() <= 0,
@@ -294,9 +310,10 @@ def inequality(
 
     `squared` is the bound squared. With `_numbers` it is the inequality as it stands. For steps
     that change little `_in_differences` adds the fourth row and column to the first, which are then
-    divided by t, as Q is. With :math:`\Delta = P(A - I) - QC` the upper left block becomes
-    :math:`(\Delta + \Delta' + L'L) / t^2`, in which nothing cancels: where A goes to I with the
-    period, and t with its root, this is the inequality of continuous time.
+    divided by t, as Q is; L too is t times that of the model. With :math:`\Delta = P(A - I) - QC`
+    the upper left block becomes :math:`(\Delta + \Delta') / t^2 + L'L`, in which nothing cancels:
+    where A goes to I with the period, and t with its root, this is the inequality of continuous
+    time.
     """
     slow, fast = (
         [P @ numbers[kind + "A"] - Q @ numbers[kind + "C"], P @ numbers[kind + "B"],
@@ -328,14 +345,16 @@ def _numbers(model: ErrorModel) -> dict[str, Array]:
     }  # fmt: skip
 
 
-def _in_differences(model: ErrorModel, change: float) -> tuple[float, dict[str, Array]]:
-    """Return t and the numbers of the inequality.
+def _in_differences(
+    model: ErrorModel, moved: Array, change: float
+) -> tuple[float, dict[str, Array]]:
+    """Return t and the numbers of the inequality, for a model in `Units` and its A - I.
 
-    t squared is how much a filter in `Units` changes in a step, at most 1. If that is more than
-    `change`, the numbers are those of the inequality as it stands, with t = 1.
+    t squared is how much a filter changes in a step, at most 1. If that is more than `change`, the
+    numbers are those of the inequality as it stands, with t = 1. Gamma is t times that of the
+    model: that of slow models goes with 1 / t.
     """
     A, B, C, D = model.A, model.B, model.C, model.D
-    moved = A - np.eye(len(A))
     most = max(float(np.linalg.norm(X, 2)) ** k for X, k in ((moved, 1), (B, 2), (C, 2)))
     if most > change:
         return 1.0, _numbers(model)
@@ -343,7 +362,7 @@ def _in_differences(model: ErrorModel, change: float) -> tuple[float, dict[str, 
     return t, {
         "slow A": moved / t**2, "slow B": B / t, "slow C": C / t, "slow D": D,
         "A": moved / t, "B": B, "C": C, "D": t * D,
-        "E": model.E / t, "LL": model.L.T @ model.L / t**2, "copied A": A / t,
+        "E": model.E / t, "LL": model.L.T @ model.L, "copied A": A / t,
     }  # fmt: skip
 
 
@@ -373,12 +392,14 @@ class _Problems:
         schur = cp.bmat([[bound, driven.T], [driven, P]])
         self.second = cp.Problem(cp.Minimize(cp.trace(bound)), [held, schur >> 0])
 
-    def smallest_gamma(self, model: ErrorModel, change: float) -> tuple[float, str, Array, float]:
+    def smallest_gamma(
+        self, model: ErrorModel, step: float, numbers: dict[str, Array]
+    ) -> tuple[float, str, Array, float]:
         """Return gamma, the solver's word, the gain, and what gamma cannot be below."""
         with self._guard:
-            step, numbers = self._take(model, change)
+            self._take(numbers)
             status = solve(self.first, self._solver)
-            gamma = float(np.sqrt(max(float(self._squared.value), 0.0)))
+            gamma = float(np.sqrt(max(float(self._squared.value), 0.0))) / step
             gain = step * np.linalg.solve(self._P.value, self._Q.value)
             dual = self._least.dual_value
         (n, m), upper = self._Q.shape, np.triu_indices(len(model.A))
@@ -392,27 +413,27 @@ class _Problems:
         cost = np.eye(len(upper[0]) + n * m + 1)[-1]
         squared = dual_bound(dual, _inside(model, numbers, step, self._form), left_side, cost)
         one_step = float(np.linalg.norm(model.L @ model.B, 2))  # which no filter undoes
-        return gamma, status, gain, max(one_step, float(np.sqrt(max(squared, 0.0))))
+        return gamma, status, gain, max(one_step, float(np.sqrt(max(squared, 0.0))) / step)
 
-    def least_variance(self, model: ErrorModel, change: float, level: float) -> tuple[Array, Array]:
+    def least_variance(
+        self, step: float, numbers: dict[str, Array], level: float
+    ) -> tuple[Array, Array]:
         """Return P and the gain at a level."""
         with self._guard:
-            step, _ = self._take(model, change)
-            self._level.value = level**2
+            self._take(numbers)
+            self._level.value = (step * level) ** 2
             solve(self.second, self._solver)
             P = self._P.value
-            return P, step * np.linalg.solve(P, self._Q.value)
+            return P / step**2, step * np.linalg.solve(P, self._Q.value)
 
-    def _take(self, model: ErrorModel, change: float) -> tuple[float, dict[str, Array]]:
-        """Give the problems the numbers of a model; return the root of the step, and the numbers.
+    def _take(self, numbers: dict[str, Array]) -> None:
+        """Give the problems the numbers of a model.
 
         What is faint is given as nothing: a solver would stumble over it.
         """
-        step, numbers = _in_differences(model, change)
         for name, value in numbers.items():
             faint = np.abs(value) < _FAINT * max(1.0, np.abs(value).max())
             self._numbers[name].value = np.where(faint, 0.0, value)
-        return step, numbers
 
 
 @lru_cache(maxsize=32)

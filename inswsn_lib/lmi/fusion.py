@@ -449,17 +449,19 @@ def _balanced(
     In these the errors of a part have the covariance I for white unit noise if `whitened`; else
     the P of each local design is its level squared times I.
     """
-    B = _compressed(designs[0].model.B)
-    p = B.shape[1]
-    systems = [
-        (design.A_f, np.hstack([B, _compressed(-design.gain @ design.model.D)]))
-        for design in designs
-    ]
+    p = designs[0].model.B.shape[1]
+    systems = [design.error_system[:2] for design in designs]
     local = [np.asarray(design.level * np.linalg.inv(_root(design.P)).T) for design in designs]
     if whitened:
         local = [_whitened(*system, T) for system, T in zip(systems, local, strict=True)]
     best = min(range(len(designs)), key=lambda c: designs[c].level)
     common, seen = local[best], designs[best].level
+    B = _compressed(designs[0].model.B, common)
+    systems = [
+        (A, np.hstack([B, _compressed(K[:, p:], T)]))
+        for (A, K), T in zip(systems, local, strict=True)
+    ]
+    p = B.shape[1]
     _, sizes, rows = np.linalg.svd(designs[0].model.L @ common / seen, full_matrices=False)
     kept = sizes > _SEEN * sizes[0]
     units = _Units(common, seen, sizes[kept, None] * rows[kept])
@@ -477,7 +479,7 @@ def _balanced(
 def _part(A: Array, K: Array, shared: int, turned: Array, T: Array) -> _Part:
     """Return a part in the states of which T times gives those of A, K and `turned`."""
     A, K, turned = (np.asarray(np.linalg.solve(T, X)) for X in (A @ T, K, turned))
-    return _Part(A, K if shared else _compressed(K), shared, turned, T)
+    return _Part(A, K if shared else _compressed(K, np.eye(len(K))), shared, turned, T)
 
 
 def _whitened(A: Array, K: Array, T: Array) -> Array:
@@ -486,12 +488,16 @@ def _whitened(A: Array, K: Array, T: Array) -> Array:
     return T @ _root(solve_discrete_lyapunov(A, K @ K.T))
 
 
-def _compressed(B: Array) -> Array:
-    """Return a matrix with the same B B' and as few columns as it can have, at least one."""
-    rotated, sizes, _ = np.linalg.svd(B, full_matrices=False)
+def _compressed(B: Array, T: Array) -> Array:
+    """Return a matrix with the same B B' and as few columns as it can have, at least one.
+
+    What is small is told in the states of which T times gives those of B: in its own units a small
+    number may be the one that matters.
+    """
+    rotated, sizes, _ = np.linalg.svd(np.linalg.solve(T, B), full_matrices=False)
     kept = sizes > _SEEN * sizes[0]
     kept[0] = True
-    return np.asarray(rotated[:, kept] * sizes[kept])
+    return np.asarray(T @ (rotated[:, kept] * sizes[kept]))
 
 
 def _root(matrix: Array) -> Array:

@@ -48,12 +48,15 @@ def riccati_filter(model: ErrorModel, gamma: float) -> Array | None:
     Returns
     -------
     ndarray, (n, m), or None
-        None if no filter of the form (P1 2.9) has this bound.
+        None if none is found: no filter of the form (P1 2.9) has this bound, or the equation cannot
+        be solved at it, as happens within a thousandth of the least one.
 
     Raises
     ------
     ParameterError
         If model or gamma is not such.
+    InfeasibleDesignError
+        If the numbers of the model are too far apart to be computed with.
 
     Examples
     --------
@@ -65,10 +68,10 @@ def riccati_filter(model: ErrorModel, gamma: float) -> Array | None:
     >>> print(iw.lmi.riccati_filter(model, 1.41), iw.lmi.riccati_filter(model, 1000.0).round(3))
     None [[0.618]]
     """
-    _check(model)
     number("gamma", gamma, above=0, most=1e100)
     units = Units.of(model)
-    found = _central(units.scaled(model), gamma / units.seen)
+    scaled = _checked(units.scaled(model))
+    found = _central(scaled, gamma / units.seen)
     return None if found is None else units.back @ found[0] @ units.outputs
 
 
@@ -102,7 +105,7 @@ def riccati_gamma(model: ErrorModel, relative: float = 1e-8) -> float:
     model : ErrorModel
         As in `riccati_filter`, with B and L that are not zero.
     relative : float
-        Relative accuracy, from above.
+        Width at which the bisection ends. What is certain is a thousandth, see below.
 
     Returns
     -------
@@ -126,12 +129,11 @@ def riccati_gamma(model: ErrorModel, relative: float = 1e-8) -> float:
     >>> print(f"{iw.lmi.riccati_gamma(model):.4f}")
     1.2500
     """
-    _check(model)
     number("relative", relative, least=1e-14, below=1)
     if not model.L.any() or not model.B.any():
         raise ParameterError("B, L", Described("zero"), "matrices that are not zero")
     units = Units.of(model)
-    scaled = units.scaled(model)
+    scaled = _checked(units.scaled(model))
     # the Kalman predictor, in its units
     gain = scaled.A @ scaled.C.T
     high = hinf_norm(scaled.A - gain @ scaled.C, np.hstack([scaled.B, -gain @ scaled.D]), scaled.L)
@@ -188,7 +190,8 @@ def _hides_growth(model: ErrorModel) -> bool:
     )
 
 
-def _check(model: ErrorModel) -> None:
+def _checked(model: ErrorModel) -> ErrorModel:
+    """Return a model in `Units`, in which ranks can be told; refuse one without the equation."""
     if model.E.any():
         raise ParameterError("E", Described("not zero"), "zero: the equation knows no jitter")
     if np.linalg.matrix_rank(model.D) < len(model.D):
@@ -201,3 +204,4 @@ def _check(model: ErrorModel) -> None:
                 "B", Described("such that a mode on the unit circle has no noise"),
                 "one that drives it",
             )  # fmt: skip
+    return model

@@ -15,6 +15,7 @@ import cvxpy as cp
 import numpy as np
 
 from inswsn_lib.checks import one_of
+from inswsn_lib.errors import InswsnError
 from inswsn_lib.lmi.designs import InfeasibleDesignError, Solver
 
 _SETTINGS: dict[str, dict[str, Any]] = {
@@ -62,6 +63,8 @@ def first_that_passes(attempts: Iterable[Callable[[], _Made]]) -> _Made:
             return attempt()
         except InfeasibleDesignError as error:
             failures.append(error)
-        except np.linalg.LinAlgError as error:
+        except InswsnError:
+            raise
+        except (np.linalg.LinAlgError, ValueError) as error:  # scipy's word for what is not finite
             failures.append(InfeasibleDesignError(f"Numbers are too far apart: {error}."))
     raise failures[0]

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.linalg import LinAlgError, matrix_balance, solve_discrete_are
 
 from inswsn_lib.checks import Array
+from inswsn_lib.lmi.designs import InfeasibleDesignError
 from inswsn_lib.models import ErrorModel
 
 # Of variances of the order of one: what keeps a Riccati equation from being singular
@@ -32,6 +33,15 @@ class Units:
     @classmethod
     def of(cls, model: ErrorModel, least: float = 1e-15) -> Units:
         """Take the units of a model; variances are raised to a share, `least`, of the largest."""
+        with np.errstate(all="ignore"):
+            try:
+                return cls._found(model, least)
+            except (LinAlgError, ValueError):
+                said = "The numbers of the model are too far apart to be computed with."
+                raise InfeasibleDesignError(said) from None
+
+    @classmethod
+    def _found(cls, model: ErrorModel, least: float) -> Units:
         sizes, P = _prediction(model)
         values, vectors = np.linalg.eigh(P)
         roots = np.sqrt(np.maximum(values, least * values[-1]))
@@ -51,9 +61,13 @@ class Units:
         """Return the model in these units."""
         S, back, r = self.states, self.back, self.outputs
         return replace(
-            model, A=S @ model.A @ back, B=S @ model.B, C=r @ model.C @ back, D=r @ model.D,
-            L=model.L @ back / self.seen, E=S @ model.E @ back,
+            model, A=np.eye(len(S)) + self.moved(model), B=S @ model.B, C=r @ model.C @ back,
+            D=r @ model.D, L=model.L @ back / self.seen, E=S @ model.E @ back,
         )  # fmt: skip
+
+    def moved(self, model: ErrorModel) -> Array:
+        """Return A - I in these units: of a slow model more than the scaled A keeps of it."""
+        return np.asarray(self.states @ (model.A - np.eye(len(model.A))) @ self.back)
 
 
 def _prediction(model: ErrorModel) -> tuple[Array, Array]:

@@ -29,6 +29,7 @@ from inswsn_lib.lmi import (
 )
 from inswsn_lib.lmi.designs import Form
 from inswsn_lib.lmi.filter_design import certify, inequality
+from inswsn_lib.lmi.riccati import riccati_gamma
 from inswsn_lib.lmi.stochastic import riccati_gain_below
 from inswsn_lib.lmi.units import Units
 
@@ -138,6 +139,46 @@ def test_modes_that_are_not_seen_must_be_stable() -> None:
             design_filter(model)
     calm = replace(jitters, E=np.diag([0, 0.4]))  # 0.81 + 0.16 < 1
     assert mean_square_radius(design_filter(calm).A_f, calm.E) == pytest.approx(0.97)
+
+
+@pytest.mark.parametrize("h", [1e-6, 1e-9, 1e-12])
+def test_a_walk_that_moves_ever_less_in_a_step(h: float) -> None:
+    """With noises of sizes r and 1/r the gain r is the best of continuous time, and gamma 1/r."""
+    r = h**0.5
+    design = design_filter(ErrorModel(A=[[1]], B=[[r]], C=[[1]], D=[[1 / r]], period=1.0))
+    assert r * design.gamma == pytest.approx(1, rel=1e-6)
+    assert r * design.certificate.lower == pytest.approx(1, rel=1e-6)
+
+
+def test_poles_so_near_to_the_circle_that_units_would_round_them() -> None:
+    """The least gamma, 730069.6, is from a Riccati equation in 60 digits."""
+    model = ErrorModel(
+        A=[[0.99999999999155, -1.0917451529289346e-12],
+           [-1.091823430789027e-12, 0.9999999999879945]],
+        B=[[0.7229125281409174], [1.0059956216078123]],
+        C=[[0.06921358628561061, -1.7637289953136792]], D=[[19200197.12239273]],
+        L=[[-0.40720479814196736, 0.33582328766508407]], period=1.0,
+    )  # fmt: skip
+    certificate = design_filter(model).certificate
+    assert certificate.lower == pytest.approx(730069.6, rel=1e-5)
+    assert certificate.upper == pytest.approx(730069.6, rel=1e-5)
+
+
+@pytest.mark.parametrize("size", [1.0, 1000.0])
+def test_bounds_of_what_is_refused_are_in_the_units_of_the_model(size: float) -> None:
+    """A stable mode without noise: gamma is approached, as its part of the gain grows, not met."""
+    model = ErrorModel(
+        A=np.diag([0.9, 0.5]), B=[[0], [1]], C=[[1, 1]], D=[[1]], L=size * np.eye(2), period=1.0
+    )
+    with pytest.raises(InfeasibleDesignError, match=rf"between {size:g} and {size * 1.1180:.4g}"):
+        design_filter(model)
+
+
+@pytest.mark.parametrize("route", [design_filter, riccati_gamma])
+@pytest.mark.parametrize("size", [1e160, 1e200])
+def test_numbers_whose_squares_are_infinite_are_refused(route: Any, size: float) -> None:
+    with pytest.raises(InfeasibleDesignError, match="too far apart to be computed with"):
+        route(scalar(A=0.5, B=size))
 
 
 def test_the_design_says_what_it_is() -> None:
@@ -279,6 +320,7 @@ def test_other_states_are_tried_where_the_first_fail(monkeypatch: pytest.MonkeyP
 
 
 WIDE = (1.0, 1.0)  # bounds that say nothing
+PLAIN = Units(np.eye(1), np.eye(1), np.eye(1), 1.0)
 
 
 def largest_of_walk(P: float, gain: float, level: float) -> float:
@@ -307,11 +349,11 @@ def largest_of_walk(P: float, gain: float, level: float) -> float:
 def test_what_does_not_pass_is_told(P: float, gain: float, level: float, also: str) -> None:
     """With the gain 1 the error of a random walk is w - v, and any P from 1 to 1.28 will do."""
     for fine in (1.01, 1.27):
-        made = certify(WALK, one(fine), one(1.0), 1.6, "exact", WIDE)
+        made = certify(WALK, one(fine), one(1.0), 1.6, "exact", WIDE, PLAIN)
         assert made.largest_eigenvalue == pytest.approx(largest_of_walk(fine, 1, 1.6))
         assert (made.smallest_eigenvalue_p, made.stochastic) == (1.0, True)
     with pytest.raises(InfeasibleDesignError) as caught:
-        certify(WALK, one(P), one(gain), level, "exact", WIDE)
+        certify(WALK, one(P), one(gain), level, "exact", WIDE, PLAIN)
     said = f"the inequality has the eigenvalue {largest_of_walk(P, gain, level):.3g}{also}."
     said = f"P has the eigenvalue {P:.3g}; {said}" if P < 0 else said
     assert str(caught.value) == f"The design does not pass its certificate: {said}"
@@ -320,13 +362,13 @@ def test_what_does_not_pass_is_told(P: float, gain: float, level: float, also: s
 def test_a_certificate_with_jitter() -> None:
     """a = e = 1/2, not measured: the gain is 1 / (sqrt(1 - e^2) - a) = 2.73, and 2 without e."""
     model, P, gain = scalar(A=0.5, C=0.0, E=0.5), one(3.2), one(0.0)
-    certificate = certify(model, P, gain, 2.8, "exact", WIDE)
+    certificate = certify(model, P, gain, 2.8, "exact", WIDE, PLAIN)
     assert certificate.stochastic
     assert certificate.norm == pytest.approx(2)
     with pytest.raises(InfeasibleDesignError, match="the Riccati iteration does not confirm the g"):
-        certify(model, P, gain, 2.7, "exact", WIDE)
+        certify(model, P, gain, 2.7, "exact", WIDE, PLAIN)
     with pytest.raises(InfeasibleDesignError, match=r"the mean-square radius 1\.06;.* not confirm"):
-        certify(scalar(A=0.5, C=0.0, E=0.9), P, gain, 1e3, "exact", WIDE)
+        certify(scalar(A=0.5, C=0.0, E=0.9), P, gain, 1e3, "exact", WIDE, PLAIN)
 
 
 @pytest.mark.parametrize(
@@ -343,11 +385,11 @@ def test_bounds_that_are_far_apart_or_refuted_do_not_pass(
     bounds: tuple[float, float], said: str | None
 ) -> None:
     if said is None:
-        made = certify(WALK, one(1.1), one(1.0), 1.6, "exact", bounds)
+        made = certify(WALK, one(1.1), one(1.0), 1.6, "exact", bounds, PLAIN)
         assert (made.lower, made.upper) == bounds
     else:
         with pytest.raises(InfeasibleDesignError, match=said):
-            certify(WALK, one(1.1), one(1.0), 1.6, "exact", bounds)
+            certify(WALK, one(1.1), one(1.0), 1.6, "exact", bounds, PLAIN)
 
 
 @pytest.mark.parametrize(
@@ -362,10 +404,10 @@ def test_bounds_that_are_far_apart_or_refuted_do_not_pass(
 )
 def test_a_certificate_forgives_rounding_and_no_more(P: float, level: float, passes: bool) -> None:
     if passes:
-        certify(WALK, one(P), one(1.0), level, "exact", WIDE)
+        certify(WALK, one(P), one(1.0), level, "exact", WIDE, PLAIN)
     else:
         with pytest.raises(InfeasibleDesignError, match=r"certificate: .* the eigenvalue .*e-06"):
-            certify(WALK, one(P), one(1.0), level, "exact", WIDE)
+            certify(WALK, one(P), one(1.0), level, "exact", WIDE, PLAIN)
 
 
 def test_the_inequality_is_the_lemma_written_out() -> None:
