@@ -128,6 +128,7 @@ def run(
     "--grid",
     "axes",
     multiple=True,
+    required=True,
     metavar="NAME=VALUE,VALUE,...",
     help="An axis: a parameter, and the values that it goes through. One for each axis.",
 )

@@ -73,9 +73,9 @@ def run_federated(
     - Reset "none": the fused estimate is not fed back. It is not optimal, since each filter takes
       the process noise for larger than it is, unless the clusters are equal in all.
 
-    Estimates are those of 50 digits to 1e-6 of their size or deviation for ratios of Q to R from
-    10^-12 to 10^6, and to 1e-3 beyond. Where more is lost, as with a singular Q that is 10^10 times
-    R, the filter raises a ParameterError.
+    Estimates are those of 50 digits to 1e-7 of their size or deviation for ratios of Q to R from
+    10^-12 to 10^6, to 1e-6 where P_0 is 10^8 times R, and to 1e-3 for ratios to 10^12. Where more
+    is lost, as with a singular Q that is 10^12 times R, the filter raises a ParameterError.
 
     Where a message is lost the centre uses the last one since the last reset, or what the reset
     gave, aged by :math:`A P A' + Q/\beta_c`. The next message before a reset brings the

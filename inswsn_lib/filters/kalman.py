@@ -63,7 +63,7 @@ def design_kalman(
         P_{k+1} = A P_k^+ A' + Q_k
 
     The jitter E, which multiplies the state, is left out. Over 10^5 steps and ratios of Q to R from
-    10^-12 to 10^12, with measurements that are missing, covariances are those of 50 digits to 1e-7
+    10^-12 to 10^12, with measurements that are missing, covariances are those of 50 digits to 1e-8
     of the products of deviations, those of predictions to 1e-11.
 
     Parameters

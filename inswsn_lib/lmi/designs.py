@@ -56,8 +56,6 @@ class Certificate:
         Over the largest; positive.
     norm : float
         H-infinity norm of the error system without jitter, from its frequency response.
-    stochastic : bool
-        Whether a gain below the level is confirmed with the jitter as (2.11) has it.
     lower : float
         No filter of the form has a bound below it: the value of a dual solution of the inequality,
         made exact, or what one step of the process noise does.
@@ -75,7 +73,6 @@ class Certificate:
     largest_eigenvalue: float
     smallest_eigenvalue_p: float
     norm: float
-    stochastic: bool
     lower: float
     upper: float
 

@@ -276,7 +276,7 @@ def certify(
     radius = mean_square_radius(A, scaled.E)
     slack, (lower, upper) = level * (1 + TOLERANCE), bounds
     jitters = bool(model.E.any())  # without them the norm says it all
-    stochastic = not jitters or riccati_gain_below(A, scaled.E, B, L, own * (1 + TOLERANCE))
+    confirmed = not jitters or riccati_gain_below(A, scaled.E, B, L, own * (1 + TOLERANCE))
     plain = form == "exact" and not jitters
     refuse_if({
         f"P has the eigenvalue {values.min():.3g}": values.min() <= 0,
@@ -284,14 +284,14 @@ def certify(
         f"the error system has the spectral radius {spectral_radius(A):.6g}": norm == np.inf,
         f"the error system has the mean-square radius {radius:.6g}": radius >= 1,
         f"the norm is {norm:.6g}, above {level:.6g}": norm > slack,
-        "the Riccati iteration does not confirm the gain": not stochastic,
+        "the Riccati iteration does not confirm the gain": not confirmed,
         f"the norm is {norm:.6g}, below what no filter can have, {lower:.6g}": (
             plain and norm < lower * (1 - TOLERANCE)
         ),
         told_gap(lower, upper): not upper <= lower * (1 + LARGEST_GAP),
     })  # fmt: skip
     smallest = float(values.min() / values.max())
-    return Certificate(largest, smallest, norm, stochastic, lower, upper)
+    return Certificate(largest, smallest, norm, lower, upper)
 
 
 def refuse_if(complaints: dict[str, bool]) -> None:

@@ -18,7 +18,7 @@ from typing import Any
 import cvxpy as cp
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.linalg import block_diag, eigvalsh, solve_discrete_lyapunov
+from scipy.linalg import block_diag, eigvalsh, qr, solve_discrete_lyapunov
 
 from inswsn_lib.checks import Array, array, number, one_of
 from inswsn_lib.errors import Described, ParameterError
@@ -41,7 +41,7 @@ from inswsn_lib.lmi.solvers import first_that_passes, in_order, solve
 NOISES = ("common", "independent")
 _LARGEST_STACK = 64  # states for which the norm of the stacked system is computed as it stands
 _SMALLEST = 1e-8  # eigenvalues of the matrices that give the units are raised to this share
-_SEEN = 1e-9  # singular values of L, B and K D below this share of the largest count as zero
+_SEEN = 1e-9  # sizes of L, B and K D along an axis below this share of the largest count as zero
 _ROUNDING = 1e-9  # a matrix is positive semidefinite if no eigenvalue is below minus this share
 _SHARE = 30.0  # of a cluster in the sums that the solver is given
 
@@ -491,13 +491,16 @@ def _whitened(A: Array, K: Array, T: Array) -> Array:
 def _compressed(B: Array, T: Array) -> Array:
     """Return a matrix with the same B B' and as few columns as it can have, at least one.
 
-    What is small is told in the states of which T times gives those of B: in its own units a small
-    number may be the one that matters.
+    It is the pivoted Cholesky factor: axes that have no part in each other stay apart, which the
+    singular vectors of equal axes do not. What is small is told in the states of which T times
+    gives those of B: in its own units a small number may be the one that matters.
     """
-    rotated, sizes, _ = np.linalg.svd(np.linalg.solve(T, B), full_matrices=False)
-    kept = sizes > _SEEN * sizes[0]
+    _, R, order = qr(np.linalg.solve(T, B).T, mode="economic", pivoting=True)
+    kept = np.abs(np.diag(R)) > _SEEN * np.abs(R[0, 0])
     kept[0] = True
-    return np.asarray(T @ (rotated[:, kept] * sizes[kept]))
+    columns = np.empty((len(B), np.count_nonzero(kept)))
+    columns[order] = R[kept].T
+    return np.asarray(T @ columns)
 
 
 def _root(matrix: Array) -> Array:

@@ -28,6 +28,7 @@ _LOW = FALSE_ALARM / 4
 _LAGS = 10  # of the autocorrelation of innovations
 _WINDOW, _MOST = 2000, 10  # steps of a stretch that is compared, and how many stretches
 _FEWEST = 20  # values of a stretch
+_BLOCK, _FEWEST_BLOCKS = 20, 10  # steps whose residuals count as one, and of them
 _REACH, _SPACING = 5.0, 0.1  # s: how late and how early is looked for, and how finely
 # A lag (s) and a turn (degrees) that must be told, lest the data cannot tell them.
 _LAG, _TURN = 1.0, 20.0
@@ -256,6 +257,32 @@ def _in_itself(data: Recording) -> Iterator[Finding]:
             "axes, late, or held"
         )  # fmt: skip
         yield Finding("itself", subject, count, 0, bound, count <= bound, says)
+        yield from _velocity_lag(subject, values, data.period)
+
+
+def _velocity_lag(subject: str, values: Array, period: float) -> Iterator[Finding]:
+    """Fit how late velocities are against the differences of positions over two steps.
+
+    Velocities that are late by s miss the accelerations times s. The error of the fit is from
+    blocks of steps, since what is left over hangs together.
+    """
+    apart = (values[2:, :2] - values[:-2, :2]) / (2 * period) - values[1:-1, 2:]
+    pushed = (values[2:, 2:] - values[:-2, 2:]) / (2 * period)
+    known = ~np.isnan(apart + pushed).any(axis=1)
+    apart, pushed = apart[known], pushed[known]
+    energy, count = float(np.sum(pushed**2)), len(pushed) // _BLOCK
+    if count < _FEWEST_BLOCKS or energy == 0:
+        return
+    lag = float(np.sum(pushed * apart)) / energy
+    left = np.sum(pushed * (apart - lag * pushed), axis=1)[: count * _BLOCK]
+    error = float(np.linalg.norm(left.reshape(count, _BLOCK).sum(axis=1))) / energy
+    # a step is what ways to integrate differ by
+    bound = period + 5 * error
+    says = "velocities belong to the positions beside them" if abs(lag) <= bound else (
+        f"velocities are {abs(lag):.2g} s {'late' if lag > 0 else 'early'} against positions"
+    )  # fmt: skip
+    who = f"{subject}, lag of velocities"
+    yield Finding("itself", who, lag, -bound, bound, abs(lag) <= bound, says)
 
 
 # What the innovations tell

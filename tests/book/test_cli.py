@@ -74,11 +74,12 @@ MISTAKES = {
     "run 00 --out data": "--out is 'data'; it may be a new or empty folder, or one that holds an",
     "run 00 -f own/parameters.yml --out own": "one that holds an earlier run alone.",
     "sweep 00 --grid scale=0": "scale is 0.0; it may be a number in (0, 100].",
+    "sweep 00": "Missing option '--grid'.",
     "sweep 00 --runs 100": "No such option",
-    "sweep 00 --out data": "--out is 'data'; it may be a new or empty folder, or one that holds an",
-    "sweep 00 --dask tcp://127.0.0.1:1": "the address of a Dask scheduler that answers.",
-    "sweep 00 --dask nowhere --jobs 2": "--jobs is 2; it may be left out",
-    "sweep 00 --jobs 0": "--jobs",
+    "sweep 00 --grid scale=1 --out data": "--out is 'data'; it may be a new or empty folder, or",
+    "sweep 00 --grid scale=1 --dask tcp://127.0.0.1:1": "of a Dask scheduler that answers.",
+    "sweep 00 --grid scale=1 --dask nowhere --jobs 2": "--jobs is 2; it may be left out",
+    "sweep 00 --grid scale=1 --jobs 0": "--jobs",
 }
 
 

@@ -161,7 +161,8 @@ def test_poles_so_near_to_the_circle_that_units_would_round_them() -> None:
     )  # fmt: skip
     certificate = design_filter(model).certificate
     assert certificate.lower == pytest.approx(730069.6, rel=1e-5)
-    assert certificate.upper == pytest.approx(730069.6, rel=1e-5)
+    # that of a gain whose last digits are the processor's, and never below the truth
+    assert 730069.6 * (1 - 1e-6) <= certificate.upper <= 730069.6 * (1 + 1e-4)
 
 
 @pytest.mark.parametrize("size", [1.0, 1000.0])
@@ -351,7 +352,7 @@ def test_what_does_not_pass_is_told(P: float, gain: float, level: float, also: s
     for fine in (1.01, 1.27):
         made = certify(WALK, one(fine), one(1.0), 1.6, "exact", WIDE, PLAIN)
         assert made.largest_eigenvalue == pytest.approx(largest_of_walk(fine, 1, 1.6))
-        assert (made.smallest_eigenvalue_p, made.stochastic) == (1.0, True)
+        assert made.smallest_eigenvalue_p == 1.0
     with pytest.raises(InfeasibleDesignError) as caught:
         certify(WALK, one(P), one(gain), level, "exact", WIDE, PLAIN)
     said = f"the inequality has the eigenvalue {largest_of_walk(P, gain, level):.3g}{also}."
@@ -363,7 +364,6 @@ def test_a_certificate_with_jitter() -> None:
     """a = e = 1/2, not measured: the gain is 1 / (sqrt(1 - e^2) - a) = 2.73, and 2 without e."""
     model, P, gain = scalar(A=0.5, C=0.0, E=0.5), one(3.2), one(0.0)
     certificate = certify(model, P, gain, 2.8, "exact", WIDE, PLAIN)
-    assert certificate.stochastic
     assert certificate.norm == pytest.approx(2)
     with pytest.raises(InfeasibleDesignError, match="the Riccati iteration does not confirm the g"):
         certify(model, P, gain, 2.7, "exact", WIDE, PLAIN)
