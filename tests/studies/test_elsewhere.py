@@ -106,10 +106,12 @@ def test_a_run_is_held_against_the_reference(mini: MiniProject, provenance: Prov
             sentences={"So.": False},
         )  # fmt: skip
 
-    def held(value: float, threads: int = 1) -> Cell:
+    def held(value: float, threads: int = 1, blas: tuple[str, ...] = ()) -> Cell:
         mini.publish(results(value))
+        by = provenance.model_copy(update={"blas": blas} if blas else {})
         variant = Variant(AGAIN, "3.11.7", threads)
-        return compared(mini, variant, chapter, results(42.0))
+        found = results(42.0).model_copy(update={"provenance": by})
+        return compared(mini, variant, chapter, found)
 
     same = held(42.0)
     assert (same.compared, same.identical, same.beyond, same.farthest) == (1, 1, (), None)
@@ -128,6 +130,8 @@ def test_a_run_is_held_against_the_reference(mini: MiniProject, provenance: Prov
     assert [f.claim for f in held(63.0).flipped] == ["P1-M-twice"]
     with pytest.raises(InswsnError, match=r"again: .*1 thread computed, not 2 threads"):
         held(42.0, threads=2)
+    own = ("openblas of numpy, for Any, 2 threads", "openblas of scs, for Any, 1 thread")
+    assert held(42.0, threads=2, blas=own).blas == own  # that of scs has one in any case
     failure = ChapterError("Chapter 00-mini failed:\n\nModuleNotFoundError: No module 'torch'\n")
     failed = compared(mini, Variant(AGAIN, "3.11.7"), chapter, failure)
     assert (failed.compared, failed.failed) == (0, "ModuleNotFoundError: No module 'torch'")
