@@ -46,6 +46,7 @@ from .filters import (
     run_hinfinity as run_hinfinity,
     run_kalman as run_kalman,
     run_robust as run_robust,
+    run_schmidt as run_schmidt,
     run_switched as run_switched,
     steady_error as steady_error,
 )

@@ -149,6 +149,57 @@ class ErrorModel:
         R = covariance("measurement", measurement, (outputs, outputs))
         return replace(self, B=_root(Q), D=_root(R))
 
+    def with_coloured_noise(self, correlation_time: float) -> Self:
+        r"""Return the model with a state for the error of each measurement, correlated over time.
+
+        The error c of the measurement is a first-order Gauss-Markov process with the covariance
+        :math:`R = D D'` and :math:`\varphi = e^{-T/\tau}` (Bryson and Henrikson 1968; Brown and
+        Hwang 2012, Section 4.6):
+
+        .. math::
+            c_{k+1} = \varphi c_k + \sqrt{1 - \varphi^2}\, D v_k , \qquad y_k = C x_k + c_k .
+
+        The states are x, then c. Filters ask for some noise of a measurement: it has a millionth
+        of D.
+
+        Parameters
+        ----------
+        correlation_time : float
+            :math:`\tau`, s; above 0.
+
+        Returns
+        -------
+        ErrorModel
+            With n + m states; L and E do not see c.
+
+        Raises
+        ------
+        ParameterError
+            If it is not.
+
+        Examples
+        --------
+        An error that halves in a period:
+
+        >>> import numpy as np
+        >>> import inswsn_lib as iw
+        >>> model = iw.ErrorModel.p1(period=1.0).with_coloured_noise(1 / np.log(2))
+        >>> model.A.diagonal().round(6).tolist()
+        [1.0, 1.0, 1.0, 1.0, 0.5, 0.5, 0.5, 0.5]
+        """
+        time = number("correlation_time", correlation_time, above=0)
+        share = np.exp(-self.period / time)
+        m = len(self.C)
+        return replace(
+            self,
+            A=_blocks(self.A, share * np.eye(m)),
+            B=_blocks(self.B, np.sqrt(1 - share**2) * self.D),
+            C=np.hstack([self.C, np.eye(m)]),
+            D=1e-6 * self.D,
+            L=np.hstack([self.L, np.zeros((len(self.L), m))]),
+            E=_blocks(self.E, np.zeros((m, m))),
+        )
+
     @classmethod
     def p1(
         cls,
@@ -253,6 +304,14 @@ def _twice(name: str, pair: ArrayLike) -> Array:
     if deviations.min() < 0:
         raise ParameterError(name, pair, "two numbers that are not negative, in m and m/s")
     return np.diag(np.repeat(deviations, 2))
+
+
+def _blocks(first: Array, second: Array) -> Array:
+    """Return the block diagonal matrix of two."""
+    out = np.zeros(np.add(first.shape, second.shape))
+    out[: len(first), : first.shape[1]] = first
+    out[len(first) :, first.shape[1] :] = second
+    return out
 
 
 def _root(covariance: Array) -> Array:

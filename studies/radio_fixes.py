@@ -1,6 +1,7 @@
 """Fix a tag from recorded ranges of ultra-wideband radio and keep how good that is: `make studies`.
 
-Chapter 02 holds a claim of P1 against it, that positions by radio are accurate to several metres.
+Chapter 02 puts the errors of these fixes, in their order, into P1's scene, and shows how accurate
+radio can be.
 A tag was carried by hand among eight surveyed anchors in a room, and motion capture tells where it
 was. Each fix uses the ranges of one interval of 0.2 s alone, P1's period: least squares in three
 dimensions from the middle of the anchors, nothing filtered and nothing rejected.
@@ -13,7 +14,9 @@ from __future__ import annotations
 import datetime
 import json
 import os
+import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pooch
@@ -76,8 +79,8 @@ def fix(anchors: Array, ranges: Array, start: Array) -> Array:
     return np.asarray(least_squares(residual, start).x)
 
 
-def measure(anchor: Array, pose: Array, uwb: Array) -> dict[str, float]:
-    """Return how good ranges and fixes are, by name.
+def measure(anchor: Array, pose: Array, uwb: Array) -> dict[str, Any]:
+    """Return how good ranges and fixes are, by name, and the horizontal errors in their order.
 
     Parameters
     ----------
@@ -93,11 +96,13 @@ def measure(anchor: Array, pose: Array, uwb: Array) -> dict[str, float]:
     middle = np.mean(list(anchors.values()), axis=0)
     epoch = np.floor((uwb[:, 1] - uwb[0, 1]) / INTERVAL).astype(int)
     errors = []
+    series = np.full((epoch[-1] + 1, 2), np.nan)
     for k in np.unique(epoch):
         rows = epoch == k
         if len(set(uwb[rows, 2])) < 4:  # fewer anchors do not fix three coordinates
             continue
         errors.append(fix(nodes[rows], uwb[rows, 3], middle) - truth[rows].mean(axis=0))
+        series[k] = errors[-1][:2]
     horizontal = np.hypot(*np.array(errors)[:, :2].T)
     median = np.median(range_error)
     found = {
@@ -114,7 +119,10 @@ def measure(anchor: Array, pose: Array, uwb: Array) -> dict[str, float]:
         "horizontal_median": np.median(horizontal),
         "horizontal_95": np.quantile(horizontal, 0.95),
     }
-    return {name: round(float(value), 4) for name, value in found.items()}
+    rounded = {name: round(float(value), 4) for name, value in found.items()}
+    # to the millimetre; an interval without a fix has none
+    errors_kept = [None if np.isnan(e).any() else [round(float(v), 3) for v in e] for e in series]
+    return rounded | {"horizontal_errors": errors_kept}
 
 
 def main() -> None:
@@ -130,7 +138,10 @@ def main() -> None:
         "interval": INTERVAL,
     }
     kept = {"form": 1, "facts": facts} | measure(*(files[name] for name in DIGESTS))
-    write_whole(ROOT / "data/recorded/uwb-fixes.json", json.dumps(kept, indent=1) + "\n")
+    text = json.dumps(kept, indent=1)
+    # a pair a line
+    text = re.sub(r"\[\s+(-?[\d.]+),\s+(-?[\d.]+)\s+\]", r"[\1, \2]", text)
+    write_whole(ROOT / "data/recorded/uwb-fixes.json", text + "\n")
 
 
 if __name__ == "__main__":

@@ -1,3 +1,4 @@
+from .clusters import cluster_mean as cluster_mean, cluster_median as cluster_median
 from .consistency import (
     NoiseFit as NoiseFit,
     fit_noise as fit_noise,
@@ -13,7 +14,6 @@ from .drift import (
 )
 from .metrics import (
     Spread as Spread,
-    cluster_interval as cluster_interval,
     largest_error as largest_error,
     mean_absolute_error as mean_absolute_error,
     root_mean_square_error as root_mean_square_error,

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from inswsn_lib.checks import Array, array, one_of, whole
+from inswsn_lib.checks import Array
 from inswsn_lib.errors import Described, ParameterError
 
-_FEWEST_RUNS, _FEWEST_CLUSTERS = 40, 5
+_FEWEST_RUNS = 40
 
 
 def mean_absolute_error(errors: ArrayLike) -> Array:
@@ -85,61 +85,3 @@ def spread(values: ArrayLike) -> Spread:
         raise ParameterError("values", Described(f"of shape {given.shape}"), may_be)
     low, median, high = np.quantile(given, [0.025, 0.5, 0.975], axis=1)
     return Spread(median, low, high)
-
-
-def cluster_interval(
-    values: ArrayLike,
-    clusters: ArrayLike,
-    *,
-    seed: int,
-    statistic: Literal["mean", "median"] = "mean",
-    resamples: int = 2000,
-) -> tuple[float, float, float]:
-    """Return the mean or median of values and a 95 % interval of it that knows of clusters.
-
-    Values of one cluster, such as outages at one place, are not independent. The bootstrap draws
-    whole clusters with replacement (Davison and Hinkley 1997, Section 3.8) and takes the 2.5 % and
-    97.5 % quantiles of the statistic.
-
-    Parameters
-    ----------
-    values, clusters : array_like, (n,)
-        The values and the cluster of each, of five clusters or more.
-    seed : int
-        Of the draws.
-    statistic : {"mean", "median"}
-    resamples : int
-
-    Returns
-    -------
-    statistic, low, high : float
-
-    Examples
-    --------
-    A hundred copies of each value are no new knowledge: the interval is that of the five values.
-
-    >>> from inswsn_lib.evaluation import cluster_interval
-    >>> few = cluster_interval([1, 2, 3, 4, 5], range(5), seed=0)
-    >>> many = cluster_interval([1, 2, 3, 4, 5] * 100, [*range(5)] * 100, seed=0)
-    >>> [round(x, 6) for x in few] == [round(x, 6) for x in many]
-    True
-    """
-    given, labels = array("values", values, ("n",)), np.asarray(clusters)
-    if labels.shape != given.shape:
-        raise ParameterError("clusters", Described(f"of shape {labels.shape}"), f"{given.shape}")
-    one_of("statistic", statistic, ("mean", "median"))
-    whole("resamples", resamples, 1)
-    names, which = np.unique(labels, return_inverse=True)
-    if len(names) < _FEWEST_CLUSTERS:
-        raise ParameterError("clusters", clusters, f"of {_FEWEST_CLUSTERS} kinds or more")
-    drawn = np.random.default_rng(seed).integers(len(names), size=(resamples, len(names)))
-    if statistic == "mean":
-        sums, counts = np.bincount(which, weights=given), np.bincount(which)
-        found, total = sums[drawn].sum(axis=1) / counts[drawn].sum(axis=1), float(given.mean())
-    else:
-        groups = [given[which == i] for i in range(len(names))]
-        found = np.array([np.median(np.concatenate([groups[i] for i in row])) for row in drawn])
-        total = float(np.median(given))
-    low, high = np.quantile(found, [0.025, 0.975])
-    # the statistic itself lies within, but for a bootstrap that is very skew
-    return total, min(float(low), total), max(float(high), total)

@@ -18,3 +18,4 @@ from .kalman import (
     steady_error as steady_error,
 )
 from .robust import adaptive as adaptive, gating as gating, huber as huber, run_robust as run_robust
+from .schmidt import run_schmidt as run_schmidt

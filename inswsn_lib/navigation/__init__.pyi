@@ -4,10 +4,17 @@ from .bridged_outages import (
     Passage as Passage,
 )
 from .cluster_fusion import (
+    METHODS as METHODS,
     ClusterFusion as ClusterFusion,
     planar_rms as planar_rms,
     widen_velocities as widen_velocities,
 )
+from .filter_contest import (
+    CONTESTANTS as CONTESTANTS,
+    FilterContest as FilterContest,
+    relative_loss as relative_loss,
+)
+from .filter_map import GROUNDS as GROUNDS, FilterMap as FilterMap
 from .hybrid import (
     HybridNavigator as HybridNavigator,
     HybridRun as HybridRun,
@@ -27,6 +34,7 @@ from .training_areas import (
     TrainingAreas as TrainingAreas,
     errors_by_area as errors_by_area,
     noise_sizes as noise_sizes,
+    run_coloured as run_coloured,
     table2_cells as table2_cells,
 )
 from .trials import (

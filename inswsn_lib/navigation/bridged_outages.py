@@ -32,6 +32,7 @@ from inswsn_lib.evaluation import (
 )
 from inswsn_lib.filters import deadbeat_gain, run_hinfinity, run_kalman
 from inswsn_lib.learning import LSSVMRegressor, RBFNetworkRegressor, load_regressor
+from inswsn_lib.lmi import design_filter
 from inswsn_lib.models import ErrorModel
 from inswsn_lib.navigation.hybrid import HybridNavigator, observable_inputs
 from inswsn_lib.navigation.training_areas import AREAS, UNKNOWN, noise_sizes, p1_settings
@@ -43,8 +44,8 @@ from inswsn_lib.simulation import Scene
 KINDS = ("oracle", "time", "motion", "inertial", "state")
 #: Runs on which tuned methods are judged, at most: a network is trained in each
 MOST_JUDGED = 100
-#: The Kalman filter among the methods
-COASTING = "Kalman filter, coasting"
+#: The filters among the methods
+COASTING, HF_COASTING = "Kalman filter, coasting", "H-infinity filter, coasting"
 _INERTIAL = (
     "accelerometer_bias", "accelerometer_scale", "gyro_bias", "heading", "velocity", "position",
 )  # fmt: skip
@@ -123,7 +124,8 @@ class BridgedOutages:
     Every method has twelve trials and chooses by *rehearsal*: in the training areas of other runs
     the second half is taken for an outage and predicted from the first. The choice is judged in the
     outages. The Kalman filter coasts by :math:`\hat e_{k+1} = A \hat e_k`; the ratio of its Q to
-    the one that matches the simulated noise is tuned.
+    the one that matches the simulated noise is tuned. So is that of the H-infinity filter, and the
+    margin of its level above the least gamma.
 
     Attributes
     ----------
@@ -141,6 +143,8 @@ class BridgedOutages:
         Neurons of the network.
     range_noise : float
         Standard deviation of a range, m.
+    correlation_time, node_bias : float
+        Of the errors of fixes, s; and of nodes, as in `TrainingAreas`.
     inertial_scale : float
         Factor on the fitted errors of the INS.
     learner : str
@@ -164,6 +168,8 @@ class BridgedOutages:
     eta: float = 1000.0
     hidden: int = 10
     range_noise: float = 0.38
+    correlation_time: float = 0.0
+    node_bias: float = 0.0
     inertial_scale: float = 1.0
     learner: str = "sklearn.linear_model:LinearRegression"
 
@@ -173,7 +179,13 @@ class BridgedOutages:
         scaled = {
             name: np.multiply(self.published[name].value, self.inertial_scale) for name in _INERTIAL
         }
-        return with_values(self.published, noise=self.range_noise, **scaled)
+        return with_values(
+            self.published,
+            noise=self.range_noise,
+            correlation_time=self.correlation_time,
+            node_bias=self.node_bias,
+            **scaled,
+        )
 
     @cached_property
     def scene(self) -> Scene:
@@ -233,13 +245,22 @@ class BridgedOutages:
 
     def coasting(self, area: str, ratio: float) -> Callable[[Array], Array]:
         """Return a Kalman filter that assumes Q to be this many times the one that matches."""
+        model = self._assuming(area, ratio)
+        return lambda y: run_kalman(model, y, initial_covariance=UNKNOWN)
+
+    def coasting_hf(self, area: str, ratio: float, margin: float) -> Callable[[Array], Array]:
+        """Return an H-infinity filter of the exact inequality, told the same, with its margin."""
+        design = design_filter(self._assuming(area, ratio), margin=margin)
+        return lambda y: run_hinfinity(design, y, initial_state=np.nan_to_num(y[0]))
+
+    def _assuming(self, area: str, ratio: float) -> ErrorModel:
         fit = self.noise[area]
-        model = ErrorModel.p1(
+        process = tuple(ratio**0.5 * size for size in noise_sizes(fit.process))
+        return ErrorModel.p1(
             self.models[area].period,
-            process_noise=tuple(ratio**0.5 * size for size in noise_sizes(fit.process)),
+            process_noise=process,
             measurement_noise=noise_sizes(fit.measurement),
         )
-        return lambda y: run_kalman(model, y, initial_covariance=UNKNOWN)
 
     @cached_property
     def printed(self) -> LSSVMRegressor:
@@ -276,9 +297,15 @@ class BridgedOutages:
         ran = hybrid.run(passage.y, passage.inputs[kind])
         return np.asarray((passage.error - ran.estimates)[passage.heard :])
 
-    def coast(self, passage: Passage, ratio: float) -> Array:
-        """Return what the coasting Kalman filter leaves in the outage, (steps, 4, runs)."""
-        estimates = self.coasting(passage.area, ratio)(passage.y)
+    def coast(self, passage: Passage, ratio: float, margin: float | None = None) -> Array:
+        """Return what a coasting filter leaves in the outage, (steps, 4, runs).
+
+        It is the H-infinity filter where a margin is given, else the Kalman filter.
+        """
+        if margin is None:
+            estimates = self.coasting(passage.area, ratio)(passage.y)
+        else:
+            estimates = self.coasting_hf(passage.area, ratio, margin)(passage.y)
         return np.asarray((passage.error - estimates)[passage.heard :])
 
     @cached_property
@@ -330,7 +357,11 @@ class BridgedOutages:
         for (name, machines), kind in product(self.learners.items(), kinds):
             found[name, kind] = [partial(self.bridge, regressor=m, kind=kind) for m in machines]
         ratios = np.logspace(-4, 4, _TRIALS)
-        return found | {(COASTING, "state"): [partial(self.coast, ratio=r) for r in ratios]}
+        both = product([0.01, 1.0, 100.0, 1e4], [0.01, 0.5, 5.0])
+        return found | {
+            (COASTING, "state"): [partial(self.coast, ratio=r) for r in ratios],
+            (HF_COASTING, "state"): [partial(self.coast, ratio=r, margin=g) for r, g in both],
+        }
 
     def compare(
         self, passages: Sequence[Passage], rehearsals: Sequence[Passage], kinds: Iterable[str]

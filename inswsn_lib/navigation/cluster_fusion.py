@@ -40,6 +40,7 @@ Estimator = Callable[..., Array]
 METHODS = {
     "fkf-reset": "FKF, reset",
     "fkf-no-reset": "FKF, no reset",
+    "fkf-each-fix": "FKF, told each fix's R",
     "covariance-intersection": "covariance intersection",
     "best-cluster": "best cluster",
     "dhf": "DHF",
@@ -49,16 +50,16 @@ METHODS = {
     "network-alone": "network alone",
 }
 #: The most trials that the search for the numbers of a method has
-TRIALS = 32
+TRIALS = 48
 # Where a search begins, and the ratios of its steps: an acceleration, a factor on the variance of
-# velocities, the weight of velocities in L
+# velocities, the weight of velocities in L, and the margin above the least gamma
 _START = (1.0, 1.0)
 _STARTS = {
-    "dhf": (1.0, 1.0, 1.0),
-    "hf-centralised": (1.0, 1.0, 1.0),
+    "dhf": (1.0, 1.0, 1.0, 1.0),
+    "hf-centralised": (1.0, 1.0, 1.0, 1.0),
     "kf-with-bias": (0.03, 1.0),
 }
-_RATIOS = (2.5, 10.0, 3.0)
+_RATIOS = (2.5, 10.0, 3.0, 3.0)
 _PARTS = (slice(0, 2), slice(2, 4))  # position and velocity in the state
 
 
@@ -74,7 +75,9 @@ class ClusterFusion:
     Every filter gives its estimate before the measurement of the step. Its numbers are tuned on
     `other_runs` runs of the next seed: an acceleration that is its process noise, m/s^2 (of the
     filter with bias how fast the bias wanders, m/s^2/s^0.5), a factor on the variance of measured
-    velocities, and, of H-infinity filters, the weight of a velocity against a position in L.
+    velocities, and, of H-infinity filters, the weight of a velocity against a position in L and the
+    margin above the least gamma. All are told the same R, the mean covariance of a cluster's
+    measurements; only ``fkf-each-fix`` is told that of each fix, which a constant gain cannot use.
 
     Attributes
     ----------
@@ -86,8 +89,10 @@ class ClusterFusion:
         Of the node along its path, m/s.
     range_noise, dropout : float
         Standard deviation of a range, m, and the share of ranges that are lost.
-    velocity_source, velocity_noise, velocity_fixes : str, float and int
+    velocity_source, velocity_noise, velocity_fixes, correlation_time : str, float, int and float
         As in `inswsn_lib.simulation.ClusterScene`.
+    node_bias : float
+        As in `inswsn_lib.simulation.Ranging`.
     accelerometer_bias : float
         Of both accelerometers, m/s^2.
     solver : {"clarabel", "scs"}
@@ -115,6 +120,8 @@ class ClusterFusion:
     velocity_source: str = "window"
     velocity_noise: float = 0.126
     velocity_fixes: int = 25
+    correlation_time: float = 0.0
+    node_bias: float = 0.0
     accelerometer_bias: float = 0.15
     solver: Solver = "clarabel"
 
@@ -129,6 +136,8 @@ class ClusterFusion:
             velocity_source=self.velocity_source,
             velocity_noise=self.velocity_noise,
             velocity_fixes=self.velocity_fixes,
+            correlation_time=self.correlation_time,
+            node_bias=self.node_bias,
             accelerometer_bias=[self.accelerometer_bias] * 2,
         )
 
@@ -154,8 +163,9 @@ class ClusterFusion:
 
     @cached_property
     def covariance(self) -> Array:
-        """The covariance of each cluster's measurement at each step, (N, steps, 4, 4)."""
-        return self.scene.measurement_covariance
+        """The R that filters are told, a cluster's mean at each step, (N, steps, 4, 4)."""
+        steps = len(self.scene.motion.time)
+        return np.repeat(self.scene.mean_covariance[:, None], steps, axis=1)
 
     @cached_property
     def white(self) -> float:
@@ -188,9 +198,10 @@ class ClusterFusion:
         *,
         reset: Literal["fusion", "zero", "none"] = "fusion",
         interval: int = 1,
+        each_fix: bool = False,
     ) -> Estimator:
-        """Return Carlson's federated filter, which knows the covariance of each fix."""
-        model, known = self._told(acceleration, factor)
+        """Return Carlson's federated filter; on demand it is told the covariance of each fix."""
+        model, known = self._told(acceleration, factor, each_fix=each_fix)
         return lambda y, **options: run_federated(
             model, y, reset=reset, interval=interval, **known, **options
         )
@@ -203,23 +214,24 @@ class ClusterFusion:
         return lambda y: run_fused_locals(model, y, rule=rule, **known)
 
     def local_designs(
-        self, acceleration: float, factor: float, weight: float
+        self, acceleration: float, factor: float, weight: float, margin: float = 0.01
     ) -> list[FilterDesign]:
         """Return the local H-infinity filters; L weighs velocities by a number."""
         models = self._weighed(acceleration, factor, weight)
-        return [design_filter(m, solver=self._solvers) for m in models]
+        return [design_filter(m, margin=margin, solver=self._solvers) for m in models]
 
     def distributed(
         self,
         acceleration: float,
         factor: float,
         weight: float,
+        margin: float = 0.01,
         *,
         noise: Literal["independent", "common"] = "independent",
         for_sets: Iterable[Pattern] | None = None,
     ) -> Estimator:
         """Return P2's distributed H-infinity filter with restart, weights for each set."""
-        designs = self.local_designs(acceleration, factor, weight)
+        designs = self.local_designs(acceleration, factor, weight, margin)
         weights = handover_weights(
             designs, for_sets or self.sets, noise, "block", solver=self._solvers
         )
@@ -232,6 +244,7 @@ class ClusterFusion:
         acceleration: float,
         factor: float,
         weight: float,
+        margin: float = 0.01,
         *,
         for_sets: Iterable[Pattern] | None = None,
     ) -> Estimator:
@@ -241,7 +254,8 @@ class ClusterFusion:
         for heard in for_sets or self.sets:
             inside = [m for m, there in zip(models, heard, strict=True) if there]
             C, D = np.vstack([m.C for m in inside]), block_diag(*[m.D for m in inside])
-            gains[heard] = design_filter(replace(inside[0], C=C, D=D), solver=self._solvers)
+            model = replace(inside[0], C=C, D=D)
+            gains[heard] = design_filter(model, margin=margin, solver=self._solvers)
         return lambda y: run_switched(gains, y, predicted=True)
 
     def with_bias(self, walk: float, factor: float) -> Estimator:
@@ -310,9 +324,12 @@ class ClusterFusion:
         }
         return Scores(methods=METHODS, columns=columns, values=values, headline="position")
 
-    def _told(self, acceleration: float, factor: float) -> tuple[ErrorModel, dict[str, Any]]:
+    def _told(
+        self, acceleration: float, factor: float, *, each_fix: bool = False
+    ) -> tuple[ErrorModel, dict[str, Any]]:
         """Return the model of a cluster, and what Kalman filters are told of the noise."""
-        known = widen_velocities(self.covariance, factor)
+        R = self.scene.measurement_covariance if each_fix else self.covariance
+        known = widen_velocities(R, factor)
         told = {"measurement_covariance": known, "initial_covariance": self.initial_covariance}
         return self.local_models(acceleration, known[:, 0])[0], told | {"predicted": True}
 
@@ -321,7 +338,7 @@ class ClusterFusion:
         return (self.solver, "clarabel")
 
     def _weighed(self, acceleration: float, factor: float, weight: float) -> list[ErrorModel]:
-        known = widen_velocities(self.scene.mean_covariance, factor)
+        known = widen_velocities(self.covariance[:, 0], factor)
         L = np.diag([1.0, 1.0, weight, weight])
         return [replace(m, L=L) for m in self.local_models(acceleration, known)]
 
@@ -329,6 +346,7 @@ class ClusterFusion:
         return {
             "fkf-reset": self.federated,
             "fkf-no-reset": lambda a, f: self.federated(a, f, reset="none"),
+            "fkf-each-fix": lambda a, f: self.federated(a, f, each_fix=True),
             "covariance-intersection": lambda a, f: self.fused_locals(a, f, "intersection"),
             "best-cluster": lambda a, f: self.fused_locals(a, f, "best"),
             "dhf": self.distributed,

@@ -11,11 +11,12 @@ from functools import cached_property, partial
 from typing import Literal
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from inswsn_lib.checks import Array
 from inswsn_lib.evaluation import NoiseFit, Scores, fit_noise, mean_absolute_error, monte_carlo
 from inswsn_lib.files import data_file
-from inswsn_lib.filters import deadbeat_gain, run_hinfinity, run_kalman
+from inswsn_lib.filters import deadbeat_gain, run_hinfinity, run_kalman, run_schmidt
 from inswsn_lib.lmi import FilterDesign, design_filter
 from inswsn_lib.lmi.designs import Solver
 from inswsn_lib.models import ErrorModel
@@ -75,8 +76,10 @@ class TrainingAreas:
         m/s.
     range_noise : float
         Standard deviation of a range, m.
-    velocity_source, velocity_noise
+    velocity_source, velocity_noise, correlation_time
         As in `inswsn_lib.simulation.Scene`.
+    node_bias, outlier, outlier_scale : float
+        As in `inswsn_lib.simulation.Ranging`.
     accelerometer_noise, gyro_noise : float
         m/s/s^0.5 and rad/s^0.5.
     inertial_scale, q_scale, time_scale : float
@@ -106,6 +109,10 @@ class TrainingAreas:
     range_noise: float = 0.38
     velocity_source: str = "sensor"
     velocity_noise: float = 0.126
+    correlation_time: float = 0.0
+    node_bias: float = 0.0
+    outlier: float = 0.0
+    outlier_scale: float = 3.0
     accelerometer_noise: float = 0.005
     gyro_noise: float = 0.0005
     inertial_scale: float = 1.0
@@ -127,6 +134,10 @@ class TrainingAreas:
             noise=self.range_noise,
             velocity_source=self.velocity_source,
             velocity_noise=self.velocity_noise,
+            correlation_time=self.correlation_time,
+            node_bias=self.node_bias,
+            outlier=self.outlier,
+            outlier_scale=self.outlier_scale,
             accelerometer_noise=self.accelerometer_noise,
             gyro_noise=self.gyro_noise,
             **{name: slower * self.published[name].value for name in times},
@@ -222,7 +233,8 @@ class TrainingAreas:
             ``ins`` or ``wsn``, which is all or none of it; or a filter and whether it has seen the
             measurement of the step, ``filtered`` or ``predicted``: ``kf-TOLD-filtered``,
             ``hf-FORM-TOLD-filtered`` with FORM ``exact`` or ``printed``, or, for the printed
-            matrices, ``hf-printed-filtered``. TOLD is ``matched`` or ``identity``.
+            matrices, ``hf-printed-filtered``. TOLD is ``matched`` or ``identity``; ``kf-coloured``
+            and ``kf-schmidt`` are matched and know the correlation time (`run_coloured`).
         area : {"1", "2"}
         y : ndarray, (steps, 4, runs)
             INS less network.
@@ -235,6 +247,9 @@ class TrainingAreas:
             return y if method == "wsn" else 0 * y
         family, *told, word = method.split("-")
         predicted = word == "predicted"
+        if told in (["coloured"], ["schmidt"]):
+            model, time = self.matched[area], self.correlation_time
+            return run_coloured(model, time, y, consider=told == ["schmidt"], predicted=predicted)
         if family == "kf":
             model = (self.matched if told == ["matched"] else self.identity)[area]
             return run_kalman(model, y, initial_covariance=UNKNOWN, predicted=predicted)
@@ -275,6 +290,55 @@ class TrainingAreas:
             headline="position",
             baselines=frozenset({"ins"}),
         )
+
+
+def run_coloured(
+    model: ErrorModel,
+    correlation_time: float,
+    y: Array,
+    *,
+    consider: bool = False,
+    predicted: bool = False,
+) -> Array:
+    """Run a Kalman filter that knows that errors of fixes are correlated; it knows nothing else.
+
+    Parameters
+    ----------
+    model : ErrorModel
+        Of the INS, with four states and the R of the fixes.
+    correlation_time : float
+        Of the errors of fixes, s. At 0 they are white, and the filter is `run_kalman`.
+    y : ndarray, (steps, 4, runs)
+        INS less network.
+    consider : bool
+        Whether these errors are considered, as by `run_schmidt`, and not estimated.
+    predicted : bool
+        As in `run_kalman`.
+
+    Returns
+    -------
+    ndarray, (steps, 4, runs)
+        The error of the INS.
+
+    Examples
+    --------
+    After a first measurement it has its fix, and of the same error no later one tells more:
+
+    >>> import inswsn_lib as iw, numpy as np
+    >>> from inswsn_lib.navigation import run_coloured
+    >>> model, y = iw.ErrorModel.p1(0.2), np.ones((3, 4, 1))
+    >>> run_coloured(model, 1.0, y)[0, :, 0].round(4).tolist()
+    [1.0, 1.0, 1.0, 1.0]
+    """
+    if correlation_time == 0:
+        return run_kalman(model, y, initial_covariance=UNKNOWN, predicted=predicted)
+    knowing = model.with_coloured_noise(correlation_time)
+    start = block_diag(UNKNOWN, model.measurement_covariance)
+    if consider:
+        return run_schmidt(
+            knowing, y, considered=len(y[0]), initial_covariance=start, predicted=predicted
+        )
+    return run_kalman(knowing, y, initial_covariance=start, predicted=predicted)[:, :4]
 
 
 def errors_by_area(drawn: Mapping[str, Array]) -> dict[str, ByArea]:

@@ -1,6 +1,7 @@
 from .clusters import ClusterScene as ClusterScene
 from .disturbances import (
     SHAPES as SHAPES,
+    coloured as coloured,
     drifting as drifting,
     heavy_tailed as heavy_tailed,
     losing as losing,

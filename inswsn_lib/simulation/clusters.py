@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from inswsn_lib.checks import Array, Mask, array, number, whole
 from inswsn_lib.errors import Described, ParameterError
 from inswsn_lib.scenario import ANY, NOT_NEGATIVE, POSITIVE, Pair, between
+from inswsn_lib.simulation.disturbances import coloured
 from inswsn_lib.simulation.ins import InertialErrors, inertial_errors
 from inswsn_lib.simulation.multilateration import LEAST, multilaterate, position_covariance
 from inswsn_lib.simulation.network import Ranging, measure_ranges, node_grid, slope_errors
@@ -42,6 +43,8 @@ class ClusterScene:
         As in `Scene`.
     velocity_source, velocity_noise, velocity_fixes
         How each cluster comes to a velocity, as in `Scene`.
+    correlation_time : float
+        Of the errors of fixes, and of measured velocities, s, as in `Scene`.
 
     Examples
     --------
@@ -69,6 +72,7 @@ class ClusterScene:
     period: float = between(*POSITIVE)
     velocity_noise: float = between(*NOT_NEGATIVE)
     velocity_fixes: int = between(2, 1e6)
+    correlation_time: float = between(*NOT_NEGATIVE)
 
     @cached_property
     def nodes(self) -> Array:
@@ -202,9 +206,10 @@ class ClusterScene:
         """
         whole("runs", runs)
         # a stream for each purpose, so that a change of one setting moves no other draw
-        sensors, velocities, *networks = rng.spawn(2 + len(self.clusters))
+        sensors, velocities, *networks, nodes = rng.spawn(3 + len(self.clusters))
         ins = inertial_errors(self.motion, self.inertial, sensors, runs)
-        fixes = np.stack([self._fixes(c, stream, runs) for c, stream in enumerate(networks)])
+        biases = nodes.standard_normal((len(self.nodes), runs))
+        fixes = np.stack([self._fixes(c, stream, biases) for c, stream in enumerate(networks)])
         normal = velocities.standard_normal(fixes.shape)
         return {"ins": ins, "fixes": fixes, "wsn": self.with_velocities(fixes, normal)}
 
@@ -220,7 +225,7 @@ class ClusterScene:
         fixes : array_like, (clusters, steps, 2, runs)
             From `simulate`, m.
         normal : array_like, (clusters, steps, 2, runs)
-            Standard normal numbers for a sensor of velocity.
+            White standard normal numbers for a sensor of velocity.
 
         Returns
         -------
@@ -232,31 +237,36 @@ class ClusterScene:
         errors = array("fixes", fixes, (*sizes, 2, "runs"), gaps=True)
         normal = array("normal", normal, errors.shape)
         if self.velocity_source == "sensor":
-            velocity = np.where(np.isnan(errors), np.nan, self.velocity_noise * normal)
+            white = np.where(np.isnan(errors), np.nan, self.velocity_noise * normal)
+            velocity = np.stack([self._coloured(each) for each in white])
         else:
             slopes = [slope_errors(each, motion, self.period, self._window) for each in errors]
             velocity = np.stack(slopes)
         return np.concatenate([errors, velocity], axis=2)
 
-    def _fixes(self, cluster: int, rng: np.random.Generator, runs: int) -> Array:
-        """Return the errors of the fixes of a cluster, (steps, 2, runs)."""
+    def _fixes(self, cluster: int, rng: np.random.Generator, biases: Array) -> Array:
+        """Return the errors of the fixes of a cluster, (steps, 2, runs); of nodes with biases."""
+        runs = biases.shape[1]
         position = self.motion.position
         out = np.full((len(position), 2, runs), np.nan)
         heard = self.heard & (self.labels == cluster)
         changes = np.flatnonzero((heard[1:] != heard[:-1]).any(axis=1)) + 1
         # steps at which the same nodes are heard are solved at once
         for first, last in pairwise([0, *changes, len(position)]):
-            nodes = self.nodes[heard[first]]
+            nodes, own = self.nodes[heard[first]], biases[heard[first]]
             if len(nodes) < LEAST:
                 continue
             ranges = [
-                measure_ranges(nodes, where, self.ranging, rng, runs)
+                measure_ranges(nodes, where, self.ranging, rng, runs, own)
                 for where in position[first:last]
             ]
             (found,) = multilaterate([nodes], [np.concatenate(ranges, axis=1)])
             found = np.moveaxis(found.reshape(2, last - first, runs), 0, 1)
             out[first:last] = found - position[first:last, :, None]
-        return out
+        return self._coloured(out)
+
+    def _coloured(self, errors: Array) -> Array:
+        return coloured(errors, self.period, self.correlation_time)
 
 
 def _most_central(nodes: Array) -> int:

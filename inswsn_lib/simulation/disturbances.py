@@ -126,6 +126,53 @@ def drifting(
     return given + added
 
 
+def coloured(errors: ArrayLike, period: float, correlation_time: float) -> Array:
+    r"""Correlate white errors over time, by a first-order Gauss-Markov process.
+
+    With :math:`w_k` the errors that are given and :math:`\varphi = e^{-T/\tau}`,
+
+    .. math::
+        e_0 = w_0, \qquad e_k = \varphi\, e_{k-1} + \sqrt{1 - \varphi^2}\, w_k ,
+
+    so that :math:`e_k` has the variance of :math:`w_k`, where that is constant, and the
+    autocorrelation :math:`\varphi^{|j|}` at lag j (Brown and Hwang 2012, Section 4.6). After a gap
+    of g steps :math:`\varphi^{g+1}` stands in the place of :math:`\varphi`.
+
+    Parameters
+    ----------
+    errors : array_like, (steps, n, runs)
+        White; NaN where missing.
+    period, correlation_time : float
+        T and :math:`\tau`, s. With :math:`\tau = 0` the errors stay white.
+
+    Returns
+    -------
+    ndarray, (steps, n, runs)
+
+    Examples
+    --------
+    What a step adds is what the correlation leaves open; here it adds nothing, and 0.5 is left:
+
+    >>> import numpy as np
+    >>> from inswsn_lib.simulation import coloured
+    >>> errors = coloured([[[1.0]], [[0.0]], [[0.0]]], period=1.0, correlation_time=1 / np.log(2))
+    >>> errors.ravel().round(6).tolist()
+    [1.0, 0.5, 0.25]
+    """
+    number("period", period, above=0)
+    number("correlation_time", correlation_time, least=0)
+    out = array("errors", errors, ("steps", "n", "runs"), gaps=True).copy()
+    if correlation_time == 0:
+        return out
+    last, age = np.zeros_like(out[:1]), np.full_like(out[:1], np.inf)  # nothing was before
+    for k in range(len(out)):
+        share = np.exp(-age * period / correlation_time)
+        out[k] = share[0] * last[0] + np.sqrt(1 - share[0] ** 2) * out[k]
+        there = ~np.isnan(out[k : k + 1])
+        last, age = np.where(there, out[k : k + 1], last), np.where(there, 1.0, age + 1)
+    return out
+
+
 def heavy_tailed(errors: ArrayLike, degrees: float, rng: np.random.Generator) -> Array:
     r"""Give Gaussian errors the tails of Student's t distribution.
 

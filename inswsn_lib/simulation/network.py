@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from inswsn_lib.checks import Array, array, number, whole
+from inswsn_lib.checks import Array, Mask, array, number, whole
 from inswsn_lib.errors import ParameterError
 from inswsn_lib.scenario import NOT_NEGATIVE, POSITIVE, between
 from inswsn_lib.simulation.trajectory import Motion
@@ -23,6 +23,9 @@ class Ranging:
         Nodes within this distance are heard, m.
     noise : float
         Standard deviation of a range, m.
+    node_bias : float
+        Share of that variance that is an error of the node, the same at each range to it; the rest
+        is drawn anew at each range.
     dropout, outlier : float
         Probabilities that a range is lost, and that it is an outlier.
     outlier_scale : float
@@ -37,6 +40,7 @@ class Ranging:
 
     reach: float = between(*POSITIVE)
     noise: float = between(*NOT_NEGATIVE)
+    node_bias: float = between(0, 1, 0.0)
     dropout: float = between(0, 1, 0.0)
     outlier: float = between(0, 1, 0.0)
     outlier_scale: float = between(*NOT_NEGATIVE, 0.0)
@@ -75,18 +79,34 @@ def nodes_heard(nodes: Array, position: Array, reach: float) -> Array:
     >>> nodes_heard(nodes, np.zeros(2), reach=10.0).tolist()
     [[3.0, 4.0], [6.0, 8.0]]
     """
-    return np.asarray(nodes[np.hypot(*(nodes - position).T) <= reach])
+    return np.asarray(nodes[nodes_within(nodes, position, reach)])
+
+
+def nodes_within(nodes: Array, position: Array, reach: float) -> Mask:
+    """Return which of some nodes are within reach of a position, (nodes,)."""
+    return np.asarray(np.hypot(*(nodes - position).T) <= reach)
 
 
 def measure_ranges(
-    nodes: Array, position: Array, ranging: Ranging, rng: np.random.Generator, runs: int
+    nodes: Array,
+    position: Array,
+    ranging: Ranging,
+    rng: np.random.Generator,
+    runs: int,
+    biases: ArrayLike = 0.0,
 ) -> Array:
-    """Draw ranges (heard, runs) from a position (2,) to nodes (heard, 2), m; NaN where lost."""
+    """Draw ranges (heard, runs) from a position (2,) to nodes (heard, 2), m; NaN where lost.
+
+    The biases (heard, runs) are standard normal numbers, a node's the same at each range to it.
+    """
     distances = np.hypot(*(nodes - position).T)[:, None]
-    shape = (len(nodes), runs)
+    shape, share = (len(nodes), runs), ranging.node_bias
     # a stream for each purpose: with outliers and without, the noise is the same
     noises, outliers, dropouts = rng.spawn(3)
-    ranges = distances + ranging.noise * noises.standard_normal(shape)
+    normal = np.sqrt(1 - share) * noises.standard_normal(shape) + np.sqrt(share) * np.asarray(
+        biases
+    )
+    ranges = distances + ranging.noise * normal
     if ranging.outlier > 0:
         late = outliers.random(shape) < ranging.outlier
         ranges += late * outliers.exponential(ranging.outlier_scale, shape)

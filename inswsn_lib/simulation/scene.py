@@ -12,13 +12,14 @@ from inswsn_lib import scenario
 from inswsn_lib.checks import Array, whole
 from inswsn_lib.errors import ParameterError
 from inswsn_lib.scenario import ANY, NOT_NEGATIVE, POSITIVE, Pair
+from inswsn_lib.simulation.disturbances import coloured
 from inswsn_lib.simulation.ins import InertialErrors, inertial_errors
 from inswsn_lib.simulation.multilateration import multilaterate
 from inswsn_lib.simulation.network import (
     Ranging,
     measure_ranges,
     node_grid,
-    nodes_heard,
+    nodes_within,
     slope_errors,
 )
 from inswsn_lib.simulation.trajectory import Motion, Path
@@ -73,6 +74,8 @@ class Scene:
     velocity_noise : float
         Standard deviation of a measured velocity, m/s, each component.
     velocity_fixes : int
+    correlation_time : float
+        Of the errors of fixes, and of measured velocities, s: see `coloured`. At 0 they are white.
     inertial, inertial_interval : InertialErrors, float
         The INS, and the sampling interval of its sensors, s.
 
@@ -107,6 +110,7 @@ class Scene:
     spacing: float = scenario.between(*POSITIVE)
     velocity_noise: float = scenario.between(*NOT_NEGATIVE)
     velocity_fixes: int = scenario.between(2, 1e6)
+    correlation_time: float = scenario.between(*NOT_NEGATIVE)
     inertial_interval: float = scenario.between(*POSITIVE)
 
     @cached_property
@@ -187,16 +191,22 @@ class Scene:
         """Return the errors of the network's positions and velocities, (samples, 4, runs)."""
         window = self.windows[name]
         truth = self.path.drive(self.speed, window.times)
-        ranges_of, velocities_of = rng.spawn(2)
-        heard = [nodes_heard(self.nodes[name], p, self.ranging.reach) for p in truth.position]
+        ranges_of, velocities_of, biases_of = rng.spawn(3)
+        nodes = self.nodes[name]
+        biases = biases_of.standard_normal((len(nodes), runs))
+        heard = [nodes_within(nodes, p, self.ranging.reach) for p in truth.position]
         ranges = [
-            measure_ranges(nodes, position, self.ranging, ranges_of, runs)
-            for nodes, position in zip(heard, truth.position, strict=True)
+            measure_ranges(nodes[here], position, self.ranging, ranges_of, runs, biases[here])
+            for here, position in zip(heard, truth.position, strict=True)
         ]
-        fixes = multilaterate(heard, ranges) - truth.position[:, :, None]
+        white = multilaterate([nodes[here] for here in heard], ranges)
+        white -= truth.position[:, :, None]
+        fixes = coloured(white, window.period, self.correlation_time)
         if self.velocity_source == "sensor":
             normal = velocities_of.standard_normal((window.samples, 2, runs))
-            velocities = self.velocity_noise * normal
+            velocities = self.velocity_noise * coloured(
+                normal, window.period, self.correlation_time
+            )
         else:
             count = 2 if self.velocity_source == "difference" else self.velocity_fixes
             velocities = slope_errors(fixes, truth, window.period, count)

@@ -11,14 +11,15 @@ from inswsn_book.results import read_results
 
 from inswsn_lib.errors import ParameterError
 from inswsn_lib.filters import patterns_of
-from inswsn_lib.navigation import ClusterFusion, planar_rms, widen_velocities
+from inswsn_lib.navigation import ClusterFusion, cluster_fusion, planar_rms, widen_velocities
 
 #: Numbers of each method, in place of a search
 CHOSEN = {
     **dict.fromkeys(
-        ("fkf-reset", "fkf-no-reset", "covariance-intersection", "best-cluster"), (0.4, 10.0)
+        ("fkf-reset", "fkf-no-reset", "fkf-each-fix", "covariance-intersection", "best-cluster"),
+        (0.4, 10.0),
     ),
-    **dict.fromkeys(("dhf", "hf-centralised", "dhf-one-ins"), (1.0, 1.0, 1.0)),
+    **dict.fromkeys(("dhf", "hf-centralised", "dhf-one-ins"), (1.0, 1.0, 1.0, 0.5)),
     "kf-with-bias": (0.03, 10.0),
 }
 
@@ -86,6 +87,35 @@ def test_weights_for_one_ins_are_those_of_the_same_designs(chosen: ClusterFusion
     np.testing.assert_allclose(one_ins, dhf, atol=1e-9)
     both = [chosen.errors[name] for name in ("dhf", "dhf-one-ins")]
     assert np.abs(both[0] - both[1]).max() > 1e-6
+
+
+def test_federated_and_distributed_filters_are_told_the_same_noise(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """What reaches the filters themselves: R of every step, and D of every design, by cluster."""
+    there, told = fusion(), {}
+
+    def federated(model: Any, y: Any, *, measurement_covariance: Any, **_: Any) -> Any:
+        told["R"], told["Q"] = measurement_covariance, model.process_covariance
+        return np.zeros_like(y[0])
+
+    monkeypatch.setattr(cluster_fusion, "run_federated", federated)
+    there.federated(0.7, 3.0)(there.measurements)
+    for design, R in zip(there.local_designs(0.7, 3.0, 1.0, 0.5), told["R"], strict=True):
+        np.testing.assert_allclose(R, np.broadcast_to(design.model.measurement_covariance, R.shape))
+        np.testing.assert_allclose(design.model.process_covariance, told["Q"])
+
+
+def test_every_method_has_the_same_trials_and_h_infinity_filters_their_margin() -> None:
+    there = fusion()
+    searches = there.tuned
+    assert max(search.trials for search in searches.values()) <= cluster_fusion.TRIALS
+    assert all(
+        search.settled or search.trials == cluster_fusion.TRIALS for search in searches.values()
+    )
+    for name in ("dhf", "hf-centralised"):
+        margins = {candidate[3] for candidate in searches[name].candidates}
+        assert len(margins) > 1
 
 
 def test_filters_are_tuned_on_runs_that_are_not_judged() -> None:

@@ -1,0 +1,133 @@
+"""Intervals of means and medians over clusters, which cover though the clusters are few."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.stats import norm, t
+
+from inswsn_lib.checks import Array, array, whole
+from inswsn_lib.errors import Described, ParameterError
+
+_FEWEST = 5
+_ENDS = (0.025, 0.975)
+_MOST_SKEW = 1.5  # what is found beyond it rests on a single value
+
+
+def cluster_mean(values: ArrayLike, clusters: ArrayLike) -> tuple[float, float, float]:
+    r"""Return the mean of values and a 95 % interval of it that knows of clusters.
+
+    Values of one cluster, such as outages at one place, are not independent. With the sum of a
+    cluster :math:`s_c`, its count :math:`n_c` and the mean m of all values, the G numbers
+    :math:`u_c = G (s_c - m\, n_c) / \sum n_c` have the mean zero, and their mean has the variance
+    of m. The interval is Student's for G - 1 degrees of freedom, bent by Hall's (1992) cubic for
+    their skewness, without which it covers too little where values are skewed. From 5 to 96
+    clusters it covers 92.8 to 95.1 % for normal, exponential and Student's t (3) populations.
+
+    Parameters
+    ----------
+    values, clusters : array_like, (n,)
+        The values and the cluster of each, of five clusters or more.
+
+    Returns
+    -------
+    mean, low, high : float
+
+    Raises
+    ------
+    ParameterError
+        If values are not finite, or clusters are not one for each value or fewer than five.
+
+    Examples
+    --------
+    A hundred copies of each value are no new knowledge: the interval is that of the five values.
+
+    >>> from inswsn_lib.evaluation import cluster_mean
+    >>> print([f"{x:.3f}" for x in cluster_mean([1, 2, 3, 4, 5], range(5))])
+    ['3.000', '1.037', '4.963']
+    >>> cluster_mean([1, 2, 3, 4, 5] * 100, [*range(5)] * 100)[1] == 1.036756838522439
+    True
+    """
+    given, which, G = _clustered(values, clusters)
+    sums, counts, mean = np.bincount(which, given), np.bincount(which), float(given.mean())
+    apart = (sums - mean * counts) * (G / len(given))
+    deviation = float(apart.std(ddof=1))
+    if deviation <= 1e-14 * np.abs(given).max():
+        return mean, mean, mean
+    skewness = float(np.mean(apart**3) / np.mean(apart**2) ** 1.5)
+    skewness = min(max(skewness, -_MOST_SKEW), _MOST_SKEW)
+    low, high = (mean - deviation * _bent(t.ppf(1 - end, G - 1), skewness, G) for end in _ENDS)
+    return mean, min(low, mean), max(high, mean)
+
+
+def _bent(quantile: float, skewness: float, n: int) -> float:
+    r"""Return :math:`g^{-1}(q) / \sqrt n` of Hall (1992), a quantile of a mean over its deviation.
+
+    :math:`g(T) = T + \gamma T^2 / (3 \sqrt n) + \gamma^2 T^3 / (27 n) + \gamma / (6 \sqrt n)`.
+    """
+    bend, straight = skewness / 3, quantile / np.sqrt(n) - skewness / (6 * n)
+    if abs(bend) < 1e-6:  # the limit, of which the quotient would keep few digits
+        return float(straight)
+    return float((np.cbrt(1 + 3 * bend * straight) - 1) / bend)
+
+
+def cluster_median(
+    values: ArrayLike, clusters: ArrayLike, *, seed: int, resamples: int = 2000
+) -> tuple[float, float, float]:
+    r"""Return the median of values and a 95 % interval of it that knows of clusters.
+
+    The bootstrap draws whole clusters with replacement (Davison and Hinkley 1997, Section 3.8).
+    Its 2.5 % and 97.5 % quantiles are moved away from the median by
+    :math:`\sqrt{G / (G - 1)}\, t_{G-1} / z`, Student's quantile over the normal one: resamples of G
+    clusters vary too little, and by a spread that is itself uncertain. With fewer than 12 clusters
+    it covers too little all the same.
+
+    Parameters
+    ----------
+    values, clusters : array_like, (n,)
+        As in `cluster_mean`, and so are the errors.
+    seed : int
+        Of the draws.
+    resamples : int
+
+    Returns
+    -------
+    median, low, high : float
+
+    Examples
+    --------
+    >>> from inswsn_lib.evaluation import cluster_median
+    >>> print([round(x) for x in cluster_median(range(101), range(101), seed=0)])
+    [50, 32, 70]
+    """
+    given, which, G = _clustered(values, clusters)
+    whole("resamples", resamples, 1)
+    drawn = np.random.default_rng(seed).integers(G, size=(resamples, G))
+    times = np.apply_along_axis(np.bincount, 1, drawn, minlength=G)
+    order = np.argsort(given, kind="stable")
+    medians = _weighted_medians(given[order], times[:, which[order]])
+    middle = float(np.median(given))
+    stretch = np.sqrt(G / (G - 1)) * t.ppf(0.975, G - 1) / norm.ppf(0.975)
+    low, high = middle + stretch * (np.quantile(medians, _ENDS) - middle)
+    return middle, min(float(low), middle), max(float(high), middle)
+
+
+def _weighted_medians(rising: Array, times: NDArray[np.intp]) -> Array:
+    """Return the median of values, (n,), each taken so many times, for rows of times (rows, n)."""
+    taken = np.cumsum(times, axis=1)
+    total = taken[:, -1:]
+    first, second = (
+        np.argmax(reached, axis=1) for reached in (2 * taken >= total, 2 * taken > total)
+    )
+    return np.asarray((rising[first] + rising[second]) / 2)
+
+
+def _clustered(values: ArrayLike, clusters: ArrayLike) -> tuple[Array, NDArray[np.intp], int]:
+    """Return values, the number of the cluster of each, and how many there are."""
+    given, labels = array("values", values, ("n",)), np.asarray(clusters)
+    if labels.shape != given.shape:
+        raise ParameterError("clusters", Described(f"of shape {labels.shape}"), f"{given.shape}")
+    names, which = np.unique(labels, return_inverse=True)
+    if len(names) < _FEWEST:
+        raise ParameterError("clusters", clusters, f"of {_FEWEST} kinds or more")
+    return given, which, len(names)

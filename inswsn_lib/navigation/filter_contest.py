@@ -1,0 +1,204 @@
+"""Filters on equal terms: two numbers each, the same trials, tuned on the same runs.
+
+This is what chapter 02 compares, and what its map of where each filter is right is made of.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.linalg import block_diag
+
+from inswsn_lib.checks import Array
+from inswsn_lib.evaluation import Tuning, search_pattern
+from inswsn_lib.filters import adaptive, gating, huber, run_hinfinity, run_kalman, run_robust
+from inswsn_lib.filters.robust import Policy
+from inswsn_lib.lmi import FilterDesign, design_filter
+from inswsn_lib.lmi.designs import Form, Solver
+from inswsn_lib.models import ErrorModel
+from inswsn_lib.navigation.training_areas import (
+    AREAS,
+    UNKNOWN,
+    ByArea,
+    TrainingAreas,
+    run_coloured,
+)
+
+#: An area and measurements of it, (steps, 4, runs), to estimates of the error of the INS
+Estimator = Callable[[str, Array], Array]
+
+#: The most trials that the search for the two numbers of a filter has
+TRIALS = 24
+#: Rows of position and of velocity
+PARTS = {"position": slice(0, 2), "velocity": slice(2, 4)}
+_HALF_DECADE = 10**0.5
+# The second number of each filter: where its search begins, and the ratio of its steps
+_SECOND = {
+    "Kalman": (1.0, _HALF_DECADE),  # factor on the variance of measured velocities
+    "HF, exact LMI": (1.0, 3.0),  # margin above the least gamma
+    "HF, printed LMI": (1.0, 3.0),
+    "Kalman, coloured error": (0.2, 3.0),  # assumed correlation time of fixes, s
+    "Kalman, acceleration states": (0.3, 3.0),  # deviation of the accelerations, m/s^2
+    "Kalman with gating": (1e-3, 10.0),  # share of good measurements that is given away
+    "Kalman with Huber update": (1.345, 1.5),  # threshold, standard deviations
+    "Kalman with adaptive R": (0.05, 2.0),  # one less the forgetting factor
+}
+#: The filters that take part
+CONTESTANTS = tuple(_SECOND)
+
+
+@dataclass(frozen=True, eq=False)
+class FilterContest:
+    """Filters of P1's scene, each with two numbers that are tuned with the same trials.
+
+    The first number of each is the ratio of the Q that it is told to the one that matches. The
+    second is its own: of the Kalman filter a factor on the variance of velocities, of an
+    H-infinity filter the margin of its level above the least gamma, of the others what their names
+    say. All start from the first measurement, and are judged after that of the step. A factor on R
+    is not among them: it gives the gain of one over that factor on Q.
+
+    Attributes
+    ----------
+    areas : TrainingAreas
+        The scene. Filters are tuned on its ``others``.
+
+    Examples
+    --------
+    Told the truth, the Kalman filter is better than the network that it listens to:
+
+    >>> from inswsn_lib.navigation import FilterContest, TrainingAreas, relative_loss
+    >>> contest = FilterContest(TrainingAreas(runs=4, other_runs=4))
+    >>> drawn = contest.areas.drawn
+    >>> error = contest.errors(contest.build("Kalman", 1.0, 1.0), drawn)
+    >>> relative_loss(error, drawn["wsn"]) < 1
+    True
+    """
+
+    areas: TrainingAreas
+
+    def build(self, name: str, ratio: float, own: float) -> Estimator:
+        """Return a filter of `CONTESTANTS` with its two numbers.
+
+        Parameters
+        ----------
+        name : str
+            One of `CONTESTANTS`.
+        ratio : float
+            Of the Q that it is told to the one that matches.
+        own : float
+            The second number.
+        """
+        models = self.areas.assuming(ratio)
+        if name == "Kalman":
+            return kalman(self.kalman_models(ratio, own))
+        if name.startswith("HF"):
+            designs = self.designs("exact" if "exact" in name else "printed", models, own)
+            return lambda a, y: run_hinfinity(designs[a], y, initial_state=np.nan_to_num(y[0]))
+        if name == "Kalman, coloured error":
+            return lambda a, y: run_coloured(models[a], own, y)
+        if name == "Kalman, acceleration states":
+            return lambda a, y: run_wandering(models[a], own, y)
+        policies: dict[str, Callable[[], Policy]] = {
+            "Kalman with gating": lambda: gating(1 - min(own, 0.5)),
+            "Kalman with Huber update": lambda: huber(own),
+            "Kalman with adaptive R": lambda: adaptive(1 - min(own, 0.5)),
+        }
+        policy = policies[name]()
+        return lambda a, y: run_robust(models[a], y, policy=policy, initial_covariance=UNKNOWN)
+
+    def kalman_models(self, ratio: float, factor: float) -> dict[str, ErrorModel]:
+        """Return what the Kalman filter with these two numbers is told, by area."""
+        return {a: _velocities_times(m, factor) for a, m in self.areas.assuming(ratio).items()}
+
+    def designs(
+        self, form: Form, models: Mapping[str, ErrorModel], margin: float
+    ) -> dict[str, FilterDesign]:
+        """Return the H-infinity filters of models by area, at a margin above the least gamma."""
+        solvers: tuple[Solver, ...] = (self.areas.solver, "clarabel")
+        return {
+            a: design_filter(model, form, margin=margin, solver=solvers)
+            for a, model in models.items()
+        }
+
+    @cached_property
+    def tunings(self) -> dict[str, Tuning[tuple[float, ...]]]:
+        """The searches for the two numbers of each filter, on other runs than those judged."""
+        return {name: self._tune(name) for name in CONTESTANTS}
+
+    @cached_property
+    def tuned(self) -> dict[str, Estimator]:
+        """Each filter with the numbers that were found."""
+        return {name: self.build(name, *search.best) for name, search in self.tunings.items()}
+
+    def errors(self, estimate: Estimator, drawn: Mapping[str, ByArea]) -> ByArea:
+        """Return what an estimator leaves of the errors of the INS, by area, (steps, 4, runs)."""
+        ins, network = drawn["ins"], drawn["wsn"]
+        return {a: ins[a] - estimate(a, ins[a] - network[a]) for a in AREAS}
+
+    def _tune(self, name: str) -> Tuning[tuple[float, ...]]:
+        drawn = self.areas.others
+
+        def loss(ratio: float, own: float) -> float:
+            return relative_loss(self.errors(self.build(name, ratio, own), drawn), drawn["wsn"])
+
+        begin, step = _SECOND[name]
+        return search_pattern(name, (1.0, begin), (_HALF_DECADE, step), loss, most=TRIALS)
+
+
+def kalman(models: Mapping[str, ErrorModel], predicted: bool = False) -> Estimator:
+    """Return the Kalman filter of models by area; it knows nothing before the first measurement."""
+    return lambda a, y: run_kalman(models[a], y, initial_covariance=UNKNOWN, predicted=predicted)
+
+
+def run_wandering(
+    model: ErrorModel, deviation: float, y: Array, correlation_time: float = 1.0
+) -> Array:
+    r"""Run a Kalman filter with two states for accelerations that wander, (steps, 4, runs).
+
+    They are first-order Gauss-Markov processes with a standard deviation, m/s^2, and a correlation
+    time, s. The process noise of the model is left as it is.
+    """
+    T, share = model.period, np.exp(-model.period / correlation_time)
+    A = block_diag(model.A, share * np.eye(2))
+    A[2:4, 4:] = T * np.eye(2)
+    A[0:2, 4:] = T**2 / 2 * np.eye(2)
+    driven = deviation * np.sqrt(1 - share**2) * np.eye(2)
+    wandering = ErrorModel(A=A, B=block_diag(model.B, driven), C=np.eye(4, 6), D=model.D, period=T)
+    start = block_diag(UNKNOWN, deviation**2 * np.eye(2))
+    return run_kalman(wandering, y, initial_covariance=start)[:, :4]
+
+
+def relative_loss(errors: ByArea, network: ByArea) -> float:
+    """Return the mean, over areas and over position and velocity, of RMS error over the network's.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from inswsn_lib.navigation import relative_loss
+    >>> network = {"1": np.ones((5, 4, 2)), "2": np.ones((5, 4, 2))}
+    >>> relative_loss({a: e / 2 for a, e in network.items()}, network)
+    0.5
+    """
+    return float(
+        np.mean(
+            [
+                root_mean_square(errors[a][:, rows]) / root_mean_square(network[a][:, rows])
+                for a in errors
+                for rows in PARTS.values()
+            ]
+        )
+    )
+
+
+def root_mean_square(values: Array) -> float:
+    """Return the root of the mean of squares; NaN left out."""
+    return float(np.sqrt(np.nanmean(np.square(values))))
+
+
+def _velocities_times(model: ErrorModel, factor: float) -> ErrorModel:
+    """Return a model whose measured velocities have a variance that many times as large."""
+    R = model.measurement_covariance * np.repeat([1.0, factor], 2)
+    return model.with_covariances(model.process_covariance, R)

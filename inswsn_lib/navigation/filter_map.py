@@ -1,0 +1,211 @@
+"""Where each filter is right: the tuned filters under what they were not told of, by how much."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from inswsn_lib.checks import Array
+from inswsn_lib.filters import design_kalman, steady_error
+from inswsn_lib.lmi import hinf_norm
+from inswsn_lib.models import ErrorModel
+from inswsn_lib.navigation.filter_contest import (
+    Estimator,
+    FilterContest,
+    kalman,
+    relative_loss,
+    run_wandering,
+)
+from inswsn_lib.navigation.training_areas import AREAS, UNKNOWN, ByArea, TrainingAreas, run_coloured
+
+#: The axes of the map: what is varied, its unit, and its values; the first is what was tuned for
+GROUNDS: dict[str, tuple[str, tuple[float, ...]]] = {
+    "bias": ("m/s^2", (0.0, 0.1, 0.3, 1.0, 3.0)),
+    "correlation": ("s", (0.0, 0.2, 0.5, 1.0, 2.0, 5.0)),
+    "assumed-q": ("1", (1e-4, 1e-3, 1e-2, 0.1, 1.0, 10.0, 100.0, 1e3, 1e4)),
+    "outliers": ("%", (0.0, 2.0, 5.0, 10.0, 20.0)),
+    "adversary": ("%", (0.0, 0.1, 1.0, 10.0, 100.0)),
+}
+_LATE = 3.0  # m, mean excess of a late range
+_LASTING = 100.0  # s, longer than an area: to a filter, a bias that does not change
+
+
+@dataclass(frozen=True, eq=False)
+class FilterMap:
+    r"""The loss of the filters of a contest over five grounds, each at a few sizes.
+
+    The Kalman filter and the H-infinity filter of the exact inequality are tuned for the scene as
+    it is, and changed in nothing. ``hf-least`` is the latter at 1 % above its least gamma, and
+    ``told`` a Kalman filter that is told of what was changed, and how large it is: by states for a
+    lasting acceleration or for a coloured error, by the right Q, by the R of late ranges.
+    ``network`` are the fixes. Grounds (see `GROUNDS`):
+
+    - ``bias``: a constant acceleration error of the INS from the start of an area, any direction;
+    - ``correlation``: errors of fixes and velocities correlated over time (`coloured`);
+    - ``assumed-q``: the Q that filters are told, times a factor, which nobody told them;
+    - ``outliers``: ranges that are late, by 3 m on average (exponential);
+    - ``adversary``: the share of the energy of the disturbances that is placed where it harms a
+      filter most, without end. With white noise of unit variance in the q channels of the model,
+      X the covariance of the predicted error and :math:`\gamma` the worst-case gain, the power of
+      the error is :math:`(1 - \lambda) \mathrm{tr}\, L X L' + \lambda q \gamma^2`.
+
+    Attributes
+    ----------
+    contest : FilterContest
+        The tuned filters.
+    runs : int
+        Of each size of a ground, with another seed than those that tuned.
+
+    Examples
+    --------
+    Where there is no bias, a filter that is told so is the tuned one:
+
+    >>> from inswsn_lib.navigation import FilterContest, FilterMap, TrainingAreas
+    >>> contest = FilterContest(TrainingAreas(runs=4, other_runs=4))
+    >>> found = FilterMap(contest, runs=4).losses("bias", 0.0)
+    >>> found["told"] == found["kalman"], found["network"]
+    (True, 1.0)
+    """
+
+    contest: FilterContest
+    runs: int = 128
+
+    def table(self) -> Iterator[tuple[str, float, str, float]]:
+        """Yield ground, size, filter and loss of the whole map."""
+        for ground, (_, sizes) in GROUNDS.items():
+            for size in sizes:
+                for name, loss in self.losses(ground, size).items():
+                    yield ground, size, name, loss
+
+    def losses(self, ground: str, size: float) -> dict[str, float]:
+        """Return the loss of each filter at a place of the map, over that of the network.
+
+        Of ``adversary`` it is the root of the power of predicted errors over the network's, mean
+        of both areas; of the others `relative_loss`, after the measurement of the step.
+
+        Parameters
+        ----------
+        ground : str
+            One of `GROUNDS`.
+        size : float
+            In the unit of the ground.
+        """
+        if ground == "adversary":
+            return self._against_adversary(size / 100)
+        drawn, filters = self._drawn(ground, size), dict(self._filters)
+        if ground == "assumed-q":
+            filters = self._told_wrongly(size)
+        filters["told"] = self._told(ground, size)
+        return {"network": 1.0} | {
+            name: relative_loss(self.contest.errors(estimate, drawn), drawn["wsn"])
+            for name, estimate in filters.items()
+        }
+
+    @cached_property
+    def _filters(self) -> dict[str, Estimator]:
+        return self._told_wrongly(1.0)
+
+    def _told_wrongly(self, factor: float) -> dict[str, Estimator]:
+        (q, own), (ratio, margin) = self._numbers["Kalman"], self._numbers["HF, exact LMI"]
+        build = self.contest.build
+        return {
+            "kalman": build("Kalman", factor * q, own),
+            "hf": build("HF, exact LMI", factor * ratio, margin),
+            "hf-least": build("HF, exact LMI", factor * ratio, 0.01),
+        }
+
+    @property
+    def _numbers(self) -> dict[str, tuple[float, ...]]:
+        return {name: search.best for name, search in self.contest.tunings.items()}
+
+    def _told(self, ground: str, size: float) -> Estimator:
+        """Return a Kalman filter that is told of what was changed."""
+        ratio, _ = self._numbers["Kalman"]
+        models = self.contest.areas.assuming(ratio)
+        if ground == "bias" and size:
+            return lambda a, y: run_wandering(models[a], size, y, _LASTING)
+        if ground == "correlation" and size:
+            return lambda a, y: run_coloured(models[a], size, y)
+        if ground == "outliers" and size:
+            return kalman(self._areas(ground, size).assuming(ratio))
+        return self._filters["kalman"]
+
+    def _areas(self, ground: str, size: float) -> TrainingAreas:
+        return replace(
+            self.contest.areas,
+            runs=self.runs,
+            seed=self.contest.areas.seed + 6,
+            correlation_time=size if ground == "correlation" else 0.0,
+            outlier=size / 100 if ground == "outliers" else 0.0,
+            outlier_scale=_LATE,
+        )
+
+    def _drawn(self, ground: str, size: float) -> dict[str, ByArea]:
+        """Return errors of INS and network at a place of the map."""
+        drawn = self._areas(ground, size).drawn
+        if ground == "bias":
+            drawn = drawn | {"ins": self._with_bias(drawn["ins"], size)}
+        return drawn
+
+    def _with_bias(self, ins: Mapping[str, Array], size: float) -> ByArea:
+        angle = np.random.default_rng(self.contest.areas.seed + 7).uniform(0, 2 * np.pi, self.runs)
+        bias = size * np.stack([np.cos(angle), np.sin(angle)])
+        found = {}
+        for a, period in zip(AREAS, self.contest.areas.scene.periods, strict=True):
+            time = period * np.arange(len(ins[a]))[:, None, None]
+            added = np.concatenate([bias * time**2 / 2, bias * time], axis=1)
+            found[a] = ins[a] + added
+        return found
+
+    def _against_adversary(self, share: float) -> dict[str, float]:
+        """Return the losses where a share of the energy is placed by an adversary."""
+        powers = {
+            name: np.array([_power(*of_area, share) for of_area in each])
+            for name, each in self._steady.items()
+        }
+        return {name: float(np.mean(np.sqrt(p / powers["network"]))) for name, p in powers.items()}
+
+    @cached_property
+    def _steady(self) -> dict[str, list[tuple[int, float, float]]]:
+        """Of each filter and area: channels, RMS under white noise, and worst-case gain."""
+        matched, areas = self.contest.areas.matched, self.contest.areas
+        (q, own), (ratio, margin) = self._numbers["Kalman"], self._numbers["HF, exact LMI"]
+        gains: dict[str, Callable[[str], Array]] = {
+            "network": lambda a: matched[a].A,
+            "kalman": lambda a: _last_gain(self.contest.kalman_models(q, own)[a]),
+            "hf": lambda a: self.contest.designs("exact", areas.assuming(ratio), margin)[a].gain,
+            "hf-least": lambda a: (
+                self.contest.designs("exact", areas.assuming(ratio), 0.01)[a].gain
+            ),
+        }
+        found = {
+            name: [
+                (
+                    matched[a].B.shape[1] + matched[a].D.shape[1],
+                    steady_error(matched[a], gain(a)),
+                    _worst(matched[a], gain(a)),
+                )
+                for a in AREAS
+            ]
+            for name, gain in gains.items()
+        }
+        return found | {"told": found["kalman"]}
+
+
+def _power(channels: int, white: float, worst: float, share: float) -> float:
+    return (1 - share) * white**2 + share * channels * worst**2
+
+
+def _worst(model: ErrorModel, gain: Array) -> float:
+    """Return the worst-case gain of the error of a predictor."""
+    driven = np.hstack([model.B, -gain @ model.D])
+    return float(hinf_norm(model.A - gain @ model.C, driven, model.L))
+
+
+def _last_gain(model: ErrorModel) -> Array:
+    """Return the gain of the Kalman predictor at the end of an area."""
+    there = np.ones((100, len(model.C)), dtype=bool)
+    return np.asarray(model.A @ design_kalman(model, there, initial_covariance=UNKNOWN).gains[-1])

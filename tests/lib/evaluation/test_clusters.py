@@ -1,0 +1,98 @@
+"""Intervals over clusters against Student's, Hall's cubic, and resamples that are written down."""
+
+from __future__ import annotations
+
+from itertools import product
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, strategies as st
+from scipy.stats import norm, t
+
+from inswsn_lib.errors import ParameterError
+from inswsn_lib.evaluation import cluster_mean, cluster_median
+
+GROUPS = [[0.0, 1.0], [4.0], [2.5, 3.5, 9.0], [-6.0, 0.5], [7.0, 7.5, 8.0, 1.5]]
+LABELS = np.repeat(["d", "a", "c", "e", "b"], [len(g) for g in GROUPS])
+VALUES = np.concatenate(GROUPS)
+#: What five clusters stretch the bootstrap by.
+STRETCH = np.sqrt(5 / 4) * t.ppf(0.975, 4) / norm.ppf(0.975)
+
+
+def test_values_without_skewness_have_students_interval() -> None:
+    values = np.array([-3.0, -1.0, -0.5, 0.5, 1.0, 3.0]) + 7
+    found = cluster_mean(values, range(6))
+    expected = t.interval(0.95, 5, loc=7, scale=values.std(ddof=1) / np.sqrt(6))
+    assert found == pytest.approx((7, *expected), rel=1e-12)
+
+
+def test_at_the_ends_halls_cubic_is_students_quantile() -> None:
+    """With the variance and the skewness of clusters of unequal size, as for a ratio of sums."""
+    mean, low, high = cluster_mean(VALUES, LABELS)
+    assert mean == pytest.approx(VALUES.mean())
+    apart = np.array([sum(g) - mean * len(g) for g in GROUPS]) * 5 / len(VALUES)
+    error = np.sqrt(np.sum(apart**2) / 4 / 5)
+    bend = np.mean(apart**3) / np.mean(apart**2) ** 1.5
+    for end, share in ((low, 0.975), (high, 0.025)):
+        T = (mean - end) / error
+        cubic = T + bend * T**2 / (3 * 5**0.5) + bend**2 * T**3 / (27 * 5) + bend / (6 * 5**0.5)
+        assert cubic == pytest.approx(t.ppf(share, 4), rel=1e-9)
+
+
+def test_more_skewness_than_that_of_a_single_value_is_not_believed() -> None:
+    """One of a hundred clusters stands out: its skewness, 9.8, is held to 1.5."""
+    mean, low, high = cluster_mean([1.0, *[0.0] * 99], range(100))
+    error = np.std([1.0, *[0.0] * 99], ddof=1) / 10
+    for end, share in ((low, 0.975), (high, 0.025)):
+        T = (mean - end) / error
+        cubic = T + 1.5 * T**2 / 30 + 1.5**2 * T**3 / 2700 + 1.5 / 60
+        assert cubic == pytest.approx(t.ppf(share, 99), rel=1e-9)
+
+
+def test_of_few_clusters_all_resamples_can_be_written_down() -> None:
+    """Five clusters of unequal size have 3,125 resamples; 20,000 draws find their quantiles."""
+    every = [
+        np.median(np.concatenate([GROUPS[i] for i in row])) for row in product(range(5), repeat=5)
+    ]
+    median, *ends = cluster_median(VALUES, LABELS, seed=3, resamples=20_000)
+    assert median == np.median(VALUES)
+    # between the neighbours of the quantile, at 4 standard errors of its rank
+    for end, share in zip(ends, (0.025, 0.975), strict=True):
+        plain, slack = median + (end - median) / STRETCH, 4 * np.sqrt(0.025 * 0.975 / 20_000)
+        assert np.quantile(every, share - slack) <= plain <= np.quantile(every, share + slack)
+
+
+@given(st.floats(-100, 100), st.floats(0.01, 100), st.permutations(range(30)))
+def test_moved_and_stretched_with_its_values_in_any_order(
+    shift: float, scale: float, order: list[int]
+) -> None:
+    rng = np.random.default_rng(1)
+    values, labels = rng.normal(size=30), np.array(list("abcdef"))[rng.integers(0, 6, 30)]
+
+    def found(values: np.ndarray, labels: np.ndarray) -> list[tuple[float, float, float]]:
+        return [cluster_mean(values, labels), cluster_median(values, labels, seed=2, resamples=100)]
+
+    moved = found((shift + scale * values)[order], labels[order])
+    for plain, other in zip(found(values, labels), moved, strict=True):
+        assert other == pytest.approx(shift + scale * np.array(plain), abs=1e-9 * (1 + abs(shift)))
+        assert plain[1] <= plain[0] <= plain[2]
+
+
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        ({"values": np.zeros(9)}, "clusters is of shape"),
+        ({"values": [*range(9), np.nan]}, "values is not finite"),
+        ({"clusters": np.arange(10) % 4}, "clusters is .* of 5 kinds or more"),
+    ],
+)
+def test_what_has_no_interval(changed: dict[str, Any], said: str) -> None:
+    right: dict[str, Any] = {"values": np.zeros(10), "clusters": np.arange(10) % 5}
+    assert cluster_mean(**right) == (0, 0, 0)
+    assert cluster_median(**right, seed=0, resamples=1) == (0, 0, 0)
+    for interval in (cluster_mean, lambda **given: cluster_median(**given, seed=0)):
+        with pytest.raises(ParameterError, match=said):
+            interval(**right | changed)
+    with pytest.raises(ParameterError, match="resamples is 0"):
+        cluster_median(**right, seed=0, resamples=0)
