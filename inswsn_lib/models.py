@@ -149,23 +149,25 @@ class ErrorModel:
         R = covariance("measurement", measurement, (outputs, outputs))
         return replace(self, B=_root(Q), D=_root(R))
 
-    def with_coloured_noise(self, correlation_time: float) -> Self:
+    def with_coloured_noise(self, correlation_time: ArrayLike, white: ArrayLike = 1e-12) -> Self:
         r"""Return the model with a state for the error of each measurement, correlated over time.
 
-        The error c of the measurement is a first-order Gauss-Markov process with the covariance
-        :math:`R = D D'` and :math:`\varphi = e^{-T/\tau}` (Bryson and Henrikson 1968; Brown and
-        Hwang 2012, Section 4.6):
+        A share s of the variance of each error is white, and the rest is c, a first-order
+        Gauss-Markov process with :math:`\varphi = e^{-T/\tau}` (Bryson and Henrikson 1968; Brown
+        and Hwang 2012, Section 4.6):
 
         .. math::
-            c_{k+1} = \varphi c_k + \sqrt{1 - \varphi^2}\, D v_k , \qquad y_k = C x_k + c_k .
+            c_{k+1} = \varphi c_k + \sqrt{(1 - \varphi^2)(1 - s)}\, D v_k , \qquad
+            y_k = C x_k + c_k + \sqrt{s}\, D v'_k .
 
-        The states are x, then c. Filters ask for some noise of a measurement: it has a millionth
-        of D.
+        The states are x, then c; the covariance of c at the start is :math:`(1 - s) D D'`.
 
         Parameters
         ----------
-        correlation_time : float
-            :math:`\tau`, s; above 0.
+        correlation_time : float or array_like, (m,)
+            :math:`\tau`, s, of all errors or of each; with 0 an error is white.
+        white : float or array_like, (m,)
+            s, above 0, at most 1. Filters ask for some noise of a measurement.
 
         Returns
         -------
@@ -175,7 +177,7 @@ class ErrorModel:
         Raises
         ------
         ParameterError
-            If it is not.
+            If a number is not such, or a shape does not fit.
 
         Examples
         --------
@@ -187,15 +189,22 @@ class ErrorModel:
         >>> model.A.diagonal().round(6).tolist()
         [1.0, 1.0, 1.0, 1.0, 0.5, 0.5, 0.5, 0.5]
         """
-        time = number("correlation_time", correlation_time, above=0)
-        share = np.exp(-self.period / time)
         m = len(self.C)
+        time, share = (
+            np.broadcast_to(array(name, value, (), (m,)), (m,))
+            for name, value in (("correlation_time", correlation_time), ("white", white))
+        )
+        if time.min() < 0:
+            raise ParameterError("correlation_time", correlation_time, "0 or more, s")
+        if share.min() <= 0 or share.max() > 1:
+            raise ParameterError("white", white, "above 0, at most 1")
+        lasting = np.exp(-self.period / np.maximum(time, 1e-300))
         return replace(
             self,
-            A=_blocks(self.A, share * np.eye(m)),
-            B=_blocks(self.B, np.sqrt(1 - share**2) * self.D),
+            A=_blocks(self.A, np.diag(lasting)),
+            B=_blocks(self.B, np.sqrt((1 - lasting**2) * (1 - share))[:, None] * self.D),
             C=np.hstack([self.C, np.eye(m)]),
-            D=1e-6 * self.D,
+            D=np.sqrt(share)[:, None] * self.D,
             L=np.hstack([self.L, np.zeros((len(self.L), m))]),
             E=_blocks(self.E, np.zeros((m, m))),
         )

@@ -13,6 +13,7 @@ from .filter_contest import (
     CONTESTANTS as CONTESTANTS,
     FilterContest as FilterContest,
     relative_loss as relative_loss,
+    run_wandering as run_wandering,
 )
 from .filter_map import GROUNDS as GROUNDS, FilterMap as FilterMap
 from .hybrid import (

@@ -40,7 +40,7 @@ Estimator = Callable[..., Array]
 METHODS = {
     "fkf-reset": "FKF, reset",
     "fkf-no-reset": "FKF, no reset",
-    "fkf-each-fix": "FKF, told each fix's R",
+    "fkf-each-fix": "FKF, R of each fix",
     "covariance-intersection": "covariance intersection",
     "best-cluster": "best cluster",
     "dhf": "DHF",

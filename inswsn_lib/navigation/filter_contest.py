@@ -126,7 +126,7 @@ class FilterContest:
     @cached_property
     def tunings(self) -> dict[str, Tuning[tuple[float, ...]]]:
         """The searches for the two numbers of each filter, on other runs than those judged."""
-        return {name: self._tune(name) for name in CONTESTANTS}
+        return {name: self.tune(name) for name in CONTESTANTS}
 
     @cached_property
     def tuned(self) -> dict[str, Estimator]:
@@ -138,7 +138,8 @@ class FilterContest:
         ins, network = drawn["ins"], drawn["wsn"]
         return {a: ins[a] - estimate(a, ins[a] - network[a]) for a in AREAS}
 
-    def _tune(self, name: str) -> Tuning[tuple[float, ...]]:
+    def tune(self, name: str) -> Tuning[tuple[float, ...]]:
+        """Search for the two numbers of a filter of `CONTESTANTS`."""
         drawn = self.areas.others
 
         def loss(ratio: float, own: float) -> float:
@@ -156,10 +157,37 @@ def kalman(models: Mapping[str, ErrorModel], predicted: bool = False) -> Estimat
 def run_wandering(
     model: ErrorModel, deviation: float, y: Array, correlation_time: float = 1.0
 ) -> Array:
-    r"""Run a Kalman filter with two states for accelerations that wander, (steps, 4, runs).
+    """Run a Kalman filter with two states for accelerations of the INS that wander.
 
-    They are first-order Gauss-Markov processes with a standard deviation, m/s^2, and a correlation
-    time, s. The process noise of the model is left as it is.
+    They are first-order Gauss-Markov processes (as in `inswsn_lib.simulation.drifting`). The
+    process noise of the model is left as it is.
+
+    Parameters
+    ----------
+    model : ErrorModel
+        Of the INS, with four states.
+    deviation, correlation_time : float
+        Of the accelerations, m/s^2 and s.
+    y : ndarray, (steps, 4, runs)
+        INS less network.
+
+    Returns
+    -------
+    ndarray, (steps, 4, runs)
+        The error of the INS, after the measurement of each step.
+
+    Examples
+    --------
+    A steady acceleration, measured without noise, is followed without lag once it is known:
+
+    >>> import inswsn_lib as iw, numpy as np
+    >>> from inswsn_lib.navigation import run_wandering
+    >>> time = 0.2 * np.arange(100)[:, None, None]
+    >>> error = np.concatenate([time**2 / 2, 0 * time, time, 0 * time], axis=1)
+    >>> model = iw.ErrorModel.p1(0.2, process_noise=(0.01, 0.01), measurement_noise=(0.1, 0.1))
+    >>> found = run_wandering(model, 1.0, error, correlation_time=1e6)
+    >>> bool(np.abs(found[-1] - error[-1]).max() < 1e-3)
+    True
     """
     T, share = model.period, np.exp(-model.period / correlation_time)
     A = block_diag(model.A, share * np.eye(2))

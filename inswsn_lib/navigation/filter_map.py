@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -13,14 +13,17 @@ from inswsn_lib.filters import design_kalman, steady_error
 from inswsn_lib.lmi import hinf_norm
 from inswsn_lib.models import ErrorModel
 from inswsn_lib.navigation.filter_contest import (
+    PARTS,
     Estimator,
     FilterContest,
     kalman,
-    relative_loss,
+    root_mean_square,
     run_wandering,
 )
 from inswsn_lib.navigation.training_areas import AREAS, UNKNOWN, ByArea, TrainingAreas, run_coloured
 
+#: Errors of position and of velocity over those of the network
+Errors = tuple[float, float]
 #: The axes of the map: what is varied, its unit, and its values; the first is what was tuned for
 GROUNDS: dict[str, tuple[str, tuple[float, ...]]] = {
     "bias": ("m/s^2", (0.0, 0.1, 0.3, 1.0, 3.0)),
@@ -35,7 +38,7 @@ _LASTING = 100.0  # s, longer than an area: to a filter, a bias that does not ch
 
 @dataclass(frozen=True, eq=False)
 class FilterMap:
-    r"""The loss of the filters of a contest over five grounds, each at a few sizes.
+    r"""The errors of the filters of a contest over five grounds, each at a few sizes.
 
     The Kalman filter and the H-infinity filter of the exact inequality are tuned for the scene as
     it is, and changed in nothing. ``hf-least`` is the latter at 1 % above its least gamma, and
@@ -50,7 +53,8 @@ class FilterMap:
     - ``adversary``: the share of the energy of the disturbances that is placed where it harms a
       filter most, without end. With white noise of unit variance in the q channels of the model,
       X the covariance of the predicted error and :math:`\gamma` the worst-case gain, the power of
-      the error is :math:`(1 - \lambda) \mathrm{tr}\, L X L' + \lambda q \gamma^2`.
+      the error is :math:`(1 - \lambda) \mathrm{tr}\, L X L' + \lambda q \gamma^2`, with L of the
+      positions, or of the velocities.
 
     Attributes
     ----------
@@ -65,26 +69,26 @@ class FilterMap:
 
     >>> from inswsn_lib.navigation import FilterContest, FilterMap, TrainingAreas
     >>> contest = FilterContest(TrainingAreas(runs=4, other_runs=4))
-    >>> found = FilterMap(contest, runs=4).losses("bias", 0.0)
+    >>> found = FilterMap(contest, runs=4).errors("bias", 0.0)
     >>> found["told"] == found["kalman"], found["network"]
-    (True, 1.0)
+    (True, (1.0, 1.0))
     """
 
     contest: FilterContest
     runs: int = 128
 
-    def table(self) -> Iterator[tuple[str, float, str, float]]:
-        """Yield ground, size, filter and loss of the whole map."""
+    def table(self) -> Iterator[tuple[str, float, str, float, float]]:
+        """Yield ground, size, filter, and the errors of position and velocity, of the whole map."""
         for ground, (_, sizes) in GROUNDS.items():
             for size in sizes:
-                for name, loss in self.losses(ground, size).items():
-                    yield ground, size, name, loss
+                for name, errors in self.errors(ground, size).items():
+                    yield ground, size, name, *errors
 
-    def losses(self, ground: str, size: float) -> dict[str, float]:
-        """Return the loss of each filter at a place of the map, over that of the network.
+    def errors(self, ground: str, size: float) -> dict[str, Errors]:
+        """Return RMS errors of position and velocity over the network's, means of both areas.
 
-        Of ``adversary`` it is the root of the power of predicted errors over the network's, mean
-        of both areas; of the others `relative_loss`, after the measurement of the step.
+        They are errors after the measurement of the step; of ``adversary`` the root of the power of
+        predicted ones.
 
         Parameters
         ----------
@@ -99,8 +103,8 @@ class FilterMap:
         if ground == "assumed-q":
             filters = self._told_wrongly(size)
         filters["told"] = self._told(ground, size)
-        return {"network": 1.0} | {
-            name: relative_loss(self.contest.errors(estimate, drawn), drawn["wsn"])
+        return {"network": (1.0, 1.0)} | {
+            name: _relative(self.contest.errors(estimate, drawn), drawn["wsn"])
             for name, estimate in filters.items()
         }
 
@@ -160,43 +164,53 @@ class FilterMap:
             found[a] = ins[a] + added
         return found
 
-    def _against_adversary(self, share: float) -> dict[str, float]:
-        """Return the losses where a share of the energy is placed by an adversary."""
+    def _against_adversary(self, share: float) -> dict[str, Errors]:
+        """Return the errors where a share of the energy is placed by an adversary."""
         powers = {
-            name: np.array([_power(*of_area, share) for of_area in each])
-            for name, each in self._steady.items()
+            name: (1 - share) * white**2 + share * channels * worst**2
+            for name, (channels, white, worst) in self._steady.items()
         }
-        return {name: float(np.mean(np.sqrt(p / powers["network"]))) for name, p in powers.items()}
+        return {
+            name: _pair(np.sqrt(power / powers["network"]).mean(axis=0))
+            for name, power in powers.items()
+        }
 
     @cached_property
-    def _steady(self) -> dict[str, list[tuple[int, float, float]]]:
-        """Of each filter and area: channels, RMS under white noise, and worst-case gain."""
+    def _steady(self) -> dict[str, tuple[int, Array, Array]]:
+        """Of each filter: channels, RMS under white noise and worst-case gain, (areas, parts)."""
         matched, areas = self.contest.areas.matched, self.contest.areas
         (q, own), (ratio, margin) = self._numbers["Kalman"], self._numbers["HF, exact LMI"]
-        gains: dict[str, Callable[[str], Array]] = {
-            "network": lambda a: matched[a].A,
-            "kalman": lambda a: _last_gain(self.contest.kalman_models(q, own)[a]),
-            "hf": lambda a: self.contest.designs("exact", areas.assuming(ratio), margin)[a].gain,
-            "hf-least": lambda a: (
-                self.contest.designs("exact", areas.assuming(ratio), 0.01)[a].gain
-            ),
+        models = areas.assuming(ratio)
+        designs = {g: self.contest.designs("exact", models, g) for g in (margin, 0.01)}
+        gains: dict[str, dict[str, Array]] = {
+            "network": {a: matched[a].A for a in AREAS},
+            "kalman": {a: _last_gain(m) for a, m in self.contest.kalman_models(q, own).items()},
+            "hf": {a: design.gain for a, design in designs[margin].items()},
+            "hf-least": {a: design.gain for a, design in designs[0.01].items()},
         }
-        found = {
-            name: [
-                (
-                    matched[a].B.shape[1] + matched[a].D.shape[1],
-                    steady_error(matched[a], gain(a)),
-                    _worst(matched[a], gain(a)),
-                )
-                for a in AREAS
-            ]
-            for name, gain in gains.items()
-        }
-        return found | {"told": found["kalman"]}
+        gains["told"] = gains["kalman"]
+        seen = [np.eye(4)[rows] for rows in PARTS.values()]
+        found = {}
+        for name, gain in gains.items():
+            parts = [[(replace(matched[a], L=L), gain[a]) for L in seen] for a in AREAS]
+            white = np.array([[steady_error(*part) for part in of_area] for of_area in parts])
+            worst = np.array([[_worst(*part) for part in of_area] for of_area in parts])
+            found[name] = matched["1"].B.shape[1] + matched["1"].D.shape[1], white, worst
+        return found
 
 
-def _power(channels: int, white: float, worst: float, share: float) -> float:
-    return (1 - share) * white**2 + share * channels * worst**2
+def _relative(errors: ByArea, network: ByArea) -> Errors:
+    """Return the RMS errors of position and velocity over the network's, means over areas."""
+    shares = [
+        [root_mean_square(e[a][:, rows]) for a in AREAS for e in (errors, network)]
+        for rows in PARTS.values()
+    ]
+    return _pair(np.mean([[p[0] / p[1], p[2] / p[3]] for p in shares], axis=1))
+
+
+def _pair(values: Array) -> Errors:
+    position, velocity = values
+    return float(position), float(velocity)
 
 
 def _worst(model: ErrorModel, gain: Array) -> float:

@@ -11,6 +11,7 @@ from functools import cached_property, partial
 from typing import Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.linalg import block_diag
 
 from inswsn_lib.checks import Array
@@ -294,9 +295,10 @@ class TrainingAreas:
 
 def run_coloured(
     model: ErrorModel,
-    correlation_time: float,
+    correlation_time: ArrayLike,
     y: Array,
     *,
+    white: ArrayLike = 1e-12,
     consider: bool = False,
     predicted: bool = False,
 ) -> Array:
@@ -306,10 +308,12 @@ def run_coloured(
     ----------
     model : ErrorModel
         Of the INS, with four states and the R of the fixes.
-    correlation_time : float
-        Of the errors of fixes, s. At 0 they are white, and the filter is `run_kalman`.
+    correlation_time : float or array_like, (4,)
+        Of the errors of fixes and velocities, s. If all are white, with 0, it is `run_kalman`.
     y : ndarray, (steps, 4, runs)
         INS less network.
+    white : float or array_like, (4,)
+        Share of the variance of these errors that is white all the same.
     consider : bool
         Whether these errors are considered, as by `run_schmidt`, and not estimated.
     predicted : bool
@@ -330,10 +334,10 @@ def run_coloured(
     >>> run_coloured(model, 1.0, y)[0, :, 0].round(4).tolist()
     [1.0, 1.0, 1.0, 1.0]
     """
-    if correlation_time == 0:
+    if not np.any(correlation_time):
         return run_kalman(model, y, initial_covariance=UNKNOWN, predicted=predicted)
-    knowing = model.with_coloured_noise(correlation_time)
-    start = block_diag(UNKNOWN, model.measurement_covariance)
+    knowing = model.with_coloured_noise(correlation_time, white)
+    start = block_diag(UNKNOWN, (1 - np.asarray(white)) * model.measurement_covariance)
     if consider:
         return run_schmidt(
             knowing, y, considered=len(y[0]), initial_covariance=start, predicted=predicted

@@ -97,3 +97,25 @@ def test_the_model_of_p2_is_that_of_p1_without_jitter() -> None:
     assert np.diag(model.D).tolist() == [0.3, 0.3, 0.4, 0.4]
     with pytest.raises(ParameterError, match="period is"):
         ErrorModel.p2(-1.0)
+
+
+def test_a_coloured_error_has_the_variance_and_the_autocorrelation_asked_for() -> None:
+    """In the steady state of c, which is its start: X = phi X phi + (1 - phi^2)(1 - s) R."""
+    plain = ErrorModel.p1(0.5, measurement_noise=(2.0, 0.5))
+    model = plain.with_coloured_noise([1.0, 2.0, 0.0, 4.0], white=[0.25, 0.5, 1.0, 0.1])
+    phi, R = model.A[4:, 4:], plain.measurement_covariance
+    coloured = R * np.array([0.75, 0.5, 0.0, 0.9])
+    np.testing.assert_allclose(
+        phi @ coloured @ phi + model.process_covariance[4:, 4:], coloured, atol=1e-15
+    )
+    np.testing.assert_allclose(coloured + model.measurement_covariance, R, atol=1e-15)
+    np.testing.assert_allclose(phi.diagonal(), np.exp([-0.5, -0.25, -np.inf, -0.125]))
+    np.testing.assert_array_equal(model.C, np.hstack([plain.C, np.eye(4)]))
+
+
+@pytest.mark.parametrize(
+    "given", [{"correlation_time": -1.0}, {"correlation_time": 1.0, "white": 0.0}]
+)
+def test_a_coloured_error_that_cannot_be_is_refused(given: dict[str, float]) -> None:
+    with pytest.raises(ParameterError, match=list(given)[-1]):
+        ErrorModel.p1(0.5).with_coloured_noise(**given)

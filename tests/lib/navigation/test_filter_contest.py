@@ -85,17 +85,34 @@ def test_white_errors_need_no_states_and_predictions_are_those_of_the_kalman_fil
         )
 
 
-def test_on_no_ground_is_one_that_is_told_the_truth_much_worse(chart: FilterMap) -> None:
-    """Where nothing is changed it is the tuned filter; where much is, it is the better one."""
-    nothing = chart.losses("correlation", 0.0)
+def test_one_that_is_told_the_truth_is_the_tuned_filter_or_a_better_one(chart: FilterMap) -> None:
+    nothing = chart.errors("correlation", 0.0)
     assert nothing["told"] == nothing["kalman"]
     for ground, size in (("bias", 3.0), ("correlation", 5.0), ("assumed-q", 1e-4)):
-        found = chart.losses(ground, size)
-        assert found["told"] < 0.9 * found["kalman"]
+        found = chart.errors(ground, size)
+        assert sum(found["told"]) < 0.9 * sum(found["kalman"])
+
+
+def test_the_network_is_what_all_is_held_against(chart: FilterMap) -> None:
+    for ground, size in (("bias", 1.0), ("outliers", 10.0), ("adversary", 50.0)):
+        assert chart.errors(ground, size)["network"] == (1.0, 1.0)
 
 
 def test_against_an_adversary_the_bound_orders_the_filters(chart: FilterMap) -> None:
-    """All energy where it harms most is the worst-case gain, which one at 1 % margin has least."""
-    white, worst = chart.losses("adversary", 0.0), chart.losses("adversary", 100.0)
-    assert worst["hf-least"] < worst["hf"] < worst["kalman"]
-    assert white["kalman"] < white["hf-least"]
+    """All energy where it harms most is the worst-case gain; none is the error by Lyapunov."""
+    (white, _), (worst, _) = (
+        zip(
+            *(chart.errors("adversary", share)[n] for n in ("hf-least", "hf", "kalman")),
+            strict=True,
+        )
+        for share in (0.0, 100.0)
+    )
+    assert worst[0] < worst[1] < worst[2]
+    assert white[2] < white[0]
+    model = chart.contest.areas.matched["1"]
+    channels, by_white, by_worst = chart._steady["network"]
+    # the deadbeat predictor has the error A D v - B w, which no step before it enters
+    driven = np.hstack([model.B, -model.A @ model.D])[:2]
+    assert channels == 8
+    assert by_white[0, 0] == pytest.approx(np.linalg.norm(driven))
+    assert by_worst[0, 0] == pytest.approx(np.linalg.norm(driven, 2), rel=1e-4)
