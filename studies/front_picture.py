@@ -51,7 +51,9 @@ def contests(root: Path, findings: Findings) -> list[Contest]:
     average = float(p3["average_improvement_at_least"])
     return [
         Contest("P1: HF over KF,\nposition", 1 / value("02", "headline.published-ratio"),
-                value("02", "fair.hf-exact-lmi.position", "fair.kalman.position")),
+                value("02", "fair.hf-exact-lmi.position", "fair.kalman.position"),
+                value("02", "lasting.recorded.hf-tuned-for-white",
+                      "lasting.recorded.kalman-tuned-for-white")),
         Contest("P1: LS-SVM over BP,\noutages", left(bridged),
                 value("03", "fair.geometric.ls-svm-motion", "fair.geometric.bp-motion")),
         Contest("P2: DHF over FKF,\nposition", left([float(p2[c]["vs_fkf"]) for c in ("rx", "ry")]),
@@ -77,7 +79,7 @@ def front_svg(rows: Sequence[Contest]) -> str:
     for field, label, marker, colour in (
         ("printed", "as printed", "o", "published"),
         ("rebuilt", "on equal terms", "s", "rebuilt"),
-        ("recorded", "on a recorded drive", "D", "reproduced"),
+        ("recorded", "recorded data", "D", "reproduced"),
     ):
         values = [getattr(row, field) for row in rows]  # one that is None is not drawn
         numbers = [float("nan") if value is None else value for value in values]
