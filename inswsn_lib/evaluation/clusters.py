@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.stats import norm, t
 
-from inswsn_lib.checks import Array, array, whole
+from inswsn_lib.checks import Array, array, number, whole
 from inswsn_lib.errors import Described, ParameterError
 
 _FEWEST = 5
@@ -14,8 +14,10 @@ _ENDS = (0.025, 0.975)
 _MOST_SKEW = 1.5  # what is found beyond it rests on a single value
 
 
-def cluster_mean(values: ArrayLike, clusters: ArrayLike) -> tuple[float, float, float]:
-    r"""Return the mean of values and a 95 % interval of it that knows of clusters.
+def cluster_mean(
+    values: ArrayLike, clusters: ArrayLike, *, level: float = 0.95
+) -> tuple[float, float, float]:
+    r"""Return the mean of values and an interval of it that knows of clusters.
 
     Values of one cluster, such as outages at one place, are not independent. With the sum of a
     cluster :math:`s_c`, its count :math:`n_c` and the mean m of all values, the G numbers
@@ -28,6 +30,9 @@ def cluster_mean(values: ArrayLike, clusters: ArrayLike) -> tuple[float, float, 
     ----------
     values, clusters : array_like, (n,)
         The values and the cluster of each, of five clusters or more.
+    level : float
+        Of the interval. One for each of m comparisons, of which with 95 % none is to be wrong, has
+        1 - 0.05 / m (Bonferroni).
 
     Returns
     -------
@@ -48,6 +53,7 @@ def cluster_mean(values: ArrayLike, clusters: ArrayLike) -> tuple[float, float, 
     >>> cluster_mean([1, 2, 3, 4, 5] * 100, [*range(5)] * 100)[1] == 1.036756838522439
     True
     """
+    number("level", level, above=0, below=1)
     given, which, G = _clustered(values, clusters)
     sums, counts, mean = np.bincount(which, given), np.bincount(which), float(given.mean())
     apart = (sums - mean * counts) * (G / len(given))
@@ -56,7 +62,8 @@ def cluster_mean(values: ArrayLike, clusters: ArrayLike) -> tuple[float, float, 
         return mean, mean, mean
     skewness = float(np.mean(apart**3) / np.mean(apart**2) ** 1.5)
     skewness = min(max(skewness, -_MOST_SKEW), _MOST_SKEW)
-    low, high = (mean - deviation * _bent(t.ppf(1 - end, G - 1), skewness, G) for end in _ENDS)
+    ends = t.ppf([(1 + level) / 2, (1 - level) / 2], G - 1)
+    low, high = (mean - deviation * _bent(end, skewness, G) for end in ends)
     return mean, min(low, mean), max(high, mean)
 
 

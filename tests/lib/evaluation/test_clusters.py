@@ -96,3 +96,14 @@ def test_what_has_no_interval(changed: dict[str, Any], said: str) -> None:
             interval(**right | changed)
     with pytest.raises(ParameterError, match="resamples is 0"):
         cluster_median(**right, seed=0, resamples=0)
+
+
+def test_another_level_is_students_and_holds_the_narrower_one() -> None:
+    """Five values that are symmetric: no skewness, so Student's interval for 4 degrees."""
+    values = [1.0, 2.0, 3.0, 4.0, 5.0]
+    for level in (0.8, 0.95, 0.999):
+        mean, low, high = cluster_mean(values, range(5), level=level)
+        half = t.ppf((1 + level) / 2, 4) * np.std(values, ddof=1) / 5**0.5
+        assert (low, high) == pytest.approx((mean - half, mean + half))
+    with pytest.raises(ParameterError, match="level"):
+        cluster_mean(values, range(5), level=1.0)
