@@ -11,6 +11,12 @@ from .drift import (
     drift_bound as drift_bound,
     longest_period as longest_period,
 )
+from .drift_family import (
+    Correction as Correction,
+    DriftFamily as DriftFamily,
+    DriftFits as DriftFits,
+    fit_drifts as fit_drifts,
+)
 from .metrics import (
     Spread as Spread,
     cluster_interval as cluster_interval,
@@ -25,6 +31,7 @@ from .scores import (
     Leader as Leader,
     Score as Score,
     Scores as Scores,
+    crps as crps,
     paired_lead as paired_lead,
     score_hypothesis as score_hypothesis,
 )

@@ -196,3 +196,35 @@ def score_hypothesis(rebuilt: ArrayLike, printed: ArrayLike, free: int) -> Score
     if not a.size or min(a.min(), b.min()) <= 0:
         raise ParameterError("rebuilt and printed", [*a, *b], "positive numbers")
     return Score(whole("free", free), a / b)
+
+
+def crps(predicted: ArrayLike, observed: ArrayLike) -> Array:
+    r"""Return the continuous ranked probability score of predictions, (cells,). Less is better.
+
+    .. math:: \mathbb{E}|X - x| - \tfrac12\, \mathbb{E}|X - X'|
+
+    with X and X' drawn from the prediction and x observed (Gneiting and Raftery 2007, Section 4.2).
+    It is proper: who predicts what he believes has the least expected score, so a prediction that
+    is too wide pays for it as well as one that misses. One without spread is scored by its
+    distance.
+
+    Parameters
+    ----------
+    predicted : array_like, (cells, draws)
+    observed : array_like, (cells,)
+
+    Examples
+    --------
+    Both predictions hold the observed 0, the second is ten times as wide:
+
+    >>> import numpy as np
+    >>> from inswsn_lib.evaluation import crps
+    >>> crps([[-1.0, 1.0], [-10.0, 10.0]], [0.0, 0.0]).tolist()
+    [0.5, 5.0]
+    """
+    drawn = np.sort(array("predicted", predicted, ("cells", "draws")), axis=1)
+    found = array("observed", observed, (len(drawn),))
+    draws = drawn.shape[1]
+    # sum of |x_i - x_j| over all pairs, from sorted numbers: each is as often above as it is high
+    weights = (2 * np.arange(draws) + 1 - draws) / draws**2
+    return np.asarray(np.abs(drawn - found[:, None]).mean(axis=1) - drawn @ weights)
