@@ -29,6 +29,7 @@ from .monte_carlo import GROUP as GROUP, monte_carlo as monte_carlo
 from .scores import (
     Lead as Lead,
     Leader as Leader,
+    Prediction as Prediction,
     Score as Score,
     Scores as Scores,
     crps as crps,

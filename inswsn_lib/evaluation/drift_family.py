@@ -9,7 +9,7 @@ errors follow without a simulation.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.polynomial.legendre import legvander
 from numpy.typing import ArrayLike
+from scipy.linalg import block_diag
 from scipy.optimize import least_squares
 from scipy.special import erf
 
@@ -24,7 +25,7 @@ from inswsn_lib.checks import Array, array, number, whole
 from inswsn_lib.errors import Described, ParameterError
 
 _MOST_DEGREE = 9
-_LEAST_DEVIATION = 1e-12  # m, m/s: an error without noise is one with this much
+_LEAST_DEVIATION = 1e-12  # m, m/s: what an error has that is without noise
 _LINEAR = 1e-9  # of the largest estimate
 _X_AXIS, _Y_AXIS = [0, 2], [1, 3]
 
@@ -94,8 +95,7 @@ class DriftFamily:
         numbers : array_like, (drifts, degree + 1)
             In m.
         """
-        drifts = self._drifts(numbers)
-        return np.concatenate([window.of(drifts) for window in self._windows], axis=1)
+        return self._cells.of(self._drifts(numbers))
 
     def draw_starts(self, cells: ArrayLike, count: int, rng: np.random.Generator) -> Array:
         """Return drifts from which a fit may start, (count, degree + 1), by one printed axis.
@@ -123,9 +123,9 @@ class DriftFamily:
         return numbers
 
     @cached_property
-    def _windows(self) -> tuple[_Window, _Window]:
+    def _cells(self) -> _Cells:
         area, outage = np.split(self.basis, [self.samples])
-        return _Window(area, np.zeros(area.shape[:2])), _Window(outage, np.zeros(outage.shape[:2]))
+        return _Cells.over(area).beside(_Cells.over(outage))
 
     def _drifts(self, numbers: ArrayLike) -> Array:
         return array("numbers", numbers, ("drifts", self.degree + 1))
@@ -222,7 +222,7 @@ class Correction:
             With as many samples as the filter has.
         numbers : array_like, (drifts, degree + 1)
         """
-        return self._window(family).of(family._drifts(numbers))
+        return self._cells(family).of(family._drifts(numbers))
 
     def draw_cells(
         self, family: DriftFamily, numbers: ArrayLike, rng: np.random.Generator
@@ -237,17 +237,28 @@ class Correction:
         """
         drifts = family._drifts(numbers)
         drawn = rng.standard_normal((len(drifts), family.samples, 2)) * np.asarray(self.noise)
-        noise = np.einsum("kslt,dlt->dks", self.response, drawn, optimize=True)[:, self.first :]
-        left = np.einsum("ksj,dj->dks", self._window(family).basis, drifts)
-        return np.asarray(np.abs(left + noise).mean(axis=1))
+        # rows of drifts times matrices: one product each
+        left = drifts @ np.moveaxis(self._left(family), 2, 0).reshape(family.degree + 1, -1)
+        noise = drawn.reshape(len(drifts), -1) @ self._matrix.T
+        errors = left + noise[:, 2 * self.first :]
+        return np.asarray(np.abs(errors).reshape(len(drifts), -1, 2).mean(axis=1))
 
-    def _window(self, family: DriftFamily) -> _Window:
+    @property
+    def _matrix(self) -> Array:
+        """The response as a matrix, (2 samples, 2 samples)."""
+        return self.response.reshape(2 * len(self.response), -1)
+
+    def _left(self, family: DriftFamily) -> Array:
+        """Return what is left of each number of a drift, (samples - first, 2, degree + 1)."""
         if len(self.response) != family.samples:
             raise ParameterError("family", family, f"one with {len(self.response)} samples")
         drift = family.basis[: family.samples]
-        left = drift - np.tensordot(self.response, drift, axes=2)
-        deviation = np.sqrt(np.tensordot(self.response**2, np.asarray(self.noise) ** 2, 1).sum(2))
-        return _Window(left[self.first :], deviation[self.first :])
+        return (drift - np.tensordot(self.response, drift, axes=2))[self.first :]
+
+    def _cells(self, family: DriftFamily) -> _Cells:
+        variance = np.tile(np.asarray(self.noise) ** 2, family.samples)
+        deviation = np.sqrt(self._matrix**2 @ variance).reshape(-1, 2)
+        return _Cells.over(self._left(family), deviation[self.first :])
 
 
 class DriftFits(NamedTuple):
@@ -315,49 +326,63 @@ def fit_drifts(
     >>> bool(np.abs(np.abs(fits.meeting(1e-6)) - np.abs(drift)).max(axis=1).min() < 1e-6)
     True
     """
-    windows = [*family._windows] + ([correction._window(family)] if correction else [])
-    printed = _positive("cells", cells, 2 * len(windows))
-    fits = [_fit(windows, printed, start, most) for start in family._drifts(starts)]
+    fitted = family._cells.beside(correction._cells(family)) if correction else family._cells
+    printed = _positive("cells", cells, len(fitted.mean))
+    fits = [_fit(fitted, printed, start, most) for start in family._drifts(starts)]
     return DriftFits(*map(np.array, zip(*fits, strict=True)))
 
 
 @dataclass(frozen=True, eq=False)
-class _Window:
-    """Errors that are linear in the numbers of a drift, with noise, and their mean values."""
+class _Cells:
+    """Mean absolute values of errors that are linear in the numbers of a drift, with noise."""
 
-    basis: Array  # (steps, 2, numbers)
-    deviation: Array  # (steps, 2)
+    basis: Array  # (errors, numbers)
+    deviation: Array  # (errors,)
+    mean: Array  # (cells, errors), which errors are averaged in which cell
+
+    @classmethod
+    def over(cls, basis: Array, deviation: Array | None = None) -> _Cells:
+        """Return the two cells of a window, from (steps, 2, numbers) and (steps, 2)."""
+        steps = len(basis)
+        spread = np.zeros((steps, 2)) if deviation is None else deviation
+        # an error without noise is one with very little: one formula for both
+        spread = np.maximum(spread.ravel(), _LEAST_DEVIATION)
+        return cls(basis.reshape(2 * steps, -1), spread, np.tile(np.eye(2), steps) / steps)
+
+    def beside(self, other: _Cells) -> _Cells:
+        """Return these cells and others, in this order."""
+        return _Cells(
+            np.concatenate([self.basis, other.basis]),
+            np.concatenate([self.deviation, other.deviation]),
+            block_diag(self.mean, other.mean),
+        )
 
     def of(self, drifts: Array) -> Array:
-        """Return expected mean absolute errors, (drifts, 2)."""
-        sizes, _ = self._sizes(np.einsum("ksj,dj->dks", self.basis, drifts))
-        return np.asarray(sizes.mean(axis=1))
+        """Return the expected cells, (drifts, cells)."""
+        return np.asarray(self._sizes(drifts @ self.basis.T)[0] @ self.mean.T)
 
     def value_and_slope(self, drift: Array) -> tuple[Array, Array]:
-        """Return the mean absolute errors of one drift, (2,), and their derivatives."""
+        """Return the expected cells of one drift, and their derivatives (cells, numbers)."""
         size, sign = self._sizes(self.basis @ drift)
-        return size.mean(axis=0), np.einsum("ks,ksj->sj", sign, self.basis) / len(size)
+        return self.mean @ size, (self.mean * sign) @ self.basis
 
     def _sizes(self, mean: Array) -> tuple[Array, Array]:
         """Return the expected absolute values of errors, and their derivatives by the mean."""
-        deviation = np.maximum(self.deviation, _LEAST_DEVIATION)
-        ratio = mean / deviation
+        ratio = mean / self.deviation
         sign = erf(ratio / np.sqrt(2))
-        return np.sqrt(2 / np.pi) * deviation * np.exp(-(ratio**2) / 2) + mean * sign, sign
+        return np.sqrt(2 / np.pi) * self.deviation * np.exp(-(ratio**2) / 2) + mean * sign, sign
 
 
-def _fit(windows: Iterable[_Window], printed: Array, start: Array, most: int) -> tuple[Array, ...]:
+def _fit(fitted: _Cells, printed: Array, start: Array, most: int) -> tuple[Array, Array]:
     # rows of zeros where a drift has more numbers than there are cells: the method asks for as many
     spare = max(0, len(start) - len(printed))
 
     def residuals(drift: Array) -> Array:
-        sizes = np.concatenate([window.value_and_slope(drift)[0] for window in windows])
-        return np.append(np.log(sizes / printed), np.zeros(spare))
+        return np.append(np.log(fitted.value_and_slope(drift)[0] / printed), np.zeros(spare))
 
     def slopes(drift: Array) -> Array:
-        parts = [window.value_and_slope(drift) for window in windows]
-        rows = [slope / size[:, None] for size, slope in parts]
-        return np.concatenate([*rows, np.zeros((spare, len(start)))])
+        cells, slope = fitted.value_and_slope(drift)
+        return np.concatenate([slope / cells[:, None], np.zeros((spare, len(start)))])
 
     found = least_squares(residuals, start, jac=slopes, method="lm", max_nfev=most)
     return found.x, np.exp(found.fun[: len(printed)])
