@@ -26,7 +26,7 @@ from inswsn_lib.errors import Described, ParameterError
 
 _MOST_DEGREE = 9
 _LEAST_DEVIATION = 1e-12  # m, m/s: what an error has that is without noise
-_LINEAR = 1e-9  # of the largest estimate
+_LINEAR = 1e-6  # of the largest estimate; a design from a solver is not exact
 _X_AXIS, _Y_AXIS = [0, 2], [1, 3]
 
 
@@ -184,7 +184,7 @@ class Correction:
         ----------
         estimate : callable
             From measurements (samples, 4, runs), two positions and two velocities, to estimates of
-            the same shape.
+            the same shape. The x axis is taken.
         samples : int
         noise, first
             As the attributes.
@@ -195,13 +195,13 @@ class Correction:
             If the filter is not linear, or carries measurements of one axis to the other.
         """
         columns = 2 * whole("samples", samples, 2)
-        ones = np.eye(columns).reshape(samples, 2, columns)
+        # the last run has unequal measurements at once: their answers, weighed, if it is linear
+        weights = np.linspace(1.0, 2.0, columns)
         measured = np.zeros((samples, 4, columns + 1))
-        # the last run has all measurements at once: of a linear filter, the sum of all answers
-        measured[:, _X_AXIS] = np.concatenate([ones, ones.sum(axis=2, keepdims=True)], axis=2)
+        measured[:, _X_AXIS] = np.column_stack([np.eye(columns), weights]).reshape(samples, 2, -1)
         answer = array("estimate", estimate(measured), measured.shape)
         response, together = answer[:, _X_AXIS, :-1], answer[:, _X_AXIS, -1]
-        off = max(np.abs(answer[:, _Y_AXIS]).max(), np.abs(response.sum(axis=2) - together).max())
+        off = max(np.abs(answer[:, _Y_AXIS]).max(), np.abs(response @ weights - together).max())
         if off > _LINEAR * max(1.0, np.abs(answer).max()):
             raise ParameterError(
                 "estimate", Described(f"{off:.1e} off"), "linear, with one axis apart from another"
@@ -256,9 +256,10 @@ class Correction:
         return (drift - np.tensordot(self.response, drift, axes=2))[self.first :]
 
     def _cells(self, family: DriftFamily) -> _Cells:
+        left = self._left(family)
         variance = np.tile(np.asarray(self.noise) ** 2, family.samples)
         deviation = np.sqrt(self._matrix**2 @ variance).reshape(-1, 2)
-        return _Cells.over(self._left(family), deviation[self.first :])
+        return _Cells.over(left, deviation[self.first :])
 
 
 class DriftFits(NamedTuple):
