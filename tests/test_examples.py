@@ -38,6 +38,7 @@ MODULES = ("errors", "files", "models", "plotting", "scenario")
 EXEMPT = {
     "errors.Described": "for the rooms",
     "evaluation.DriftBound": "given by drift_bound",
+    "evaluation.DriftFits": "given by fit_drifts",
     "evaluation.Lead": "given by paired_lead",
     "evaluation.Leader": "given by Scores.leader",
     "evaluation.Score": "given by score_hypothesis",

@@ -12,6 +12,12 @@ from .drift import (
     drift_bound as drift_bound,
     longest_period as longest_period,
 )
+from .drift_family import (
+    Correction as Correction,
+    DriftFamily as DriftFamily,
+    DriftFits as DriftFits,
+    fit_drifts as fit_drifts,
+)
 from .metrics import (
     Spread as Spread,
     largest_error as largest_error,
@@ -23,8 +29,10 @@ from .monte_carlo import GROUP as GROUP, monte_carlo as monte_carlo
 from .scores import (
     Lead as Lead,
     Leader as Leader,
+    Prediction as Prediction,
     Score as Score,
     Scores as Scores,
+    crps as crps,
     paired_lead as paired_lead,
     score_hypothesis as score_hypothesis,
 )

@@ -196,3 +196,95 @@ def score_hypothesis(rebuilt: ArrayLike, printed: ArrayLike, free: int) -> Score
     if not a.size or min(a.min(), b.min()) <= 0:
         raise ParameterError("rebuilt and printed", [*a, *b], "positive numbers")
     return Score(whole("free", free), a / b)
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """What is predicted of printed cells by a hypothesis that was not fitted to them.
+
+    Attributes
+    ----------
+    ratios : ndarray, (cells, draws)
+        Predicted over printed, a column for each drawn case. Positive.
+
+    Raises
+    ------
+    ParameterError
+        If they are not positive.
+
+    Examples
+    --------
+    Of two cells the second is predicted between 1.2 and 2.2 times the printed one:
+
+    >>> import numpy as np
+    >>> from inswsn_lib.evaluation import Prediction
+    >>> spread = np.linspace(0.8, 1.2, 41)
+    >>> prediction = Prediction(np.array([spread, spread + 1]))
+    >>> prediction.inside, round(prediction.width, 2)
+    (1, 1.33)
+    """
+
+    ratios: Array
+
+    def __post_init__(self) -> None:
+        if array("ratios", self.ratios, ("cells", "draws")).min() <= 0:
+            raise ParameterError("ratios", self.ratios, "positive numbers")
+
+    @property
+    def interval(self) -> Array:
+        """The ends of the 95 % interval of each cell, (2, cells)."""
+        return np.asarray(np.quantile(self.ratios, [0.025, 0.975], axis=1))
+
+    @property
+    def inside(self) -> int:
+        """How many printed cells lie in their interval."""
+        low, high = self.interval
+        return int(np.sum((low <= 1) & (high >= 1)))
+
+    @property
+    def width(self) -> float:
+        """Upper over lower end of the intervals, geometric mean."""
+        low, high = self.interval
+        return float(np.exp(np.mean(np.log(high / low))))
+
+    @property
+    def scores(self) -> Array:
+        """The score `crps` of the logarithm of each cell, (cells,)."""
+        return crps(np.log(self.ratios), np.zeros(len(self.ratios)))
+
+    @property
+    def score(self) -> float:
+        """Its mean over the cells: near the relative error, if small and certain."""
+        return float(self.scores.mean())
+
+
+def crps(predicted: ArrayLike, observed: ArrayLike) -> Array:
+    r"""Return the continuous ranked probability score of predictions, (cells,). Less is better.
+
+    .. math:: \mathbb{E}|X - x| - \tfrac12\, \mathbb{E}|X - X'|
+
+    with X and X' drawn from the prediction and x observed (Gneiting and Raftery 2007, Section 4.2).
+    It is proper: who predicts what he believes has the least expected score, so a prediction that
+    is too wide pays for it as well as one that misses. One without spread is scored by its
+    distance.
+
+    Parameters
+    ----------
+    predicted : array_like, (cells, draws)
+    observed : array_like, (cells,)
+
+    Examples
+    --------
+    Both predictions hold the observed 0, the second is ten times as wide:
+
+    >>> import numpy as np
+    >>> from inswsn_lib.evaluation import crps
+    >>> crps([[-1.0, 1.0], [-10.0, 10.0]], [0.0, 0.0]).tolist()
+    [0.5, 5.0]
+    """
+    drawn = np.sort(array("predicted", predicted, ("cells", "draws")), axis=1)
+    found = array("observed", observed, (len(drawn),))
+    draws = drawn.shape[1]
+    # sum of |x_i - x_j| over all pairs, from sorted numbers: each is as often above as it is high
+    weights = (2 * np.arange(draws) + 1 - draws) / draws**2
+    return np.asarray(np.abs(drawn - found[:, None]).mean(axis=1) - drawn @ weights)

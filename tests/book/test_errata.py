@@ -275,6 +275,48 @@ def test_percentages_of_the_text_are_not_those_of_the_tables(root: Path) -> None
     assert min(svm) > 85
 
 
+def test_a_plane_leaves_nearly_all_of_a_white_error(root: Path) -> None:
+    rng = np.random.default_rng(19)
+    inputs = np.cumsum(rng.standard_normal((50, 4)), axis=0)  # any four that run along
+    plane = np.column_stack([np.ones(50), inputs])
+    rest = np.eye(50) - plane @ np.linalg.pinv(plane)
+    assert rest.trace() == pytest.approx(50 - 5)
+    assert norm(rest @ plane) < 1e-9 * norm(plane)  # an offset, or what runs along, is taken in
+    teacher = cells(root, "table2")["HF"]["ry1"]
+    wide = [float(r["dry"]) for r in rows_of(root, "p1-table1") if float(r["sigma"]) >= 30]
+    assert len(wide) == 7
+    assert max(wide) < 0.25 * teacher < 0.9 * math.sqrt(1 - 5 / 50) * teacher
+    # the mean of |x| is sigma sqrt(2/pi), the RMS in the plane sigma sqrt(2)
+    x, y = rng.standard_normal((2, 200_000))
+    plane_rms = math.sqrt(np.mean(x**2 + y**2))
+    assert plane_rms / np.mean(np.abs(x)) == pytest.approx(math.sqrt(math.pi), rel=0.01)
+    assert 0.18 < min(wide) * math.sqrt(math.pi) < max(wide) * math.sqrt(math.pi) < 0.2
+
+
+def test_velocity_errors_of_the_ls_svm_fall_while_those_of_the_ins_triple(root: Path) -> None:
+    three = cells(root, "table3")
+    growth = {
+        method: {axis: row[axis + "2"] / row[axis + "1"] for axis in ("rx", "ry", "vx", "vy")}
+        for method, row in three.items()
+    }
+    assert growth["INS-only"]["vx"] == pytest.approx(3.46, abs=0.01)
+    assert growth["INS-only"]["vy"] == pytest.approx(2.96, abs=0.01)
+    assert min(growth["LS-SVM"]["rx"], growth["LS-SVM"]["ry"]) > 8
+    assert growth["LS-SVM"]["vx"] == pytest.approx(0.117, abs=1e-3)
+    assert growth["LS-SVM"]["vy"] == pytest.approx(0.752, abs=1e-3)
+
+
+def test_a_matrix_with_the_jitter_is_not_constant() -> None:
+    T, jitter = 0.2, 0.0012
+    A, E = even_motion(T), jitter * np.eye(4, k=2)
+    gain = A @ (0.6 * np.eye(4))
+    beta = np.random.default_rng(21).choice([-1.0, 1.0], 1000)
+    A_f = A - gain + E * beta[:, None, None]  # (2.24) with C = I
+    assert A_f[:, 0, 2].std() == pytest.approx(jitter, rel=0.01)
+    moved = A_f.std(axis=0) > 1e-9
+    assert sorted(zip(*np.nonzero(moved), strict=True)) == [(0, 2), (1, 3)]
+
+
 # P2 ----------------------------------------------------------------------------------------------
 
 

@@ -6,9 +6,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 
 from inswsn_lib.errors import ParameterError
-from inswsn_lib.evaluation import Scores, paired_lead, score_hypothesis
+from inswsn_lib.evaluation import Prediction, Scores, crps, paired_lead, score_hypothesis
 
 
 def scores(one: float, two: float, count: int = 101) -> Scores:
@@ -92,3 +93,48 @@ def test_what_does_not_pair_is_refused(
 ) -> None:
     with pytest.raises(ParameterError, match=said):
         score_hypothesis(rebuilt, printed, free)
+
+
+def test_the_score_of_a_normal_prediction_is_its_closed_form() -> None:
+    # of N(m, s) at x: s (z (2 Phi(z) - 1) + 2 phi(z) - 1/sqrt(pi)), z = (x - m) / s
+    quantiles = norm.ppf((np.arange(20_000) + 0.5) / 20_000)
+    for mean, deviation, found in ((0.0, 1.0, 0.0), (1.0, 0.5, 2.0), (-3.0, 4.0, 1.0)):
+        z = (found - mean) / deviation
+        closed = deviation * (z * (2 * norm.cdf(z) - 1) + 2 * norm.pdf(z) - 1 / np.sqrt(np.pi))
+        assert crps([mean + deviation * quantiles], [found]) == pytest.approx(closed, rel=1e-3)
+
+
+def test_a_certain_prediction_is_scored_by_its_distance() -> None:
+    predicted = np.full((2, 7), [[3.0], [-1.0]])
+    assert crps(predicted, [5.0, -1.0]) == pytest.approx([2.0, 0.0])
+    # all pairs, one by one
+    drawn, found = np.array([4.0, 1.0, 2.5]), 2.0
+    spread = np.mean([abs(a - b) for a in drawn for b in drawn])
+    assert crps([drawn], [found])[0] == pytest.approx(np.mean(abs(drawn - found)) - spread / 2)
+
+
+def test_the_score_is_proper() -> None:
+    """Who says what is so has the least mean score, against one too wide and one too narrow."""
+    rng = np.random.default_rng(8)
+    found = rng.standard_normal(400)
+    said = norm.ppf((np.arange(500) + 0.5) / 500)
+    true, wide, narrow = (
+        crps(np.tile(said * size, (400, 1)), found).mean() for size in (1.0, 2.0, 0.5)
+    )
+    assert true < wide
+    assert true < narrow
+
+
+def test_a_prediction_by_hand() -> None:
+    even = np.linspace(0.0, 1.0, 1001)  # its 95 % are from 0.025 to 0.975
+    prediction = Prediction(np.array([0.5 + even, 1 + even, 0.97 * 2**even]))
+    assert prediction.interval[:, 0] == pytest.approx([0.525, 1.475])
+    assert prediction.inside == 2
+    widths = [1.475 / 0.525, 1.975 / 1.025, 2**0.95]
+    assert prediction.width == pytest.approx(np.prod(widths) ** (1 / 3))
+    assert prediction.scores == pytest.approx(crps(np.log(prediction.ratios), [0.0] * 3))
+    assert prediction.score == pytest.approx(prediction.scores.mean())
+    with pytest.raises(ParameterError, match="ratios"):
+        Prediction(np.array([[1.0, 0.0]]))
+    with pytest.raises(ParameterError, match="observed"):
+        crps([[1.0, 2.0]], [1.0, 2.0])
