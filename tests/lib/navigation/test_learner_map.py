@@ -90,6 +90,10 @@ def test_the_network_is_heard_before_the_outage_and_in_the_rehearsal_alone(
     assert np.abs(np.diff(rehearsed.error[100:, :2], 2, axis=0)).min() > 0
     assert np.diff(passage.error[100:, :2], 2, axis=0) == pytest.approx(0, abs=1e-9)
     assert not np.array_equal(passage.y[:100], rehearsed.y[:100])  # other runs
+    # the motion that an INS indicates has its error, here a steady one that the truth has not
+    indicated = passage.inputs["motion"]
+    assert indicated is not None
+    assert np.hypot(*np.moveaxis(indicated - passage.error, 1, 0)[2:]) == pytest.approx(7.5)
 
 
 def test_an_error_is_a_mean_over_the_outage_and_both_positions(outages: BridgedOutages) -> None:
@@ -159,6 +163,20 @@ def test_the_interval_of_a_share_covers() -> None:
         # E|z| is sqrt(2/pi)
         held += abs(ratio / 100 - 0.3 - 0.2 / (2 * np.sqrt(2 / np.pi))) < within / 100
     assert 0.93 <= held / 1000 <= 0.965
+
+
+def test_the_interval_of_a_share_covers_on_the_map(outages: BridgedOutages) -> None:
+    drifts = ("steady", "oscillating", "turning")
+    ground = small(outages, *drifts, runs=20 * 48, lengths=(10.0,), noise=None)
+    errors = ground.means(ground.methods[COASTING, "none"][6](ground.judged))[:, 0]
+    alone = ground.means(ground.judged.error[ground.heard :])[:, 0]
+    held = 0
+    for e, w in zip(errors, alone, strict=True):
+        for block in range(20):
+            part = slice(48 * block, 48 * (block + 1))
+            left, within = share(e[part], w[part])
+            held += abs(left - 100 * e.mean() / w.mean()) < within
+    assert 0.88 <= held / 60 <= 1  # 95 % of 60, less 2.5 deviations
 
 
 def test_what_is_out_of_order_is_refused(outages: BridgedOutages) -> None:
