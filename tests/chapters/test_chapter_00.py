@@ -45,6 +45,12 @@ BY_HAND = {
     "teacher.ratio.vx2": 0.0092 / 0.1041,
     "teacher.columns-below": 5,
     "table3.slip.reduction": 100 * (1 - 0.092 / 1.1008),
+    "table3.growth.ls-svm.rx": 5.2938 / 0.5916,
+    "table3.growth.ins-only.vy": 6.0012 / 2.0265,
+    "table1.wide.share-most": 0.1085 / 0.5338,
+    "table1.wide.planar-least": 0.1063 * math.pi**0.5,
+    "table1.wide.white-left": 0.5338 * 0.9**0.5,
+    "table1.wide.other-half": 2 * 0.5338 - 0.1085,
     # P2: (1 - 0.40) / (1 - 0.90) and (1 - 0.80) / (1 - 0.83)
     "p2.fkf-over-ins.vx": 6,
     "p2.fkf-over-ins.vy": 0.20 / 0.17,
