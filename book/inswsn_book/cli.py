@@ -216,7 +216,7 @@ def claims(
         )
     selected = judging.judge_claims(_project(root), results, **wanted)
     if against is not None:
-        now = {entry.claim.id: str(entry.verdict) for entry in selected}
+        now = {entry.claim.id: entry.words for entry in selected}
         for line in differing(judging.read_verdicts(against), now):
             click.echo(line)
     elif as_json:

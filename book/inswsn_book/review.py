@@ -9,7 +9,8 @@ refused. What may be wrong beyond the form of the files, such as an id used twic
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal, TypeVar
@@ -18,7 +19,7 @@ from pydantic import Field, ValidationError
 
 from inswsn_book.ledger import Claim, QuantityCheck
 from inswsn_book.results import Finite, Frozen, Name, Quantity, Results, first_problem
-from inswsn_book.verdicts import Judged, Verdict, verdicts
+from inswsn_book.verdicts import Judged, Read, Verdict, verdicts
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.files import read_yaml
 
@@ -61,7 +62,7 @@ class Bound(Pointer):
 
 
 class Ruling(Frozen):
-    """A claim of the ledger that must have a certain verdict."""
+    """A claim of the ledger that must have a certain verdict, assumed or not."""
 
     claim: str
     verdict: Verdict
@@ -151,7 +152,7 @@ class Findings:
         where, name, end, form = match.groups()
         if where == "claim":
             entry = self.claim(name)
-            return f"{claim_link(entry.claim)} (*{entry.verdict}*)"
+            return f"{claim_link(entry.claim)} (*{entry.words}*)"
         quantity = self.quantity(where, name)
         try:
             ends = (quantity.value,) if end is None else quantity.interval or ()
@@ -291,6 +292,20 @@ def judged_anew(reading: Reading, findings: Findings) -> list[tuple[Judged, Judg
         other = now.claim.model_copy(update={"check": check, "assumption": reading.name})
         pairs.append((now, verdicts([other], findings.results.values())[0]))
     return pairs
+
+
+def with_readings(
+    judged: Sequence[Judged], readings: Readings, results: Iterable[Results]
+) -> list[Judged]:
+    """Return the claims with the verdict by each reading, where another one is computed."""
+    findings, read = Findings(results, judged), dict[str, list[Read]]()
+    for question in readings.questions:
+        for reading in question.readings:
+            for now, other in judged_anew(reading, findings):
+                own = Read("as decided here", now.words, now.verdict.holds)
+                new = Read(f"{question.id}: {reading.name}", other.words, other.verdict.holds)
+                read.setdefault(now.claim.id, [own]).append(new)
+    return [replace(entry, readings=tuple(read.get(entry.claim.id, ()))) for entry in judged]
 
 
 # Reading the files
