@@ -113,6 +113,13 @@ class Findings:
             raise InswsnError(f"the ledger has no claim {identity}.")
         return self.judged[identity]
 
+    def fitting(self, pattern: str) -> list[Judged]:
+        """Return the claims whose ids fit a pattern; refuse one that fits none."""
+        names = [name for name in self.judged if fnmatchcase(name, pattern)]
+        if not names:
+            raise InswsnError(f"the ledger has no claim that fits {pattern}.")
+        return [self.judged[name] for name in names]
+
     def quotient(self, chapter: str, quantity: str, over: str | None = None) -> float:
         """Return the value of a quantity, or that of one over another."""
         value = self.quantity(chapter, quantity).value
@@ -224,13 +231,26 @@ class Errata(Frozen):
 Certainty = Literal["printed", "best", "consistent", "rebuilt", "unexplained"]
 
 
+class Anew(Frozen):
+    """Claims that a reading judges by the quantities of its own run of the same computation.
+
+    These have the names of those that decide, behind a prefix: ``square`` for
+    ``square.table3.lssvm.rx1``. In `claims` ``*`` stands for any characters.
+    """
+
+    claims: Annotated[tuple[str, ...], Field(min_length=1)]
+    prefix: Name
+    tolerance: str | None = None  # in the place of the claim's own
+
+
 class Reading(Frozen):
-    """One way to read a place; `judged` names claims that it would judge by another quantity."""
+    """One way to read a place; `judged` and `anew` say by what it would judge claims instead."""
 
     name: Line
     found: Prose
     taken: bool = False
     judged: dict[str, QuantityCheck] = Field(default_factory=dict)
+    anew: tuple[Anew, ...] = ()
 
 
 class Question(Entry):
@@ -257,12 +277,7 @@ class Question(Entry):
 
     def hanging(self, findings: Findings) -> list[Judged]:
         """Return the claims that hang on it; refuse a pattern that fits none."""
-        found: set[str] = set()
-        for pattern in self.claims:
-            fitting = [name for name in findings.judged if fnmatchcase(name, pattern)]
-            if not fitting:
-                raise InswsnError(f"no claim of the ledger fits {pattern}.")
-            found |= set(fitting)
+        found = {entry.claim.id for pattern in self.claims for entry in findings.fitting(pattern)}
         return [entry for name, entry in findings.judged.items() if name in found]
 
 
@@ -286,10 +301,20 @@ class Readings(Frozen):
 
 def judged_anew(reading: Reading, findings: Findings) -> list[tuple[Judged, Judged]]:
     """Return the claims that a reading judges by another quantity: as they are, and would be."""
+    others: list[tuple[Judged, QuantityCheck, str | None]] = [
+        (findings.claim(name), check, None) for name, check in reading.judged.items()
+    ]
+    for rule in reading.anew:
+        for now in (entry for pattern in rule.claims for entry in findings.fitting(pattern)):
+            if isinstance(now.claim.check, QuantityCheck):
+                name = f"{rule.prefix}.{now.claim.check.quantity}"
+                check = now.claim.check.model_copy(update={"quantity": name})
+                others.append((now, check, rule.tolerance))
     pairs = []
-    for identity, check in reading.judged.items():
-        now = findings.claim(identity)
-        other = now.claim.model_copy(update={"check": check, "assumption": reading.name})
+    for now, check, tolerance in others:
+        changed = {"check": check, "assumption": reading.name}
+        changed |= {"tolerance": tolerance} if tolerance else {}
+        other = now.claim.model_copy(update=changed)
         pairs.append((now, verdicts([other], findings.results.values())[0]))
     return pairs
 
