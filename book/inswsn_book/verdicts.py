@@ -256,9 +256,15 @@ def _rule(claim: Claim, quantity: Quantity, published: Ends) -> tuple[Verdict, s
     if quantity.basis == "printed":
         return _judge_printed(rebuilt, published, claim.reference)
     verdict, reason = judge_rebuilt(quantity.value, rebuilt, published, claim.reference)
-    if verdict.holds and quantity.basis == "algebra":
-        verdict = Verdict.IDENTITY  # nothing was built again
-    return verdict, reason
+    algebra = quantity.basis == "algebra"
+    return _CHECKED.get(verdict, (verdict, reason)) if algebra else (verdict, reason)
+
+
+# What becomes of a verdict where nothing was built again
+_CHECKED = {
+    Verdict.REPRODUCED: (Verdict.IDENTITY, "It was checked, and holds."),
+    Verdict.NOT_REPRODUCED: (Verdict.NOT_REPRODUCED, "It was checked, and does not hold."),
+}
 
 
 def _judge_printed(rebuilt: Ends, published: Ends, reference: float) -> tuple[Verdict, str]:
