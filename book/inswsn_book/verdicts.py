@@ -118,7 +118,9 @@ class Judged:
             text = f"at least {low:g}"
         elif not isinstance(self.claim.value, str):
             text = f"exactly {low:g}"
-        elif self.claim.tolerance in ("digits", DRAWN):
+        elif self.claim.tolerance == DRAWN:
+            return f"{_with_unit(self.claim.value, self.claim.unit)} is within 95 % of the runs"
+        elif self.claim.tolerance == "digits":
             text = f"{self.claim.value} ({low:g} to {high:g})"
         else:
             text = f"{self.claim.value} ± {(high - low) / 2:.4g}"

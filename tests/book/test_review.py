@@ -9,9 +9,10 @@ from typing import Any
 
 import pytest
 from hypothesis import given, strategies as st
-from inswsn_book.ledger import Claim, QuantityCheck
+from inswsn_book.ledger import Claim, MissingCheck, QuantityCheck
 from inswsn_book.results import Quantity, Results
 from inswsn_book.review import (
+    Anew,
     Bound,
     Entry,
     Errata,
@@ -257,6 +258,25 @@ def test_a_claim_has_its_verdict_by_each_reading_that_is_computed() -> None:
     )
     assert found.label == "adds up in print, flips with the reading (holds in 2 of 3)"
     assert (unread.readings, unread.label) == ((), "adds up in print")
+
+
+def test_a_reading_judges_by_quantities_behind_a_prefix() -> None:
+    """By its own 45 m the claim of 42 m fails to the digit, and holds within a tenth."""
+    own = RESULTS.model_copy(
+        update={"quantities": (*RESULTS.quantities, quantity("rival.twice", 45.0))}
+    )
+    missing = CLAIM.model_copy(
+        update={"id": "P1-M-lost", "check": MissingCheck(needs=("x",), reasons=("Lost.",))}
+    )
+    findings = Findings([own], verdicts([CLAIM, missing], [own]))
+    for tolerance, verdict in ((None, Verdict.CONTRADICTED), ("within 10 %", Verdict.ADDS_UP)):
+        rule = Anew(claims=("P1-M-*",), prefix="rival", tolerance=tolerance)
+        reading = Reading(name="Rival", found="It is so.", anew=(rule,))
+        ((now, other),) = judged_anew(reading, findings)  # what cannot be tested is left out
+        assert (now.claim.id, other.verdict, other.assumed) == ("P1-M-twice", verdict, True)
+    nobody = Reading(name="x y", found="It is so.", anew=(Anew(claims=("P7*",), prefix="rival"),))
+    with pytest.raises(InswsnError, match="no claim that fits P7"):
+        judged_anew(nobody, findings)
 
 
 # A bad file --------------------------------------------------------------------------------------

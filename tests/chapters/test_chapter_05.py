@@ -570,3 +570,27 @@ def test_single_drives_hold_nearly_every_number_that_is_printed(judged: dict[str
     assert count == 23
     assert len(outside) <= 3
     assert not [id_ for id_ in outside if id_.startswith("P3-N-kf")]
+
+
+# Readings ----------------------------------------------------------------------------------------
+
+
+def test_a_reading_changes_the_interval_or_the_ramps_and_nothing_else(results: Results) -> None:
+    for name in ("sim.40.gain.proposed-over-never.rms", "ratio.lssvm-over-rbf.late"):
+        general, single = results[name], results[f"spread.{name}"]
+        assert general.value == single.value
+        assert single.interval_kind == "runs 95 %"
+    one, many = results["sim.40.lssvm.place1.max"], results["median.sim.40.lssvm.place1.max"]
+    assert one.value == many.value
+    assert many.interval_kind == "confidence 95 %"
+
+
+def test_the_shorter_the_ramps_the_less_the_lssvm_says(results: Results) -> None:
+    """Saying nothing is the aided filter, to which the gain then comes near."""
+    gains = [
+        results[f"{prefix}sim.40.gain.proposed-over-never.rms"].value
+        for prefix in ("", "tau20.", "tau10.")
+    ]
+    assert gains == sorted(gains)
+    aided = results["sim.40.gain.through-over-never.rms"].value
+    assert gains[-1] == pytest.approx(aided, abs=2)
