@@ -160,7 +160,7 @@ class Judged:
             "verdict": self.words,
             "assumption": self.claim.assumption if self.assumed else None,
             "readings": [{"name": r.name, "verdict": r.verdict} for r in self.readings],
-            "holds_in": list(self.holds_in),
+            "holds_in": list(self.holds_in) if self.readings else None,
             "flips": self.flips,
             "earlier": {earlier.version: earlier.verdict for earlier in self.earlier},
             "reason": self.reason,
