@@ -265,8 +265,8 @@ def compared(
         flipped=tuple(
             Flipped(
                 claim=claim.id,
-                before=str(old.verdict) if old else None,
-                after=str(new.verdict) if new else None,
+                before=old.words if old else None,
+                after=new.words if new else None,
             )
             for claim, old, new in flipped_verdicts(claims, reference, outcome)
         ),

@@ -227,7 +227,7 @@ def _verdicts(project: Project, results: Results) -> dict[str, str]:
     found = {}
     for claim in claims_of(load_claims(project.root / LEDGER), results.chapter):
         try:
-            found[claim.id] = str(verdicts([claim], [results])[0].verdict)
+            found[claim.id] = verdicts([claim], [results])[0].words
         except InswsnError:  # this run did not record what decides it
             continue
     return found

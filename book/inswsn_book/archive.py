@@ -20,14 +20,12 @@ from rocrate.rocrate import ROCrate
 
 from inswsn_book.cli import run_command
 from inswsn_book.files import MANIFEST, manifest_text, write_whole
-from inswsn_book.judging import verdicts_text
-from inswsn_book.ledger import LEDGER, load_claims
+from inswsn_book.judging import judge, verdicts_text
 from inswsn_book.pages import require_current_site
 from inswsn_book.project import Project, find_root
 from inswsn_book.provenance import repository_state
 from inswsn_book.results import results_text
 from inswsn_book.runs import Run, book_runs
-from inswsn_book.verdicts import verdicts
 from inswsn_lib.errors import InswsnError, ParameterError
 
 #: Whose style sheets, scripts, fonts and icons the site holds; THIRD-PARTY.md says which
@@ -85,7 +83,7 @@ def _kept_files(project: Project) -> dict[str, bytes]:
 
 def _made_files(project: Project, runs: Sequence[Run]) -> dict[str, bytes]:
     """Return the files that are made for the archive, by their places in it."""
-    judged = verdicts(load_claims(project.root / LEDGER), [run.results for run in runs])
+    judged = judge(project.root, [run.results for run in runs])
     texts = {"index.html": _INDEX, "verdicts.json": verdicts_text(judged) + "\n"}
     for run in runs:
         name = project.find(run.request.chapter).name

@@ -190,7 +190,9 @@ def compare(root: Path | None, before: Path, after: Path) -> None:
 @cli.command()
 @click.option("--paper", help="Only claims of this paper: P1, P2 or P3.")
 @click.option("--kind", help="Only claims of this kind, such as numeric.")
-@click.option("--verdict", help="Only claims with this verdict, such as 'not reproduced'.")
+@click.option(
+    "--verdict", help="Only claims with this verdict, such as 'not reproduced', assumed or not."
+)
 @click.option("--json", "as_json", is_flag=True, help="A list of objects, for a program.")
 @click.option("--results", type=_FOLDER, help="Results files that go before data/published.")
 @click.option("--against", type=_FILE, help="Tell what differs from what --json wrote before.")
@@ -216,7 +218,7 @@ def claims(
         )
     selected = judging.judge_claims(_project(root), results, **wanted)
     if against is not None:
-        now = {entry.claim.id: str(entry.verdict) for entry in selected}
+        now = {entry.claim.id: entry.words for entry in selected}
         for line in differing(judging.read_verdicts(against), now):
             click.echo(line)
     elif as_json:

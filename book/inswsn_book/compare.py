@@ -117,7 +117,7 @@ def _judge(claim: Claim, results: Results) -> Judged | None:
 
 
 def _word(judged: Judged | None) -> str:
-    return str(judged.verdict) if judged else "without a verdict"
+    return judged.words if judged else "without a verdict"
 
 
 def compare_conditions(before: Results, after: Results) -> list[str]:

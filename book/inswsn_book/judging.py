@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from rich.console import Console
@@ -13,9 +14,41 @@ from rich.table import Table
 from inswsn_book.files import check_listed
 from inswsn_book.ledger import KINDS, LEDGER, PAPERS, load_claims
 from inswsn_book.project import Project
-from inswsn_book.results import read_results
-from inswsn_book.verdicts import Judged, Verdict, count_verdicts, verdicts
+from inswsn_book.results import Frozen, Results, read_results
+from inswsn_book.review import READINGS, Readings, load_entries, with_readings
+from inswsn_book.verdicts import VERDICTS, Earlier, Judged, count_verdicts, verdicts
 from inswsn_lib.errors import InswsnError, ParameterError
+
+#: The verdicts of each release, below the root of a checkout
+RELEASES = "data/verdicts"
+
+
+class Release(Frozen):
+    """All verdicts of a release, in its words, by the id of the claim."""
+
+    version: str
+    day: str
+    verdicts: dict[str, str]
+
+
+def judge(root: Path, results: Iterable[Results]) -> list[Judged]:
+    """Judge the claims of a checkout by the results of all chapters that decide them.
+
+    With each stands what other readings of the papers would make of it, and what releases made.
+    """
+    known = tuple(results)
+    judged = verdicts(load_claims(root / LEDGER), known)
+    if (root / READINGS).is_file():
+        judged = with_readings(judged, load_entries(root / READINGS, Readings), known)
+    paths = sorted((root / RELEASES).glob("*.yaml"))
+    releases = [load_entries(path, Release) for path in paths]
+    return [replace(entry, earlier=_earlier(entry, releases)) for entry in judged]
+
+
+def _earlier(entry: Judged, releases: Iterable[Release]) -> tuple[Earlier, ...]:
+    """Return the releases in which a claim had another verdict."""
+    had = [(r.version, r.day, r.verdicts.get(entry.claim.id, entry.words)) for r in releases]
+    return tuple(Earlier(*release) for release in had if release[-1] != entry.words)
 
 
 def judge_claims(
@@ -23,9 +56,10 @@ def judge_claims(
 ) -> list[Judged]:
     """Judge the claims by the reference results; those in a folder go before them.
 
-    Of a ``paper``, of a ``kind``, with a ``verdict``, where these are not None.
+    Of a ``paper``, of a ``kind``, with a ``verdict``, where these are not None. A verdict without
+    *under a stated assumption* stands for those with it as well.
     """
-    words = {"paper": PAPERS, "kind": KINDS, "verdict": tuple(Verdict)}
+    words = {"paper": PAPERS, "kind": KINDS, "verdict": VERDICTS}
     asked = {name: word for name, word in wanted.items() if word is not None}
     for name, word in asked.items():
         if word not in words[name]:
@@ -33,9 +67,9 @@ def judge_claims(
     folders = [project.published] if folder is None else [project.published, folder]
     paths = {path.name: path for each in folders for path in each.glob("[0-9][0-9].json")}
     check_listed(project.published)
-    judged = verdicts(load_claims(project.root / LEDGER), map(read_results, paths.values()))
+    judged = judge(project.root, map(read_results, paths.values()))
     for name, word in asked.items():
-        judged = [e for e in judged if word in (e.verdict, getattr(e.claim, name, None))]
+        judged = [e for e in judged if word in (e.verdict, e.words, getattr(e.claim, name, None))]
     return judged
 
 
@@ -44,11 +78,11 @@ def show_claims(judged: Sequence[Judged]) -> None:
     console = Console(width=None if sys.stdout.isatty() else 150)
     table = Table("claim", "place", "holds if", "found", "verdict", "cell", box=None)
     for entry in judged:
-        texts = (entry.published_text, entry.rebuilt_text, str(entry.verdict), entry.cell or "")
+        texts = (entry.published_text, entry.rebuilt_text, entry.label, entry.cell or "")
         table.add_row(entry.claim.id, entry.claim.place, *texts)
     console.print(table)
     counts = count_verdicts(judged)
-    headline = sum(count for verdict, count in counts.items() if verdict.counts)
+    headline = sum(entry.verdict.counts for entry in judged)
     console.print(f"{len(judged)} claims, {headline} of them in the headline counts:")
     for verdict, count in counts.items():
         console.print(f"{count:5d}  {verdict}", highlight=False)

@@ -46,9 +46,11 @@ Text = Annotated[str, Field(min_length=3, pattern=r"^[^\n]+$")]
 
 #: A number, to the digit
 Printed = Annotated[str, Field(pattern=r"^[+-]?\d+(\.\d+)?([eE][+-]?\d\d?)?$")]
+#: The tolerance of a claim that prints one draw, which `verdicts` holds against single runs
+DRAWN = "drawn"
 _SIZE = r"\d+(?:\.\d+)?(?:[eE][+-]?\d\d?)?"
 _TOLERANCE = re.compile(
-    rf"digits|within (?:(?P<share>{_SIZE}) %|(?P<size>{_SIZE})|(?P<name>[a-z]\w*))"
+    rf"digits|{DRAWN}|within (?:(?P<share>{_SIZE}) %|(?P<size>{_SIZE})|(?P<name>[a-z]\w*))"
     rf"|(?P<word>at least|at most|exactly) (?P<bound>[+-]?{_SIZE})"
 )
 
@@ -71,9 +73,10 @@ class Claim(Frozen):
     """One claim of a paper; its id never changes.
 
     `value` is what is printed, to the digit, and `unit` that of what is compared. `tolerance` is
-    what the quantity is held against: ``digits`` (all that rounds to the printed value), ``within
-    0.5`` or ``within 10 %`` of it, ``within about_points`` (a parameter of the chapter), ``at least
-    8``, ``at most 1`` or ``exactly 8``; `why` says why, and `assumption` what has to be assumed for
+    what the quantity is held against: ``digits`` (all that rounds to the printed value), ``drawn``
+    (the same, of a value that is one draw: the runs have to reach it), ``within 0.5`` or ``within
+    10 %`` of it, ``within about_points`` (a parameter of the chapter), ``at least 8``, ``at most
+    1`` or ``exactly 8``; `why` says why, and `assumption` what has to be assumed for
     the check to speak of the claim. A claim that cannot be tested has neither.
     """
 
@@ -107,8 +110,8 @@ class Claim(Frozen):
         parts = _TOLERANCE.fullmatch(tolerance)
         if parts is None:
             raise ValueError(
-                f"{tolerance!r} is no tolerance; it may be digits, within 0.5, within 10 %, within "
-                "a parameter, at least 8, at most 1, or exactly 8"
+                f"{tolerance!r} is no tolerance; it may be digits, drawn, within 0.5, within 10 %, "
+                "within a parameter, at least 8, at most 1, or exactly 8"
             )
         if not isinstance(self.value, str):
             if not parts["bound"]:
@@ -163,7 +166,7 @@ class Claim(Frozen):
                     f"{self.chapter}, which is {size!r}; it may be a number that is not negative."
                 )
             half = Decimal(str(size))
-        else:  # digits: half a unit of the last digit printed
+        else:  # digits or drawn: half a unit of the last digit printed
             half = Decimal(5).scaleb(int(value.as_tuple().exponent) - 1)
         return float(value - half), float(value + half)
 

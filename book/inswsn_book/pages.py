@@ -21,6 +21,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 import inswsn_lib
 from inswsn_book import files, review
+from inswsn_book.judging import judge
 from inswsn_book.ledger import KINDS, LEDGER, PAPERS, Claim, claims_of, load_claims
 from inswsn_book.notebooks import notebook_text
 from inswsn_book.parameters import chapter_schema
@@ -29,7 +30,7 @@ from inswsn_book.project import ROOT_VARIABLE, Chapter, Project
 from inswsn_book.provenance import repository_state
 from inswsn_book.results import Results, write_results
 from inswsn_book.runs import Run, reference_results
-from inswsn_book.verdicts import Verdict, count_verdicts, verdicts
+from inswsn_book.verdicts import Verdict, count_verdicts
 from inswsn_lib.errors import BuildError, InswsnError
 from inswsn_lib.files import read_text, read_yaml
 from inswsn_lib.scenario import load_scenario
@@ -103,7 +104,7 @@ def _head_of(chapter: Chapter) -> dict[str, str]:
 
 def context(project: Project, results: Sequence[Results]) -> dict[str, Any]:
     """Return what the templates are rendered over."""
-    judged = verdicts(load_claims(project.root / LEDGER), results)
+    judged = judge(project.root, results)
     findings = review.Findings(results, judged)
     known: dict[str, Any] = {
         "about": project.about(),

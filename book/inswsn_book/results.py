@@ -41,7 +41,8 @@ class Quantity(Frozen):
     interval: tuple[Finite, Finite] | None = None
     interval_kind: IntervalKind | None = None
     runs: Annotated[int, Field(ge=1)] = 1  # independent ones; 1 for a computation without chance
-    basis: Literal["printed", "simulation", "emulation", "recorded"]  # what it was computed from
+    # what it was computed from; algebra: an identity or inequality, with no experiment built again
+    basis: Literal["printed", "algebra", "simulation", "emulation", "recorded"]
     role: Literal["found", "input", "calibrated"] = "found"
     how: Annotated[str, Field(min_length=10)]  # it was obtained, one sentence
     # how far a fresh build may be from the reference results, absolute, in `unit`

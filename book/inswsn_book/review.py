@@ -9,7 +9,8 @@ refused. What may be wrong beyond the form of the files, such as an id used twic
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal, TypeVar
@@ -18,7 +19,7 @@ from pydantic import Field, ValidationError
 
 from inswsn_book.ledger import Claim, QuantityCheck
 from inswsn_book.results import Finite, Frozen, Name, Quantity, Results, first_problem
-from inswsn_book.verdicts import Judged, Verdict, verdicts
+from inswsn_book.verdicts import Judged, Read, Verdict, verdicts
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.files import read_yaml
 
@@ -61,7 +62,7 @@ class Bound(Pointer):
 
 
 class Ruling(Frozen):
-    """A claim of the ledger that must have a certain verdict."""
+    """A claim of the ledger that must have a certain verdict, assumed or not."""
 
     claim: str
     verdict: Verdict
@@ -112,6 +113,13 @@ class Findings:
             raise InswsnError(f"the ledger has no claim {identity}.")
         return self.judged[identity]
 
+    def fitting(self, pattern: str) -> list[Judged]:
+        """Return the claims whose ids fit a pattern; refuse one that fits none."""
+        names = [name for name in self.judged if fnmatchcase(name, pattern)]
+        if not names:
+            raise InswsnError(f"the ledger has no claim that fits {pattern}.")
+        return [self.judged[name] for name in names]
+
     def quotient(self, chapter: str, quantity: str, over: str | None = None) -> float:
         """Return the value of a quantity, or that of one over another."""
         value = self.quantity(chapter, quantity).value
@@ -151,7 +159,7 @@ class Findings:
         where, name, end, form = match.groups()
         if where == "claim":
             entry = self.claim(name)
-            return f"{claim_link(entry.claim)} (*{entry.verdict}*)"
+            return f"{claim_link(entry.claim)} (*{entry.words}*)"
         quantity = self.quantity(where, name)
         try:
             ends = (quantity.value,) if end is None else quantity.interval or ()
@@ -223,13 +231,26 @@ class Errata(Frozen):
 Certainty = Literal["printed", "best", "consistent", "rebuilt", "unexplained"]
 
 
+class Anew(Frozen):
+    """Claims that a reading judges by the quantities of its own run of the same computation.
+
+    These have the names of those that decide, behind a prefix: ``square`` for
+    ``square.table3.lssvm.rx1``. In `claims` ``*`` stands for any characters.
+    """
+
+    claims: Annotated[tuple[str, ...], Field(min_length=1)]
+    prefix: Name
+    tolerance: str | None = None  # in the place of the claim's own
+
+
 class Reading(Frozen):
-    """One way to read a place; `judged` names claims that it would judge by another quantity."""
+    """One way to read a place; `judged` and `anew` say by what it would judge claims instead."""
 
     name: Line
     found: Prose
     taken: bool = False
     judged: dict[str, QuantityCheck] = Field(default_factory=dict)
+    anew: tuple[Anew, ...] = ()
 
 
 class Question(Entry):
@@ -256,12 +277,7 @@ class Question(Entry):
 
     def hanging(self, findings: Findings) -> list[Judged]:
         """Return the claims that hang on it; refuse a pattern that fits none."""
-        found: set[str] = set()
-        for pattern in self.claims:
-            fitting = [name for name in findings.judged if fnmatchcase(name, pattern)]
-            if not fitting:
-                raise InswsnError(f"no claim of the ledger fits {pattern}.")
-            found |= set(fitting)
+        found = {entry.claim.id for pattern in self.claims for entry in findings.fitting(pattern)}
         return [entry for name, entry in findings.judged.items() if name in found]
 
 
@@ -285,12 +301,36 @@ class Readings(Frozen):
 
 def judged_anew(reading: Reading, findings: Findings) -> list[tuple[Judged, Judged]]:
     """Return the claims that a reading judges by another quantity: as they are, and would be."""
+    others: list[tuple[Judged, QuantityCheck, str | None]] = [
+        (findings.claim(name), check, None) for name, check in reading.judged.items()
+    ]
+    for rule in reading.anew:
+        for now in (entry for pattern in rule.claims for entry in findings.fitting(pattern)):
+            if isinstance(now.claim.check, QuantityCheck):
+                name = f"{rule.prefix}.{now.claim.check.quantity}"
+                check = now.claim.check.model_copy(update={"quantity": name})
+                others.append((now, check, rule.tolerance))
     pairs = []
-    for identity, check in reading.judged.items():
-        now = findings.claim(identity)
-        other = now.claim.model_copy(update={"check": check, "assumption": reading.name})
+    for now, check, tolerance in others:
+        changed = {"check": check, "assumption": reading.name}
+        changed |= {"tolerance": tolerance} if tolerance else {}
+        other = now.claim.model_copy(update=changed)
         pairs.append((now, verdicts([other], findings.results.values())[0]))
     return pairs
+
+
+def with_readings(
+    judged: Sequence[Judged], readings: Readings, results: Iterable[Results]
+) -> list[Judged]:
+    """Return the claims with the verdict by each reading, where another one is computed."""
+    findings, read = Findings(results, judged), dict[str, list[Read]]()
+    for question in readings.questions:
+        for reading in question.readings:
+            for now, other in judged_anew(reading, findings):
+                own = Read("as decided here", now.words, now.verdict.holds)
+                new = Read(f"{question.id}: {reading.name}", other.words, other.verdict.holds)
+                read.setdefault(now.claim.id, [own]).append(new)
+    return [replace(entry, readings=tuple(read.get(entry.claim.id, ()))) for entry in judged]
 
 
 # Reading the files

@@ -7,9 +7,9 @@ from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any
+from typing import Any, NamedTuple
 
-from inswsn_book.ledger import Claim, MissingCheck, QuantityCheck
+from inswsn_book.ledger import DRAWN, Claim, MissingCheck, QuantityCheck
 from inswsn_book.results import Quantity, Results
 from inswsn_lib.errors import InswsnError
 
@@ -21,10 +21,11 @@ Ends = tuple[float, float]
 
 
 class Verdict(StrEnum):
-    """What became of a claim."""
+    """What became of a claim; whether that rests on an assumption is told by `Judged.words`."""
 
     REPRODUCED = "reproduced"
-    ASSUMED = "reproduced under a stated assumption"
+    ADDS_UP = "adds up in print"
+    IDENTITY = "identity"
     NOT_REPRODUCED = "not reproduced"
     CONTRADICTED = "contradicted by the paper itself"
     NOT_DECIDED = "not decided"
@@ -37,6 +38,33 @@ class Verdict(StrEnum):
         """Whether it is in the headline counts; what was put in is no finding."""
         return self not in (Verdict.INPUT, Verdict.CALIBRATED)
 
+    @property
+    def holds(self) -> bool:
+        """Whether what the paper says holds."""
+        return self in (Verdict.REPRODUCED, Verdict.ADDS_UP, Verdict.IDENTITY)
+
+
+# What stands behind a verdict that rests on an assumption of ours, be it positive or negative
+_ASSUMED = " under a stated assumption"
+#: All verdicts in words, in order, without and with an assumption
+VERDICTS = tuple(verdict + behind for verdict in Verdict for behind in ("", _ASSUMED))
+
+
+class Earlier(NamedTuple):
+    """The verdict of a release that a claim has no longer, in its words."""
+
+    version: str
+    day: str
+    verdict: str
+
+
+class Read(NamedTuple):
+    """A claim by one reading of its paper: the reading, and the verdict in words."""
+
+    name: str
+    verdict: str
+    holds: bool
+
 
 @dataclass(frozen=True)
 class Judged:
@@ -48,6 +76,35 @@ class Judged:
     published: Ends | None = None  # the ends of what the claim stands for
     quantity: Quantity | None = None  # what decided it
     cell: str | None = None  # that recorded the quantity
+    readings: tuple[Read, ...] = ()  # the one that decides first; none if no other is computed
+    earlier: tuple[Earlier, ...] = ()  # releases in which the verdict was another one
+
+    @property
+    def assumed(self) -> bool:
+        """Whether the verdict rests on an assumption; what was put in or not tested has none."""
+        tested = self.verdict.counts and self.verdict is not Verdict.UNTESTABLE
+        return tested and self.claim.assumption is not None
+
+    @property
+    def words(self) -> str:
+        """The verdict in words, such as ``"not reproduced under a stated assumption"``."""
+        return self.verdict + _ASSUMED * self.assumed
+
+    @property
+    def holds_in(self) -> tuple[int, int]:
+        """In how many of its readings the claim holds, and how many there are."""
+        return sum(reading.holds for reading in self.readings), len(self.readings)
+
+    @property
+    def flips(self) -> bool:
+        """Whether it holds in some of its readings and in others not."""
+        return 0 < self.holds_in[0] < self.holds_in[1]
+
+    @property
+    def label(self) -> str:
+        """The words, and in how many readings the claim holds where that differs."""
+        share = "{} of {}".format(*self.holds_in)
+        return f"{self.words}, flips with the reading (holds in {share})" * self.flips or self.words
 
     @property
     def published_text(self) -> str:
@@ -61,6 +118,8 @@ class Judged:
             text = f"at least {low:g}"
         elif not isinstance(self.claim.value, str):
             text = f"exactly {low:g}"
+        elif self.claim.tolerance == DRAWN:
+            return f"{_with_unit(self.claim.value, self.claim.unit)} is within 95 % of the runs"
         elif self.claim.tolerance == "digits":
             text = f"{self.claim.value} ({low:g} to {high:g})"
         else:
@@ -86,7 +145,7 @@ class Judged:
             "the paper says": self.claim.says,
             "holds if": self.published_text,
             "found": self.rebuilt_text,
-            "verdict": str(self.verdict),
+            "verdict": self.words,
         }
 
     def as_json(self) -> dict[str, Any]:
@@ -98,7 +157,12 @@ class Judged:
             **self.claim.model_dump(include={"id", "paper", "place", "kind"}),
             "published": printed | {"interval": ends},
             "rebuilt": self.quantity and self.quantity.model_dump(include=fields),
-            "verdict": str(self.verdict),
+            "verdict": self.words,
+            "assumption": self.claim.assumption if self.assumed else None,
+            "readings": [{"name": r.name, "verdict": r.verdict} for r in self.readings],
+            "holds_in": list(self.holds_in) if self.readings else None,
+            "flips": self.flips,
+            "earlier": {earlier.version: earlier.verdict for earlier in self.earlier},
             "reason": self.reason,
             "chapter": self.claim.chapter,
             "cell": self.cell,
@@ -122,21 +186,27 @@ def verdicts(claims: Iterable[Claim], results: Iterable[Results]) -> list[Judged
     """Judge claims by the results of the chapters that decide them.
 
     The rule follows from what the deciding quantity is, so that what was put in cannot count as
-    found:
+    found, and arithmetic not as an experiment:
 
     - a quantity whose role is ``input``: *taken as input* if it is what the paper prints, else
       *cannot be tested* in this run; ``calibrated``: *calibrated*;
-    - a quantity from printed digits alone (basis ``printed``): *reproduced* if the interval that
-      the rounding of the cells allows and the interval of the claim have a number in common, and
-      *not decided* if they have but the first is wider than a quarter of the published value; else
+    - from printed digits alone (basis ``printed``): *adds up in print* if the interval that the
+      rounding of the cells allows and the interval of the claim have a number in common, and *not
+      decided* if they have but the first is wider than a quarter of the published value; else
       *contradicted by the paper itself*;
+    - any other, if the claim's tolerance is ``drawn``, since the paper prints one draw: does it lie
+      in the prediction interval of one draw? *Reproduced* if the printed value, give or take half a
+      unit of its last digit, lies in the interval of 95 % of the runs, else *not reproduced*; never
+      *not decided*. A wide interval then decides little, and the reason says how wide it is;
     - any other: *reproduced* if its interval lies in that of the claim, *not reproduced* if it lies
       outside. If it straddles an end: *not decided* if it is wider than a quarter of the published
-      value, else its value decides.
+      value, else its value decides. What is *reproduced* is called *identity* if nothing was built
+      again (basis ``algebra``): an identity or inequality that was checked.
 
-    A claim with an assumption is at best *reproduced under a stated assumption*. A claim that needs
-    what is missing *cannot be tested*. A check that does not resolve is refused: no results of its
-    chapter, no such quantity, another unit, a tolerance that is no parameter of the run.
+    Behind a verdict that rests on an assumption, be it positive or negative, stands *under a stated
+    assumption*. A claim that needs what is missing *cannot be tested*. A check that does not
+    resolve is refused: no results of its chapter, no such quantity, another unit, a tolerance that
+    is no parameter of the run, a draw without an interval of the runs.
     """
     by_chapter: dict[str, Results] = {}
     for result in results:
@@ -145,10 +215,10 @@ def verdicts(claims: Iterable[Claim], results: Iterable[Results]) -> list[Judged
     return [_judge(claim, by_chapter) for claim in claims]
 
 
-def count_verdicts(judged: Iterable[Judged]) -> dict[Verdict, int]:
-    """Return how many claims have each verdict, in the order of `Verdict`, without zeros."""
-    counts = Counter(entry.verdict for entry in judged)
-    return {verdict: counts[verdict] for verdict in Verdict if counts[verdict]}
+def count_verdicts(judged: Iterable[Judged]) -> dict[str, int]:
+    """Return how many claims have each verdict, in words, in the order of `Verdict`."""
+    counts = Counter(entry.words for entry in judged)
+    return {word: counts[word] for word in VERDICTS if counts[word]}
 
 
 def _judge(claim: Claim, results: Mapping[str, Results]) -> Judged:
@@ -157,8 +227,6 @@ def _judge(claim: Claim, results: Mapping[str, Results]) -> Judged:
     found, quantity = _resolve(claim, claim.check, results)
     published = claim.published(found.parameters)
     verdict, reason = _rule(claim, quantity, published)
-    if verdict is Verdict.REPRODUCED and claim.assumption:
-        verdict, reason = Verdict.ASSUMED, f"{reason} Assumed: {claim.assumption}"
     return Judged(claim, verdict, reason, published, quantity, found.cells.get(quantity.name))
 
 
@@ -181,20 +249,36 @@ def _resolve(
 
 def _rule(claim: Claim, quantity: Quantity, published: Ends) -> tuple[Verdict, str]:
     if quantity.role == "calibrated":
-        return Verdict.CALIBRATED, "The simulation was fitted to this cell, among others."
+        return Verdict.CALIBRATED, "What was computed was fitted to this, among others."
     if quantity.role == "input":
         return _judge_input(quantity, published)
+    if claim.tolerance == DRAWN:
+        return judge_draw(claim, quantity, published)
     rebuilt = quantity.interval or (quantity.value, quantity.value)
-    if quantity.basis != "printed":
-        return judge_rebuilt(quantity.value, rebuilt, published, claim.reference)
-    if judge_own_cells(rebuilt, published) is Verdict.CONTRADICTED:
-        return Verdict.CONTRADICTED, "No numbers that round to the printed cells allow it."
-    if _too_wide(rebuilt, claim.reference):
+    if quantity.basis == "printed":
+        return _judge_printed(rebuilt, published, claim.reference)
+    verdict, reason = judge_rebuilt(quantity.value, rebuilt, published, claim.reference)
+    algebra = quantity.basis == "algebra"
+    return _CHECKED.get(verdict, (verdict, reason)) if algebra else (verdict, reason)
+
+
+# What becomes of a verdict where nothing was built again
+_CHECKED = {
+    Verdict.REPRODUCED: (Verdict.IDENTITY, "It was checked, and holds."),
+    Verdict.NOT_REPRODUCED: (Verdict.NOT_REPRODUCED, "It was checked, and does not hold."),
+}
+
+
+def _judge_printed(rebuilt: Ends, published: Ends, reference: float) -> tuple[Verdict, str]:
+    verdict = judge_own_cells(rebuilt, published)
+    if not verdict.holds:
+        return verdict, "No numbers that round to the printed cells allow it."
+    if _too_wide(rebuilt, reference):
         return Verdict.NOT_DECIDED, (
             "The printed cells allow it, and so much else that they decide nothing: the "
             "interval of their rounding is wider than a quarter of the published value."
         )
-    return Verdict.REPRODUCED, "The printed cells, within their rounding, allow it."
+    return verdict, "The printed cells, within their rounding, allow it."
 
 
 def _judge_input(quantity: Quantity, published: Ends) -> tuple[Verdict, str]:
@@ -207,12 +291,32 @@ def _judge_input(quantity: Quantity, published: Ends) -> tuple[Verdict, str]:
 def judge_own_cells(rebuilt: Ends, published: Ends) -> Verdict:
     """Judge a statement that a paper derives from its own printed numbers.
 
-    Reproduced if what these give, within their rounding, and what the statement stands for have a
-    value in common, else contradicted by the paper itself.
+    It adds up in print if what these give, within their rounding, and what the statement stands for
+    have a value in common; else it is contradicted by the paper itself.
     """
-    # an end that is not a number compares as false, and then nothing is reproduced
-    meets = rebuilt[0] <= rebuilt[1] >= published[0] <= published[1] >= rebuilt[0]
-    return Verdict.REPRODUCED if meets else Verdict.CONTRADICTED
+    return Verdict.ADDS_UP if _meets(rebuilt, published) else Verdict.CONTRADICTED
+
+
+def _meets(one: Ends, other: Ends) -> bool:
+    # an end that is not a number compares as false, and then nothing meets
+    return one[0] <= one[1] >= other[0] <= other[1] >= one[0]
+
+
+def judge_draw(claim: Claim, quantity: Quantity, published: Ends) -> tuple[Verdict, str]:
+    """Judge one printed draw by the interval of 95 % of the runs; another interval is refused."""
+    if quantity.interval is None or quantity.interval_kind != "runs 95 %":
+        raise InswsnError(
+            f"Claim {claim.id} is of one draw, and {quantity.name} has no interval of the runs."
+        )
+    low, high = quantity.interval
+    inside = _meets(quantity.interval, published)
+    verdict = Verdict.REPRODUCED if inside else Verdict.NOT_REPRODUCED
+    where = "within" if inside else "outside"
+    wide = f"{(high - low) / abs(claim.reference):.2g} times" if claim.reference else "more than"
+    return verdict, (
+        f"One draw is printed. It lies {where} the interval of 95 % of ours, whose width is {wide} "
+        "the printed value."
+    )
 
 
 def judge_rebuilt(

@@ -10,7 +10,7 @@ from bs4 import BeautifulSoup
 
 from inswsn_book.compare import NUMBER, pair_quantities
 from inswsn_book.files import MANIFEST, damages
-from inswsn_book.ledger import LEDGER, load_claims
+from inswsn_book.judging import judge
 from inswsn_book.pages import require_current_site
 from inswsn_book.progress import Progress
 from inswsn_book.project import Project, is_checkout
@@ -18,7 +18,6 @@ from inswsn_book.record import plain
 from inswsn_book.results import Results, read_results
 from inswsn_book.review import Findings
 from inswsn_book.runs import Request, book_runs, reference_results, run
-from inswsn_book.verdicts import verdicts
 from inswsn_lib.errors import InswsnError, ParameterError
 
 _GLUED = re.compile(r"\{glue:text\}`([^`:]*):?([^`]*)`")
@@ -69,7 +68,7 @@ def verify(
 
 def _shown(project: Project, site: Path, found: Sequence[Results]) -> Iterator[tuple[str, ...]]:
     """Yield where a page shows a result, what stands there, and what should."""
-    judged = verdicts(load_claims(project.root / LEDGER), found)
+    judged = judge(project.root, found)
     for results in found:
         chapter = project.find(results.chapter)
         page = _read(site / "chapters" / f"{chapter.name}.html")
@@ -78,7 +77,7 @@ def _shown(project: Project, site: Path, found: Sequence[Results]) -> Iterator[t
     findings, page = Findings(found, judged), _read(site / "claims.html")
     for entry in judged:
         text = " ".join(tag.get_text() for tag in page.select(f"#{entry.claim.anchor}"))
-        for word in (str(entry.verdict), f": {entry.rebuilt_text}." if entry.quantity else ""):
+        for word in (entry.label, f": {entry.rebuilt_text}." if entry.quantity else ""):
             yield f"claim {entry.claim.id}", word if word in text else text[:80], word
     for path in sorted(site.glob("*.html")):
         for tag in _read(path).select("[data-quantity]"):  # of `Findings.fill`

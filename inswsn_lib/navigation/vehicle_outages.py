@@ -37,12 +37,17 @@ METHODS = {
     "lssvm": "LS-SVM",
     "rbf": "RBF",
     "short": "LS-SVM, ramps of 10 s",
+    "short rbf": "RBF, ramps of 10 s",
+    "half": "LS-SVM, ramps of 20 s",
+    "half rbf": "RBF, ramps of 20 s",
     "no time": "LS-SVM without time",
     "linear": "linear fit",
     "hold": "last difference held",
     "proven": "LS-SVM that has to prove itself",
     "on never": "LS-SVM on never aided",
 }
+# Other lengths of the simulated outages in which P3's two learners learn, s
+_RAMPS = {"short": 10, "half": 20}
 # First and last second of what is measured
 _SPANS = {"40": (1, OUTAGE), "50": (1, LONG), "late": (OUTAGE + 1, LONG)}
 # What is scored: a span, and whether it is the RMS or the largest error
@@ -60,8 +65,9 @@ class VehicleOutages:
 
     Each of the eight places of a route has an outage of 50 s, of which the first 40 s are the
     shorter one. The learners correct the filter that is aided through the outage, but for
-    ``on never``. ``short`` learns from simulated outages of 10 s whatever `tau` is; ``proven`` is
-    an LS-SVM that has to predict the last four simulated outages better than zero does.
+    ``on never``. ``short`` and ``half`` learn from simulated outages of 10 s and 20 s, whatever
+    `tau` is; ``proven`` is an LS-SVM that has to predict the last four simulated outages better
+    than zero does.
 
     Attributes
     ----------
@@ -146,10 +152,14 @@ class VehicleOutages:
         """The methods that learn."""
         told, machine, learning = self.beliefs, SelectedLSSVM(), self.learning
         rivals = [LSSVMRegressor(sigma, eta) for sigma in (2.0, 8.0) for eta in (0.1, 10.0)]
+        ramps = {
+            name: p3_hybrids(told, tau=tau, window=self.window) for name, tau in _RAMPS.items()
+        }
         return {
             **p3_hybrids(told, **learning),
+            **{name: hybrids["lssvm"] for name, hybrids in ramps.items()},
+            **{f"{name} rbf": hybrids["rbf"] for name, hybrids in ramps.items()},
             "on never": VehicleHybrid(told, machine, aiding=False, **learning),
-            "short": VehicleHybrid(told, machine, tau=10, window=self.window),
             "proven": VehicleHybrid(told, machine, past=4, rivals=rivals, **learning),
         }
 

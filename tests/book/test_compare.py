@@ -93,9 +93,9 @@ def test_flipped_verdicts_and_only_those() -> None:
         claims, results(same=1.0, moved=1.0, gone=1.0), results(same=1.05, moved=1.2, new=9.0)
     )
     assert [claim.id for claim, _, _ in flips] == ["P1-moved", "P1-gone", "P1-new"]
-    assert [old and str(old.verdict) for _, old, _ in flips] == ["reproduced", "reproduced", None]
+    assert [old and old.words for _, old, _ in flips] == ["adds up in print"] * 2 + [None]
     lines = comparison(results(gone=1.0), results(new=9.0), claims)
-    assert "verdict P1-gone: reproduced -> without a verdict" in lines
+    assert "verdict P1-gone: adds up in print -> without a verdict" in lines
     assert lines[-2].startswith(
         "verdict P1-new: without a verdict -> contradicted by the paper itself (No "
     )

@@ -11,9 +11,10 @@ import pytest
 from conftest import Done, MiniProject
 from hypothesis import given, strategies as st
 from inswsn_book.files import write_listed
-from inswsn_book.judging import judge_claims, read_verdicts
+from inswsn_book.judging import Release, judge, judge_claims, read_verdicts
 from inswsn_book.project import Project
 from inswsn_book.results import Quantity, Results, results_text
+from inswsn_book.review import load_entries
 
 from inswsn_lib.errors import InswsnError
 
@@ -36,7 +37,7 @@ def test_a_claim_with_its_verdict(listed: list[dict]) -> None:
 def test_claims_are_selected_and_counted(project: Project, inswsn: Callable[..., Done]) -> None:
     words = ("--paper", "P1", "--verdict", CONTRADICTED, "--kind", "numeric")
     lines = inswsn(project.root, "claims", *words).stdout.splitlines()
-    # seven means of Table 1, three and four percentages
+    # seven means of Table 1, three and four percentages; none rests on an assumption
     assert "14 claims, 14 of them in the headline counts:" in lines
     assert lines[-1].split(maxsplit=1) == ["14", CONTRADICTED]
     chosen = json.loads(inswsn(project.root, "claims", *words, "--json").stdout)
@@ -53,9 +54,45 @@ def test_results_of_another_folder_go_first(mini: MiniProject, tmp_path: Path) -
         twice = Quantity(name="twice", value=value, **fields)
         made = Results(chapter="00", parameters={}, data={}, quantities=(twice,))
         write_listed(folder, {"00.json": results_text(made)})
-    for folder, verdict in ((None, "reproduced"), (tmp_path / "run", CONTRADICTED)):
+    for folder, verdict in ((None, "adds up in print"), (tmp_path / "run", CONTRADICTED)):
         found = [str(entry.verdict) for entry in judge_claims(mini, folder)]
         assert found == [verdict, "cannot be tested"]
+
+
+def test_a_bare_verdict_stands_for_those_with_an_assumption_as_well(
+    project: Project, listed: list[dict]
+) -> None:
+    for words in ("not reproduced", "not reproduced under a stated assumption"):
+        found = judge_claims(project, verdict=words)
+        assert [e.claim.id for e in found] == [
+            row["id"] for row in listed if row["verdict"].startswith(words)
+        ]
+    assert any(row["assumption"] for row in listed if row["verdict"].startswith("not reproduced"))
+    assert {row["id"] for row in listed if row["verdict"] == "not reproduced"} > set()
+
+
+def test_a_claim_tells_what_a_release_made_of_it(mini: MiniProject) -> None:
+    twice = Quantity(
+        name="twice", value=42.0, unit="m", how="For a test.", basis="printed", tolerance=0
+    )
+    made = Results(chapter="00", parameters={}, data={}, quantities=(twice,))
+    folder = mini.root / "data/verdicts"
+    folder.mkdir()
+    for version, verdict in (("1.0.0", "reproduced"), ("1.1.0", "adds up in print")):
+        text = f"version: {version}\nday: 2026-11-22\nverdicts: {{P1-M-twice: {verdict}}}\n"
+        (folder / f"{version}.yaml").write_text(text)
+    first, second = judge(mini.root, [made])
+    assert first.earlier == (("1.0.0", "2026-11-22", "reproduced"),)
+    assert first.as_json()["earlier"] == {"1.0.0": "reproduced"}
+    assert second.earlier == ()  # it was not in these
+
+
+def test_the_verdicts_of_a_release_are_of_claims_that_there_are(listed: list[dict]) -> None:
+    ids = {row["id"] for row in listed}
+    for path in (Path(__file__).parents[2] / "data/verdicts").glob("*.yaml"):
+        release = load_entries(path, Release)
+        assert release.version == path.stem
+        assert set(release.verdicts) <= ids
 
 
 def test_verdicts_are_compared_with_those_of_another_version(

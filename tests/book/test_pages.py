@@ -92,8 +92,8 @@ def test_the_page_of_many_claims(render: Callable[..., str]) -> None:
     text = render("claims", judged=verdicts(claims, []))
     assert all(text.count(f"\n({claim.anchor})=\n") == 1 for claim in claims)
     table = rows(text, "tbl-claims")
-    assert table["verdict"] == ["P1", "P2", "P3", "all"]
-    assert table["all"] == table["cannot be tested"] == ["125", "125", "124", "374"]
+    assert table["verdict"] == ["P1", "P2", "P3", "all", "assumed"]
+    assert table["all"] == table["cannot be tested"] == ["125", "125", "124", "374", "0"]
     # each button but the first of its group has a rule that hides the others
     names = set(re.findall(r'id="(show-[a-z]+-[1-9]\d*)"', text))
     assert len(names) == 3 + 4 + 1

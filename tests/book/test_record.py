@@ -130,13 +130,13 @@ def test_claims_are_judged_by_what_has_been_recorded_so_far(
     mini.ledger.write_text(MINI_LEDGER + other)
     add(record, "twice", 42.4)
     assert [(e.claim.id, str(e.verdict)) for e in record.judge("P1-M-")] == [
-        ("P1-M-twice", "reproduced")
+        ("P1-M-twice", "adds up in print")
     ]
     with pytest.raises(InswsnError, match="P1-Z-1 is decided by the quantity later"):
         record.judge()
     add(record, "later", 43.0)
     assert [str(e.verdict) for e in record.judge()] == [
-        "reproduced", "contradicted by the paper itself",
+        "adds up in print", "contradicted by the paper itself",
     ]  # fmt: skip
     noted = record.results().data["data/claims#00"]
     assert noted == data_digest(mini.root, "data/claims#00")

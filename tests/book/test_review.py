@@ -9,14 +9,17 @@ from typing import Any
 
 import pytest
 from hypothesis import given, strategies as st
-from inswsn_book.ledger import Claim, QuantityCheck
+from inswsn_book.ledger import Claim, MissingCheck, QuantityCheck
 from inswsn_book.results import Quantity, Results
 from inswsn_book.review import (
+    Anew,
     Bound,
     Entry,
     Errata,
     Evidence,
     Findings,
+    Question,
+    Reading,
     Readings,
     Ruling,
     Sentence,
@@ -24,8 +27,9 @@ from inswsn_book.review import (
     judged_anew,
     load_entries,
     require_evidence,
+    with_readings,
 )
-from inswsn_book.verdicts import Judged, Verdict
+from inswsn_book.verdicts import Judged, Verdict, verdicts
 from markdown_it import MarkdownIt
 
 from inswsn_lib.errors import InswsnError
@@ -50,7 +54,7 @@ RESULTS = Results(
     ),
     sentences={"It holds.": True, "It does not.": False},
 )  # fmt: skip
-FOUND = Findings([RESULTS], [Judged(CLAIM, Verdict.REPRODUCED, "It lies within.")])
+FOUND = Findings([RESULTS], [Judged(CLAIM, Verdict.ADDS_UP, "It lies within.")])
 
 # Placeholders ------------------------------------------------------------------------------------
 
@@ -66,7 +70,7 @@ FOUND = Findings([RESULTS], [Judged(CLAIM, Verdict.REPRODUCED, "It lies within."
         ),
         ("{00:share:.0%}", "<00:share:.0% **25 %**>"),
         ("{00:loss:.1f}", "<00:loss:.1f **−3.5**>"),
-        ("{claim:P1-M-twice}", "[P1-M-twice](#claim-p1-m-twice) (*reproduced*)"),
+        ("{claim:P1-M-twice}", "[P1-M-twice](#claim-p1-m-twice) (*adds up in print*)"),
         ("{ref}`x <y>` and {prf:ref}`z` and $A_{f}$", "{ref}`x <y>` and {prf:ref}`z` and $A_{f}$"),
     ],
 )
@@ -127,7 +131,7 @@ def bound(**fields: Any) -> Bound:
     [
         (Sentence(chapter="00", sentence="It holds."), True),
         (Sentence(chapter="00", sentence="It does not."), False),
-        (Ruling(claim="P1-M-twice", verdict="reproduced"), True),
+        (Ruling(claim="P1-M-twice", verdict="adds up in print"), True),
         (Ruling(claim="P1-M-twice", verdict="contradicted by the paper itself"), False),
         (bound(quantity="twice", over="share", at_least=169, at_most=169), True),
         (bound(quantity="twice", over="share", at_least=169.01), False),
@@ -228,12 +232,51 @@ def test_verdicts_are_judged_anew_by_a_reading(readings: Readings, findings: Fin
         for now, other in judged_anew(reading, findings)
     }
     now, other, quantity = anew["P2-F-14"]
-    assert (now, other) == (Verdict.ASSUMED, Verdict.NOT_REPRODUCED)
+    assert (now, other) == (Verdict.IDENTITY, Verdict.NOT_REPRODUCED)
     assert quantity is not None
     assert quantity.value > 1  # the gain with one INS over what (9) certifies
-    assert anew["P1-Th-2.3"][:2] == (Verdict.NOT_REPRODUCED, Verdict.ASSUMED)
+    assert anew["P1-Th-2.3"][:2] == (Verdict.NOT_REPRODUCED, Verdict.IDENTITY)
     # both periods of the matrices exclude 1 s
     assert anew["P1-P-T"][:2] == (Verdict.CONTRADICTED, Verdict.CONTRADICTED)
+
+
+def test_a_claim_has_its_verdict_by_each_reading_that_is_computed() -> None:
+    """42 m hold by the quantity that decides and by a second one; a third is 0.25 m."""
+    checks = {name: QuantityCheck(chapter="00", quantity=name) for name in ("twice", "share")}
+    readings = [Reading(name="Rival", found="It is so.", judged={"P1-M-twice": checks["share"]}),
+                Reading(name="Same", found="It is so.", judged={"P1-M-twice": checks["twice"]}),
+                Reading(name="Not computed", found="It is so.", taken=True)]  # fmt: skip
+    words = dict.fromkeys(("place", "title", "says", "why", "decides", "changes"), "For a test.")
+    question = Question(id="R-P1-01", paper="P1", readings=readings, claims=("P1-M-*",), **words)
+    known = Readings(questions=(question,))
+    other = CLAIM.model_copy(update={"id": "P1-M-other"})
+    found, unread = with_readings(verdicts([CLAIM, other], [RESULTS]), known, [RESULTS])
+    assert found.readings == (
+        ("as decided here", "adds up in print", True),
+        ("R-P1-01: Rival", "contradicted by the paper itself under a stated assumption", False),
+        ("R-P1-01: Same", "adds up in print under a stated assumption", True),
+    )
+    assert found.label == "adds up in print, flips with the reading (holds in 2 of 3)"
+    assert (unread.readings, unread.label) == ((), "adds up in print")
+
+
+def test_a_reading_judges_by_quantities_behind_a_prefix() -> None:
+    """By its own 45 m the claim of 42 m fails to the digit, and holds within a tenth."""
+    own = RESULTS.model_copy(
+        update={"quantities": (*RESULTS.quantities, quantity("rival.twice", 45.0))}
+    )
+    missing = CLAIM.model_copy(
+        update={"id": "P1-M-lost", "check": MissingCheck(needs=("x",), reasons=("Lost.",))}
+    )
+    findings = Findings([own], verdicts([CLAIM, missing], [own]))
+    for tolerance, verdict in ((None, Verdict.CONTRADICTED), ("within 10 %", Verdict.ADDS_UP)):
+        rule = Anew(claims=("P1-M-*",), prefix="rival", tolerance=tolerance)
+        reading = Reading(name="Rival", found="It is so.", anew=(rule,))
+        ((now, other),) = judged_anew(reading, findings)  # what cannot be tested is left out
+        assert (now.claim.id, other.verdict, other.assumed) == ("P1-M-twice", verdict, True)
+    nobody = Reading(name="x y", found="It is so.", anew=(Anew(claims=("P7*",), prefix="rival"),))
+    with pytest.raises(InswsnError, match="no claim that fits P7"):
+        judged_anew(nobody, findings)
 
 
 # A bad file --------------------------------------------------------------------------------------

@@ -98,8 +98,8 @@ def test_a_run_and_its_comparison(built: MiniProject, tmp_path: Path, inswsn: Co
     assert done.stdout.splitlines() == [
         "parameters: scale: 2.0 -> 3.0",
         "twice: 42 m -> 63 m (change +21, tolerance 0.5)",
-        "verdict P1-M-twice: reproduced -> contradicted by the paper itself (No numbers that round "
-        "to the printed cells allow it.)",
+        "verdict P1-M-twice: adds up in print -> contradicted by the paper itself (No numbers that "
+        "round to the printed cells allow it.)",
         "1 of 1 quantities changed, 0 of 0 sentences overturned, 1 of 1 verdicts flipped.",
         f"The run is in {out}",
     ]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -10,6 +11,7 @@ from hypothesis import given, strategies as st
 from inswsn_book.ledger import Claim, MissingCheck, QuantityCheck
 from inswsn_book.results import Quantity, Results
 from inswsn_book.verdicts import (
+    Read,
     Verdict,
     count_verdicts,
     judge_own_cells,
@@ -20,23 +22,22 @@ from inswsn_book.verdicts import (
 from inswsn_lib.errors import InswsnError
 
 INF, NAN = math.inf, math.nan
-REPRODUCED, NOT_REPRODUCED, NOT_DECIDED, CONTRADICTED = (
+REPRODUCED, NOT_REPRODUCED, NOT_DECIDED, CONTRADICTED, ADDS_UP, IDENTITY = (
     Verdict.REPRODUCED, Verdict.NOT_REPRODUCED, Verdict.NOT_DECIDED, Verdict.CONTRADICTED,
+    Verdict.ADDS_UP, Verdict.IDENTITY,
 )  # fmt: skip
 ends = st.tuples(st.integers(-9, 9), st.integers(-9, 9)).map(sorted)
 
 
 @given(ends, ends)
-def test_own_cells_reproduce_exactly_if_some_number_lies_in_both(
-    a: list[int], b: list[int]
-) -> None:
+def test_own_cells_add_up_exactly_if_some_number_lies_in_both(a: list[int], b: list[int]) -> None:
     common = set(range(a[0], a[1] + 1)) & set(range(b[0], b[1] + 1))
-    expected = REPRODUCED if common else CONTRADICTED
+    expected = ADDS_UP if common else CONTRADICTED
     assert judge_own_cells((a[0], a[1]), (b[0], b[1])) is expected
 
 
 @pytest.mark.parametrize("rebuilt", [(NAN, 1.0), (0.0, NAN)])
-def test_what_is_not_a_number_reproduces_nothing(rebuilt: tuple[float, float]) -> None:
+def test_what_is_not_a_number_adds_up_to_nothing(rebuilt: tuple[float, float]) -> None:
     assert judge_own_cells(rebuilt, (0.0, 1.0)) is CONTRADICTED
 
 
@@ -129,6 +130,8 @@ def claim(tolerance: str | None = "within 1", **changes: Any) -> Claim:
 
 WIDE = (7.0, 9.4)
 PRINTED = {"basis": "printed"}
+ALGEBRA = {"basis": "algebra"}
+RUNS = {"interval_kind": "runs 95 %"}
 SO = "That it is so."
 
 
@@ -136,9 +139,7 @@ SO = "That it is so."
     ("results", "on", "verdict"),
     [
         (found(), claim(), REPRODUCED),
-        (found(), claim(assumption=SO), Verdict.ASSUMED),
         (found(9.2), claim(), NOT_REPRODUCED),
-        (found(9.2), claim(assumption=SO), NOT_REPRODUCED),
         (found(8.0, WIDE), claim(), NOT_DECIDED),
         (found(8.0, WIDE), claim("within 20 %"), REPRODUCED),
         (found(8.4), claim("within width"), REPRODUCED),
@@ -146,11 +147,20 @@ SO = "That it is so."
         (found(8.04), claim("digits"), REPRODUCED),
         (found(8.06), claim("digits"), NOT_REPRODUCED),
         (found(8.06, **PRINTED), claim("digits"), CONTRADICTED),
-        (found(7.0, **PRINTED), claim("at least 7"), REPRODUCED),
-        (found(8.0, (7.0, 9.0), **PRINTED), claim(), REPRODUCED),
+        (found(7.0, **PRINTED), claim("at least 7"), ADDS_UP),
+        (found(8.0, (7.0, 9.0), **PRINTED), claim(), ADDS_UP),
         (found(8.0, (6.9, 9.0), **PRINTED), claim(), NOT_DECIDED),
         (found(80.0, (9.1, 99.0), **PRINTED), claim(), CONTRADICTED),
         (found(9.0, basis="recorded"), claim("at most 8.5"), NOT_REPRODUCED),
+        (found(8.0, **ALGEBRA), claim(), IDENTITY),
+        (found(9.2, **ALGEBRA), claim(), NOT_REPRODUCED),
+        (found(8.0, WIDE, **ALGEBRA), claim(), NOT_DECIDED),
+        # one draw, printed as 8.0: from 7.95 to 8.05
+        (found(5.0, (2.0, 7.96), **RUNS), claim("drawn"), REPRODUCED),
+        (found(5.0, (2.0, 7.94), **RUNS), claim("drawn"), NOT_REPRODUCED),
+        (found(9.0, (8.04, 90.0), **RUNS), claim("drawn"), REPRODUCED),
+        (found(9.0, (8.06, 90.0), **RUNS), claim("drawn"), NOT_REPRODUCED),
+        (found(5.0, (2.0, 90.0), role="calibrated", **RUNS), claim("drawn"), Verdict.CALIBRATED),
         (found(7.0), claim("exactly 7", value=None), REPRODUCED),
         (found(7.0, role="input"), claim(), Verdict.INPUT),
         (found(9.0, role="input"), claim(), Verdict.INPUT),
@@ -165,6 +175,54 @@ def test_the_verdict_follows_from_what_decides_it(
     assert judged.verdict is verdict
     assert judged.cell == "ch02-007"
     assert judged.as_json()["verdict"] == str(verdict)
+
+
+@pytest.mark.parametrize(
+    ("results", "words"),
+    [
+        (found(), "reproduced under a stated assumption"),
+        (found(9.2), "not reproduced under a stated assumption"),
+        (found(**PRINTED), "adds up in print under a stated assumption"),
+        (found(**ALGEBRA), "identity under a stated assumption"),
+        (found(9.2, **PRINTED), "contradicted by the paper itself under a stated assumption"),
+        (found(8.0, WIDE), "not decided under a stated assumption"),
+        (found(role="input"), "taken as input"),
+        (found(10.0, role="input"), "cannot be tested"),
+        (found(role="calibrated"), "calibrated"),
+    ],
+)
+def test_an_assumption_shows_whatever_the_verdict(results: Results, words: str) -> None:
+    bare, assumed = verdicts([claim(), claim(assumption=SO)], [results])
+    assert (bare.verdict, assumed.verdict) == (assumed.verdict, bare.verdict)
+    assert (bare.words, assumed.words) == (words.removesuffix(" under a stated assumption"), words)
+    assert assumed.as_json()["verdict"] == assumed.row()["verdict"] == words
+    assert count_verdicts([assumed, bare, assumed]).get(words) == 2 + (bare.words == words)
+
+
+def test_a_draw_says_how_wide_the_runs_are_and_needs_them() -> None:
+    (judged,) = verdicts([claim("drawn")], [found(5.0, (2.0, 18.0), **RUNS)])
+    assert (
+        "within the interval of 95 % of ours, whose width is 2 times the printed" in judged.reason
+    )
+    for other in (found(8.0), found(8.0, (7.0, 9.0))):  # none, and a confidence interval
+        with pytest.raises(InswsnError, match=r"P1-T2-x is of one draw, and x has no interval"):
+            verdicts([claim("drawn")], [other])
+
+
+@pytest.mark.parametrize(
+    ("held", "behind"),
+    [("", ""), ("y", ""), ("yy", ""), ("nn", ""),
+     ("yn", ", flips with the reading (holds in 1 of 2)"),
+     ("nyy", ", flips with the reading (holds in 2 of 3)")],
+)  # fmt: skip
+def test_a_verdict_tells_in_how_many_readings_it_holds(held: str, behind: str) -> None:
+    (judged,) = verdicts([claim()], [found()])
+    read = tuple(Read(f"reading {i}", "so or so", mark == "y") for i, mark in enumerate(held))
+    judged = replace(judged, readings=read)
+    assert judged.label == "reproduced" + behind
+    assert judged.as_json()["flips"] is bool(behind)
+    expected = [held.count("y"), len(held)] if held else None
+    assert judged.as_json()["holds_in"] == expected
 
 
 def test_what_was_put_in_is_outside_the_headline_counts() -> None:
@@ -204,6 +262,7 @@ def test_a_check_that_does_not_resolve(on: Claim, results: list[Results], said: 
     ("on", "text"),
     [
         (claim("digits"), "8.0 (7.95 to 8.05) m"),
+        (claim("drawn"), "8.0 m is within 95 % of the runs"),
         (claim(), "8.0 ± 1 m"),
         (claim("within 10 %"), "8.0 ± 0.8 m"),
         (claim("within 0"), "8.0 ± 0 m"),
@@ -213,7 +272,8 @@ def test_a_check_that_does_not_resolve(on: Claim, results: list[Results], said: 
     ],
 )
 def test_what_a_claim_stands_for_is_written(on: Claim, text: str) -> None:
-    assert verdicts([on], [found()])[0].published_text == text
+    runs = found(8.0, (8.0, 8.0), **RUNS)
+    assert verdicts([on], [runs])[0].published_text == text
 
 
 @pytest.mark.parametrize(

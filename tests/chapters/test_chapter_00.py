@@ -99,12 +99,12 @@ def test_the_odds_of_table_1_in_whole_numbers(results: Results, project: Project
 
 def test_the_score_by_hand(results: Results) -> None:
     # contradicted: seven position means; three reductions by HF and four by the LS-SVM; P2's
-    # conclusion; the period. Reproduced: three position and ten velocity means; one reduction by
+    # conclusion; the period. Adding up: three position and ten velocity means; one reduction by
     # HF; P3's three gains and its difference. With an assumption: what is said of figures, twice
     # for the first area and twice for the first outage, and of the second area; P2's two abstract
     # means.
     assert results["score.contradicted"].value == 7 + 3 + 4 + 1 + 1
-    assert results["score.reproduced"].value == 3 + 10 + 1 + 3 + 1
+    assert results["score.adds-up"].value == 3 + 10 + 1 + 3 + 1 + 2 + 2 + 1 + 2
     assert results["score.assumed"].value == 2 + 2 + 1 + 2
     assert results["score.claims"].value == 41
     assert len(results.sentences) >= 15

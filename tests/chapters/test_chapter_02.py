@@ -49,7 +49,10 @@ def test_the_network_has_the_mean_error_of_gaussian_noise(results: Results, area
     assert results[f"table2.wsn.rx{area}"].value == pytest.approx(sigma * HALF_NORMAL, rel=0.05)
 
 
-@pytest.mark.parametrize("column", ["rx1", "ry1", "vx1", "vy1", "rx2", "ry2", "vx2", "vy2"])
+BY_COLUMN = ("rx1", "ry1", "vx1", "vy1", "rx2", "ry2", "vx2", "vy2")
+
+
+@pytest.mark.parametrize("column", BY_COLUMN)
 def test_the_published_filter_is_the_network(results: Results, column: str) -> None:
     filtered = results[f"table2.hf-printed-filtered.{column}"]
     assert filtered.value == pytest.approx(results[f"table2.wsn.{column}"].value, rel=1e-9)
@@ -109,3 +112,42 @@ def test_what_the_introduction_claims_by_closed_forms(results: Results) -> None:
     rises = [results[f"fair.mistuned-{name}"].value for name in ("hf", "kalman")]
     assert min(rises) > 0  # a minimum is the least
     assert results["fair.mistuned"].value == pytest.approx(rises[0] / rises[1])
+
+
+# The percentages of the text ---------------------------------------------------------------------
+
+PAIRS = {
+    "": ("kf-matched-filtered", "hf-printed-filtered"),
+    "predicted.": ("kf-matched-predicted", "hf-printed-predicted"),
+    "identity.": ("kf-identity-filtered", "hf-printed-filtered"),
+}
+
+
+@pytest.mark.parametrize("prefix", PAIRS)
+def test_the_orderings_of_the_text_follow_from_the_cells(results: Results, prefix: str) -> None:
+    kf, hf, ins = (
+        {c: results[f"table2.{method}.{c}"].value for c in BY_COLUMN}
+        for method in (*PAIRS[prefix], "ins")
+    )
+    found = {
+        "first-area.position-ordered": sum(hf[c] < kf[c] < ins[c] for c in ("rx1", "ry1")),
+        "first-area.velocity-smallest": sum(hf[c] < min(kf[c], ins[c]) for c in ("vx1", "vy1")),
+        "second-area.halved": sum(hf[c] <= kf[c] / 2 for c in BY_COLUMN if c[2] == "2"),
+    }
+    for name, count in found.items():
+        assert results[f"{prefix}percent.{name}"].value == count
+    for axis in ("rx", "ry", "vx", "vy"):  # a median of ratios is near the ratio of medians
+        ratio = 100 * (1 - hf[f"{axis}1"] / kf[f"{axis}1"])
+        assert results[f"{prefix}percent.{axis}"].value == pytest.approx(ratio, abs=5)
+
+
+def test_a_filter_without_memory_leaves_the_golden_share(results: Results) -> None:
+    """With Q = R = I its gain is the golden ratio less one; what it leaves, HF is held against."""
+    left = 1 - (5**0.5 - 1) / 2
+    for axis in ("rx", "ry"):
+        ins = results[f"table2.ins.{axis}1"].value
+        hf = results[f"table2.hf-printed-predicted.{axis}1"].value
+        expected = 100 * (1 - hf / (left * ins))
+        assert results[f"zero.percent.{axis}"].value == pytest.approx(expected, abs=1)
+    for name, columns in (("first-area.position-ordered", 2), ("second-area.halved", 4)):
+        assert results[f"zero.percent.{name}"].value == columns

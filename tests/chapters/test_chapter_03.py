@@ -138,3 +138,44 @@ def test_every_cell_of_table_3_has_an_interval_of_runs(results: Results) -> None
             assert q.interval[0] <= q.value <= q.interval[1]
             assert (q.interval_kind, q.runs) == ("runs 95 %", 256)
             assert q.role == ("calibrated" if method == "ins" else "found")
+
+
+# Readings of sigma and of the scaling ------------------------------------------------------------
+
+
+@pytest.mark.parametrize("prefix", ["", "scaled.", "square.", "square-scaled."])
+def test_what_the_text_says_of_table_3_follows_from_the_cells(
+    results: Results, prefix: str
+) -> None:
+    ins, bp = ({c: results[f"table3.{m}.{c}"].value for c in COLUMNS} for m in ("ins", "bp"))
+    own = {c: results[f"{prefix}table3.lssvm.{c}"].value for c in COLUMNS}
+    found = {
+        "lssvm-smallest": sum(own[c] < min(ins[c], bp[c]) for c in COLUMNS),
+        "lssvm-below-ins": sum(own[c] < ins[c] for c in COLUMNS),
+        "lssvm-below-bp": sum(own[c] < bp[c] for c in COLUMNS),
+        "second-outage-halved": sum(own[c] <= bp[c] / 2 for c in COLUMNS if c[2] == "2"),
+        "first-outage.position-smallest": sum(own[c] < bp[c] < ins[c] for c in ("rx1", "ry1")),
+        "first-outage.velocity-smallest": sum(own[c] < bp[c] < ins[c] for c in ("vx1", "vy1")),
+    }
+    for name, count in found.items():
+        assert results[f"{prefix}table3.{name}"].value == count
+
+
+def test_a_width_of_a_thousand_deviations_says_the_mean(results: Results) -> None:
+    """Scaled, with the width as printed, what is left in position is the drift less its mean."""
+    for column in ("rx2", "ry2"):
+        left = results[f"scaled.table3.lssvm.{column}"].value
+        assert left > 5 * results[f"table3.lssvm.{column}"].value
+    assert results["scaled.table3.lssvm-smallest"].value <= 1
+
+
+def test_the_median_of_many_runs_is_known_better_than_one_run(results: Results) -> None:
+    for name in ("table1.row05.rx", "table3.bp.ry1", "table3.lssvm.vx2"):
+        one, many = results[name], results[f"median.{name}"]
+        assert many.value == one.value
+        assert one.interval is not None
+        assert many.interval is not None
+        assert (
+            one.interval[0] < many.interval[0] <= many.value <= many.interval[1] < one.interval[1]
+        )
+        assert many.interval_kind == "confidence 95 %"

@@ -95,7 +95,7 @@ def test_the_cells_of_one_entry() -> None:
 
 def test_what_came_of_a_cell_is_its_headlines_and_verdicts(mini: MiniProject) -> None:
     """The claim says 42; a headline that is not recorded is left out."""
-    for value, verdict in ((42.0, "reproduced"), (63.0, "contradicted by the paper itself")):
+    for value, verdict in ((42.0, "adds up in print"), (63.0, "contradicted by the paper itself")):
         cell = Cell("P1-M-scale/three", "00", {"scale": value / 21})
         twice = Quantity(
             name="twice", value=value, unit="m", how="For a test.", basis="printed", tolerance=0

@@ -79,6 +79,18 @@ def test_an_lssvm_that_has_not_proven_itself_is_silent() -> None:
     np.testing.assert_array_equal(same, silent)
 
 
+@pytest.mark.parametrize("tau", [5, 40])
+def test_both_learners_learn_from_shorter_outages_whatever_tau_is(tau: int) -> None:
+    hybrids = coarse(tau=tau, window=30).hybrids
+    taus = {name: hybrid.tau for name, hybrid in hybrids.items()}
+    assert (taus["lssvm"], taus["rbf"]) == (tau, tau)
+    assert (taus["short"], taus["short rbf"]) == (10, 10)
+    assert (taus["half"], taus["half rbf"]) == (20, 20)
+    assert {hybrid.window for hybrid in hybrids.values()} == {30}
+    assert not hybrids["half rbf"].scaled
+    assert {"short rbf", "half", "half rbf"} < set(METHODS)
+
+
 def test_scores_are_those_of_the_outages() -> None:
     there = outages()
     found = there.scores()
