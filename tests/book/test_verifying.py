@@ -74,7 +74,12 @@ def test_a_chapter_is_executed_anew(built: MiniProject, inswsn: Callable[..., Do
         ("chapters/00-mini.html", ">42<", ">43<", "00-mini, twice: '43' for '42'"),
         ("chapters/00-mini.html", "pasted-text", "other", "'0 numbers' for '1 numbers'"),
         ("claims.html", ": 42 m.", ": 43 m.", "for ': 42 m.'"),
-        ("claims.html", "<strong>reproduced</strong>", "<strong>refuted</strong>", "'reproduced'"),
+        (
+            "claims.html",
+            "<strong>adds up in print</strong>",
+            "<strong>refuted</strong>",
+            "'adds up",
+        ),
     ],
 )
 def test_a_page_that_shows_another_number_is_told_even_if_it_is_sealed_again(
