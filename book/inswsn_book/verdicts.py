@@ -26,6 +26,7 @@ class Verdict(StrEnum):
     REPRODUCED = "reproduced"
     ADDS_UP = "adds up in print"
     IDENTITY = "identity"
+    LIKE_OURS = "like one of our runs"
     NOT_REPRODUCED = "not reproduced"
     CONTRADICTED = "contradicted by the paper itself"
     NOT_DECIDED = "not decided"
@@ -41,7 +42,9 @@ class Verdict(StrEnum):
     @property
     def holds(self) -> bool:
         """Whether what the paper says holds."""
-        return self in (Verdict.REPRODUCED, Verdict.ADDS_UP, Verdict.IDENTITY)
+        return self in (
+            Verdict.REPRODUCED, Verdict.ADDS_UP, Verdict.IDENTITY, Verdict.LIKE_OURS,
+        )  # fmt: skip
 
 
 # What stands behind a verdict that rests on an assumption of ours, be it positive or negative
@@ -195,9 +198,10 @@ def verdicts(claims: Iterable[Claim], results: Iterable[Results]) -> list[Judged
       decided* if they have but the first is wider than a quarter of the published value; else
       *contradicted by the paper itself*;
     - any other, if the claim's tolerance is ``drawn``, since the paper prints one draw: does it lie
-      in the prediction interval of one draw? *Reproduced* if the printed value, give or take half a
-      unit of its last digit, lies in the interval of 95 % of the runs, else *not reproduced*; never
-      *not decided*. A wide interval then decides little, and the reason says how wide it is;
+      in the prediction interval of one draw? *Like one of our runs* if the printed value, give or
+      take half a unit of its last digit, lies in the interval of 95 % of the runs, else *not
+      reproduced*; never *not decided*. A wide interval decides little, so it is a word of its own,
+      and the reason says how wide it is;
     - any other: *reproduced* if its interval lies in that of the claim, *not reproduced* if it lies
       outside. If it straddles an end: *not decided* if it is wider than a quarter of the published
       value, else its value decides. What is *reproduced* is called *identity* if nothing was built
@@ -310,7 +314,7 @@ def judge_draw(claim: Claim, quantity: Quantity, published: Ends) -> tuple[Verdi
         )
     low, high = quantity.interval
     inside = _meets(quantity.interval, published)
-    verdict = Verdict.REPRODUCED if inside else Verdict.NOT_REPRODUCED
+    verdict = Verdict.LIKE_OURS if inside else Verdict.NOT_REPRODUCED
     where = "within" if inside else "outside"
     wide = f"{(high - low) / abs(claim.reference):.2g} times" if claim.reference else "more than"
     return verdict, (
