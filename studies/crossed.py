@@ -241,6 +241,7 @@ def screen(
     """
     effects: dict[str, dict[str, Effect]] = {}
     strengths = {factor.name: 0.0 for factor in lab.crossing.factors}
+    words = {factor.name for factor in lab.crossing.factors if not factor.numeric}
     for chapter in CROSSED:
         names = [factor.name for factor in lab.crossing.of_chapter(chapter)]
         places = morris_places(names, trajectories, SEED)
@@ -251,7 +252,7 @@ def screen(
             if headline.chapter != chapter:
                 continue
             values = column(found, headline.key)
-            effects[label(headline)] = morris_effects(names, places, values, SEED)
+            effects[label(headline)] = morris_effects(names, places, values, SEED, words)
             spread = float(np.std(filled(values))) or 1.0
             for name, effect in effects[label(headline)].items():
                 strengths[name] = max(strengths[name], effect.mean / spread)

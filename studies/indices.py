@@ -8,7 +8,7 @@ with all that it does together with others (total).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Any
 
 import numpy as np
@@ -20,6 +20,8 @@ from inswsn_lib.checks import Array
 
 #: Levels of a factor in the screening
 LEVELS = 4
+#: How far a step of the screening goes, as a share of the whole range
+STEP = LEVELS / (2 * (LEVELS - 1))
 #: Resamples of the bootstrap behind intervals
 RESAMPLES = 1000
 # Digits of a place: what is stored is what was computed with
@@ -50,18 +52,23 @@ def morris_places(names: Sequence[str], trajectories: int, seed: int) -> Array:
 
 
 def morris_effects(
-    names: Sequence[str], places: Array, values: Array, seed: int
+    names: Sequence[str], places: Array, values: Array, seed: int, words: Collection[str] = ()
 ) -> dict[str, Effect]:
-    """Return the effects of each factor, from what was found at `morris_places`."""
+    """Return the effects of each factor, from what was found at `morris_places`.
+
+    The effect of a number is that of its whole range, as if it went on as in the step that was
+    made. A step changes a word once, so the effect of a word is what was found.
+    """
     found = morris_analysis.analyze(
         _problem(names), places, filled(values),
         num_resamples=RESAMPLES, num_levels=LEVELS, seed=seed,
     )  # fmt: skip
-    columns = zip(found["mu_star"], found["sigma"], found["mu_star_conf"], strict=True)
-    return {
-        name: Effect(mean=_short(m), deviation=_short(s), half=_short(h))
-        for name, (m, s, h) in zip(names, columns, strict=True)
-    }
+    columns = np.array([found["mu_star"], found["sigma"], found["mu_star_conf"]], dtype=float)
+    effects = {}
+    for name, column in zip(names, columns.T, strict=True):
+        mean, deviation, half = column * (STEP if name in words else 1.0)
+        effects[name] = Effect(mean=_short(mean), deviation=_short(deviation), half=_short(half))
+    return effects
 
 
 def sobol_places(names: Sequence[str], groups: Sequence[str], base: int, seed: int) -> Array:

@@ -79,6 +79,14 @@ def test_the_screening_of_a_linear_function_is_exact() -> None:
     assert morris_effects(names, places, places[:, 0] * places[:, 1], 1)["a"].deviation > 0.1
 
 
+def test_the_effect_of_a_word_is_what_changing_it_does() -> None:
+    names = ["number", "word"]
+    places = morris_places(names, 20, 1)
+    values = places[:, 0] + 5.0 * (places[:, 1] > 0.5)
+    found = morris_effects(names, places, values, 1, words={"word"})
+    assert [found[name].mean for name in names] == pytest.approx([1.0, 5.0], abs=1e-3)
+
+
 def test_a_result_that_nothing_moves_has_no_shares_and_a_missing_one_is_the_median() -> None:
     names = ["a", "b"]
     flat = sobol_shares(names, names, np.full(len(sobol_places(names, names, 8, 1)), 2.0), 1)
