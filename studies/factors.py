@@ -34,8 +34,8 @@ CROSSED = ("01", "02", "03", "04")
 #: Why the others are not
 ELSEWHERE = {
     "00": "Chapter 00 computes no run: it counts printed claims.",
-    "05": "One drive of chapter 05 takes some ten seconds of a processor, too long for thousands "
-    "of them. Its assumptions are changed one at a time alone.",
+    "05": "A drive of chapter 05 takes longer than a point of any other chapter, too long for "
+    "thousands of them. Its assumptions are changed one at a time alone.",
 }
 #: Why a single alternative is not a factor, by its id or by that of its entry
 LEFT_OUT = {
