@@ -1,0 +1,274 @@
+"""What the crossed study computes at one point: headline results of a chapter, with few runs.
+
+Each is a pure function of a point, the places of the factors that the chapter has, see `factors`.
+They are named as in data/assumptions.yaml, and are computed as the chapters compute them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import fields, replace
+from typing import Any, Protocol
+
+import numpy as np
+from factors import Crossing, Level, Point
+
+from inswsn_lib.checks import Array
+from inswsn_lib.errors import InswsnError
+from inswsn_lib.evaluation import search_pattern
+from inswsn_lib.filters import predictor_gain, steady_error
+from inswsn_lib.lmi import InfeasibleDesignError, design_filter, hinf_norm
+from inswsn_lib.models import ErrorModel
+from inswsn_lib.navigation import (
+    BridgedOutages,
+    ClusterFusion,
+    FilterContest,
+    TrainingAreas,
+    planar_rms,
+    relative_loss,
+    table2_cells,
+)
+from inswsn_lib.navigation.bridged_outages import COASTING, judge_best
+from inswsn_lib.navigation.filter_contest import PARTS, root_mean_square
+from inswsn_lib.scenario import Setting, with_values
+
+#: Headlines of a chapter by their keys in data/assumptions.yaml
+Outputs = dict[str, float]
+#: Numbers from which the search for those of a filter begins, by its name
+Starts = Mapping[str, Sequence[float]]
+#: Numbers of a filter to what they cost
+Loss = Callable[..., float]
+
+#: Runs of a point. In 02 and 03 a draw takes its time whatever their number is.
+RUNS: dict[str, dict[str, int]] = {
+    "02": {"runs": 40, "other_runs": 40},
+    "03": {"runs": 40, "tuning_runs": 4},
+    "04": {"runs": 8, "other_runs": 8},
+}
+#: The most trials that a filter has at a point, and in the published scene
+TRIALS, TRIALS_AT_START = 8, 48
+#: Numbers of each filter that are searched at a point, the same for all
+SEARCHED = 2
+# Where the searches in the published scene begin and the ratios of their steps, as in the chapters
+_AREAS: dict[str, tuple[float, ...]] = {"Kalman": (1.0, 1.0), "HF, exact LMI": (1.0, 1.0)}
+_AREA_STEPS = (10**0.5, 3.0)
+_CLUSTERS: dict[str, tuple[float, ...]] = {
+    "fkf": (1.0, 1.0),
+    "bias": (0.03, 1.0),
+    "dhf": (1.0, 1.0, 1.0, 1.0),
+}
+_CLUSTER_STEPS = (2.5, 10.0, 3.0, 3.0)
+
+
+class _Core(Protocol):
+    """A core of a chapter: settings, and parameters that stand in their place."""
+
+    @property
+    def published(self) -> Mapping[str, Setting]:
+        """The settings."""
+
+
+def outputs_at(crossing: Crossing, starts: Starts, chapter: str, point: Point) -> Outputs:
+    """Return the headlines of a chapter at a point; none where it cannot be had."""
+    changes = crossing.changes(chapter, point)
+    compute: dict[str, Callable[[], Outputs]] = {
+        "01": lambda: inequality(**_parameters("01", changes)),
+        "02": lambda: areas(core_at(crossing, TrainingAreas(**RUNS["02"]), "02", changes), starts),
+        "03": lambda: outages(core_at(crossing, BridgedOutages(**RUNS["03"]), "03", changes)),
+        "04": lambda: clusters(
+            core_at(crossing, ClusterFusion(**RUNS["04"]), "04", changes), starts
+        ),
+    }
+    try:
+        return compute[chapter]()
+    except InswsnError:  # as a design that is not feasible
+        return {}
+
+
+def core_at(crossing: Crossing, core: Any, chapter: str, changes: Level) -> Any:
+    """Return a core with what a point sets."""
+    settings: dict[str, Setting] = dict(core.published)
+    for key, value in changes.items():
+        scenario, name = key.split(".", 1)
+        if scenario == "file":
+            settings |= crossing.settings[value]
+    named = {f.name for f in fields(core)}
+    values = {}
+    for key, value in changes.items():
+        scenario, name = key.split(".", 1)
+        if scenario in crossing.settings:
+            values[name] = value
+    # a parameter of a core stands in the place of the setting of its name
+    shadowed = {name: value for name, value in values.items() if name in named}
+    given = shadowed | _parameters(chapter, changes)
+    return replace(core, published=with_values(settings, **values), **given)
+
+
+def _parameters(chapter: str, changes: Level) -> dict[str, Any]:
+    start = f"{chapter}."
+    return {k.removeprefix(start): v for k, v in changes.items() if k.startswith(start)}
+
+
+# Chapter 01 --------------------------------------------------------------------------------------
+
+
+def inequality(
+    period: float, process_noise: float, measurement_noise: float, margin: float
+) -> Outputs:
+    """Return what the slip of P1's inequality costs, and what its filter gains and pays."""
+    process, measurement = (process_noise, process_noise), (measurement_noise, measurement_noise)
+    full = ErrorModel.p1(period, process_noise=process, measurement_noise=measurement)
+    positions = replace(full, C=full.C[:2], D=full.D[:2, :2])
+    hinf, kalman = (
+        _gain_and_error(full, gain)
+        for gain in (design_filter(full, margin=margin).gain, predictor_gain(full))
+    )
+    return {
+        "cost.position.percent": _excess(positions),
+        "cost.full.percent": _excess(full),
+        "curve.gain-saved": 100 * (1 - hinf[0] / kalman[0]),
+        "curve.rms-paid": 100 * (hinf[1] / kalman[1] - 1),
+    }
+
+
+def _excess(model: ErrorModel) -> float:
+    """Return by how much the least gamma of the printed inequality is too large, %."""
+    printed, exact = design_filter(model, "printed").gamma, design_filter(model, "exact").gamma
+    return 100 * (printed / exact - 1)
+
+
+def _gain_and_error(model: ErrorModel, gain: Array) -> tuple[float, float]:
+    driven = np.hstack([model.B, -gain @ model.D])
+    return hinf_norm(model.A - gain @ model.C, driven, model.L), steady_error(model, gain)
+
+
+# Chapter 02 --------------------------------------------------------------------------------------
+
+
+def areas(core: TrainingAreas, starts: Starts) -> Outputs:
+    """Return what Kalman filters have of the error of the published filter, and tuned HF over KF.
+
+    The tuned ones are searched as in chapter 04, see `clusters`.
+    """
+
+    def cells(method: str) -> float:
+        found = table2_cells(core.errors(method))
+        return sum(float(np.median(cell)) for name, cell in found.items() if name[0] == "r")
+
+    contest = FilterContest(core)
+
+    def tuned(name: str) -> float:
+        numbers = tune_filter(area_loss(contest, name), starts[name], _AREA_STEPS)
+        errors = contest.errors(contest.build(name, *numbers), core.drawn)
+        return float(np.mean([root_mean_square(e[:, PARTS["position"]]) for e in errors.values()]))
+
+    published = cells("hf-printed-filtered")
+    return {
+        "headline.kf-share": 100 * cells("kf-matched-filtered") / published,
+        "headline.identity-share": 100 * cells("kf-identity-filtered") / published,
+        "fair.hf-exact-lmi.position/fair.kalman.position": tuned("HF, exact LMI") / tuned("Kalman"),
+    }
+
+
+def area_loss(contest: FilterContest, name: str) -> Loss:
+    """Return what chapter 02 tunes a filter by."""
+    drawn = contest.areas.others
+
+    def loss(*numbers: float) -> float:
+        try:
+            errors = contest.errors(contest.build(name, *numbers), drawn)
+        except InfeasibleDesignError:  # numbers too far apart for the solver
+            return np.inf
+        return relative_loss(errors, drawn["wsn"])
+
+    return loss
+
+
+# Chapter 03 --------------------------------------------------------------------------------------
+
+
+def outages(core: BridgedOutages) -> Outputs:
+    """Return what a coasting Kalman filter leaves, and the LS-SVM on the motion over it."""
+    methods, passages = core.methods(("motion",)), list(core.judged.values())
+
+    def left(name: str, kind: str) -> float:
+        judged = judge_best(name, methods[name, kind], passages, core.rehearsals)
+        return 100 * float(np.median(judged.shares.mean(axis=0)))
+
+    coasting, machine = left(COASTING, "state"), left("LS-SVM", "motion")
+    return {
+        "fair.kalman-filter-coasting.state": coasting,
+        "fair.ls-svm.motion": machine,
+        "fair.ls-svm.motion/fair.kalman-filter-coasting.state": machine / coasting,
+    }
+
+
+# Chapter 04 --------------------------------------------------------------------------------------
+
+
+def clusters(core: ClusterFusion, starts: Starts) -> Outputs:
+    """Return P2's filter and a filter that knows of the bias over the federated filter, all tuned.
+
+    Each filter begins with its numbers in the published scene, and has the same few trials for the
+    first two of them. The weight and the margin of P2's filter stay: one trial of it costs as much
+    as three of the others.
+    """
+    sizes = {}
+    for name in _CLUSTERS:
+        numbers = tune_filter(cluster_loss(core, name), starts[name], _CLUSTER_STEPS)
+        error = core.drawn["ins"] - _made(core, name)(*numbers)(core.measurements)
+        sizes[name] = np.median(planar_rms(error), axis=1)
+    return {
+        "fair.dhf-over-fkf.position": float(sizes["dhf"][0] / sizes["fkf"][0]),
+        "fair.dhf-over-fkf.velocity": float(sizes["dhf"][1] / sizes["fkf"][1]),
+        "fair.bias-over-fkf.position": float(sizes["bias"][0] / sizes["fkf"][0]),
+    }
+
+
+def cluster_loss(core: ClusterFusion, name: str) -> Loss:
+    """Return what chapter 04 tunes a filter by: the geometric mean of both RMS errors."""
+    ins = core.tuning["ins"]
+    y = np.asarray(ins[None] - core.tuning["wsn"])
+
+    def loss(*numbers: float) -> float:
+        try:
+            error = ins - _made(core, name)(*numbers)(y)
+        except InfeasibleDesignError:
+            return np.inf
+        return float(np.prod(np.sqrt(np.nanmean(planar_rms(error) ** 2, axis=1))) ** 0.5)
+
+    return loss
+
+
+def _made(core: ClusterFusion, name: str) -> Callable[..., Any]:
+    return {"fkf": core.federated, "bias": core.with_bias, "dhf": core.distributed}[name]
+
+
+# Tuning ------------------------------------------------------------------------------------------
+
+
+def published_starts() -> dict[str, list[float]]:
+    """Return all numbers of the filters tuned in the published scenes."""
+    contest = FilterContest(TrainingAreas(**RUNS["02"]))
+    fusion = ClusterFusion(**RUNS["04"])
+    searches = [(area_loss(contest, n), n, b, _AREA_STEPS) for n, b in _AREAS.items()]
+    searches += [(cluster_loss(fusion, n), n, b, _CLUSTER_STEPS) for n, b in _CLUSTERS.items()]
+    return {
+        name: list(tune_filter(loss, begin, steps, len(begin), TRIALS_AT_START))
+        for loss, name, begin, steps in searches
+    }
+
+
+def tune_filter(
+    loss: Loss,
+    start: Sequence[float],
+    steps: Sequence[float],
+    searched: int = SEARCHED,
+    most: int = TRIALS,
+) -> tuple[float, ...]:
+    """Return the numbers of a filter, the first of which are tuned; the others stay."""
+    fixed = tuple(start[searched:])
+    search = search_pattern(
+        "filter", start[:searched], steps[:searched], lambda *found: loss(*found, *fixed), most=most
+    )
+    return (*search.best, *fixed)

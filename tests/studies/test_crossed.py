@@ -1,0 +1,177 @@
+"""The crossed study: indices against exact ones, points that are kept, and one computed again."""
+
+from __future__ import annotations
+
+import datetime
+import json
+import os
+import random
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("SALib")  # until environment.lock has it
+
+from assumptions import load_assumptions
+from crossed import (
+    CROSSED_FILE,
+    FIGURE,
+    OTHERS,
+    STRONGEST,
+    Crossed,
+    Lab,
+    column,
+    headlines_of,
+    label,
+    read_crossed,
+    spread_of,
+    strongest_of,
+)
+from factors import CROSSED, Crossing, load_crossing, reasons
+from indices import filled, morris_effects, morris_places, sobol_places, sobol_shares
+from inswsn_book.project import Project
+from points import outputs_at
+
+from inswsn_lib.checks import Array
+
+MOST_BYTES = 100_000
+#: Of a result that is computed again: what solvers on another machine may do
+TOLERANCE = 1e-3
+
+
+def ishigami(places: Array) -> Array:
+    """The function of Ishigami and Homma with 7 and 0.1, and a fourth factor without effect."""
+    x = np.pi * (2 * places - 1)
+    return np.asarray(np.sin(x[:, 0]) * (1 + 0.1 * x[:, 2] ** 4) + 7 * np.sin(x[:, 1]) ** 2)
+
+
+def test_the_indices_of_a_known_function_come_out() -> None:
+    """Ishigami's are known in closed form."""
+    names = ["a", "b", "c", "idle"]
+    found = sobol_shares(names, names, ishigami(sobol_places(names, names, 1024, 1)), 1)
+    exact = {"a": (0.3139, 0.5576), "b": (0.4424, 0.4424), "c": (0, 0.2437), "idle": (0, 0)}
+    for name, (first, total) in exact.items():
+        assert found[name].first == pytest.approx(first, abs=0.03)
+        assert found[name].total == pytest.approx(total, abs=0.03)
+        assert found[name].total_half < 0.1
+
+
+def test_factors_of_one_group_have_one_share() -> None:
+    """A sum of 3 a + 2 b + c: the shares of variance are 9, and 4 and 1 together, of 14."""
+    names, groups = ["a", "b", "c"], ["a", OTHERS, OTHERS]
+    places = sobol_places(names, groups, 1024, 1)
+    assert places.shape == (1024 * 4, 3)
+    found = sobol_shares(names, groups, places @ [3.0, 2.0, 1.0], 1)
+    assert found.keys() == {"a", OTHERS}
+    assert [found[g].first for g in ("a", OTHERS)] == pytest.approx([9 / 14, 5 / 14], abs=0.02)
+    assert [found[g].total for g in ("a", OTHERS)] == pytest.approx([9 / 14, 5 / 14], abs=0.02)
+
+
+def test_the_screening_of_a_linear_function_is_exact() -> None:
+    """The effect of a factor is its coefficient everywhere; that of a product is not."""
+    names = ["a", "b", "c", "idle"]
+    places = morris_places(names, 20, 1)
+    assert places.shape == (100, 4)
+    found = morris_effects(names, places, places @ [3.0, -2.0, 0.5, 0.0], 1)
+    assert [found[n].mean for n in names] == pytest.approx([3.0, 2.0, 0.5, 0.0], abs=1e-3)
+    assert max(found[n].deviation for n in names) < 1e-4
+    assert morris_effects(names, places, places[:, 0] * places[:, 1], 1)["a"].deviation > 0.1
+
+
+def test_the_effect_of_a_word_is_what_changing_it_does() -> None:
+    names = ["number", "word"]
+    places = morris_places(names, 20, 1)
+    values = places[:, 0] + 5.0 * (places[:, 1] > 0.5)
+    found = morris_effects(names, places, values, 1, words={"word"})
+    assert [found[name].mean for name in names] == pytest.approx([1.0, 5.0], abs=1e-3)
+
+
+def test_a_result_that_nothing_moves_has_no_shares_and_a_missing_one_is_the_median() -> None:
+    names = ["a", "b"]
+    flat = sobol_shares(names, names, np.full(len(sobol_places(names, names, 8, 1)), 2.0), 1)
+    assert {share.total for share in flat.values()} == {0.0}
+    assert filled(np.array([1.0, np.nan, 2.0, 9.0])).tolist() == [1.0, 2.0, 2.0, 9.0]
+
+
+def test_the_strongest_are_the_first() -> None:
+    strengths = {f"f{i}": float(i) for i in range(STRONGEST + 3)}
+    assert strongest_of(strengths) == tuple(f"f{i}" for i in range(STRONGEST + 2, 2, -1))
+
+
+def test_a_distribution_tells_on_which_side_it_lies(project: Project) -> None:
+    headline = load_assumptions(project.root).headline("02", "headline.kf-share")
+    found = spread_of(headline, np.array([50.0, 80.0, 90.0, 120.0, np.nan]), 60.0, 40.0)
+    assert (found.below, found.failed, found.quantiles[2]) == (0.75, 1, 85.0)
+    assert column([{"x": 1.0}, {}], "x").tolist() == pytest.approx([1.0, np.nan], nan_ok=True)
+
+
+def test_points_that_were_computed_are_not_computed_again(
+    tmp_path: Path, crossing: Crossing
+) -> None:
+    """A line that was cut off when the study was stopped is left out."""
+    names = [factor.name for factor in crossing.of_chapter("01")]
+    kept = [["starts", {"Kalman": [1.0, 1.0]}, 5.0], ["01 0.1 0.2 0.3 0.4", {"x": 7.0}, 2.0]]
+    lines = "".join(json.dumps(line) + "\n" for line in kept)
+    (tmp_path / "cache").write_text(lines + '["01 0.5', encoding="utf-8")
+    lab = Lab(tmp_path, crossing, tmp_path / "cache", jobs=1)
+    assert lab.starts == {"Kalman": [1.0, 1.0]}
+    point = dict(zip(names, (0.1, 0.2, 0.3, 0.4), strict=True))
+    assert lab.compute("01", [point, point]) == [{"x": 7.0}] * 2
+    assert lab.seconds == 7.0
+
+
+# The stored study --------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def crossing(project: Project) -> Crossing:
+    return load_crossing(project)
+
+
+@pytest.fixture(scope="module")
+def stored(project: Project) -> Crossed:
+    path = project.root / CROSSED_FILE
+    if not path.exists():  # until the study has been made
+        pytest.skip("there is no data/crossed.json yet: make studies")
+    return read_crossed(path)
+
+
+def test_it_is_of_these_factors_and_large_enough(
+    project: Project, crossing: Crossing, stored: Crossed
+) -> None:
+    assert (project.root / CROSSED_FILE).stat().st_size < MOST_BYTES
+    assert (project.root / FIGURE).is_file()
+    assert stored.trajectories >= 20
+    assert stored.base >= 256
+    assert [f.name for f in stored.factors] == [f.name for f in crossing.factors]
+    assert stored.left_out == reasons(load_assumptions(project.root))
+    assert stored.strongest == strongest_of({f.name: f.strength for f in stored.factors})
+    assert len(stored.kept) >= 40
+    for name, found in stored.shares.items():
+        own = {factor.name for factor in crossing.of_chapter(name[:2])}
+        assert found.keys() - {OTHERS} == own & set(stored.strongest)
+        assert stored.screening[name].keys() == own
+        assert stored.spreads[name].quantiles == tuple(sorted(stored.spreads[name].quantiles))
+
+
+@pytest.mark.long
+def test_one_random_point_comes_out_again(
+    project: Project, crossing: Crossing, stored: Crossed
+) -> None:
+    """Another one each day, or that of INSWSN_SEED."""
+    seed = int(os.environ.get("INSWSN_SEED") or datetime.datetime.now(datetime.UTC).toordinal())
+    draw = random.Random(seed)
+    place, chapter = draw.randrange(len(stored.kept)), draw.choice(CROSSED)
+    kept = stored.kept[place]
+    point = {f.name: at for f, at in zip(stored.factors, kept.places, strict=True)}
+    again = outputs_at(crossing, stored.starts, chapter, point)
+    before = {
+        name: value
+        for name, value in zip(stored.spreads, kept.values, strict=True)
+        if name.startswith(f"{chapter} ") and value is not None
+    }
+    named = headlines_of(load_assumptions(project.root), {chapter: again})
+    now = {label(h): again[h.key] for h in named}
+    where = f"point {place} in chapter {chapter}; INSWSN_SEED={seed} asks for it again"
+    assert now == pytest.approx(before, rel=TOLERANCE, abs=TOLERANCE), where
