@@ -45,6 +45,7 @@ EXEMPT = {
     "evaluation.Spread": "given by spread",
     "lmi.WorstCase": "given by worst_disturbance",
     "navigation.Bridge": "shown by VehicleHybrid",
+    "navigation.Choice": "given by LearnerMap.judge",
     "navigation.Judged": "given by BridgedOutages.compare",
     "navigation.Machine": "what VehicleHybrid trains",
     "navigation.OutageTrials": "shown by run_outages",

@@ -21,7 +21,7 @@ from .hybrid import (
     HybridRun as HybridRun,
     observable_inputs as observable_inputs,
 )
-from .learner_map import LearnerMap as LearnerMap
+from .learner_map import Choice as Choice, LearnerMap as LearnerMap
 from .recorded_trials import (
     RecordedTrials as RecordedTrials,
     read_trials as read_trials,

@@ -21,6 +21,7 @@ from inswsn_lib.navigation.filter_contest import (
     run_wandering,
 )
 from inswsn_lib.navigation.training_areas import AREAS, UNKNOWN, ByArea, TrainingAreas, run_coloured
+from inswsn_lib.scenario import with_values
 
 #: Errors of position and of velocity over those of the network
 Errors = tuple[float, float]
@@ -138,13 +139,14 @@ class FilterMap:
         return self._filters["kalman"]
 
     def _areas(self, ground: str, size: float) -> TrainingAreas:
+        areas = self.contest.areas
+        late = {"outlier": size / 100, "outlier_scale": _LATE} if ground == "outliers" else {}
         return replace(
-            self.contest.areas,
+            areas,
             runs=self.runs,
-            seed=self.contest.areas.seed + 6,
+            seed=areas.seed + 6,
             correlation_time=size if ground == "correlation" else 0.0,
-            outlier=size / 100 if ground == "outliers" else 0.0,
-            outlier_scale=_LATE,
+            published=with_values(areas.published, **late),
         )
 
     def _drawn(self, ground: str, size: float) -> dict[str, ByArea]:

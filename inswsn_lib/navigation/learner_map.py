@@ -33,7 +33,15 @@ LEARNERS = ("LS-SVM", "LS-SVM, linear kernel", "BP", "Gaussian process")
 
 
 class Choice(NamedTuple):
-    """The settings that were chosen, (drifts, lengths), and errors, (drifts, lengths, runs), m."""
+    """The settings of a method that were chosen, and what came of them.
+
+    Attributes
+    ----------
+    settings : ndarray, (drifts, lengths)
+        Their places in the list of settings.
+    errors : ndarray, (drifts, lengths, runs)
+        m.
+    """
 
     settings: NDArray[np.intp]
     errors: Array

@@ -79,7 +79,7 @@ class TrainingAreas:
         Standard deviation of a range, m.
     velocity_source, velocity_noise, correlation_time
         As in `inswsn_lib.simulation.Scene`.
-    node_bias, outlier, outlier_scale : float
+    node_bias : float
         As in `inswsn_lib.simulation.Ranging`.
     accelerometer_noise, gyro_noise : float
         m/s/s^0.5 and rad/s^0.5.
@@ -112,8 +112,6 @@ class TrainingAreas:
     velocity_noise: float = 0.126
     correlation_time: float = 0.0
     node_bias: float = 0.0
-    outlier: float = 0.0
-    outlier_scale: float = 3.0
     accelerometer_noise: float = 0.005
     gyro_noise: float = 0.0005
     inertial_scale: float = 1.0
@@ -137,8 +135,6 @@ class TrainingAreas:
             velocity_noise=self.velocity_noise,
             correlation_time=self.correlation_time,
             node_bias=self.node_bias,
-            outlier=self.outlier,
-            outlier_scale=self.outlier_scale,
             accelerometer_noise=self.accelerometer_noise,
             gyro_noise=self.gyro_noise,
             **{name: slower * self.published[name].value for name in times},

@@ -10,9 +10,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
-pytest.importorskip("SALib")  # until environment.lock has it
-
 from assumptions import load_assumptions
 from crossed import (
     CROSSED_FILE,
