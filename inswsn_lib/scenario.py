@@ -160,7 +160,7 @@ def from_settings(kind: Callable[..., T], settings: Mapping[str, Setting], **val
     >>> import inswsn_lib as iw
     >>> settings = iw.load_scenario(iw.data_file("scenarios/p2.yaml"))
     >>> iw.from_settings(iw.ClusterScene, iw.with_values(settings, dropout=0.3)).ranging
-    Ranging(reach=12.0, noise=0.2, dropout=0.3, outlier=0.0, outlier_scale=3.0)
+    Ranging(reach=12.0, noise=0.2, node_bias=0.0, dropout=0.3, outlier=0.0, outlier_scale=3.0)
     """
     hints = get_type_hints(kind, include_extras=True)
     for each in fields(kind):  # type: ignore[arg-type]

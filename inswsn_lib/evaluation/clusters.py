@@ -50,8 +50,8 @@ def cluster_mean(
     >>> from inswsn_lib.evaluation import cluster_mean
     >>> print([f"{x:.3f}" for x in cluster_mean([1, 2, 3, 4, 5], range(5))])
     ['3.000', '1.037', '4.963']
-    >>> cluster_mean([1, 2, 3, 4, 5] * 100, [*range(5)] * 100)[1] == 1.036756838522439
-    True
+    >>> print([f"{x:.3f}" for x in cluster_mean([1, 2, 3, 4, 5] * 100, [*range(5)] * 100)])
+    ['3.000', '1.037', '4.963']
     """
     number("level", level, above=0, below=1)
     given, which, G = _clustered(values, clusters)
@@ -105,7 +105,7 @@ def cluster_median(
     --------
     >>> from inswsn_lib.evaluation import cluster_median
     >>> print([round(x) for x in cluster_median(range(101), range(101), seed=0)])
-    [50, 32, 70]
+    [50, 41, 59]
     """
     given, which, G = _clustered(values, clusters)
     whole("resamples", resamples, 1)

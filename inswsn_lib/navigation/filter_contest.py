@@ -202,6 +202,11 @@ def run_wandering(
 def relative_loss(errors: ByArea, network: ByArea) -> float:
     """Return the mean, over areas and over position and velocity, of RMS error over the network's.
 
+    Parameters
+    ----------
+    errors, network : dict of str to ndarray, (steps, 4, runs)
+        By area: of a method, and of the network; m and m/s.
+
     Examples
     --------
     >>> import numpy as np

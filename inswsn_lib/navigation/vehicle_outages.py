@@ -99,8 +99,8 @@ class VehicleOutages:
 
     published: Mapping[str, Setting] = field(default_factory=p3_settings)
     seed: int = 2015
-    routes: int = 8
-    draws: int = 5
+    routes: int = 12
+    draws: int = 4
     tau: int = 40
     window: int = 40
     lateral: float = 0.1

@@ -52,8 +52,14 @@ def test_the_rebuilt_and_recorded_sides_by_hand(root: Path, drawn: list[Contest]
         ]
     )
     recorded = value("05", "recorded.factor.lssvm")
+    radio = [value("02", f"lasting.recorded.{n}-tuned-for-white") for n in ("hf", "kalman")]
     assert [row.recorded for row in drawn] == pytest.approx(
-        [None] * 4 + [recorded / value("05", "recorded.factor.never"), recorded]
+        [
+            radio[0] / radio[1],
+            *[None] * 3,
+            recorded / value("05", "recorded.factor.never"),
+            recorded,
+        ]
     )
 
 
