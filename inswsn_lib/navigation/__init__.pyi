@@ -4,7 +4,6 @@ from .bridged_outages import (
     Passage as Passage,
 )
 from .cluster_fusion import (
-    METHODS as METHODS,
     ClusterFusion as ClusterFusion,
     planar_rms as planar_rms,
     widen_velocities as widen_velocities,
@@ -12,6 +11,7 @@ from .cluster_fusion import (
 from .filter_contest import (
     CONTESTANTS as CONTESTANTS,
     FilterContest as FilterContest,
+    relative_errors as relative_errors,
     relative_loss as relative_loss,
     run_wandering as run_wandering,
 )

@@ -199,8 +199,8 @@ def run_wandering(
     return run_kalman(wandering, y, initial_covariance=start)[:, :4]
 
 
-def relative_loss(errors: ByArea, network: ByArea) -> float:
-    """Return the mean, over areas and over position and velocity, of RMS error over the network's.
+def relative_errors(errors: ByArea, network: ByArea) -> tuple[float, float]:
+    """Return RMS errors of position and velocity over those of the network, means over areas.
 
     Parameters
     ----------
@@ -210,20 +210,42 @@ def relative_loss(errors: ByArea, network: ByArea) -> float:
     Examples
     --------
     >>> import numpy as np
+    >>> from inswsn_lib.navigation import relative_errors
+    >>> network = {"1": np.ones((5, 4, 2)), "2": np.ones((5, 4, 2))}
+    >>> relative_errors({a: e / 2 for a, e in network.items()}, network)
+    (0.5, 0.5)
+    """
+    position, velocity = (
+        float(
+            np.mean(
+                [
+                    root_mean_square(errors[a][:, rows]) / root_mean_square(network[a][:, rows])
+                    for a in errors
+                ]
+            )
+        )
+        for rows in PARTS.values()
+    )
+    return position, velocity
+
+
+def relative_loss(errors: ByArea, network: ByArea) -> float:
+    """Return the mean of `relative_errors` of position and velocity, by which filters are tuned.
+
+    Parameters
+    ----------
+    errors, network : dict of str to ndarray, (steps, 4, runs)
+        As there.
+
+    Examples
+    --------
+    >>> import numpy as np
     >>> from inswsn_lib.navigation import relative_loss
     >>> network = {"1": np.ones((5, 4, 2)), "2": np.ones((5, 4, 2))}
     >>> relative_loss({a: e / 2 for a, e in network.items()}, network)
     0.5
     """
-    return float(
-        np.mean(
-            [
-                root_mean_square(errors[a][:, rows]) / root_mean_square(network[a][:, rows])
-                for a in errors
-                for rows in PARTS.values()
-            ]
-        )
-    )
+    return sum(relative_errors(errors, network)) / 2
 
 
 def root_mean_square(values: Array) -> float:

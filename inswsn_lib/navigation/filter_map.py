@@ -17,7 +17,7 @@ from inswsn_lib.navigation.filter_contest import (
     Estimator,
     FilterContest,
     kalman,
-    root_mean_square,
+    relative_errors,
     run_wandering,
 )
 from inswsn_lib.navigation.training_areas import AREAS, UNKNOWN, ByArea, TrainingAreas, run_coloured
@@ -25,13 +25,13 @@ from inswsn_lib.scenario import with_values
 
 #: Errors of position and of velocity over those of the network
 Errors = tuple[float, float]
-#: The axes of the map: what is varied, its unit, and its values; the first is what was tuned for
-GROUNDS: dict[str, tuple[str, tuple[float, ...]]] = {
-    "bias": ("m/s^2", (0.0, 0.1, 0.3, 1.0, 3.0)),
-    "correlation": ("s", (0.0, 0.2, 0.5, 1.0, 2.0, 5.0)),
-    "assumed-q": ("1", (1e-4, 1e-3, 1e-2, 0.1, 1.0, 10.0, 100.0, 1e3, 1e4)),
-    "outliers": ("%", (0.0, 2.0, 5.0, 10.0, 20.0)),
-    "adversary": ("%", (0.0, 0.1, 1.0, 10.0, 100.0)),
+#: What the map varies, and by how much
+GROUNDS: dict[str, tuple[float, ...]] = {
+    "bias": (0.0, 0.1, 0.3, 1.0, 3.0),  # m/s^2
+    "correlation": (0.0, 0.2, 0.5, 1.0, 2.0, 5.0),  # s
+    "assumed-q": (1e-4, 1e-3, 1e-2, 0.1, 1.0, 10.0, 100.0, 1e3, 1e4),
+    "outliers": (0.0, 2.0, 5.0, 10.0, 20.0),  # %
+    "adversary": (0.0, 0.1, 1.0, 10.0, 100.0),  # %
 }
 _LATE = 3.0  # m, mean excess of a late range
 _LASTING = 100.0  # s, longer than an area: to a filter, a bias that does not change
@@ -80,7 +80,7 @@ class FilterMap:
 
     def table(self) -> Iterator[tuple[str, float, str, float, float]]:
         """Yield ground, size, filter, and the errors of position and velocity, of the whole map."""
-        for ground, (_, sizes) in GROUNDS.items():
+        for ground, sizes in GROUNDS.items():
             for size in sizes:
                 for name, errors in self.errors(ground, size).items():
                     yield ground, size, name, *errors
@@ -88,8 +88,8 @@ class FilterMap:
     def errors(self, ground: str, size: float) -> dict[str, Errors]:
         """Return RMS errors of position and velocity over the network's, means of both areas.
 
-        They are errors after the measurement of the step; of ``adversary`` the root of the power of
-        predicted ones.
+        They are errors after the measurement of the step; of ``adversary``, of which no filter can
+        be told, the root of the power of predicted ones.
 
         Parameters
         ----------
@@ -105,7 +105,7 @@ class FilterMap:
             filters = self._told_wrongly(size)
         filters["told"] = self._told(ground, size)
         return {"network": (1.0, 1.0)} | {
-            name: _relative(self.contest.errors(estimate, drawn), drawn["wsn"])
+            name: relative_errors(self.contest.errors(estimate, drawn), drawn["wsn"])
             for name, estimate in filters.items()
         }
 
@@ -172,10 +172,11 @@ class FilterMap:
             name: (1 - share) * white**2 + share * channels * worst**2
             for name, (channels, white, worst) in self._steady.items()
         }
-        return {
-            name: _pair(np.sqrt(power / powers["network"]).mean(axis=0))
-            for name, power in powers.items()
-        }
+        found = {}
+        for name, power in powers.items():
+            position, velocity = np.sqrt(power / powers["network"]).mean(axis=0)
+            found[name] = float(position), float(velocity)
+        return found
 
     @cached_property
     def _steady(self) -> dict[str, tuple[int, Array, Array]]:
@@ -190,7 +191,6 @@ class FilterMap:
             "hf": {a: design.gain for a, design in designs[margin].items()},
             "hf-least": {a: design.gain for a, design in designs[0.01].items()},
         }
-        gains["told"] = gains["kalman"]
         seen = [np.eye(4)[rows] for rows in PARTS.values()]
         found = {}
         for name, gain in gains.items():
@@ -199,20 +199,6 @@ class FilterMap:
             worst = np.array([[_worst(*part) for part in of_area] for of_area in parts])
             found[name] = matched["1"].B.shape[1] + matched["1"].D.shape[1], white, worst
         return found
-
-
-def _relative(errors: ByArea, network: ByArea) -> Errors:
-    """Return the RMS errors of position and velocity over the network's, means over areas."""
-    shares = [
-        [root_mean_square(e[a][:, rows]) for a in AREAS for e in (errors, network)]
-        for rows in PARTS.values()
-    ]
-    return _pair(np.mean([[p[0] / p[1], p[2] / p[3]] for p in shares], axis=1))
-
-
-def _pair(values: Array) -> Errors:
-    position, velocity = values
-    return float(position), float(velocity)
 
 
 def _worst(model: ErrorModel, gain: Array) -> float:

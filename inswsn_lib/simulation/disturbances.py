@@ -9,7 +9,6 @@ from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.signal import lfilter
 
 from inswsn_lib.checks import Array, array, number, one_of, whole
 
@@ -89,7 +88,7 @@ def drifting(
     The acceleration error of each axis is a first-order Gauss-Markov process,
     :math:`a_{k+1} = \varphi a_k + \sigma \sqrt{1 - \varphi^2}\, n_k` with
     :math:`\varphi = e^{-T/\tau}` (Brown and Hwang 2012, Section 4.6), integrated twice from the
-    first step on.
+    first step on: those of `coloured`.
 
     Parameters
     ----------
@@ -115,10 +114,8 @@ def drifting(
     number("deviation", deviation, least=0)
     given = array("errors", errors, ("steps", 4, "runs"), gaps=True)
     steps, _, runs = given.shape
-    share = np.exp(-period / correlation_time)
     normal = rng.standard_normal((steps, 2, runs))
-    normal[1:] *= np.sqrt(1 - share**2)  # the first one has the stationary variance
-    acceleration = deviation * lfilter([1.0], [1.0, -share], normal, axis=0)
+    acceleration = deviation * coloured(normal, period, correlation_time)
     added = np.zeros_like(given)
     velocity = np.cumsum(period * acceleration[:-1], axis=0)
     added[1:, 2:] = velocity
