@@ -49,7 +49,7 @@ class FilterMap:
 
     - ``bias``: a constant acceleration error of the INS from the start of an area, any direction;
     - ``correlation``: errors of fixes and velocities correlated over time (`coloured`);
-    - ``assumed-q``: the Q that filters are told, times a factor, which nobody told them;
+    - ``assumed-q``: the Q that filters are told, the same for all, over the one that matches;
     - ``outliers``: ranges that are late, by 3 m on average (exponential);
     - ``adversary``: the share of the energy of the disturbances that is placed where it harms a
       filter most, without end. With white noise of unit variance in the q channels of the model,
@@ -100,9 +100,8 @@ class FilterMap:
         """
         if ground == "adversary":
             return self._against_adversary(size / 100)
-        drawn, filters = self._drawn(ground, size), dict(self._filters)
-        if ground == "assumed-q":
-            filters = self._told_wrongly(size)
+        drawn = self._drawn(ground, size)
+        filters = self._built(size, size) if ground == "assumed-q" else dict(self._filters)
         filters["told"] = self._told(ground, size)
         return {"network": (1.0, 1.0)} | {
             name: relative_errors(self.contest.errors(estimate, drawn), drawn["wsn"])
@@ -111,15 +110,15 @@ class FilterMap:
 
     @cached_property
     def _filters(self) -> dict[str, Estimator]:
-        return self._told_wrongly(1.0)
+        """The filters as they are tuned."""
+        return self._built(self._numbers["Kalman"][0], self._numbers["HF, exact LMI"][0])
 
-    def _told_wrongly(self, factor: float) -> dict[str, Estimator]:
-        (q, own), (ratio, margin) = self._numbers["Kalman"], self._numbers["HF, exact LMI"]
-        build = self.contest.build
+    def _built(self, kalman_ratio: float, hf_ratio: float) -> dict[str, Estimator]:
+        (_, own), (_, margin) = self._numbers["Kalman"], self._numbers["HF, exact LMI"]
         return {
-            "kalman": build("Kalman", factor * q, own),
-            "hf": build("HF, exact LMI", factor * ratio, margin),
-            "hf-least": build("HF, exact LMI", factor * ratio, 0.01),
+            "kalman": self.contest.build("Kalman", kalman_ratio, own),
+            "hf": self.contest.build("HF, exact LMI", hf_ratio, margin),
+            "hf-least": self.contest.build("HF, exact LMI", hf_ratio, 0.01),
         }
 
     @property

@@ -82,7 +82,7 @@ BY_HAND = {
     "noise.cm-per-s2": 0.065 / 0.15,
     "noise.mg": 6.5 * 9.80665e-3 / 0.15,
     "noise.deg-per-h": 6.5 * np.pi / 180 / 3600 * 2.4 / 0.15,
-    "robust.cases": 6,
+    "robust.cases": 5,
     "first.bias-over-white": 0.15 / 0.017,
     "scaling.largest": 128,
 }
