@@ -46,7 +46,7 @@ RUNS: dict[str, dict[str, int]] = {
     "04": {"runs": 8, "other_runs": 8},
 }
 #: The most trials that a filter has at a point, and in the published scene
-TRIALS, TRIALS_AT_START = 8, 48
+TRIALS, TRIALS_AT_START = 5, 48
 #: Numbers of each filter that are searched at a point, the same for all
 SEARCHED = 2
 # Where the searches in the published scene begin and the ratios of their steps, as in the chapters
