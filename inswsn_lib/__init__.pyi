@@ -19,7 +19,7 @@ from .models import ErrorModel as ErrorModel
 
 # Read a recording or a scenario
 from .files import data_file as data_file
-from .recordings import Recording as Recording, read_recording as read_recording
+from .recordings import TrackPair as TrackPair, read_recording as read_recording
 from .navigation import check_recording as check_recording
 from .scenario import (
     Setting as Setting,

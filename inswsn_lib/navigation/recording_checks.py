@@ -20,7 +20,7 @@ from inswsn_lib.errors import Described, ParameterError
 from inswsn_lib.evaluation.alignment import Comparison
 from inswsn_lib.filters import design_kalman, run_kalman
 from inswsn_lib.models import ErrorModel
-from inswsn_lib.recordings import Recording
+from inswsn_lib.recordings import TrackPair
 
 #: How often a check fails on a recording that fits
 FALSE_ALARM = 1e-3
@@ -78,7 +78,7 @@ class Finding:
 
 
 def check_recording(
-    data: Recording, model: ErrorModel, *, initial_covariance: ArrayLike
+    data: TrackPair, model: ErrorModel, *, initial_covariance: ArrayLike
 ) -> list[Finding]:
     """Return what each check of a recording found, those first that tell most of the cause.
 
@@ -90,7 +90,7 @@ def check_recording(
 
     Parameters
     ----------
-    data : Recording
+    data : TrackPair
     model : ErrorModel
         Of the error of the INS and its measurement, as `run_kalman` takes it, with the components
         x, y, v_x, v_y, of which the measurement may lack the last two.
@@ -158,7 +158,7 @@ def verdict(findings: Sequence[Finding]) -> str:
 # What can be seen in the columns as they are
 
 
-def _rate(data: Recording) -> Finding:
+def _rate(data: TrackPair) -> Finding:
     """Look for a second rate: a long run of equal intervals that are not those of the grid."""
     rows = np.flatnonzero(~np.isnan(data.ins[:, 0]))
     steps = np.diff(rows)
@@ -186,7 +186,7 @@ def _resolution(values: Array) -> float:
     return 0.0
 
 
-def _repeats(data: Recording, model: ErrorModel) -> Finding:
+def _repeats(data: TrackPair, model: ErrorModel) -> Finding:
     """Count values of the network that stand again, and how many noise and rounding make."""
     sigma = np.sqrt(np.diag(model.measurement_covariance))
     worst = Finding("repeats", "network", 0, 0, 0, True, "no value stands again too often")
@@ -232,7 +232,7 @@ def _interpolated(positions: Array) -> float:
     return float(np.mean(close.all(axis=1)))
 
 
-def _in_itself(data: Recording) -> Iterator[Finding]:
+def _in_itself(data: TrackPair) -> Iterator[Finding]:
     """Compare the way of each smooth source with the integral of its velocities, step by step."""
     for subject, values in (("INS", data.ins), ("reference", data.reference)):
         if values is None:
@@ -306,7 +306,7 @@ def _through_filter(model: ErrorModel, columns: Array, there: Mask, P0: Array) -
     return _whitened(_present(design.innovation, there), left)
 
 
-def _innovations(data: Recording, model: ErrorModel, P0: Array) -> Iterator[Finding]:
+def _innovations(data: TrackPair, model: ErrorModel, P0: Array) -> Iterator[Finding]:
     m = len(model.C)
     there = ~np.isnan(data.measurements[:, :m, 0])
     white = _through_filter(model, np.nan_to_num(data.measurements[:, :m]), there, P0)[:, :, 0]
@@ -369,7 +369,7 @@ def _colour(white: Array, there: Mask) -> Finding:
 
 
 def _pair(
-    subject: str, data: Recording, model: ErrorModel, other: Array, *, filtered: bool
+    subject: str, data: TrackPair, model: ErrorModel, other: Array, *, filtered: bool
 ) -> list[Finding]:
     """Return lag and turn of the network, or of what alone is wrong of positions and velocities."""
     found = list(_judged(subject, _compare(data, model, other, filtered=filtered)))
@@ -404,7 +404,7 @@ def _has(values: Array) -> bool:
 
 
 def _against_reference(
-    data: Recording, model: ErrorModel, P0: Array, sized: bool
+    data: TrackPair, model: ErrorModel, P0: Array, sized: bool
 ) -> Iterator[Finding]:
     reference = data.reference
     if reference is None or np.isfinite(data.wsn - reference).sum() < _FEWEST:
@@ -451,7 +451,7 @@ def _against_reference(
     yield Finding(who, "network and reference", mean, low, high, fits, says)
 
 
-def _compare(data: Recording, model: ErrorModel, other: Array, *, filtered: bool) -> Comparison:
+def _compare(data: TrackPair, model: ErrorModel, other: Array, *, filtered: bool) -> Comparison:
     """Return the network compared with another source, the errors of which are an INS's or none."""
     m, steps, T = len(model.C), len(data.time), data.period
     spacing = max(1, round(_SPACING / T))

@@ -1,4 +1,12 @@
 from .columns import INS as INS, REFERENCE as REFERENCE, TIME as TIME, WSN as WSN
 from .files import RecordingUnavailableError as RecordingUnavailableError
 from .gnss_imu import RecordedDrive as RecordedDrive, Track as Track, load_drive as load_drive
-from .ins_wsn import Recording as Recording, read_recording as read_recording
+from .ins_wsn import TrackPair as TrackPair, read_recording as read_recording
+from .recording import (
+    Fixes as Fixes,
+    Imu as Imu,
+    Odometry as Odometry,
+    Ranges as Ranges,
+    Recording as Recording,
+    Reference as Reference,
+)

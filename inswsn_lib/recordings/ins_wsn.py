@@ -39,7 +39,7 @@ _UNITS = {
 
 
 @dataclass(frozen=True, eq=False)
-class Recording:
+class TrackPair:
     """A recording on an even grid of time.
 
     Attributes
@@ -93,7 +93,7 @@ class Recording:
         return [(int(a), int(b)) for a, b in edges.reshape(-1, 2) if b - a + 1 > _PATIENCE * usual]
 
 
-def read_recording(path: str | Path) -> Recording:
+def read_recording(path: str | Path) -> TrackPair:
     """Read a recording and put it on an even grid.
 
     The file is a CSV with a header and the columns ``time_s``, ``ins_x_m``, ``ins_y_m``,
@@ -274,7 +274,7 @@ def _refuse_other_units(path: Path, one: _Named, other: _Named, known: bool) -> 
     )
 
 
-def _on_grid(path: Path, time: Array, sources: dict[str, Array]) -> Recording:
+def _on_grid(path: Path, time: Array, sources: dict[str, Array]) -> TrackPair:
     place = _places(time)
     middle, centred = place.mean(), (time - time[0]).mean()
     period = float(np.dot(place - middle, time - time[0]) / np.sum((place - middle) ** 2))
@@ -292,7 +292,7 @@ def _on_grid(path: Path, time: Array, sources: dict[str, Array]) -> Recording:
         grids = {who: np.full((place[-1] + 1, 4), np.nan) for who in sources}
         for who, values in sources.items():
             grids[who][place] = values
-    return Recording(
+    return TrackPair(
         time=start + period * np.arange(place[-1] + 1),
         period=period,
         ins=grids["ins"],

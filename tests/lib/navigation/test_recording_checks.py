@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import inswsn_lib as iw
-from inswsn_lib import ErrorModel, ParameterError, Recording
+from inswsn_lib import ErrorModel, ParameterError, TrackPair
 from inswsn_lib.evaluation.alignment import Comparison
 from inswsn_lib.navigation import Finding, check_recording, verdict
 
@@ -16,7 +16,7 @@ MODEL = ErrorModel.p1(0.2, process_noise=(0.001, 0.01), measurement_noise=(0.2, 
 RIGHT = iw.read_recording(iw.data_file("examples/ins-wsn.csv"))
 
 
-def checked(data: Recording, model: ErrorModel = MODEL) -> list[Finding]:
+def checked(data: TrackPair, model: ErrorModel = MODEL) -> list[Finding]:
     return check_recording(data, model, initial_covariance=np.diag([1.0, 1.0, 0.01, 0.01]))
 
 
@@ -111,7 +111,7 @@ def test_what_does_not_move_cannot_be_told() -> None:
     rng = np.random.default_rng(5)
     ins = np.zeros((400, 4))
     wsn = np.array([0.2, 0.2, 0.1, 0.1]) * rng.standard_normal((400, 4))
-    wrong = Recording(0.2 * np.arange(400), 0.2, ins, wsn, None, 0.0)
+    wrong = TrackPair(0.2 * np.arange(400), 0.2, ins, wsn, None, 0.0)
     told = replace(MODEL, B=np.zeros((4, 4)))
     found = checked(wrong, told)
     assert {each.name for each in found if each.fits is None} == {"time", "frame"}

@@ -14,7 +14,7 @@ from hypothesis import given, strategies as st
 from inswsn_book.parameters import chapter_schema
 
 from inswsn_lib.errors import InswsnError
-from inswsn_lib.recordings import INS, REFERENCE, TIME, WSN, Recording, read_recording
+from inswsn_lib.recordings import INS, REFERENCE, TIME, WSN, TrackPair, read_recording
 
 PERIOD = 0.25
 Change = Callable[[pd.DataFrame], pd.DataFrame]
@@ -144,7 +144,7 @@ def test_a_network_slower_than_the_ins_is_not_silent(path: Path) -> None:
     wsn = np.zeros((9, 4))
     wsn[[2, 5, 6]] = np.nan
     wsn[8, 0] = np.nan  # the other components are there
-    assert Recording(np.arange(9.0), 1.0, wsn, wsn, None, 0.0).outages == [(5, 7)]
+    assert TrackPair(np.arange(9.0), 1.0, wsn, wsn, None, 0.0).outages == [(5, 7)]
 
 
 @given(
