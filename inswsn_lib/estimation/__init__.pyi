@@ -1,0 +1,26 @@
+from .error_state import (
+    Innovation as Innovation,
+    Innovations as Innovations,
+    Observation as Observation,
+    Solution as Solution,
+    Start as Start,
+    run_error_state as run_error_state,
+)
+from .inertial import (
+    ImuNoise as ImuNoise,
+    InertialMotion as InertialMotion,
+    InertialState as InertialState,
+)
+from .observations import (
+    PositionFixes as PositionFixes,
+    RangesToAnchors as RangesToAnchors,
+    Velocities as Velocities,
+    WheelSpeeds as WheelSpeeds,
+    gauss_markov as gauss_markov,
+)
+from .planar import (
+    OdometryMotion as OdometryMotion,
+    OdometryNoise as OdometryNoise,
+    PlanarState as PlanarState,
+)
+from .smoothing import smooth as smooth, smooth_with_lag as smooth_with_lag

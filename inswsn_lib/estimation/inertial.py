@@ -1,0 +1,162 @@
+"""The motion of an inertial navigation system: its state, its errors, and what its IMU adds to them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import ClassVar
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from inswsn_lib.checks import Array
+from inswsn_lib.estimation.mechanization import ERRORS, Pieces, advance, cut, turned
+from inswsn_lib.recordings import Imu
+
+POSITION, VELOCITY, ATTITUDE = slice(0, 3), slice(3, 6), slice(6, 9)
+FORCE_BIAS, RATE_BIAS = slice(9, 12), slice(12, 15)
+
+
+@dataclass(frozen=True)
+class ImuNoise:
+    """What a filter assumes of an IMU, the same for its three axes.
+
+    Attributes
+    ----------
+    force, rate : float
+        White noise, m/s^2/Hz^0.5 and rad/s/Hz^0.5.
+    force_walk, rate_walk : float
+        By which the biases walk, m/s^2/s^0.5 and rad/s/s^0.5.
+    """
+
+    force: float
+    rate: float
+    force_walk: float
+    rate_walk: float
+
+
+@dataclass(frozen=True, eq=False)
+class InertialState:
+    """Where the IMU is, how it moves, how it is turned, and the biases of its sensors.
+
+    Its errors are those of position, velocity, attitude (a turn about axes of the body, rad) and of
+    the biases, 3 each, and those of the states that observations bring along.
+
+    Attributes
+    ----------
+    position, velocity : ndarray, (3,)
+        m and m/s, in the frame of the recording.
+    attitude : ndarray, (3, 3)
+        Turns vectors of the body into the frame.
+    force_bias, rate_bias : ndarray, (3,)
+        m/s^2 and rad/s, along the axes of the body.
+    own : ndarray, (states,)
+        States of the observations.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from inswsn_lib.estimation import InertialState
+    >>> rest = InertialState(np.zeros(3), np.zeros(3), np.eye(3))
+    >>> moved = rest.plus(np.arange(15) / 100)
+    >>> np.round(moved.minus(rest) * 100, 9).tolist() == list(range(15))
+    True
+    """
+
+    errors: ClassVar[int] = ERRORS
+
+    position: Array
+    velocity: Array
+    attitude: Array
+    force_bias: Array = field(default_factory=lambda: np.zeros(3))
+    rate_bias: Array = field(default_factory=lambda: np.zeros(3))
+    own: Array = field(default_factory=lambda: np.zeros(0))
+
+    def plus(self, error: Array) -> InertialState:
+        """Return the state that lies an error, (15 + own,), from this one."""
+        return InertialState(
+            self.position + error[POSITION],
+            self.velocity + error[VELOCITY],
+            self.attitude @ turned(error[ATTITUDE]),
+            self.force_bias + error[FORCE_BIAS],
+            self.rate_bias + error[RATE_BIAS],
+            self.own + error[ERRORS:],
+        )
+
+    def minus(self, other: InertialState) -> Array:
+        """Return by what error, (15 + own,), this state lies from the other."""
+        return np.concatenate([
+            self.position - other.position,
+            self.velocity - other.velocity,
+            Rotation.from_matrix(other.attitude.T @ self.attitude).as_rotvec(),
+            self.force_bias - other.force_bias,
+            self.rate_bias - other.rate_bias,
+            self.own - other.own,
+        ])  # fmt: skip
+
+    def antenna(self, lever_arm: Array) -> tuple[Array, Array]:
+        """Return where the antenna is, (3,), and its derivatives by the errors, (3, 15)."""
+        rows = np.zeros((3, ERRORS))
+        rows[:, POSITION] = np.eye(3)
+        rows[:, ATTITUDE] = -self.attitude @ skew(lever_arm)
+        return self.position + self.attitude @ lever_arm, rows
+
+    def moving(self) -> tuple[Array, Array]:
+        """Return the velocity, (3,), and its derivatives by the errors, (3, 15)."""
+        rows = np.zeros((3, ERRORS))
+        rows[:, VELOCITY] = np.eye(3)
+        return self.velocity, rows
+
+    def moving_in(self, axes: Array) -> tuple[Array, Array]:
+        """Return the velocity in a vehicle's axes, (3,), and its derivatives, (3, 15).
+
+        `axes` turns vectors of the body into axes forward, left and up.
+        """
+        turn = axes @ self.attitude.T
+        rows = np.zeros((3, ERRORS))
+        rows[:, VELOCITY] = turn
+        rows[:, ATTITUDE] = axes @ skew(self.attitude.T @ self.velocity)
+        return turn @ self.velocity, rows
+
+
+@dataclass(frozen=True, eq=False)
+class InertialMotion:
+    """Strapdown integration of an IMU between events; see `mechanization`.
+
+    Attributes
+    ----------
+    imu : Imu
+    noise : ImuNoise
+    """
+
+    imu: Imu
+    noise: ImuNoise
+
+    def between(self, begin: float, events: Array) -> InertialSteps:
+        """Return the steps from a time to the first event, and from each to the next."""
+        return InertialSteps(
+            cut(self.imu.time, self.imu.rate, self.imu.force, begin, events),
+            np.array([getattr(self.noise, n) for n in ("force", "rate", "force_walk", "rate_walk")]),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class InertialSteps:
+    """The integration from one event to the next."""
+
+    pieces: Pieces
+    densities: Array
+
+    def ahead(self, k: int, state: InertialState) -> tuple[InertialState, Array, Array]:
+        """Return the state at event k, from that before it, with transition and covariance."""
+        part = slice(self.pieces.ends[k - 1] if k else 0, self.pieces.ends[k])
+        p, v, R, Phi, Q = advance(
+            state.position, state.velocity, state.attitude, state.force_bias, state.rate_bias,
+            self.pieces.dt[part], self.pieces.rate[part], self.pieces.force[part], self.densities,
+        )  # fmt: skip
+        return replace(state, position=p, velocity=v, attitude=R), Phi, Q
+
+
+def skew(vector: Array) -> Array:
+    """Return the matrix (3, 3) of the cross product with a vector from the left."""
+    x, y, z = vector
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])

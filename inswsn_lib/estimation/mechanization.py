@@ -1,0 +1,110 @@
+r"""Strapdown mechanization in a level frame that does not turn, with the transition of its errors.
+
+For the minutes and metres of a tag in a room, or of a car between satellite fixes, the turn of the
+Earth is below the noise of the sensors that this room is for: 15 degrees an hour is 7e-5 rad/s, and
+is taken up by the biases of the gyroscopes. `inswsn_lib.vehicle` has it.
+
+The errors are those of Sola, "Quaternion kinematics for the error-state Kalman filter" (2017),
+section 5: the true attitude is :math:`R \exp([\theta]_\times)`, a turn about axes of the body,
+
+.. math::
+    \dot{\delta p} = \delta v, \qquad
+    \dot{\delta v} = -R [f]_\times \theta - R\, \delta b_a - R\, w_a, \qquad
+    \dot\theta = -[\omega]_\times \theta - \delta b_g - w_g .
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+
+from inswsn_lib.checks import Array
+
+#: Standard gravity, m/s^2; what is missing to that of the place is in the accelerometers' biases
+GRAVITY = 9.80665
+#: States of the error: position, velocity, attitude, biases of accelerometers and gyroscopes
+ERRORS = 15
+
+
+@dataclass(frozen=True, eq=False)
+class Pieces:
+    """The IMU's samples cut at the times of events, so that an event lies at the end of a piece.
+
+    Attributes
+    ----------
+    dt : ndarray, (pieces,)
+        s.
+    rate, force : ndarray, (pieces, 3)
+        The mean of the samples at both ends of the interval that a piece is of.
+    ends : ndarray of int, (events,)
+        How many pieces lie before each event.
+    """
+
+    dt: Array
+    rate: Array
+    force: Array
+    ends: Array
+
+
+def cut(time: Array, rate: Array, force: Array, begin: float, events: Array) -> Pieces:
+    """Return the pieces from a time to the last of some events."""
+    inside = time[(time > begin) & (time < events[-1])]
+    edges = np.unique(np.concatenate([[begin], inside, events]))
+    # the interval of samples in which a piece lies; the first and the last go on beyond their ends
+    of = np.clip(np.searchsorted(time, edges[:-1], side="right"), 1, len(time) - 1)
+    means = [0.5 * (values[of - 1] + values[of]) for values in (rate, force)]
+    return Pieces(np.diff(edges), *means, np.searchsorted(edges, events))
+
+
+@numba.njit(cache=True)
+def turned(angle: Array) -> Array:
+    """Return the rotation matrix of a rotation vector (3,), rad, by Rodrigues' formula."""
+    size = np.sqrt((angle * angle).sum())
+    cross = np.array(
+        [[0.0, -angle[2], angle[1]], [angle[2], 0.0, -angle[0]], [-angle[1], angle[0], 0.0]]
+    )
+    if size < 1e-6:
+        return np.eye(3) + cross + 0.5 * cross @ cross
+    return (
+        np.eye(3) + np.sin(size) / size * cross + (1 - np.cos(size)) / size**2 * cross @ cross
+    )
+
+
+@numba.njit(cache=True)
+def advance(
+    p: Array, v: Array, R: Array, accelerometer: Array, gyro: Array,
+    dt: Array, rate: Array, force: Array, noise: Array,
+) -> tuple[Array, Array, Array, Array, Array]:  # fmt: skip
+    """Integrate over pieces; return position, velocity, attitude, transition and covariance.
+
+    `noise` has the densities of accelerometers and gyroscopes and of the walks of their biases.
+    """
+    down = np.array([0.0, 0.0, -GRAVITY])
+    Phi, Q, F = np.eye(ERRORS), np.zeros((ERRORS, ERRORS)), np.eye(ERRORS)
+    p, v, R = p.copy(), v.copy(), R.copy()
+    for k in range(len(dt)):
+        T, f, turn = dt[k], force[k] - accelerometer, (rate[k] - gyro) * dt[k]
+        middle = R @ turned(0.5 * turn)
+        acceleration = middle @ f + down
+        cross = np.array([[0.0, -f[2], f[1]], [f[2], 0.0, -f[0]], [-f[1], f[0], 0.0]])
+        for i in range(3):
+            F[i, 3 + i] = T
+        F[3:6, 6:9] = -T * (middle @ cross)
+        F[3:6, 9:12] = -T * middle
+        F[:3, 6:12] = 0.5 * T * F[3:6, 6:12]
+        F[6:9, 6:9] = turned(turn).T
+        for i in range(3):
+            F[6 + i, 12 + i] = -T
+        Phi = F @ Phi
+        Q = F @ Q @ F.T
+        for i in range(3):
+            Q[3 + i, 3 + i] += noise[0] ** 2 * T
+            Q[6 + i, 6 + i] += noise[1] ** 2 * T
+            Q[9 + i, 9 + i] += noise[2] ** 2 * T
+            Q[12 + i, 12 + i] += noise[3] ** 2 * T
+        p += T * v + 0.5 * T**2 * acceleration
+        v += T * acceleration
+        R = R @ turned(turn)
+    return p, v, R, Phi, Q

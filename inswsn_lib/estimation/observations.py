@@ -1,0 +1,234 @@
+"""What a filter can be given: fixes, ranges, velocities, and that a body stands still or rolls."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from inswsn_lib.checks import Array
+from inswsn_lib.estimation.error_state import Innovation
+from inswsn_lib.recordings import Fixes, Ranges
+
+_NONE = np.zeros(0)
+
+
+@dataclass(frozen=True, eq=False)
+class PositionFixes:
+    r"""Fixes of the tag or antenna, whose errors are white, or coloured, or both.
+
+    The coloured error is a Gauss-Markov process for each axis, a state of the filter,
+
+    .. math:: e_{k+1} = \varphi e_k + w_k, \qquad \varphi = e^{-\Delta t/\tau}, \qquad
+              \mathrm{var}\, w_k = \sigma^2 (1 - \varphi^2) .
+
+    Attributes
+    ----------
+    fixes : Fixes
+    lever_arm : ndarray, (d,)
+        From the IMU to the antenna, in axes of the body, m.
+    white, coloured : ndarray, (d,)
+        Standard deviations by axis, m; without coloured errors there is no state.
+    times : ndarray, (d,)
+        Correlation times of the coloured errors, s.
+    """
+
+    fixes: Fixes
+    lever_arm: Array
+    white: Array
+    coloured: Array = field(default_factory=lambda: _NONE)
+    times: Array = field(default_factory=lambda: _NONE)
+
+    @property
+    def time(self) -> Array:
+        """When there is a fix, s."""
+        return self.fixes.time
+
+    @property
+    def initial(self) -> Array:
+        """Variances of the coloured errors."""
+        return np.square(self.coloured)
+
+    def transition(self, dt: float) -> tuple[Array, Array]:
+        """Return factors and gained variances of the coloured errors."""
+        return gauss_markov(dt, self.times, self.coloured)
+
+    def innovation(self, k: int, state: Any, own: Array) -> Innovation | None:
+        """Return the innovation of fix k; components that are NaN are left out."""
+        value, rows = state.antenna(self.lever_arm)
+        value = self.fixes.position[k] - value
+        there = ~np.isnan(value)
+        if not there.any():
+            return None
+        colours = np.eye(len(value))[:, : len(own)]
+        if len(own):
+            value = value - own
+        return Innovation(
+            value[there], rows[there], colours[there], np.diag(np.square(self.white)[there])
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class RangesToAnchors:
+    """Ranges from the tag to anchors: what a tightly coupled filter takes.
+
+    Ranges of one time stamp are one measurement. Each anchor may have a constant bias and a
+    coloured error, a Gauss-Markov process, as states of the filter.
+
+    Attributes
+    ----------
+    ranges : Ranges
+    lever_arm : ndarray, (d,)
+        From the IMU to the tag, in axes of the body, m.
+    white : float
+        Standard deviation, m.
+    bias, coloured : float
+        Of the bias and of the coloured error of each anchor, m; 0 for none, and no state.
+    correlation_time : float
+        Of the coloured errors, s.
+    """
+
+    ranges: Ranges
+    lever_arm: Array
+    white: float
+    bias: float = 0.0
+    coloured: float = 0.0
+    correlation_time: float = 1.0
+
+    @cached_property
+    def _stamps(self) -> tuple[Array, Array]:
+        stamps, first = np.unique(self.ranges.time, return_index=True)
+        return stamps, np.append(first, len(self.ranges))
+
+    @property
+    def time(self) -> Array:
+        """When there are ranges, s."""
+        return self._stamps[0]
+
+    @property
+    def _deviations(self) -> list[float]:
+        return [deviation for deviation in (self.bias, self.coloured) if deviation]
+
+    @property
+    def initial(self) -> Array:
+        """Variances of the biases and of the coloured errors."""
+        return np.repeat(np.square(self._deviations), len(self.ranges.anchors))
+
+    def transition(self, dt: float) -> tuple[Array, Array]:
+        """Return factors and gained variances of the biases and of the coloured errors."""
+        times = [np.inf] * bool(self.bias) + [self.correlation_time] * bool(self.coloured)
+        each = len(self.ranges.anchors)
+        return gauss_markov(dt, np.repeat(times, each), np.repeat(self._deviations, each))
+
+    def innovation(self, k: int, state: Any, own: Array) -> Innovation | None:
+        """Return the innovation of the ranges of stamp k."""
+        part = slice(*self._stamps[1][k : k + 2])
+        anchor = self.ranges.anchor[part]
+        tag, rows = state.antenna(self.lever_arm)
+        away = tag - self.ranges.anchors[anchor]
+        distance = np.linalg.norm(away, axis=1)
+        count = len(self.ranges.anchors)
+        errors = np.zeros((len(anchor), len(own)))
+        for first in range(0, len(own), count):
+            errors[np.arange(len(anchor)), first + anchor] = 1.0
+        value = self.ranges.distance[part] - distance - errors @ own
+        noise = self.white**2 * np.eye(len(anchor))
+        return Innovation(value, away / distance[:, None] @ rows, errors, noise)
+
+
+@dataclass(frozen=True, eq=False)
+class Velocities:
+    """Velocities that were measured, white; with zeros, that the body stands still (ZUPT).
+
+    Attributes
+    ----------
+    time : ndarray, (rows,)
+        s.
+    velocity : ndarray, (rows, d)
+        m/s, in the frame of the recording; NaN where missing.
+    white : ndarray, (d,)
+        Standard deviations, m/s.
+    """
+
+    time: Array
+    velocity: Array
+    white: Array
+    initial: Array = field(default_factory=lambda: _NONE, init=False)
+
+    def transition(self, dt: float) -> tuple[Array, Array]:
+        """Return nothing: there is no state."""
+        return _NONE, _NONE
+
+    def innovation(self, k: int, state: Any, own: Array) -> Innovation | None:
+        """Return the innovation of row k."""
+        value, rows = state.moving()
+        value = self.velocity[k] - value
+        there = ~np.isnan(value)
+        if not there.any():
+            return None
+        noise = np.diag(np.square(self.white)[there])
+        return Innovation(value[there], rows[there], np.zeros((there.sum(), 0)), noise)
+
+
+@dataclass(frozen=True, eq=False)
+class WheelSpeeds:
+    """Speeds by wheels, and that these do not slip to the side nor leave the ground.
+
+    A vehicle's velocity in its own axes is (speed, 0, 0): the odometer's update and the
+    non-holonomic constraint (Dissanayake et al., IEEE Trans. RA 17(5), 2001).
+
+    Attributes
+    ----------
+    time : ndarray, (rows,)
+        s.
+    speed : ndarray, (rows,)
+        m/s; NaN for the constraint alone.
+    axes : ndarray, (3, 3)
+        Turns vectors of the body into the vehicle's axes forward, left, up.
+    white : ndarray, (3,)
+        Standard deviations along these axes, m/s.
+    """
+
+    time: Array
+    speed: Array
+    axes: Array
+    white: Array
+    initial: Array = field(default_factory=lambda: _NONE, init=False)
+
+    def transition(self, dt: float) -> tuple[Array, Array]:
+        """Return nothing: there is no state."""
+        return _NONE, _NONE
+
+    def innovation(self, k: int, state: Any, own: Array) -> Innovation:
+        """Return the innovation of row k."""
+        value, rows = state.moving_in(self.axes)
+        value = np.array([self.speed[k], 0.0, 0.0]) - value
+        there = ~np.isnan(value)
+        noise = np.diag(np.square(self.white)[there])
+        return Innovation(value[there], rows[there], np.zeros((there.sum(), 0)), noise)
+
+
+def gauss_markov(dt: float, times: Array, deviations: Array) -> tuple[Array, Array]:
+    """Return the factors and the gained variances of Gauss-Markov errors over a time.
+
+    One of infinite correlation time is constant, one of time zero is new each time.
+
+    Parameters
+    ----------
+    dt : float
+        s.
+    times, deviations : ndarray, (states,)
+        Correlation times, s, and standard deviations.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from inswsn_lib.estimation import gauss_markov
+    >>> [each.tolist() for each in gauss_markov(1.0, np.array([0.0, np.inf]), np.ones(2))]
+    [[0.0, 1.0], [1.0, 0.0]]
+    """
+    with np.errstate(divide="ignore"):
+        factor = np.exp(-dt / np.asarray(times, dtype=float))
+    return factor, np.square(deviations) * (1 - factor**2)

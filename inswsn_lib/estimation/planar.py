@@ -1,0 +1,171 @@
+r"""The motion of a vehicle on a plane by its odometry: dead reckoning, and the errors that it makes.
+
+.. math::
+    \dot x = (1 + s)\, u \cos\psi, \qquad \dot y = (1 + s)\, u \sin\psi, \qquad
+    \dot\psi = \omega - b ,
+
+with the speed u and the rate :math:`\omega` of the odometry, the error s of its scale, the bias b of
+its rate, and white noise on speed and rate. Over an interval, in which both are constant, the way
+is taken along the middle heading, which is exact to the third power of the turn.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import ClassVar
+
+import numpy as np
+
+from inswsn_lib.checks import Array
+from inswsn_lib.recordings import Odometry
+
+_X, _Y, _HEADING, _SCALE, _BIAS = range(5)
+
+
+@dataclass(frozen=True)
+class OdometryNoise:
+    """What a filter assumes of an odometry.
+
+    Attributes
+    ----------
+    speed, rate : float
+        White noise, m/s/Hz^0.5 and rad/s/Hz^0.5.
+    scale_walk, rate_walk : float
+        By which the error of the scale walks, 1/s^0.5, and the bias of the rate, rad/s/s^0.5.
+    """
+
+    speed: float
+    rate: float
+    scale_walk: float
+    rate_walk: float
+
+
+@dataclass(frozen=True, eq=False)
+class PlanarState:
+    """Where a vehicle is on a plane, its heading, and the errors of its odometry.
+
+    Attributes
+    ----------
+    position : ndarray, (2,)
+        m.
+    heading : float
+        Against the x axis, to the left, rad.
+    scale : float
+        By which share more it moves than its odometry says.
+    rate_bias : float
+        rad/s.
+    speed : float
+        By the odometry, m/s.
+    own : ndarray, (states,)
+        States of the observations.
+    """
+
+    errors: ClassVar[int] = 5
+
+    position: Array
+    heading: float
+    scale: float = 0.0
+    rate_bias: float = 0.0
+    speed: float = 0.0
+    own: Array = field(default_factory=lambda: np.zeros(0))
+
+    @property
+    def velocity(self) -> Array:
+        """By speed and heading, (2,), m/s."""
+        return self.speed * (1 + self.scale) * self.forward
+
+    @property
+    def forward(self) -> Array:
+        """The unit vector ahead, (2,)."""
+        return np.array([np.cos(self.heading), np.sin(self.heading)])
+
+    def plus(self, error: Array) -> PlanarState:
+        """Return the state that lies an error, (5 + own,), from this one."""
+        return replace(
+            self,
+            position=self.position + error[:2],
+            heading=self.heading + error[_HEADING],
+            scale=self.scale + error[_SCALE],
+            rate_bias=self.rate_bias + error[_BIAS],
+            own=self.own + error[5:],
+        )
+
+    def minus(self, other: PlanarState) -> Array:
+        """Return by what error, (5 + own,), this state lies from the other."""
+        turn = np.angle(np.exp(1j * (self.heading - other.heading)))
+        rest = [turn, self.scale - other.scale, self.rate_bias - other.rate_bias]
+        return np.concatenate([self.position - other.position, rest, self.own - other.own])
+
+    def antenna(self, lever_arm: Array) -> tuple[Array, Array]:
+        """Return where the antenna is, (2,), and its derivatives by the errors, (2, 5)."""
+        ahead, left = self.forward, np.array([-self.forward[1], self.forward[0]])
+        rows = np.zeros((2, 5))
+        rows[:, :2] = np.eye(2)
+        rows[:, _HEADING] = lever_arm[0] * left - lever_arm[1] * ahead
+        return self.position + lever_arm[0] * ahead + lever_arm[1] * left, rows
+
+    def moving(self) -> tuple[Array, Array]:
+        """Return the velocity, (2,), and its derivatives by the errors, (2, 5)."""
+        rows = np.zeros((2, 5))
+        rows[:, _HEADING] = [-self.velocity[1], self.velocity[0]]
+        rows[:, _SCALE] = self.speed * self.forward
+        return self.velocity, rows
+
+
+@dataclass(frozen=True, eq=False)
+class OdometryMotion:
+    """Dead reckoning by an odometry between events.
+
+    Attributes
+    ----------
+    odometry : Odometry
+    noise : OdometryNoise
+    """
+
+    odometry: Odometry
+    noise: OdometryNoise
+
+    def between(self, begin: float, events: Array) -> OdometrySteps:
+        """Return the steps from a time to the first event, and from each to the next."""
+        time = self.odometry.time
+        edges = np.unique(np.concatenate([[begin], time[(time > begin) & (time < events[-1])], events]))
+        # a row speaks of the interval that ends with it; after the last one it goes on
+        of = np.minimum(np.searchsorted(time, edges[1:]), len(time) - 1)
+        return OdometrySteps(
+            np.diff(edges), self.odometry.speed[of], self.odometry.rate[of],
+            np.searchsorted(edges, events), self.noise,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class OdometrySteps:
+    """Dead reckoning from one event to the next."""
+
+    dt: Array
+    speed: Array
+    rate: Array
+    ends: Array
+    noise: OdometryNoise
+
+    def ahead(self, k: int, state: PlanarState) -> tuple[PlanarState, Array, Array]:
+        """Return the state at event k, from that before it, with transition and covariance."""
+        Phi, Q = np.eye(5), np.zeros((5, 5))
+        for j in range(self.ends[k - 1] if k else 0, self.ends[k]):
+            T, way = self.dt[j], self.dt[j] * self.speed[j] * (1 + state.scale)
+            turn = T * (self.rate[j] - state.rate_bias)
+            middle = state.heading + turn / 2
+            ahead = np.array([np.cos(middle), np.sin(middle)])
+            left = np.array([-ahead[1], ahead[0]])
+            F, G = np.eye(5), np.zeros((5, 4))
+            F[:2, _HEADING], F[:2, _SCALE] = way * left, T * self.speed[j] * ahead
+            F[:2, _BIAS], F[_HEADING, _BIAS] = -way * T / 2 * left, -T
+            G[:2, 0], G[:2, 1], G[_HEADING, 1] = T * ahead, way * T / 2 * left, T
+            G[_SCALE, 2] = G[_BIAS, 3] = T
+            # densities are squared over the length of the piece
+            densities = [getattr(self.noise, n) for n in ("speed", "rate", "scale_walk", "rate_walk")]
+            Phi, Q = F @ Phi, F @ Q @ F.T + (G * np.square(densities) / T) @ G.T
+            state = replace(
+                state, position=state.position + way * ahead, heading=state.heading + turn,
+                speed=float(self.speed[j]),
+            )  # fmt: skip
+        return state, Phi, Q
