@@ -24,3 +24,4 @@ from .planar import (
     PlanarState as PlanarState,
 )
 from .smoothing import smooth as smooth, smooth_with_lag as smooth_with_lag
+from .alignment import align as align, is_at_rest as is_at_rest, level as level

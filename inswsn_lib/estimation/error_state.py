@@ -119,6 +119,10 @@ class Solution:
         Covariances before the measurements, and the transition from the event before.
     innovations : list of Innovations
         One for each observation.
+    log_likelihood : float
+        Of all measurements, by the innovations.
+    start : Start
+        With the observations' own states.
     """
 
     time: Array
@@ -128,6 +132,8 @@ class Solution:
     priors: Array
     transitions: Array
     innovations: list[Innovations]
+    log_likelihood: float
+    start: Start
 
     @property
     def position(self) -> Array:
@@ -188,13 +194,14 @@ def run_error_state(
         raise InswsnError(f"There is no measurement after {start.time:.6g} s and up to {end:.6g} s.")
     events, first = np.unique(when[order], return_index=True)
     run = _Run.begin(start, observations, len(events), gate, iterations)
+    whole = Start(start.time, run.state, run.P)
     steps = motion.between(start.time, events)
     for k, at in enumerate(np.split(order, first[1:])):
         run.predict(k, steps, events[k] - (events[k - 1] if k else start.time))
         for i, j in zip(kind[at], row[at], strict=True):
             run.measure(int(i), int(j), events[k])
         run.keep(k)
-    return run.solution(events)
+    return run.solution(events, whole)
 
 
 @dataclass(eq=False)
@@ -213,6 +220,7 @@ class _Run:
     priors: Array
     transitions: Array
     found: list[list[tuple[float, Array, Array, Mask, float]]]
+    log_likelihood: float = 0.0
 
     @classmethod
     def begin(
@@ -256,8 +264,9 @@ class _Run:
         S = rows @ self.P @ rows.T + got.noise
         variances = np.diag(S)
         used = got.value**2 <= self.gate * variances
-        square = float(got.value @ np.linalg.solve(S, got.value)) / len(got.value)
-        self.found[i].append((time, got.value, np.sqrt(variances), used, square))
+        size = float(got.value @ np.linalg.solve(S, got.value))
+        self.log_likelihood -= 0.5 * (size + np.linalg.slogdet(2 * np.pi * S)[1])
+        self.found[i].append((time, got.value, np.sqrt(variances), used, size / len(got.value)))
         if used.any():
             self._update(i, j, used, got, rows)
 
@@ -291,7 +300,7 @@ class _Run:
         self.states.append(self.state)
         self.filtered[k] = self.P
 
-    def solution(self, events: Array) -> Solution:
+    def solution(self, events: Array, start: Start) -> Solution:
         innovations = []
         for each in self.found:
             columns = list(zip(*each, strict=True)) or [()] * 5
@@ -303,5 +312,5 @@ class _Run:
             )
         return Solution(
             events, self.states, self.filtered, self.before, self.priors, self.transitions,
-            innovations,
+            innovations, self.log_likelihood, start,
         )  # fmt: skip

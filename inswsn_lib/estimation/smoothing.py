@@ -16,7 +16,7 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from inswsn_lib.checks import Array, number
-from inswsn_lib.estimation.error_state import Solution
+from inswsn_lib.estimation.error_state import Solution, Start
 
 
 def smooth(solution: Solution) -> Solution:
@@ -62,10 +62,28 @@ def smooth_with_lag(solution: Solution, lag: float) -> Solution:
     return replace(solution, states=states, covariances=P)
 
 
+def smooth_start(solution: Solution) -> Start:
+    """Return where the filter started, by all measurements.
+
+    Parameters
+    ----------
+    solution : Solution
+        Of `run_error_state`.
+    """
+    begin, first = solution.start, smooth(solution)
+    back = _gain(begin.covariance, solution.transitions[0], solution.priors[0])
+    error = back @ first.states[0].minus(solution.before[0])
+    P = begin.covariance + back @ (first.covariances[0] - solution.priors[0]) @ back.T
+    return Start(begin.time, begin.state.plus(error), 0.5 * (P + P.T))
+
+
 def _back(solution: Solution, k: int) -> Array:
-    moved = solution.transitions[k + 1] @ solution.covariances[k]
+    return _gain(solution.covariances[k], solution.transitions[k + 1], solution.priors[k + 1])
+
+
+def _gain(P: Array, transition: Array, prior: Array) -> Array:
     # states without noise make a prior singular but for rounding
-    prior = solution.priors[k + 1]
     scale = np.sqrt(np.maximum(np.diag(prior), 1e-300))
     scaled = prior / np.outer(scale, scale) + 1e-13 * np.eye(len(prior))
+    moved = transition @ P
     return np.asarray(cho_solve(cho_factor(scaled), moved / scale[:, None]).T / scale)

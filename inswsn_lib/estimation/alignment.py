@@ -1,0 +1,133 @@
+"""Where a filter starts: levelling at rest, and alignment in motion by a bank of smoothers.
+
+In motion nothing is assumed of the start but wide limits: of the attitude only the tilt is guessed,
+by the mean specific force. From each of several headings a filter runs over a window, a smoother
+goes back to its beginning, and the filter starts anew there, with the same wide limits: Gauss and
+Newton's way to the most likely start. The most likely of all is taken, at the end of the window
+with the covariance that its filter has there; where that does not tell the heading, it is refused.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
+
+from inswsn_lib.checks import Array, array
+from inswsn_lib.errors import InswsnError
+from inswsn_lib.estimation.error_state import Observation, Start, run_error_state
+from inswsn_lib.estimation.inertial import ATTITUDE, InertialMotion, InertialState
+from inswsn_lib.estimation.mechanization import ERRORS
+from inswsn_lib.estimation.smoothing import smooth_start
+from inswsn_lib.recordings import Imu
+
+#: Standard deviations that are assumed of position, velocity, attitude and both biases: wide
+WIDE = (1000.0, 30.0, 2.0, 0.3, 0.02)
+#: A heading is told if its standard deviation is below this, degrees
+LARGEST_HEADING = 20.0
+_HEADINGS, _PASSES = 8, 4
+# At rest the rate and the force are steadier than this, rad/s and m/s^2
+_STILL = (0.02, 0.2)
+
+
+def is_at_rest(imu: Imu) -> bool:
+    """Tell whether an IMU stands still, by how little its rate and its specific force change.
+
+    A steady motion looks the same: nothing but another sensor can tell.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from inswsn_lib.estimation import is_at_rest
+    >>> from inswsn_lib.recordings import Imu
+    >>> force = np.tile([0.0, 0.0, 9.8], (50, 1))
+    >>> is_at_rest(Imu(np.arange(50) / 100, np.zeros((50, 3)), force))
+    True
+    """
+    spread = (imu.rate.std(axis=0).max(), imu.force.std(axis=0).max())
+    size = np.abs(imu.rate.mean(axis=0)).max()
+    return bool(spread[0] < _STILL[0] and spread[1] < _STILL[1] and size < _STILL[0])
+
+
+def level(imu: Imu, heading: float = 0.0) -> Array:
+    """Return the attitude of an IMU that is not accelerated, by its mean specific force, (3, 3).
+
+    Parameters
+    ----------
+    imu : Imu
+        What it says at rest or in a steady motion.
+    heading : float
+        Of the body's x axis against x, to the left, rad.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from inswsn_lib.estimation import level
+    >>> from inswsn_lib.recordings import Imu
+    >>> still = Imu(np.arange(3.0), np.zeros((3, 3)), np.tile([0.0, 0.0, 9.8], (3, 1)))
+    >>> level(still).tolist()
+    [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
+    """
+    up = imu.force.mean(axis=0)
+    up = up / np.linalg.norm(up)
+    ahead = np.eye(3)[np.argmin(np.abs(up))] if abs(up[0]) > 0.9 else np.array([1.0, 0.0, 0.0])
+    ahead = ahead - up * (up @ ahead)
+    ahead /= np.linalg.norm(ahead)
+    levelled = np.stack([ahead, np.cross(up, ahead), up])
+    return np.asarray(Rotation.from_rotvec([0.0, 0.0, heading]).as_matrix() @ levelled)
+
+
+def align(
+    motion: InertialMotion,
+    observations: Sequence[Observation],
+    begin: float,
+    end: float,
+    *,
+    deviations: Sequence[float] = WIDE,
+    position: ArrayLike = (0.0, 0.0, 0.0),
+) -> Start:
+    """Return where a filter starts at the end of a window, by the measurements in it.
+
+    Parameters
+    ----------
+    motion : InertialMotion
+    observations : sequence of Observation
+    begin, end : float
+        The window, s.
+    deviations : sequence of float
+        Standard deviations that are assumed at its beginning of position, m, velocity, m/s,
+        attitude, rad, and the biases of accelerometers, m/s^2, and gyroscopes, rad/s.
+    position : array_like, (3,)
+        About where it begins; with ranges, between the anchors.
+
+    Raises
+    ------
+    InswsnError
+        If the window has no measurement, or does not tell the heading.
+    """
+    window = motion.imu.part(begin, end)
+    if len(window) < 2:
+        raise InswsnError(f"The IMU says nothing between {begin:.6g} and {end:.6g} s.")
+    P0 = np.diag(np.repeat(np.square(deviations, dtype=float), 3))
+    at = array("position", position, (3,))
+    fits = []
+    for heading in np.linspace(0, 2 * np.pi, _HEADINGS, endpoint=False):
+        state = InertialState(at, np.zeros(3), level(window, heading))
+        for _ in range(_PASSES):
+            found = run_error_state(motion, Start(begin, state, P0), observations, end=end)
+            state = smooth_start(found).state
+        fits.append(found)
+    best = max(fits, key=lambda fit: fit.log_likelihood)
+    state, P = best.states[-1], best.covariances[-1][:ERRORS, :ERRORS]
+    vertical = state.attitude[2]  # the axis upwards, in axes of the body
+    spread = float(np.degrees(np.sqrt(vertical @ P[ATTITUDE, ATTITUDE] @ vertical)))
+    if not spread < LARGEST_HEADING:
+        raise InswsnError(
+            f"The heading cannot be told between {begin:.6g} and {end:.6g} s: its standard deviation "
+            f"is {spread:.0f} degrees, for want of acceleration. Take a longer window, or one with "
+            "turns."
+        )
+    return Start(float(best.time[-1]), replace(state, own=np.zeros(0)), P)
