@@ -185,9 +185,10 @@ def run_error_state(
     InswsnError
         If no measurement lies between start and end.
     """
-    when = np.concatenate([each.time for each in observations])
-    kind = np.repeat(np.arange(len(observations)), [len(each.time) for each in observations])
-    row = np.concatenate([np.arange(len(each.time)) for each in observations])
+    counts = [len(each.time) for each in observations]
+    when = np.concatenate([[], *(each.time for each in observations)])
+    kind = np.repeat(np.arange(len(counts)), np.array(counts, dtype=int))
+    row = np.concatenate([np.arange(0), *(np.arange(count) for count in counts)])
     order = np.argsort(when, kind="stable")
     order = order[(when[order] > start.time) & (when[order] <= end)]
     if not order.size:

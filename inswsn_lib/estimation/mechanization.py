@@ -91,12 +91,14 @@ def advance(
         cross = np.array([[0.0, -f[2], f[1]], [f[2], 0.0, -f[0]], [-f[1], f[0], 0.0]])
         for i in range(3):
             F[i, 3 + i] = T
-        F[3:6, 6:9] = -T * (middle @ cross)
+        # of the error of the attitude half a piece later
+        tilted, half = -T * (middle @ cross), turned(0.5 * turn).T
+        F[3:6, 6:9] = tilted @ half
         F[3:6, 9:12] = -T * middle
-        F[:3, 6:12] = 0.5 * T * F[3:6, 6:12]
+        F[3:6, 12:15] = -0.5 * T * tilted
+        F[:3, 6:15] = 0.5 * T * F[3:6, 6:15]
         F[6:9, 6:9] = turned(turn).T
-        for i in range(3):
-            F[6 + i, 12 + i] = -T
+        F[6:9, 12:15] = -T * half
         Phi = F @ Phi
         Q = F @ Q @ F.T
         for i in range(3):
