@@ -1,10 +1,10 @@
 """Where a filter starts: levelling at rest, and alignment in motion by a bank of smoothers.
 
 In motion nothing is assumed of the start but wide limits: of the attitude only the tilt is guessed,
-by the mean specific force. From each of several headings a filter runs over a window, a smoother
-goes back to its beginning, and the filter starts anew there, with the same wide limits: Gauss and
-Newton's way to the most likely start. The most likely of all is taken, at the end of the window
-with the covariance that its filter has there; where that does not tell the heading, it is refused.
+by the mean specific force. From each of several headings a smoother finds the most likely start,
+linearised about the motion from the last one that it found: the way of Gauss and Newton. The most
+likely of all is taken, at the end of the window, with its covariance there; where that does not tell
+the heading, it is refused.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from inswsn_lib.recordings import Imu
 WIDE = (1000.0, 30.0, 2.0, 0.3, 0.02)
 #: A heading is told if its standard deviation is below this, degrees
 LARGEST_HEADING = 20.0
-_HEADINGS, _PASSES = 8, 4
+_HEADINGS, _PASSES = 4, 6
 # At rest the rate and the force are steadier than this, rad/s and m/s^2
 _STILL = (0.02, 0.2)
 
@@ -115,10 +115,11 @@ def align(
     at = array("position", position, (3,))
     fits = []
     for heading in np.linspace(0, 2 * np.pi, _HEADINGS, endpoint=False):
-        state = InertialState(at, np.zeros(3), level(window, heading))
+        prior = Start(begin, InertialState(at, np.zeros(3), level(window, heading)), P0)
+        about = prior.state
         for _ in range(_PASSES):
-            found = run_error_state(motion, Start(begin, state, P0), observations, end=end)
-            state = smooth_start(found).state
+            found = run_error_state(motion, prior, observations, end=end, about=about)
+            about = smooth_start(found).state
         fits.append(found)
     best = max(fits, key=lambda fit: fit.log_likelihood)
     state, P = best.states[-1], best.covariances[-1][:ERRORS, :ERRORS]

@@ -161,6 +161,7 @@ def run_error_state(
     end: float = np.inf,
     gate: float = np.inf,
     iterations: int = 1,
+    about: Any = None,
 ) -> Solution:
     """Run an error-state Kalman filter over the events of all observations, in the order of time.
 
@@ -179,6 +180,10 @@ def run_error_state(
     iterations : int
         How often a measurement is linearised anew about the state that it leads to: above 1 the
         update is that of the iterated filter (Bell and Cathey, IEEE Trans. AC 38(2), 1993).
+    about : InertialState or PlanarState, optional
+        A state at the time of the start from which the motion goes on without corrections: all is
+        linearised about it, and its errors are estimated (feedforward). By default the motion goes
+        on from each corrected state (feedback).
 
     Raises
     ------
@@ -194,7 +199,7 @@ def run_error_state(
     if not order.size:
         raise InswsnError(f"There is no measurement after {start.time:.6g} s and up to {end:.6g} s.")
     events, first = np.unique(when[order], return_index=True)
-    run = _Run.begin(start, observations, len(events), gate, iterations)
+    run = _Run.begin(start, observations, len(events), gate, iterations, about)
     whole = Start(start.time, run.state, run.P)
     steps = motion.between(start.time, events)
     for k, at in enumerate(np.split(order, first[1:])):
@@ -211,8 +216,10 @@ class _Run:
 
     observations: Sequence[Observation]
     own: list[slice]
-    state: Any
+    nominal: Any
+    error: Array  # of the nominal state; always zero where that is corrected
     P: Array
+    feedback: bool
     gate: float
     iterations: int
     states: list[Any]
@@ -225,25 +232,31 @@ class _Run:
 
     @classmethod
     def begin(
-        cls, start: Start, observations: Sequence[Observation], events: int, gate: float, most: int
-    ) -> _Run:
+        cls, start: Start, observations: Sequence[Observation], events: int, gate: float,
+        iterations: int, about: Any,
+    ) -> _Run:  # fmt: skip
         errors = start.state.errors
         P0 = covariance("covariance", start.covariance, (errors, errors))
         variances = np.concatenate([each.initial for each in observations])
         ends = np.cumsum([0, *(len(each.initial) for each in observations)])
-        n = errors + len(variances)
+        n, own = errors + len(variances), np.zeros(len(variances))
+        first = replace(start.state, own=own)
+        nominal = first if about is None else replace(about, own=own)
         return cls(
             observations,
             [slice(a, b) for a, b in zip(ends[:-1], ends[1:], strict=True)],
-            replace(start.state, own=np.zeros(len(variances))),
-            block_diag(P0, np.diag(variances)),
-            gate, most, [], [], *(np.empty((events, n, n)) for _ in range(3)),
+            nominal, first.minus(nominal), block_diag(P0, np.diag(variances)), about is None,
+            gate, iterations, [], [], *(np.empty((events, n, n)) for _ in range(3)),
             [[] for _ in observations],
         )  # fmt: skip
 
+    @property
+    def state(self) -> Any:
+        return self.nominal if self.feedback else self.nominal.plus(self.error)
+
     def predict(self, k: int, steps: Any, dt: float) -> None:
         """Go to the next event."""
-        ahead, Phi, Q = steps.ahead(k, self.state)
+        ahead, Phi, Q = steps.ahead(k, self.nominal)
         moved = [each.transition(dt) for each in self.observations]
         factor, gained = (np.concatenate(parts) for parts in zip(*moved, strict=True))
         n, errors = len(self.P), len(Phi)
@@ -253,39 +266,45 @@ class _Run:
         self.P = whole @ self.P @ whole.T
         self.P[:errors, :errors] += Q
         self.P.flat[errors * (n + 1) :: n + 1] += gained
-        self.state = replace(ahead, own=factor * self.state.own)
+        self.nominal = replace(ahead, own=factor * self.nominal.own)
+        self.error = whole @ self.error
         self.before.append(self.state)
         self.priors[k], self.transitions[k] = self.P, whole
 
     def measure(self, i: int, j: int, time: float) -> None:
         """Take measurement j of observation i."""
-        got, rows = self._expected(i, j, self.state)
+        got, rows = self._expected(i, j, self.nominal)
         if got is None:
             return
+        value = got.value - rows @ self.error
         S = rows @ self.P @ rows.T + got.noise
         variances = np.diag(S)
-        used = got.value**2 <= self.gate * variances
-        size = float(got.value @ np.linalg.solve(S, got.value))
+        used = value**2 <= self.gate * variances
+        size = float(value @ np.linalg.solve(S, value))
         self.log_likelihood -= 0.5 * (size + np.linalg.slogdet(2 * np.pi * S)[1])
-        self.found[i].append((time, got.value, np.sqrt(variances), used, size / len(got.value)))
+        self.found[i].append((time, value, np.sqrt(variances), used, size / len(value)))
         if used.any():
             self._update(i, j, used, got, rows)
 
     def _update(self, i: int, j: int, used: Mask, got: Innovation, rows: Array) -> None:
-        """Correct the state; the first linearisation is about the state before."""
-        begin = state = self.state
-        for iteration in range(self.iterations):
+        """Correct the state; in each iteration but the first all is linearised anew."""
+        begin, nominal, correction = self.nominal, self.nominal, self.error
+        for iteration in range(self.iterations if self.feedback else 1):
             if iteration:
-                got, rows = self._expected(i, j, state)
+                nominal = begin.plus(correction)
+                got, rows = self._expected(i, j, nominal)
             H, R = rows[used], got.noise[np.ix_(used, used)]
             gain = np.linalg.solve(H @ self.P @ H.T + R, H @ self.P).T
-            value = got.value[used]
-            if iteration:
-                value = value - H @ begin.minus(state)
-            state = begin.plus(gain @ value)
+            before = begin.minus(nominal) if iteration else self.error
+            value = got.value[used] - H @ before
+            correction = gain @ value if self.feedback else self.error + gain @ value
         left = np.eye(len(self.P)) - gain @ H
         P = left @ self.P @ left.T + gain @ R @ gain.T
-        self.state, self.P = state, 0.5 * (P + P.T)
+        self.P = 0.5 * (P + P.T)
+        if self.feedback:
+            self.nominal = begin.plus(correction)
+        else:
+            self.error = correction
 
     def _expected(self, i: int, j: int, state: Any) -> tuple[Any, Array]:
         got = self.observations[i].innovation(j, state, state.own[self.own[i]])
