@@ -13,14 +13,14 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from inswsn_lib.checks import Array, array
+from inswsn_lib.checks import Array
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.estimation.error_state import Observation, Start, run_error_state
 from inswsn_lib.estimation.inertial import ATTITUDE, InertialMotion, InertialState
 from inswsn_lib.estimation.mechanization import ERRORS
+from inswsn_lib.estimation.observations import RangesToAnchors
 from inswsn_lib.estimation.smoothing import smooth_start
 from inswsn_lib.recordings import Imu
 
@@ -87,7 +87,6 @@ def align(
     end: float,
     *,
     deviations: Sequence[float] = WIDE,
-    position: ArrayLike = (0.0, 0.0, 0.0),
 ) -> Start:
     """Return where a filter starts at the end of a window, by the measurements in it.
 
@@ -95,27 +94,27 @@ def align(
     ----------
     motion : InertialMotion
     observations : sequence of Observation
+        Fixes and velocities. Ranges are far from linear in a position of which nothing is known.
     begin, end : float
         The window, s.
     deviations : sequence of float
         Standard deviations that are assumed at its beginning of position, m, velocity, m/s,
         attitude, rad, and the biases of accelerometers, m/s^2, and gyroscopes, rad/s.
-    position : array_like, (3,)
-        About where it begins; with ranges, between the anchors.
 
     Raises
     ------
     InswsnError
-        If the window has no measurement, or does not tell the heading.
+        If the window has no measurement, or does not tell the heading, or there are ranges.
     """
+    if any(isinstance(each, RangesToAnchors) for each in observations):
+        raise InswsnError("Ranges do not align an INS: take fixes by multilateration of them.")
     window = motion.imu.part(begin, end)
     if len(window) < 2:
         raise InswsnError(f"The IMU says nothing between {begin:.6g} and {end:.6g} s.")
     P0 = np.diag(np.repeat(np.square(deviations, dtype=float), 3))
-    at = array("position", position, (3,))
     fits = []
     for heading in np.linspace(0, 2 * np.pi, _HEADINGS, endpoint=False):
-        prior = Start(begin, InertialState(at, np.zeros(3), level(window, heading)), P0)
+        prior = Start(begin, InertialState(*np.zeros((2, 3)), level(window, heading)), P0)
         about = prior.state
         for _ in range(_PASSES):
             found = run_error_state(motion, prior, observations, end=end, about=about)
