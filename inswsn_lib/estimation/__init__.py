@@ -1,4 +1,4 @@
-"""Filters and smoothers over recordings: strapdown or dead reckoning, fixes or ranges, late or not."""
+"""Filters and smoothers of recordings: strapdown or dead reckoning, aided by fixes or ranges."""
 
 import lazy_loader
 

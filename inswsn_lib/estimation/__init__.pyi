@@ -1,3 +1,4 @@
+from .alignment import align as align, is_at_rest as is_at_rest, level as level
 from .error_state import (
     Innovation as Innovation,
     Innovations as Innovations,
@@ -24,4 +25,3 @@ from .planar import (
     PlanarState as PlanarState,
 )
 from .smoothing import smooth as smooth, smooth_with_lag as smooth_with_lag
-from .alignment import align as align, is_at_rest as is_at_rest, level as level

@@ -1,10 +1,10 @@
 """Where a filter starts: levelling at rest, and alignment in motion by a bank of smoothers.
 
-In motion nothing is assumed of the start but wide limits: of the attitude only the tilt is guessed,
-by the mean specific force. From each of several headings a smoother finds the most likely start,
-linearised about the motion from the last one that it found: the way of Gauss and Newton. The most
-likely of all is taken, at the end of the window, with its covariance there; where that does not tell
-the heading, it is refused.
+In motion nothing is assumed of the start but wide limits: of the attitude only the tilt is
+guessed, by the mean specific force. From each of several headings a smoother finds the most likely
+start, linearised about the motion from the last one that it found: the way of Gauss and Newton. The
+most likely of all is taken, at the end of the window, with its covariance there; where that does
+not tell the heading, it is refused.
 """
 
 from __future__ import annotations
@@ -114,7 +114,7 @@ def align(
     P0 = np.diag(np.repeat(np.square(deviations, dtype=float), 3))
     fits = []
     for heading in np.linspace(0, 2 * np.pi, _HEADINGS, endpoint=False):
-        prior = Start(begin, InertialState(*np.zeros((2, 3)), level(window, heading)), P0)
+        prior = Start(begin, InertialState(np.zeros(3), np.zeros(3), level(window, heading)), P0)
         about = prior.state
         for _ in range(_PASSES):
             found = run_error_state(motion, prior, observations, end=end, about=about)
@@ -126,8 +126,8 @@ def align(
     spread = float(np.degrees(np.sqrt(vertical @ P[ATTITUDE, ATTITUDE] @ vertical)))
     if not spread < LARGEST_HEADING:
         raise InswsnError(
-            f"The heading cannot be told between {begin:.6g} and {end:.6g} s: its standard deviation "
-            f"is {spread:.0f} degrees, for want of acceleration. Take a longer window, or one with "
-            "turns."
+            f"The heading cannot be told between {begin:.6g} and {end:.6g} s: its standard "
+            f"deviation is {spread:.0f} degrees, for want of acceleration. Take a longer window, "
+            "or one with turns."
         )
     return Start(float(best.time[-1]), replace(state, own=np.zeros(0)), P)

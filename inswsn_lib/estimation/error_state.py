@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -19,6 +20,7 @@ from scipy.linalg import block_diag
 
 from inswsn_lib.checks import Array, Mask, covariance
 from inswsn_lib.errors import InswsnError
+from inswsn_lib.recordings.recording import Whole
 
 
 class Innovation(NamedTuple):
@@ -145,12 +147,12 @@ class Solution:
         """(events, 2 or 3), m/s."""
         return np.array([state.velocity for state in self.states])
 
-    def at(self, times: Array) -> Array:
+    def at(self, times: Array) -> Whole:
         """Return the events at some times, which must be times of events, (times,)."""
         found = np.clip(np.searchsorted(self.time, times), 0, len(self.time) - 1)
         if (self.time[found] != times).any():
             raise InswsnError("The filter has no event at some of these times.")
-        return found
+        return np.asarray(found)
 
 
 def run_error_state(
@@ -197,9 +199,11 @@ def run_error_state(
     order = np.argsort(when, kind="stable")
     order = order[(when[order] > start.time) & (when[order] <= end)]
     if not order.size:
-        raise InswsnError(f"There is no measurement after {start.time:.6g} s and up to {end:.6g} s.")
+        raise InswsnError(
+            f"There is no measurement after {start.time:.6g} s and up to {end:.6g} s."
+        )
     events, first = np.unique(when[order], return_index=True)
-    run = _Run.begin(start, observations, len(events), gate, iterations, about)
+    run = _Run(start, observations, len(events), gate, iterations, about)
     whole = Start(start.time, run.state, run.P)
     steps = motion.between(start.time, events)
     for k, at in enumerate(np.split(order, first[1:])):
@@ -210,45 +214,30 @@ def run_error_state(
     return run.solution(events, whole)
 
 
-@dataclass(eq=False)
 class _Run:
-    """A filter on its way."""
+    """A filter on its way: a nominal state, and its error, which stays zero with feedback."""
 
-    observations: Sequence[Observation]
-    own: list[slice]
-    nominal: Any
-    error: Array  # of the nominal state; always zero where that is corrected
-    P: Array
-    feedback: bool
-    gate: float
-    iterations: int
-    states: list[Any]
-    before: list[Any]
-    filtered: Array
-    priors: Array
-    transitions: Array
-    found: list[list[tuple[float, Array, Array, Mask, float]]]
-    log_likelihood: float = 0.0
-
-    @classmethod
-    def begin(
-        cls, start: Start, observations: Sequence[Observation], events: int, gate: float,
+    def __init__(
+        self, start: Start, observations: Sequence[Observation], events: int, gate: float,
         iterations: int, about: Any,
-    ) -> _Run:  # fmt: skip
+    ) -> None:  # fmt: skip
         errors = start.state.errors
         P0 = covariance("covariance", start.covariance, (errors, errors))
         variances = np.concatenate([each.initial for each in observations])
         ends = np.cumsum([0, *(len(each.initial) for each in observations)])
         n, own = errors + len(variances), np.zeros(len(variances))
         first = replace(start.state, own=own)
-        nominal = first if about is None else replace(about, own=own)
-        return cls(
-            observations,
-            [slice(a, b) for a, b in zip(ends[:-1], ends[1:], strict=True)],
-            nominal, first.minus(nominal), block_diag(P0, np.diag(variances)), about is None,
-            gate, iterations, [], [], *(np.empty((events, n, n)) for _ in range(3)),
-            [[] for _ in observations],
-        )  # fmt: skip
+        self.observations, self.gate, self.iterations = observations, gate, iterations
+        self.own = [slice(a, b) for a, b in pairwise(ends.tolist())]
+        self.feedback = about is None
+        self.nominal = first if about is None else replace(about, own=own)
+        self.error: Array = first.minus(self.nominal)
+        self.P: Array = block_diag(P0, np.diag(variances))
+        self.states: list[Any] = []
+        self.before: list[Any] = []
+        self.filtered, self.priors, self.transitions = np.empty((3, events, n, n))
+        self.found: list[list[tuple[float, Array, Array, Mask, float]]] = [[] for _ in observations]
+        self.log_likelihood = 0.0
 
     @property
     def state(self) -> Any:

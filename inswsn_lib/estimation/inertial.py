@@ -1,4 +1,4 @@
-"""The motion of an inertial navigation system: its state, its errors, and what its IMU adds to them."""
+"""The motion of an inertial navigation system: its state, and the errors that its IMU makes."""
 
 from __future__ import annotations
 
@@ -135,7 +135,9 @@ class InertialMotion:
         """Return the steps from a time to the first event, and from each to the next."""
         return InertialSteps(
             cut(self.imu.time, self.imu.rate, self.imu.force, begin, events),
-            np.array([getattr(self.noise, n) for n in ("force", "rate", "force_walk", "rate_walk")]),
+            np.array(
+                [getattr(self.noise, n) for n in ("force", "rate", "force_walk", "rate_walk")]
+            ),
         )
 
 

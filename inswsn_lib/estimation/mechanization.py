@@ -21,6 +21,7 @@ import numba
 import numpy as np
 
 from inswsn_lib.checks import Array
+from inswsn_lib.recordings.recording import Whole
 
 #: Standard gravity, m/s^2; what is missing to that of the place is in the accelerometers' biases
 GRAVITY = 9.80665
@@ -45,7 +46,7 @@ class Pieces:
     dt: Array
     rate: Array
     force: Array
-    ends: Array
+    ends: Whole
 
 
 def cut(time: Array, rate: Array, force: Array, begin: float, events: Array) -> Pieces:
@@ -54,8 +55,8 @@ def cut(time: Array, rate: Array, force: Array, begin: float, events: Array) -> 
     edges = np.unique(np.concatenate([[begin], inside, events]))
     # the interval of samples in which a piece lies; the first and the last go on beyond their ends
     of = np.clip(np.searchsorted(time, edges[:-1], side="right"), 1, len(time) - 1)
-    means = [0.5 * (values[of - 1] + values[of]) for values in (rate, force)]
-    return Pieces(np.diff(edges), *means, np.searchsorted(edges, events))
+    rate, force = (0.5 * (values[of - 1] + values[of]) for values in (rate, force))
+    return Pieces(np.diff(edges), rate, force, np.searchsorted(edges, events))
 
 
 @numba.njit(cache=True)
@@ -66,10 +67,11 @@ def turned(angle: Array) -> Array:
         [[0.0, -angle[2], angle[1]], [angle[2], 0.0, -angle[0]], [-angle[1], angle[0], 0.0]]
     )
     if size < 1e-6:
-        return np.eye(3) + cross + 0.5 * cross @ cross
-    return (
-        np.eye(3) + np.sin(size) / size * cross + (1 - np.cos(size)) / size**2 * cross @ cross
-    )
+        first, second = 1.0, 0.5
+    else:
+        first, second = np.sin(size) / size, (1 - np.cos(size)) / size**2
+    found: Array = np.eye(3) + first * cross + second * cross @ cross
+    return found
 
 
 @numba.njit(cache=True)

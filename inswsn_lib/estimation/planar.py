@@ -1,12 +1,12 @@
-r"""The motion of a vehicle on a plane by its odometry: dead reckoning, and the errors that it makes.
+r"""The motion of a vehicle on a plane by its odometry: dead reckoning, and the errors it makes.
 
 .. math::
     \dot x = (1 + s)\, u \cos\psi, \qquad \dot y = (1 + s)\, u \sin\psi, \qquad
     \dot\psi = \omega - b ,
 
-with the speed u and the rate :math:`\omega` of the odometry, the error s of its scale, the bias b of
-its rate, and white noise on speed and rate. Over an interval, in which both are constant, the way
-is taken along the middle heading, which is exact to the third power of the turn.
+with the speed u and the rate :math:`\omega` of the odometry, the error s of its scale, the bias b
+of its rate, and white noise on speed and rate. Over an interval, in which both are constant, the
+way is taken along the middle heading, which is exact to the third power of the turn.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ import numpy as np
 
 from inswsn_lib.checks import Array
 from inswsn_lib.recordings import Odometry
+from inswsn_lib.recordings.recording import Whole
 
 _X, _Y, _HEADING, _SCALE, _BIAS = range(5)
 
@@ -128,7 +129,9 @@ class OdometryMotion:
     def between(self, begin: float, events: Array) -> OdometrySteps:
         """Return the steps from a time to the first event, and from each to the next."""
         time = self.odometry.time
-        edges = np.unique(np.concatenate([[begin], time[(time > begin) & (time < events[-1])], events]))
+        edges = np.unique(
+            np.concatenate([[begin], time[(time > begin) & (time < events[-1])], events])
+        )
         # a row speaks of the interval that ends with it; after the last one it goes on
         of = np.minimum(np.searchsorted(time, edges[1:]), len(time) - 1)
         return OdometrySteps(
@@ -144,7 +147,7 @@ class OdometrySteps:
     dt: Array
     speed: Array
     rate: Array
-    ends: Array
+    ends: Whole
     noise: OdometryNoise
 
     def ahead(self, k: int, state: PlanarState) -> tuple[PlanarState, Array, Array]:
@@ -162,7 +165,9 @@ class OdometrySteps:
             G[:2, 0], G[:2, 1], G[_HEADING, 1] = T * ahead, way * T / 2 * left, T
             G[_SCALE, 2] = G[_BIAS, 3] = T
             # densities are squared over the length of the piece
-            densities = [getattr(self.noise, n) for n in ("speed", "rate", "scale_walk", "rate_walk")]
+            densities = [
+                getattr(self.noise, n) for n in ("speed", "rate", "scale_walk", "rate_walk")
+            ]
             Phi, Q = F @ Phi, F @ Q @ F.T + (G * np.square(densities) / T) @ G.T
             state = replace(
                 state, position=state.position + way * ahead, heading=state.heading + turn,

@@ -38,9 +38,9 @@ def smooth(solution: Solution) -> Solution:
 
 
 def smooth_with_lag(solution: Solution, lag: float) -> Solution:
-    """Return the solution by the measurements up to a time after each event: the fixed-lag smoother.
+    """Return the solution by the measurements up to a time after each event.
 
-    An answer of it is late by the lag.
+    The fixed-lag smoother, whose answers are late by the lag.
 
     Parameters
     ----------
@@ -57,7 +57,9 @@ def smooth_with_lag(solution: Solution, lag: float) -> Solution:
         state, spread = solution.states[end], solution.covariances[end]
         for j in range(end - 1, k - 1, -1):
             state = solution.states[j].plus(backs[j] @ state.minus(solution.before[j + 1]))
-            spread = solution.covariances[j] + backs[j] @ (spread - solution.priors[j + 1]) @ backs[j].T
+            spread = (
+                solution.covariances[j] + backs[j] @ (spread - solution.priors[j + 1]) @ backs[j].T
+            )
         states[k], P[k] = state, 0.5 * (spread + spread.T)
     return replace(solution, states=states, covariances=P)
 

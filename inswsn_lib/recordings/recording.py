@@ -1,8 +1,8 @@
 """One type for recorded data as they were logged: streams, each with its own time stamps.
 
 Nothing is resampled and nothing is put on a grid. All streams of a recording have one frame of
-reference, level and right-handed with z up, and metres, seconds, radians. Vectors of the body are in
-the IMU's own axes; those of a vehicle are forward, to the left, up.
+reference, level and right-handed with z up, and metres, seconds, radians. Vectors of the body are
+in the IMU's own axes; those of a vehicle are forward, to the left, up.
 """
 
 from __future__ import annotations
@@ -224,7 +224,8 @@ class Recording:
 
     def without(self, *names: str) -> Self:
         """Return the recording without some of its streams."""
-        return replace(self, **dict.fromkeys(names))
+        gone: dict[str, Any] = dict.fromkeys(names)
+        return replace(self, **gone)
 
 
 #: The streams of a recording, by the names of its attributes

@@ -8,12 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from inswsn_lib.estimation import InertialState
 from inswsn_lib.estimation.mechanization import GRAVITY
 from inswsn_lib.recordings import Fixes, Imu, Ranges
 
 Array = NDArray[np.float64]
 PERIOD = 0.01
-ANCHORS = np.array([[4.0, 3, 0.2], [-4, 3, 2.5], [-4, -3, 0.3], [4, -3, 2.4], [0, 4, 2.6], [0, -4, 0.1]])
+ANCHORS = np.array(
+    [[4.0, 3, 0.2], [-4, 3, 2.5], [-4, -3, 0.3], [4, -3, 2.4], [0, 4, 2.6], [0, -4, 0.1]]
+)
 LEVER_ARM = np.array([0.1, -0.05, 0.2])
 
 
@@ -24,10 +27,19 @@ class Path:
     phase: float = 0.0
 
     def position(self, t: Array) -> Array:
-        return np.stack([2 * np.sin(0.5 * t + self.phase), 1.5 * np.sin(0.8 * t), 1 + 0.2 * np.sin(t)], -1)
+        return np.stack(
+            [2 * np.sin(0.5 * t + self.phase), 1.5 * np.sin(0.8 * t), 1 + 0.2 * np.sin(t)], -1
+        )
 
     def velocity(self, t: Array) -> Array:
         return np.stack([np.cos(0.5 * t + self.phase), 1.2 * np.cos(0.8 * t), 0.2 * np.cos(t)], -1)
+
+    def start(self) -> InertialState:
+        """The state at 0 s."""
+        zero = np.array(0.0)
+        return InertialState(
+            self.position(zero), self.velocity(zero), self.attitude(zero).as_matrix()
+        )
 
     def acceleration(self, t: Array) -> Array:
         return np.stack(
@@ -44,14 +56,21 @@ class Path:
         return (self.attitude(t - h).inv() * self.attitude(t + h)).as_rotvec() / (2 * h)
 
     def force(self, t: Array) -> Array:
-        return self.attitude(t).inv().apply(self.acceleration(t) + [0.0, 0.0, GRAVITY])
+        return self.attitude(t).inv().apply(self.acceleration(t) + np.array([0.0, 0.0, GRAVITY]))
 
     def antenna(self, t: Array) -> Array:
         return self.position(t) + self.attitude(t).apply(LEVER_ARM)
 
 
-def imu_of(path: Path, seconds: float, rng: np.random.Generator | None = None, *,
-           force: float = 0.0, rate: float = 0.0, biases: tuple[Array, Array] | None = None) -> Imu:  # fmt: skip
+def imu_of(
+    path: Path,
+    seconds: float,
+    rng: np.random.Generator | None = None,
+    *,
+    force: float = 0.0,
+    rate: float = 0.0,
+    biases: tuple[Array, Array] | None = None,
+) -> Imu:
     """Return an IMU's samples with white noise of some densities and constant biases."""
     t = np.arange(0, seconds + PERIOD / 2, PERIOD)
     f, w = path.force(t), path.rate(t)

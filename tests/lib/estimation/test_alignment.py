@@ -55,9 +55,14 @@ def starts() -> list[tuple[Path, object]]:
     made = []
     for seed in range(RUNS):
         rng, path = np.random.default_rng([3, seed]), Path(float(seed))
-        imu = imu_of(path, 11.0, rng, force=0.02, rate=0.002, biases=(0.05 * rng.standard_normal(3), 0.003 * rng.standard_normal(3)))  # fmt: skip
+        biases = 0.05 * rng.standard_normal(3), 0.003 * rng.standard_normal(3)
+        imu = imu_of(path, 11.0, rng, force=0.02, rate=0.002, biases=biases)
         count = len(np.arange(0.2, 11.0, 0.2))
-        fixes = PositionFixes(fixes_of(path, 11.0, 0.05 * rng.standard_normal((count, 3))), LEVER_ARM, np.full(3, 0.05))
+        fixes = PositionFixes(
+            fixes_of(path, 11.0, 0.05 * rng.standard_normal((count, 3))),
+            LEVER_ARM,
+            np.full(3, 0.05),
+        )
         made.append((path, align(InertialMotion(imu, NOISE), [fixes], 0.0, 10.0)))
     return made
 
@@ -68,7 +73,13 @@ def test_a_moving_start_is_found_as_well_as_it_says(starts: list) -> None:
     for path, start in starts:
         at = np.array(start.time)
         turn = (Rotation.from_matrix(start.state.attitude).inv() * path.attitude(at)).as_rotvec()
-        error = np.concatenate([path.position(at) - start.state.position, path.velocity(at) - start.state.velocity, turn])
+        error = np.concatenate(
+            [
+                path.position(at) - start.state.position,
+                path.velocity(at) - start.state.velocity,
+                turn,
+            ]
+        )
         total += error @ np.linalg.solve(start.covariance[:9, :9], error)
         headings.append(np.degrees(np.abs(turn).max()))
     assert chi2.ppf(5e-5, 9 * RUNS) < total < chi2.ppf(1 - 5e-5, 9 * RUNS)
@@ -78,9 +89,15 @@ def test_a_moving_start_is_found_as_well_as_it_says(starts: list) -> None:
 def test_a_steady_motion_does_not_tell_the_heading() -> None:
     """At constant velocity nothing turns the specific force: any heading fits."""
     rng, t = np.random.default_rng(2), np.arange(0, 11, 0.01)
-    imu = Imu(t, 0.02 * rng.standard_normal((len(t), 3)), 0.2 * rng.standard_normal((len(t), 3)) + [0, 0, GRAVITY])
+    imu = Imu(
+        t,
+        0.02 * rng.standard_normal((len(t), 3)),
+        0.2 * rng.standard_normal((len(t), 3)) + [0, 0, GRAVITY],
+    )
     times = np.arange(0.2, 11, 0.2)
-    fixes = Fixes(times, np.outer(times, [8.0, 1.0, 0.0]) + 0.05 * rng.standard_normal((len(times), 3)))
+    fixes = Fixes(
+        times, np.outer(times, [8.0, 1.0, 0.0]) + 0.05 * rng.standard_normal((len(times), 3))
+    )
     observed = [PositionFixes(fixes, np.zeros(3), np.full(3, 0.05))]
     with pytest.raises(InswsnError, match="The heading cannot be told between 0 and 10 s"):
         align(InertialMotion(imu, NOISE), observed, 0.0, 10.0)

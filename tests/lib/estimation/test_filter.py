@@ -37,10 +37,13 @@ SPREAD = np.repeat([0.1, 0.05, 0.02, 0.05, 0.003], 3)
 
 def begun(path: Path, rng: np.random.Generator) -> tuple[Start, Array]:
     """Return a start that is wrong by what it says, and the true state."""
-    zero = np.array(0.0)
-    true = InertialState(path.position(zero), path.velocity(zero), path.attitude(zero).as_matrix())
+    true = path.start()
     wrong = SPREAD * rng.standard_normal(15)
-    return Start(0.0, replace(true.plus(wrong), force_bias=np.zeros(3), rate_bias=np.zeros(3)), np.diag(SPREAD**2)), wrong
+    return Start(
+        0.0,
+        replace(true.plus(wrong), force_bias=np.zeros(3), rate_bias=np.zeros(3)),
+        np.diag(SPREAD**2),
+    ), wrong
 
 
 def coloured(rng: np.random.Generator, count: int, deviation: float, factor: float) -> Array:
@@ -62,9 +65,17 @@ def planar_case(seed: int) -> tuple[OdometryMotion, Start, RangesToAnchors, Arra
     track = np.cumsum(0.1 * np.stack([np.cos(heading), np.sin(heading)], -1), axis=0)
     truth = track[np.searchsorted(t, times - 1e-9)]
     which = np.arange(len(times)) % 4
-    distance = np.linalg.norm(truth - anchors[which], axis=1) + 0.03 * rng.standard_normal(len(times))
-    ranges = RangesToAnchors(Ranges(times, which, distance, anchors, tuple("abcd")), np.zeros(2), 0.03)
-    start = Start(0.0, PlanarState(np.array([0.03, -0.03]), 0.01), np.diag([0.05, 0.05, 0.03, 0.02, 0.01]) ** 2)
+    distance = np.linalg.norm(truth - anchors[which], axis=1) + 0.03 * rng.standard_normal(
+        len(times)
+    )
+    ranges = RangesToAnchors(
+        Ranges(times, which, distance, anchors, tuple("abcd")), np.zeros(2), 0.03
+    )
+    start = Start(
+        0.0,
+        PlanarState(np.array([0.03, -0.03]), 0.01),
+        np.diag([0.05, 0.05, 0.03, 0.02, 0.01]) ** 2,
+    )
     return OdometryMotion(odometry, noise), start, ranges, times
 
 
@@ -90,7 +101,9 @@ def test_the_smoother_is_least_squares_over_everything(seed: int) -> None:
             parts.append(got.value / 0.03)
         return np.concatenate(parts)
 
-    best = least_squares(residuals, np.zeros(5 * (len(times) + 1)), xtol=1e-14, ftol=1e-14, gtol=1e-14)
+    best = least_squares(
+        residuals, np.zeros(5 * (len(times) + 1)), xtol=1e-14, ftol=1e-14, gtol=1e-14
+    )
     corrections, state = best.x.reshape(-1, 5), start.state
     state = state.plus(corrections[0])
     for k in range(len(times)):
@@ -128,7 +141,9 @@ def nees(solution: Solution, path: Path, rows: slice) -> float:
     total = []
     for t, state, P in zip(solution.time, solution.states, solution.covariances, strict=True):
         at = np.array(t)
-        error = np.concatenate([state.position - path.position(at), state.velocity - path.velocity(at)])
+        error = np.concatenate(
+            [state.position - path.position(at), state.velocity - path.velocity(at)]
+        )
         total.append(error[rows] @ np.linalg.solve(P[rows, rows], error[rows]) / len(error[rows]))
     return float(np.mean(total))
 
@@ -144,10 +159,25 @@ def loose() -> list[tuple[Path, Solution, Solution, Solution]]:
         rng = np.random.default_rng([7, seed])
         path = Path(float(seed))
         start, _ = begun(path, rng)
-        imu = imu_of(path, 20.0, rng, force=0.02, rate=0.002, biases=(SPREAD[9:12] * rng.standard_normal(3), SPREAD[12:] * rng.standard_normal(3)))
+        imu = imu_of(
+            path,
+            20.0,
+            rng,
+            force=0.02,
+            rate=0.002,
+            biases=(SPREAD[9:12] * rng.standard_normal(3), SPREAD[12:] * rng.standard_normal(3)),
+        )
         count = len(np.arange(0.2, 20.0, 0.2))
-        errors = coloured(rng, count, 0.1, np.exp(-0.2 / 2)) + 0.03 * rng.standard_normal((count, 3))
-        fixes = PositionFixes(fixes_of(path, 20.0, errors), LEVER_ARM, np.full(3, 0.03), np.full(3, 0.1), np.full(3, 2.0))
+        errors = coloured(rng, count, 0.1, np.exp(-0.2 / 2)) + 0.03 * rng.standard_normal(
+            (count, 3)
+        )
+        fixes = PositionFixes(
+            fixes_of(path, 20.0, errors),
+            LEVER_ARM,
+            np.full(3, 0.03),
+            np.full(3, 0.1),
+            np.full(3, 2.0),
+        )
         solution = run_error_state(InertialMotion(imu, NOISE), start, [fixes])
         made.append((path, solution, smooth(solution), smooth_with_lag(solution, 2.0)))
     return made
@@ -169,7 +199,9 @@ def test_innovations_are_white(loose: list) -> None:
     values = np.array([run[1].innovations[0].values for run in loose])
     spread = np.array([run[1].innovations[0].deviations for run in loose])
     whitened = values / spread
-    lag = (whitened[:, 11:] * whitened[:, 10:-1]).mean(axis=(0, 1)) / (whitened[:, 10:] ** 2).mean(axis=(0, 1))
+    lag = (whitened[:, 11:] * whitened[:, 10:-1]).mean(axis=(0, 1)) / (whitened[:, 10:] ** 2).mean(
+        axis=(0, 1)
+    )
     assert np.abs(lag).max() < 0.15
 
 
@@ -242,7 +274,11 @@ def test_zero_velocity_holds_the_drift_of_an_imu_at_rest() -> None:
     """With ZUPT each second the position goes by metres less in a minute than without."""
     t = np.arange(0, 60.0, 0.02)
     imu = Imu(t, np.zeros((len(t), 3)), np.tile([0.05, 0.0, 9.80665], (len(t), 1)))
-    start = Start(0.0, InertialState(np.zeros(3), np.zeros(3), np.eye(3)), np.diag(np.repeat([1e-3, 1e-3, 1e-2, 0.1, 1e-3], 3) ** 2))
+    start = Start(
+        0.0,
+        InertialState(np.zeros(3), np.zeros(3), np.eye(3)),
+        np.diag(np.repeat([1e-3, 1e-3, 1e-2, 0.1, 1e-3], 3) ** 2),
+    )
     seconds = np.arange(1.0, 60.0)
     still = Velocities(seconds, np.zeros((len(seconds), 3)), np.full(3, 0.01))
     nothing = Velocities(seconds, np.full((len(seconds), 3), np.nan), np.full(3, 0.01))
@@ -258,7 +294,9 @@ def test_nothing_to_measure_is_told() -> None:
     motion = InertialMotion(imu_of(path, 1.0), NOISE)
     start = Start(5.0, InertialState(np.zeros(3), np.zeros(3), np.eye(3)), np.eye(15))
     with pytest.raises(InswsnError, match="There is no measurement after 5 s"):
-        run_error_state(motion, start, [PositionFixes(fixes_of(path, 1.0, 0.0), LEVER_ARM, np.ones(3))])
+        run_error_state(
+            motion, start, [PositionFixes(fixes_of(path, 1.0, 0.0), LEVER_ARM, np.ones(3))]
+        )
     with pytest.raises(InswsnError, match="covariance is not positive semidefinite"):
         run_error_state(
             motion,

@@ -1,6 +1,8 @@
-"""Strapdown integration and dead reckoning against exact paths, and their derivatives by differences."""
+"""Strapdown integration and dead reckoning on exact paths, their derivatives by differences."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -26,8 +28,12 @@ STILL = OdometryNoise(0.0, 0.0, 0.0, 0.0)
 def test_it_follows_an_exact_path() -> None:
     """Samples of 100 Hz, means of neighbours taken as constant: an error of second order."""
     path, seconds = Path(), 10.0
-    start = InertialState(*(f(np.array(0.0)) for f in (path.position, path.velocity)), path.attitude(np.array(0.0)).as_matrix())
-    end, _, _ = InertialMotion(imu_of(path, seconds), QUIET).between(0.0, np.array([seconds])).ahead(0, start)
+    start = path.start()
+    end, _, _ = (
+        InertialMotion(imu_of(path, seconds), QUIET)
+        .between(0.0, np.array([seconds]))
+        .ahead(0, start)
+    )
     assert end.position == pytest.approx(path.position(np.array(seconds)), abs=2e-3)
     assert end.velocity == pytest.approx(path.velocity(np.array(seconds)), abs=5e-4)
     apart = Rotation.from_matrix(end.attitude.T) * path.attitude(np.array(seconds))
@@ -53,7 +59,7 @@ def test_a_circle_at_constant_rate_closes() -> None:
 def test_events_between_samples_do_not_change_the_way() -> None:
     path = Path()
     motion = InertialMotion(imu_of(path, 2.0), QUIET)
-    start = InertialState(path.position(np.array(0.0)), path.velocity(np.array(0.0)), path.attitude(np.array(0.0)).as_matrix())
+    start = path.start()
     once, _, _ = motion.between(0.0, np.array([2.0])).ahead(0, start)
     events = np.sort(np.append(np.random.default_rng(1).uniform(0, 2, 50), 2.0))
     state, steps = start, motion.between(0.0, events)
@@ -68,8 +74,8 @@ def test_the_transition_is_the_derivative(seed: int) -> None:
     path = Path(float(seed))
     motion = InertialMotion(imu_of(path, 1.0), QUIET)
     steps = motion.between(0.0, np.array([1.0]))
-    start = InertialState(path.position(np.array(0.0)), path.velocity(np.array(0.0)), path.attitude(np.array(0.0)).as_matrix(),
-                          rng.normal(0, 0.1, 3), rng.normal(0, 0.01, 3))  # fmt: skip
+    biases = rng.normal(0, 0.1, 3), rng.normal(0, 0.01, 3)
+    start = replace(path.start(), force_bias=biases[0], rate_bias=biases[1])
     end, Phi, _ = steps.ahead(0, start)
     for column in range(15):
         step = np.zeros(15)
@@ -91,13 +97,23 @@ def test_turns_are_those_of_scipy(angle: list[float]) -> None:
 def test_plus_undoes_minus(seed: int) -> None:
     rng = np.random.default_rng(seed)
     one, other = (
-        InertialState(*rng.normal(size=(2, 3)), Rotation.random(rng=rng).as_matrix(), *rng.normal(size=(2, 3)), rng.normal(size=2))
+        InertialState(
+            *rng.normal(size=(2, 3)),
+            Rotation.random(rng=rng).as_matrix(),
+            *rng.normal(size=(2, 3)),
+            rng.normal(size=2),
+        )
         for _ in range(2)
     )
     again = other.plus(one.minus(other))
     assert again.attitude == pytest.approx(one.attitude, abs=1e-9)
     assert again.minus(one) == pytest.approx(np.zeros(17), abs=1e-9)
-    flat, level = (PlanarState(rng.normal(size=2), rng.uniform(-3, 3), *rng.normal(size=2), 1.0, rng.normal(size=2)) for _ in range(2))
+    flat, level = (
+        PlanarState(
+            rng.normal(size=2), rng.uniform(-3, 3), *rng.normal(size=2), 1.0, rng.normal(size=2)
+        )
+        for _ in range(2)
+    )
     assert level.plus(flat.minus(level)).minus(flat) == pytest.approx(np.zeros(7), abs=1e-9)
 
 
@@ -117,7 +133,9 @@ def test_dead_reckoning_of_a_circle() -> None:
 def test_the_transition_of_dead_reckoning_is_the_derivative() -> None:
     rng = np.random.default_rng(3)
     t = np.arange(0, 2, 0.1)
-    motion = OdometryMotion(Odometry(t, rng.uniform(0, 2, len(t)), rng.normal(0, 0.5, len(t))), STILL)
+    motion = OdometryMotion(
+        Odometry(t, rng.uniform(0, 2, len(t)), rng.normal(0, 0.5, len(t))), STILL
+    )
     steps = motion.between(0.0, np.array([1.77]))
     start = PlanarState(np.array([1.0, 2.0]), 0.4, 0.05, 0.02)
     end, Phi, Q = steps.ahead(0, start)
@@ -134,11 +152,17 @@ def test_the_noise_of_dead_reckoning_is_that_of_many_runs() -> None:
     rng, t = np.random.default_rng(5), np.arange(0, 10.01, 0.1)
     speed, rate = np.full(len(t), 1.5), np.full(len(t), 0.2)
     noise = OdometryNoise(0.02, 0.01, 0.0, 0.0)
-    _, _, Q = OdometryMotion(Odometry(t, speed, rate), noise).between(0.0, np.array([10.0])).ahead(0, PlanarState(np.zeros(2), 0.0))
+    _, _, Q = (
+        OdometryMotion(Odometry(t, speed, rate), noise)
+        .between(0.0, np.array([10.0]))
+        .ahead(0, PlanarState(np.zeros(2), 0.0))
+    )
     runs = 4000
     u = speed[1:, None] + 0.02 / 0.1**0.5 * rng.standard_normal((100, runs))
     w = rate[1:, None] + 0.01 / 0.1**0.5 * rng.standard_normal((100, runs))
     heading = np.cumsum(0.1 * w, axis=0)
     middle = heading - 0.05 * w
-    ends = np.stack([(0.1 * u * np.cos(middle)).sum(0), (0.1 * u * np.sin(middle)).sum(0), heading[-1]])
+    ends = np.stack(
+        [(0.1 * u * np.cos(middle)).sum(0), (0.1 * u * np.sin(middle)).sum(0), heading[-1]]
+    )
     assert np.sqrt(np.diag(np.cov(ends))) == pytest.approx(np.sqrt(np.diag(Q)[:3]), rel=0.06)

@@ -28,8 +28,8 @@ def speed_of(t: Array) -> Array:
     return 10 + 4 * np.sin(0.2 * t)
 
 
-def drive(seed: int) -> tuple[Imu, Array, Array, Array]:
-    """Return what an IMU says in a car on a flat road, and time, position and heading, exactly.
+def drive(seed: int) -> tuple[Imu, Array, Array]:
+    """Return what an IMU says in a car on a flat road, and time and position, exactly.
 
     The IMU looks 5 degrees to the left of the car's nose.
     """
@@ -41,22 +41,28 @@ def drive(seed: int) -> tuple[Imu, Array, Array, Array]:
     middle = t[:-1] + PERIOD / 2
     turn = 0.8 * np.sin(0.1 * middle)
     half = speed_of(middle)[:, None] * np.stack([np.cos(turn), np.sin(turn)], -1)
-    position = np.vstack([np.zeros(2), np.cumsum(PERIOD / 6 * (way[:-1] + 4 * half + way[1:]), axis=0)])
+    position = np.vstack(
+        [np.zeros(2), np.cumsum(PERIOD / 6 * (way[:-1] + 4 * half + way[1:]), axis=0)]
+    )
     force = np.stack([0.8 * np.cos(0.2 * t), speed_of(t) * rate, np.full(len(t), GRAVITY)], -1)
     mounted = Rotation.from_euler("z", 5, degrees=True)
-    force = mounted.inv().apply(force) + NOISE.force / PERIOD**0.5 * rng.standard_normal(force.shape)
+    force = mounted.inv().apply(force) + NOISE.force / PERIOD**0.5 * rng.standard_normal(
+        force.shape
+    )
     rates = np.column_stack([np.zeros((len(t), 2)), rate])
     rates = mounted.inv().apply(rates) + NOISE.rate / PERIOD**0.5 * rng.standard_normal(rates.shape)
     force, rates = force + 0.03 * rng.standard_normal(3), rates + 1e-3 * rng.standard_normal(3)
-    return Imu(t, rates, force), t, position, heading
+    return Imu(t, rates, force), t, position
 
 
 def run(seed: int, white: tuple[float, float, float] | None) -> tuple[float, float]:
     """Return the horizontal error at the end of the outage and what the filter says of it, m."""
-    imu, t, position, heading = drive(seed)
+    imu, t, position = drive(seed)
     rng = np.random.default_rng([seed, 1])
     times = np.arange(0.5, 100, 1.0)
-    truth = np.column_stack([np.interp(times, t, column) for column in position.T] + [np.zeros(len(times))])
+    truth = np.column_stack(
+        [np.interp(times, t, column) for column in position.T] + [np.zeros(len(times))]
+    )
     measured = truth + rng.standard_normal(truth.shape)
     measured[(times > OUTAGE[0]) & (times < OUTAGE[1])] = np.nan
     mounted = Rotation.from_euler("z", 5, degrees=True).as_matrix()
@@ -67,7 +73,9 @@ def run(seed: int, white: tuple[float, float, float] | None) -> tuple[float, flo
         seconds = np.arange(0.2, 100, 0.2)
         wheels = speed_of(seconds) + white[0] * rng.standard_normal(len(seconds))
         observed.append(WheelSpeeds(seconds, wheels, mounted, np.array(white)))
-    solution = run_error_state(InertialMotion(imu, NOISE), Start(0.0, start, np.diag(spread**2)), observed)
+    solution = run_error_state(
+        InertialMotion(imu, NOISE), Start(0.0, start, np.diag(spread**2)), observed
+    )
     k = int(np.searchsorted(solution.time, OUTAGE[1] - 0.5, side="right")) - 1
     true = [np.interp(solution.time[k], t, column) for column in position.T]
     said = np.sqrt(np.trace(solution.covariances[k, :2, :2]))
@@ -93,4 +101,6 @@ def test_the_derivatives_of_the_speed_in_the_car_are_differences() -> None:
     for column in range(15):
         step = np.zeros(15)
         step[column] = 1e-6
-        assert (state.plus(step).moving_in(axes)[0] - value) / 1e-6 == pytest.approx(rows[:, column], abs=1e-5)
+        assert (state.plus(step).moving_in(axes)[0] - value) / 1e-6 == pytest.approx(
+            rows[:, column], abs=1e-5
+        )
