@@ -2,6 +2,7 @@
 
 # Rooms
 from . import (
+    estimation as estimation,
     evaluation as evaluation,
     filters as filters,
     learning as learning,

@@ -22,6 +22,7 @@ from inswsn_lib.files import DATA_VARIABLE
 
 # The rooms whose public names are listed in __all__, and the modules below them
 ROOMS = (
+    "estimation",
     "evaluation",
     "filters",
     "learning",
@@ -37,6 +38,17 @@ MODULES = ("errors", "files", "models", "plotting", "scenario")
 #: Functions and classes of a room that need no example, each with the reason
 EXEMPT = {
     "errors.Described": "for the rooms",
+    "estimation.ImuNoise": "shown by align",
+    "estimation.InertialMotion": "shown by align",
+    "estimation.Innovation": "given by observations",
+    "estimation.Innovations": "a part of Solution",
+    "estimation.Observation": "what run_error_state takes",
+    "estimation.OdometryMotion": "shown by run_error_state",
+    "estimation.OdometryNoise": "shown by run_error_state",
+    "estimation.PlanarState": "shown by run_error_state",
+    "estimation.PositionFixes": "shown by run_error_state",
+    "estimation.Solution": "given by run_error_state",
+    "estimation.Start": "shown by run_error_state",
     "evaluation.DriftBound": "given by drift_bound",
     "evaluation.DriftFits": "given by fit_drifts",
     "evaluation.Lead": "given by paired_lead",

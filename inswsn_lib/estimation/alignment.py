@@ -105,6 +105,25 @@ def align(
     ------
     InswsnError
         If the window has no measurement, or does not tell the heading, or there are ranges.
+
+    Examples
+    --------
+    A body that looks along y and is moved to and fro along x, to its right and to its left:
+
+    >>> import numpy as np
+    >>> from inswsn_lib import estimation as est
+    >>> from inswsn_lib.recordings import Fixes, Imu
+    >>> t, fixed = np.arange(0, 10.01, 0.01), np.arange(0.2, 10.1, 0.2)
+    >>> force = np.stack([0 * t, -np.sin(t), 0 * t + 9.80665], axis=1)
+    >>> imu = Imu(t, np.zeros((1001, 3)), force)
+    >>> motion = est.InertialMotion(imu, est.ImuNoise(0.01, 0.001, 1e-4, 1e-5))
+    >>> fixes = Fixes(fixed, np.outer(fixed - np.sin(fixed), [1.0, 0.0, 0.0]))
+    >>> observed = [est.PositionFixes(fixes, np.zeros(3), white=np.full(3, 0.01))]
+    >>> start = est.align(motion, observed, begin=0.0, end=10.0)
+    >>> print(f"{start.state.velocity[0]:.1f} m/s, {1 - np.cos(10):.1f} m/s in truth")
+    1.8 m/s, 1.8 m/s in truth
+    >>> np.abs(start.state.attitude.round(1))[:, 0].tolist()  # where the body's nose is
+    [0.0, 1.0, 0.0]
     """
     if any(isinstance(each, RangesToAnchors) for each in observations):
         raise InswsnError("Ranges do not align an INS: take fixes by multilateration of them.")

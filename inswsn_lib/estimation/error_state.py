@@ -191,6 +191,23 @@ def run_error_state(
     ------
     InswsnError
         If no measurement lies between start and end.
+
+    Examples
+    --------
+    Wheels say 1 m/s, fixes 1.1 m/s: the scale of the odometer is found.
+
+    >>> import numpy as np
+    >>> from inswsn_lib import estimation as est
+    >>> from inswsn_lib.recordings import Fixes, Odometry
+    >>> t = np.arange(0, 20.1, 0.1)
+    >>> wheels = Odometry(t, speed=np.full(201, 1.0), rate=np.zeros(201))
+    >>> motion = est.OdometryMotion(wheels, est.OdometryNoise(0.01, 0.001, 1e-4, 1e-5))
+    >>> start = est.Start(0.0, est.PlanarState(np.zeros(2), 0.0), np.eye(5) / 25)
+    >>> fixes = Fixes(t[10::10], np.outer(1.1 * t[10::10], [1.0, 0.0]))
+    >>> observed = [est.PositionFixes(fixes, np.zeros(2), white=np.full(2, 0.1))]
+    >>> solution = est.run_error_state(motion, start, observed)
+    >>> print(f"{solution.states[-1].scale:.2f} and {solution.innovations[0].squares.mean():.2f}")
+    0.10 and 0.01
     """
     counts = [len(each.time) for each in observations]
     when = np.concatenate([[], *(each.time for each in observations)])

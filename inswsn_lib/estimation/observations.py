@@ -88,6 +88,20 @@ class RangesToAnchors:
         Of the bias and of the coloured error of each anchor, m; 0 for none, and no state.
     correlation_time : float
         Of the coloured errors, s.
+
+    Examples
+    --------
+    A tag at (3, 4) and an anchor at the origin, whose range is 0.1 m too long:
+
+    >>> import numpy as np
+    >>> from inswsn_lib import estimation as est
+    >>> from inswsn_lib.recordings import Ranges
+    >>> ranges = Ranges(np.array([1.0]), np.array([0]), np.array([5.1]), np.zeros((1, 2)), ("a",))
+    >>> heard = est.RangesToAnchors(ranges, np.zeros(2), white=0.05, bias=0.2)
+    >>> tag = est.PlanarState(np.array([3.0, 4.0]), heading=0.0)
+    >>> got = heard.innovation(0, tag, own=np.zeros(1))
+    >>> got.value.round(3).tolist(), got.rows[0, :2].tolist(), got.own.tolist()
+    ([0.1], [0.6, 0.8], [[1.0]])
     """
 
     ranges: Ranges
@@ -150,6 +164,17 @@ class Velocities:
         m/s, in the frame of the recording; NaN where missing.
     white : ndarray, (d,)
         Standard deviations, m/s.
+
+    Examples
+    --------
+    A body that stands still, and of which a filter thinks otherwise:
+
+    >>> import numpy as np
+    >>> from inswsn_lib import estimation as est
+    >>> still = est.Velocities(np.arange(1.0, 3.0), np.zeros((2, 3)), white=np.full(3, 0.01))
+    >>> thought = est.InertialState(np.zeros(3), np.array([0.2, 0.0, 0.0]), np.eye(3))
+    >>> still.innovation(0, thought, own=np.zeros(0)).value.tolist()
+    [-0.2, 0.0, 0.0]
     """
 
     time: Array
@@ -189,6 +214,17 @@ class WheelSpeeds:
         Turns vectors of the body into the vehicle's axes forward, left, up.
     white : ndarray, (3,)
         Standard deviations along these axes, m/s.
+
+    Examples
+    --------
+    A car that a filter thinks to slip by 0.3 m/s to the left, and whose wheels say 10 m/s:
+
+    >>> import numpy as np
+    >>> from inswsn_lib import estimation as est
+    >>> wheels = est.WheelSpeeds(np.ones(1), np.array([10.0]), np.eye(3), np.full(3, 0.1))
+    >>> thought = est.InertialState(np.zeros(3), np.array([10.2, 0.3, 0.0]), np.eye(3))
+    >>> wheels.innovation(0, thought, own=np.zeros(0)).value.round(3).tolist()
+    [-0.2, -0.3, 0.0]
     """
 
     time: Array
