@@ -14,15 +14,11 @@ borglab/gtsam. What was found by computation, in Plaza2_.mat:
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Any
-
 import numpy as np
-from scipy.io import loadmat
 
 from inswsn_lib.checks import Array, array
-from inswsn_lib.errors import InswsnError
 from inswsn_lib.recordings.files import Place, digests_of, files_of, pick
+from inswsn_lib.recordings.matlab import read_tables
 from inswsn_lib.recordings.recording import (
     Odometry,
     Ranges,
@@ -49,8 +45,8 @@ def read_plaza(place: Place) -> Recording:
     inswsn_lib.errors.InswsnError: There is no file *.mat.
     """
     path = pick(files_of(place), "*.mat")
+    found = read_tables(path)
     with reading(path):
-        found = _variables(path)
         dead, truth, heard, nodes = (
             array(name, found.get(name, ()), ("rows", columns))
             for name, columns in _COLUMNS.items()
@@ -74,15 +70,6 @@ def read_plaza(place: Place) -> Recording:
             ),
             digests=digests_of(path),
         )
-
-
-def _variables(path: Path) -> dict[str, Any]:
-    try:
-        return dict(loadmat(path, variable_names=[*_COLUMNS]))
-    except OSError:
-        raise
-    except Exception as error:  # of any kind, as the bytes have it
-        raise InswsnError(f"{path} is not a MATLAB file ({type(error).__name__}).") from None
 
 
 def _odometry(dead: Array, reference: Array) -> Odometry:

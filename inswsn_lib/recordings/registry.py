@@ -147,7 +147,7 @@ def load(name: str, folder: str | Path | None = None, cache: Path | None = None)
     ...     recordings.load("csv", folder).fixes.position.tolist()
     [[1.0, 2.0], [1.0, 3.0]]
     """
-    if folder is None and name in READERS:
+    if folder is None and name in tuple(READERS):
         raise ParameterError("folder", None, f"one with files of the kind {name}")
     one_of("name", name, (*KNOWN, *([] if folder is None else READERS)))
     kind = name.partition("/")[0]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -17,6 +16,7 @@ from inswsn_lib.files import read_text
 #: The number of a line, from 1, and its cells
 Row = tuple[int, Sequence[str]]
 
+_LARGEST = 1e15  # numbers of this size are no lengths, speeds or seconds
 _UNIT = 1e-3  # a quaternion whose length differs from 1 by more is something else
 _ROUNDING = 1e-9  # one that differs by less is left as it is
 
@@ -63,7 +63,7 @@ def numbers(path: Path, rows: Sequence[Row], columns: int) -> Array:
         raise InswsnError(f"{path} has no row of {columns} numbers.")
     with suppress(ValueError):  # rows of several lengths, or words
         found = np.array([cells for _, cells in rows], dtype=float)
-        if found.shape == (len(rows), columns) and np.isfinite(found).all():
+        if found.shape == (len(rows), columns) and (np.abs(found) < _LARGEST).all():
             return found
     for line, cells in rows:
         if len(cells) != columns:
@@ -71,16 +71,17 @@ def numbers(path: Path, rows: Sequence[Row], columns: int) -> Array:
                 f"{path} has {len(cells)} cells in line {line}; it may have {columns}."
             )
         for cell in cells:
-            if not _is_finite(cell):
+            if not _is_number(cell):
                 raise InswsnError(
-                    f"{path} has {cell[:40]!r} in line {line}; it may be a finite number."
+                    f"{path} has {cell[:40]!r} in line {line}; it may be a finite number below "
+                    f"{_LARGEST:.0e}."
                 )
     raise InswsnError(f"{path} has no rows of {columns} numbers.")
 
 
-def _is_finite(cell: str) -> bool:
+def _is_number(cell: str) -> bool:
     try:
-        return math.isfinite(float(cell))
+        return abs(float(cell)) < _LARGEST
     except ValueError:
         return False
 

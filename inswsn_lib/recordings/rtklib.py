@@ -5,6 +5,8 @@ So are the recordings of rtklibexplorer/GNSS_IMU: a drive, and a walk with the d
 
 from __future__ import annotations
 
+import re
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -27,6 +29,7 @@ _STANDARD_GRAVITY = 9.80665  # m/s^2, the unit of the accelerometers
 # the records
 _WORD, _SECONDS, _FRACTION, _RECORDS = b"TIMETAG RTKLIB", 64, 68, 76
 _ENDING = 2  # bytes at the end of a line when the log was written; version control keeps one
+_MOMENT = re.compile(r"\d{4}/\d\d/\d\d \d\d:\d\d:\d\d(\.\d+)?")
 # Of a row of a solution, without date and time: all that RTKLIB writes of a position, and with it
 # of a velocity
 _POSITION, _VELOCITY = 13, 16
@@ -108,8 +111,10 @@ def read_log(path: Path, tag: Path, latency: float) -> tuple[Array, Array, Array
     values = numbers(path, [(n, line.split(",")) for n, line in lines[1:-1]], 7)
     with reading(tag):
         data = tag.read_bytes()
-        if not data.startswith(_WORD):
+        if not data.startswith(_WORD) or len(data) < _RECORDS:
             raise InswsnError("it is no time tag of RTKLIB.")
+        if (len(data) - _RECORDS) % 8:
+            raise InswsnError("it ends within a record.")
         start = float(np.frombuffer(data, "<u4", 1, _SECONDS)[0])
         start += float(np.frombuffer(data, "<f8", 1, _FRACTION)[0])
         # records: ms since the start, and how many bytes the log had
@@ -143,11 +148,12 @@ def read_solution(path: Path) -> tuple[Array, Array]:
 
 
 def _moment(path: Path, row: Row) -> float:
-    line, (day, time, *_) = row
-    try:
-        return float(np.datetime64(f"{day.replace('/', '-')}T{time}", "us").astype(float) / 1e6)
-    except ValueError:
-        raise InswsnError(
-            f"{path} has {f'{day} {time}'[:40]!r} in line {line}; it may be a date and time, such "
-            "as 2025/07/08 19:34:18.499."
-        ) from None
+    line, cells = row
+    said = " ".join(cells[:2])
+    with suppress(ValueError):  # no such month, or day
+        if _MOMENT.fullmatch(said):
+            return float(np.datetime64(said.replace("/", "-"), "us").astype(float) / 1e6)
+    raise InswsnError(
+        f"{path} has {said[:40]!r} in line {line}; it may be a date and time, such as "
+        "2025/07/08 19:34:18.499."
+    )
