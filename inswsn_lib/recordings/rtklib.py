@@ -16,7 +16,7 @@ from inswsn_lib.checks import Array, number
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.files import read_text
 from inswsn_lib.recordings.files import Place, digests_of, files_of, pick
-from inswsn_lib.recordings.recording import Fixes, Imu, Recording
+from inswsn_lib.recordings.recording import Fixes, Imu, Recording, check_increase
 from inswsn_lib.recordings.rows import Row, lines_of, numbers, reading
 
 #: From a sample to its arrival in the log (s). The files do not tell it: with this one the IMU's
@@ -125,6 +125,10 @@ def read_log(path: Path, tag: Path, latency: float) -> tuple[Array, Array, Array
             raise InswsnError(f"it ends before {path.name} does.")
         arrival = ticks[np.searchsorted(lengths, ends)] / 1e3
     device = values[:, 6] / 1e3
+    with reading(path):
+        check_increase("the device's time", device, first=2)
+        if len(device) < 2:
+            raise InswsnError("one row makes no line through arrivals; it may have more.")
     middle = device.mean()
     slope, offset = np.polyfit(device - middle, arrival, 1)
     time = start + (offset + slope * (device - middle)) - latency
@@ -140,8 +144,8 @@ def read_solution(path: Path) -> tuple[Array, Array]:
     rows = [(n, cells) for n, cells in split if not cells[0].startswith("%")]
     if others := [n for n, cells in split if cells[:2] in (["%", "UTC"], ["%", "JST"])]:
         raise InswsnError(f"{path} has {split[others[0] - 1][1][1]} in its head; it may be GPST.")
-    columns = len(rows[0][1]) - 2 if rows else 0
-    values = numbers(path, [(n, cells[2:]) for n, cells in rows], max(columns, _POSITION))
+    columns = max(len(rows[0][1]) if rows else 0, 2 + _POSITION)
+    values = numbers(path, [(n, ["0", "0", *cells[2:]]) for n, cells in rows], columns)[:, 2:]
     if (np.abs(values[:, :2]) > (90, 360)).any():
         raise InswsnError(f"{path} has no latitude and longitude in degrees.")
     return np.array([_moment(path, row) for row in rows]), values
