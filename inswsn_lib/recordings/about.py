@@ -20,8 +20,8 @@ _VECTORS = {"lever_arm_m": "lever_arm", "origin_rad_m": "origin"}
 
 def read_about(path: Path) -> dict[str, Any]:
     """Return what the file says, by the attributes of a recording."""
-    said = read_yaml(path)
     with reading(path):
+        said = read_yaml(path)
         if said is not None and not isinstance(said, dict):
             raise InswsnError("it is no mapping; it may have lines such as 'name: my walk'.")
         return dict(_attribute(key, value) for key, value in (said or {}).items())

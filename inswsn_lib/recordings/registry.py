@@ -119,7 +119,8 @@ def load(name: str, folder: str | Path | None = None, cache: Path | None = None)
     r"""Return a recording that is known, or one of the same kind from a folder.
 
     The files of one that is known are fetched once, or come from a local mirror, and are held
-    against their digests. A folder is read as it is; digests of what was read are kept.
+    against their digests. A folder is read as it is; digests of what was read are kept. The latency
+    of a log is an argument of `rtklib.read_rtklib` alone.
 
     Parameters
     ----------

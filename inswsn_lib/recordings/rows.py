@@ -36,10 +36,15 @@ def reading(path: Path) -> Iterator[None]:
         raise InswsnError(f"{path} cannot be read: {str(error).strip('.')}.") from None
 
 
-def lines_of(path: Path, comment: str = "#") -> list[tuple[int, str]]:
+def all_lines(path: Path) -> list[tuple[int, str]]:
+    """Return the lines of a text file with their numbers."""
+    with reading(path):
+        return list(enumerate(read_text(path).splitlines(), start=1))
+
+
+def lines_of(path: Path) -> list[tuple[int, str]]:
     """Return the lines of a text file with their numbers, without comments and blank ones."""
-    lines = enumerate(read_text(path).splitlines(), start=1)
-    return [(n, line) for n, line in lines if line.strip() and not line.startswith(comment)]
+    return [(n, line) for n, line in all_lines(path) if line.strip() and not line.startswith("#")]
 
 
 def read_rows(path: Path, columns: int) -> Array:

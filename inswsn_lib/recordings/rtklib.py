@@ -14,10 +14,9 @@ from pyins.transform import lla_to_ned
 
 from inswsn_lib.checks import Array, number
 from inswsn_lib.errors import InswsnError
-from inswsn_lib.files import read_text
 from inswsn_lib.recordings.files import Place, digests_of, files_of, pick
 from inswsn_lib.recordings.recording import Fixes, Imu, Recording, check_increase
-from inswsn_lib.recordings.rows import Row, lines_of, numbers, reading
+from inswsn_lib.recordings.rows import Row, all_lines, lines_of, numbers, reading
 
 #: From a sample to its arrival in the log (s). The files do not tell it: with this one the IMU's
 #: forward acceleration agrees best with the RTK speed, early in the drive and late. (The author of
@@ -39,19 +38,19 @@ def read_rtklib(place: Place, latency: float = LATENCY) -> Recording:
     """Read the one log ``*.csv`` that has a time tag ``*.csv.tag``, and the one ``*.pos``.
 
     Time is GPS time as RTKLIB counts it, seconds since 1970 without leap seconds. The IMU's axes
-    are its own: back, to the right, up in the car, and turned by a quarter in the walker's hand. Of
-    the walk, logged at 152 Hz, a third of the rows are those before them with another time stamp;
-    they are kept. Positions are east, north and up of the first fix that is
-    good, or of the first if none is.
+    are its own: back, to the right, up in the car; in the walker's hand, by the author's account,
+    turned by a quarter about the last. Of the walk, logged at 152 Hz, a third of the rows are those
+    before them with another time stamp; they are kept. Positions are east, north and up of the
+    first fix that is good, or of the first if none is.
 
     Parameters
     ----------
     place : str, Path, or mapping of str to Path
         A folder, or files by their names.
     latency : float
-        From a sample to its arrival in the log, s. It was found for the drive. Of the walk
-        it is not known: its rates follow the course best with 0.22 s, and hardly less with 0.1 s
-        more or less.
+        From a sample to its arrival in the log, s. It was found for the drive. Of the walk it is
+        not known: its rates follow the course best with 0.22 s, and hardly less with 0.1 s more or
+        less.
 
     Raises
     ------
@@ -107,7 +106,7 @@ def read_log(path: Path, tag: Path, latency: float) -> tuple[Array, Array, Array
     latency : float
         s.
     """
-    lines = list(enumerate(read_text(path).splitlines(), start=1))
+    lines = all_lines(path)
     values = numbers(path, [(n, line.split(",")) for n, line in lines[1:-1]], 7)
     with reading(tag):
         data = tag.read_bytes()
