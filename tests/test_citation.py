@@ -11,7 +11,7 @@ from inswsn_book.archive import SITE_PACKAGES
 from jsonschema import Draft7Validator
 from pybtex.database import parse_file
 
-from inswsn_lib.recordings import gnss_imu
+from inswsn_lib.recordings.registry import KNOWN
 
 # the official schema of version 1.2.0, which check-jsonschema brings
 SCHEMA = files("check_jsonschema") / "builtin_schemas" / "vendor" / "citation-file-format.json"
@@ -34,7 +34,7 @@ def test_what_belongs_to_others_is_named(root: Path) -> None:
     said = yaml.safe_load((root / "CITATION.cff").read_text(encoding="utf-8"))
     for word in (
         *(paper["doi"] for paper in said["references"]),
-        *gnss_imu.DRIVE.digests.values(),
+        *(digest for known in KNOWN.values() for digest in known.source.digests.values()),
         *(package for package in SITE_PACKAGES if package != "packaging"),
     ):
         assert word in text, word

@@ -1,4 +1,5 @@
 from .columns import INS as INS, REFERENCE as REFERENCE, TIME as TIME, WSN as WSN
+from .csv_writing import write_csv as write_csv
 from .files import RecordingUnavailableError as RecordingUnavailableError
 from .fix_velocities import slope_velocity as slope_velocity
 from .gnss_imu import RecordedDrive as RecordedDrive, Track as Track, load_drive as load_drive
@@ -12,3 +13,4 @@ from .recording import (
     Recording as Recording,
     Reference as Reference,
 )
+from .registry import load as load, names as names

@@ -1,11 +1,13 @@
-"""The columns of a recording of an INS and a sensor network, read from a CSV file."""
+"""Columns of a CSV file, and which of them a recording of an INS and a sensor network has."""
 
 from __future__ import annotations
 
 import csv
 import warnings
+from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -24,6 +26,35 @@ WSN = ("wsn_x_m", "wsn_y_m", "wsn_vx_mps", "wsn_vy_mps")
 #: The columns of a reference, if there is one
 REFERENCE = ("ref_x_m", "ref_y_m", "ref_vx_mps", "ref_vy_mps")
 
+
+@dataclass(frozen=True)
+class Layout:
+    """Which columns a CSV file has.
+
+    Attributes
+    ----------
+    required : tuple of str
+        Those that must be there.
+    groups : tuple of tuple of str
+        Those that may be left out, each together with the others of its group.
+    gaps : tuple of str
+        Those whose cells may be empty.
+    texts : tuple of str
+        Those that hold words; all others hold numbers.
+    """
+
+    required: tuple[str, ...]
+    groups: tuple[tuple[str, ...], ...] = ()
+    gaps: tuple[str, ...] = ()
+    texts: tuple[str, ...] = ()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """All columns that there may be."""
+        return (*self.required, *(name for group in self.groups for name in group))
+
+
+_TRACKS = Layout((TIME, *INS, *WSN[:2]), (WSN[2:], REFERENCE), gaps=(*WSN, *REFERENCE))
 _SEPARATORS = ",;\t"
 _NOT_THERE = ["", "nan", "NaN"]
 # Numbers of this size are no lengths, speeds or seconds.
@@ -33,35 +64,53 @@ _PEEK = 1000  # rows that tell the decimal sign
 
 
 def read_columns(path: Path) -> dict[str, Array]:
-    """Return the columns that are known, those of a network's missing velocity all NaN.
+    """Return the columns of INS, network and reference, a network's missing velocity all NaN.
 
     Their entry k is row k + 2 of the file, comments and blank lines not counted.
+    """
+    table = read_table(path, _TRACKS)
+    return dict.fromkeys(WSN[2:], np.full(len(table[TIME]), np.nan)) | table
+
+
+def read_table(path: Path, layout: Layout) -> dict[str, NDArray[Any]]:
+    """Return the columns of a CSV file that a layout names; others are ignored.
+
+    Entry k of each is row k + 2 of the file, comments and blank lines not counted. Columns of
+    numbers are floats, NaN where a cell is empty; columns of words are strings.
     """
     try:
         data = _without_comments(_as_utf8(path.read_bytes()))
         head = data[: data.find(b"\n") + 1].decode().strip()
         separator = max(_SEPARATORS, key=head.count)
         header = [name.strip() for name in _cells(head, separator)] if data else []
-        wanted = _wanted(path, header)
+        places = {name: header.index(name) for name in _wanted(path, header, layout)}
         _refuse_other_lengths(path, data, separator, len(header))
-        decimal = _decimal(data, separator, [header.index(name) for name in wanted])
+        numeric = [place for name, place in places.items() if name not in layout.texts]
+        decimal = _decimal(data, separator, numeric)
+        empty: Any = dict.fromkeys(numeric, _NOT_THERE)  # by their places
         with warnings.catch_warnings(action="ignore", category=pd.errors.DtypeWarning):
             table = pd.read_csv(
-                BytesIO(data), sep=separator, decimal=decimal, index_col=False,
-                usecols=[header.index(name) for name in wanted], keep_default_na=False,
-                na_values=_NOT_THERE, skipinitialspace=b" " in data,
+                BytesIO(data), sep=separator, decimal=decimal, index_col=False, header=0,
+                names=range(len(header)), usecols=list(places.values()), keep_default_na=False,
+                na_values=empty, skipinitialspace=b" " in data,
+                dtype={places[name]: str for name in layout.texts if name in places},
             )  # fmt: skip
     except FileNotFoundError:
         raise InswsnError(f"There is no file {path}.") from None
     except IsADirectoryError:
         raise InswsnError(f"{path} is a folder; it may be a CSV file.") from None
+    except OSError as error:
+        raise InswsnError(f"{path} cannot be read: {error.strerror}.") from None
     except UnicodeDecodeError:
         raise InswsnError(f"{path} is not a CSV file: it is not UTF-8.") from None
     except (csv.Error, pd.errors.ParserError) as error:
         raise InswsnError(f"{path} is not a CSV file: {str(error).strip()}.") from None
-    table.columns = pd.Index(sorted(wanted, key=header.index))
-    numbers = {name: _numbers(path, name, table[name], decimal) for name in wanted}
-    return dict.fromkeys(WSN[2:], np.full(len(table), np.nan)) | numbers
+    return {
+        name: _texts(table[place])
+        if name in layout.texts
+        else _numbers(path, name, table[place], decimal, name in layout.gaps)
+        for name, place in places.items()
+    }
 
 
 def _as_utf8(data: bytes) -> bytes:
@@ -96,25 +145,25 @@ def _cells(line: str, separator: str) -> list[str]:
     return next(csv.reader([line], delimiter=separator, skipinitialspace=True, strict=True))
 
 
-def _wanted(path: Path, header: list[str]) -> list[str]:
+def _wanted(path: Path, header: list[str], layout: Layout) -> list[str]:
     """Return the columns to read; refuse a header without those that must be there."""
     if not header:
         raise InswsnError(f"{path} is empty; it may be a CSV file with a header.")
-    for name in (TIME, *INS, *WSN, *REFERENCE):
+    for name in layout.names:
         if header.count(name) > 1:
             raise InswsnError(f"{path} has the column {name} more than once.")
-    if lacking := [name for name in (TIME, *INS, *WSN[:2]) if name not in header]:
+    if lacking := [name for name in layout.required if name not in header]:
         raise InswsnError(
             f"{path} has no column {', '.join(lacking)}; it has {', '.join(header)[:200]}."
         )
-    for together in (WSN[2:], REFERENCE):
+    for together in layout.groups:
         some = [name for name in together if name in header]
         if some and len(some) < len(together):
             raise InswsnError(
                 f"{path} has of the columns {', '.join(together)} only {', '.join(some)}; it may "
                 "have all of them, or none."
             )
-    return [name for name in (TIME, *INS, *WSN, *REFERENCE) if name in header]
+    return [name for name in layout.names if name in header]
 
 
 def _refuse_other_lengths(path: Path, data: bytes, separator: str, cells: int) -> None:
@@ -149,7 +198,11 @@ def _decimal(data: bytes, separator: str, columns: list[int]) -> str:
     return max(".,", key=texts.count)
 
 
-def _numbers(path: Path, name: str, cells: pd.Series, decimal: str) -> Array:
+def _texts(cells: pd.Series) -> NDArray[Any]:
+    return cells.str.strip().to_numpy(dtype=object)
+
+
+def _numbers(path: Path, name: str, cells: pd.Series, decimal: str, gaps: bool) -> Array:
     """Return cells as floats; refuse words and what is no length, speed or time."""
     if cells.dtype.kind in "iuf":
         numbers, none = cells.astype(float), cells.isna()
@@ -164,7 +217,7 @@ def _numbers(path: Path, name: str, cells: pd.Series, decimal: str) -> Array:
     wrong = np.asarray((numbers.isna() & ~none) | (numbers.abs() > _LARGEST))
     if wrong.any():
         row = int(np.flatnonzero(wrong)[0])
-        empty = "" if name in INS else ", or empty where there is no fix"
+        empty = ", or empty where there is no fix" if gaps else ""
         or_else = ", or a date and time by ISO 8601" if name == TIME else empty
         raise InswsnError(
             f"{path} has {str(cells.iloc[row])[:40]!r} in column {name}, row {row + 2}; it may be "

@@ -1,7 +1,7 @@
 """Where the files of a recording are: in a local mirror, or fetched once from a public repository.
 
 They are not part of this project. Their digests are known and checked each time, so that who reads
-them need not examine them.
+them need not examine them. Files of one's own are found in a folder, by what they are called.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ import os
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
+from fnmatch import fnmatchcase
 from pathlib import Path
 
 from inswsn_lib.errors import InswsnError
@@ -20,6 +21,9 @@ with warnings.catch_warnings():
     # pooch imports tqdm, which in a notebook without widgets warns on stderr
     warnings.simplefilter("ignore")
     import pooch
+
+#: A folder or a file, or files by their names
+Place = str | Path | Mapping[str, Path]
 
 _TIMEOUT = (10.0, 30.0)  # s: to connect, and between two pieces of an answer
 
@@ -36,6 +40,11 @@ class Source:
     commit: str
     folder: str
     digests: Mapping[str, str]
+
+    @property
+    def address(self) -> str:
+        """Where a browser shows the folder."""
+        return f"https://github.com/{self.repository}/tree/{self.commit}/{self.folder}"
 
 
 def locate(source: Source, cache: Path | None = None) -> dict[str, Path]:
@@ -83,3 +92,30 @@ def _fetch(store: pooch.Pooch, name: str) -> Path:
             f"{name} could not be fetched from {store.base_url} ({said}); {DATA_VARIABLE} may name "
             "a local mirror of it."
         ) from None
+
+
+def files_of(place: Place) -> dict[str, Path]:
+    """Return the files of a folder by their names; a file alone is one of them."""
+    if isinstance(place, Mapping):
+        return dict(place)
+    path = Path(place)
+    if not path.exists():
+        raise InswsnError(f"There is no folder {path}.")
+    found = sorted(path.iterdir()) if path.is_dir() else [path]
+    return {each.name: each for each in found if each.is_file()}
+
+
+def pick(files: Mapping[str, Path], pattern: str) -> Path:
+    """Return the one file whose name fits a pattern, such as ``*.mat``."""
+    fitting = [name for name in files if fnmatchcase(name, pattern)]
+    if len(fitting) == 1:
+        return files[fitting[0]]
+    where = f" in {next(iter(files.values())).parent}" if files else ""
+    if fitting:
+        raise InswsnError(f"There are {', '.join(fitting)}{where}; there may be one {pattern}.")
+    raise InswsnError(f"There is no file {pattern}{where}.")
+
+
+def digests_of(*paths: Path) -> dict[str, str]:
+    """Return the SHA-256 of files by their names."""
+    return {path.name: pooch.file_hash(str(path)) for path in paths}

@@ -18,6 +18,7 @@ from scipy.integrate import cumulative_trapezoid
 
 from inswsn_lib.checks import Array
 from inswsn_lib.recordings.files import Source, locate
+from inswsn_lib.recordings.rtklib import LATENCY, read_log, read_solution
 
 _IMU, _TAG, _POSITIONS = "imu_1934.csv", "imu_1934.csv.tag", "gnss_1934_sf.pos"
 DRIVE = Source(
@@ -31,19 +32,10 @@ DRIVE = Source(
     },
 )
 
-#: From a sample to its arrival in the log (s). The files do not tell it: with this one the IMU's
-#: forward acceleration agrees best with the RTK speed, early in the drive and late. (The author of
-#: the recording stretches the device's time between the tag's start and its end, and takes 0.125 s
-#: off. But the first row arrives 0.14 s after the start: his lag changes by as much on the way.)
-LATENCY = 0.155
 #: The IMU's period on the even grid (s)
 PERIOD = 0.01
-_STANDARD_GRAVITY = 9.80665  # m/s^2, the unit of the accelerometers
 _AXES = np.array([-1.0, 1.0, -1.0])  # the IMU lies with x back, y right, z up
 _RATE = 4  # rows of the RTK solution a second
-# Of the time tag, in bytes: where the start is, its seconds and their fraction, and the records
-_SECONDS, _FRACTION, _RECORDS = 64, 68, 76
-_ENDING = 2  # bytes at the end of a line when the log was written; version control keeps one
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,39 +145,15 @@ def load_drive(cache: Path | None = None) -> RecordedDrive:
 
 
 def _read_imu(path: Path, tag: Path) -> tuple[Array, Array]:
-    """Return GPS time (s), and rate (rad/s) and specific force (m/s^2) forward, right, down.
-
-    A row of the log has specific force (g) and rate (deg/s) along x back, y right, z up, and the
-    device's time (ms). The first row and the last are parts of rows, and dropped. RTKLIB's time tag
-    tells when each piece of the log arrived; a line through the arrivals makes GPS time of the
-    device's time, less `LATENCY`.
-    """
-    lines = path.read_text(encoding="ascii").splitlines()
-    values = np.array([line.split(",") for line in lines[1:-1]], dtype=float)
-    data = tag.read_bytes()
-    start = float(np.frombuffer(data, "<u4", 1, _SECONDS)[0])
-    start += float(np.frombuffer(data, "<f8", 1, _FRACTION)[0])
-    # records: ms since the start, and how many bytes the log had
-    ticks, lengths = np.frombuffer(data, "<u4", offset=_RECORDS).reshape(-1, 2).astype(np.int64).T
-    ends = np.cumsum([len(line) + _ENDING for line in lines])[1:-1]
-    arrival = ticks[np.searchsorted(lengths, ends)] / 1e3
-    device = values[:, 6] / 1e3
-    middle = device.mean()
-    slope, offset = np.polyfit(device - middle, arrival, 1)
-    rate = np.deg2rad(values[:, 3:6]) * _AXES
-    force = values[:, :3] * _STANDARD_GRAVITY * _AXES
-    time = start + (offset + slope * (device - middle)) - LATENCY
-    return time, np.hstack([rate, force])
+    """Return GPS time (s), and rate (rad/s) and specific force (m/s^2) forward, right, down."""
+    time, rate, force = read_log(path, tag, LATENCY)
+    return time, np.hstack([rate * _AXES, force * _AXES])
 
 
 def _read_positions(path: Path) -> Track:
-    """Return the RTK solution with GPS time: RTKLIB counts it as if it had UTC's calendar."""
-    lines = path.read_text(encoding="ascii").splitlines()
-    rows = [line.split() for line in lines if not line.startswith("%")]
-    values = np.array([row[2:] for row in rows], dtype=float)
-    moments = np.array([f"{row[0].replace('/', '-')}T{row[1]}" for row in rows], "datetime64[us]")
+    time, values = read_solution(path)
     return Track(
-        time=moments.astype(float) / 1e6,
+        time=time,
         position=np.column_stack([np.deg2rad(values[:, :2]), values[:, 2]]),
         velocity=values[:, [14, 13, 15]],
         quality=values[:, 3].astype(np.int64),

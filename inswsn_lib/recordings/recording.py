@@ -14,7 +14,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from inswsn_lib.checks import Array, array
+from inswsn_lib.checks import Array, array, one_of
 from inswsn_lib.errors import InswsnError, ParameterError
 
 Whole = NDArray[np.int64]
@@ -224,6 +224,8 @@ class Recording:
 
     def without(self, *names: str) -> Self:
         """Return the recording without some of its streams."""
+        for name in names:
+            one_of("stream", name, STREAMS)
         gone: dict[str, Any] = dict.fromkeys(names)
         return replace(self, **gone)
 
@@ -232,14 +234,25 @@ class Recording:
 STREAMS = ("imu", "odometry", "ranges", "fixes", "reference")
 
 
-def check_increase(what: str, time: Array, *, repeats: bool = False) -> None:
-    """Refuse time stamps that go back, or repeat where they may not, naming the row, from 1."""
+def check_increase(what: str, time: Array, *, repeats: bool = False, first: int = 1) -> None:
+    """Refuse time stamps that go back, or repeat where they may not, naming the row.
+
+    Parameters
+    ----------
+    what : str
+        How the sentence begins.
+    time : ndarray, (rows,)
+        s.
+    repeats : bool
+        Whether a time stamp may be that of the row before.
+    first : int
+        The number of the first row.
+    """
     steps = np.diff(time)
     wrong = np.flatnonzero(steps < 0 if repeats else steps <= 0)
     if wrong.size:
         row = int(wrong[0]) + 1
         how = "repeats" if steps[row - 1] == 0 else f"goes back by {-steps[row - 1]:.6g} s"
         raise InswsnError(
-            f"{what}: the time stamp {how} in row {row + 1} of {len(time)}; time stamps must "
-            "increase."
+            f"{what}: the time stamp {how} in row {row + first}; time stamps must increase."
         )

@@ -1,0 +1,210 @@
+"""A recording of one's own: a folder of CSV files, a stream each."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inswsn_lib.errors import InswsnError
+from inswsn_lib.recordings.about import ABOUT, read_about
+from inswsn_lib.recordings.columns import TIME, Layout, read_table
+from inswsn_lib.recordings.files import Place, digests_of, files_of
+from inswsn_lib.recordings.recording import (
+    Fixes,
+    Imu,
+    Odometry,
+    Ranges,
+    Recording,
+    Reference,
+    check_increase,
+)
+from inswsn_lib.recordings.rows import check_twins, places_of, reading, unit_quaternions
+
+Table = dict[str, NDArray[Any]]
+
+_X, _Z = ("x_m", "y_m"), ("z_m",)
+#: The columns of a position; in a plane without the last
+PLACE = (*_X, *_Z)
+_V, _VZ = ("vx_mps", "vy_mps"), ("vz_mps",)
+_SD, _SDZ = ("sd_x_m", "sd_y_m"), ("sd_z_m",)
+_FORCE = ("force_x_mps2", "force_y_mps2", "force_z_mps2")
+_RATE = ("rate_x_radps", "rate_y_radps", "rate_z_radps")
+_ATTITUDE = ("qx", "qy", "qz", "qw")
+#: Attributes of streams, and the columns that hold them
+COLUMNS: dict[str, dict[str, tuple[str, ...]]] = {
+    "imu": {"rate": _RATE, "force": _FORCE},
+    "odometry": {"speed": ("speed_mps",), "rate": ("rate_radps",)},
+    "ranges": {"anchor": ("anchor",), "distance": ("range_m",)},
+    "fixes": {
+        "position": PLACE,
+        "velocity": (*_V, *_VZ),
+        "deviation": (*_SD, *_SDZ),
+        "good": ("good",),
+    },
+    "reference": {"position": PLACE, "attitude": _ATTITUDE},
+}
+
+ANCHORS = "anchors.csv"
+#: The files, and the columns of each
+LAYOUTS = {
+    "imu.csv": Layout((TIME, *_RATE, *_FORCE)),
+    "odometry.csv": Layout((TIME, "speed_mps", "rate_radps")),
+    "ranges.csv": Layout((TIME, "anchor", "range_m"), texts=("anchor",)),
+    ANCHORS: Layout(("anchor", *_X), (_Z,), texts=("anchor",)),
+    "fixes.csv": Layout(
+        (TIME, *_X), (_Z, _V, _VZ, _SD, _SDZ, ("good",)), gaps=(*_X, *_Z, *_V, *_VZ, *_SD, *_SDZ)
+    ),
+    "reference.csv": Layout((TIME, *_X), (_Z, _ATTITUDE)),
+}
+_FIRST = 2  # the row after the header
+# Median size of a specific force: of one that may be in g, and above which it is in smaller units
+_IN_G, _MOST_FORCE = (0.95, 1.05), 50.0
+_MOST_RATE = 35.0  # rad/s: no gyroscope of a phone, a car or a hand goes so far
+
+
+def read_csv_folder(place: Place) -> Recording:
+    r"""Read a folder with any of the files of a recording.
+
+    - ``imu.csv``: ``time_s``, ``rate_x_radps``, ``rate_y_radps``, ``rate_z_radps``,
+      ``force_x_mps2``, ``force_y_mps2``, ``force_z_mps2``
+    - ``odometry.csv``: ``time_s``, ``speed_mps``, ``rate_radps``
+    - ``ranges.csv``: ``time_s``, ``anchor``, ``range_m``, and with it
+      ``anchors.csv``: ``anchor``, ``x_m``, ``y_m``; ``z_m``
+    - ``fixes.csv``: ``time_s``, ``x_m``, ``y_m``; ``z_m``; ``vx_mps``, ``vy_mps``; ``vz_mps``;
+      ``sd_x_m``, ``sd_y_m``; ``sd_z_m``; ``good`` (0 or 1). Where there is no fix, cells are empty.
+    - ``reference.csv``: ``time_s``, ``x_m``, ``y_m``; ``z_m``; ``qx``, ``qy``, ``qz``, ``qw``
+    - ``recording.yaml``: ``name``, ``licence``, ``source``, ``lever_arm_m`` (x, y, z),
+      ``origin_rad_m`` (latitude and longitude, rad, and height, m), each of them optional
+
+    What stands after a semicolon may be left out; other columns are ignored. Comments, separators,
+    decimal signs and time stamps may be as in `read_recording`.
+
+    Raises
+    ------
+    InswsnError
+        In one sentence that names the file, and the column and row (the header is row 1), if
+        something is missing, is no number, does not increase, or looks like another unit.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> from inswsn_lib.recordings.csv_folder import read_csv_folder
+    >>> with TemporaryDirectory() as folder:
+    ...     _ = Path(folder, "odometry.csv").write_text("time_s,speed_mps,rate_radps\n0,1,0\n")
+    ...     read_csv_folder(folder).odometry.speed.tolist()
+    [1.0]
+    """
+    files = files_of(place)
+    used = {name: files[name] for name in (*LAYOUTS, ABOUT) if name in files}
+    if "ranges.csv" in used and ANCHORS not in used:
+        raise InswsnError(f"{used['ranges.csv']} needs {ANCHORS} beside it; there is none.")
+    tables = {name: _table(used[name], layout) for name, layout in LAYOUTS.items() if name in used}
+    streams: dict[str, Any] = {}
+    for what, read in _READERS.items():
+        if (name := f"{what}.csv") in tables:
+            with reading(used[name]):
+                streams[what] = read(tables[name], tables.get(ANCHORS, {}))
+    if not any(len(stream) for stream in streams.values()):
+        where = next(iter(files.values())).parent if files else place
+        raise InswsnError(
+            f"{where} has no rows of a recording; it may have "
+            f"{', '.join(f'{what}.csv' for what in _READERS)}."
+        )
+    about = read_about(used[ABOUT]) if ABOUT in used else {}
+    name = str(about.pop("name", "") or next(iter(used.values())).absolute().parent.name)
+    return Recording(name, **streams, **about, digests=digests_of(*used.values()))
+
+
+def _table(path: Path, layout: Layout) -> Table:
+    """Return the columns of a file; refuse empty cells, times that do not increase, and twins."""
+    with reading(path):
+        table = read_table(path, layout)
+        for name, cells in table.items():
+            empty = cells == "" if name in layout.texts else np.isnan(cells)
+            if name not in layout.gaps and empty.any():
+                raise InswsnError(
+                    f"an empty cell is in column {name}, row {int(np.argmax(empty)) + _FIRST}; it "
+                    f"may hold a {'word' if name in layout.texts else 'number'}."
+                )
+        if TIME in table:
+            repeats = path.name == "ranges.csv"
+            check_increase(f"in {TIME}", table[TIME], repeats=repeats, first=_FIRST)
+        if path.name == ANCHORS:
+            check_twins(table["anchor"].tolist())
+    return table
+
+
+def _parts(what: str, table: Table) -> dict[str, NDArray[Any]]:
+    """Return the attributes of a stream that the table has columns for."""
+    found = {"time": table[TIME]}
+    for attribute, names in COLUMNS[what].items():
+        there = [table[name] for name in names if name in table]
+        if there:
+            found[attribute] = np.column_stack(there) if len(names) > 1 else there[0]
+    return found
+
+
+def _imu(table: Table, _: Table) -> Imu:
+    parts = _parts("imu", table)
+    largest = np.abs(parts["rate"]).max(axis=1, initial=0.0)
+    if (largest > _MOST_RATE).any():
+        row = int(np.argmax(largest > _MOST_RATE))
+        raise InswsnError(
+            f"the rate in columns {', '.join(_RATE)} is {largest[row]:.4g} in row {row + _FIRST}; "
+            "it seems to be in degrees a second, and may be in rad/s."
+        )
+    usual = float(np.median(np.linalg.norm(parts["force"], axis=1))) if len(largest) else 0.0
+    in_g = _IN_G[0] <= usual <= _IN_G[1]
+    if in_g or usual > _MOST_FORCE:
+        raise InswsnError(
+            f"the force in columns {', '.join(_FORCE)} has a median size of {usual:.4g}; it seems "
+            f"to be in {'g' if in_g else 'mg or cm/s^2'}, and may be in m/s^2."
+        )
+    return Imu(**parts)
+
+
+def _ranges(table: Table, anchors: Table) -> Ranges:
+    names = anchors["anchor"].tolist()
+    return Ranges(
+        time=table[TIME],
+        anchor=places_of(table["anchor"].tolist(), names, first=_FIRST),
+        distance=table["range_m"],
+        anchors=np.column_stack([anchors[name] for name in PLACE if name in anchors]),
+        names=tuple(names),
+    )
+
+
+def _fixes(table: Table, _: Table) -> Fixes:
+    for names, needed in ((_VZ, _V), (_SDZ, _SD)):
+        if names[0] in table and needed[0] not in table:
+            raise InswsnError(f"it has {names[0]} without {', '.join(needed)}.")
+    parts = _parts("fixes", table)
+    if "good" in parts:
+        wrong = ~np.isin(parts["good"], (0, 1))
+        if wrong.any():
+            row = int(np.argmax(wrong))
+            raise InswsnError(
+                f"{parts['good'][row]:g} is in column good, row {row + _FIRST}; it may be 0 or 1."
+            )
+        parts["good"] = parts["good"] == 1
+    return Fixes(**parts)
+
+
+def _reference(table: Table, _: Table) -> Reference:
+    parts = _parts("reference", table)
+    if "attitude" in parts:
+        parts["attitude"] = unit_quaternions(parts["attitude"], first=_FIRST)
+    return Reference(**parts)
+
+
+_READERS = {
+    "imu": _imu,
+    "odometry": lambda table, _: Odometry(**_parts("odometry", table)),
+    "ranges": _ranges,
+    "fixes": _fixes,
+    "reference": _reference,
+}

@@ -1,0 +1,290 @@
+"""A folder of one's own: what is read, every way to be refused, and what is written."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+from hypothesis.extra.numpy import arrays
+from made_folders import HALF, make_csv, values_of
+
+from inswsn_lib import recordings
+from inswsn_lib.errors import InswsnError
+from inswsn_lib.recordings import Fixes, Imu, Odometry, Ranges, Recording, Reference
+
+
+def test_all_files_are_read(tmp_path: Path) -> None:
+    make_csv(tmp_path)
+    read = recordings.load("csv", tmp_path)
+    expected = Recording(
+        "a walk",
+        imu=Imu(
+            time=np.array([0.0, 0.01]),
+            rate=np.array([[0.1, 0.2, 0.3], [0.1, 0.2, 0.3]]),
+            force=np.array([[0.0, 0.0, 9.8], [0.5, -0.5, 9.9]]),
+        ),
+        odometry=Odometry(np.array([0.1, 0.2]), np.array([1.5, 1.25]), np.array([-0.2, 0.0])),
+        ranges=Ranges(
+            time=np.array([0.1, 0.1, 0.2]),
+            anchor=np.array([1, 0, 1]),
+            distance=np.array([2.5, 3.5, 2.25]),
+            anchors=np.array([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]),
+            names=("007", "A 1"),
+        ),
+        fixes=Fixes(
+            time=np.array([0.0, 1.0]),
+            position=np.array([[1.0, 2.0, 3.0], [np.nan] * 3]),
+            velocity=np.array([[0.1, 0.2], [np.nan] * 2]),
+            deviation=np.array([[0.01, 0.02], [np.nan] * 2]),
+            good=np.array([True, False]),
+        ),
+        reference=Reference(
+            time=np.array([0.0, 0.5]),
+            position=np.array([[1.0, 2.0, 3.0], [1.0, 2.0, 3.0]]),
+            attitude=np.array([[0.0, 0.0, 0.0, 1.0], [0.0, 0.0, HALF, HALF]]),
+        ),
+        lever_arm=np.array([0.0, 0.5, 1.0]),
+        origin=np.array([0.7, -1.8, 9.0]),
+    )
+    np.testing.assert_equal(values_of(read), values_of(expected))
+    assert (read.name, read.licence, read.source) == ("a walk", "mine", str(tmp_path))
+    assert len(read.digests) == 7
+
+
+def test_a_stream_alone_in_a_plane_is_enough(tmp_path: Path) -> None:
+    (tmp_path / "reference.csv").write_text("time_s;y_m;x_m;note\n# a comment\n0,5;1;2,5;#a\n\n")
+    read = recordings.load("csv", tmp_path)
+    assert [*read.streams] == ["reference"]
+    assert read.reference is not None
+    assert read.reference.position.tolist() == [[2.5, 1.0]]
+    assert read.reference.attitude is None
+    assert read.name == tmp_path.name
+    assert read.lever_arm.tolist() == [0, 0, 0]
+
+
+def test_dates_are_seconds(tmp_path: Path) -> None:
+    rows = "2025-08-28T17:30:40Z,1,2\n2025-08-28T17:30:40.5Z,1,2\n"
+    (tmp_path / "fixes.csv").write_text("time_s,x_m,y_m\n" + rows)
+    assert recordings.load("csv", tmp_path).span == (1756402240.0, 1756402240.5)
+
+
+def test_a_quaternion_of_nearly_unit_length_is_made_one(tmp_path: Path) -> None:
+    (tmp_path / "reference.csv").write_text("time_s,x_m,y_m,qx,qy,qz,qw\n0,1,2,0.6004,0,0,0.8\n")
+    reference = recordings.load("csv", tmp_path).reference
+    assert reference is not None
+    assert reference.attitude is not None
+    assert np.linalg.norm(reference.attitude) == pytest.approx(1.0, abs=1e-15)
+    assert reference.attitude[0, 0] / reference.attitude[0, 3] == pytest.approx(0.6004 / 0.8)
+
+
+WRONG = [
+    ("imu.csv", "force_z_mps2", "force_z", r"imu.csv has no column force_z_mps2; it has time_s, "),
+    (
+        "imu.csv",
+        "0.01,0.1",
+        "0.01,much",
+        r"imu.csv has 'much' in column rate_x_radps, row 3; it ma",
+    ),
+    ("imu.csv", "0.01,0.1", "0.01,", r"imu.csv: an empty cell is in column rate_x_radps, row 3; "),
+    ("imu.csv", "0.01,0.1", "0.00,0.1", r"imu.csv: in time_s: the time stamp repeats in row 3;"),
+    ("imu.csv", "0.01,0.1", "-1,0.1", r"imu.csv: in time_s: .* goes back by 1 s in row 3; time"),
+    ("imu.csv", "0.01,0.1", ",0.1", r"imu.csv: an empty cell is in column time_s, row 3"),
+    ("imu.csv", "0.01,0.1", "0.01,40", r"is 40 in row 3; it seems to be in degrees a second, and"),
+    ("imu.csv", "0.01,0.1", "0.01,0.1,1", r"imu.csv has 8 cells in row 3; it may have 7"),
+    ("imu.csv", "9.", "1000.", r"has a median size of 1001; it seems to be in mg or cm/s\^2, and"),
+    ("imu.csv", "9.9", "9e99", r"imu.csv has '9e\+?99' in column force_z_mps2, row 3; it may be a"),
+    ("odometry.csv", "0.2,1", "0.1,1", r"odometry.csv: in time_s: the time stamp repeats in row 3"),
+    ("ranges.csv", "007", "7", r"ranges.csv: the anchor is '7' in row 3; it may .* '007', 'A 1'\."),
+    ("ranges.csv", "007", "", r"ranges.csv: an empty cell is in column anchor, row 3; .* a word\."),
+    ("ranges.csv", "0.2", "0.0", r"ranges.csv: in time_s: .* goes back by 0.1 s in row 4"),
+    ("ranges.csv", "range_m", "range", r"ranges.csv has no column range_m"),
+    ("anchors.csv", "007", "A 1", r"anchors.csv: the anchor 'A 1' is there more than once\."),
+    ("anchors.csv", "6", "", r"anchors.csv: an empty cell is in column z_m, row 3"),
+    ("fixes.csv", "vx_mps", "v", r"of the columns vx_mps, vy_mps only vy_mps; it may have all"),
+    ("fixes.csv", "vx_mps,vy_mps", "vz_mps,v", r"fixes.csv: it has vz_mps without vx_mps, vy_mps"),
+    ("fixes.csv", ",,,0", ",,,2", r"fixes.csv: 2 is in column good, row 3; it may be 0 or 1"),
+    ("fixes.csv", ",,,0", ",,,", r"fixes.csv: an empty cell is in column good, row 3"),
+    ("reference.csv", "0,0,0,1", "0,0,1,1", r"the quaternion in row 2 is 1.41421 long; it may be "),
+    ("reference.csv", "qw", "w", r"reference.csv has of the columns qx, qy, qz, qw only qx, qy, q"),
+    ("reference.csv", "time_s", "time", r"reference.csv has no column time_s; it has time, x_m"),
+    (
+        "recording.yaml",
+        "name:",
+        "nmae:",
+        r"the key 'nmae' is not known; it may be one of name, lic",
+    ),
+    ("recording.yaml", "a walk", "[1]", r"recording.yaml: name is \[1\]; it may be a text\."),
+    ("recording.yaml", "0.5, 1]", "0.5]", r"lever_arm_m is of shape \(2,\); it may be finite numb"),
+    ("recording.yaml", "0.5, 1]", "a, 1]", r"recording.yaml: lever_arm_m is"),
+    ("recording.yaml", "name: ", "- ", r"recording.yaml is not YAML: "),
+]
+
+
+@pytest.mark.parametrize(("name", "old", "new", "said"), WRONG)
+def test_what_is_wrong_is_told_with_file_column_and_row(
+    tmp_path: Path, name: str, old: str, new: str, said: str
+) -> None:
+    make_csv(tmp_path)
+    path = tmp_path / name
+    assert old in path.read_text()
+    path.write_text(path.read_text().replace(old, new))
+    with pytest.raises(InswsnError, match=said) as error:
+        recordings.load("csv", tmp_path)
+    assert str(error.value).startswith(str(path))
+    assert str(error.value).endswith(".")
+
+
+def test_a_description_that_is_no_mapping_is_refused(tmp_path: Path) -> None:
+    make_csv(tmp_path)
+    (tmp_path / "recording.yaml").write_text("- a walk\n")
+    with pytest.raises(InswsnError, match=r"recording.yaml: it is no mapping; it may have lines"):
+        recordings.load("csv", tmp_path)
+    (tmp_path / "recording.yaml").write_text("# nothing\n")
+    assert recordings.load("csv", tmp_path).name == tmp_path.name
+
+
+@pytest.mark.parametrize(("size", "unit"), [(0.02, None), (0.97, "g"), (9.7, None), (981, "mg")])
+def test_a_force_in_another_unit_is_refused(tmp_path: Path, size: float, unit: str | None) -> None:
+    make_csv(tmp_path)
+    path = tmp_path / "imu.csv"
+    path.write_text(re.sub(r"0.0,0.0,9.8|0.5,-0.5,9.9", f"0,0,{size}", path.read_text()))
+    if unit is None:
+        assert recordings.load("csv", tmp_path).imu is not None
+        return
+    with pytest.raises(InswsnError, match=f"{size} *; it seems to be in {unit}"):
+        recordings.load("csv", tmp_path)
+
+
+def test_a_folder_with_nothing_is_refused(tmp_path: Path) -> None:
+    said = r"has no rows of a recording; it may have imu.csv, odometry.csv, ranges.csv, fixes.csv"
+    with pytest.raises(InswsnError, match=said):
+        recordings.load("csv", tmp_path)
+    (tmp_path / "walk.csv").write_text("time_s\n1\n")
+    (tmp_path / "anchors.csv").write_text("anchor,x_m,y_m\nA,1,2\n")
+    (tmp_path / "odometry.csv").write_text("time_s,speed_mps,rate_radps\n")
+    with pytest.raises(InswsnError, match=f"{tmp_path.name} {said}"):
+        recordings.load("csv", tmp_path)
+    (tmp_path / "odometry.csv").write_text("")
+    with pytest.raises(InswsnError, match=r"odometry.csv is empty; it may be a CSV file with"):
+        recordings.load("csv", tmp_path)
+
+
+def test_ranges_need_anchors(tmp_path: Path) -> None:
+    make_csv(tmp_path)
+    (tmp_path / "anchors.csv").unlink()
+    with pytest.raises(InswsnError, match=r"ranges.csv needs anchors.csv beside it; there is none"):
+        recordings.load("csv", tmp_path)
+
+
+# --- what is written ---
+
+
+def floats(most: float = 1e6) -> st.SearchStrategy[float]:
+    return st.floats(-most, most, allow_nan=False)
+
+
+def times(rows: int, **how: Any) -> st.SearchStrategy[list[float]]:
+    return st.lists(floats(1e10), min_size=rows, max_size=rows, **how).map(sorted)
+
+
+ANCHOR = st.text(min_size=1, max_size=5).filter(
+    lambda name: name.isprintable() and name == name.strip() and not name.startswith("#")
+)
+TEXT = st.text(st.characters(exclude_categories=("Cs",)), max_size=20)
+
+
+@st.composite
+def made(draw: st.DrawFn) -> Recording:
+    """Return a recording of any numbers that have the units of one."""
+    rows, dimension = draw(st.integers(1, 4)), draw(st.integers(2, 3))
+    names = draw(st.lists(ANCHOR, min_size=1, max_size=3, unique=True))
+
+    def table(width: int, most: float = 1e6, gaps: bool = False) -> Any:
+        numbers = st.one_of(floats(most), st.just(np.nan)) if gaps else floats(most)
+        return draw(arrays(float, (rows, width), elements=numbers))
+
+    def time(repeats: bool = False) -> Any:
+        return np.array(draw(times(rows, unique=not repeats)))
+
+    def maybe(value: Any) -> Any:
+        return value if draw(st.booleans()) else None
+
+    attitude = table(4) + 3e6 * np.eye(4)[3]
+    attitude /= np.linalg.norm(attitude, axis=1)[:, None]
+    position = table(dimension, gaps=True)
+    return Recording(
+        draw(TEXT.filter(bool)),
+        imu=maybe(Imu(time=time(), rate=table(3, 35.0), force=table(3, 0.5))),
+        odometry=maybe(Odometry(time=time(), speed=table(1)[:, 0], rate=table(1)[:, 0])),
+        ranges=maybe(
+            Ranges(
+                time=time(repeats=True),
+                anchor=draw(arrays(int, rows, elements=st.integers(0, len(names) - 1))),
+                distance=table(1)[:, 0],
+                anchors=draw(arrays(float, (len(names), dimension), elements=floats())),
+                names=tuple(names),
+            )
+        ),
+        fixes=maybe(
+            Fixes(
+                time=time(),
+                position=position,
+                velocity=maybe(table(dimension, gaps=True)),
+                deviation=maybe(table(dimension, gaps=True)),
+                good=maybe(draw(arrays(bool, rows))),
+            )
+        ),
+        reference=Reference(time=time(), position=table(dimension), attitude=maybe(attitude)),
+        lever_arm=draw(arrays(float, 3, elements=floats())),
+        origin=maybe(draw(arrays(float, 3, elements=floats()))),
+        licence=draw(TEXT),
+        source=draw(TEXT.filter(bool)),
+    )
+
+
+@given(recording=made())
+@settings(max_examples=40)
+def test_what_is_written_is_read_to_the_last_bit(
+    tmp_path_factory: pytest.TempPathFactory, recording: Recording
+) -> None:
+    folder = tmp_path_factory.mktemp("written") / "new"
+    recordings.write_csv(recording, folder)
+    read = recordings.load("csv", folder)
+    np.testing.assert_equal(values_of(read), values_of(recording))
+    about = (recording.name, recording.licence, recording.source)
+    assert (read.name, read.licence, read.source) == about
+
+
+def test_what_is_there_is_not_written_over(tmp_path: Path) -> None:
+    make_csv(tmp_path)
+    read = recordings.load("csv", tmp_path)
+    with pytest.raises(InswsnError, match=r"has imu.csv, .*, recording.yaml already; it may be a "):
+        recordings.write_csv(read, tmp_path)
+    recordings.write_csv(read.without("ranges"), str(tmp_path / "a" / "b"))
+    assert not (tmp_path / "a" / "b" / "anchors.csv").exists()
+
+
+def test_where_nothing_can_be_written_is_told(tmp_path: Path) -> None:
+    make_csv(tmp_path)
+    read = recordings.load("csv", tmp_path)
+    with pytest.raises(InswsnError, match=r"imu.csv.new cannot be written to: Not a directory\."):
+        recordings.write_csv(read, tmp_path / "imu.csv" / "new")
+
+
+@pytest.mark.parametrize("name", ["", " A", "#1", "A\n", "A\tB"])
+def test_an_anchor_that_would_not_be_read_is_not_written(tmp_path: Path, name: str) -> None:
+    make_csv(tmp_path)
+    read = recordings.load("csv", tmp_path)
+    assert read.ranges is not None
+    named = replace(read, ranges=replace(read.ranges, names=("A 1", name)))
+    with pytest.raises(InswsnError, match=r"an anchor's name is .*; it may be a word without # "):
+        recordings.write_csv(named, tmp_path / "new")
+    twins = replace(read, ranges=replace(read.ranges, names=("A", "A")))
+    with pytest.raises(InswsnError, match=r"the anchor 'A' is there more than once\."):
+        recordings.write_csv(twins, tmp_path / "new")
+    assert not (tmp_path / "new").exists()

@@ -1,0 +1,144 @@
+"""Recordings by name, and other files of the same kinds."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings, strategies as st
+from inswsn_book.files import file_digest
+from made_folders import MADE, needs, values_of
+
+from inswsn_lib import recordings
+from inswsn_lib.errors import InswsnError
+from inswsn_lib.files import DATA_VARIABLE
+from inswsn_lib.recordings import gnss_imu
+from inswsn_lib.recordings.registry import KNOWN, READERS
+
+
+@pytest.mark.parametrize("kind", MADE)
+def test_a_folder_of_a_kind_is_read_and_its_digests_are_kept(tmp_path: Path, kind: str) -> None:
+    MADE[kind](tmp_path / "seq")
+    read = recordings.load(kind, tmp_path / "seq")
+    assert read.name == {"csv": "a walk"}.get(kind, f"{kind}/seq")
+    assert read.source == str(tmp_path / "seq")
+    assert read.digests == {path.name: file_digest(path) for path in (tmp_path / "seq").iterdir()}
+    # other files beside them do not matter, nor does which recording of the kind is named
+    (tmp_path / "seq" / "notes.md").write_text("a note")
+    known = [name for name in KNOWN if name.startswith(kind)]
+    for name in [kind, *known]:
+        again = values_of(recordings.load(name, str(tmp_path / "seq")))
+        np.testing.assert_equal(again, values_of(read))
+
+
+def test_a_known_recording_is_read_from_a_mirror_if_its_digests_fit(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    known = KNOWN["labyrinth/1"]
+    place = tmp_path / "TUC-ProAut__libRSF" / known.source.commit / known.source.folder
+    MADE["labyrinth"](place)
+    for path in list(place.iterdir()):
+        path.rename(path.with_name(path.name.replace("Some", "Indoor_UWB")))
+    monkeypatch.setenv(DATA_VARIABLE, str(tmp_path))
+    with pytest.raises(InswsnError, match=r"Input.txt is not the original"):
+        recordings.load("labyrinth/1")
+    digests = {path.name: file_digest(path) for path in place.iterdir()}
+    source = replace(known.source, digests=digests)
+    monkeypatch.setitem(KNOWN, "labyrinth/1", replace(known, source=source))
+    read = recordings.load("labyrinth/1")
+    assert (read.name, read.licence, read.digests) == ("labyrinth/1", "CC-BY-SA-4.0", digests)
+    assert read.source.endswith("d54801a232af02c0cda6012dabd3dea6c5fd77c5/datasets/Indoor_UWB")
+
+
+@pytest.mark.parametrize(
+    ("asked", "said"),
+    [
+        (("walk",), 'name is \'walk\'; it may be one of "inrol/1", "plaza/2", "labyrinth/1", '),
+        (("walk", "here"), '"rtklib/walk-0827", "inrol", "plaza", "labyrinth", "rtklib", "csv".'),
+        (("csv",), "folder is None; it may be one with files of the kind csv."),
+        ((["inrol/1"],), "name is ['inrol/1']; it may be one of "),
+        (("csv", "here"), "There is no folder here."),
+    ],
+)
+def test_what_is_not_known_is_told_with_what_is(asked: tuple[str, ...], said: str) -> None:
+    with pytest.raises(InswsnError, match=re.escape(said)):
+        recordings.load(*asked)
+
+
+def test_all_that_is_known_has_a_reader_a_source_and_a_licence() -> None:
+    assert recordings.names() == tuple(KNOWN)
+    assert READERS.keys() == MADE.keys()
+    for name, known in KNOWN.items():
+        assert name.partition("/")[0] in READERS
+        assert len(known.source.commit) == 40
+        assert all(re.fullmatch(r"[0-9a-f]{64}", d) for d in known.source.digests.values())
+        assert known.licence
+    assert KNOWN["rtklib/drive-0708"].source is gnss_imu.DRIVE
+
+
+@pytest.mark.parametrize("name", [pytest.param(name, marks=needs(name)) for name in KNOWN])
+def test_each_that_is_known_has_its_dimension_and_is_exported(tmp_path: Path, name: str) -> None:
+    read = recordings.load(name)
+    assert read.digests == KNOWN[name].source.digests
+    for stream in (read.ranges and read.ranges.anchors, read.fixes and read.fixes.position):
+        assert stream is None or stream.shape[1] == KNOWN[name].dimension
+    recordings.write_csv(read, tmp_path / "exported")
+    again = recordings.load("csv", tmp_path / "exported")
+    assert (again.name, again.licence, again.source) == (name, read.licence, read.source)
+    np.testing.assert_equal(values_of(again), values_of(read))
+
+
+JUNK = st.sampled_from([b"", b"\0", b"\xff", b"nan", b"-", b"1e999", b"\n", b"x", b" ", b",", b"9"])
+
+
+@pytest.mark.parametrize("kind", MADE)
+@given(data=st.data())
+@settings(max_examples=50, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_a_spoilt_file_is_read_or_told_in_a_sentence_that_names_a_file(
+    tmp_path_factory: pytest.TempPathFactory, kind: str, data: st.DataObject
+) -> None:
+    folder = tmp_path_factory.mktemp("spoilt")
+    MADE[kind](folder)
+    path = data.draw(st.sampled_from(sorted(folder.iterdir())))
+    content = path.read_bytes()
+    begin = data.draw(st.integers(0, len(content)))
+    end = data.draw(st.sampled_from([begin, begin + 1, begin + 8, len(content)]))
+    path.write_bytes(content[:begin] + data.draw(JUNK) + content[end:])
+    said = ""
+    try:
+        recordings.load(kind, folder)
+    except InswsnError as error:
+        said = str(error)
+    assert not said or any(each.name in said for each in folder.iterdir())
+    assert not said or said.endswith(".")
+    assert "\n" not in said
+
+
+@pytest.mark.parametrize("kind", MADE)
+def test_a_file_that_is_not_there_or_twice_is_told(tmp_path: Path, kind: str) -> None:
+    MADE[kind](tmp_path)
+    for path in sorted(tmp_path.iterdir()):
+        content = path.read_bytes()
+        path.unlink()
+        if kind != "csv" or path.name == "anchors.csv":
+            with pytest.raises(InswsnError, match=r"There is no file |needs anchors.csv beside it"):
+                recordings.load(kind, tmp_path)
+        path.mkdir()  # a folder is no file
+        if kind != "csv":
+            with pytest.raises(InswsnError, match="There is no file "):
+                recordings.load(kind, tmp_path)
+        path.rmdir()
+        path.write_bytes(content)
+
+
+def test_two_files_that_fit_are_told(tmp_path: Path) -> None:
+    MADE["plaza"](tmp_path)
+    (tmp_path / "Other_.mat").write_bytes(b"")
+    with pytest.raises(
+        InswsnError, match=r"There are Other_.mat, Some_.mat in .*; there may be on"
+    ):
+        recordings.load("plaza", tmp_path)
+    assert recordings.load("plaza", tmp_path / "Some_.mat").name == "plaza/Some_.mat"

@@ -1,0 +1,213 @@
+"""A logged IMU and fixes of RTKLIB: made files, spoilt ones, and the two originals."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from made_folders import MOMENT, make_rtklib, needs
+
+from inswsn_lib import recordings
+from inswsn_lib.errors import InswsnError
+from inswsn_lib.recordings import Fixes, Imu, Recording, load_drive
+from inswsn_lib.recordings.rtklib import LATENCY, read_rtklib
+
+G0 = 9.80665
+#: Lengths of a degree of latitude and of longitude at 40 degrees on the ellipsoid of WGS 84 (m)
+NORTH, EAST = 111_034.6, 85_393.8
+
+
+def streams(recording: Recording) -> tuple[Imu, Fixes]:
+    assert recording.imu is not None
+    assert recording.fixes is not None
+    return recording.imu, recording.fixes
+
+
+def test_the_log_is_on_the_clock_of_its_time_tag(tmp_path: Path) -> None:
+    """The first row and the last are parts of rows; row i arrives 0.5 s + 10 i ms after 40 s."""
+    make_rtklib(tmp_path)
+    imu, _ = streams(read_rtklib(tmp_path))
+    i = np.arange(1, 39)
+    assert imu.time == pytest.approx(MOMENT + 0.5 + 0.01 * i - LATENCY, abs=1e-6)
+    assert imu.force == pytest.approx(
+        G0 * np.column_stack([0.01 + 0 * i, -0.02 + 0 * i, 1 + 1e-3 * i])
+    )
+    assert np.rad2deg(imu.rate) == pytest.approx(np.column_stack([1 + 0 * i, 2 + 0 * i, -0.5 * i]))
+    later, _ = streams(read_rtklib(tmp_path, latency=0.2))
+    assert later.time == pytest.approx(MOMENT + 0.3 + 0.01 * i, abs=1e-6)
+
+
+def test_fixes_are_east_north_up_of_the_first_good_one(tmp_path: Path) -> None:
+    make_rtklib(tmp_path)
+    read = read_rtklib(tmp_path)
+    _, fixes = streams(read)
+    assert fixes.good is not None
+    assert fixes.good.tolist() == [False, True, True, True]
+    assert read.origin == pytest.approx([*np.deg2rad([40.00001, -104.99999]), 1.0])
+    assert fixes.time == pytest.approx(MOMENT + np.array([0.0, 0.25, 0.5, 0.75]), abs=1e-6)
+    step = 1e-5 * np.array([EAST, NORTH, 1e5])
+    assert fixes.position == pytest.approx(np.outer([-1, 0, 1, 2], step), rel=1e-4, abs=1e-6)
+    assert fixes.velocity == pytest.approx(np.tile([0.5, 1.5, -0.25], (4, 1)))
+    assert fixes.deviation == pytest.approx(np.tile([0.01, 0.02, 0.03], (4, 1)))
+
+
+def test_without_a_good_fix_the_first_is_the_origin_and_velocities_may_lack(tmp_path: Path) -> None:
+    make_rtklib(tmp_path)
+    lines = (tmp_path / "gnss_1.pos").read_text().splitlines()
+    rows = [" ".join(line.split()[:15]).replace(" 1 9 ", " 5 9 ") for line in lines[1:]]
+    (tmp_path / "gnss_1.pos").write_text("\n".join(rows))
+    _, fixes = streams(read_rtklib(tmp_path))
+    assert fixes.good is not None
+    assert not fixes.good.any()
+    assert fixes.position[0] == pytest.approx([0, 0, 0], abs=1e-9)
+    assert fixes.velocity is None
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new", "said"),
+    [
+        ("imu_1.csv", "2.0,-1.5,5030", "2.0,5030", r"imu_1.csv has 6 cells in line 4; it may have"),
+        ("imu_1.csv", "-1.5,5030", "x,5030", r"imu_1.csv has 'x' in line 4"),
+        ("imu_1.csv", "5030", "5020", r"imu_1.csv: the device's time: the .* repeats in row 4"),
+        ("imu_1.csv", "5030", "5015", r"imu_1.csv: the device's time: .* goes back by 0.005 s in"),
+        ("gnss_1.pos", "40.500", "40", r"gnss_1.pos: Fixes: the time stamp goes back by 0.25 s in"),
+        (
+            "gnss_1.pos",
+            "2025/08/28 17:30:40.500",
+            "2381 408658.5",
+            r"has '2381 408658.5' in line 4",
+        ),
+        (
+            "gnss_1.pos",
+            "2025/08/28 17:30:40.500",
+            "2025/13/28 17:30:40.500",
+            r"it may be a date an",
+        ),
+        ("gnss_1.pos", "%  GPST", "%  UTC", r"gnss_1.pos has UTC in its head; it may be GPST\."),
+        ("gnss_1.pos", "-105.0000000", "-4870000.1", r"no latitude and longitude in degrees"),
+        ("gnss_1.pos", "40.0000200 -1", "40:00:00.1 -1", r"gnss_1.pos has '40:00:00.1' in li"),
+    ],
+)
+def test_spoilt_files_are_refused(tmp_path: Path, name: str, old: str, new: str, said: str) -> None:
+    make_rtklib(tmp_path)
+    text = (tmp_path / name).read_text()
+    assert old in text
+    (tmp_path / name).write_text(text.replace(old, new))
+    with pytest.raises(InswsnError, match=said):
+        read_rtklib(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "said"),
+    [
+        ("imu_1.csv.tag", b"TIME", r"imu_1.csv.tag: it is no time tag of RTKLIB\."),
+        ("imu_1.csv.tag", b"TIMETAG RTKLIB".ljust(83, b"\0"), r"tag: it ends within a record\."),
+        ("imu_1.csv.tag", b"TIMETAG RTKLIB".ljust(76, b"\0"), r"tag: it ends before imu_1.csv doe"),
+        ("imu_1.csv", b"1\n0,0,1,0,0,0,5\n2\n", r"imu_1.csv: one row makes no line"),
+        ("imu_1.csv", b"1\n" + 50 * b"0,0,1,0,0,0,5\n", r"imu_1.csv.tag: it ends before|repeats"),
+        ("imu_1.csv", b"1\n", r"imu_1.csv has no row of 7 numbers\."),
+        ("gnss_1.pos", b"% nothing\n", r"gnss_1.pos has no row of 15 numbers\."),
+        (
+            "gnss_1.pos",
+            b"2025/08/28 17:30:40.000 40 -105\n",
+            r"has 4 cells in line 1; it may have 15",
+        ),
+    ],
+)
+def test_spoilt_contents_are_refused(tmp_path: Path, name: str, content: bytes, said: str) -> None:
+    make_rtklib(tmp_path)
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(InswsnError, match=said):
+        read_rtklib(tmp_path)
+
+
+# --- the originals ---
+
+
+@pytest.fixture(scope="module")
+def drive() -> Recording:
+    return recordings.load("rtklib/drive-0708")
+
+
+@pytest.fixture(scope="module")
+def walk() -> Recording:
+    return recordings.load("rtklib/walk-0827")
+
+
+def turns(recording: Recording, slowest: float) -> tuple[float, float]:
+    """Return likeness and slope of the gyroscope's turns against those of the course."""
+    imu, fixes = streams(recording)
+    assert fixes.velocity is not None
+    course = np.unwrap(np.arctan2(fixes.velocity[:, 1], fixes.velocity[:, 0]))
+    sums = np.concatenate([[0.0], np.cumsum(imu.rate[:-1, 2] * np.diff(imu.time))])
+    moving = np.linalg.norm(fixes.velocity[:, :2], axis=1) > slowest
+    inside = moving & (fixes.time > imu.time[0]) & (fixes.time < imu.time[-1])
+    both = inside[1:] & inside[:-1]
+    told = np.diff(course)[both]
+    felt = np.diff(np.interp(fixes.time, imu.time, sums))[both]
+    return float(np.corrcoef(told, felt)[0, 1]), float(told @ felt / (told @ told))
+
+
+def check(recording: Recording) -> None:
+    imu, fixes = streams(recording)
+    # they overlap but for seconds, and gravity is upwards
+    assert abs(imu.time[0] - fixes.time[0]) < 4
+    assert abs(imu.time[-1] - fixes.time[-1]) < 4
+    size = np.median(np.linalg.norm(imu.force, axis=1))
+    assert size == pytest.approx(G0, rel=0.02)
+    assert imu.force[:, 2].mean() > 0.98 * size
+    # positions go where velocities say; a unit of the last digit is 1 cm, 4 times a second
+    assert fixes.velocity is not None
+    assert fixes.deviation is not None
+    gone = np.gradient(fixes.position, fixes.time, axis=0)
+    assert np.median(np.abs(gone - fixes.velocity), axis=0).max() < 0.05
+    assert fixes.deviation.min() == pytest.approx(0.0098995)
+    assert fixes.position[0].tolist() == [0, 0, 0]
+
+
+@needs("rtklib/drive-0708")
+def test_the_drive(drive: Recording) -> None:
+    imu, fixes = streams(drive)
+    check(drive)
+    assert (len(imu), len(fixes)) == (54858, 2197)
+    assert fixes.good is not None
+    assert fixes.good.sum() == 2189
+    assert np.rad2deg(drive.origin[:2] if drive.origin is not None else ()) == pytest.approx(
+        [40.0966268, -105.1474483]
+    )
+    likeness, slope = turns(drive, 3.0)
+    assert likeness > 0.98
+    assert slope == pytest.approx(1.0, abs=0.05)
+
+
+@needs("rtklib/drive-0708")
+def test_the_drive_is_the_one_on_even_grids(drive: Recording) -> None:
+    """There the axes are forward, right, down; here back, right, up."""
+    imu, fixes = streams(drive)
+    grid = load_drive()
+    rows = np.searchsorted(fixes.time, grid.start + grid.track.time - 1e-6)
+    assert fixes.velocity is not None
+    assert np.array_equal(fixes.velocity[rows], grid.track.velocity)
+    here = imu.part(grid.start, grid.start + 60).force.mean(axis=0)
+    there = grid.velocity_increments[:6000].mean(axis=0) / grid.period
+    assert here * [-1, 1, -1] == pytest.approx(there, abs=1e-3)
+
+
+@needs("rtklib/walk-0827")
+def test_the_walk(walk: Recording) -> None:
+    imu, fixes = streams(walk)
+    check(walk)
+    assert (len(imu), len(fixes)) == (20455, 536)
+    assert fixes.good is not None
+    assert fixes.good.sum() == 349
+    steps = np.diff(imu.time)
+    assert 1 / steps.mean() == pytest.approx(152.36, abs=0.01)
+    assert (steps.min(), steps.max()) == (
+        pytest.approx(6e-3, rel=1e-3),
+        pytest.approx(9e-3, rel=1e-3),
+    )
+    assert (np.diff(imu.force, axis=0) == 0).all(axis=1).mean() == pytest.approx(0.35, abs=0.01)
+    likeness, slope = turns(walk, 0.5)
+    assert likeness > 0.85
+    assert slope == pytest.approx(0.9, abs=0.15)
