@@ -75,7 +75,9 @@ class RangesToAnchors:
     """Ranges from the tag to anchors: what a tightly coupled filter takes.
 
     Ranges of one time stamp are one measurement. Each anchor may have a constant bias and a
-    coloured error, a Gauss-Markov process, as states of the filter.
+    coloured error, a Gauss-Markov process, and all together a scale, as states of the filter:
+
+    .. math:: r = (1 + s) |p - a_j| + b_j + e_j + w .
 
     Attributes
     ----------
@@ -88,6 +90,8 @@ class RangesToAnchors:
         Of the bias and of the coloured error of each anchor, m; 0 for none, and no state.
     correlation_time : float
         Of the coloured errors, s.
+    scale : float
+        Of the scale's error, 1; 0 for none.
 
     Examples
     --------
@@ -110,6 +114,7 @@ class RangesToAnchors:
     bias: float = 0.0
     coloured: float = 0.0
     correlation_time: float = 1.0
+    scale: float = 0.0
 
     @cached_property
     def _stamps(self) -> tuple[Array, Array]:
@@ -127,14 +132,16 @@ class RangesToAnchors:
 
     @property
     def initial(self) -> Array:
-        """Variances of the biases and of the coloured errors."""
-        return np.repeat(np.square(self._deviations), len(self.ranges.anchors))
+        """Variances of the scale, the biases and the coloured errors."""
+        each = np.repeat(self._deviations, len(self.ranges.anchors))
+        return np.square(np.append([self.scale] * bool(self.scale), each))
 
     def transition(self, dt: float) -> tuple[Array, Array]:
-        """Return factors and gained variances of the biases and of the coloured errors."""
+        """Return factors and gained variances of the same."""
         times = [np.inf] * bool(self.bias) + [self.correlation_time] * bool(self.coloured)
-        each = len(self.ranges.anchors)
-        return gauss_markov(dt, np.repeat(times, each), np.repeat(self._deviations, each))
+        each = np.repeat(times, len(self.ranges.anchors))
+        every = np.append([np.inf] * bool(self.scale), each)
+        return gauss_markov(dt, every, np.sqrt(self.initial))
 
     def innovation(self, k: int, state: Any, own: Array) -> Innovation | None:
         """Return the innovation of the ranges of stamp k."""
@@ -143,13 +150,15 @@ class RangesToAnchors:
         tag, rows = state.antenna(self.lever_arm)
         away = tag - self.ranges.anchors[anchor]
         distance = np.linalg.norm(away, axis=1)
-        count = len(self.ranges.anchors)
         errors = np.zeros((len(anchor), len(own)))
-        for first in range(0, len(own), count):
-            errors[np.arange(len(anchor)), first + anchor] = 1.0
+        first, factor = int(bool(self.scale)), 1.0
+        if first:
+            errors[:, 0], factor = distance, 1 + own[0]
+        for begin in range(first, len(own), len(self.ranges.anchors)):
+            errors[np.arange(len(anchor)), begin + anchor] = 1.0
         value = self.ranges.distance[part] - distance - errors @ own
         noise = self.white**2 * np.eye(len(anchor))
-        return Innovation(value, away / distance[:, None] @ rows, errors, noise)
+        return Innovation(value, factor * away / distance[:, None] @ rows, errors, noise)
 
 
 @dataclass(frozen=True, eq=False)

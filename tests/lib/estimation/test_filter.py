@@ -251,6 +251,34 @@ def test_tight_finds_the_bias_of_each_anchor() -> None:
     assert nees(told, path, slice(0, 6)) < 2
 
 
+def test_tight_finds_the_scale_of_all_ranges() -> None:
+    rng, path = np.random.default_rng(6), Path()
+    start, _ = begun(path, rng)
+    ranges = ranges_of(path, 20.0, rng, 0.05)
+    wrong = replace(ranges, distance=1.07 * ranges.distance)
+    motion = InertialMotion(imu_of(path, 20.0, rng, force=0.02, rate=0.002), NOISE)
+    solution = run_error_state(motion, start, [RangesToAnchors(wrong, LEVER_ARM, 0.05, scale=0.1)])
+    deviation = np.sqrt(solution.covariances[-1][15, 15])
+    assert abs(solution.states[-1].own[0] - 0.07) < 4 * deviation < 0.01
+
+
+def test_derivatives_of_ranges_are_differences() -> None:
+    rng, path = np.random.default_rng(8), Path()
+    observed = RangesToAnchors(
+        ranges_of(path, 1.0, rng, 0.05), LEVER_ARM, 0.05, 0.1, 0.1, 1.0, scale=0.1
+    )
+    state, own = path.start(), 0.1 * rng.standard_normal(13)
+    got = observed.innovation(3, state, own)
+    assert got is not None
+    for column in range(28):
+        step = np.zeros(28)
+        step[column] = 1e-6
+        moved = observed.innovation(3, state.plus(step[:15]), own + step[15:])
+        assert moved is not None
+        rows = np.hstack([got.rows, got.own])[:, column]
+        assert (got.value - moved.value) / 1e-6 == pytest.approx(rows, abs=1e-5)
+
+
 def test_a_gate_keeps_false_ranges_out() -> None:
     rng, path = np.random.default_rng(4), Path()
     start, _ = begun(path, rng)
