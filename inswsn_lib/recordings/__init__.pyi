@@ -1,3 +1,5 @@
+from .calibration import Calibration as Calibration
+from .calibration_fit import calibrate as calibrate
 from .columns import INS as INS, REFERENCE as REFERENCE, TIME as TIME, WSN as WSN
 from .files import RecordingUnavailableError as RecordingUnavailableError
 from .fix_velocities import slope_velocity as slope_velocity
