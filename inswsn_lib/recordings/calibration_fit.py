@@ -11,24 +11,19 @@ from scipy.spatial.transform import Rotation
 from inswsn_lib.checks import Array, number, one_of
 from inswsn_lib.errors import InswsnError, ParameterError
 from inswsn_lib.recordings.anchor_bias import bias_of_ranges
-from inswsn_lib.recordings.blocks import FEWEST, block_starts, block_sums, jackknife
+from inswsn_lib.recordings.blocks import FEWEST, block_starts
 from inswsn_lib.recordings.calibration import Calibration
 from inswsn_lib.recordings.calibration_model import Model, Rows, State
 from inswsn_lib.recordings.calibration_start import start_at
-from inswsn_lib.recordings.observability import limits_of, null_space, refuse
+from inswsn_lib.recordings.observability import limits_of, refuse
 from inswsn_lib.recordings.recording import Fixes, Ranges, Recording, Reference
 from inswsn_lib.recordings.reference_motion import ReferenceMotion
+from inswsn_lib.recordings.robust_fit import covariance, deviation_of, fit
 
 #: What may be estimated
 UNKNOWNS = ("clock", "rate", "frame", "lever arm", "bias", "scale")
 
-_ROUNDS = 6  # of the scale of residuals
-_SAME = 0.02  # a change of it that is none
-_FLOOR = 1e-6  # m, of that scale
-_STEPS, _SETTLED = 60, 1e-4  # most, and of an unknown's limit
-_DAMPING, _STUCK = 1e-4, 1e8
 _MARGIN = 0.5  # s, by which clocks may still move
-_TO_DEVIATION = 1.4826  # from the median of absolute values, of a normal distribution
 
 
 def calibrate(
@@ -117,18 +112,17 @@ def calibrate(
     covered = rows.part(motion.covers(rows.time))
     if not len(covered.time):
         raise InswsnError("The reference and what it is compared with share no time.")
-    before = _deviation(Model(motion, covered, []).residual(first), 0)
+    before = deviation_of(Model(motion, covered, []).residual(first))
     state = start_at(motion, rows, chosen, first, kinds, reach)
     margin = _MARGIN if {"clock", "rate"} & set(kinds) else 0.0
     model = Model(motion, rows.part(motion.covers(rows.time - state.clock, margin)), kinds)
     starts = _blocks(model, block)
-    state, noise = _fitted(model, state, limits)
-    covariance = _covariance(model, state, noise, starts, limits)
+    state, noise, found = _fitted(model, state, limits, starts)
     return Calibration(
         source="ranges" if isinstance(chosen, Ranges) else "fixes",
         names=tuple(model.names),
         values=_values(model, state),
-        covariance=covariance,
+        covariance=found,
         before=before,
         after=noise,
         blocks=len(starts),
@@ -158,7 +152,7 @@ def source_of(recording: Recording, source: str | None) -> Ranges | Fixes:
     found = getattr(recording, source) if source else recording.ranges or recording.fixes
     if found is None or not len(found):
         raise InswsnError(f"The recording {recording.name} has no {source or 'ranges or fixes'}.")
-    return found  # type: ignore[no-any-return]
+    return found
 
 
 def _refuse_missing(
@@ -213,78 +207,21 @@ def _blocks(model: Model, block: float) -> NDArray[np.intp]:
     return starts
 
 
-def _deviation(miss: Array, unknowns: int) -> float:
-    freedom = len(miss) / max(1, len(miss) - unknowns)
-    return float(_TO_DEVIATION * np.median(np.abs(miss)) * np.sqrt(freedom))
-
-
-def _fitted(model: Model, state: State, limits: Mapping[str, float] | None) -> tuple[State, float]:
-    """Return the state that makes the loss least, and the deviation of the residuals."""
+def _fitted(
+    model: Model, state: State, limits: Mapping[str, float] | None, starts: NDArray[np.intp]
+) -> tuple[State, float, Array]:
+    """Return the best state, the deviation of the residuals, and the covariance; or refuse."""
     miss = model.residual(state)
-    for k in model.heard:
+    for k in model.heard:  # what an anchor has too much must not look like noise at the start
         mine = model.rows.which == k
         miss[mine] -= np.median(miss[mine])
-    noise = max(_deviation(miss, len(model.names)), _FLOOR)
-    for _ in range(_ROUNDS):
-        size = limits_of(model, noise, limits)
-        state, moved = _descended(model, state, noise, size)
-        before, noise = noise, max(_deviation(model.residual(state), len(model.names)), _FLOOR)
-        if abs(noise / before - 1) < _SAME and moved < 0.1:
-            break
-    return state, noise
-
-
-def _descended(model: Model, state: State, noise: float, size: Array) -> tuple[State, float]:
-    """Return the state of the least loss by Levenberg and Marquardt's method, and how far it is.
-
-    Unknowns are counted in sizes, and so is the way, by the largest of them.
-    """
-    damping, way = _DAMPING, np.zeros(len(size))
-    miss, jacobian = model.residual(state), model.jacobian(state) * size
-    for _ in range(_STEPS):
-        weight = 1 / np.sqrt(1 + (miss / noise) ** 2)
-        # soft-l1 has the derivatives psi = weight e and psi' = weight^3
-        A = (jacobian * (weight**3)[:, None]).T @ jacobian
-        slope = (weight * miss) @ jacobian
-        A += damping * np.diag(np.diag(A) + 1e-12 * np.trace(A) + 1e-300)
-        step = -np.linalg.solve(A, slope)
-        tried = model.moved(state, step * size)
-        there = model.residual(tried)
-        if _loss(there, noise) <= _loss(miss, noise):
-            state, miss, way, damping = tried, there, way + step, max(damping / 10, 1e-9)
-            if np.abs(step).max() < _SETTLED:
-                break
-            jacobian = model.jacobian(state) * size
-        else:
-            damping *= 10
-            if damping > _STUCK:
-                break
-    return state, float(np.abs(way).max())
-
-
-def _loss(miss: Array, noise: float) -> float:
-    x = (miss / noise) ** 2
-    return float(np.sum(x / (np.sqrt(1 + x) + 1)))
-
-
-def _covariance(
-    model: Model,
-    state: State,
-    noise: float,
-    starts: NDArray[np.intp],
-    limits: Mapping[str, float] | None,
-) -> Array:
-    """Return the covariance of the unknowns; refuse those that the recording cannot tell."""
-    jacobian, miss = model.jacobian(state), model.residual(state)
+    state, noise = fit(model, state, deviation_of(miss), lambda x: limits_of(model, x, limits))
     size = limits_of(model, noise, limits)
-    weight = 1 / np.sqrt(1 + (miss / noise) ** 2)
-    sums = block_sums(jacobian * size, weight * miss, weight**3, starts)
-    covariance, lost = jackknife(*sums)
-    covariance = covariance * np.outer(size, size)
-    deviations = np.sqrt(np.diag(covariance))
-    deviations[lost | null_space(jacobian, size)] = np.inf
+    found, lost = covariance(model, state, noise, size, starts)
+    deviations = np.sqrt(np.diag(found))
+    deviations[lost] = np.inf
     refuse(model, state, deviations, size)
-    return np.asarray(covariance)
+    return state, noise, found
 
 
 def _values(model: Model, state: State) -> Array:

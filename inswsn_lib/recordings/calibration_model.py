@@ -57,15 +57,19 @@ class Rows:
     def of(cls, source: Ranges | Fixes) -> Rows:
         """Return the rows of ranges or of fixes; a fix that is not there has none."""
         if isinstance(source, Ranges):
-            kept = np.isfinite(source.distance)
-            one = np.ones(int(kept.sum()))
-            which = source.anchor[kept].astype(np.intp)
+            sound = np.isfinite(source.distance)
+            which = source.anchor[sound].astype(np.intp)
             return cls(
-                source.time[kept], which, source.distance[kept], one, source.anchors, source.names
+                source.time[sound],
+                which,
+                source.distance[sound],
+                np.ones(len(which)),
+                source.anchors,
+                source.names,
             )
-        kept = np.isfinite(source.position).all(axis=1)
+        kept: Mask = np.asarray(np.isfinite(source.position).all(axis=1))
         if source.good is not None:
-            kept &= source.good
+            kept = kept & source.good
         d = source.position.shape[1]
         weight = np.ones((int(kept.sum()), d))
         if source.deviation is not None and kept.any():

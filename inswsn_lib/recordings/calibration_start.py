@@ -33,10 +33,10 @@ def start_at(
     least squares (Umeyama 1991, without scale); the best leaves the least median. Without a frame
     to find, the residuals themselves are judged, free of each anchor's median.
     """
-    clocks = np.zeros(1)
+    clocks: Array = np.zeros(1)
     if "clock" in kinds:
         count = round(reach / _STEP)
-        clocks = _STEP * np.arange(-count, count + 1)
+        clocks = np.asarray(_STEP * np.arange(-count, count + 1))
     if "turn" in kinds:
         fixes = source if isinstance(source, Fixes) else fixes_of(source)
         return _by_fixes(motion, fixes, first, clocks)

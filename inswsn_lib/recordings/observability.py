@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from inswsn_lib.checks import Array, Mask
+from inswsn_lib.checks import Array
 from inswsn_lib.errors import InswsnError, ParameterError
 from inswsn_lib.recordings.calibration_model import KINDS, Model, State
 
@@ -19,7 +19,6 @@ UNITS = {
 }  # fmt: skip
 
 _LENGTH = 0.01  # m: the least limit of lengths, where measurements are almost without noise
-_NULL = 1e-9  # of the singular values of the scaled Jacobian
 
 
 def limits_of(model: Model, noise: float, given: Mapping[str, float] | None) -> Array:
@@ -31,17 +30,6 @@ def limits_of(model: Model, noise: float, given: Mapping[str, float] | None) -> 
     return np.array([limits[model.kind_of(column)] for column in range(len(model.names))])
 
 
-def null_space(jacobian: Array, limits: Array) -> Mask:
-    """Return which unknowns the residuals do not depend on, alone or together.
-
-    They have a part in a right singular vector of the Jacobian, its columns scaled by the limits,
-    whose singular value is nil beside the largest.
-    """
-    _, values, right = np.linalg.svd(np.linalg.qr(jacobian * limits, mode="r"))
-    gone = values <= _NULL * max(float(values[0]), 1e-300)
-    return np.asarray(np.sum(right[gone] ** 2, axis=0) > 1e-3)
-
-
 def refuse(model: Model, state: State, deviations: Array, limits: Array) -> None:
     """Raise an error that names the unknowns whose deviation is above its limit, and why."""
     wrong = ~(deviations <= limits)
@@ -49,7 +37,7 @@ def refuse(model: Model, state: State, deviations: Array, limits: Array) -> None
         return
     said = []
     for kind in model.kinds:
-        mine = [i for i in np.flatnonzero(wrong) if model.kind_of(int(i)) == kind]
+        mine = [i for i in np.flatnonzero(wrong).tolist() if model.kind_of(i) == kind]
         if mine:
             names = [model.names[i].removeprefix(kind).strip() for i in mine]
             worst = float(np.max(deviations[mine]))

@@ -5,13 +5,15 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from inswsn_lib.checks import Array, Mask
 from inswsn_lib.recordings.recording import Ranges, Whole
+
+Kind = TypeVar("Kind", bound=np.generic)
 
 _ITERATIONS = 60  # most fixes need six
 _NEAR = 1e-5  # m, a step after which a fix has settled
@@ -129,7 +131,7 @@ def _counts(rows: WindowRanges) -> NDArray[np.intp]:
     return np.diff(np.append(rows.windows, len(rows.distance)))
 
 
-def each_row(rows: WindowRanges, values: Array) -> Array:
+def each_row(rows: WindowRanges, values: NDArray[Kind]) -> NDArray[Kind]:
     """Return for each row the value of its window."""
     return np.repeat(values, _counts(rows), axis=0)
 
