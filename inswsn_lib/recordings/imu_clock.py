@@ -151,12 +151,12 @@ def imu_clock(
         if found is not None:
             return found
         told = vertical_part(told)
-    found = _matched(felt.about(_up(recording.imu)), told, block, reach)
+    found = _matched(felt.about(up_of(recording.imu)), told, block, reach)
     assert found is not None  # a rate about the vertical has no rotation to be lost
     return found
 
 
-def _up(imu: Imu) -> Array:
+def up_of(imu: Imu) -> Array:
     """Return the direction of the mean specific force in the axes of the IMU."""
     mean = imu.force.mean(axis=0)
     return np.asarray(mean / max(float(np.linalg.norm(mean)), 1e-300))
@@ -164,7 +164,8 @@ def _up(imu: Imu) -> Array:
 
 def _matched(felt: Felt, told: Told, block: float, reach: float) -> ImuClock | None:
     """Return the offset and the rest; None if it is told, but not the rotation."""
-    clocks = _STEP * np.arange(-round(reach / _STEP), round(reach / _STEP) + 1)
+    count = round(reach / _STEP)
+    clocks: Array = np.asarray(_STEP * np.arange(-count, count + 1))
     turned = Turned(felt, told, reach + _STEP)
     if not len(turned.time):
         raise InswsnError("The IMU and what it is compared with share too little time.")

@@ -186,7 +186,8 @@ class Turned:
 
     def residual(self, state: Turn) -> Array:
         """Return rates that are felt less those that are told, all axes of a time together."""
-        return (self.felt_rate(state.clock) - self.rate @ state.turn.T - state.bias).ravel()
+        miss = self.felt_rate(state.clock) - self.rate @ state.turn.T - state.bias
+        return np.asarray(miss.ravel())
 
     def jacobian(self, state: Turn) -> Array:
         """Return the derivatives by clock, turn and bias."""
