@@ -59,7 +59,7 @@ def check_positions(recording: Recording) -> Iterator[Finding]:
         axes = _axes("fixes and reference", "the fixes'", recording, recording.fixes, motion)
         yield axes
         if axes.fits is not False:
-            yield from _moved(recording, "fixes", [])
+            yield from _moved(recording, "fixes", ())
 
 
 def _unknown(name: str, subject: str, says: str) -> Finding:
@@ -138,10 +138,14 @@ def _ranges(recording: Recording, ranges: Ranges) -> Iterator[Finding]:
     for finding, anchor in check_anchors(sight.ranges, sight.distance, sight.direction):
         yield finding
         wrong += [anchor] if finding.fits is False else []
-    yield _scale(sight)
+    scale = _scale(sight)
+    yield scale
+    # what grows with distance would be taken for a lever arm, or a shift
+    more = ("scale",) if scale.fits is False else ()
+    recording = replace(recording, ranges=_without(recording.ranges, wrong))
     if motion.has_attitude:
-        yield _lever_arm(recording)
-    yield from _moved(recording, "ranges", wrong)
+        yield _lever_arm(recording, more)
+    yield from _moved(recording, "ranges", more)
 
 
 def _seen(recording: Recording, ranges: Ranges, motion: ReferenceMotion) -> _Sight:
@@ -230,10 +234,22 @@ def _scale(sight: _Sight) -> Finding:
     return Finding("scale", who, 1 + value, 1 - bound, 1 + bound, fits, says)
 
 
-def _lever_arm(recording: Recording) -> Finding:
+def _without(ranges: Ranges | None, wrong: list[int]) -> Ranges:
+    """Return ranges to anchors that are right."""
+    assert ranges is not None
+    right = ~np.isin(ranges.anchor, wrong)
+    return replace(
+        ranges,
+        time=ranges.time[right],
+        anchor=ranges.anchor[right],
+        distance=ranges.distance[right],
+    )
+
+
+def _lever_arm(recording: Recording, more: tuple[str, ...]) -> Finding:
     """Judge where ranges see the tag, against where it is said to be; in a frame that is right."""
     who = "ranges and reference"
-    found = _calibrated(recording, "ranges", ("clock", "lever arm", "bias"))
+    found = _calibrated(recording, "ranges", ("clock", "lever arm", "bias", *more))
     if isinstance(found, str):
         return _unknown("lever arm", who, found)
     mine = [pair for name, pair in found.told.items() if name.startswith("lever arm")]
@@ -249,22 +265,12 @@ def _lever_arm(recording: Recording) -> Finding:
     return Finding("lever arm", who, value, 0, bound, value <= bound, says)
 
 
-def _moved(recording: Recording, source: str, wrong: list[int]) -> Iterator[Finding]:
+def _moved(recording: Recording, source: str, more: tuple[str, ...]) -> Iterator[Finding]:
     """Judge how the reference is turned and shifted against anchors that are right, or fixes."""
     who = f"{source} and reference"
     kinds: tuple[str, ...] = ("clock", "frame")
     if source == "ranges":
-        ranges = recording.ranges
-        assert ranges is not None
-        right = ~np.isin(ranges.anchor, wrong)
-        kinds = ("clock", "frame", "bias")
-        kept = replace(
-            ranges,
-            time=ranges.time[right],
-            anchor=ranges.anchor[right],
-            distance=ranges.distance[right],
-        )
-        recording = replace(recording, ranges=kept)
+        kinds = ("clock", "frame", "bias", *more)
     found = _calibrated(recording, source, kinds)
     if isinstance(found, str):
         yield _unknown("frame", who, found)
