@@ -52,10 +52,8 @@ class _Fitted:
     blocks: int
 
 
-def check_anchors(
-    ranges: Ranges, distance: Array, direction: Array
-) -> Iterator[tuple[Finding, int]]:
-    """Yield whether each anchor's place and bias are right, and the number of the anchor.
+def check_anchors(ranges: Ranges, distance: Array, direction: Array) -> list[tuple[Finding, int]]:
+    """Return whether each anchor's place and bias are right, and the number of the anchor.
 
     Parameters
     ----------
@@ -71,6 +69,7 @@ def check_anchors(
     own = np.array([middles[int(k)] for k in ranges.anchor])
     noise = max(deviation_of(off - own), _LEAST)
     let = _LET * noise
+    found: list[tuple[Finding, int]] = []
     for k in heard:
         mine = ranges.anchor == k
         apart = direction[mine] * distance[mine, None]
@@ -87,8 +86,12 @@ def check_anchors(
             if findings[1 - other].fits is False:
                 says = "another explanation fits better"
                 findings[other] = replace(findings[other], fits=True, says=says)
-        for each in findings:
-            yield each, int(k)
+        found += [(each, int(k)) for each in findings]
+    suspects = {k for each, k in found if each.fits is False}
+    if len(suspects) <= len(heard) / 2:
+        return found
+    says = "most anchors seem to be elsewhere, so that it is the frame that is wrong"
+    return [(replace(each, fits=None, says=says), k) for each, k in found]
 
 
 def _fitted(
@@ -133,7 +136,7 @@ def _biased(name: str, found: _Fitted | None, let: float, many: int) -> Finding:
     value, deviation = float(found.values[0]), float(found.deviations[0])
     q = float(t.isf(FALSE_ALARM / (2 * many), found.blocks - 1))
     bound = let + q * deviation
-    fits = abs(value) <= bound
+    fits = bool(abs(value) <= bound)
     if fits and bound > _TOLD * let:
         says = "its ranges change too much for a bias to be told"
         return Finding("bias", who, value, -bound, bound, None, says)

@@ -29,6 +29,7 @@ _FASTEST = 40.0  # rad/s, beyond the range of usual gyros of 2000 deg/s
 _WINDOW = 0.5  # s
 _TILT, _MOUNTED, _LATE = 5.0, 5.0, 0.02  # degrees, degrees, s: what is let pass
 _REACH, _STEP = 1.0, 0.05  # s, of clocks that are tried
+_NOTHING = 1e-9  # (rad/s)^2, below which nothing turns
 _CAP = 5.0  # times the median: what is larger counts as much
 
 
@@ -91,15 +92,19 @@ def _rates(turned: Turned, by: str) -> tuple[Finding, Finding]:
     matrices = signed_permutations(turned.width)
     told = _capped(turned.rate - np.median(turned.rate, axis=0))
     size = float(np.mean(np.sum(told**2, axis=1)))
-    best, ratio, misfits = -np.inf, 0.0, np.zeros((len(told), len(matrices)))
+    best, ratio, misfits = 0.0, 0.0, np.zeros((len(told), len(matrices)))
     for clock in np.arange(-_REACH + _STEP, _REACH, _STEP):
         felt = turned.felt_rate(float(clock))
         felt = _capped(felt - np.median(felt, axis=0))
         likeness = max(float(np.mean(np.sum(felt * (told @ P.T), axis=1))) for P in matrices)
-        if likeness > best:
+        if likeness > max(best, _NOTHING):
             best, ratio = likeness, likeness / max(size, 1e-300)
             unit = felt / max(ratio, 1e-300)
             misfits = np.column_stack([np.linalg.norm(unit - told @ P.T, axis=1) for P in matrices])
+    if best < _NOTHING:
+        says = "nothing turns, so that the data cannot tell"
+        unknown = np.nan, np.nan, np.nan, None, says
+        return Finding("unit", "IMU's rates", *unknown), Finding("axes", f"IMU and {by}", *unknown)
     starts = block_starts(turned.time, _BLOCK)
     axes = judge_axes(f"IMU and {by}", "the gyro's", misfits, starts, matrices)
     low, high = _SIZE if by == "attitude" else _COURSE_SIZE
@@ -135,7 +140,7 @@ def _gravity(imu: Imu, told: Told, sized: bool) -> Iterator[Finding]:
     )  # fmt: skip
     # a body that moves for long has gravity alone on average, so that chance has no part in it
     yield Finding("gravity", "IMU and reference", tilt, 0, _TILT, fits, says)
-    if not sized or not fits:
+    if not sized:
         return
     matrices = signed_permutations(3)
     up = attitude.inv().apply([0.0, 0.0, GRAVITY])
@@ -154,7 +159,7 @@ def _clock(recording: Recording) -> Iterator[Finding]:
         return
     q = float(t.isf(FALSE_ALARM / 2, found.blocks - 1))
     bound = _LATE + q * found.deviation
-    fits = abs(found.offset) <= bound
+    fits = bool(abs(found.offset) <= bound)
     late = "late" if found.offset > 0 else "early"
     says = f"its stamps are {abs(found.offset):.3g} s {late} (± {found.deviation:.2g} s)"
     yield Finding("time", f"IMU and {found.by}", found.offset, -bound, bound, fits, says)
@@ -167,6 +172,6 @@ def _mounting(found: ImuClock) -> Iterator[Finding]:
     angle = float(np.degrees(Rotation.from_matrix(found.rotation).magnitude()))
     worst = float(np.degrees(found.rotation_deviation.max()))
     bound = _MOUNTED + float(t.isf(FALSE_ALARM / 6, found.blocks - 1)) * worst * np.sqrt(3)
-    fits = angle <= bound
+    fits = bool(angle <= bound)
     says = f"its axes are turned by {angle:.2g} deg against the body's (± {worst:.2g} deg)"
     yield Finding("mounting", "IMU and reference", angle, 0, float(bound), fits, says)

@@ -13,9 +13,9 @@ from inswsn_lib.checks import Array
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.navigation.recording_checks import FALSE_ALARM, Finding
 from inswsn_lib.navigation.set_up_anchors import biases_alone, check_anchors
+from inswsn_lib.navigation.set_up_frame import check_frame, on_time, unknown
 from inswsn_lib.navigation.signed_axes import judge_axes, signed_permutations, unit_of
 from inswsn_lib.recordings.blocks import FEWEST, block_starts
-from inswsn_lib.recordings.calibration import Calibration
 from inswsn_lib.recordings.calibration_fit import calibrate
 from inswsn_lib.recordings.calibration_start import fixes_of
 from inswsn_lib.recordings.linear_fit import fit_linear
@@ -28,12 +28,6 @@ _ANCHORS = {"feet": 1 / 3.2808, "inches": 1 / 39.37, "cm": 1e-2, "mm": 1e-3}
 _SIZE = (0.67, 1.5)  # of a unit that is right
 _SCALE = 0.05  # too much in proportion to distance, that is let pass
 _SCALE_TOLD = 0.1  # the widest bound with which a scale is told
-_TURN, _LATE = 3.0, 0.02  # degrees, s: what is let pass
-_TURN_TOLD, _LATE_TOLD = 20.0, 1.0  # the widest bounds with which they are told
-_ARM, _ARM_TOLD = 0.5, 3.0  # times the noise: what is let pass, and the widest bound
-_ANY = dict.fromkeys(
-    ("clock", "turn", "shift", "lever arm", "bias"), 1e9
-)  # bounds judge, and no limit
 _MOST = 4000  # ranges by which a unit is tried
 
 
@@ -59,11 +53,9 @@ def check_positions(recording: Recording) -> Iterator[Finding]:
         axes = _axes("fixes and reference", "the fixes'", recording, recording.fixes, motion)
         yield axes
         if axes.fits is not False:
-            yield from _moved(recording, "fixes", ())
-
-
-def _unknown(name: str, subject: str, says: str) -> Finding:
-    return Finding(name, subject, np.nan, np.nan, np.nan, None, says)
+            late, recording = on_time(recording, "fixes", ("frame",))
+            yield late
+            yield from check_frame(recording, "fixes")
 
 
 def _alone(ranges: Ranges) -> Iterator[Finding]:
@@ -75,7 +67,7 @@ def _alone(ranges: Ranges) -> Iterator[Finding]:
         noises[unit] = _disagreement(scaled)
     best = min(noises, key=lambda unit: noises[unit])
     if np.isinf(noises[best]):
-        yield _unknown("unit", "ranges", "too few are heard at a time to meet in a point")
+        yield unknown("unit", "ranges", "too few are heard at a time to meet in a point")
     else:
         ratio = noises["m"] / max(noises[best], 1e-9)
         says = "they meet best in m" if best == "m" else f"they meet best if they are in {best}"
@@ -83,12 +75,12 @@ def _alone(ranges: Ranges) -> Iterator[Finding]:
     try:
         found = calibrate(Recording("", ranges=ranges), ("bias",), block=_BLOCK)
     except InswsnError as error:
-        yield _unknown("bias", "ranges", str(error).rstrip("."))
+        yield unknown("bias", "ranges", str(error).rstrip("."))
     else:
         yield from biases_alone(found)
     says = "without a reference a mirrored or turned frame of the anchors cannot be told"
-    yield _unknown("axes", "ranges", says)
-    yield _unknown("time", "ranges", "without a reference their clock cannot be told")
+    yield unknown("axes", "ranges", says)
+    yield unknown("time", "ranges", "without a reference their clock cannot be told")
 
 
 def _disagreement(ranges: Ranges) -> float:
@@ -112,28 +104,26 @@ def _ranges(recording: Recording, ranges: Ranges) -> Iterator[Finding]:
     d = ranges.anchors.shape[1]
     who = "ranges and reference"
     if recording.reference.position.shape[1] < d:
-        yield _unknown("axes", who, "the reference has fewer coordinates than the anchors")
+        yield unknown("axes", who, "the reference has fewer coordinates than the anchors")
         return
     motion = ReferenceMotion(recording.reference, d)
     sight = _seen(recording, ranges, motion)
     if len(sight.ranges) < 2 * FEWEST:
-        yield _unknown("unit", who, "they share too little time")
+        yield unknown("unit", who, "they share too little time")
         return
     unit = _unit(sight)
     yield unit
     if not unit.fits:
-        yield _unknown("axes", who, "nothing else is told before the unit is right")
+        yield unknown("axes", who, "nothing else is told before the unit is right")
         return
     axes = _axes(who, "the reference's", recording, ranges, motion)
     yield axes
     if axes.fits is False:
         return
-    late = _late(recording, "ranges", ("clock", "bias"))
+    late, recording = on_time(recording, "ranges", ("bias",))
     yield late
-    if late.fits is False:  # what moves is elsewhere, so that anchors seem wrong
-        right = replace(ranges, time=ranges.time - late.value)
-        recording = replace(recording, ranges=right)
-        sight = _seen(recording, right, motion)
+    assert recording.ranges is not None
+    sight = _seen(recording, recording.ranges, motion)
     wrong: list[int] = []
     for finding, anchor in check_anchors(sight.ranges, sight.distance, sight.direction):
         yield finding
@@ -141,11 +131,9 @@ def _ranges(recording: Recording, ranges: Ranges) -> Iterator[Finding]:
     scale = _scale(sight)
     yield scale
     # what grows with distance would be taken for a lever arm, or a shift
-    more = ("scale",) if scale.fits is False else ()
+    more = ("bias", "scale") if scale.fits is False else ("bias",)
     recording = replace(recording, ranges=_without(recording.ranges, wrong))
-    if motion.has_attitude:
-        yield _lever_arm(recording, more)
-    yield from _moved(recording, "ranges", more)
+    yield from check_frame(recording, "ranges", more)
 
 
 def _seen(recording: Recording, ranges: Ranges, motion: ReferenceMotion) -> _Sight:
@@ -183,7 +171,7 @@ def _axes(
     time, place = fixes.time[there], fixes.position[there, : motion.d]
     starts: NDArray[np.intp] = block_starts(time, _BLOCK) if len(time) else np.arange(0)
     if len(starts) < FEWEST:
-        return _unknown("axes", who, "too few fixes while the reference is there")
+        return unknown("axes", who, "too few fixes while the reference is there")
     track = motion.carried(time, np.asarray(recording.lever_arm, dtype=float)) - motion.middle
     matrices = signed_permutations(motion.d)
     misfits = np.empty((len(time), len(matrices)))
@@ -191,28 +179,6 @@ def _axes(
         off = place - track @ P.T
         misfits[:, k] = np.linalg.norm(off - np.median(off, axis=0), axis=1)
     return judge_axes(who, what, misfits, starts, matrices)
-
-
-def _calibrated(recording: Recording, source: str, kinds: tuple[str, ...]) -> Calibration | str:
-    try:
-        return calibrate(recording, kinds, source=source, block=_BLOCK, limits=_ANY)
-    except InswsnError as error:
-        return str(error).rstrip(".")
-
-
-def _late(recording: Recording, source: str, kinds: tuple[str, ...]) -> Finding:
-    who = f"{source} and reference"
-    found = _calibrated(recording, source, kinds)
-    if isinstance(found, str):
-        return _unknown("time", who, found)
-    value, deviation = found.told["clock"]
-    bound = _LATE + float(t.isf(FALSE_ALARM / 2, found.blocks - 1)) * deviation
-    late = "late" if value > 0 else "early"
-    fits = abs(value) <= bound
-    says = f"stamps of {source} are {abs(value):.2g} s {late} (± {deviation:.2g} s)"
-    if fits and bound > _LATE_TOLD:
-        return Finding("time", who, value, -bound, bound, None, "too little moves to tell")
-    return Finding("time", who, value, -bound, bound, fits, says)
 
 
 def _scale(sight: _Sight) -> Finding:
@@ -224,12 +190,12 @@ def _scale(sight: _Sight) -> Finding:
     line = fit_linear(columns, off, sight.ranges.time, _BLOCK)
     who = "ranges and reference"
     if line is None or not np.isfinite(line.deviations[0]):
-        return _unknown("scale", who, "distances change too little to tell a scale by")
+        return unknown("scale", who, "distances change too little to tell a scale by")
     value = float(line.values[0])
     bound = _SCALE + float(t.isf(FALSE_ALARM / 2, line.blocks - 1)) * float(line.deviations[0])
     if bound > _SCALE_TOLD:
-        return _unknown("scale", who, "distances change too little to tell a scale by")
-    fits = abs(value) <= bound
+        return unknown("scale", who, "distances change too little to tell a scale by")
+    fits = bool(abs(value) <= bound)
     says = f"ranges grow by {1 + value:.3g} m for each metre (± {line.deviations[0]:.2g})"
     return Finding("scale", who, 1 + value, 1 - bound, 1 + bound, fits, says)
 
@@ -244,50 +210,3 @@ def _without(ranges: Ranges | None, wrong: list[int]) -> Ranges:
         anchor=ranges.anchor[right],
         distance=ranges.distance[right],
     )
-
-
-def _lever_arm(recording: Recording, more: tuple[str, ...]) -> Finding:
-    """Judge where ranges see the tag, against where it is said to be; in a frame that is right."""
-    who = "ranges and reference"
-    found = _calibrated(recording, "ranges", ("clock", "lever arm", "bias", *more))
-    if isinstance(found, str):
-        return _unknown("lever arm", who, found)
-    mine = [pair for name, pair in found.told.items() if name.startswith("lever arm")]
-    off = np.abs([value for value, _ in mine] - recording.lever_arm[: len(mine)])
-    q = float(t.isf(FALSE_ALARM / (2 * len(mine)), found.blocks - 1))
-    bounds = _ARM * found.after + q * np.array([deviation for _, deviation in mine])
-    worst = int(np.argmax(off / bounds))
-    value, bound = float(off[worst]), float(bounds[worst])
-    if bounds.max() > _ARM_TOLD * found.after and value <= bound:
-        return Finding("lever arm", who, value, 0, bound, None, "too little turns to tell")
-    where = ", ".join(f"{arm:.2g} ± {deviation:.2g}" for arm, deviation in mine)
-    says = f"by ranges the tag is at ({where}) m in the axes of the body"
-    return Finding("lever arm", who, value, 0, bound, value <= bound, says)
-
-
-def _moved(recording: Recording, source: str, more: tuple[str, ...]) -> Iterator[Finding]:
-    """Judge how the reference is turned and shifted against anchors that are right, or fixes."""
-    who = f"{source} and reference"
-    kinds: tuple[str, ...] = ("clock", "frame")
-    if source == "ranges":
-        kinds = ("clock", "frame", "bias", *more)
-    found = _calibrated(recording, source, kinds)
-    if isinstance(found, str):
-        yield _unknown("frame", who, found)
-        return
-    if source == "fixes":
-        yield _late(recording, source, kinds)
-    q = float(t.isf(FALSE_ALARM / 6, found.blocks - 1))
-    for kind, let, unit in (("turn", _TURN, "deg"), ("shift", 3 * found.after, "m")):
-        factor = np.degrees(1.0) if kind == "turn" else 1.0
-        mine = [pair for name, pair in found.told.items() if name.startswith(kind)]
-        size = float(np.linalg.norm([value for value, _ in mine])) * factor
-        worst = max(deviation for _, deviation in mine) * factor
-        bound = let + q * worst * np.sqrt(len(mine))
-        fits = size <= bound
-        verb = "turned" if kind == "turn" else "shifted"
-        says = f"the reference is {verb} by {size:.2g} {unit} (± {worst:.2g} {unit})"
-        if fits and kind == "turn" and bound > _TURN_TOLD:
-            yield Finding("frame", who, size, 0, float(bound), None, "too little moves to tell")
-            continue
-        yield Finding("frame", f"{who}, {kind}", size, 0, float(bound), fits, says)

@@ -62,7 +62,7 @@ def jackknife(information: Array, gradient: Array) -> tuple[Array, Mask]:
     scaled = information / (size[:, None] * size)
     without = scaled.sum(axis=0) - scaled
     values, vectors = np.linalg.eigh(without)
-    gone = values < _SINGULAR * values[:, -1:]
+    gone = values <= np.maximum(_SINGULAR * values[:, -1:], 1e-300)
     lost: Mask = ((gone[:, None, :] * vectors**2).sum(axis=2) > 0.01).any(axis=0)
     inverse = np.where(gone, 0.0, 1 / np.where(gone, 1.0, values))
     along = np.einsum("gji,gj->gi", vectors, gradient / size) * inverse

@@ -13,7 +13,7 @@ from inswsn_lib.errors import InswsnError, ParameterError
 from inswsn_lib.recordings.anchor_bias import bias_of_ranges
 from inswsn_lib.recordings.blocks import FEWEST, block_starts
 from inswsn_lib.recordings.calibration import Calibration
-from inswsn_lib.recordings.calibration_model import Model, Rows, State
+from inswsn_lib.recordings.calibration_model import KINDS, Model, Rows, State
 from inswsn_lib.recordings.calibration_start import start_at
 from inswsn_lib.recordings.observability import limits_of, refuse
 from inswsn_lib.recordings.recording import Fixes, Ranges, Recording, Reference
@@ -100,7 +100,7 @@ def calibrate(
     >>> print(f"{value:.3f} s, and known to {deviation:.3f} s")
     0.031 s, and known to 0.001 s
     """
-    _check(estimate, block, reach)
+    _check(estimate, block, reach, limits or {})
     chosen = source_of(recording, source)
     if recording.reference is None:
         return _alone(recording, estimate, chosen, block, limits)
@@ -132,13 +132,18 @@ def calibrate(
     )
 
 
-def _check(estimate: Sequence[str], block: float, reach: float) -> None:
+def _check(
+    estimate: Sequence[str], block: float, reach: float, limits: Mapping[str, float]
+) -> None:
     if isinstance(estimate, str) or not estimate or len(set(estimate)) < len(estimate):
         raise ParameterError("estimate", estimate, "some names, none of them twice")
     for each in estimate:
         one_of("estimate", each, UNKNOWNS)
     number("block", block, above=0)
     number("reach", reach, least=0)
+    for kind, limit in limits.items():
+        one_of("limits", kind, KINDS)
+        number(f"the limit of {kind}", limit, above=0)
 
 
 def _kinds(each: str) -> tuple[str, ...]:
@@ -215,12 +220,11 @@ def _fitted(
     for k in model.heard:  # what an anchor has too much must not look like noise at the start
         mine = model.rows.which == k
         miss[mine] -= np.median(miss[mine])
-    state, noise = fit(model, state, deviation_of(miss), lambda x: limits_of(model, x, limits))
-    size = limits_of(model, noise, limits)
-    found, lost = covariance(model, state, noise, size, starts)
+    state, noise = fit(model, state, deviation_of(miss), lambda x: limits_of(model, x))
+    found, lost = covariance(model, state, noise, limits_of(model, noise), starts)
     deviations = np.sqrt(np.diag(found))
     deviations[lost] = np.inf
-    refuse(model, state, deviations, size)
+    refuse(model, state, deviations, limits_of(model, noise, limits))
     return state, noise, found
 
 

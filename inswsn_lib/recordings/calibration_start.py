@@ -12,11 +12,11 @@ from inswsn_lib.recordings.calibration_model import Model, Rows, State
 from inswsn_lib.recordings.range_fixes import multilaterate_track
 from inswsn_lib.recordings.recording import Fixes, Ranges
 from inswsn_lib.recordings.reference_motion import ReferenceMotion
+from inswsn_lib.recordings.window_fits import enough_ranges
 
 _STEP = 0.1  # s, of the clocks that are tried
 _MOST = 2000  # rows that a trial looks at
 _PERIODS = (0.1, 0.2, 0.5, 1.0, 2.0)  # s, that fixes may need
-_ENOUGH = 0.7  # of the intervals with a fix
 
 
 def start_at(
@@ -52,17 +52,9 @@ def start_at(
 
 
 def fixes_of(ranges: Ranges) -> Fixes:
-    """Return fixes of the shortest intervals of which most have one."""
-    best, share = None, -1.0
-    for period in _PERIODS:
-        fixes = multilaterate_track(ranges, period)
-        found = float(np.isfinite(fixes.position[:, 0]).mean())
-        if found > share:
-            best, share = fixes, found
-        if share >= _ENOUGH:
-            break
-    assert best is not None
-    return best
+    """Return fixes of the shortest intervals of which most have one, or of the longest."""
+    period = enough_ranges(ranges, _PERIODS) if len(ranges) else None
+    return multilaterate_track(ranges, _PERIODS[-1] if period is None else period)
 
 
 def _misfit(motion: ReferenceMotion, rows: Rows, state: State) -> float:

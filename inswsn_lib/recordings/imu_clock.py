@@ -189,7 +189,7 @@ def _matched(felt: Felt, told: Told, block: float, reach: float) -> ImuClock | N
     if explained < _EXPLAINED:
         raise InswsnError(
             f"The IMU's clock cannot be told: by the {told.by} {explained:.0%} of the variance of "
-            "its rates is explained; it may have other axes, or be of another run."
+            "its rates is explained: it turns too little, has other axes, or is of another run."
         )
     if turned.turns and not (deviations[1:4] <= TURN_LIMIT).all():
         return None

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from inswsn_lib.checks import Array
-from inswsn_lib.errors import InswsnError, ParameterError
+from inswsn_lib.errors import InswsnError
 from inswsn_lib.recordings.calibration_model import KINDS, Model, State
 
 #: The largest deviation of what counts as told; of lengths it is that of one measurement
@@ -21,11 +21,8 @@ UNITS = {
 _LENGTH = 0.01  # m: the least limit of lengths, where measurements are almost without noise
 
 
-def limits_of(model: Model, noise: float, given: Mapping[str, float] | None) -> Array:
+def limits_of(model: Model, noise: float, given: Mapping[str, float] | None = None) -> Array:
     """Return the largest deviation of each unknown that counts as told."""
-    for kind in given or {}:
-        if kind not in KINDS:
-            raise ParameterError("limits", kind, "of " + ", ".join(f'"{each}"' for each in KINDS))
     limits = dict.fromkeys(KINDS, max(noise, _LENGTH)) | LIMITS | dict(given or {})
     return np.array([limits[model.kind_of(column)] for column in range(len(model.names))])
 

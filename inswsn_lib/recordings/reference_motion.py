@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from inswsn_lib.checks import Array, Mask
+from inswsn_lib.errors import InswsnError
 from inswsn_lib.recordings.recording import Reference
 
 _GAP = 0.5  # s, or three periods: between stamps that are farther apart nothing is told
@@ -26,11 +27,12 @@ class ReferenceMotion:
     def __init__(self, reference: Reference, dimensions: int) -> None:
         self.d = dimensions
         there = np.isfinite(reference.position).all(axis=1)
+        if there.sum() < 2:
+            raise InswsnError("The reference has fewer than two positions.")
         self.time = reference.time[there]
         self._track = reference.position[there, :dimensions]
         self.middle: Array = self._track.mean(axis=0)
-        steps = np.diff(self.time)
-        self.period = float(np.median(steps)) if steps.size else 0.0
+        self.period = float(np.median(np.diff(self.time)))
         self._gap = max(_GAP, 3 * self.period)
         self._turned: Array | None = None
         if reference.attitude is not None:
@@ -46,8 +48,6 @@ class ReferenceMotion:
 
     def covers(self, time: Array, margin: float = 0.0) -> Mask:
         """Tell which times are within it by a margin (s), and in no gap."""
-        if len(self.time) < 2:
-            return np.zeros(len(time), dtype=bool)
         before = self._before(time)
         near = self.time[before + 1] - self.time[before] <= self._gap
         inside = (time >= self.time[0] + margin) & (time <= self.time[-1] - margin)
@@ -78,12 +78,10 @@ class ReferenceMotion:
         return np.asarray(ends / np.maximum(late - early, 1e-9)[:, None])
 
     def _before(self, time: Array) -> NDArray[np.intp]:
-        return np.clip(np.searchsorted(self.time, time) - 1, 0, max(len(self.time) - 2, 0))
+        return np.clip(np.searchsorted(self.time, time) - 1, 0, len(self.time) - 2)
 
     def _between(self, values: Array, time: Array) -> Array:
         """Return rows of values between those of the stamps; the ends go on."""
-        if len(self.time) < 2:
-            return np.repeat(values, len(time), axis=0)
         i = self._before(time)
         share = np.clip((time - self.time[i]) / (self.time[i + 1] - self.time[i]), 0.0, 1.0)
         return np.asarray(values[i] + share[:, None] * (values[i + 1] - values[i]))

@@ -19,6 +19,8 @@ _ITERATIONS = 60  # most fixes need six
 _NEAR = 1e-5  # m, a step after which a fix has settled
 _DAMPING, _STUCK = 1e-3, 1e6
 _ROUNDS, _SAME = 3, 0.8  # of the scale of robust residuals, and what is no change of it
+_ENOUGH = 0.7  # of the intervals
+_ROUNDING = 1e-6  # of an interval
 _FLAT = 1e-4  # of the eigenvalues of an information or a scatter, the least over the largest
 _TO_DEVIATION = 1.4826  # from the median of absolute values, of a normal distribution
 
@@ -33,6 +35,7 @@ class WindowRanges(NamedTuple):
     groups: NDArray[np.intp]  # the first row of each anchor in each window
     in_window: NDArray[np.intp]  # the first group of each window
     anchor: Whole  # (rows,)
+    time: Array  # (rows,), s
 
 
 class WindowFit(NamedTuple):
@@ -55,16 +58,28 @@ def window_rows(
     time: Array, period: float, window: float
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Return the rows of every window, one after the other, and where each window begins."""
-    cell = np.floor((time - time[0]) / period).astype(int)
+    # stamps that are multiples of the period, but for rounding, begin intervals
+    cell = np.floor((time - time[0]) / period + _ROUNDING).astype(int)
     last = np.flatnonzero(np.diff(cell, append=cell[-1] + 1))  # of each interval that has a range
     end = last + 1
     if window == period:
         begin = np.append(0, end[:-1])
     else:
-        begin = np.searchsorted(time, time[0] + (cell[last] + 1) * period - window - 1e-9)
+        begin = np.searchsorted(time, time[0] + (cell[last] + 1 - _ROUNDING) * period - window)
     counts = end - begin
     first = np.append(0, np.cumsum(counts)[:-1])
     return np.arange(counts.sum()) + np.repeat(begin - first, counts), first
+
+
+def enough_ranges(ranges: Ranges, periods: tuple[float, ...]) -> float | None:
+    """Return the shortest of some periods in most intervals of which a fix has enough anchors."""
+    d = ranges.anchors.shape[1]
+    for period in periods:
+        cell = np.floor((ranges.time - ranges.time[0]) / period + _ROUNDING).astype(int)
+        heard = np.unique(cell * len(ranges.anchors) + ranges.anchor) // len(ranges.anchors)
+        if np.mean(np.unique(heard, return_counts=True)[1] > d) >= _ENOUGH:
+            return period
+    return None
 
 
 def window_ranges(
@@ -89,16 +104,23 @@ def window_ranges(
         groups,
         np.searchsorted(groups, first),
         anchor,
+        ranges.time[which][order],
     )
 
 
-def fit_windows(rows: WindowRanges, *, robust: bool = True) -> WindowFit:
-    """Return the positions of all windows by soft-l1, or by least squares."""
+def fit_windows(
+    rows: WindowRanges, *, robust: bool = True, near: WindowFit | None = None
+) -> WindowFit:
+    """Return the positions of all windows by soft-l1, or by least squares.
+
+    Where positions are known to be near those of another fit, they begin there.
+    """
     d = rows.place.shape[1]
     anchors = np.diff(np.append(rows.in_window, len(rows.groups)))
     open_side = (anchors <= d) | _is_flat(_scatter(rows, anchors))
-    position = _linear_start(rows, open_side)
-    _descend(rows, position, np.inf)
+    position = _linear_start(rows, open_side) if near is None else near.position.copy()
+    if near is None:
+        _descend(rows, position, np.inf)
     direction, miss = misses(rows, position)
     noise = _scale(rows, miss, ~open_side)
     weight = np.ones(len(miss))
