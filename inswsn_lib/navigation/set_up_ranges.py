@@ -84,7 +84,7 @@ def _alone(ranges: Ranges) -> Iterator[Finding]:
 
 
 def _disagreement(ranges: Ranges) -> float:
-    """Return by how much ranges of an interval do not meet, as a share of the median range."""
+    """Return by how much ranges of an interval do not meet, m; infinite if too few are heard."""
     try:
         fixes = fixes_of(ranges)
     except InswsnError:

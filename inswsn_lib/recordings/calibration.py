@@ -39,7 +39,7 @@ class Calibration:
         How many blocks of time the covariance comes from; 1 less are the degrees of freedom of
         Student's distribution.
     state : State
-        Values of all unknowns, also of those not asked for.
+        Values of all unknowns, also of those not asked for; its `turn` is a matrix.
     centre : ndarray, (d,)
         m, in the reference's own frame.
     middle : float
@@ -47,10 +47,13 @@ class Calibration:
 
     Examples
     --------
-    >>> from inswsn_lib.recordings import Calibration
     >>> import numpy as np
+    >>> from inswsn_lib.recordings import Calibration
+    >>> from inswsn_lib.recordings.calibration_model import State
+    >>> none = np.zeros(0)
+    >>> state = State(0.012, 0.0, np.eye(2), np.zeros(2), np.zeros(3), bias=none, scale=none)
     >>> found = Calibration("ranges", ("clock",), np.array([0.012]), np.array([[4e-6]]), 0.1, 0.08,
-    ...     blocks=30, state=None, centre=np.zeros(2), middle=0.0)
+    ...     blocks=30, state=state, centre=np.zeros(2), middle=0.0)
     >>> found.told
     {'clock': (0.012, 0.002)}
     >>> print(found.intervals(0.95).round(4))
@@ -64,7 +67,7 @@ class Calibration:
     before: float
     after: float
     blocks: int
-    state: State | None
+    state: State
     centre: Array
     middle: float
 
@@ -92,7 +95,7 @@ class Calibration:
         or fixes, the lever arm is the one found, and ranges are free of bias and scale.
         """
         state, source = self.state, getattr(recording, self.source)
-        if source is None or state is None:
+        if source is None:
             raise InswsnError(f"The recording {recording.name} has no {self.source} to correct.")
         late = state.clock + 1e-6 * state.rate * (source.time - self.middle)
         source = replace(source, time=source.time - late)
@@ -106,7 +109,9 @@ class Calibration:
         reference = recording.reference
         if reference is not None:
             reference = _moved(reference, state, self.centre)
-        corrected = replace(recording, reference=reference, lever_arm=state.lever_arm)
+        corrected = replace(recording, reference=reference)
+        if "lever arm x" in self.names:
+            corrected = replace(corrected, lever_arm=state.lever_arm)
         return replace(corrected, **{self.source: source})
 
 

@@ -15,7 +15,7 @@ from inswsn_lib.recordings.reference_motion import ReferenceMotion
 from inswsn_lib.recordings.window_fits import enough_ranges
 
 _STEP = 0.1  # s, of the clocks that are tried
-_MOST = 2000  # rows that a trial looks at
+_MOST = 500  # rows or fixes that a trial looks at
 _PERIODS = (0.1, 0.2, 0.5, 1.0, 2.0)  # s, that fixes may need
 
 
@@ -70,7 +70,9 @@ def _misfit(motion: ReferenceMotion, rows: Rows, state: State) -> float:
 
 
 def _by_fixes(motion: ReferenceMotion, fixes: Fixes, first: State, clocks: Array) -> State:
-    there = np.isfinite(fixes.position).all(axis=1)
+    there = np.flatnonzero(np.isfinite(fixes.position).all(axis=1))
+    if len(clocks) > 1:
+        there = there[:: max(1, len(there) // _MOST)]
     time, place = fixes.time[there], fixes.position[there]
     best: tuple[float, State] = (np.inf, first)
     for clock in clocks:

@@ -48,7 +48,8 @@ def fit_linear(columns: Array, values: Array, time: Array, block: float) -> Line
     count = columns.shape[1]
     if len(starts) < FEWEST or len(values) < 2 * count + 2:
         return None
-    sizes = 1 / np.maximum(np.sqrt(np.mean(columns**2, axis=0)), 1e-300)
+    size = np.sqrt(np.mean(columns**2, axis=0))
+    sizes = 1 / np.where(size > 0, size, 1.0)
     problem = _Linear(columns, values)
     first: Array = np.asarray(np.linalg.lstsq(columns, values, rcond=None)[0], dtype=float)
     noise = deviation_of(problem.residual(first), count)

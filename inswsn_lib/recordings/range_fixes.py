@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -91,8 +93,16 @@ def multilaterate_track(
     """
     number("period", period, above=0)
     window = period if window is None else number("window", window, least=period)
-    if not len(ranges):
+    sound = np.isfinite(ranges.distance)
+    if not sound.any():
         raise InswsnError("There is no range to make fixes of.")
+    if not sound.all():
+        ranges = replace(
+            ranges,
+            time=ranges.time[sound],
+            anchor=ranges.anchor[sound],
+            distance=ranges.distance[sound],
+        )
     d, level = _dimensions(ranges, height)
     each = (
         np.zeros(len(ranges.anchors))

@@ -39,7 +39,6 @@ KNOWN: dict[str, Any] = {
 def errors(found: Calibration) -> Array:
     """Return what was found less what is known; of turns the small rotation between them."""
     turn = Rotation.from_rotvec(KNOWN["turn"])
-    assert found.state is not None
     off = (Rotation.from_matrix(found.state.turn) * turn.inv()).as_rotvec()
     # p -> R p + shift, told as a turn about the centre and a shift
     shift = KNOWN["shift"] - found.centre + turn.apply(found.centre)
@@ -49,21 +48,21 @@ def errors(found: Calibration) -> Array:
 
 @pytest.fixture(scope="module")
 def calibrations() -> list[Calibration]:
-    """Of 16 recordings with errors that last for a second, and with gross ones."""
+    """Of 12 recordings with errors that last for a second, and with gross ones."""
     return [
-        calibrate(made(seed, rate=30, lasting=0.05, outliers=0.02, **KNOWN)) for seed in range(16)
+        calibrate(made(seed, rate=30, lasting=0.05, outliers=0.02, **KNOWN)) for seed in range(12)
     ]
 
 
 def test_all_unknowns_at_once_are_found_as_well_as_told(calibrations: list[Calibration]) -> None:
-    """Intervals of 95 %: of 16 an unknown misses more only once in 10 000 times."""
+    """Intervals of 95 %: of 12 an unknown misses more only once in 10 000 times."""
     assert calibrations[0].names[:5] == ("clock", "turn x", "turn y", "turn z", "shift x")
     assert calibrations[0].names[-2:] == ("bias a6", "bias a7")
     half = [np.diff(each.intervals(0.95), axis=1)[:, 0] / 2 for each in calibrations]
     missed = np.abs([errors(each) for each in calibrations]) > half
-    assert missed.shape == (16, 18)
-    assert missed.sum(axis=0).max() <= binom.isf(1e-4 / 18, 16, 0.05)
-    # unknowns of a recording are not independent, so that this bound is wider than of 288
+    assert missed.shape == (12, 18)
+    assert missed.sum(axis=0).max() <= binom.isf(1e-4 / 18, 12, 0.05)
+    # unknowns of a recording are not independent, so that this bound is wider than of 216
     assert 0.005 < missed.mean() < 0.10
     # the intervals are no wider than they need be
     z = np.array([errors(each) / each.deviations for each in calibrations])
@@ -300,15 +299,13 @@ def test_without_redundant_ranges_nothing_is_told() -> None:
 
 
 @given(angles=st.tuples(*[st.floats(-3, 3)] * 3), shift=st.tuples(*[st.floats(-50, 50)] * 3))
-@settings(max_examples=6, deadline=None, derandomize=True)
+@settings(max_examples=3, deadline=None, derandomize=True)
 def test_turned_anchors_turn_the_frame_and_nothing_else(angles: Any, shift: Any) -> None:
     recording = made(9, rate=15, seconds=40, **KNOWN)
     assert recording.ranges is not None
     turn = Rotation.from_euler("zyx", angles)
     moved = replace(recording.ranges, anchors=turn.apply(ROOM) + np.array(shift))
     found, other = calibrate(recording), calibrate(replace(recording, ranges=moved))
-    assert found.state is not None
-    assert other.state is not None
     np.testing.assert_allclose(other.state.turn, turn.as_matrix() @ found.state.turn, atol=1e-3)
     same = [0, *range(7, 18)]  # clock, lever arm, biases
     np.testing.assert_allclose(other.values[same], found.values[same], atol=2e-3)

@@ -146,6 +146,12 @@ def test_a_bias_is_taken_off() -> None:
     np.testing.assert_allclose(fixes.position, 1.0, atol=1e-4)
 
 
+def test_a_range_that_is_not_there_is_passed_over() -> None:
+    ranges = ranges_from(np.ones((3, 2)), YARD, 10)
+    holed = replace(ranges, distance=np.where(ranges.anchor == 1, np.nan, ranges.distance))
+    np.testing.assert_allclose(multilaterate_track(holed).position, 1.0, atol=1e-4)
+
+
 def test_a_gross_error_moves_a_robust_fix_less() -> None:
     rng = np.random.default_rng(5)
     places = rng.uniform(-10, 10, (200, 2))

@@ -3,22 +3,18 @@
 from __future__ import annotations
 
 import re
-import sys
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from made_recording import ROOM, made, made_drive, made_imu
 from scipy.spatial.transform import Rotation
 
 from inswsn_lib.navigation import Finding, check_set_up, verdict
 from inswsn_lib.recordings import Fixes, Imu, Ranges, Recording, multilaterate_track
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "recordings"))
-from made_recording import ROOM, made, made_drive, made_imu
 
 NAMES = {"unit", "repeats", "gaps", "axes", "gravity", "time", "mounting", "place", "bias", "scale",
          "lever arm", "frame", "odometry"}  # fmt: skip
