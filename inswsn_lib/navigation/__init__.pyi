@@ -32,6 +32,7 @@ from .recording_checks import (
     check_recording as check_recording,
     verdict as verdict,
 )
+from .set_up_checks import check_set_up as check_set_up
 from .training_areas import (
     TrainingAreas as TrainingAreas,
     errors_by_area as errors_by_area,

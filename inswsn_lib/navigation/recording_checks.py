@@ -51,7 +51,8 @@ class Finding:
         What fails if it fails. Of the columns: ``rate``, ``repeats``, ``itself`` (positions against
         velocities). Of two sources: ``time``, ``clock``, ``frame``, ``axes``, ``scale``, ``run``
         (they do not go together), ``misfit`` (one of these fits better, but not well), ``origin``,
-        ``copy``, ``noise``. Of the filter: ``start``, ``outliers``, ``size``, ``colour``.
+        ``copy``, ``noise``. Of the filter: ``start``, ``outliers``, ``size``, ``colour``. Those of
+        a set-up are told by `check_set_up`.
     subject : str
         Of what.
     value, low, high : float

@@ -10,6 +10,7 @@ from inswsn_lib.checks import Array, Mask
 #: Blocks below which a covariance says nothing
 FEWEST = 6
 
+_ROUNDING = 1e-6  # of a block
 _SINGULAR = 1e-10  # of eigenvalues of a scaled information
 
 
@@ -19,7 +20,7 @@ def block_starts(time: Array, seconds: float) -> NDArray[np.intp]:
     Blocks without a row are none. Where the time is short there are ten of them.
     """
     length = min(seconds, float(time[-1] - time[0]) / 10)
-    cell = np.floor((time - time[0]) / max(length, 1e-9))
+    cell = np.floor((time - time[0]) / max(length, 1e-9) + _ROUNDING)
     cell = np.minimum(cell, cell[-1] - (cell[-1] > 9))  # the last stamp begins no block of its own
     return np.flatnonzero(np.diff(cell, prepend=-1.0))
 
@@ -49,7 +50,7 @@ def jackknife(information: Array, gradient: Array) -> tuple[Array, Mask]:
 
     This is the covariance by clusters (Liang and Zeger 1986), in the form CR3, which is not too
     small when the clusters are few (MacKinnon, Nielsen and Webb 2023; a jackknife by blocks in
-    time is Kuensch's, 1989). Unknowns that are lost with a block have NaN.
+    time is Künsch's, 1989). Unknowns that are lost with a block have NaN.
 
     Parameters
     ----------
@@ -62,7 +63,7 @@ def jackknife(information: Array, gradient: Array) -> tuple[Array, Mask]:
     scaled = information / (size[:, None] * size)
     without = scaled.sum(axis=0) - scaled
     values, vectors = np.linalg.eigh(without)
-    gone = values < _SINGULAR * values[:, -1:]
+    gone = values <= np.maximum(_SINGULAR * values[:, -1:], 1e-300)
     lost: Mask = ((gone[:, None, :] * vectors**2).sum(axis=2) > 0.01).any(axis=0)
     inverse = np.where(gone, 0.0, 1 / np.where(gone, 1.0, values))
     along = np.einsum("gji,gj->gi", vectors, gradient / size) * inverse

@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import ArrayLike
 
-from inswsn_lib.checks import array, number
+from inswsn_lib.checks import Array, array, number
 from inswsn_lib.errors import InswsnError, ParameterError
 from inswsn_lib.recordings.recording import Fixes, Ranges
-from inswsn_lib.recordings.window_fits import solve_windows, window_ranges, window_rows
+from inswsn_lib.recordings.window_fits import (
+    WindowFit,
+    WindowRanges,
+    fit_windows,
+    squares,
+    window_ranges,
+    window_rows,
+)
 
 
 def multilaterate_track(
@@ -29,9 +38,9 @@ def multilaterate_track(
     the loss that is called soft-l1, quadratic near zero and linear far away (Charbonnier and others
     1997; ``loss="soft_l1"`` of `scipy.optimize.least_squares`), else :math:`\sum_i e_i^2`. The
     scale c is the deviation of the residuals of the whole recording, from their median absolute
-    value; where the errors are normal, the loss loses 7 % of the information. All intervals are solved at once by Levenberg and Marquardt's method
-    (Marquardt 1963), from the solution of the linear problem that differences of squared ranges
-    pose.
+    value; where errors are normal, this loss wastes 7 % of the information. All intervals are
+    solved at once by Levenberg and Marquardt's method (Marquardt 1963), from the solution of the
+    linear problem that differences of squared ranges pose.
 
     Errors of one anchor's ranges hang together within an interval. So the deviation knows of two
     variances, one of an anchor in an interval and one of a range, both of the whole recording's
@@ -84,8 +93,16 @@ def multilaterate_track(
     """
     number("period", period, above=0)
     window = period if window is None else number("window", window, least=period)
-    if not len(ranges):
+    sound = np.isfinite(ranges.distance)
+    if not sound.any():
         raise InswsnError("There is no range to make fixes of.")
+    if not sound.all():
+        ranges = replace(
+            ranges,
+            time=ranges.time[sound],
+            anchor=ranges.anchor[sound],
+            distance=ranges.distance[sound],
+        )
     d, level = _dimensions(ranges, height)
     each = (
         np.zeros(len(ranges.anchors))
@@ -96,8 +113,9 @@ def multilaterate_track(
     time = np.add.reduceat(ranges.time[which] - ranges.time[0], first)
     time = ranges.time[0] + time / np.diff(np.append(first, len(which)))
     rows = window_ranges(ranges, which, first, each, d, level)
-    position, deviation = solve_windows(rows, robust=robust)
-    return Fixes(time=time, position=position, deviation=deviation)
+    fit = fit_windows(rows, robust=robust)
+    position = np.where(fit.bad[:, None], np.nan, fit.position)
+    return Fixes(time=time, position=position, deviation=_deviations(rows, fit))
 
 
 def _dimensions(ranges: Ranges, height: float | None) -> tuple[int, float | None]:
@@ -108,3 +126,29 @@ def _dimensions(ranges: Ranges, height: float | None) -> tuple[int, float | None
     if d == 2:
         raise ParameterError("height", height, "given only with anchors in three dimensions")
     return 2, number("height", height)
+
+
+def _deviations(rows: WindowRanges, fit: WindowFit) -> Array:
+    """Return the deviations of positions, from a variance of an anchor and one of a range."""
+    d = rows.place.shape[1]
+    counts = np.diff(np.append(rows.groups, len(fit.miss)))
+    anchors = np.diff(np.append(rows.in_window, len(rows.groups)))
+    there = np.repeat(~fit.bad, anchors)
+    found = np.full((len(fit.bad), d), np.nan)
+    if fit.bad.all():
+        return found
+    # what the ranges pull the fix by: their residuals, less where these are large
+    push = fit.weight * fit.miss
+    mean = np.add.reduceat(push, rows.groups) / counts
+    rest = np.add.reduceat((push - np.repeat(mean, counts)) ** 2, rows.groups)
+    several = int((counts - 1)[there].sum())
+    of_range = float(rest[there].sum()) / several if several else 0.0
+    # a fix takes d of its anchors' residuals
+    of_anchor = float(np.sum(mean[there] ** 2)) / int((anchors - d)[~fit.bad].sum())
+    of_anchor = max(of_anchor - of_range * float(np.mean(1 / counts[there])), 0.0)
+    variance = of_anchor * counts**2 + of_range * counts
+    S = variance[:, None, None] * squares(fit.direction[rows.groups])
+    S = np.add.reduceat(S, rows.in_window, axis=0)[~fit.bad]
+    inverse = np.linalg.inv(fit.information(rows)[~fit.bad])
+    found[~fit.bad] = np.sqrt(np.einsum("wij,wjk,wki->wi", inverse, S, inverse))
+    return found

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,10 +13,14 @@ from numpy.typing import NDArray
 from inswsn_lib.checks import Array, Mask
 from inswsn_lib.recordings.recording import Ranges, Whole
 
+Kind = TypeVar("Kind", bound=np.generic)
+
 _ITERATIONS = 60  # most fixes need six
 _NEAR = 1e-5  # m, a step after which a fix has settled
 _DAMPING, _STUCK = 1e-3, 1e6
 _ROUNDS, _SAME = 3, 0.8  # of the scale of robust residuals, and what is no change of it
+_ENOUGH = 0.7  # of the intervals
+_ROUNDING = 1e-6  # of an interval
 _FLAT = 1e-4  # of the eigenvalues of an information or a scatter, the least over the largest
 _TO_DEVIATION = 1.4826  # from the median of absolute values, of a normal distribution
 
@@ -30,22 +34,52 @@ class WindowRanges(NamedTuple):
     windows: NDArray[np.intp]  # the first row of each window
     groups: NDArray[np.intp]  # the first row of each anchor in each window
     in_window: NDArray[np.intp]  # the first group of each window
+    anchor: Whole  # (rows,)
+    time: Array  # (rows,), s
+
+
+class WindowFit(NamedTuple):
+    """The positions that fit the ranges of each window best."""
+
+    position: Array  # (windows, d)
+    bad: Mask  # (windows,), those whose ranges do not tell a position
+    direction: Array  # (rows, d), from the anchors to the position
+    miss: Array  # (rows,), what a range has more than the distance, m
+    weight: Array  # (rows,), with which least squares have the gradient of the loss
+    noise: float  # of a range, m
+
+    def information(self, rows: WindowRanges) -> Array:
+        """Return the second derivative of half the loss by each position, (windows, d, d)."""
+        # the derivative of soft-l1's gradient is the weight's third power
+        return by_window(rows, self.weight[:, None, None] ** 3 * squares(self.direction))
 
 
 def window_rows(
     time: Array, period: float, window: float
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Return the rows of every window, one after the other, and where each window begins."""
-    cell = np.floor((time - time[0]) / period).astype(int)
+    # stamps that are multiples of the period, but for rounding, begin intervals
+    cell = np.floor((time - time[0]) / period + _ROUNDING).astype(int)
     last = np.flatnonzero(np.diff(cell, append=cell[-1] + 1))  # of each interval that has a range
     end = last + 1
     if window == period:
         begin = np.append(0, end[:-1])
     else:
-        begin = np.searchsorted(time, time[0] + (cell[last] + 1) * period - window - 1e-9)
+        begin = np.searchsorted(time, time[0] + (cell[last] + 1 - _ROUNDING) * period - window)
     counts = end - begin
     first = np.append(0, np.cumsum(counts)[:-1])
     return np.arange(counts.sum()) + np.repeat(begin - first, counts), first
+
+
+def enough_ranges(ranges: Ranges, periods: tuple[float, ...]) -> float | None:
+    """Return the shortest of some periods in most intervals of which a fix has enough anchors."""
+    d = ranges.anchors.shape[1]
+    for period in periods:
+        cell = np.floor((ranges.time - ranges.time[0]) / period + _ROUNDING).astype(int)
+        heard = np.unique(cell * len(ranges.anchors) + ranges.anchor) // len(ranges.anchors)
+        if np.mean(np.unique(heard, return_counts=True)[1] > d) >= _ENOUGH:
+            return period
+    return None
 
 
 def window_ranges(
@@ -69,34 +103,37 @@ def window_ranges(
         first,
         groups,
         np.searchsorted(groups, first),
+        anchor,
+        ranges.time[which][order],
     )
 
 
-def solve_windows(rows: WindowRanges, *, robust: bool) -> tuple[Array, Array]:
-    """Return the positions of all windows, (windows, d), and their deviations."""
+def fit_windows(
+    rows: WindowRanges, *, robust: bool = True, near: WindowFit | None = None
+) -> WindowFit:
+    """Return the positions of all windows by soft-l1, or by least squares.
+
+    Where positions are known to be near those of another fit, they begin there.
+    """
     d = rows.place.shape[1]
     anchors = np.diff(np.append(rows.in_window, len(rows.groups)))
-    spread = _scatter(rows, anchors)
-    open_side = (anchors <= d) | _is_flat(spread)
-    position = _linear_start(rows, open_side)
-    _descend(rows, position, np.inf)
-    _, direction, miss = misses(rows, position)
-    noise = _scale(rows, miss, ~open_side, d)
+    open_side = (anchors <= d) | _is_flat(_scatter(rows, anchors))
+    position = _linear_start(rows, open_side) if near is None else near.position.copy()
+    if near is None:
+        _descend(rows, position, np.inf)
+    direction, miss = misses(rows, position)
+    noise = _scale(rows, miss, ~open_side)
     weight = np.ones(len(miss))
     for _ in range(_ROUNDS if robust and noise > 0 else 0):
         _descend(rows, position, noise)
-        _, direction, miss = misses(rows, position)
-        weight = soft_weights(miss, noise)
-        noise, before = _scale(rows, miss, ~open_side, d), noise
+        direction, miss = misses(rows, position)
+        weight = _soft_weights(miss, noise)
+        noise, before = _scale(rows, miss, ~open_side), noise
         # least squares spread a gross error over all residuals, and so make the scale too large
         if noise > _SAME * before:
             break
-    # the derivative of the loss's gradient is the weight's third power
-    H = by_window(rows, weight[:, None, None] ** 3 * squares(direction))
-    bad = open_side | _is_flat(H)
-    deviation = _deviation(rows, direction, weight * miss, H, bad)
-    position[bad] = np.nan
-    return position, deviation
+    fit = WindowFit(position, open_side, direction, miss, weight, noise)
+    return fit._replace(bad=open_side | _is_flat(fit.information(rows)))
 
 
 def squares(direction: Array) -> Array:
@@ -116,7 +153,7 @@ def _counts(rows: WindowRanges) -> NDArray[np.intp]:
     return np.diff(np.append(rows.windows, len(rows.distance)))
 
 
-def each_row(rows: WindowRanges, values: Array) -> Array:
+def each_row(rows: WindowRanges, values: NDArray[Kind]) -> NDArray[Kind]:
     """Return for each row the value of its window."""
     return np.repeat(values, _counts(rows), axis=0)
 
@@ -152,14 +189,14 @@ def _linear_start(rows: WindowRanges, open_side: Mask) -> Array:
     return np.where(open_side[:, None], middle, start)
 
 
-def misses(rows: WindowRanges, position: Array) -> tuple[Array, Array, Array]:
-    """Return the distances, their directions from the anchors, and what the ranges have more."""
+def misses(rows: WindowRanges, position: Array) -> tuple[Array, Array]:
+    """Return the directions from the anchors, and what the ranges have more than the distances."""
     apart = each_row(rows, position) - rows.place
     distance = np.maximum(np.sqrt(np.sum(apart**2, axis=1) + rows.height**2), 1e-9)
-    return distance, apart / distance[:, None], rows.distance - distance
+    return apart / distance[:, None], rows.distance - distance
 
 
-def soft_weights(miss: Array, scale: float) -> Array:
+def _soft_weights(miss: Array, scale: float) -> Array:
     """Return the weights with which least squares have the same gradient as soft-l1."""
     return np.asarray(1 / np.sqrt(1 + (miss / scale) ** 2))
 
@@ -175,16 +212,16 @@ def _cost(rows: WindowRanges, miss: Array, scale: float) -> Array:
 def _descend(rows: WindowRanges, position: Array, scale: float) -> None:
     """Take positions to where the cost is least; a step that makes it worse is tried shorter."""
     left, here, damping = np.arange(len(position)), position, np.full(len(position), _DAMPING)
-    _, direction, miss = misses(rows, here)
+    direction, miss = misses(rows, here)
     cost = _cost(rows, miss, scale)
     for _ in range(_ITERATIONS):
-        weight = soft_weights(miss, scale)
+        weight = _soft_weights(miss, scale)
         H = by_window(rows, weight[:, None, None] * squares(direction))
         gradient = by_window(rows, (weight * miss)[:, None] * direction)
         size = np.trace(H, axis1=1, axis2=2) + 1e-12
         H += (damping * size)[:, None, None] * np.eye(H.shape[1])
         step = np.linalg.solve(H, gradient[:, :, None])[:, :, 0]
-        _, new_direction, new_miss = misses(rows, here + step)
+        new_direction, new_miss = misses(rows, here + step)
         new_cost = _cost(rows, new_miss, scale)
         better = new_cost <= cost
         here = np.where(better[:, None], here + step, here)
@@ -205,43 +242,19 @@ def _descend(rows: WindowRanges, position: Array, scale: float) -> None:
 def _part(rows: WindowRanges, on: Mask) -> WindowRanges:
     """Return the ranges of some windows, as far as positions need them."""
     kept = each_row(rows, on)
-    windows = np.append(0, np.cumsum(_counts(rows)[on])[:-1])
-    return WindowRanges(
-        rows.place[kept], rows.height[kept], rows.distance[kept], windows, windows, windows
+    first = np.append(0, np.cumsum(_counts(rows)[on])[:-1])
+    return rows._replace(
+        place=rows.place[kept],
+        height=rows.height[kept],
+        distance=rows.distance[kept],
+        windows=first,
     )
 
 
-def _scale(rows: WindowRanges, miss: Array, redundant: Mask, d: int) -> float:
+def _scale(rows: WindowRanges, miss: Array, redundant: Mask) -> float:
     """Return the deviation of a range, from the median of the residuals' absolute values."""
     used = miss[each_row(rows, redundant)]
     if not used.size:
         return 0.0
-    freedom = 1 - d * redundant.sum() / used.size
+    freedom = 1 - rows.place.shape[1] * redundant.sum() / used.size
     return float(_TO_DEVIATION * np.median(np.abs(used)) / np.sqrt(freedom))
-
-
-def _deviation(rows: WindowRanges, direction: Array, push: Array, H: Array, bad: Mask) -> Array:
-    """Return the deviations of positions, from a variance of an anchor and one of a range.
-
-    Push is what the ranges pull the fix by: their residuals, less where these are large.
-    """
-    d = direction.shape[1]
-    counts = np.diff(np.append(rows.groups, len(push)))
-    anchors = np.diff(np.append(rows.in_window, len(rows.groups)))
-    there = np.repeat(~bad, anchors)
-    found = np.full((len(bad), d), np.nan)
-    if bad.all():
-        return found
-    mean = np.add.reduceat(push, rows.groups) / counts
-    rest = np.add.reduceat((push - np.repeat(mean, counts)) ** 2, rows.groups)
-    several = int((counts - 1)[there].sum())
-    of_range = float(rest[there].sum()) / several if several else 0.0
-    # a fix takes d of its anchors' residuals
-    of_anchor = float(np.sum(mean[there] ** 2)) / int((anchors - d)[~bad].sum())
-    of_anchor = max(of_anchor - of_range * float(np.mean(1 / counts[there])), 0.0)
-    variance = of_anchor * counts**2 + of_range * counts
-    S = variance[:, None, None] * squares(direction[rows.groups])
-    S = np.add.reduceat(S, rows.in_window, axis=0)[~bad]
-    inverse = np.linalg.inv(H[~bad])
-    found[~bad] = np.sqrt(np.einsum("wij,wjk,wki->wi", inverse, S, inverse))
-    return found
