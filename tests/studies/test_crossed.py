@@ -157,7 +157,7 @@ def test_its_page_names_the_conclusions_that_turn_at_most_points(
     project: Project, stored: Crossed, render: Callable[..., str]
 ) -> None:
     section = render("assumptions").split("\n## Crossed\n")[1]
-    said = section.split("the conclusion is the other one for: ")[1].split("). Such")[0] + ")"
+    said = section.split("the conclusion is the other one for: ")[1].split(". Near")[0]
     headlines = {label(h): h for h in load_assumptions(project.root).headlines}
     turned = []
     for name, spread in stored.spreads.items():
