@@ -170,6 +170,13 @@ def test_its_page_names_the_conclusions_that_turn_at_most_points(
     assert said.replace("\N{NO-BREAK SPACE}", " ") == "; ".join(turned)
 
 
+def test_it_is_as_chapter_03_says(stored: Crossed) -> None:
+    """At most points the coasting filter leaves less than the LS-SVM on the motion."""
+    ratio = stored.spreads["03 fair.ls-svm.motion/fair.kalman-filter-coasting.state"]
+    assert ratio.below is not None
+    assert ratio.below < 0.5
+
+
 @pytest.mark.long
 def test_one_random_point_comes_out_again(
     project: Project, crossing: Crossing, stored: Crossed
