@@ -7,6 +7,7 @@ import math
 
 import pytest
 from hypothesis import given, strategies as st
+from inswsn_book.notebooks import read_source
 from inswsn_book.parameters import chapter_schema, read_schema
 from inswsn_book.project import Project
 from papermill import inspect_notebook
@@ -167,3 +168,25 @@ def test_papermill_shows_every_parameter_of_every_chapter(project: Project) -> N
             assert found["inferred_type_name"] == parameter.kind
             assert ast.literal_eval(found["default"]) == parameter.default
             assert found["help"] == f"{parameter.unit}; {parameter.rule}"
+
+
+def test_every_parameter_of_a_chapter_is_used_and_not_only_recorded(project: Project) -> None:
+    """One that no cell reads would be accepted, shown, and change nothing."""
+    for chapter in project.chapters():
+        cells = [c.source for c in read_source(chapter).cells if c.cell_type == "code"]
+        tree = ast.parse("\n".join(cells))
+        recorded = {
+            id(node)
+            for call in ast.walk(tree)
+            if isinstance(call, ast.Call) and getattr(call.func, "id", None) == "ChapterRecord"
+            for node in ast.walk(call)
+        }
+        read = {
+            node.id
+            for node in ast.walk(tree)
+            if isinstance(node, ast.Name)
+            and isinstance(node.ctx, ast.Load)
+            and id(node) not in recorded
+        }
+        unused = set(chapter_schema(project.root, chapter.number).defaults) - read
+        assert unused == set(), chapter.name

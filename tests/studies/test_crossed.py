@@ -6,6 +6,7 @@ import datetime
 import json
 import os
 import random
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -150,6 +151,30 @@ def test_it_is_of_these_factors_and_large_enough(
         assert found.keys() - {OTHERS} == own & set(stored.strongest)
         assert stored.screening[name].keys() == own
         assert stored.spreads[name].quantiles == tuple(sorted(stored.spreads[name].quantiles))
+
+
+def test_its_page_names_the_conclusions_that_turn_at_most_points(
+    project: Project, stored: Crossed, render: Callable[..., str]
+) -> None:
+    section = render("assumptions").split("\n## Crossed\n")[1]
+    said = section.split("the conclusion is the other one for: ")[1].split(". Near")[0]
+    headlines = {label(h): h for h in load_assumptions(project.root).headlines}
+    turned = []
+    for name, spread in stored.spreads.items():
+        turns, below = headlines[name].turns, spread.below
+        if turns is None or below is None:
+            continue
+        share = below if spread.published > turns else 1 - below
+        if share > 0.5:
+            turned.append(f"chapter {name[:2]}, {headlines[name].short} ({100 * share:.0f} %)")
+    assert said.replace("\N{NO-BREAK SPACE}", " ") == "; ".join(turned)
+
+
+def test_it_is_as_chapter_03_says(stored: Crossed) -> None:
+    """At most points the coasting filter leaves less than the LS-SVM on the motion."""
+    ratio = stored.spreads["03 fair.ls-svm.motion/fair.kalman-filter-coasting.state"]
+    assert ratio.below is not None
+    assert ratio.below < 0.5
 
 
 @pytest.mark.long

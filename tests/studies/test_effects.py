@@ -134,7 +134,7 @@ def page(render: Callable[..., str]) -> Callable[..., str]:
         small = small.model_copy(update={"page": page_of(ASSUMED, small, FOUND)})
         text = render(
             "assumptions", assumptions=SMALL, findings=FOUND, schemas={"00": {"scale": SCALE}},
-            sensitivity=json.loads(small.model_dump_json()),
+            sensitivity=json.loads(small.model_dump_json()), crossed=None,
         )  # fmt: skip
         return text.replace("\N{NO-BREAK SPACE}", " ")
 
