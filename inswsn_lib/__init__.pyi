@@ -2,6 +2,7 @@
 
 # Rooms
 from . import (
+    calibration as calibration,
     estimation as estimation,
     evaluation as evaluation,
     filters as filters,
@@ -20,8 +21,12 @@ from .models import ErrorModel as ErrorModel
 
 # Read a recording or a scenario
 from .files import data_file as data_file
-from .recordings import TrackPair as TrackPair, read_recording as read_recording
-from .navigation import check_recording as check_recording
+from .recordings import (
+    TrackPair as TrackPair,
+    check_recording as check_recording,
+    read_recording as read_recording,
+)
+from .streams import Recording as Recording
 from .scenario import (
     Setting as Setting,
     from_settings as from_settings,
@@ -78,10 +83,11 @@ from .learning import (
 from .navigation import HybridNavigator as HybridNavigator, observable_inputs as observable_inputs
 
 # Follow a vehicle
-from .recordings import RecordedDrive as RecordedDrive, load_drive as load_drive
+from .recordings import load_drive as load_drive
 from .vehicle import (
     Drive as Drive,
     FilterSettings as FilterSettings,
+    RecordedDrive as RecordedDrive,
     emulate_sensors as emulate_sensors,
     horizontal_error as horizontal_error,
     position_error as position_error,

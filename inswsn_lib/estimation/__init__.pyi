@@ -7,6 +7,7 @@ from .error_state import (
     Start as Start,
     run_error_state as run_error_state,
 )
+from .fix_velocities import slope_velocity as slope_velocity
 from .inertial import (
     ImuNoise as ImuNoise,
     InertialMotion as InertialMotion,
@@ -24,4 +25,5 @@ from .planar import (
     OdometryNoise as OdometryNoise,
     PlanarState as PlanarState,
 )
+from .range_fixes import multilaterate_track as multilaterate_track
 from .smoothing import smooth as smooth, smooth_with_lag as smooth_with_lag

@@ -22,7 +22,7 @@ from inswsn_lib.estimation.inertial import ATTITUDE, InertialMotion, InertialSta
 from inswsn_lib.estimation.mechanization import ERRORS
 from inswsn_lib.estimation.observations import RangesToAnchors
 from inswsn_lib.estimation.smoothing import smooth_start
-from inswsn_lib.recordings import Imu
+from inswsn_lib.streams import Imu
 
 #: Standard deviations that are assumed of position, velocity, attitude and both biases: wide
 WIDE = (1000.0, 30.0, 2.0, 0.3, 0.02)
@@ -42,7 +42,7 @@ def is_at_rest(imu: Imu) -> bool:
     --------
     >>> import numpy as np
     >>> from inswsn_lib.estimation import is_at_rest
-    >>> from inswsn_lib.recordings import Imu
+    >>> from inswsn_lib.streams import Imu
     >>> force = np.tile([0.0, 0.0, 9.8], (50, 1))
     >>> is_at_rest(Imu(np.arange(50) / 100, np.zeros((50, 3)), force))
     True
@@ -66,7 +66,7 @@ def level(imu: Imu, heading: float = 0.0) -> Array:
     --------
     >>> import numpy as np
     >>> from inswsn_lib.estimation import level
-    >>> from inswsn_lib.recordings import Imu
+    >>> from inswsn_lib.streams import Imu
     >>> still = Imu(np.arange(3.0), np.zeros((3, 3)), np.tile([0.0, 0.0, 9.8], (3, 1)))
     >>> level(still).tolist()
     [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
@@ -112,7 +112,7 @@ def align(
 
     >>> import numpy as np
     >>> from inswsn_lib import estimation as est
-    >>> from inswsn_lib.recordings import Fixes, Imu
+    >>> from inswsn_lib.streams import Fixes, Imu
     >>> t, fixed = np.arange(0, 10.01, 0.01), np.arange(0.2, 10.1, 0.2)
     >>> force = np.stack([0 * t, -np.sin(t), 0 * t + 9.80665], axis=1)
     >>> imu = Imu(t, np.zeros((1001, 3)), force)

@@ -20,7 +20,7 @@ from scipy.linalg import block_diag
 
 from inswsn_lib.checks import Array, Mask, covariance
 from inswsn_lib.errors import InswsnError
-from inswsn_lib.recordings.recording import Whole
+from inswsn_lib.streams import Whole
 
 
 class Innovation(NamedTuple):
@@ -198,7 +198,7 @@ def run_error_state(
 
     >>> import numpy as np
     >>> from inswsn_lib import estimation as est
-    >>> from inswsn_lib.recordings import Fixes, Odometry
+    >>> from inswsn_lib.streams import Fixes, Odometry
     >>> t = np.arange(0, 20.1, 0.1)
     >>> wheels = Odometry(t, speed=np.full(201, 1.0), rate=np.zeros(201))
     >>> motion = est.OdometryMotion(wheels, est.OdometryNoise(0.01, 0.001, 1e-4, 1e-5))

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from inswsn_lib.checks import Array
 from inswsn_lib.estimation.mechanization import ERRORS, Pieces, advance, cut, turned
-from inswsn_lib.recordings import Imu
+from inswsn_lib.streams import Imu
 
 POSITION, VELOCITY, ATTITUDE = slice(0, 3), slice(3, 6), slice(6, 9)
 FORCE_BIAS, RATE_BIAS = slice(9, 12), slice(12, 15)

@@ -21,7 +21,7 @@ import numba
 import numpy as np
 
 from inswsn_lib.checks import Array
-from inswsn_lib.recordings.recording import Whole
+from inswsn_lib.streams import Whole
 
 #: Standard gravity, m/s^2; what is missing to that of the place is in the accelerometers' biases
 GRAVITY = 9.80665

@@ -10,7 +10,7 @@ import numpy as np
 
 from inswsn_lib.checks import Array
 from inswsn_lib.estimation.error_state import Innovation
-from inswsn_lib.recordings import Fixes, Ranges
+from inswsn_lib.streams import Fixes, Ranges
 
 _NONE = np.zeros(0)
 
@@ -99,7 +99,7 @@ class RangesToAnchors:
 
     >>> import numpy as np
     >>> from inswsn_lib import estimation as est
-    >>> from inswsn_lib.recordings import Ranges
+    >>> from inswsn_lib.streams import Ranges
     >>> ranges = Ranges(np.array([1.0]), np.array([0]), np.array([5.1]), np.zeros((1, 2)), ("a",))
     >>> heard = est.RangesToAnchors(ranges, np.zeros(2), white=0.05, bias=0.2)
     >>> tag = est.PlanarState(np.array([3.0, 4.0]), heading=0.0)
@@ -134,7 +134,7 @@ class RangesToAnchors:
     def initial(self) -> Array:
         """Variances of the scale, the biases and the coloured errors."""
         each = np.repeat(self._deviations, len(self.ranges.anchors))
-        return np.square(np.append([self.scale] * bool(self.scale), each))
+        return np.asarray(np.square(np.append([self.scale] * bool(self.scale), each)))
 
     def transition(self, dt: float) -> tuple[Array, Array]:
         """Return factors and gained variances of the same."""

@@ -17,8 +17,7 @@ from typing import ClassVar
 import numpy as np
 
 from inswsn_lib.checks import Array
-from inswsn_lib.recordings import Odometry
-from inswsn_lib.recordings.recording import Whole
+from inswsn_lib.streams import Odometry, Whole
 
 _X, _Y, _HEADING, _SCALE, _BIAS = range(5)
 

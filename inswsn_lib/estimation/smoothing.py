@@ -33,7 +33,7 @@ def smooth(solution: Solution) -> Solution:
 
     >>> import numpy as np
     >>> from inswsn_lib import estimation as est
-    >>> from inswsn_lib.recordings import Fixes, Odometry
+    >>> from inswsn_lib.streams import Fixes, Odometry
     >>> t = np.arange(0, 20.1, 0.1)
     >>> wheels = Odometry(t, speed=np.full(201, 1.0), rate=np.zeros(201))
     >>> motion = est.OdometryMotion(wheels, est.OdometryNoise(0.01, 0.001, 1e-4, 1e-5))
@@ -70,7 +70,7 @@ def smooth_with_lag(solution: Solution, lag: float) -> Solution:
     --------
     >>> import numpy as np
     >>> from inswsn_lib import estimation as est
-    >>> from inswsn_lib.recordings import Fixes, Odometry
+    >>> from inswsn_lib.streams import Fixes, Odometry
     >>> t = np.arange(0, 20.1, 0.1)
     >>> wheels = Odometry(t, speed=np.full(201, 1.0), rate=np.zeros(201))
     >>> motion = est.OdometryMotion(wheels, est.OdometryNoise(0.01, 0.001, 1e-4, 1e-5))

@@ -27,12 +27,6 @@ from .recorded_trials import (
     read_trials as read_trials,
     run_recorded_outages as run_recorded_outages,
 )
-from .recording_checks import (
-    Finding as Finding,
-    check_recording as check_recording,
-    verdict as verdict,
-)
-from .set_up_checks import check_set_up as check_set_up
 from .training_areas import (
     TrainingAreas as TrainingAreas,
     errors_by_area as errors_by_area,

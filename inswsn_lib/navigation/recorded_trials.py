@@ -15,9 +15,9 @@ from inswsn_lib.checks import Array
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.navigation.trials import as_starts, run_outages
 from inswsn_lib.navigation.vehicle_hybrid import VehicleHybrid
-from inswsn_lib.recordings import RecordedDrive
 from inswsn_lib.vehicle import (
     FilterSettings,
+    RecordedDrive,
     emulate_sensors,
     estimate_mounting,
     metres,

@@ -10,8 +10,8 @@ import yaml
 from inswsn_lib.checks import array
 from inswsn_lib.errors import InswsnError, ParameterError
 from inswsn_lib.files import read_yaml
-from inswsn_lib.recordings.recording import Recording
 from inswsn_lib.recordings.rows import reading
+from inswsn_lib.streams import Recording
 
 ABOUT = "recording.yaml"
 _WORDS = ("name", "licence", "source")

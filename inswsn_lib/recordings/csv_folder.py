@@ -12,7 +12,8 @@ from inswsn_lib.errors import InswsnError
 from inswsn_lib.recordings.about import ABOUT, read_about
 from inswsn_lib.recordings.columns import TIME, Layout, read_table
 from inswsn_lib.recordings.files import Place, digests_of, files_of
-from inswsn_lib.recordings.recording import (
+from inswsn_lib.recordings.rows import check_twins, places_of, reading, unit_quaternions
+from inswsn_lib.streams import (
     Fixes,
     Imu,
     Odometry,
@@ -21,7 +22,6 @@ from inswsn_lib.recordings.recording import (
     Reference,
     check_increase,
 )
-from inswsn_lib.recordings.rows import check_twins, places_of, reading, unit_quaternions
 
 Table = dict[str, NDArray[Any]]
 

@@ -13,8 +13,8 @@ from inswsn_lib.errors import InswsnError, ParameterError
 from inswsn_lib.recordings.about import ABOUT, write_about
 from inswsn_lib.recordings.columns import TIME
 from inswsn_lib.recordings.csv_folder import ANCHORS, COLUMNS, LAYOUTS, PLACE
-from inswsn_lib.recordings.recording import Recording, Stream
 from inswsn_lib.recordings.rows import check_twins
+from inswsn_lib.streams import Recording, Stream
 
 
 def write_csv(recording: Recording, folder: str | Path) -> None:

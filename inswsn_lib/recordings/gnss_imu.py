@@ -6,12 +6,10 @@ they are read as they are.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from pyins.strapdown import compute_increments_from_imu
 from pyins.util import ACCEL_COLS, GYRO_COLS
 from scipy.integrate import cumulative_trapezoid
@@ -19,6 +17,7 @@ from scipy.integrate import cumulative_trapezoid
 from inswsn_lib.checks import Array
 from inswsn_lib.recordings.files import Source, locate
 from inswsn_lib.recordings.rtklib import LATENCY, read_log, read_solution
+from inswsn_lib.vehicle import RecordedDrive, Track
 
 _IMU, _TAG, _POSITIONS = "imu_1934.csv", "imu_1934.csv.tag", "gnss_1934_sf.pos"
 DRIVE = Source(
@@ -36,53 +35,6 @@ DRIVE = Source(
 PERIOD = 0.01
 _AXES = np.array([-1.0, 1.0, -1.0])  # the IMU lies with x back, y right, z up
 _RATE = 4  # rows of the RTK solution a second
-
-
-@dataclass(frozen=True, eq=False)
-class Track:
-    """Position (latitude, longitude, height; rad, m) and velocity (east, north, up; m/s) by RTK.
-
-    Quality is Q of RTKLIB: 1 with whole-number ambiguities, 2 with real ones, more for less.
-    """
-
-    time: Array
-    position: Array
-    velocity: Array
-    quality: NDArray[np.int64]
-
-
-@dataclass(frozen=True, eq=False)
-class RecordedDrive:
-    """A recording on even grids: the IMU at 100 Hz, epochs at 1 Hz.
-
-    The epochs are rows of the RTK solution, those nearest to whole GPS seconds; nothing of RTK is
-    interpolated. The IMU's grid goes through the epochs.
-
-    Attributes
-    ----------
-    start : float
-        The first epoch, GPS time as RTKLIB counts it: seconds since 1970, without leap seconds.
-    time : ndarray, (epochs,)
-        Seconds from the first epoch.
-    period : float
-        Of the IMU (s).
-    rotation_increments, velocity_increments : ndarray, (samples, 3)
-        As in `Drive` (rad, m/s), along the IMU's axes forward, right, down: how it is mounted in
-        the car is not corrected.
-    position, velocity : ndarray, (epochs, 3)
-        Of RTK: latitude, longitude (rad), height (m), and east, north, up (m/s).
-    track : Track
-        The whole RTK solution, at 4 Hz, with its quality.
-    """
-
-    start: float
-    time: Array
-    period: float
-    rotation_increments: Array
-    velocity_increments: Array
-    position: Array
-    velocity: Array
-    track: Track
 
 
 def load_drive(cache: Path | None = None) -> RecordedDrive:

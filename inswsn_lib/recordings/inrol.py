@@ -10,7 +10,6 @@ from __future__ import annotations
 import numpy as np
 
 from inswsn_lib.recordings.files import Place, digests_of, files_of, pick
-from inswsn_lib.recordings.recording import Imu, Ranges, Recording, Reference
 from inswsn_lib.recordings.rows import (
     check_twins,
     names_of,
@@ -19,6 +18,7 @@ from inswsn_lib.recordings.rows import (
     reading,
     unit_quaternions,
 )
+from inswsn_lib.streams import Imu, Ranges, Recording, Reference
 
 #: From the IMU to the tag, in the IMU's axes (m), as parameter.yaml of the repository has both
 LEVER_ARM = (0.0, 0.0, 0.010)

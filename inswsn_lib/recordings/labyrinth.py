@@ -13,8 +13,8 @@ import numpy as np
 from inswsn_lib.checks import Array
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.recordings.files import Place, digests_of, files_of, pick
-from inswsn_lib.recordings.recording import Odometry, Ranges, Recording, Reference
 from inswsn_lib.recordings.rows import Row, lines_of, names_of, numbers, places_of, reading
+from inswsn_lib.streams import Odometry, Ranges, Recording, Reference
 
 # Of each kind of line, the numbers after its word (those of the readme): time, range, variance, the
 # module's position and number, quality | time, speeds of two wheels and sideways, half the distance

@@ -19,14 +19,14 @@ import numpy as np
 from inswsn_lib.checks import Array, array
 from inswsn_lib.recordings.files import Place, digests_of, files_of, pick
 from inswsn_lib.recordings.matlab import read_tables
-from inswsn_lib.recordings.recording import (
+from inswsn_lib.recordings.rows import check_twins, names_of, places_of, reading
+from inswsn_lib.streams import (
     Odometry,
     Ranges,
     Recording,
     Reference,
     check_increase,
 )
-from inswsn_lib.recordings.rows import check_twins, names_of, places_of, reading
 
 # Of each variable that is read, the columns: time, distance and turn since the row before |
 # time, position and heading | time, antenna, node and range | node and position

@@ -14,8 +14,8 @@ from inswsn_lib.recordings.gnss_imu import DRIVE
 from inswsn_lib.recordings.inrol import read_inrol
 from inswsn_lib.recordings.labyrinth import read_labyrinth
 from inswsn_lib.recordings.plaza import read_plaza
-from inswsn_lib.recordings.recording import Recording
 from inswsn_lib.recordings.rtklib import read_rtklib
+from inswsn_lib.streams import Recording
 
 #: What reads the files of a kind
 READERS: dict[str, Callable[[Place], Recording]] = {

@@ -21,6 +21,8 @@ from .filter import (
     run_vehicle_filter as run_vehicle_filter,
 )
 from .recorded import (
+    RecordedDrive as RecordedDrive,
+    Track as Track,
     calibrate_inertial_noise as calibrate_inertial_noise,
     emulate_sensors as emulate_sensors,
     estimate_mounting as estimate_mounting,

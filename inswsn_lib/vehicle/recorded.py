@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from inswsn_lib.checks import Array, array, number, whole
 from inswsn_lib.errors import ParameterError
-from inswsn_lib.recordings import RecordedDrive
 from inswsn_lib.vehicle.drive import Drive, Place, Reference
 from inswsn_lib.vehicle.error_model import metres, wrapped
 from inswsn_lib.vehicle.filter import VehicleRun, run_vehicle_filter
@@ -19,6 +18,53 @@ from inswsn_lib.vehicle.settings import FilterSettings
 
 #: By how much the noises may be multiplied
 LEVELS = (0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """Position (latitude, longitude, height; rad, m) and velocity (east, north, up; m/s) by RTK.
+
+    Quality is Q of RTKLIB: 1 with whole-number ambiguities, 2 with real ones, more for less.
+    """
+
+    time: Array
+    position: Array
+    velocity: Array
+    quality: NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class RecordedDrive:
+    """A recording on even grids: the IMU at 100 Hz, epochs at 1 Hz.
+
+    The epochs are rows of the RTK solution, those nearest to whole GPS seconds; nothing of RTK is
+    interpolated. The IMU's grid goes through the epochs.
+
+    Attributes
+    ----------
+    start : float
+        The first epoch, GPS time as RTKLIB counts it: seconds since 1970, without leap seconds.
+    time : ndarray, (epochs,)
+        Seconds from the first epoch.
+    period : float
+        Of the IMU (s).
+    rotation_increments, velocity_increments : ndarray, (samples, 3)
+        As in `Drive` (rad, m/s), along the IMU's axes forward, right, down: how it is mounted in
+        the car is not corrected.
+    position, velocity : ndarray, (epochs, 3)
+        Of RTK: latitude, longitude (rad), height (m), and east, north, up (m/s).
+    track : Track
+        The whole RTK solution, at 4 Hz, with its quality.
+    """
+
+    start: float
+    time: Array
+    period: float
+    rotation_increments: Array
+    velocity_increments: Array
+    position: Array
+    velocity: Array
+    track: Track
 
 
 def emulate_sensors(

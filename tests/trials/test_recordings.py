@@ -20,8 +20,7 @@ import numpy as np
 import pandas as pd
 
 from inswsn_lib import ErrorModel, InswsnError, read_recording
-from inswsn_lib.navigation import check_recording, verdict
-from inswsn_lib.recordings import INS, REFERENCE, TIME, WSN
+from inswsn_lib.recordings import INS, REFERENCE, TIME, WSN, check_recording, verdict
 
 Random = np.random.Generator
 DETECTABLE = 8.0

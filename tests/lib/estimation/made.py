@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from inswsn_lib.estimation import InertialState
 from inswsn_lib.estimation.mechanization import GRAVITY
-from inswsn_lib.recordings import Fixes, Imu, Ranges
+from inswsn_lib.streams import Fixes, Imu, Ranges
 
 Array = NDArray[np.float64]
 PERIOD = 0.01

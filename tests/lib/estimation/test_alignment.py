@@ -20,7 +20,7 @@ from inswsn_lib.estimation import (
     level,
 )
 from inswsn_lib.estimation.mechanization import GRAVITY
-from inswsn_lib.recordings import Fixes, Imu
+from inswsn_lib.streams import Fixes, Imu
 
 NOISE = ImuNoise(0.02, 0.002, 1e-3, 1e-5)
 RUNS = 8

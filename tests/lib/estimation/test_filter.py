@@ -28,7 +28,7 @@ from inswsn_lib.estimation import (
     smooth,
     smooth_with_lag,
 )
-from inswsn_lib.recordings import Fixes, Imu, Odometry, Ranges
+from inswsn_lib.streams import Fixes, Imu, Odometry, Ranges
 
 Array = NDArray[np.float64]
 NOISE = ImuNoise(0.02, 0.002, 1e-3, 1e-5)

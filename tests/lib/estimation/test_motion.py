@@ -19,7 +19,7 @@ from inswsn_lib.estimation import (
     PlanarState,
 )
 from inswsn_lib.estimation.mechanization import GRAVITY, turned
-from inswsn_lib.recordings import Imu, Odometry
+from inswsn_lib.streams import Imu, Odometry
 
 QUIET = ImuNoise(0.0, 0.0, 0.0, 0.0)
 STILL = OdometryNoise(0.0, 0.0, 0.0, 0.0)

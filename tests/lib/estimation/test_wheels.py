@@ -17,7 +17,7 @@ from inswsn_lib.estimation import (
     run_error_state,
 )
 from inswsn_lib.estimation.mechanization import GRAVITY
-from inswsn_lib.recordings import Fixes, Imu
+from inswsn_lib.streams import Fixes, Imu
 
 Array = NDArray[np.float64]
 NOISE = ImuNoise(5e-3, 3e-4, 1e-4, 1e-6)

@@ -19,8 +19,7 @@ from scipy.spatial.transform import Rotation
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.learning import HoldRegressor
 from inswsn_lib.navigation import RecordedTrials, VehicleHybrid, read_trials, run_recorded_outages
-from inswsn_lib.recordings import RecordedDrive, Track
-from inswsn_lib.vehicle import FilterSettings, metres
+from inswsn_lib.vehicle import FilterSettings, RecordedDrive, Track, metres
 
 Array = NDArray[np.float64]
 

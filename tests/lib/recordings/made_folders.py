@@ -12,8 +12,8 @@ import pytest
 from scipy.io import savemat
 
 from inswsn_lib.files import DATA_VARIABLE
-from inswsn_lib.recordings import Recording
 from inswsn_lib.recordings.registry import KNOWN
+from inswsn_lib.streams import Recording
 
 HALF = np.sqrt(0.5)
 #: 2025-08-28 17:30:40 in the calendar of UTC, from `date -u -d ... +%s`

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from inswsn_lib.recordings import Imu, Odometry, Ranges, Recording, Reference
+from inswsn_lib.streams import Imu, Odometry, Ranges, Recording, Reference
 
 Array = NDArray[np.float64]
 

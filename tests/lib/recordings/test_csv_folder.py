@@ -15,7 +15,7 @@ from made_folders import HALF, make_csv, values_of
 
 from inswsn_lib import recordings
 from inswsn_lib.errors import InswsnError
-from inswsn_lib.recordings import Fixes, Imu, Odometry, Ranges, Recording, Reference
+from inswsn_lib.streams import Fixes, Imu, Odometry, Ranges, Recording, Reference
 
 
 def test_all_files_are_read(tmp_path: Path) -> None:

@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.files import DATA_VARIABLE
-from inswsn_lib.recordings import RecordedDrive, RecordingUnavailableError, gnss_imu, load_drive
+from inswsn_lib.recordings import RecordingUnavailableError, gnss_imu, load_drive
 from inswsn_lib.recordings.files import locate
+from inswsn_lib.vehicle import RecordedDrive
 
 Array = NDArray[np.float64]
 IMU, TAG, POSITIONS = NAMES = ("imu_1934.csv", "imu_1934.csv.tag", "gnss_1934_sf.pos")

@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 
 from inswsn_lib import recordings
 from inswsn_lib.errors import InswsnError
-from inswsn_lib.recordings import Recording
 from inswsn_lib.recordings.inrol import read_inrol
+from inswsn_lib.streams import Recording
 
 
 def test_made_files_are_read_as_they_are(tmp_path: Path) -> None:

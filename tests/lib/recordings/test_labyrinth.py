@@ -10,8 +10,8 @@ from made_folders import make_labyrinth, needs
 
 from inswsn_lib import recordings
 from inswsn_lib.errors import InswsnError
-from inswsn_lib.recordings import Recording
 from inswsn_lib.recordings.labyrinth import read_labyrinth
+from inswsn_lib.streams import Recording
 
 
 def test_wheels_become_speed_and_rate(tmp_path: Path) -> None:

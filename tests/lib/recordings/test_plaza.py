@@ -15,11 +15,11 @@ from scipy.spatial.transform import Rotation
 
 from inswsn_lib import recordings
 from inswsn_lib.errors import InswsnError
-from inswsn_lib.recordings import Odometry, Recording
 from inswsn_lib.recordings.files import locate
 from inswsn_lib.recordings.matlab import read_tables
 from inswsn_lib.recordings.plaza import read_plaza
 from inswsn_lib.recordings.registry import KNOWN
+from inswsn_lib.streams import Odometry, Recording
 
 Array = NDArray[np.float64]
 

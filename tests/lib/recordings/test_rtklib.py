@@ -10,8 +10,9 @@ from made_folders import MOMENT, make_rtklib, needs
 
 from inswsn_lib import recordings
 from inswsn_lib.errors import InswsnError
-from inswsn_lib.recordings import Fixes, Imu, Recording, load_drive
+from inswsn_lib.recordings import load_drive
 from inswsn_lib.recordings.rtklib import LATENCY, read_rtklib
+from inswsn_lib.streams import Fixes, Imu, Recording
 
 G0 = 9.80665
 #: Lengths of a degree of latitude and of longitude at 40 degrees on the ellipsoid of WGS 84 (m)

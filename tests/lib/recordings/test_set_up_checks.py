@@ -13,8 +13,9 @@ import pytest
 from made_recording import ROOM, made, made_drive, made_imu
 from scipy.spatial.transform import Rotation
 
-from inswsn_lib.navigation import Finding, check_set_up, verdict
-from inswsn_lib.recordings import Fixes, Imu, Ranges, Recording, multilaterate_track
+from inswsn_lib.estimation import multilaterate_track
+from inswsn_lib.recordings import Finding, check_set_up, verdict
+from inswsn_lib.streams import Fixes, Imu, Ranges, Recording
 
 NAMES = {"unit", "repeats", "gaps", "axes", "gravity", "time", "mounting", "place", "bias", "scale",
          "lever arm", "frame", "odometry"}  # fmt: skip

@@ -14,10 +14,11 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
 from inswsn_lib.errors import ParameterError
-from inswsn_lib.recordings import RecordedDrive, Track
 from inswsn_lib.vehicle import (
     Drive,
     Place,
+    RecordedDrive,
+    Track,
     VehicleRun,
     VehicleState,
     calibrate_inertial_noise,

@@ -1,0 +1,208 @@
+"""How late an IMU's stamps are by the clock of a reference or of fixes, and how it is mounted."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from inswsn_lib.calibration.blocks import FEWEST, block_starts
+from inswsn_lib.calibration.robust_fit import covariance, deviation_of, fit
+from inswsn_lib.calibration.turn_rates import Felt, Told, Turned, told_by, vertical_part
+from inswsn_lib.checks import Array, number
+from inswsn_lib.errors import InswsnError
+from inswsn_lib.streams import Imu, Recording
+
+#: The largest deviations that count as told: s, rad
+CLOCK_LIMIT, TURN_LIMIT = 0.02, 0.05
+
+_STEP = 0.02  # s, of the clocks that are tried
+_EXPLAINED = 0.5  # of the variance of the gyro's rates, lest it is no gyro of this body
+_RATE = 0.01  # rad/s, what counts as 1 in the gyro's bias
+
+
+@dataclass(frozen=True, eq=False)
+class ImuClock:
+    """What `imu_clock` found.
+
+    Attributes
+    ----------
+    by : str
+        ``"attitude"``, ``"heading"`` (the attitude turns about the vertical alone) or ``"course"``.
+    offset, deviation : float
+        How late the IMU's stamps are, s.
+    rotation : ndarray, (3, 3), or None
+        Takes vectors along the reference's body axes into those of the IMU; None where heading or
+        course are compared, which cannot tell it.
+    rotation_deviation : ndarray, (3,)
+        Of the small rotation about each of the IMU's axes that is left, rad; NaN likewise.
+    gyro_bias : ndarray, (3,) or (1,)
+        rad/s, along the axes of the IMU, or about the vertical.
+    before, after : float
+        Deviation of the difference of rates by its median absolute value, rad/s: as logged, and
+        with these values.
+    blocks : int
+        As of `Calibration`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from inswsn_lib.calibration import ImuClock
+    >>> from inswsn_lib.streams import Imu, Recording
+    >>> found = ImuClock("course", 0.02, 0.001, None, np.full(3, np.nan), np.zeros(1), 0.1, 0.1, 9)
+    >>> imu = Imu(np.arange(3.0), np.zeros((3, 3)), np.zeros((3, 3)))
+    >>> print(found.apply(Recording("made", imu=imu)).imu.time)
+    [-0.02  0.98  1.98]
+    """
+
+    by: str
+    offset: float
+    deviation: float
+    rotation: Array | None
+    rotation_deviation: Array
+    gyro_bias: Array
+    before: float
+    after: float
+    blocks: int
+
+    def apply(self, recording: Recording) -> Recording:
+        """Return a recording whose IMU has the clock, and if told the axes, of the reference.
+
+        Its rates keep their bias.
+        """
+        imu = recording.imu
+        if imu is None:
+            raise InswsnError(f"The recording {recording.name} has no IMU to correct.")
+        M = np.eye(3) if self.rotation is None else self.rotation
+        right = Imu(time=imu.time - self.offset, rate=imu.rate @ M, force=imu.force @ M)
+        return replace(recording, imu=right)
+
+
+def imu_clock(
+    recording: Recording,
+    *,
+    window: float | None = None,
+    slowest: float = 1.0,
+    block: float = 5.0,
+    reach: float = 1.0,
+) -> ImuClock:
+    r"""Return how late the IMU's stamps are, from turns that it feels and others see.
+
+    With the mean rate :math:`\bar\omega(t)` of the gyro over a window and that of the reference's
+    attitude, :math:`\log(A(t - h/2)^{-1} A(t + h/2)) / h` in axes of the body,
+
+    .. math:: \bar\omega(t + \tau) = M\, \log(A(t - h/2)^{-1} A(t + h/2)) / h + b + e
+
+    is fitted by soft-l1 for the offset :math:`\tau`, the rotation M and the gyro's bias b, from an
+    offset by trial and a rotation in closed form (Umeyama 1991; the likeness of rates is a usual
+    measure of an IMU's delay, as in Furgale, Rehder and Siegwart 2013). Where the body turns about
+    the vertical alone, or there is no attitude, the gyro about the vertical (the mean of the
+    specific force) is compared with the rate of the heading, or of the course of fixes that have a
+    velocity or of the reference's positions. The course turns as the body does only without
+    sideslip.
+
+    Parameters
+    ----------
+    recording : Recording
+        With an IMU, and a reference or fixes.
+    window : float, optional
+        h, s: 0.2 by default, and 0.5 for a course; three periods at least.
+    slowest : float
+        Below which speed a course tells nothing, m/s.
+    block : float
+        As in `calibrate`, s.
+    reach : float
+        How late or early the stamps may be, s.
+
+    Raises
+    ------
+    InswsnError
+        If the offset's deviation is above 0.02 s, as with too little rotation, or if most of what
+        the gyro feels is not what the others see: other axes, another run, a mirrored frame.
+
+    Examples
+    --------
+    A body that turns to and fro about all axes; stamps of its IMU are 20 ms late.
+
+    >>> import numpy as np
+    >>> from scipy.spatial.transform import Rotation
+    >>> from inswsn_lib.calibration import imu_clock
+    >>> from inswsn_lib.streams import Imu, Recording, Reference
+    >>> time = np.arange(0, 60, 0.01)
+    >>> angles = np.column_stack([np.sin(1.1 * time), np.sin(1.7 * time), np.sin(0.7 * time)])
+    >>> attitude = Rotation.from_rotvec(0.3 * angles)
+    >>> rate = (attitude[:-1].inv() * attitude[1:]).as_rotvec() / 0.01
+    >>> rate += np.random.default_rng(0).normal(0, 0.01, rate.shape)
+    >>> imu = Imu(time[:-1] + 0.005 + 0.02, rate, np.tile([0.0, 0.0, 9.81], (len(rate), 1)))
+    >>> reference = Reference(time, np.zeros((len(time), 3)), attitude.as_quat())
+    >>> found = imu_clock(Recording("made", imu=imu, reference=reference))
+    >>> print(found.by, f"{found.offset:.3f} s")
+    attitude 0.020 s
+    """
+    number("slowest", slowest, least=0)
+    number("reach", reach, least=0)
+    number("block", block, above=0)
+    if window is not None:
+        number("window", window, above=0)
+    if recording.imu is None or len(recording.imu) < 2:
+        raise InswsnError(f"The recording {recording.name} has no IMU.")
+    told = told_by(recording, window, slowest)
+    felt = Felt(recording.imu)
+    if told.by == "attitude":
+        found = _matched(felt, told, block, reach)
+        if found is not None:
+            return found
+        told = vertical_part(told)
+    found = _matched(felt.about(up_of(recording.imu)), told, block, reach)
+    assert found is not None  # a rate about the vertical has no rotation to be lost
+    return found
+
+
+def up_of(imu: Imu) -> Array:
+    """Return the direction of the mean specific force in the axes of the IMU."""
+    mean = imu.force.mean(axis=0)
+    return np.asarray(mean / max(float(np.linalg.norm(mean)), 1e-300))
+
+
+def _matched(felt: Felt, told: Told, block: float, reach: float) -> ImuClock | None:
+    """Return the offset and the rest; None if it is told, but not the rotation."""
+    count = round(reach / _STEP)
+    clocks: Array = np.asarray(_STEP * np.arange(-count, count + 1))
+    turned = Turned(felt, told, reach + _STEP)
+    if not len(turned.time):
+        raise InswsnError("The IMU and what it is compared with share too little time.")
+    starts = block_starts(turned.time, block)
+    if len(starts) < FEWEST:
+        raise InswsnError(f"The IMU is compared in {len(starts)} blocks of time; {FEWEST} are few.")
+    state = turned.start(clocks)
+    size = np.array([CLOCK_LIMIT, *[TURN_LIMIT] * turned.turns, *[_RATE] * turned.width])
+    # a row for each axis: blocks are of times
+    rows = starts * turned.width
+    state, noise = fit(turned, state, deviation_of(turned.residual(state)), lambda _: size)
+    found, lost = covariance(turned, state, noise, size, rows)
+    deviations = np.sqrt(np.diag(found))
+    deviations[lost] = np.inf
+    explained = turned.explained(state)
+    if not deviations[0] <= CLOCK_LIMIT:
+        raise InswsnError(
+            f"The recording cannot tell the IMU's clock: the deviation would be {deviations[0]:.2g}"
+            f" s, above {CLOCK_LIMIT:g}; it turns at {turned.size():.2g} rad/s."
+        )
+    if explained < _EXPLAINED:
+        raise InswsnError(
+            f"The IMU's clock cannot be told: by the {told.by} {explained:.0%} of the variance of "
+            "its rates is explained: it turns too little, has other axes, or is of another run."
+        )
+    if turned.turns and not (deviations[1:4] <= TURN_LIMIT).all():
+        return None
+    return ImuClock(
+        by=told.by,
+        offset=state.clock,
+        deviation=float(deviations[0]),
+        rotation=state.turn if turned.turns else None,
+        rotation_deviation=deviations[1:4] if turned.turns else np.full(3, np.nan),
+        gyro_bias=state.bias,
+        before=deviation_of(turned.residual(turned.nothing())),
+        after=noise,
+        blocks=len(starts),
+    )

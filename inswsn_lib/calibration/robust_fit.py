@@ -1,0 +1,120 @@
+"""Unknowns that make a robust loss least, and their covariance by blocks of time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Protocol, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inswsn_lib.calibration.blocks import block_sums, jackknife
+from inswsn_lib.checks import Array, Mask
+
+State = TypeVar("State")
+
+_ROUNDS, _SAME = 6, 0.02  # of the scale of residuals, and what is no change of it
+_FLOOR = 1e-6  # of that scale
+_STEPS, _SETTLED = 60, 1e-4  # most, and of an unknown's size
+_FAR = 0.1  # of a size: a way after which the scale is looked at again
+_DAMPING, _STUCK = 1e-4, 1e8
+_NULL = 1e-9  # of the singular values of the scaled Jacobian
+_TO_DEVIATION = 1.4826  # from the median of absolute values, of a normal distribution
+
+
+class Problem(Protocol[State]):
+    """Residuals (n,) of a state, their derivatives (n, p), and a state that is a step (p,) off."""
+
+    def residual(self, state: State) -> Array:
+        """Return what was measured less what should have been."""
+
+    def jacobian(self, state: State) -> Array:
+        """Return the derivatives of the residuals by a step from a state."""
+
+    def moved(self, state: State, by: Array) -> State:
+        """Return the state after a step."""
+
+
+def deviation_of(miss: Array, unknowns: int = 0) -> float:
+    """Return the deviation of residuals, by the median of their absolute values."""
+    freedom = len(miss) / max(1, len(miss) - unknowns)
+    return float(_TO_DEVIATION * np.median(np.abs(miss)) * np.sqrt(freedom))
+
+
+def fit(
+    problem: Problem[State], state: State, noise: float, sizes: Callable[[float], Array]
+) -> tuple[State, float]:
+    """Return the state that makes the soft-l1 loss least, and the deviation of the residuals.
+
+    Parameters
+    ----------
+    problem : Problem
+    state : State
+        Where the search begins.
+    noise : float
+        The first scale of the loss; later it is the residuals' own deviation.
+    sizes : callable
+        Gives for a noise what counts as 1 in each unknown.
+    """
+    noise = max(noise, _FLOOR)
+    for _ in range(_ROUNDS):
+        size = sizes(noise)
+        state, moved = _descended(problem, state, noise, size)
+        before, noise = noise, max(deviation_of(problem.residual(state), len(size)), _FLOOR)
+        if abs(noise / before - 1) < _SAME and moved < _FAR:
+            break
+    return state, noise
+
+
+def _descended(
+    problem: Problem[State], state: State, noise: float, size: Array
+) -> tuple[State, float]:
+    """Return the state of the least loss by Levenberg and Marquardt's method, and how far it is."""
+    damping, way = _DAMPING, np.zeros(len(size))
+    miss, jacobian = problem.residual(state), problem.jacobian(state) * size
+    for _ in range(_STEPS):
+        push, bend = _soft(miss, noise)
+        A = (jacobian * bend[:, None]).T @ jacobian
+        A += damping * np.diag(np.diag(A) + 1e-12 * np.trace(A) + 1e-300)
+        step = -np.linalg.solve(A, push @ jacobian)
+        tried = problem.moved(state, step * size)
+        there = problem.residual(tried)
+        if _loss(there, noise) <= _loss(miss, noise):
+            state, miss, way, damping = tried, there, way + step, max(damping / 10, 1e-9)
+            if np.abs(step).max() < _SETTLED:
+                break
+            jacobian = problem.jacobian(state) * size
+        else:
+            damping *= 10
+            if damping > _STUCK:
+                break
+    return state, float(np.abs(way).max())
+
+
+def _soft(miss: Array, noise: float) -> tuple[Array, Array]:
+    """Return the first and the second derivative of half the loss by each residual."""
+    weight = 1 / np.sqrt(1 + (miss / noise) ** 2)
+    return weight * miss, weight**3
+
+
+def _loss(miss: Array, noise: float) -> float:
+    x = (miss / noise) ** 2
+    return float(np.sum(x / (np.sqrt(1 + x) + 1)))  # sqrt(1 + x) - 1 without cancellation
+
+
+def covariance(
+    problem: Problem[State], state: State, noise: float, size: Array, starts: NDArray[np.intp]
+) -> tuple[Array, Mask]:
+    """Return the covariance of the unknowns by blocks of rows, and which nothing tells.
+
+    An unknown is told by nothing if the residuals do not depend on it, alone or with others: if it
+    has a part in a right singular vector of the Jacobian, its columns scaled by the sizes, whose
+    singular value is nil beside the largest; or if it is told by one block alone.
+    """
+    jacobian = problem.jacobian(state) * size
+    push, bend = _soft(problem.residual(state), noise)
+    found, lost = jackknife(*block_sums(jacobian, push, bend, starts))
+    _, values, right = np.linalg.svd(np.linalg.qr(jacobian, mode="r"))
+    gone = values <= _NULL * max(float(values[0]), 1e-300)
+    lost |= np.sum(right[gone] ** 2, axis=0) > 1e-3
+    return np.asarray(found * np.outer(size, size)), lost

@@ -1,0 +1,219 @@
+"""Rates of turning, as a gyro feels them and as attitudes, headings and courses tell them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.integrate import cumulative_trapezoid
+from scipy.spatial.transform import Rotation, Slerp
+
+from inswsn_lib.calibration.start import aligned
+from inswsn_lib.checks import Array, Mask
+from inswsn_lib.errors import InswsnError
+from inswsn_lib.streams import Imu, Recording, Reference
+
+_WINDOW, _COURSE_WINDOW = 0.2, 0.5  # s
+_PERIODS = 3  # that a window has at least
+_GAP = 0.25  # s, or three periods: across a longer one nothing is told
+
+
+class Felt:
+    """The integral of a gyro's rates, along three axes or one."""
+
+    def __init__(self, imu: Imu, axes: Array | None = None) -> None:
+        self._imu = imu
+        rate = imu.rate if axes is None else imu.rate @ axes.T
+        self.time, self.rate = imu.time, rate
+        self._sum = cumulative_trapezoid(rate, imu.time, axis=0, initial=0)
+
+    def about(self, direction: Array) -> Felt:
+        """Return the rate about one direction alone."""
+        return Felt(self._imu, direction[None])
+
+    def turned(self, time: Array) -> Array:
+        """Return the integral from the first stamp to some times, (n, axes)."""
+        return np.column_stack([np.interp(time, self.time, x) for x in self._sum.T])
+
+    def at(self, time: Array) -> Array:
+        """Return the rates at some times, (n, axes)."""
+        return np.column_stack([np.interp(time, self.time, x) for x in self.rate.T])
+
+
+@dataclass(frozen=True, eq=False)
+class Told:
+    """Rates (n, axes) over windows around times, and the attitude there where it is known."""
+
+    by: str
+    time: Array
+    rate: Array
+    window: float
+    attitude: Rotation | None = None
+
+
+def told_by(recording: Recording, window: float | None, slowest: float) -> Told:
+    """Return the rates that the reference's attitude tells, else those of a course."""
+    reference = recording.reference
+    if reference is not None and reference.attitude is not None and len(reference) > 1:
+        return _by_attitude(reference, window)
+    fixes = recording.fixes
+    if fixes is not None and fixes.velocity is not None:
+        there = np.isfinite(fixes.velocity).all(axis=1)
+        return _by_course(fixes.time[there], fixes.velocity[there, :2], window, slowest)
+    if reference is not None and len(reference) > 2:
+        velocity = np.gradient(reference.position[:, :2], reference.time, axis=0)
+        return _by_course(reference.time, velocity, window, slowest)
+    raise InswsnError(
+        f"The recording {recording.name} has neither a reference nor fixes with a velocity, by "
+        "which an IMU's clock could be told."
+    )
+
+
+def _grid(time: Array, window: float) -> tuple[Array, Mask]:
+    """Return the middles of windows over some stamps, and which have no gap."""
+    middle = np.arange(time[0] + window / 2, time[-1] - window / 2, window)
+    steps = np.diff(time)
+    wide = np.append(0, np.cumsum(steps > max(_GAP, 3 * float(np.median(steps)))))
+    first, last = (np.searchsorted(time, middle + side * window / 2) for side in (-1, 1))
+    whole = wide[np.minimum(last, len(time) - 1)] == wide[np.maximum(first - 1, 0)]
+    return middle, np.asarray(whole)
+
+
+def _window(given: float | None, usual: float, time: Array) -> float:
+    if given is not None:
+        return given
+    return max(usual, _PERIODS * float(np.median(np.diff(time))))
+
+
+def _by_attitude(reference: Reference, window: float | None) -> Told:
+    h = _window(window, _WINDOW, reference.time)
+    middle, kept = _grid(reference.time, h)
+    middle = middle[kept]
+    if not len(middle):
+        raise InswsnError(f"The reference has no {h:g} s without a gap.")
+    attitude = Slerp(reference.time, Rotation.from_quat(reference.attitude))
+    ends = np.clip([middle - h / 2, middle + h / 2], reference.time[0], reference.time[-1])
+    turns = attitude(ends[0]).inv() * attitude(ends[1])
+    return Told("attitude", middle, turns.as_rotvec() / h, h, attitude(middle))
+
+
+def _by_course(time: Array, velocity: Array, window: float | None, slowest: float) -> Told:
+    """Return the rates of the course, where the speed at both ends of a window is enough."""
+    if len(time) < 3:
+        raise InswsnError("There are too few velocities to tell a course by.")
+    h = _window(window, _COURSE_WINDOW, time)
+    middle, kept = _grid(time, h)
+    ends = []
+    for side in (-h / 2, h / 2):
+        v = np.column_stack([np.interp(middle + side, time, x) for x in velocity.T])
+        kept = kept & (np.hypot(v[:, 0], v[:, 1]) >= slowest)
+        ends.append(np.arctan2(v[:, 1], v[:, 0]))
+    if not kept.any():
+        raise InswsnError(f"It never moves at {slowest:g} m/s, so there is no course.")
+    change = np.angle(np.exp(1j * (ends[1] - ends[0])))
+    return Told("course", middle[kept], (change[kept] / h)[:, None], h)
+
+
+def vertical_part(told: Told) -> Told:
+    """Return the rate of the heading, of rates along axes of the body."""
+    assert told.attitude is not None
+    return replace(told, by="heading", rate=told.attitude.apply(told.rate)[:, 2:])
+
+
+@dataclass(frozen=True, eq=False)
+class Turn:
+    """A clock's offset (s), a rotation, and a gyro's bias (rad/s)."""
+
+    clock: float
+    turn: Array
+    bias: Array
+
+
+class Turned:
+    """Rates that are felt less those that are told, which `robust_fit` makes small.
+
+    Parameters
+    ----------
+    felt : Felt
+    told : Told
+    reach : float
+        How far a clock may move without the gyro's rates coming to their end, s.
+    """
+
+    def __init__(self, felt: Felt, told: Told, reach: float) -> None:
+        half = told.window / 2
+        ends = felt.time[0] + half + reach, felt.time[-1] - half - reach
+        inside = (told.time >= ends[0]) & (told.time <= ends[1]) & _complete(felt, told, reach)
+        self.felt, self.half = felt, half
+        self.time, self.rate = told.time[inside], told.rate[inside]
+        self.width = self.rate.shape[1]
+        self.turns = 3 if self.width == 3 else 0
+
+    def nothing(self) -> Turn:
+        """Return no offset, no turn and no bias."""
+        return Turn(0.0, np.eye(self.width), np.zeros(self.width))
+
+    def size(self) -> float:
+        """Return the root mean square of the rates, free of their mean, rad/s."""
+        return float(np.sqrt(np.mean(np.sum((self.rate - self.rate.mean(axis=0)) ** 2, axis=1))))
+
+    def felt_rate(self, clock: float) -> Array:
+        """Return the mean rates of the gyro over the windows, (n, axes)."""
+        ends = (self.felt.turned(self.time + clock + side) for side in (-self.half, self.half))
+        early, late = ends
+        return np.asarray((late - early) / (2 * self.half))
+
+    def start(self, clocks: Array) -> Turn:
+        """Return the offset of some, and the rotation, that leave the least median."""
+        best, state = np.inf, self.nothing()
+        for clock in clocks:
+            felt = self.felt_rate(float(clock))
+            turn, bias = np.eye(1), np.median(felt - self.rate[:, : self.width], axis=0)
+            if self.turns:
+                turn, bias = aligned(self.rate, felt)
+            off = float(np.median(np.linalg.norm(felt - self.rate @ turn.T - bias, axis=1)))
+            if off < best:
+                best, state = off, Turn(float(clock), turn, bias)
+        return state
+
+    def explained(self, state: Turn) -> float:
+        """Return the share of the gyro's median square rate that is told, free of the bias."""
+        felt = self.felt_rate(state.clock) - state.bias
+        left = felt - self.rate @ state.turn.T
+        size = float(np.median(np.sum(felt**2, axis=1)))
+        return 1 - float(np.median(np.sum(left**2, axis=1))) / max(size, 1e-300)
+
+    def residual(self, state: Turn) -> Array:
+        """Return rates that are felt less those that are told, all axes of a time together."""
+        miss = self.felt_rate(state.clock) - self.rate @ state.turn.T - state.bias
+        return np.asarray(miss.ravel())
+
+    def jacobian(self, state: Turn) -> Array:
+        """Return the derivatives by clock, turn and bias."""
+        n, w = self.rate.shape
+        late, early = (self.felt.at(self.time + state.clock + x) for x in (self.half, -self.half))
+        columns = [((late - early) / (2 * self.half)).reshape(n * w, 1)]
+        if self.turns:
+            told = self.rate @ state.turn.T
+            # -(d x w) = w x d, as a matrix of w
+            columns.append(np.stack([np.cross(told, e) for e in np.eye(3)], axis=2).reshape(-1, 3))
+        columns.append(np.tile(-np.eye(w), (n, 1)))
+        return np.hstack(columns)
+
+    def moved(self, state: Turn, by: Array) -> Turn:
+        """Return an offset, a turn and a bias after a step."""
+        turn = state.turn
+        if self.turns:
+            turn = Rotation.from_rotvec(by[1:4]).as_matrix() @ turn
+        return Turn(state.clock + float(by[0]), turn, state.bias + by[1 + self.turns :])
+
+
+def _complete(felt: Felt, told: Told, reach: float) -> NDArray[np.bool_]:
+    """Tell which windows lie in no gap of the gyro, wherever its clock moves."""
+    steps = np.diff(felt.time)
+    wide = np.append(0, np.cumsum(steps > max(_GAP, 3 * float(np.median(steps)))))
+    half = told.window / 2 + reach
+    first = np.clip(np.searchsorted(felt.time, told.time - half) - 1, 0, len(wide) - 1)
+    last = np.clip(np.searchsorted(felt.time, told.time + half), 0, len(wide) - 1)
+    return np.asarray(wide[first] == wide[last])

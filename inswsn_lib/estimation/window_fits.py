@@ -1,0 +1,260 @@
+"""The positions of many windows of ranges at once: sums over the rows of each window.
+
+`range_fixes` makes fixes of them, `anchor_bias` what anchors have too much.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inswsn_lib.checks import Array, Mask
+from inswsn_lib.streams import Ranges, Whole
+
+Kind = TypeVar("Kind", bound=np.generic)
+
+_ITERATIONS = 60  # most fixes need six
+_NEAR = 1e-5  # m, a step after which a fix has settled
+_DAMPING, _STUCK = 1e-3, 1e6
+_ROUNDS, _SAME = 3, 0.8  # of the scale of robust residuals, and what is no change of it
+_ENOUGH = 0.7  # of the intervals
+_ROUNDING = 1e-6  # of an interval
+_FLAT = 1e-4  # of the eigenvalues of an information or a scatter, the least over the largest
+_TO_DEVIATION = 1.4826  # from the median of absolute values, of a normal distribution
+
+
+class WindowRanges(NamedTuple):
+    """The ranges of all windows, those of one window and one anchor beside one another."""
+
+    place: Array  # (rows, d), of the anchors
+    height: Array  # (rows,), of the anchors above what is fixed, m
+    distance: Array
+    windows: NDArray[np.intp]  # the first row of each window
+    groups: NDArray[np.intp]  # the first row of each anchor in each window
+    in_window: NDArray[np.intp]  # the first group of each window
+    anchor: Whole  # (rows,)
+    time: Array  # (rows,), s
+
+
+class WindowFit(NamedTuple):
+    """The positions that fit the ranges of each window best."""
+
+    position: Array  # (windows, d)
+    bad: Mask  # (windows,), those whose ranges do not tell a position
+    direction: Array  # (rows, d), from the anchors to the position
+    miss: Array  # (rows,), what a range has more than the distance, m
+    weight: Array  # (rows,), with which least squares have the gradient of the loss
+    noise: float  # of a range, m
+
+    def information(self, rows: WindowRanges) -> Array:
+        """Return the second derivative of half the loss by each position, (windows, d, d)."""
+        # the derivative of soft-l1's gradient is the weight's third power
+        return by_window(rows, self.weight[:, None, None] ** 3 * squares(self.direction))
+
+
+def window_rows(
+    time: Array, period: float, window: float
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return the rows of every window, one after the other, and where each window begins."""
+    # stamps that are multiples of the period, but for rounding, begin intervals
+    cell = np.floor((time - time[0]) / period + _ROUNDING).astype(int)
+    last = np.flatnonzero(np.diff(cell, append=cell[-1] + 1))  # of each interval that has a range
+    end = last + 1
+    if window == period:
+        begin = np.append(0, end[:-1])
+    else:
+        begin = np.searchsorted(time, time[0] + (cell[last] + 1 - _ROUNDING) * period - window)
+    counts = end - begin
+    first = np.append(0, np.cumsum(counts)[:-1])
+    return np.arange(counts.sum()) + np.repeat(begin - first, counts), first
+
+
+def enough_ranges(ranges: Ranges, periods: tuple[float, ...]) -> float | None:
+    """Return the shortest of some periods in most intervals of which a fix has enough anchors."""
+    d = ranges.anchors.shape[1]
+    for period in periods:
+        cell = np.floor((ranges.time - ranges.time[0]) / period + _ROUNDING).astype(int)
+        heard = np.unique(cell * len(ranges.anchors) + ranges.anchor) // len(ranges.anchors)
+        if np.mean(np.unique(heard, return_counts=True)[1] > d) >= _ENOUGH:
+            return period
+    return None
+
+
+def window_ranges(
+    ranges: Ranges,
+    which: NDArray[np.intp],
+    first: NDArray[np.intp],
+    bias: Array,
+    d: int,
+    level: float | None,
+) -> WindowRanges:
+    """Return the ranges of the windows, ordered by anchor within each."""
+    inside = np.repeat(np.arange(len(first)), np.diff(np.append(first, len(which))))
+    order = np.lexsort((ranges.anchor[which], inside))
+    anchor: Whole = ranges.anchor[which][order]
+    new = (np.diff(inside, prepend=-1) != 0) | (np.diff(anchor, prepend=-1) != 0)
+    groups = np.flatnonzero(new)
+    return WindowRanges(
+        ranges.anchors[anchor, :d],
+        np.zeros(len(anchor)) if level is None else ranges.anchors[anchor, 2] - level,
+        ranges.distance[which][order] - bias[anchor],
+        first,
+        groups,
+        np.searchsorted(groups, first),
+        anchor,
+        ranges.time[which][order],
+    )
+
+
+def fit_windows(
+    rows: WindowRanges, *, robust: bool = True, near: WindowFit | None = None
+) -> WindowFit:
+    """Return the positions of all windows by soft-l1, or by least squares.
+
+    Where positions are known to be near those of another fit, they begin there.
+    """
+    d = rows.place.shape[1]
+    anchors = np.diff(np.append(rows.in_window, len(rows.groups)))
+    open_side = (anchors <= d) | _is_flat(_scatter(rows, anchors))
+    position = _linear_start(rows, open_side) if near is None else near.position.copy()
+    if near is None:
+        _descend(rows, position, np.inf)
+    direction, miss = misses(rows, position)
+    noise = _scale(rows, miss, ~open_side)
+    weight = np.ones(len(miss))
+    for _ in range(_ROUNDS if robust and noise > 0 else 0):
+        _descend(rows, position, noise)
+        direction, miss = misses(rows, position)
+        weight = _soft_weights(miss, noise)
+        noise, before = _scale(rows, miss, ~open_side), noise
+        # least squares spread a gross error over all residuals, and so make the scale too large
+        if noise > _SAME * before:
+            break
+    fit = WindowFit(position, open_side, direction, miss, weight, noise)
+    return fit._replace(bad=open_side | _is_flat(fit.information(rows)))
+
+
+def squares(direction: Array) -> Array:
+    """Return u u' of each row u, (rows, d, d)."""
+    columns = direction.T
+    return np.asarray(
+        np.stack([a * b for a in columns for b in columns], axis=1).reshape(-1, *[len(columns)] * 2)
+    )
+
+
+def by_window(rows: WindowRanges, values: Array) -> Array:
+    """Return the sums of values over the rows of each window."""
+    return np.add.reduceat(values, rows.windows, axis=0)
+
+
+def _counts(rows: WindowRanges) -> NDArray[np.intp]:
+    return np.diff(np.append(rows.windows, len(rows.distance)))
+
+
+def each_row(rows: WindowRanges, values: NDArray[Kind]) -> NDArray[Kind]:
+    """Return for each row the value of its window."""
+    return np.repeat(values, _counts(rows), axis=0)
+
+
+def _is_flat(matrices: Array) -> Mask:
+    """Tell of symmetric matrices whether one direction is lost beside another."""
+    values = np.linalg.eigvalsh(matrices)
+    return np.asarray(values[:, 0] <= _FLAT * values[:, -1])
+
+
+def _scatter(rows: WindowRanges, anchors: NDArray[np.intp]) -> Array:
+    """Return how the distinct anchors of each window are spread, (windows, d, d)."""
+    place = rows.place[rows.groups]
+    middle = np.add.reduceat(place, rows.in_window, axis=0) / anchors[:, None]
+    return np.add.reduceat(
+        squares(place - np.repeat(middle, anchors, axis=0)), rows.in_window, axis=0
+    )
+
+
+def _linear_start(rows: WindowRanges, open_side: Mask) -> Array:
+    """Solve |p - a_i|^2 = r_i^2 less its mean over i, which is linear in p."""
+    counts = _counts(rows)[:, None]
+    middle = by_window(rows, rows.place) / counts
+    apart = rows.place - each_row(rows, middle)
+    # r below the anchor's height, which noise makes, has no horizontal distance
+    flat = np.maximum(rows.distance**2 - rows.height**2, 0.0)
+    square = np.sum(apart**2, axis=1) - flat
+    square -= each_row(rows, by_window(rows, square) / counts[:, 0])
+    A = by_window(rows, squares(apart))
+    A[open_side] = np.eye(A.shape[1])
+    right = by_window(rows, apart * square[:, None] / 2)
+    start = middle + np.linalg.solve(A, right[:, :, None])[:, :, 0]
+    return np.where(open_side[:, None], middle, start)
+
+
+def misses(rows: WindowRanges, position: Array) -> tuple[Array, Array]:
+    """Return the directions from the anchors, and what the ranges have more than the distances."""
+    apart = each_row(rows, position) - rows.place
+    distance = np.maximum(np.sqrt(np.sum(apart**2, axis=1) + rows.height**2), 1e-9)
+    return apart / distance[:, None], rows.distance - distance
+
+
+def _soft_weights(miss: Array, scale: float) -> Array:
+    """Return the weights with which least squares have the same gradient as soft-l1."""
+    return np.asarray(1 / np.sqrt(1 + (miss / scale) ** 2))
+
+
+def _cost(rows: WindowRanges, miss: Array, scale: float) -> Array:
+    if np.isinf(scale):
+        return by_window(rows, miss**2)
+    # (sqrt(1 + x^2) - 1) without cancellation
+    x = (miss / scale) ** 2
+    return by_window(rows, 2 * scale**2 * x / (np.sqrt(1 + x) + 1))
+
+
+def _descend(rows: WindowRanges, position: Array, scale: float) -> None:
+    """Take positions to where the cost is least; a step that makes it worse is tried shorter."""
+    left, here, damping = np.arange(len(position)), position, np.full(len(position), _DAMPING)
+    direction, miss = misses(rows, here)
+    cost = _cost(rows, miss, scale)
+    for _ in range(_ITERATIONS):
+        weight = _soft_weights(miss, scale)
+        H = by_window(rows, weight[:, None, None] * squares(direction))
+        gradient = by_window(rows, (weight * miss)[:, None] * direction)
+        size = np.trace(H, axis1=1, axis2=2) + 1e-12
+        H += (damping * size)[:, None, None] * np.eye(H.shape[1])
+        step = np.linalg.solve(H, gradient[:, :, None])[:, :, 0]
+        new_direction, new_miss = misses(rows, here + step)
+        new_cost = _cost(rows, new_miss, scale)
+        better = new_cost <= cost
+        here = np.where(better[:, None], here + step, here)
+        position[left], cost = here, np.where(better, new_cost, cost)
+        there = each_row(rows, better)
+        direction = np.where(there[:, None], new_direction, direction)
+        miss = np.where(there, new_miss, miss)
+        damping = np.clip(np.where(better, damping / 10, damping * 10), 1e-12, 10 * _STUCK)
+        on = (np.abs(step).max(axis=1) >= _NEAR) & (damping <= _STUCK)
+        if not on.any():
+            return
+        if on.sum() < len(on) / 2:  # the few that take long need not take the others along
+            kept = each_row(rows, on)
+            left, here, damping, cost = left[on], here[on], damping[on], cost[on]
+            rows, direction, miss = _part(rows, on), direction[kept], miss[kept]
+
+
+def _part(rows: WindowRanges, on: Mask) -> WindowRanges:
+    """Return the ranges of some windows, as far as positions need them."""
+    kept = each_row(rows, on)
+    first = np.append(0, np.cumsum(_counts(rows)[on])[:-1])
+    return rows._replace(
+        place=rows.place[kept],
+        height=rows.height[kept],
+        distance=rows.distance[kept],
+        windows=first,
+    )
+
+
+def _scale(rows: WindowRanges, miss: Array, redundant: Mask) -> float:
+    """Return the deviation of a range, from the median of the residuals' absolute values."""
+    used = miss[each_row(rows, redundant)]
+    if not used.size:
+        return 0.0
+    freedom = 1 - rows.place.shape[1] * redundant.sum() / used.size
+    return float(_TO_DEVIATION * np.median(np.abs(used)) / np.sqrt(freedom))

@@ -1,0 +1,159 @@
+"""What is found in a recording: nothing in the example, and each mistake put into it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import inswsn_lib as iw
+from inswsn_lib import ErrorModel, ParameterError, TrackPair
+from inswsn_lib.evaluation.alignment import Comparison
+from inswsn_lib.recordings import Finding, check_recording, verdict
+
+MODEL = ErrorModel.p1(0.2, process_noise=(0.001, 0.01), measurement_noise=(0.2, 0.1))
+RIGHT = iw.read_recording(iw.data_file("examples/ins-wsn.csv"))
+
+
+def checked(data: TrackPair, model: ErrorModel = MODEL) -> list[Finding]:
+    return check_recording(data, model, initial_covariance=np.diag([1.0, 1.0, 0.01, 0.01]))
+
+
+def moved(track: np.ndarray, seconds: float) -> np.ndarray:
+    """Return a track as it is told so much later, carried on at its ends."""
+    time = 0.2 * np.arange(len(track))
+    known = ~np.isnan(track[:, 0])
+    late = np.column_stack([np.interp(time - seconds, time[known], x[known]) for x in track.T])
+    early = np.maximum(seconds - time, 0)[:, None]
+    late[:, :2] -= early * track[0, 2:]
+    after = np.maximum(time - seconds - time[-1], 0)[:, None]
+    late[:, :2] += after * track[-1, 2:]
+    return np.round(late, 4)
+
+
+def turned(track: np.ndarray, degrees: float) -> np.ndarray:
+    c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+    return np.asarray(track @ np.kron(np.eye(2), [[c, -s], [s, c]]).T)
+
+
+EXCHANGED, ASIDE = [1, 0, 3, 2], np.array([3.0, 0, 0, 0])
+TRUE = RIGHT.reference if RIGHT.reference is not None else RIGHT.ins
+NOISE = np.round(RIGHT.wsn - TRUE, 4)
+OTHER = [0.2, 0.2, 0.1, 0.1] * np.random.default_rng(8).standard_normal(TRUE.shape)
+
+
+def test_the_recording_that_comes_along_fits() -> None:
+    found = checked(RIGHT)
+    assert all(each.fits for each in found)
+    assert verdict(found) == "Recording and figures fit."
+
+
+@pytest.mark.parametrize("late", [-0.8, 0.0, 0.7])
+def test_how_late_velocities_are_against_positions(late: float) -> None:
+    """On a circle of the rate w velocities that are late by s miss sin(w s) / w accelerations."""
+    w, time = 2 * np.pi / 12, 0.2 * np.arange(301)
+    angle, told = w * time, w * (time - late)
+    circle = np.column_stack([np.cos(angle), np.sin(angle), -w * np.sin(told), w * np.cos(told)])
+    found = checked(replace(RIGHT, ins=3 * circle, reference=None))
+    (lag,) = (each for each in found if each.subject == "INS, lag of velocities")
+    assert lag.value == pytest.approx(np.sin(w * late) / w, abs=1e-9)
+    assert lag.fits is (late == 0)
+    words = {-0.8: "0.78 s early", 0.0: "beside them", 0.7: "0.68 s late"}
+    assert words[late] in lag.says
+
+
+@pytest.mark.parametrize(
+    ("change", "name", "subject", "value", "about"),
+    [
+        ({"wsn": moved(TRUE, 0.3) + NOISE}, "time", "network and reference", 0.3, 0.07),
+        ({"reference": moved(TRUE, 2.0)}, "time", "network and reference", -2.0, 0.1),
+        ({"reference": moved(TRUE, -0.5)}, "time", "network and reference", 0.5, 0.1),
+        ({"wsn": moved(TRUE, 2.0) + NOISE, "reference": None}, "time", "network and INS", 2.0, 0.4),
+        ({"reference": turned(TRUE, 30)}, "frame", "network and reference", -30, 0.5),
+        ({"wsn": turned(RIGHT.wsn, 30), "reference": None}, "frame", "network and INS", 30, 4),
+        ({"reference": TRUE[:, EXCHANGED]}, "axes", "network and reference", 90, 0.5),
+        ({"wsn": RIGHT.wsn[:, EXCHANGED], "reference": None}, "axes", "network and INS", 90, 5),
+        ({"ins": RIGHT.ins[:, EXCHANGED], "reference": None}, "axes", "network and INS", 90, 5),
+        ({"reference": TRUE * 1.0936}, "scale", "network and reference", 1 / 1.0936, 0.01),
+        ({"reference": TRUE + ASIDE}, "origin", "network and reference", None, 0),
+        ({"reference": RIGHT.wsn}, "copy", "network and reference", 0, 1e-12),
+        ({"reference": TRUE + 0.7 * NOISE}, "copy", "network and reference", 0.09, 0.02),
+        ({"reference": TRUE + OTHER}, "noise", "network and reference", 2, 0.3),
+        ({"wsn": RIGHT.wsn[np.arange(301) // 5 * 5]}, "repeats", "network", None, 0),
+        ({"wsn": np.nan_to_num(RIGHT.wsn)}, "repeats", "network", None, 0),
+        ({"ins": RIGHT.ins[:, [0, 1, 3, 2]]}, "itself", "INS", None, 0),
+        ({"wsn": TRUE + 2 * NOISE}, "size", "network and reference", 4, 0.6),
+    ],
+)  # fmt: skip
+def test_a_mistake_is_found_and_named(
+    change: dict[str, np.ndarray], name: str, subject: str, value: float | None, about: float
+) -> None:
+    found = checked(replace(RIGHT, **change))
+    first = next(each for each in found if each.fits is False)
+    if name == "size":  # the innovations tell it, too
+        first = next(each for each in found if (each.name, each.subject) == (name, subject))
+    assert (first.name, first.subject) == (name, subject)
+    if value is not None:
+        assert first.value == pytest.approx(value, abs=about)
+    assert first.says in verdict(found) or name == "size"
+
+
+def test_two_rates_in_one_file(tmp_path: object) -> None:
+    rows = np.ones(301, dtype=bool)
+    rows[151:250:2] = False
+    ins = np.where(rows[:, None], RIGHT.ins, np.nan)
+    found = checked(replace(RIGHT, ins=ins))
+    assert [each.name for each in found if each.fits is False] == ["rate"]
+
+
+def test_what_does_not_move_cannot_be_told() -> None:
+    rng = np.random.default_rng(5)
+    ins = np.zeros((400, 4))
+    wsn = np.array([0.2, 0.2, 0.1, 0.1]) * rng.standard_normal((400, 4))
+    wrong = TrackPair(0.2 * np.arange(400), 0.2, ins, wsn, None, 0.0)
+    told = replace(MODEL, B=np.zeros((4, 4)))
+    found = checked(wrong, told)
+    assert {each.name for each in found if each.fits is None} == {"time", "frame"}
+    assert verdict(found).endswith("cannot tell time (network and INS), frame (network and INS).")
+
+
+def test_a_model_that_is_none_of_an_ins_is_refused() -> None:
+    walk = ErrorModel(A=[[1]], B=[[1]], C=[[1]], D=[[1]], period=1.0)
+    with pytest.raises(ParameterError, match="model is of 1 states"):
+        check_recording(RIGHT, walk, initial_covariance=[[1.0]])
+
+
+@pytest.mark.parametrize(
+    ("lag", "matrix", "name", "value"),
+    [
+        (0.37, np.eye(2), "time", 0.37),
+        (-0.82, np.eye(2), "time", -0.82),
+        (0.0, np.array([[0.0, -1.0], [1.0, 0.0]]), "frame", 90.0),
+        (0.0, np.array([[1.0, 0.0], [0.0, -1.0]]), "axes", 0.0),
+        (0.0, 3.2808 * np.eye(2), "scale", 3.2808),
+    ],
+)
+def test_an_alignment_without_noise(
+    lag: float, matrix: np.ndarray, name: str, value: float
+) -> None:
+    """Of a curve that is known everywhere, to the error of a straight line between two lags."""
+
+    def curve(t: np.ndarray) -> np.ndarray:
+        return np.array([np.sin(t) + 0.3 * t, np.cos(0.7 * t)])
+
+    t, lags, spacing = np.arange(0, 40, 0.1), 12, 0.1
+    columns = [matrix @ curve(t - lag)]
+    for j in range(-lags, lags + 1):
+        x, y = curve(t - j * spacing)
+        slope = (curve(t - (j + 1) * spacing) - curve(t - (j - 1) * spacing)) / (2 * spacing)
+        columns += [np.array(a) for a in ((x, y), (-y, x), (x, -y), (y, x))] + [slope * t]
+    found = Comparison(lags, spacing)
+    found.add(
+        np.stack([c.ravel() for c in columns] + [np.repeat([1.0, 0], t.size)], axis=1), len(columns)
+    )
+    nothing, _, fits = found.explanations()
+    best = min(fits, key=lambda fit: fit.left + 1e-2 * fit.parameters)
+    assert best.name == name
+    assert best.value == pytest.approx(value, abs=0.01)
+    assert best.left < 1e-3 * nothing
