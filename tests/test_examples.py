@@ -22,6 +22,7 @@ from inswsn_lib.files import DATA_VARIABLE
 
 # The rooms whose public names are listed in __all__, and the modules below them
 ROOMS = (
+    "calibration",
     "estimation",
     "evaluation",
     "filters",
@@ -33,7 +34,7 @@ ROOMS = (
     "simulation",
     "vehicle",
 )
-MODULES = ("errors", "files", "models", "plotting", "scenario")
+MODULES = ("errors", "files", "models", "plotting", "scenario", "streams")
 
 #: Functions and classes of a room that need no example, each with the reason
 EXEMPT = {
@@ -64,14 +65,14 @@ EXEMPT = {
     "navigation.Ramps": "what VehicleHybrid learns from",
     "navigation.RecordedTrials": "shown by read_trials",
     "papers.Printed": "a name for str, without a docstring of its own",
-    "recordings.Fixes": "shown by Recording",
-    "recordings.Imu": "a part of Recording, as Fixes is",
-    "recordings.Odometry": "shown by write_csv",
-    "recordings.Ranges": "a part of Recording, as Fixes is",
-    "recordings.RecordedDrive": "shown by emulate_sensors",
+    "streams.Fixes": "shown by Recording",
+    "streams.Imu": "a part of Recording, as Fixes is",
+    "streams.Odometry": "shown by write_csv",
+    "streams.Ranges": "a part of Recording, as Fixes is",
+    "vehicle.RecordedDrive": "shown by emulate_sensors",
     "recordings.RecordingUnavailableError": "raised by load_drive where nothing can be fetched",
-    "recordings.Reference": "a part of Recording, as Fixes is",
-    "recordings.Track": "a part of RecordedDrive",
+    "streams.Reference": "a part of Recording, as Fixes is",
+    "vehicle.Track": "a part of RecordedDrive",
     "scenario.between": "shown by from_settings",
     "simulation.Traffic": "given by count_traffic",
     "simulation.Window": "a part of Scene",
