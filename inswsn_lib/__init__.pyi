@@ -41,6 +41,7 @@ from .streams import (
     Ranges as Ranges,
     Recording as Recording,
     Reference as Reference,
+    Stream as Stream,
 )
 from .estimation import (
     align as align,
