@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from inswsn_lib.checks import Array
-from inswsn_lib.filters import gating, huber, run_hinfinity, run_kalman, run_robust
+from inswsn_lib.filters import deadbeat_gain, gating, huber, run_hinfinity, run_kalman, run_robust
 from inswsn_lib.filters.robust import Policy
 from inswsn_lib.lmi import InfeasibleDesignError, design_filter
 from inswsn_lib.models import ErrorModel
@@ -72,10 +72,8 @@ class DifferenceFilters:
 
         After the measurement of a step it is the network itself.
         """
-        A = self._model(1.0, 1.0).A
-        before = np.full_like(self._y[:, :, 0], np.nan)
-        before[1:] = self._y[:-1, :, 0] @ A.T
-        return self._corrected(before)
+        model = self._model(1.0, 1.0)
+        return self._corrected(self._run(model, deadbeat_gain(model), predicted=True)[:, :, 0])
 
     @property
     def _y(self) -> Array:
@@ -95,10 +93,16 @@ class DifferenceFilters:
             design = design_filter(model, "exact", margin=margin)
         except InfeasibleDesignError:
             return np.full_like(self._y, np.inf)
+        return self._run(design.model, design.gain, predicted=False)
+
+    def _run(self, model: ErrorModel, gain: Array, *, predicted: bool) -> Array:
+        """Run an H-infinity filter from the first measurement on."""
         y = self._y
         first = int(np.flatnonzero(np.isfinite(y[:, 0, 0]))[0])
         found = np.full_like(y, np.nan)
-        found[first:] = run_hinfinity(design, y[first:], initial_state=y[first])
+        found[first:] = run_hinfinity(
+            (model, gain), y[first:], initial_state=y[first], predicted=predicted
+        )
         return found
 
     def _robust(self, model: ErrorModel, policy: Policy) -> Array:

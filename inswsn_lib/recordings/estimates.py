@@ -63,15 +63,15 @@ def of_solution(solution: Solution, lever_arm: Array, times: Array) -> Estimate:
     return Estimate(state, P)
 
 
-def scores(estimate: Estimate, truth: Array, network: Array, period: float) -> dict[str, float]:
-    """Return the errors of an estimate, their ratios to the network's, and its consistency.
+def scores(estimate: Estimate, truth: Array, others: Array, period: float) -> dict[str, float]:
+    """Return the errors of an estimate, their ratios to those of another, and its consistency.
 
     Parameters
     ----------
     estimate : Estimate
         Of n fixes in the order of time.
-    truth, network : ndarray, (n, 4)
-        What is true, and the errors of the network.
+    truth, others : ndarray, (n, 4)
+        What is true, and the errors of the other, such as the network.
     period : float
         Of fixes, s.
     """
@@ -80,7 +80,7 @@ def scores(estimate: Estimate, truth: Array, network: Array, period: float) -> d
     for name, part in _PARTS.items():
         squares = np.square(errors[:, part]).sum(axis=1)
         found[name] = float(np.sqrt(squares.mean()))
-        theirs = np.square(network[:, part]).sum(axis=1)
+        theirs = np.square(others[:, part]).sum(axis=1)
         ratio, low, high = block_ratio(squares, theirs, _rows(period, len(truth)))
         found |= {f"{name}_ratio": ratio, f"{name}_low": low, f"{name}_high": high}
     found["nees"] = np.nan
