@@ -57,7 +57,7 @@ class DifferenceFilters:
     def run(self, name: str, *numbers: float) -> Estimate:
         """Return what a filter of `FAMILIES` with its numbers says."""
         acceleration, ratio, *own = numbers
-        model = self._model(acceleration, ratio)
+        model = difference_model(self.period, acceleration, ratio)
         runs: dict[str, Callable[[], Array]] = {
             "KF": lambda: run_kalman(model, self._y, initial_covariance=_UNKNOWN),
             "HF": lambda: self._hinfinity(model, own[0]),
@@ -72,7 +72,7 @@ class DifferenceFilters:
 
         After the measurement of a step it is the network itself.
         """
-        model = self._model(1.0, 1.0)
+        model = difference_model(self.period, 1.0, 1.0)
         return self._corrected(self._run(model, deadbeat_gain(model), predicted=True)[:, :, 0])
 
     @property
@@ -81,12 +81,6 @@ class DifferenceFilters:
 
     def _corrected(self, error: Array) -> Estimate:
         return Estimate(self.ins - error)
-
-    def _model(self, acceleration: float, ratio: float) -> ErrorModel:
-        """Return P1's model with fixes of 0.1 m: gains depend on ratios alone."""
-        T = self.period
-        noise = (acceleration * T**2 / 2, acceleration * T)
-        return ErrorModel.p1(T, process_noise=noise, measurement_noise=(0.1, 0.1 * ratio))
 
     def _hinfinity(self, model: ErrorModel, margin: float) -> Array:
         try:
@@ -107,3 +101,19 @@ class DifferenceFilters:
 
     def _robust(self, model: ErrorModel, policy: Policy) -> Array:
         return run_robust(model, self._y, policy=policy, initial_covariance=_UNKNOWN)
+
+
+def difference_model(period: float, acceleration: float, ratio: float) -> ErrorModel:
+    """Return P1's model with fixes of 0.1 m; gains depend on ratios alone.
+
+    Parameters
+    ----------
+    period : float
+        s.
+    acceleration : float
+        Standard deviation of the acceleration that the INS misses, m/s^2.
+    ratio : float
+        Of the deviation of velocities, m/s, to 0.1.
+    """
+    noise = (acceleration * period**2 / 2, acceleration * period)
+    return ErrorModel.p1(period, process_noise=noise, measurement_noise=(0.1, 0.1 * ratio))
