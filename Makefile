@@ -43,8 +43,9 @@ archive: book ## make one zip of the release that opens offline, in _build
 calibrate: environment ## fit the simulated INS to the INS-only cells and write data/scenarios/p1-inertial*.yaml
 	@$(RUN) studies/calibrate_imu.py
 
-studies: environment ## run the long studies again: the recorded drive, fixes by radio, sensitivity to the assumptions, one at a time and crossed
+studies: environment ## run the long studies again: the recorded drive, filters on recordings, fixes by radio, sensitivity to the assumptions, one at a time and crossed
 	@$(RUN) studies/recorded_drive.py
+	@$(RUN) studies/on_recordings.py
 	@$(RUN) studies/radio_fixes.py
 	@$(RUN) studies/sensitivity.py
 	@$(RUN) studies/crossed.py $(if $(JOBS),--jobs $(JOBS))

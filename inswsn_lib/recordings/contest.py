@@ -267,12 +267,31 @@ class RecordedContest(FixesContest):
     @cached_property
     def truth(self) -> Array:
         """Horizontal position and velocity of the tag at the times of fixes, (fixes, 4)."""
+        assert self.recording.reference is not None  # as needed
+        time = self.recording.reference.time
+        return line_through(time, self._tag[:, :2], self.fixes.time)
+
+    def where(self, times: Array) -> Array:
+        """Return where the tag was at some times by the reference, (times, 3), m.
+
+        Parameters
+        ----------
+        times : ndarray, (times,)
+            s.
+        """
+        assert self.recording.reference is not None  # as needed
+        return np.column_stack(
+            [np.interp(times, self.recording.reference.time, x) for x in self._tag.T]
+        )
+
+    @property
+    def _tag(self) -> Array:
         reference = self.recording.reference
         assert reference is not None  # as needed
-        track = reference.position
-        if reference.attitude is not None:
-            track = track + Rotation.from_quat(reference.attitude).apply(self.recording.lever_arm)
-        return line_through(reference.time, track[:, :2], self.fixes.time)
+        if reference.attitude is None:
+            return reference.position
+        turned = Rotation.from_quat(reference.attitude).apply(self.recording.lever_arm)
+        return np.asarray(reference.position + turned)
 
     @cached_property
     def usable(self) -> Mask:
