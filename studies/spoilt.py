@@ -1,4 +1,4 @@
-"""Spoil recordings, and keep what is refused, found, or passed with what harm: `make studies`.
+"""Spoil recordings, and keep what is refused, found, or passed with what harm: `make spoilt`.
 
 Each recording is written as a folder of CSV files, one of them is spoilt, and the folder is read as
 a reader's own would be. Then its set-up is checked, and where nothing is found the standard filter
@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 import datetime
+import json
 import shutil
 import tempfile
 import warnings
@@ -19,7 +20,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal, get_args
 from zlib import crc32
 
 import numpy as np
@@ -40,21 +41,26 @@ SPOILT = "data/spoilt.json"
 SEED = 90
 SOURCES = ("spoilt.py", "spoilers.py", "spoilt_bases.py", "made_recording.py")
 
-Outcome = Literal["refused", "detected", "untold", "stopped", "passed", "traceback"]
+ALL = "all"
+HARM = 1.1  # times the error without the spoiling: more is told as harm
+
+Sizes = Literal["small", "large", "whole"]
+# refused by the reader | found by a check | not found, but a check tells no more what it told
+# before | the filter refuses | none of these | a fault of the library
+Outcome = Literal["refused", "detected", "unknown", "stopped", "passed", "traceback"]
 
 
 class Trial(Frozen):
     """What came of one spoilt recording."""
 
     recording: str
+    kind: str
     file: str
     spoiler: str
-    sizes: Literal["small", "large", "whole"]
+    sizes: Sizes
     draw: Annotated[int, Field(ge=0)]
-    size: Finite | None  # in the spoiler's unit; None if it has no size
-    unit: str
-    # refused by a reader | a check found it | none did, but one cannot tell any more what it told
-    # before | the filter refuses | none of these
+    size: Finite | None = None  # in the spoiler's unit; None if it has no size
+    unit: str = ""
     outcome: Outcome
     findings: tuple[str, ...] = ()  # names of those that are new
     named: bool | None = None  # whether the right name is among them; None if no check is meant
@@ -73,21 +79,22 @@ class Alarm(Frozen):
 
 
 class Row(Frozen):
-    """The trials of one spoiler, one size and one recording, or of all recordings."""
+    """What came of the trials of one kind of recording, one spoiler and one class of sizes."""
 
-    recording: str
+    kind: str
     file: str
     spoiler: str
-    sizes: Literal["small", "large", "whole"]
+    sizes: str
     count: int
     refused: int
     detected: int
-    named: int  # of those detected
-    untold: int
+    named: int  # of those detected, by a right name
+    unknown: int
     stopped: int
     passed: int
     traceback: int
-    harm: Finite | None  # the worst of those that passed, or were not told
+    harmed: int  # of those passed or unknown, with an error of more than HARM times
+    worst: Finite | None  # the largest ratio of errors of these
 
 
 class Made(Frozen):
@@ -108,17 +115,14 @@ class Study(Frozen):
     made: Made
     errors: dict[str, Finite]  # of the filter on each recording that is not spoilt, m
     alarms: tuple[Alarm, ...]
-    table: tuple[Row, ...]  # of all recordings together
-    by_recording: tuple[Row, ...]
+    totals: tuple[Row, ...]  # of all spoilers, by kind and by class of sizes
+    table: tuple[Row, ...]
     trials: Annotated[tuple[Trial, ...], Field(min_length=1)]
-
-
-ALL = "all"
 
 
 def read_spoilt(path: Path) -> Study:
     """Read the study; refuse a file that is none."""
-    return read_kept(path, Study, "studies")
+    return read_kept(path, Study, "spoilt")
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,25 +161,28 @@ def try_one(unspoilt: Unspoilt, spoiler: Spoiler, sizes: str, draw: int) -> Tria
         with warnings.catch_warnings():
             warnings.simplefilter("error")
             found = outcome_of(unspoilt, spoiler, folder)
+    says = str(found.pop("says", "")).replace(str(folder), "the folder")
     return Trial(
         recording=unspoilt.base.name,
+        kind=unspoilt.base.kind,
         file=spoiler.file,
         spoiler=spoiler.name,
         sizes=sizes,
         draw=draw,
         size=None if np.isnan(size) else float(f"{size:.3g}"),
         unit=spoiler.unit,
-        **{"says": ""} | {n: v.replace(str(folder), "the folder") if n == "says" else v for n, v in found.items()},
+        says=says,
+        **found,
     )
 
 
-def outcome_of(unspoilt: Unspoilt, spoiler: Spoiler, folder: Path) -> dict[str, object]:
+def outcome_of(unspoilt: Unspoilt, spoiler: Spoiler, folder: Path) -> dict[str, Any]:
     """Return what comes of a spoilt folder, as fields of a trial."""
     try:
         recording = recordings.load("csv", folder)
     except InswsnError as error:
         return {"outcome": "refused", "says": str(error)}
-    except Exception as error:  # it is what the study looks for
+    except Exception as error:  # what the study looks for
         return _traceback("reader", error)
     try:
         found = recordings.check_set_up(recording)
@@ -188,15 +195,13 @@ def outcome_of(unspoilt: Unspoilt, spoiler: Spoiler, folder: Path) -> dict[str, 
         named = bool({*names} & {*spoiler.right}) if spoiler.right else None
         says = f"{new[0].name}: {new[0].subject}: {new[0].says}"
         return {"outcome": "detected", "findings": names, "named": named, "says": says}
-    lost = [f for f in found if f.fits is None and before.get((f.name, f.subject), True)]
-    missing = before.keys() - {(f.name, f.subject) for f in found}
-    names = tuple(sorted({f.name for f in lost} | {name for name, _ in missing}))
-    return _harmed(unspoilt, recording) | {"findings": names} if not names else (
-        {"outcome": "untold", "findings": names} | _harmed(unspoilt, recording, "untold")
-    )  # fmt: skip
+    told = {(f.name, f.subject) for f in found if f.fits is not None}
+    lost = {key for key, fits in before.items() if fits is not None} - told
+    names = tuple(sorted({name for name, _ in lost}))
+    return {"findings": names} | _harmed(unspoilt, recording, "unknown" if names else "passed")
 
 
-def _harmed(unspoilt: Unspoilt, recording: Recording, outcome: str = "passed") -> dict[str, object]:
+def _harmed(unspoilt: Unspoilt, recording: Recording, outcome: Outcome) -> dict[str, Any]:
     """Return by how much the error of the filter grows."""
     try:
         with np.errstate(all="ignore"):
@@ -208,7 +213,7 @@ def _harmed(unspoilt: Unspoilt, recording: Recording, outcome: str = "passed") -
     return {"outcome": outcome, "harm": float(f"{error / unspoilt.error:.3g}")}
 
 
-def _traceback(where: str, error: Exception) -> dict[str, object]:
+def _traceback(where: str, error: Exception) -> dict[str, Any]:
     return {"outcome": "traceback", "says": f"{where}: {type(error).__name__}: {error}"}
 
 
@@ -223,28 +228,30 @@ def trials_of(unspoilt: Unspoilt, ways: Iterable[Spoiler], draws: int) -> list[T
     ]
 
 
-def table(trials: Sequence[Trial], *, together: bool = True) -> tuple[Row, ...]:
-    """Return what came of each spoiler and size, by recording or of all together."""
-    groups: dict[tuple[str, str, str, str], list[Trial]] = {}
+def table(trials: Sequence[Trial], *by: str) -> tuple[Row, ...]:
+    """Return what came of the trials that have the same of some fields.
+
+    Of the other fields of a row stands "all".
+    """
+    groups: dict[tuple[str, ...], list[Trial]] = {}
     for trial in trials:
-        recording = ALL if together else trial.recording
-        key = recording, trial.file, trial.spoiler, trial.sizes
-        groups.setdefault(key, []).append(trial)
-    return tuple(_row(*key, group) for key, group in groups.items())
+        groups.setdefault(tuple(getattr(trial, name) for name in by), []).append(trial)
+    every = dict.fromkeys(("kind", "file", "spoiler", "sizes"), ALL)
+    return tuple(
+        Row(**every | dict(zip(by, key, strict=True)), **_counts(group))
+        for key, group in groups.items()
+    )
 
 
-def _row(recording: str, file: str, spoiler: str, sizes: str, trials: list[Trial]) -> Row:
+def _counts(trials: Sequence[Trial]) -> dict[str, Any]:
     outcomes = [trial.outcome for trial in trials]
-    counts = {
-        name: outcomes.count(name)
-        for name in ("refused", "detected", "untold", "stopped", "passed", "traceback")
+    harms = [trial.harm for trial in trials if trial.harm is not None]
+    return {name: outcomes.count(name) for name in get_args(Outcome)} | {
+        "count": len(trials),
+        "named": sum(trial.named is True for trial in trials),
+        "harmed": sum(harm > HARM for harm in harms),
+        "worst": max(harms, default=None),
     }
-    return Row(
-        recording=recording, file=file, spoiler=spoiler, sizes=sizes, count=len(trials),
-        named=sum(trial.named is True for trial in trials),
-        harm=max((trial.harm for trial in trials if trial.harm is not None), default=None),
-        **counts,
-    )  # fmt: skip
 
 
 def study(found: list[Base], ways: Sequence[Spoiler], draws: int) -> Study:
@@ -269,9 +276,26 @@ def study(found: list[Base], ways: Sequence[Spoiler], draws: int) -> Study:
         sources={name: file_digest(Path(__file__).parent / name) for name in SOURCES},
     )
     return Study(
-        made=made, errors=errors, alarms=tuple(alarms), table=table(trials),
-        by_recording=table(trials, together=False), trials=tuple(trials),
-    )  # fmt: skip
+        made=made,
+        errors=errors,
+        alarms=tuple(alarms),
+        totals=table(trials) + table(trials, "kind") + table(trials, "sizes"),
+        table=table(trials, "kind", "file", "spoiler", "sizes"),
+        trials=tuple(trials),
+    )
+
+
+def text_of(found: Study) -> str:
+    """Return what is kept: a row or a trial a line."""
+    whole = found.model_dump(mode="json")
+    whole["trials"] = [
+        trial.model_dump(mode="json", exclude_defaults=True) for trial in found.trials
+    ]
+    parts = []
+    for name, value in whole.items():
+        rows = ",\n  ".join(json.dumps(row) for row in value) if isinstance(value, list) else ""
+        parts.append(f' "{name}": ' + (f"[\n  {rows}\n ]" if rows else json.dumps(value)))
+    return "{\n" + ",\n".join(parts) + "\n}\n"
 
 
 def main() -> None:
@@ -281,7 +305,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=ROOT / SPOILT)
     given = parser.parse_args()
     found = study(bases(), spoilers(), given.draws)
-    write_whole(given.out, found.model_dump_json(indent=1) + "\n")
+    write_whole(given.out, text_of(found))
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """Recordings that are spoilt, and what the standard filter makes of them.
 
-Two are made, of which all is known; the others are of those that have a name, where they are to be
+Three are made, of which all is known; the others have names, and are taken where they are to be
 had. The filter of an IMU is loosely coupled, with coloured errors of fixes; that of an odometry
 takes ranges, whose biases and common scale are states. Their numbers are fixed.
 """
@@ -61,6 +61,12 @@ class Base:
     def name(self) -> str:
         """That of the recording."""
         return self.recording.name
+
+    @property
+    def kind(self) -> str:
+        """The streams that a filter runs on."""
+        motion = "odometry" if self.recording.odometry else "IMU"
+        return f"{motion} and {'ranges' if self.recording.ranges else 'fixes'}"
 
     @property
     def judged(self) -> tuple[Array, Array]:
@@ -157,7 +163,7 @@ def _some(fixes: Fixes) -> Fixes:
 
 
 def made_room() -> Base:
-    """A tag that is carried about a room, with an IMU and ranges."""
+    """Make a tag that is carried about a room, with an IMU and ranges."""
     arm = (0.05, 0.0, 0.1)
     right = made(1, seconds=60, rate=40, lasting=0.03, lever_arm=arm)
     imu = made_imu(1, seconds=60)
@@ -166,7 +172,7 @@ def made_room() -> Base:
 
 
 def made_fixes() -> Base:
-    """The same, of which fixes were logged."""
+    """Make the same, of which fixes were logged."""
     base = made_room()
     assert base.recording.ranges is not None
     fixes = multilaterate_track(base.recording.ranges, 0.2)
@@ -175,7 +181,7 @@ def made_fixes() -> Base:
 
 
 def made_wheels() -> Base:
-    """A vehicle with odometry and ranges."""
+    """Make a vehicle with odometry and ranges."""
     right = replace(made_drive(1), name="made, odometry")
     return Base(right, 0.1, 0.0, OdometryNoise(0.05, 0.01, 1e-4, 1e-4))
 
