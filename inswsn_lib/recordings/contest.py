@@ -8,7 +8,6 @@ from functools import cached_property
 
 import numpy as np
 import pandas as pd
-from scipy.spatial.transform import Rotation
 
 from inswsn_lib.checks import Array, Mask
 from inswsn_lib.errors import InswsnError
@@ -28,16 +27,24 @@ from inswsn_lib.estimation import (
 )
 from inswsn_lib.evaluation import Tuning, search_pattern
 from inswsn_lib.recordings.difference_filters import FAMILIES, DifferenceFilters
-from inswsn_lib.recordings.estimates import Estimate, lag_one, line_through, of_solution, scores
+from inswsn_lib.recordings.estimates import (
+    Estimate,
+    lag_one,
+    of_solution,
+    scores,
+    truth_at,
+    unlikely,
+)
 from inswsn_lib.streams import Fixes, Ranges, Recording, Whole
 
 #: Trials that the search for the numbers of a filter has
 TRIALS = 24
 #: What the errors of fixes upwards are taken for, times those to the side
 UP = np.array([1.0, 1.0, 2.0])
-# of the random walks of the IMU's biases, which no short recording tells
-_WALKS = (1e-3, 1e-4)
-_GATE = 16.0  # ranges that lie four deviations from what is expected are left out
+#: Of the random walks of the IMU's biases, which no short recording tells
+WALKS = (1e-3, 1e-4)
+#: Ranges that lie four deviations from what is expected are left out
+GATE = 16.0
 _LAG = 2.0  # s, of the fixed-lag smoother
 _AXES = (2.0, 2.0, 1.5)  # ratios of the steps of a search
 
@@ -129,12 +136,7 @@ class RecordedContest:
     @cached_property
     def truth(self) -> Array:
         """Horizontal position and velocity of the tag at the times of fixes, (fixes, 4)."""
-        reference = self.recording.reference
-        assert reference is not None  # asked by `heard`
-        track = reference.position
-        if reference.attitude is not None:
-            track = track + Rotation.from_quat(reference.attitude).apply(self.recording.lever_arm)
-        return line_through(reference.time, track[:, :2], self.fixes.time)
+        return truth_at(self.recording, self.fixes.time)
 
     @cached_property
     def usable(self) -> Mask:
@@ -223,14 +225,14 @@ class RecordedContest:
         """
         ranges = RangesToAnchors(self.heard, self.recording.lever_arm, white, bias, coloured, time)
         motion = self._motion(force, rate)
-        return run_error_state(motion, self.start, [ranges, self._silent], end=end, gate=_GATE)
+        return run_error_state(motion, self.start, [ranges, self._silent], end=end, gate=GATE)
 
     @cached_property
     def tuned(self) -> dict[str, Tuning[tuple[float, ...]]]:
         """The searches: by the likelihood of innovations, or by errors, up to the split."""
         found = {}
         for name, each in self.contestants.items():
-            loss = _unlikely(each.run, self.split)
+            loss = unlikely(each.run, self.split)
             found[name] = search_pattern(name, each.begin, each.ratios, loss, most=self.trials)
         first = self.usable & (self.fixes.time <= self.split)
         for name, family in FAMILIES.items():
@@ -312,15 +314,4 @@ class RecordedContest:
     def _motion(self, force: float, rate: float) -> InertialMotion:
         assert self.heard is not None
         assert self.recording.imu is not None
-        return InertialMotion(self.recording.imu, ImuNoise(force, rate, *_WALKS))
-
-
-def _unlikely(run: Callable[..., Solution], end: float) -> Callable[..., float]:
-    """Return the loss of a filter: the geometric mean of how unlikely its innovations were."""
-
-    def loss(*numbers: float) -> float:
-        solution = run(*numbers, end=end)
-        count = sum(len(kept.squares) for kept in solution.innovations)
-        return float(np.exp(-solution.log_likelihood / count))
-
-    return loss
+        return InertialMotion(self.recording.imu, ImuNoise(force, rate, *WALKS))
