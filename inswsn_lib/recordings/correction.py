@@ -44,6 +44,10 @@ class Correction(Protocol):
     """What corrects a motion by a network, with some numbers that are tuned."""
 
     @property
+    def recording(self) -> Recording:
+        """What is corrected."""
+
+    @property
     def fixes(self) -> Fixes:
         """The network."""
 
@@ -62,6 +66,10 @@ class Correction(Protocol):
     @property
     def begin(self) -> tuple[float, ...]:
         """The numbers at which their search begins."""
+
+    @property
+    def stated(self) -> int:
+        """Of how many of x, y, vx, vy the filter states the errors."""
 
     def run(self, *numbers: float, end: float = np.inf) -> Solution:
         """Run the filter, which has an event at the time of each fix."""
@@ -98,6 +106,11 @@ class InertialCorrection:
     def lever_arm(self) -> Array:
         """From the IMU to the tag, (3,), m."""
         return self.recording.lever_arm
+
+    @property
+    def stated(self) -> int:
+        """Of how many of x, y, vx, vy the filter states the errors: of all."""
+        return 4
 
     @property
     def known(self) -> float:
@@ -177,6 +190,11 @@ class OdometryCorrection:
         return self.recording.lever_arm[:2]
 
     @property
+    def stated(self) -> int:
+        """Of how many of x, y, vx, vy the filter states the errors: the speed is no state."""
+        return 2
+
+    @property
     def known(self) -> float:
         """When the data end by which the heading was chosen, s."""
         return self.start.time + self.alignment
@@ -194,7 +212,7 @@ class OdometryCorrection:
         """The most likely of some headings, at the first fix."""
         first = first_fix(self.fixes)
         place = self.fixes.position[self.fixes.time == first][0, :2]
-        far = 3 * deviation_of(self.fixes) + np.linalg.norm(self.lever_arm)
+        far = 3 * deviation_of(self.fixes) + float(np.linalg.norm(self.lever_arm))
         P = np.diag(np.square([far, far, _TURNED, _SCALED, _DRIFTING]))
         starts = [
             Start(first, PlanarState(place, heading), P)
@@ -252,7 +270,9 @@ class OdometryCorrection:
         return run_error_state(motion, start, [observed, events], end=end, gate=GATE)
 
 
-def correction_of(recording: Recording, alignment: float) -> InertialCorrection | OdometryCorrection:
+def correction_of(
+    recording: Recording, alignment: float
+) -> InertialCorrection | OdometryCorrection:
     """Return the filter for the streams that there are.
 
     Parameters

@@ -12,7 +12,7 @@ from inswsn_lib.recordings.estimates import BLOCK
 from inswsn_lib.recordings.findings import FALSE_ALARM, Finding
 from inswsn_lib.streams import Whole
 
-_FEWEST = 30  # innovations of a series
+_FEWEST = 30  # innovations, of all or of a series
 _LAGS = 10
 
 
@@ -49,9 +49,7 @@ def check_innovations(squares: Array, scaled: Array, series: Whole) -> Iterator[
     whiteness True
     """
     count = len(squares)
-    every = [scaled[series == label] for label in np.unique(series)]
-    every = [each for each in every if len(each) >= _FEWEST]
-    if not every:
+    if count < _FEWEST:
         yield _untold("size", count)
         return
     mean = float(np.mean(squares))
@@ -62,6 +60,11 @@ def check_innovations(squares: Array, scaled: Array, series: Whole) -> Iterator[
             "small, or the model is wrong" if mean > high else "large"
         )
     yield Finding("size", "innovations", mean, low, high, low <= mean <= high, says)
+    every = [scaled[series == label] for label in np.unique(series)]
+    every = [each for each in every if len(each) >= _FEWEST]
+    if not every:
+        yield _untold("colour", count)
+        return
     yield max((_lag_one(each, len(every)) for each in every), key=_excess)
     yield max((_ljung_box(each, len(every)) for each in every), key=_excess)
 
@@ -142,5 +145,7 @@ def _excess(found: Finding) -> float:
 
 
 def _untold(name: str, count: int) -> Finding:
-    says = f"there are {count} of them, too few to tell"
+    says = (
+        f"there are {count} of them{', too few' if name == 'size' else ', too few of each'} to tell"
+    )
     return Finding(name, "innovations", np.nan, np.nan, np.nan, None, says)

@@ -10,7 +10,7 @@ import pandas as pd
 
 from inswsn_lib.checks import Array, Mask
 from inswsn_lib.errors import InswsnError
-from inswsn_lib.estimation import Solution, slope_velocity, smooth
+from inswsn_lib.estimation import Solution, smooth
 from inswsn_lib.evaluation import search_pattern
 from inswsn_lib.recordings.contest import TRIALS
 from inswsn_lib.recordings.correction import Correction, correction_of, network_of
@@ -23,7 +23,7 @@ from inswsn_lib.recordings.estimates import (
     unlikely,
 )
 from inswsn_lib.recordings.filter_checks import check_errors, check_innovations
-from inswsn_lib.recordings.findings import FALSE_ALARM, Finding, verdict
+from inswsn_lib.recordings.findings import FALSE_ALARM, Finding
 from inswsn_lib.recordings.set_up_checks import check_set_up
 from inswsn_lib.streams import Fixes, Recording
 
@@ -32,8 +32,9 @@ _RATIO = 2.0  # of the steps of a search
 _FEWEST = 12  # fixes by which a track is judged
 _OF_FILTER = ("size", "colour", "whiteness", "errors")
 _TRACK = ("x", "y", "vx", "vy")
-_SCORES = ("position", "position_ratio", "position_low", "position_high") + (
-    "velocity", "velocity_ratio", "velocity_low", "velocity_high"
+_SCORES = (
+    "position", "position_ratio", "position_low", "position_high",
+    "velocity", "velocity_ratio", "velocity_low", "velocity_high",
 )  # fmt: skip
 
 
@@ -59,8 +60,8 @@ class Report:
         What comes of it, with a warning where the filter is not consistent or does not help.
     track : DataFrame
         Corrected, at the times of fixes: ``time`` (s), ``x``, ``y`` (m) of the tag, ``vx``, ``vy``
-        (m/s), and the deviations that the filter states, ``sd_x`` and so on. Without a filter it is
-        the network's.
+        (m/s), and the deviations that the filter states, ``sd_x`` and so on; by odometry it states
+        none of velocities. Without a filter it is the network's track.
     numbers : tuple of float
         Of the filter, as `InertialCorrection` and `OdometryCorrection` name them; empty without.
     """
@@ -80,7 +81,7 @@ def report(recording: Recording, *, alignment: float = _ALIGNMENT, trials: int =
     taken one by one. The start is found from the data, without the reference. The few numbers of
     the filter are tuned by the likelihood of its innovations in the first half of the recording,
     and all is judged in the second. Without a reference every second fix of the second half is
-    withheld, and errors are those there: of the network, what the fix before and its velocity say.
+    withheld, and errors are those there; the network has a line between the fixes beside.
 
     Parameters
     ----------
@@ -117,77 +118,96 @@ def report(recording: Recording, *, alignment: float = _ALIGNMENT, trials: int =
         start = filtered.start
     except InswsnError as error:
         return _without_filter(recording, findings, str(error))
-    findings += _mirrored(recording, filtered, alignment)
     split = float(np.mean(filtered.fixes.time[[0, -1]]))
-    if not start.time < split:
+    if not filtered.known < filtered.fixes.time[-1] or not start.time < split:
         said = f"The start takes {alignment:g} s, more than half of the recording."
         return _without_filter(recording, findings, said)
+    if not any(found.name == "axes" and found.fits for found in findings):
+        findings += _mirrored(recording, filtered, alignment, split)
     loss = unlikely(filtered.run, split)
     ratios = [_RATIO] * len(filtered.begin)
     numbers = search_pattern("filter", filtered.begin, ratios, loss, most=trials).best
     solution = filtered.run(*numbers)
+    corrected = of_solution(solution, filtered.lever_arm, filtered.fixes.time)
     since = max(split, filtered.known)
     findings += _of_innovations(filtered, solution, since)
-    network = filtered.fixes
-    corrected = of_solution(solution, filtered.lever_arm, network.time)
-    if recording.reference is not None:
-        truth = truth_at(recording, network.time)
-        estimates = {
-            "network": Estimate(_network_state(network, network.time)),
-            "corrected": corrected,
-            "smoothed": of_solution(smooth(solution), filtered.lever_arm, network.time),
-        }
-        rows = network.time > since
-        judge = "reference"
-        findings += _of_errors(corrected, truth, rows, network)
-    else:
-        rows = withheld_rows(network, since)
-        truth = _network_state(network, network.time)
-        if network.velocity is None or recording.fixes is None or recording.fixes.velocity is None:
-            truth[:, 2:] = np.nan  # of a line through fixes that were withheld
-        estimates = _at_withheld(filtered, numbers, rows)
-        judge = "withheld fixes"
-    table = _table(estimates, truth, rows, network)
+    judged = _by_reference if recording.reference is not None else _at_withheld
+    table, judge, more = judged(filtered, numbers, solution, since)
+    findings += more
     return Report(
         findings,
         table,
-        judge if table["position"].notna().any() else "nothing",
+        judge,
         _sentence(findings, table, judge),
-        _track(network.time, corrected),
+        _track(filtered.fixes.time, corrected, filtered.stated),
         numbers,
     )
+
+
+_Judged = tuple[pd.DataFrame, str, list[Finding]]
+
+
+def _by_reference(
+    filtered: Correction, numbers: Sequence[float], solution: Solution, since: float
+) -> _Judged:
+    """Judge by the reference."""
+    times = filtered.fixes.time
+    truth = truth_at(filtered.recording, times)
+    estimates = _estimates(filtered, solution) | {"network": _of_network(filtered.fixes)}
+    table = _table(estimates, truth, times > since, times)
+    corrected, told = estimates["corrected"], slice(0, filtered.stated)
+    assert corrected.covariance is not None  # a filter has it
+    errors = (corrected.state - truth)[:, told]
+    rows = (times > since) & np.isfinite(errors).all(axis=1)
+    if rows.sum() < _FEWEST:
+        return table, "nothing", []
+    squares = normalised(errors[rows], corrected.covariance[rows, told, told])
+    return table, "reference", [check_errors(squares, filtered.stated, _period(times))]
+
+
+def _at_withheld(
+    filtered: Correction, numbers: Sequence[float], solution: Solution, since: float
+) -> _Judged:
+    """Judge by fixes that the filter does not get."""
+    network = filtered.fixes
+    rows = withheld_rows(network, since)
+    truth = np.hstack([network.position[:, :2], np.full((len(network), 2), np.nan)])
+    other = filtered.without(rows)
+    there = np.isfinite(other.fixes.position).all(axis=1)
+    line = [
+        np.interp(network.time, network.time[there], x) for x in other.fixes.position[there, :2].T
+    ]
+    alone = Estimate(np.column_stack([*line, truth[:, 2:]]))
+    estimates = _estimates(other, other.run(*numbers)) | {"network": alone}
+    table = _table(estimates, truth, rows, network.time)
+    return table, "nothing" if table.isna().all(axis=None) else "withheld fixes", []
+
+
+def _estimates(filtered: Correction, solution: Solution) -> dict[str, Estimate]:
+    times, arm = filtered.fixes.time, filtered.lever_arm
+    return {
+        "corrected": of_solution(solution, arm, times),
+        "smoothed": of_solution(smooth(solution), arm, times),
+    }
 
 
 def _without_filter(recording: Recording, findings: list[Finding], said: str) -> Report:
     """Return what can be told of the network alone."""
     network = network_of(recording)
-    alone = Estimate(_network_state(network, network.time))
-    table, judge = _table({}, np.empty(0), np.zeros(0, dtype=bool), network), "nothing"
+    times, alone = network.time, _of_network(network)
+    table, judge = _table({}, np.empty((0, 4)), np.zeros(0, dtype=bool), times), "nothing"
     if recording.reference is not None:
-        half = network.time > float(np.mean(network.time[[0, -1]]))
-        table = _table({"network": alone}, truth_at(recording, network.time), half, network)
-        judge = "reference" if table["position"].notna().any() else "nothing"
-    findings = [
-        *findings,
-        Finding("start", "filter", np.nan, np.nan, np.nan, None, said.rstrip(".")),
-    ]
-    wrong = [found for found in findings if found.fits is False]
-    said = f"{verdict(wrong)} {said}" if wrong else said
-    return Report(findings, table, judge, said, _track(network.time, alone))
+        truth, half = truth_at(recording, times), times > float(np.mean(times[[0, -1]]))
+        table = _table({"network": alone}, truth, half, times)
+        judge = "nothing" if table.isna().all(axis=None) else "reference"
+    start = Finding("start", "filter", np.nan, np.nan, np.nan, None, said.rstrip("."))
+    said = " ".join([*_of_set_up(findings), said])
+    return Report([*findings, start], table, judge, said, _track(times, alone, 0))
 
 
-def _network_state(network: Fixes, times: Array) -> Array:
-    """Return what the last fix before or at each time says of it, by its velocity, (times, 4)."""
+def _of_network(network: Fixes) -> Estimate:
     assert network.velocity is not None  # `network_of` has it
-    state = np.hstack([network.position[:, :2], network.velocity[:, :2]])
-    there = np.flatnonzero(np.isfinite(state).all(axis=1))
-    last = np.searchsorted(network.time[there], times, side="right") - 1
-    found = np.full((len(times), 4), np.nan)
-    told = last >= 0
-    rows = there[last[told]]
-    found[told] = state[rows]
-    found[told, :2] += state[rows, 2:] * (times[told] - network.time[rows])[:, None]
-    return found
+    return Estimate(np.hstack([network.position[:, :2], network.velocity[:, :2]]))
 
 
 def withheld_rows(network: Fixes, since: float) -> Mask:
@@ -204,59 +224,37 @@ def withheld_rows(network: Fixes, since: float) -> Mask:
     return np.asarray(rows if network.good is None else rows & network.good)
 
 
-def _at_withheld(
-    filtered: Correction, numbers: Sequence[float], rows: Mask
-) -> dict[str, Estimate]:
-    """Return what is said without fixes that are withheld."""
-    other = filtered.without(rows)
-    taken: Fixes = other.fixes
-    if filtered.fixes.velocity is not None and _is_slope(filtered.fixes):
-        taken = slope_velocity(replace(taken, velocity=None))
-    solution = other.run(*numbers)
-    return {
-        "network": Estimate(_network_state(taken, taken.time)),
-        "corrected": of_solution(solution, filtered.lever_arm, taken.time),
-        "smoothed": of_solution(smooth(solution), filtered.lever_arm, taken.time),
-    }
-
-
-def _is_slope(fixes: Fixes) -> bool:
-    """Tell whether velocities are those of lines through fixes."""
-    assert fixes.velocity is not None
-    return np.allclose(
-        fixes.velocity, slope_velocity(fixes).velocity, rtol=0, atol=1e-9, equal_nan=True
-    )
-
-
-def _table(
-    estimates: dict[str, Estimate], truth: Array, rows: Mask, network: Fixes
-) -> pd.DataFrame:
-    """Return the scores on the rows of which all estimates and the truth say where the tag is."""
-    states = [each.state[:, :2] for each in estimates.values()]
-    if states:
-        rows = rows & np.isfinite(np.hstack([*states, truth[:, :2]])).all(axis=1)
-    if rows.sum() < _FEWEST:
-        return pd.DataFrame(np.nan, index=list(estimates), columns=list(_SCORES))
-    if not np.isfinite(truth[rows, 2:]).all():
-        truth = np.column_stack([truth[:, :2], np.full((len(truth), 2), np.nan)])
-    errors = estimates["network"].state[rows] - truth[rows]
-    period = float(np.median(np.diff(network.time)))
-    every = max(1, round((len(rows) - 1) / max(int(rows.sum()), 1)))
+def _table(estimates: dict[str, Estimate], truth: Array, rows: Mask, times: Array) -> pd.DataFrame:
+    """Return the scores on the rows where all estimates and the truth say where the tag is."""
+    names = [name for name in ("network", "corrected", "smoothed") if name in estimates]
+    parts = [truth, *(estimates[name].state for name in names)]
+    # velocities count where everything has them
+    for d in (4, 2):
+        there = rows & np.isfinite(np.hstack([each[:, :d] for each in parts])).all(axis=1)
+        if there.sum() >= _FEWEST:
+            break
+    else:
+        return pd.DataFrame(np.nan, index=names, columns=list(_SCORES))
+    if d == 2:
+        truth = np.hstack([truth[:, :2], np.full((len(truth), 2), np.nan)])
+    errors = estimates["network"].state[there] - truth[there]
+    spacing = float(np.median(np.diff(times[there])))
     found = {
-        name: scores(replace(each.part(rows), covariance=None), truth[rows], errors, every * period)
-        for name, each in estimates.items()
+        name: scores(Estimate(estimates[name].state[there]), truth[there], errors, spacing)
+        for name in names
     }
     return pd.DataFrame(found).T[list(_SCORES)]
 
 
-def _mirrored(recording: Recording, filtered: Correction, alignment: float) -> list[Finding]:
+def _mirrored(
+    recording: Recording, filtered: Correction, alignment: float, end: float
+) -> list[Finding]:
     """Ask whether the motion fits the network better if that is mirrored."""
-    end = filtered.known
     who = "network and motion"
-    straight = filtered.run(*filtered.begin, end=2 * end - filtered.fixes.time[0])
+    straight = filtered.run(*filtered.begin, end=end)
     try:
         other = correction_of(_mirror(recording), alignment)
-        mirrored = other.run(*filtered.begin, end=2 * end - filtered.fixes.time[0])
+        mirrored = other.run(*filtered.begin, end=end)
     except InswsnError:
         return []
     gain = mirrored.log_likelihood - straight.log_likelihood
@@ -295,50 +293,68 @@ def _of_innovations(filtered: Correction, solution: Solution, since: float) -> l
     return list(check_innovations(squares[judged], scaled[judged], series[judged]))
 
 
-def _of_errors(corrected: Estimate, truth: Array, rows: Mask, network: Fixes) -> list[Finding]:
-    assert corrected.covariance is not None
-    rows = rows & np.isfinite(np.hstack([corrected.state, truth])).all(axis=1)
-    if rows.sum() < _FEWEST:
+def _period(times: Array) -> float:
+    return float(np.median(np.diff(times)))
+
+
+def _of_set_up(findings: list[Finding]) -> list[str]:
+    """Return a sentence of what does not fit in the set-up, if anything."""
+    wrong = [f for f in findings if f.fits is False and f.name not in _OF_FILTER]
+    if not wrong:
         return []
-    squares = normalised((corrected.state - truth)[rows], corrected.covariance[rows])
-    return [check_errors(squares, 4, float(np.median(np.diff(network.time))))]
+    return [f"The set-up does not fit: {'; '.join(f'{f.subject}: {f.says}' for f in wrong)}."]
+
+
+def _of_filter(findings: list[Finding]) -> str:
+    """Return a sentence of whether the filter is consistent."""
+    told = [found for found in findings if found.name in _OF_FILTER]
+    wrong = [found for found in told if found.fits is False]
+    if wrong:
+        causes = "; ".join(f"{found.name} {found.value:.2g}: {found.says}" for found in wrong)
+        return f"Warning: the filter is not consistent ({causes})."
+    if all(found.fits is None for found in told):
+        return "Whether the filter is consistent cannot be told."
+    return "The filter is consistent."
 
 
 def _sentence(findings: list[Finding], table: pd.DataFrame, judge: str) -> str:
     """Return what comes of it."""
-    said = []
-    set_up = [found for found in findings if found.name not in _OF_FILTER]
-    if any(found.fits is False for found in set_up):
-        said.append(verdict(set_up))
-    wrong = [found for found in findings if found.name in _OF_FILTER and found.fits is False]
-    if wrong:
-        causes = "; ".join(f"{found.name} {found.value:.2g}: {found.says}" for found in wrong)
-        said.append(f"Warning: the filter is not consistent ({causes}).")
-    else:
-        said.append("The filter is consistent.")
-    ratio, low, high = table.loc["corrected", ["position_ratio", "position_low", "position_high"]]
-    by = {"reference": "by the reference", "withheld fixes": "at withheld fixes"}[judge]
-    if np.isnan(ratio):
-        return " ".join([*said, "How large errors are cannot be told."])
+    said = [*_of_set_up(findings), _of_filter(findings)]
+    if judge == "nothing":
+        return " ".join([*said, "How large the errors are cannot be told."])
+    _, low, high = _interval(table, "position")
     if low > 1:
         said.append("Warning: the corrected track is worse than the network.")
-    what = "better" if high < 1 else "worse" if low > 1 else "neither better nor worse"
-    said.append(
-        f"Position, {by}: corrected, it is {what}, with {ratio:.0%} ({low:.0%} to {high:.0%}) of "
-        "the network's error."
+    what = (
+        "better than" if high < 1 else "worse than" if low > 1 else "neither better nor worse than"
     )
-    speed = table.loc["corrected", ["velocity_ratio", "velocity_low", "velocity_high"]]
-    if np.isfinite(speed).all():
-        r, a, b = speed
-        said.append(f"Velocity: {r:.0%} ({a:.0%} to {b:.0%}).")
+    by = {"reference": "by the reference", "withheld fixes": "at withheld fixes"}[judge]
+    said.append(
+        f"In position the corrected track is {what} the network, {by}: it has "
+        f"{_share(table, 'position')} of its error."
+    )
+    if np.isfinite(_interval(table, "velocity")).all():
+        said.append(f"In velocity it has {_share(table, 'velocity')}.")
     return " ".join(said)
 
 
-def _track(times: Array, estimate: Estimate) -> pd.DataFrame:
+def _interval(table: pd.DataFrame, what: str) -> list[float]:
+    """Return the ratio of errors of the corrected track to the network's, and its interval."""
+    columns = [f"{what}_{end}" for end in ("ratio", "low", "high")]
+    return [float(x) for x in table.loc[["corrected"], columns].to_numpy()[0]]
+
+
+def _share(table: pd.DataFrame, what: str) -> str:
+    ratio, low, high = _interval(table, what)
+    return f"{ratio:.0%} ({low:.0%} to {high:.0%})"
+
+
+def _track(times: Array, estimate: Estimate, stated: int) -> pd.DataFrame:
     found = pd.DataFrame(estimate.state, columns=list(_TRACK))
     found.insert(0, "time", times)
     deviations = np.full_like(estimate.state, np.nan)
     if estimate.covariance is not None:
-        deviations = np.sqrt(np.diagonal(estimate.covariance, axis1=1, axis2=2))
+        variances = np.diagonal(estimate.covariance, axis1=1, axis2=2)
+        deviations[:, :stated] = np.sqrt(variances[:, :stated])
     found[[f"sd_{name}" for name in _TRACK]] = deviations
-    return found[np.isfinite(estimate.state[:, :2]).all(axis=1)].reset_index(drop=True)
+    return found.dropna(subset=["x", "y"]).reset_index(drop=True)
