@@ -7,13 +7,14 @@ from collections.abc import Iterator
 import numpy as np
 from scipy.stats import chi2, norm
 
-from inswsn_lib.checks import Array
+from inswsn_lib.checks import Array, Mask
 from inswsn_lib.recordings.estimates import BLOCK
 from inswsn_lib.recordings.findings import FALSE_ALARM, Finding
 from inswsn_lib.streams import Whole
 
 _FEWEST = 30  # innovations, of all or of a series
 _LAGS = 10
+_OUTLIER, _MOST_OUTLIERS = 4.0, 0.01  # deviations; a share that is let pass
 
 
 def check_innovations(squares: Array, scaled: Array, series: Whole) -> Iterator[Finding]:
@@ -67,6 +68,35 @@ def check_innovations(squares: Array, scaled: Array, series: Whole) -> Iterator[
         return
     yield max((_lag_one(each, len(every)) for each in every), key=_excess)
     yield max((_ljung_box(each, len(every)) for each in every), key=_excess)
+
+
+def inside(values: list[Array], deviations: list[Array]) -> Mask:
+    """Return which measurements lie within four deviations of what was expected, (measurements,).
+
+    Parameters
+    ----------
+    values, deviations : list of ndarray
+        Of the components of each, as of `Innovations`.
+    """
+    near = [
+        bool((np.abs(value) <= _OUTLIER * each).all())
+        for value, each in zip(values, deviations, strict=True)
+    ]
+    return np.array(near, dtype=bool)
+
+
+def check_outliers(near: Mask) -> Finding:
+    """Return whether few measurements are far from what was expected.
+
+    Parameters
+    ----------
+    near : ndarray of bool, (measurements,)
+        Which are `inside`.
+    """
+    share = 1 - float(np.mean(near)) if len(near) else 0.0
+    fits = share <= _MOST_OUTLIERS
+    says = f"{share:.1%} of them are more than four deviations off"
+    return Finding("outliers", "innovations", share, 0.0, _MOST_OUTLIERS, fits, says)
 
 
 def check_errors(squares: Array, degrees: int, period: float) -> Finding:

@@ -22,7 +22,12 @@ from inswsn_lib.recordings.estimates import (
     truth_at,
     unlikely,
 )
-from inswsn_lib.recordings.filter_checks import check_errors, check_innovations
+from inswsn_lib.recordings.filter_checks import (
+    check_errors,
+    check_innovations,
+    check_outliers,
+    inside,
+)
 from inswsn_lib.recordings.findings import FALSE_ALARM, Finding
 from inswsn_lib.recordings.set_up_checks import check_set_up
 from inswsn_lib.streams import Fixes, Recording
@@ -30,7 +35,7 @@ from inswsn_lib.streams import Fixes, Recording
 _ALIGNMENT = 20.0  # s
 _RATIO = 2.0  # of the steps of a search
 _FEWEST = 12  # fixes by which a track is judged
-_OF_FILTER = ("size", "colour", "whiteness", "errors")
+_OF_FILTER = ("outliers", "size", "colour", "whiteness", "errors")
 _TRACK = ("x", "y", "vx", "vy")
 _SCORES = (
     "position", "position_ratio", "position_low", "position_high",
@@ -46,8 +51,8 @@ class Report:
     ----------
     findings : list of Finding
         Of the set-up, as of `check_set_up`; then ``axes`` of a network that fits the motion better
-        if it is mirrored; then of the filter: ``start`` if it cannot start, ``size`` (mean NIS),
-        ``colour`` and ``whiteness`` of the innovations, and ``errors`` (NEES) with a reference.
+        if it is mirrored; then of the filter: ``start`` if it cannot start, ``outliers``, ``size``
+        (mean NIS of the others), ``colour`` and ``whiteness`` of the innovations, and ``errors`` (NEES) with a reference.
     table : DataFrame
         Rows ``network``, ``corrected`` and ``smoothed``: horizontal RMS errors ``position`` (m) and
         ``velocity`` (m/s) in the second half; their ratios to the network's with intervals
@@ -285,12 +290,16 @@ def _other_side(vectors: Array) -> Array:
 
 def _of_innovations(filtered: Correction, solution: Solution, since: float) -> list[Finding]:
     told = solution.innovations[0]
+    near = inside(told.values, told.deviations)
+    judged = told.time > since
     sizes = np.array([len(value) for value in told.values])
-    judged = np.repeat(told.time > since, sizes)
+    rows = np.repeat(judged & near, sizes)
     scaled = np.concatenate(told.values) / np.concatenate(told.deviations)
-    squares = np.repeat(told.squares, sizes)
-    series = filtered.series(solution)
-    return list(check_innovations(squares[judged], scaled[judged], series[judged]))
+    squares, series = np.repeat(told.squares, sizes), filtered.series(solution)
+    return [
+        check_outliers(near[judged]),
+        *check_innovations(squares[rows], scaled[rows], series[rows]),
+    ]
 
 
 def _period(times: Array) -> float:
@@ -322,20 +331,33 @@ def _sentence(findings: list[Finding], table: pd.DataFrame, judge: str) -> str:
     said = [*_of_set_up(findings), _of_filter(findings)]
     if judge == "nothing":
         return " ".join([*said, "How large the errors are cannot be told."])
+    said += _by_truth(table) if judge == "reference" else _by_withheld(table)
+    return " ".join(said)
+
+
+def _by_truth(table: pd.DataFrame) -> list[str]:
+    """Return whether the corrected track is better than the network."""
     _, low, high = _interval(table, "position")
-    if low > 1:
-        said.append("Warning: the corrected track is worse than the network.")
     what = (
         "better than" if high < 1 else "worse than" if low > 1 else "neither better nor worse than"
     )
-    by = {"reference": "by the reference", "withheld fixes": "at withheld fixes"}[judge]
-    said.append(
-        f"In position the corrected track is {what} the network, {by}: it has "
+    warning = "Warning: in" if low > 1 else "In"
+    said = [
+        f"{warning} position the corrected track is {what} the network: it has "
         f"{_share(table, 'position')} of its error."
-    )
+    ]
     if np.isfinite(_interval(table, "velocity")).all():
         said.append(f"In velocity it has {_share(table, 'velocity')}.")
-    return " ".join(said)
+    return said
+
+
+def _by_withheld(table: pd.DataFrame) -> list[str]:
+    """Return which is nearer to withheld fixes; which is better that does not tell."""
+    warning = "Warning: from" if _interval(table, "position")[1] > 1 else "From"
+    return [
+        f"{warning} fixes that are withheld, which have errors of their own, the corrected track is "
+        f"{_share(table, 'position')} as far as a line between the fixes beside."
+    ]
 
 
 def _interval(table: pd.DataFrame, what: str) -> list[float]:
