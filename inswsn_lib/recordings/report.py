@@ -52,7 +52,8 @@ class Report:
     findings : list of Finding
         Of the set-up, as of `check_set_up`; then ``axes`` of a network that fits the motion better
         if it is mirrored; then of the filter: ``start`` if it cannot start, ``outliers``, ``size``
-        (mean NIS of the others), ``colour`` and ``whiteness`` of the innovations, and ``errors`` (NEES) with a reference.
+        (mean NIS of the others), ``colour`` and ``whiteness`` of the innovations, and ``errors``
+        (NEES) with a reference.
     table : DataFrame
         Rows ``network``, ``corrected`` and ``smoothed``: horizontal RMS errors ``position`` (m) and
         ``velocity`` (m/s) in the second half; their ratios to the network's with intervals
@@ -355,7 +356,7 @@ def _by_withheld(table: pd.DataFrame) -> list[str]:
     """Return which is nearer to withheld fixes; which is better that does not tell."""
     warning = "Warning: from" if _interval(table, "position")[1] > 1 else "From"
     return [
-        f"{warning} fixes that are withheld, which have errors of their own, the corrected track is "
+        f"{warning} fixes that are withheld, and have errors of their own, the corrected track is "
         f"{_share(table, 'position')} as far as a line between the fixes beside."
     ]
 
