@@ -328,7 +328,7 @@ def _of_any_stream(file: str) -> Iterator[Spoiler]:
     yield Spoiler("clock that jumps", file, _table(_jump), ("time", "gaps"), (), _LATE, "s")
     rates = (1e-4, 3e-4), (1e-3, 1e-2)
     yield Spoiler("fast clock", file, _table(_fast), ("time",), (), rates)
-    yield Spoiler("stamps in ms", file, _table(_milliseconds), ("time",))
+    yield Spoiler("stamps in ms", file, _table(_milliseconds), ("span", "time"))
     yield Spoiler("rows twice", file, _table(_rows_twice), ("repeats",), (), share)
     yield Spoiler("stamps twice", file, _table(_stamps_twice), ("repeats",), (), share)
     yield Spoiler("a stamp goes back", file, _table(_back), (), (), _LATE, "s")
@@ -392,7 +392,9 @@ def _of_ranges() -> Iterator[Spoiler]:
     turned = _turned(_XY)
     yield Spoiler("anchors turned", place, turned, ("frame", "axes"), (), _DEGREES, "deg")
     yield Spoiler("anchors shifted", place, _added(_XYZ), ("frame",), (), _METRES, "m")
-    yield Spoiler("an anchor moved", place, _table(_anchor_moved), ("place",), (), _METRES, "m")
+    yield Spoiler(
+        "an anchor moved", place, _table(_anchor_moved), ("place", "bias"), (), _METRES, "m"
+    )
     yield Spoiler("two anchors exchanged", place, _table(_anchors_exchanged), ("place",))
     arm = (0.05, 0.15), (0.5, 1.5)
     yield Spoiler("lever arm", "recording.yaml", _lever_arm, ("lever arm",), (), arm, "m")
@@ -403,12 +405,12 @@ def _of_fixes() -> Iterator[Spoiler]:
     all_of = (*_XYZ, *_V, *COLUMNS["fixes"]["deviation"])
     yield Spoiler("fixes in another unit", file, _times(all_of, unit), ("unit", "axes", "frame"))
     yield Spoiler("axes of the fixes", file, _axes(_XYZ, _V), ("axes",))
-    yield Spoiler("x and y exchanged", file, _exchanged(_XY), ("axes",))
+    yield Spoiler("x and y exchanged", file, _exchanged(_XY), ("axes", "itself"))
     turned = _turned(_XY, _V)
     yield Spoiler("fixes turned", file, turned, ("frame", "axes"), (), _DEGREES, "deg")
     yield Spoiler("fixes shifted", file, _added(_XYZ), ("frame",), (), _METRES, "m")
     sign = _times(_V, (-1.0,))
-    yield Spoiler("sign of the velocities", file, sign, ("axes", "time"), _V[:2])
+    yield Spoiler("sign of the velocities", file, sign, ("itself", "axes"), _V[:2])
 
 
 def _of_reference() -> Iterator[Spoiler]:
