@@ -256,6 +256,7 @@ def _counts(trials: Sequence[Trial]) -> dict[str, Any]:
 
 def study(found: list[Base], ways: Sequence[Spoiler], draws: int) -> Study:
     """Spoil recordings by each of some ways."""
+    commit, clean = repository_state(ROOT)
     trials: list[Trial] = []
     alarms: list[Alarm] = []
     errors = {}
@@ -266,7 +267,6 @@ def study(found: list[Base], ways: Sequence[Spoiler], draws: int) -> Study:
             errors[base.name] = float(f"{unspoilt.error:.3g}")
             trials += trials_of(unspoilt, ways, draws)
         print(f"{base.name}: {len(trials)} trials so far", flush=True)
-    commit, clean = repository_state(ROOT)
     made = Made(
         version=version("inswsn"),
         day=datetime.datetime.now(datetime.UTC).date().isoformat(),
