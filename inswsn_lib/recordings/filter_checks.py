@@ -121,7 +121,7 @@ def check_errors(squares: Array, degrees: int, period: float) -> Finding:
     >>> from inswsn_lib.recordings import check_errors
     >>> found = check_errors(np.full(500, 4.0), degrees=4, period=0.2)
     >>> found.fits, round(found.high, 2)
-    (False, 2.27)
+    (False, 1.9)
     """
     blocks = max(int(len(squares) * period / BLOCK), 1)
     mean = float(np.mean(squares))

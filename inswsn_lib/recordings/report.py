@@ -29,13 +29,13 @@ from inswsn_lib.recordings.filter_checks import (
     inside,
 )
 from inswsn_lib.recordings.findings import FALSE_ALARM, Finding
+from inswsn_lib.recordings.report_words import of_set_up, sentence_of
 from inswsn_lib.recordings.set_up_checks import check_set_up
 from inswsn_lib.streams import Fixes, Recording
 
 _ALIGNMENT = 20.0  # s
 _RATIO = 2.0  # of the steps of a search
 _FEWEST = 12  # fixes by which a track is judged
-_OF_FILTER = ("outliers", "size", "colour", "whiteness", "errors")
 _TRACK = ("x", "y", "vx", "vy")
 _SCORES = (
     "position", "position_ratio", "position_low", "position_high",
@@ -144,7 +144,7 @@ def report(recording: Recording, *, alignment: float = _ALIGNMENT, trials: int =
         findings,
         table,
         judge,
-        _sentence(findings, table, judge),
+        sentence_of(findings, table, judge),
         _track(filtered.fixes.time, corrected, filtered.stated),
         numbers,
     )
@@ -166,9 +166,10 @@ def _by_reference(
     errors = (corrected.state - truth)[:, told]
     rows = (times > since) & np.isfinite(errors).all(axis=1)
     if rows.sum() < _FEWEST:
-        return table, "nothing", []
+        return table, _judge(table, "reference"), []
     squares = normalised(errors[rows], corrected.covariance[rows, told, told])
-    return table, "reference", [check_errors(squares, filtered.stated, _period(times))]
+    period = float(np.median(np.diff(times)))
+    return table, _judge(table, "reference"), [check_errors(squares, filtered.stated, period)]
 
 
 def _at_withheld(
@@ -186,7 +187,11 @@ def _at_withheld(
     alone = Estimate(np.column_stack([*line, truth[:, 2:]]))
     estimates = _estimates(other, other.run(*numbers)) | {"network": alone}
     table = _table(estimates, truth, rows, network.time)
-    return table, "nothing" if table.isna().all(axis=None) else "withheld fixes", []
+    return table, _judge(table, "withheld fixes"), []
+
+
+def _judge(table: pd.DataFrame, by: str) -> str:
+    return "nothing" if table.isna().all(axis=None) else by
 
 
 def _estimates(filtered: Correction, solution: Solution) -> dict[str, Estimate]:
@@ -205,9 +210,9 @@ def _without_filter(recording: Recording, findings: list[Finding], said: str) ->
     if recording.reference is not None:
         truth, half = truth_at(recording, times), times > float(np.mean(times[[0, -1]]))
         table = _table({"network": alone}, truth, half, times)
-        judge = "nothing" if table.isna().all(axis=None) else "reference"
+        judge = _judge(table, "reference")
     start = Finding("start", "filter", np.nan, np.nan, np.nan, None, said.rstrip("."))
-    said = " ".join([*_of_set_up(findings), said])
+    said = " ".join([*of_set_up(findings), said])
     return Report([*findings, start], table, judge, said, _track(times, alone, 0))
 
 
@@ -301,75 +306,6 @@ def _of_innovations(filtered: Correction, solution: Solution, since: float) -> l
         check_outliers(near[judged]),
         *check_innovations(squares[rows], scaled[rows], series[rows]),
     ]
-
-
-def _period(times: Array) -> float:
-    return float(np.median(np.diff(times)))
-
-
-def _of_set_up(findings: list[Finding]) -> list[str]:
-    """Return a sentence of what does not fit in the set-up, if anything."""
-    wrong = [f for f in findings if f.fits is False and f.name not in _OF_FILTER]
-    if not wrong:
-        return []
-    return [f"The set-up does not fit: {'; '.join(f'{f.subject}: {f.says}' for f in wrong)}."]
-
-
-def _of_filter(findings: list[Finding]) -> str:
-    """Return a sentence of whether the filter is consistent."""
-    told = [found for found in findings if found.name in _OF_FILTER]
-    wrong = [found for found in told if found.fits is False]
-    if wrong:
-        causes = "; ".join(f"{found.name} {found.value:.2g}: {found.says}" for found in wrong)
-        return f"Warning: the filter is not consistent ({causes})."
-    if all(found.fits is None for found in told):
-        return "Whether the filter is consistent cannot be told."
-    return "The filter is consistent."
-
-
-def _sentence(findings: list[Finding], table: pd.DataFrame, judge: str) -> str:
-    """Return what comes of it."""
-    said = [*_of_set_up(findings), _of_filter(findings)]
-    if judge == "nothing":
-        return " ".join([*said, "How large the errors are cannot be told."])
-    said += _by_truth(table) if judge == "reference" else _by_withheld(table)
-    return " ".join(said)
-
-
-def _by_truth(table: pd.DataFrame) -> list[str]:
-    """Return whether the corrected track is better than the network."""
-    _, low, high = _interval(table, "position")
-    what = (
-        "better than" if high < 1 else "worse than" if low > 1 else "neither better nor worse than"
-    )
-    warning = "Warning: in" if low > 1 else "In"
-    said = [
-        f"{warning} position the corrected track is {what} the network: it has "
-        f"{_share(table, 'position')} of its error."
-    ]
-    if np.isfinite(_interval(table, "velocity")).all():
-        said.append(f"In velocity it has {_share(table, 'velocity')}.")
-    return said
-
-
-def _by_withheld(table: pd.DataFrame) -> list[str]:
-    """Return which is nearer to withheld fixes; which is better that does not tell."""
-    warning = "Warning: from" if _interval(table, "position")[1] > 1 else "From"
-    return [
-        f"{warning} fixes that are withheld, and have errors of their own, the corrected track is "
-        f"{_share(table, 'position')} as far as a line between the fixes beside."
-    ]
-
-
-def _interval(table: pd.DataFrame, what: str) -> list[float]:
-    """Return the ratio of errors of the corrected track to the network's, and its interval."""
-    columns = [f"{what}_{end}" for end in ("ratio", "low", "high")]
-    return [float(x) for x in table.loc[["corrected"], columns].to_numpy()[0]]
-
-
-def _share(table: pd.DataFrame, what: str) -> str:
-    ratio, low, high = _interval(table, what)
-    return f"{ratio:.0%} ({low:.0%} to {high:.0%})"
 
 
 def _track(times: Array, estimate: Estimate, stated: int) -> pd.DataFrame:
