@@ -64,8 +64,8 @@ class Correction(Protocol):
         """From what moves to the tag, m."""
 
     @property
-    def begin(self) -> tuple[float, ...]:
-        """The numbers at which their search begins."""
+    def begins(self) -> list[tuple[float, ...]]:
+        """The numbers at which searches begin; the most likely of what they find is taken."""
 
     @property
     def stated(self) -> int:
@@ -83,10 +83,10 @@ class Correction(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class InertialCorrection:
-    """An INS, loosely coupled to fixes whose errors are white and coloured.
+    """An INS, loosely coupled to fixes whose errors are white, or white and coloured.
 
-    Its numbers are those of `ImuNoise`, force and rate, then the deviations of the white and the
-    coloured errors of fixes to the side, m, and the correlation time of the latter, s.
+    Its numbers are those of `ImuNoise`, force and rate, and the deviation of the white errors of
+    fixes to the side, m; then, if some are coloured, their deviation, m, and correlation time, s.
 
     Attributes
     ----------
@@ -118,17 +118,18 @@ class InertialCorrection:
         return self.start.time
 
     @cached_property
-    def begin(self) -> tuple[float, ...]:
-        """The numbers at which their search begins."""
-        size = deviation_of(self.fixes)
-        return (0.02, 0.002, size / 2, size, _LASTING)
+    def begins(self) -> list[tuple[float, ...]]:
+        """The numbers at which searches begin: with white errors, and with coloured ones, too."""
+        return _begins((0.02, 0.002), self.fixes)
 
     @cached_property
     def start(self) -> Start:
         """Where the filter starts, by an alignment in motion."""
         first = first_fix(self.fixes)
         white = PositionFixes(self.fixes, self.lever_arm, deviation_of(self.fixes) * UP)
-        return align(self._motion(*self.begin[:2]), [white], first - 0.1, first + self.alignment)
+        return align(
+            self._motion(*self.begins[0][:2]), [white], first - 0.1, first + self.alignment
+        )
 
     def run(self, *numbers: float, end: float = np.inf) -> Solution:
         """Run the filter, which has an event at the time of each fix.
@@ -139,9 +140,9 @@ class InertialCorrection:
         end : float
             When the data end, s.
         """
-        force, rate, white, coloured, lasting = numbers
-        colour = (coloured * UP, np.full(3, lasting))
-        observed = PositionFixes(self.fixes, self.lever_arm, white * UP, *colour)
+        force, rate, white, *colour = numbers
+        colours = _colour(colour, UP)
+        observed = PositionFixes(self.fixes, self.lever_arm, white * UP, *colours)
         return run_error_state(self._motion(force, rate), self.start, [observed], end=end)
 
     def series(self, solution: Solution) -> Whole:
@@ -151,7 +152,7 @@ class InertialCorrection:
     def without(self, withheld: Mask) -> InertialCorrection:
         """Return the same without some fixes; it starts where this one does."""
         found = replace(self, fixes=_without(self.fixes, withheld))
-        vars(found).update(start=self.start, begin=self.begin)
+        vars(found).update(start=self.start, begins=self.begins)
         return found
 
     def _motion(self, force: float, rate: float) -> InertialMotion:
@@ -163,9 +164,9 @@ class InertialCorrection:
 class OdometryCorrection:
     """Dead reckoning on a plane, with fixes, or tightly coupled with ranges.
 
-    Its numbers are those of `OdometryNoise`, speed and rate, then with fixes the deviations of
-    white and coloured errors, m, and the correlation time, s; with ranges the deviations of white
-    errors and of a bias of each anchor, m. Ranges have a common scale as a state.
+    Its numbers are those of `OdometryNoise`, speed and rate; then with fixes as those of
+    `InertialCorrection`, with ranges the deviations of white errors and of a bias of each anchor,
+    m. Ranges have a common scale as a state.
 
     Attributes
     ----------
@@ -200,12 +201,11 @@ class OdometryCorrection:
         return self.start.time + self.alignment
 
     @cached_property
-    def begin(self) -> tuple[float, ...]:
-        """The numbers at which their search begins."""
+    def begins(self) -> list[tuple[float, ...]]:
+        """The numbers at which searches begin."""
         if self.ranges is not None:
-            return (0.05, 0.02, 0.2, 0.2)
-        size = deviation_of(self.fixes)
-        return (0.05, 0.02, size / 2, size, _LASTING)
+            return [(0.05, 0.02, 0.2, 0.2)]
+        return _begins((0.05, 0.02), self.fixes)
 
     @cached_property
     def start(self) -> Start:
@@ -220,7 +220,7 @@ class OdometryCorrection:
         ]
         return max(
             starts,
-            key=lambda s: self._run(s, self.begin, first + self.alignment).log_likelihood,
+            key=lambda s: self._run(s, self.begins[0], first + self.alignment).log_likelihood,
         )
 
     def run(self, *numbers: float, end: float = np.inf) -> Solution:
@@ -247,22 +247,21 @@ class OdometryCorrection:
             # the stamp of a fix is between those of its ranges
             nearest = np.abs(self.ranges.time[:, None] - self.fixes.time).argmin(axis=1)
             found = replace(found, ranges=_rows(self.ranges, ~withheld[nearest]))
-        vars(found).update(start=self.start, begin=self.begin)
+        vars(found).update(start=self.start, begins=self.begins)
         return found
 
     def _run(self, start: Start, numbers: Sequence[float], end: float) -> Solution:
         assert self.recording.odometry is not None
-        speed, rate, white, second, *lasting = numbers
+        speed, rate, white, *others = numbers
         noise = OdometryNoise(speed, rate, *_ODOMETRY_WALKS)
         observed: Any
         if self.ranges is not None:
-            observed = RangesToAnchors(
-                self.ranges, self.lever_arm, white, bias=second, scale=_SCALE
-            )
+            [bias] = others
+            observed = RangesToAnchors(self.ranges, self.lever_arm, white, bias=bias, scale=_SCALE)
         else:
             two = np.ones(2)
-            colour = (second * two, lasting[0] * two)
-            observed = PositionFixes(_planar(self.fixes), self.lever_arm, white * two, *colour)
+            colours = _colour(others, two)
+            observed = PositionFixes(_planar(self.fixes), self.lever_arm, white * two, *colours)
         # at the time of each fix the filter says where it is, whether it takes it or not
         silent = Fixes(self.fixes.time, np.full((len(self.fixes), 2), np.nan))
         events = PositionFixes(silent, self.lever_arm, np.ones(2))
@@ -377,6 +376,20 @@ def axes_of(fixes: Fixes, start: Start, solution: Solution) -> Whole:
     d = len(solution.states[0].position)
     told = np.isfinite(fixes.position[:, :d])
     return np.asarray(np.nonzero(told[fixes.time > start.time])[1], dtype=np.int64)
+
+
+def _begins(motion: tuple[float, float], fixes: Fixes) -> list[tuple[float, ...]]:
+    """Return the numbers of a filter on fixes with white errors, and with coloured ones, too."""
+    size = deviation_of(fixes)
+    return [(*motion, size), (*motion, size / 2, size, _LASTING)]
+
+
+def _colour(numbers: Sequence[float], axes: Array) -> list[Array]:
+    """Return deviations and correlation times by axis of coloured errors, if there are some."""
+    if not numbers:
+        return []
+    size, lasting = numbers
+    return [size * axes, np.full(len(axes), lasting)]
 
 
 def _planar(fixes: Fixes) -> Fixes:

@@ -35,6 +35,7 @@ from inswsn_lib.streams import Fixes, Recording
 
 _ALIGNMENT = 20.0  # s
 _RATIO = 2.0  # of the steps of a search
+_DEVIATIONS = 4  # of the numbers of a filter; a fifth is a time
 _FEWEST = 12  # fixes by which a track is judged
 _TRACK = ("x", "y", "vx", "vy")
 _SCORES = (
@@ -86,8 +87,9 @@ def report(recording: Recording, *, alignment: float = _ALIGNMENT, trials: int =
     Stamps are taken as they are. Ranges beside an IMU are made into fixes; beside odometry they are
     taken one by one. The start is found from the data, without the reference. The few numbers of
     the filter are tuned by the likelihood of its innovations in the first half of the recording,
-    and all is judged in the second. Without a reference every second fix of the second half is
-    withheld, and errors are those there; the network has a line between the fixes beside.
+    with white and with coloured errors of fixes, and all is judged in the second half. Without a
+    reference every second fix of it is withheld, and errors are those there; the network has a line
+    between the fixes beside.
 
     Parameters
     ----------
@@ -96,7 +98,7 @@ def report(recording: Recording, *, alignment: float = _ALIGNMENT, trials: int =
     alignment : float
         By how much of the data the start is found, s.
     trials : int
-        Of the search for the filter's numbers.
+        Of each search for the filter's numbers.
 
     Returns
     -------
@@ -130,9 +132,7 @@ def report(recording: Recording, *, alignment: float = _ALIGNMENT, trials: int =
         return _without_filter(recording, findings, said)
     if not any(found.name == "axes" and found.fits for found in findings):
         findings += _mirrored(recording, filtered, alignment, split)
-    loss = unlikely(filtered.run, split)
-    ratios = [_RATIO] * len(filtered.begin)
-    numbers = search_pattern("filter", filtered.begin, ratios, loss, most=trials).best
+    numbers = _tuned(filtered, split, trials)
     solution = filtered.run(*numbers)
     corrected = of_solution(solution, filtered.lever_arm, filtered.fixes.time)
     since = max(split, filtered.known)
@@ -148,6 +148,24 @@ def report(recording: Recording, *, alignment: float = _ALIGNMENT, trials: int =
         _track(filtered.fixes.time, corrected, filtered.stated),
         numbers,
     )
+
+
+def _tuned(filtered: Correction, end: float, trials: int) -> tuple[float, ...]:
+    """Return the most likely numbers: of those that searches find, times a common factor.
+
+    With all deviations times a factor the estimates are the same, and the likelihood is largest
+    where the mean NIS is 1.
+    """
+    loss = unlikely(filtered.run, end)
+    searches = [
+        search_pattern("filter", begin, [_RATIO] * len(begin), loss, most=trials)
+        for begin in filtered.begins
+    ]
+    best = min(searches, key=lambda search: search.loss).best
+    told = filtered.run(*best, end=end).innovations[0]
+    near = inside(told.values, told.deviations)
+    factor = float(np.sqrt(np.mean(told.squares[near]))) if near.any() else 1.0
+    return (*(factor * number for number in best[:_DEVIATIONS]), *best[_DEVIATIONS:])
 
 
 _Judged = tuple[pd.DataFrame, str, list[Finding]]
@@ -262,10 +280,10 @@ def _mirrored(
 ) -> list[Finding]:
     """Ask whether the motion fits the network better if that is mirrored."""
     who = "network and motion"
-    straight = filtered.run(*filtered.begin, end=end)
+    straight = filtered.run(*filtered.begins[0], end=end)
     try:
         other = correction_of(_mirror(recording), alignment)
-        mirrored = other.run(*filtered.begin, end=end)
+        mirrored = other.run(*filtered.begins[0], end=end)
     except InswsnError:
         return []
     gain = mirrored.log_likelihood - straight.log_likelihood

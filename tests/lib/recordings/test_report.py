@@ -49,6 +49,8 @@ def test_a_filter_that_fits_is_consistent_and_better_than_the_network() -> None:
     # of two coordinates
     assert network == pytest.approx(np.sqrt(2) * NOISE, rel=0.15)
     assert smoothed < corrected < 0.5 * network
+    # the filter finds the noise of the fixes
+    assert found.numbers[2] == pytest.approx(NOISE, rel=0.15)
     assert {"size", "colour", "whiteness", "errors"} <= {each.name for each in found.findings}
     assert list(found.track) == ["time", "x", "y", "vx", "vy", "sd_x", "sd_y", "sd_vx", "sd_vy"]
     assert found.track["sd_vx"].isna().all()  # the speed is no state
@@ -113,15 +115,15 @@ def test_ranges_beside_odometry_are_taken_one_by_one() -> None:
 def test_an_imu_is_aligned_without_the_reference() -> None:
     """The tag is at the end of a lever arm; ranges have errors of 0.05 m."""
     arm = np.array([0.05, 0.0, 0.1])
-    right = made(1, seconds=40, rate=40, lever_arm=tuple(arm))
-    found = report(replace(right, imu=made_imu(1, seconds=40), lever_arm=arm), trials=2)
+    right = made(1, seconds=60, rate=40, lever_arm=tuple(arm))
+    found = report(replace(right, imu=made_imu(1, seconds=60), lever_arm=arm), trials=2)
     assert failing(found) <= {"size", "colour", "whiteness"}  # two trials tune little
     assert found.table.loc["corrected", "velocity"] < 0.5 * found.table.loc["network", "velocity"]
     assert (found.track[["sd_x", "sd_vx"]] > 0).all(axis=None)
 
 
 def test_a_short_recording_is_told_by_its_network_alone() -> None:
-    found = report(drive().part(end=25.0))
+    found = report(drive().part(end=19.0))
     assert "The start takes 20 s, more than half of the recording." in found.sentence
     assert list(found.table.index) == ["network"]
     assert found.table.loc["network", "position_ratio"] == 1
