@@ -50,6 +50,9 @@ studies: environment ## run the long studies again: the recorded drive, filters 
 	@$(RUN) studies/sensitivity.py
 	@$(RUN) studies/crossed.py $(if $(JOBS),--jobs $(JOBS))
 
+spoilt: environment ## spoil recordings by hundreds, and keep what is refused, found or passed in data/spoilt.json
+	@$(RUN) studies/spoilt.py
+
 elsewhere: environment ## run every chapter in other surroundings, for the book's table
 	@$(RUN) studies/elsewhere.py $(if $(JOBS),--jobs $(JOBS))
 
@@ -114,4 +117,4 @@ help: ## list the targets
 
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
-.PHONY: book test serve notebooks publish archive calibrate studies elsewhere bench mutants trials licences lock upgrade tag assets release report actionlint audit format environment clean help
+.PHONY: book test serve notebooks publish archive calibrate studies spoilt elsewhere bench mutants trials licences lock upgrade tag assets release report actionlint audit format environment clean help

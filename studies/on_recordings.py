@@ -1,8 +1,8 @@
 """Run the filters on the recordings of chapter 06 and keep what comes out: `make studies`.
 
-Chapter 06 runs the same on each build where all recordings can be had. Where not, it shows what this
-script kept in data/recorded/on-recordings.json, and says so. The recordings are fetched, or come
-from the mirror that INSWSN_DATA names.
+Chapter 06 runs the same on each build where all recordings can be had. Where not, it shows what
+this script kept in data/recorded/on-recordings.json, and says so. The recordings are fetched, or
+come from the mirror that INSWSN_DATA names.
 """
 
 from __future__ import annotations

@@ -20,8 +20,8 @@ from inswsn_lib.errors import InswsnError
 from inswsn_lib.navigation.recorded_clusters import RecordedClusters
 from inswsn_lib.navigation.recorded_outages import RecordedOutages
 from inswsn_lib.recordings import FixesContest, PlanarContest, RecordedContest
-from inswsn_lib.recordings.contest import COLOURED, unlikely
-from inswsn_lib.recordings.estimates import of_solution, scores
+from inswsn_lib.recordings.contest import COLOURED
+from inswsn_lib.recordings.estimates import of_solution, scores, tag_track, unlikely
 from inswsn_lib.streams import Recording
 
 Tables = dict[str, pd.DataFrame]
@@ -197,9 +197,9 @@ class RecordedStudy:
 
     def _distances(self, arm: Array) -> Array:
         """Return the true distances of a point of the body to the anchors that were heard."""
-        recording, ranges = self.room.recording, self.room.heard
-        moved = replace(self.room, recording=replace(recording, lever_arm=arm))
-        place = moved.where(ranges.time)
+        ranges = self.room.heard
+        time, track = tag_track(replace(self.room.recording, lever_arm=arm))
+        place = np.column_stack([np.interp(ranges.time, time, x) for x in track.T])
         return np.asarray(np.linalg.norm(place - ranges.anchors[ranges.anchor], axis=1))
 
     def _track(self) -> pd.DataFrame:
