@@ -139,6 +139,8 @@ def truth_at(recording: Recording, times: Array) -> Array:
     """
     reference = recording.reference
     assert reference is not None
+    if len(reference) < _FEWEST:
+        return np.full((len(times), 4), np.nan)
     track = reference.position[:, :2]
     if reference.attitude is not None:
         track = track + Rotation.from_quat(reference.attitude).apply(recording.lever_arm)[:, :2]
