@@ -89,7 +89,7 @@ def _table(change: Callable[[pd.DataFrame, float, Random], pd.DataFrame]) -> Cha
     """Return what changes the table in a file."""
 
     def changed(path: Path, size: float, rng: Random) -> None:
-        table = pd.read_csv(path, dtype={"anchor": str}, float_precision="round_trip")
+        table = pd.read_csv(path, dtype={"anchor": str})
         change(table, size, rng).to_csv(path, index=False, lineterminator="\n")
 
     return changed

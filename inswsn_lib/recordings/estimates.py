@@ -143,6 +143,8 @@ def truth_at(recording: Recording, times: Array) -> Array:
         s; NaN is returned where the reference has no rows nearby.
     """
     time, track = tag_track(recording)
+    if len(time) < _FEWEST:
+        return np.full((len(times), 4), np.nan)
     half = max(_HALF_WINDOW, _HALF_ROWS * float(np.median(np.diff(time))))
     return line_through(time, track[:, :2], times, half)
 

@@ -220,6 +220,16 @@ def test_a_reference_that_is_at_another_time_judges_nothing() -> None:
     assert "span" in failing(found)
 
 
+def test_a_reference_in_milliseconds_judges_nothing() -> None:
+    """One of its rows is while the vehicle moves."""
+    right = drive()
+    assert right.reference is not None
+    other = replace(right.reference, time=1000 * right.reference.time)
+    found = report(replace(right, reference=other), trials=1)
+    assert found.judge == "nothing"
+    assert "span" in failing(found)
+
+
 @needs("labyrinth/1")
 def test_a_recorded_robot_is_better_than_its_network() -> None:
     found = report(recordings.load("labyrinth/1"), trials=4)
