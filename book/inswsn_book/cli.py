@@ -101,13 +101,15 @@ def run(
 ) -> None:
     """Execute a chapter with other parameters and compare it with the published run.
 
+    A run on data of your own is not compared; what the chapter reports of them is said.
+
     For example: inswsn run 02 -p q_scale=0.1 -p runs=200
     """
     from inswsn_book.compare import comparison
     from inswsn_book.ledger import LEDGER, claims_of, load_claims
     from inswsn_book.parameters import chapter_schema
     from inswsn_book.progress import Progress
-    from inswsn_book.running import gather_parameters, run_chapter
+    from inswsn_book.running import REPORT, gather_parameters, own_data, run_chapter
     from inswsn_book.runs import reference_results
 
     project = _project(root)
@@ -116,9 +118,12 @@ def run(
     values = gather_parameters(schema, settings, file, project.root / "data")
     with Progress() as progress:
         folder, results = run_chapter(project, number, values, progress, **how)
-    claims = claims_of(load_claims(project.root / LEDGER), number)
-    reference = reference_results(project, number)
-    click.echo("\n".join(comparison(reference, results, claims)))
+    if (folder / REPORT).is_file() and own_data(schema, values):
+        click.echo((folder / REPORT).read_text(encoding="utf-8").rstrip())
+    else:
+        claims = claims_of(load_claims(project.root / LEDGER), number)
+        reference = reference_results(project, number)
+        click.echo("\n".join(comparison(reference, results, claims)))
     click.echo(f"The run is in {folder}")
 
 

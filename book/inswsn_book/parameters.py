@@ -8,7 +8,7 @@ parameter is::
     training_samples: int = 100  # samples; in [4, 400]
 
 A rule is ``any``, an interval of numbers such as ``in (0, 10]`` or ``in [0, inf)``, ``one of`` a
-list of words, ``a file``: the path of a file, or the name of one below ``data/``, or
+list of words, ``a file`` or ``a folder``: its path, or the name of one below ``data/``, or
 ``a regressor``: the module and the name of a scikit-learn regressor.
 """
 
@@ -32,6 +32,8 @@ Value = bool | int | float | str
 
 #: The rule of a parameter that names a file
 FILE_RULE = "a file"
+#: The rule of a parameter that names a folder
+FOLDER_RULE = "a folder"
 #: The rule of a parameter that names a regressor
 REGRESSOR_RULE = "a regressor"
 
@@ -60,6 +62,8 @@ class Parameter:
             return f"any {kind.removeprefix('a ')}" if self.kind != "bool" else kind
         if self.rule == FILE_RULE:
             return "the path of a file, or the name of one below data/"
+        if self.rule == FOLDER_RULE:
+            return "the path of a folder, or the name of one below data/"
         if self.rule == REGRESSOR_RULE:
             return "package.module:name of a scikit-learn regressor"
         return self.rule if self.rule.startswith("one of ") else f"{kind} {self.rule}"
@@ -159,8 +163,9 @@ def read_schema(cell: str) -> Schema:
             raise InswsnError(f"The parameter {name} is declared twice.")
         if not _fits(rule, kind):
             raise InswsnError(
-                f"The rule of {name} is {rule!r}; it may be any, 'one of' words, 'a file' or "
-                "'a regressor' for a str, or an interval for a number, such as in [0, 10)."
+                f"The rule of {name} is {rule!r}; it may be any, 'one of' words, 'a file', "
+                "'a folder' or 'a regressor' for a str, or an interval for a number, such as "
+                "in [0, 10)."
             )
         try:
             value = ast.literal_eval(default)
@@ -174,7 +179,8 @@ def read_schema(cell: str) -> Schema:
 
 def _fits(rule: str, kind: str) -> bool:
     """Tell whether a rule is one, and one for values of that kind."""
-    if kind == "str" and (rule in (FILE_RULE, REGRESSOR_RULE) or rule.startswith("one of ")):
+    named = rule in (FILE_RULE, FOLDER_RULE, REGRESSOR_RULE)
+    if kind == "str" and (named or rule.startswith("one of ")):
         return True
     return rule == "any" or (kind in ("int", "float") and _ends(rule) is not None)
 

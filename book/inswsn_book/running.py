@@ -27,13 +27,22 @@ from inswsn_book.results import Results, write_results
 from inswsn_lib.errors import InswsnError, ParameterError
 from inswsn_lib.files import read_yaml
 
+#: What a chapter may write for a reader with data of their own
+REPORT = "report.txt"
+
+
+def own_data(schema: Schema, values: Mapping[str, Value]) -> bool:
+    """Tell whether one of the parameters that a user sets names a file or a folder."""
+    named = (parameters.FILE_RULE, parameters.FOLDER_RULE)
+    return any(schema[name].rule in named for name in values)
+
 
 def gather_parameters(
     schema: Schema, settings: Iterable[str], file: Path | None, data: Path
 ) -> dict[str, Value]:
     """Return the parameters that a user sets, checked; ``name=value`` overrides the file.
 
-    The path of a file that a parameter names is made absolute, unless the file lies in `data`.
+    The path of a file or folder that a parameter names is made absolute, unless it lies in `data`.
     """
     content = {} if file is None else read_yaml(file) or {}
     if not isinstance(content, dict) or not all(isinstance(name, str) for name in content):
@@ -57,14 +66,16 @@ def _found(parameter: Parameter, value: Value, data: Path) -> Value:
         from inswsn_lib.learning import load_regressor  # noqa: PLC0415  # numerics take a second
 
         load_regressor(parameter.name, str(value))
-    if parameter.rule != parameters.FILE_RULE:
+    kinds = {parameters.FILE_RULE: Path.is_file, parameters.FOLDER_RULE: Path.is_dir}
+    if parameter.rule not in kinds:
         return value
     path = Path(os.path.expanduser(str(value)))  # noqa: PTH111  # Path's own may raise
-    if path.is_file():
+    if kinds[parameter.rule](path):
         return str(path.resolve())
-    if (data / path).is_file():
+    if kinds[parameter.rule](data / path):
         return path.as_posix()
-    raise ParameterError(parameter.name, value, f"{parameter.allowed}, and there is no such file")
+    what = parameter.rule.removeprefix("a ")
+    raise ParameterError(parameter.name, value, f"{parameter.allowed}, and there is no such {what}")
 
 
 def run_chapter(

@@ -54,8 +54,8 @@ class RecordedStudy:
     --------
     >>> from unittest.mock import patch
     >>> from inswsn_lib.navigation import RecordedStudy
-    >>> with patch.dict("os.environ", INSWSN_DATA="nowhere"):
-    ...     RecordedStudy().tables()  # doctest: +ELLIPSIS
+    >>> with patch.dict("os.environ", INSWSN_DATA="nowhere"):  # doctest: +ELLIPSIS
+    ...     RecordedStudy().tables()
     Traceback (most recent call last):
     ...
     inswsn_lib.recordings.files.RecordingUnavailableError: INSWSN_DATA is ...

@@ -29,6 +29,7 @@ def check_set_up(recording: Recording) -> list[Finding]:
     gaps      a stream is not there for long                       what rows at random times have
     span      a stream is not there while others are               a fiftieth of its time, or more
     itself    fixes do not move as their velocities say            half of the speed
+    values    a sensor sticks, saturates, or is quantised coarsely 20 equal rows, 1 % at a limit
     axes      exchanged, reversed or mirrored, of all signed       none
               permutations, 48 in space
     gravity   the specific force, by the attitude, is not upwards  5 degrees on average

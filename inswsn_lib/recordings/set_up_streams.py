@@ -1,4 +1,4 @@
-"""Whether the stamps of a recording's streams are what one clock gives."""
+"""Whether the stamps of streams are what one clock gives, and their values those of a sensor."""
 
 from __future__ import annotations
 
@@ -6,11 +6,15 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from inswsn_lib.checks import Array, Mask
 from inswsn_lib.recordings.findings import FALSE_ALARM, Finding
-from inswsn_lib.streams import Recording
+from inswsn_lib.streams import Fixes, Imu, Ranges, Recording, Stream
 
 _LEAST = 10.0  # periods: a shorter gap is none
 _ROWS = 20
+_STUCK = 20  # rows that may say the same, as of a fix at rest
+_CLIPPED = 0.01  # share of the rows that may have the largest or the least value of their column
+_FEW = 4  # such rows of a short recording
 _SHARED = 0.02  # of a stream's time, in which another one is there, too
 
 
@@ -41,7 +45,53 @@ def check_stamps(recording: Recording) -> Iterator[Finding]:
             f"every {usual:.2g} s"
         )  # fmt: skip
         yield Finding("gaps", name, value, 0, bound, fits, says)
+    yield from _values(recording)
     yield from _spans(recording)
+
+
+def _values(recording: Recording) -> Iterator[Finding]:
+    """Yield whether what a sensor says sticks, or ends at a limit: noise makes it differ."""
+    for name, stream in recording.streams.items():
+        if len(stream) < _ROWS:
+            continue
+        columns = _measured(stream)
+        if not columns:
+            continue
+        stuck = max(_longest((np.diff(rows, axis=0) == 0).all(axis=1)) for rows in columns) + 1
+        says = "no stretch has the same values" if stuck <= _STUCK else (
+            f"{stuck} rows on end say the same: the sensor or its logger sticks"
+        )  # fmt: skip
+        yield Finding("values", name, stuck, 0, _STUCK, stuck <= _STUCK, says)
+        if isinstance(stream, Imu):
+            clipped = max(_at_limit(column) for column in columns[0].T)
+            most = max(_CLIPPED, _FEW / len(stream))
+            says = "no value is there often that none exceeds" if clipped <= most else (
+                f"{100 * clipped:.0f} % of the rows of a column have its largest or least value: "
+                "it saturates, or is quantised coarsely"
+            )  # fmt: skip
+            subject = f"{name}, limits"
+            yield Finding("values", subject, clipped, 0, most, clipped <= most, says)
+
+
+def _measured(stream: Stream) -> list[Array]:
+    """Return what a sensor says, (rows, components), of each anchor by itself."""
+    if isinstance(stream, Imu):
+        return [np.hstack([stream.rate, stream.force])]
+    if isinstance(stream, Ranges):
+        each = [stream.distance[stream.anchor == k, None] for k in range(len(stream.anchors))]
+        return [rows for rows in each if len(rows) > 1]
+    return [stream.position] if isinstance(stream, Fixes) else []
+
+
+def _longest(same: Mask) -> int:
+    """Return how many on end are true at most."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], same, [False]]).astype(int)))
+    return int(np.max(np.diff(edges)[::2], initial=0))
+
+
+def _at_limit(column: Array) -> float:
+    """Return the share of rows with the largest or with the least value, the larger of both."""
+    return float(max(np.mean(column == column.max()), np.mean(column == column.min())))
 
 
 def _spans(recording: Recording) -> Iterator[Finding]:

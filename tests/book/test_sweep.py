@@ -62,7 +62,7 @@ def test_a_grid_goes_through_its_last_axis_fastest(project: Project) -> None:
 def test_a_sweep_takes_what_a_run_takes(project: Project, number: str) -> None:
     chapter = project.find(number)
     for parameter in chapter_schema(project.root, number).parameters:
-        if parameter.rule not in ("a file", "a regressor"):
+        if parameter.rule not in ("a file", "a folder", "a regressor"):
             axis = f"{parameter.name}={parameter.default}"
             sweep = read_sweep(project, chapter, [axis], [])
             assert sweep.places == [{parameter.name: parameter.default}]

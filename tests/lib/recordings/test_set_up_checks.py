@@ -18,7 +18,7 @@ from inswsn_lib.recordings import Finding, check_set_up, verdict
 from inswsn_lib.streams import Fixes, Imu, Ranges, Recording
 
 NAMES = {"unit", "repeats", "gaps", "axes", "gravity", "time", "mounting", "place", "bias", "scale",
-         "lever arm", "frame", "odometry", "span"}  # fmt: skip
+         "lever arm", "frame", "odometry", "span", "values"}  # fmt: skip
 
 
 @cache
@@ -305,3 +305,32 @@ def test_fixes_move_as_their_velocities_say(velocity: list[float], value: float)
     still = replace(fixes, position=0 * fixes.position, velocity=0 * told)
     [found] = [f for f in check_set_up(Recording("car", fixes=still)) if f.name == "itself"]
     assert found.fits is None
+
+
+def said(recording: Recording, subject: str) -> bool | None:
+    """What the check of values says of a stream."""
+    return next(
+        x.fits for x in check_set_up(recording) if (x.name, x.subject) == ("values", subject)
+    )
+
+
+def test_a_sensor_that_sticks_or_ends_at_a_limit_is_found() -> None:
+    imu = made_imu(3)
+    walk = Recording("walk", imu=imu)
+    assert said(walk, "imu")
+    assert said(walk, "imu, limits")
+    for rows, fits in ((20, True), (21, False)):  # as many rows on end say the same
+        force, rate = imu.force.copy(), imu.rate.copy()
+        force[100 : 100 + rows], rate[100 : 100 + rows] = force[100], rate[100]
+        assert said(replace(walk, imu=replace(imu, force=force, rate=rate)), "imu") is fits
+    limit = float(np.quantile(imu.rate[:, 2], 0.98))
+    clipped = replace(imu, rate=np.minimum(imu.rate, limit))
+    assert said(replace(walk, imu=clipped), "imu, limits") is False
+    # ranges of one anchor stick while others go on
+    recording = made(3)
+    assert recording.ranges is not None
+    assert said(recording, "ranges")
+    distance, mine = recording.ranges.distance.copy(), np.flatnonzero(recording.ranges.anchor == 2)
+    distance[mine[10:40]] = distance[mine[10]]
+    stuck = replace(recording, ranges=replace(recording.ranges, distance=distance))
+    assert said(stuck, "ranges") is False
