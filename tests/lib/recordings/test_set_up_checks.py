@@ -49,7 +49,7 @@ def test_a_right_set_up_is_told_with_all_that_was_looked_at() -> None:
     assert {found.name for found in check_set_up(room(0))} == NAMES - {"odometry"}
     assert {found.name for found in check_set_up(made_drive(0))} == {
         "repeats", "gaps", "unit", "axes", "time", "place", "bias", "scale", "lever arm", "frame",
-        "odometry", "span",
+        "odometry", "span", "values",
     }  # fmt: skip
 
 
