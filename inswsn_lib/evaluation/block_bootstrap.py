@@ -39,6 +39,7 @@ def block_ratio(
     Returns
     -------
     ratio, low, high : float
+        NaN where the other method has no error at all.
 
     Raises
     ------
@@ -64,8 +65,11 @@ def block_ratio(
         raise ParameterError("block", block, f"{len(mine) // _FEWEST} of {len(mine)} rows or fewer")
     rng = np.random.default_rng(seed)
     begins = rng.integers(len(mine), size=(draws, count))
-    sums = [_sums(values, begins, block) for values in (mine, theirs)]
-    low, high = np.quantile(np.sqrt(sums[0] / sums[1]), [(1 - level) / 2, (1 + level) / 2])
+    if not theirs.any():
+        return np.nan, np.nan, np.nan
+    ours, other = (_sums(values, begins, block) for values in (mine, theirs))
+    told = other > 0  # a draw may have only rows without an error of the other
+    low, high = np.quantile(np.sqrt(ours[told] / other[told]), [(1 - level) / 2, (1 + level) / 2])
     return float(np.sqrt(mine.sum() / theirs.sum())), float(low), float(high)
 
 

@@ -220,6 +220,15 @@ def test_a_reference_that_is_at_another_time_judges_nothing() -> None:
     assert "span" in failing(found)
 
 
+def test_fixes_that_stick_are_told_without_a_traceback() -> None:
+    """A line between two equal fixes goes through one between them: the network has no error."""
+    right = drive().without("reference")
+    assert right.fixes is not None
+    found = report(replace(right, fixes=replace(right.fixes, position=0 * right.fixes.position)))
+    assert found.judge != "reference"
+    assert "Warning: the filter is not consistent" in found.sentence
+
+
 def test_a_reference_in_milliseconds_judges_nothing() -> None:
     """One of its rows is while the vehicle moves."""
     right = drive()
