@@ -26,13 +26,32 @@ from .recordings import (
     check_recording as check_recording,
     read_recording as read_recording,
 )
-from .streams import Recording as Recording
 from .scenario import (
     Setting as Setting,
     from_settings as from_settings,
     load_scenario as load_scenario,
     with_values as with_values,
 )
+
+# Read recorded data as they were logged, and follow them
+from .streams import (
+    Fixes as Fixes,
+    Imu as Imu,
+    Odometry as Odometry,
+    Ranges as Ranges,
+    Recording as Recording,
+    Reference as Reference,
+    Stream as Stream,
+)
+from .estimation import (
+    align as align,
+    multilaterate_track as multilaterate_track,
+    run_error_state as run_error_state,
+    slope_velocity as slope_velocity,
+    smooth as smooth,
+    smooth_with_lag as smooth_with_lag,
+)
+from .calibration import calibrate as calibrate, imu_clock as imu_clock
 
 # Run a filter: a model or a design and measurements (steps, outputs, runs) give estimates
 from .filters import (

@@ -38,7 +38,7 @@ class Calibration:
     blocks : int
         How many blocks of time the covariance comes from; 1 less are the degrees of freedom of
         Student's distribution.
-    state : State
+    state : dataclass
         Values of all unknowns, also of those not asked for; its `turn` is a matrix.
     centre : ndarray, (d,)
         m, in the reference's own frame.

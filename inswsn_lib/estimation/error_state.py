@@ -122,7 +122,8 @@ class Solution:
     innovations : list of Innovations
         One for each observation.
     log_likelihood : float
-        Of all measurements, by the innovations.
+        Of all measurements, by the innovations; of a component that was left out, what it is at the
+        gate.
     start : Start
         With the observations' own states.
     """
@@ -352,10 +353,20 @@ class ErrorStateFilter:
         variances = np.diag(S)
         used = value**2 <= self.gate * variances
         size = float(value @ np.linalg.solve(S, value))
-        self.log_likelihood -= 0.5 * (size + np.linalg.slogdet(2 * np.pi * S)[1])
+        self.log_likelihood += self._log_likelihood(value, S, used, size)
         if used.any():
             self._update(i, observation, k, used, got, rows)
         return self.time, value, np.sqrt(variances), used, size / len(value)
+
+    def _log_likelihood(self, value: Array, S: Array, used: Mask, size: float) -> float:
+        """Return that of an innovation; a component beyond the gate counts as one at the gate."""
+        beyond = 0.0
+        if not used.all():
+            out = np.diag(S)[~used]
+            beyond = float(np.sum(self.gate + np.log(2 * np.pi * out)))
+            value, S = value[used], S[np.ix_(used, used)]
+            size = float(value @ np.linalg.solve(S, value))
+        return -0.5 * (size + float(np.linalg.slogdet(2 * np.pi * S)[1]) + beyond)
 
     def _update(
         self, i: int, observation: Observation, k: int, used: Mask, got: Innovation, rows: Array

@@ -132,7 +132,10 @@ class InertialMotion:
     noise: ImuNoise
 
     def between(self, begin: float, events: Array) -> InertialSteps:
-        """Return the steps from a time to the first event, and from each to the next."""
+        """Return the steps from a time to the first event, and from each to the next.
+
+        :meta private:
+        """
         return InertialSteps(
             cut(self.imu.time, self.imu.rate, self.imu.force, begin, events),
             np.array(

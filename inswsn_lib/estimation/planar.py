@@ -126,7 +126,10 @@ class OdometryMotion:
     noise: OdometryNoise
 
     def between(self, begin: float, events: Array) -> OdometrySteps:
-        """Return the steps from a time to the first event, and from each to the next."""
+        """Return the steps from a time to the first event, and from each to the next.
+
+        :meta private:
+        """
         time = self.odometry.time
         edges = np.unique(
             np.concatenate([[begin], time[(time > begin) & (time < events[-1])], events])

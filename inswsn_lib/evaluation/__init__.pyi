@@ -1,3 +1,4 @@
+from .block_bootstrap import block_ratio as block_ratio
 from .clusters import cluster_mean as cluster_mean, cluster_median as cluster_median
 from .consistency import (
     NoiseFit as NoiseFit,

@@ -1,4 +1,5 @@
 from .columns import INS as INS, REFERENCE as REFERENCE, TIME as TIME, WSN as WSN
+from .contest import RecordedContest as RecordedContest
 from .csv_writing import write_csv as write_csv
 from .files import RecordingUnavailableError as RecordingUnavailableError
 from .findings import Finding as Finding, verdict as verdict

@@ -38,10 +38,10 @@ def write_csv(recording: Recording, folder: str | Path) -> None:
     --------
     >>> from tempfile import TemporaryDirectory
     >>> import numpy as np
-    >>> from inswsn_lib import recordings
-    >>> walk = recordings.Odometry(time=np.arange(3.0), speed=np.ones(3), rate=np.zeros(3))
+    >>> from inswsn_lib import recordings, streams
+    >>> walk = streams.Odometry(time=np.arange(3.0), speed=np.ones(3), rate=np.zeros(3))
     >>> with TemporaryDirectory() as folder:
-    ...     recordings.write_csv(recordings.Recording("walk", odometry=walk), folder)
+    ...     recordings.write_csv(streams.Recording("walk", odometry=walk), folder)
     ...     recordings.load("csv", folder).span
     (0.0, 2.0)
     """

@@ -111,7 +111,7 @@ def emulate_sensors(
 
     >>> import numpy as np, inswsn_lib as iw
     >>> v, zero, imu = np.array([[0, 10, 0]] * 3), np.zeros((3, 3)), np.zeros((20, 3))
-    >>> recorded = iw.recordings.RecordedDrive(0.0, np.arange(3.0), 0.1, imu, imu, zero, v, None)
+    >>> recorded = iw.vehicle.RecordedDrive(0.0, np.arange(3.0), 0.1, imu, imu, zero, v, None)
     >>> iw.vehicle.emulate_sensors(recorded, runs=2, seed=0, compass_sd=0.0).compass[:, 0]
     array([0., 0., 0.])
     """

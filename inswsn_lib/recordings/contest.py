@@ -1,0 +1,326 @@
+"""Filters on a recording with ranges, an IMU and a reference, tuned on its first part."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+import pandas as pd
+from scipy.spatial.transform import Rotation
+
+from inswsn_lib.checks import Array, Mask
+from inswsn_lib.errors import InswsnError
+from inswsn_lib.estimation import (
+    ImuNoise,
+    InertialMotion,
+    PositionFixes,
+    RangesToAnchors,
+    Solution,
+    Start,
+    align,
+    multilaterate_track,
+    run_error_state,
+    slope_velocity,
+    smooth,
+    smooth_with_lag,
+)
+from inswsn_lib.evaluation import Tuning, search_pattern
+from inswsn_lib.recordings.difference_filters import FAMILIES, DifferenceFilters
+from inswsn_lib.recordings.estimates import Estimate, lag_one, line_through, of_solution, scores
+from inswsn_lib.streams import Fixes, Ranges, Recording, Whole
+
+#: Trials that the search for the numbers of a filter has
+TRIALS = 24
+#: What the errors of fixes upwards are taken for, times those to the side
+UP = np.array([1.0, 1.0, 2.0])
+# of the random walks of the IMU's biases, which no short recording tells
+_WALKS = (1e-3, 1e-4)
+_GATE = 16.0  # ranges that lie four deviations from what is expected are left out
+_LAG = 2.0  # s, of the fixed-lag smoother
+_AXES = (2.0, 2.0, 1.5)  # ratios of the steps of a search
+
+
+@dataclass(frozen=True, eq=False)
+class Contestant:
+    """An error-state filter, where the search for its numbers begins, and its steps.
+
+    Attributes
+    ----------
+    run : callable
+        Takes the numbers and the time at which the data end, s, and returns a `Solution`.
+    begin, ratios : sequence of float
+    """
+
+    run: Callable[..., Solution]
+    begin: Sequence[float]
+    ratios: Sequence[float]
+
+
+@dataclass(frozen=True, eq=False)
+class RecordedContest:
+    """Filters on one recording on equal terms, and the network that they must beat.
+
+    The network is multilateration of the ranges of each period, with the velocity of a line through
+    five fixes. Filters are tuned on the first part of the recording, with the same trials each, and
+    judged on the rest: those that have a likelihood by that of their innovations, which asks for no
+    reference; those of P1's form by their errors.
+
+    Attributes
+    ----------
+    recording : Recording
+        With an IMU, ranges to anchors in three dimensions, and a reference to judge by.
+    period : float
+        Of the network's fixes, s.
+    share : float
+        Of the time between the first and the last fix in which filters are tuned.
+    alignment : float
+        For how long after the first fix the start is aligned, s.
+    trials : int
+        Of each search.
+
+    Raises
+    ------
+    InswsnError
+        If a stream is missing, or the alignment does not tell the heading.
+
+    Examples
+    --------
+    >>> from inswsn_lib.recordings import RecordedContest
+    >>> from inswsn_lib.streams import Recording
+    >>> RecordedContest(Recording("empty")).table()
+    Traceback (most recent call last):
+    ...
+    inswsn_lib.errors.InswsnError: The recording empty has no imu: a contest of filters needs one.
+    """
+
+    recording: Recording
+    period: float = 0.2
+    share: float = 0.5
+    alignment: float = 20.0
+    trials: int = TRIALS
+
+    @cached_property
+    def heard(self) -> Ranges:
+        """The ranges while the IMU is on."""
+        for name in ("imu", "ranges", "reference"):
+            if getattr(self.recording, name) is None:
+                raise InswsnError(
+                    f"The recording {self.recording.name} has no {name}: a contest of filters "
+                    "needs one."
+                )
+        assert self.recording.imu is not None
+        assert self.recording.ranges is not None
+        begin, end = self.recording.imu.time[[0, -1]]
+        return self.recording.ranges.part(float(begin), float(end))
+
+    @cached_property
+    def fixes(self) -> Fixes:
+        """The network."""
+        return slope_velocity(multilaterate_track(self.heard, self.period))
+
+    @property
+    def split(self) -> float:
+        """Until when filters are tuned, s."""
+        first, last = self.fixes.time[[0, -1]]
+        return float(first + self.share * (last - first))
+
+    @cached_property
+    def truth(self) -> Array:
+        """Horizontal position and velocity of the tag at the times of fixes, (fixes, 4)."""
+        reference = self.recording.reference
+        assert reference is not None  # asked by `heard`
+        track = reference.position
+        if reference.attitude is not None:
+            track = track + Rotation.from_quat(reference.attitude).apply(self.recording.lever_arm)
+        return line_through(reference.time, track[:, :2], self.fixes.time)
+
+    @cached_property
+    def usable(self) -> Mask:
+        """The fixes at which network and reference say where the tag is, after the alignment."""
+        there = np.isfinite(np.column_stack([self.network.state, self.truth])).all(axis=1)
+        return np.asarray(there & (self.fixes.time > self.start.time))
+
+    @property
+    def judged(self) -> Mask:
+        """The usable fixes after the split."""
+        return self.usable & (self.fixes.time > self.split)
+
+    @cached_property
+    def start(self) -> Start:
+        """Where filters start, aligned on the first fixes."""
+        begin = float(self.fixes.time[0]) - self.period / 2
+        deviation = self.fixes.deviation
+        assert deviation is not None  # multilateration has it
+        white = PositionFixes(self.fixes, self.recording.lever_arm, np.nanmedian(deviation, axis=0))
+        return align(self._motion(0.02, 0.002), [white], begin, begin + self.alignment)
+
+    @cached_property
+    def network(self) -> Estimate:
+        """What the network alone says."""
+        assert self.fixes.velocity is not None
+        return Estimate(np.hstack([self.fixes.position[:, :2], self.fixes.velocity[:, :2]]))
+
+    @cached_property
+    def difference(self) -> DifferenceFilters:
+        """P1's form: an INS that is never corrected, and filters of its difference to fixes."""
+        free = run_error_state(self._motion(0.02, 0.002), self.start, [self._silent])
+        ins = of_solution(free, self.recording.lever_arm, self.fixes.time)
+        return DifferenceFilters(ins.state, self.network.state, self.period)
+
+    @cached_property
+    def contestants(self) -> dict[str, Contestant]:
+        """The error-state filters."""
+        coloured = (0.02, 0.002, 0.04, 0.08, 3.0), (*_AXES, 1.5, 1.5)
+        return {
+            "loosely coupled, white fixes": Contestant(self.loose, (0.02, 0.002, 0.1), _AXES),
+            "loosely coupled, coloured fixes": Contestant(self.loose, *coloured),
+            "tightly coupled, coloured ranges": Contestant(
+                self.tight, (0.02, 0.001, 0.05, 0.06, 1.0, 0.02), (*_AXES, 1.5, 2.0, 2.0)
+            ),
+        }
+
+    def loose(
+        self, force: float, rate: float, white: float, coloured: float = 0.0, time: float = 1.0,
+        *, end: float = np.inf,
+    ) -> Solution:  # fmt: skip
+        """Run the loosely coupled filter, on fixes.
+
+        Parameters
+        ----------
+        force, rate : float
+            Of `ImuNoise`.
+        white, coloured : float
+            Standard deviations of fixes to the side, m; upwards they are taken twice as large.
+        time : float
+            Of the coloured errors, s.
+        end : float
+            When the data end, s.
+        """
+        colour = (coloured * UP, np.full(3, time)) if coloured else ()
+        fixes = PositionFixes(self.fixes, self.recording.lever_arm, white * UP, *colour)
+        return run_error_state(self._motion(force, rate), self.start, [fixes], end=end)
+
+    def tight(
+        self, force: float, rate: float, white: float, coloured: float, time: float, bias: float,
+        *, end: float = np.inf,
+    ) -> Solution:  # fmt: skip
+        """Run the tightly coupled filter, on ranges, each anchor with a bias and a coloured error.
+
+        Parameters
+        ----------
+        force, rate : float
+            Of `ImuNoise`.
+        white, coloured : float
+            Standard deviations of ranges, m.
+        time : float
+            Of the coloured errors, s.
+        bias : float
+            Standard deviation of a constant bias of each anchor, m; 0 for none.
+        end : float
+            When the data end, s.
+        """
+        ranges = RangesToAnchors(self.heard, self.recording.lever_arm, white, bias, coloured, time)
+        motion = self._motion(force, rate)
+        return run_error_state(motion, self.start, [ranges, self._silent], end=end, gate=_GATE)
+
+    @cached_property
+    def tuned(self) -> dict[str, Tuning[tuple[float, ...]]]:
+        """The searches: by the likelihood of innovations, or by errors, up to the split."""
+        found = {}
+        for name, each in self.contestants.items():
+            loss = _unlikely(each.run, self.split)
+            found[name] = search_pattern(name, each.begin, each.ratios, loss, most=self.trials)
+        first = self.usable & (self.fixes.time <= self.split)
+        for name, family in FAMILIES.items():
+            found[name] = search_pattern(
+                name, family.begin, family.ratios, self._erring(name, first), most=self.trials
+            )
+        return found
+
+    @cached_property
+    def solutions(self) -> dict[str, Solution]:
+        """The error-state filters with their numbers, and smoothers of the coloured loose one."""
+        found = {n: each.run(*self.tuned[n].best) for n, each in self.contestants.items()}
+        coloured = found["loosely coupled, coloured fixes"]
+        return found | {
+            f"fixed-lag smoother, {_LAG:g} s": smooth_with_lag(coloured, _LAG),
+            "smoother": smooth(coloured),
+        }
+
+    @cached_property
+    def estimates(self) -> dict[str, Estimate]:
+        """What every method says at the times of fixes; the network first, smoothers last."""
+        found = {"network alone": self.network} | {
+            name: self.difference.run(name, *self.tuned[name].best) for name in FAMILIES
+        }
+        found |= {"P1's published HF, predicted": self.difference.published}
+        for name, solution in self.solutions.items():
+            found[name] = of_solution(solution, self.recording.lever_arm, self.fixes.time)
+        return found
+
+    def table(self) -> pd.DataFrame:
+        """Return the scores of every method on the judged fixes.
+
+        Returns
+        -------
+        DataFrame
+            RMS errors ``position`` (m) and ``velocity`` (m/s), horizontal; their ratios to those of
+            the network with intervals by a block bootstrap (``position_ratio``, ``position_low``,
+            ``position_high``, and of velocity); ``nees`` of both, over 4; ``nis`` and ``lag1``, the
+            largest autocorrelation of neighbouring innovations, over all components, if they are
+            known; ``causal``.
+        """
+        rows = self.judged
+        network = self.network.state[rows] - self.truth[rows]
+        found = {}
+        for name, each in self.estimates.items():
+            found[name] = scores(each.part(rows), self.truth[rows], network, self.period)
+        for name in self.contestants:
+            found[name] |= lag_one(self.solutions[name], self._labels(name), self.split)
+        table = pd.DataFrame(found).T
+        return table.assign(causal=[not name.endswith(("smoother", " s")) for name in table.index])
+
+    def _labels(self, name: str) -> Whole:
+        """Return which series each component of the innovations is of: an axis, or an anchor."""
+        if name.startswith("tight"):
+            return self.heard.anchor[self.heard.time > self.start.time]
+        there = np.isfinite(self.fixes.position)[self.fixes.time > self.start.time]
+        return np.asarray(np.nonzero(there)[1], dtype=np.int64)
+
+    def _erring(self, name: str, rows: Mask) -> Callable[..., float]:
+        """Return the loss of a filter of P1's form: errors over the network's, mean of both."""
+        network = np.square(self.network.state - self.truth)[rows]
+
+        def loss(*numbers: float) -> float:
+            squares = np.square(self.difference.run(name, *numbers).state - self.truth)[rows]
+            halves = [
+                np.sqrt(squares[:, part].sum() / network[:, part].sum())
+                for part in (slice(0, 2), slice(2, 4))
+            ]
+            return float(np.mean(halves))
+
+        return loss
+
+    @property
+    def _silent(self) -> PositionFixes:
+        """The times of fixes without any: events at which a filter says where it is."""
+        nothing = replace(self.fixes, position=np.full_like(self.fixes.position, np.nan))
+        return PositionFixes(nothing, np.zeros(3), np.ones(3))
+
+    def _motion(self, force: float, rate: float) -> InertialMotion:
+        assert self.heard is not None
+        assert self.recording.imu is not None
+        return InertialMotion(self.recording.imu, ImuNoise(force, rate, *_WALKS))
+
+
+def _unlikely(run: Callable[..., Solution], end: float) -> Callable[..., float]:
+    """Return the loss of a filter: the geometric mean of how unlikely its innovations were."""
+
+    def loss(*numbers: float) -> float:
+        solution = run(*numbers, end=end)
+        count = sum(len(kept.squares) for kept in solution.innovations)
+        return float(np.exp(-solution.log_likelihood / count))
+
+    return loss

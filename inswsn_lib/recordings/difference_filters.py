@@ -1,0 +1,105 @@
+"""P1's form on a recording: filters of the difference of an INS that drifts and a network."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from inswsn_lib.checks import Array
+from inswsn_lib.filters import gating, huber, run_hinfinity, run_kalman, run_robust
+from inswsn_lib.filters.robust import Policy
+from inswsn_lib.lmi import InfeasibleDesignError, design_filter
+from inswsn_lib.models import ErrorModel
+from inswsn_lib.recordings.estimates import Estimate
+
+_UNKNOWN = 1e6 * np.eye(4)
+_HALF_DECADE = 10**0.5
+
+
+@dataclass(frozen=True)
+class Family:
+    """A filter of two numbers or three: where the search for them begins, and its steps."""
+
+    begin: Sequence[float]
+    ratios: Sequence[float]
+
+
+# The deviation of the INS's acceleration, m/s^2, where fixes have 0.1 m, and by how many times 0.1
+# that of the network's velocity, m/s; then the margin above the least gamma, Huber's threshold, or
+# the share of good measurements that a gate gives away.
+_TWO = ((0.5, 1.0), (_HALF_DECADE, 2.0))
+FAMILIES = {
+    "KF": Family(*_TWO),
+    "HF": Family((*_TWO[0], 1.0), (*_TWO[1], 3.0)),
+    "KF, Huber update": Family((*_TWO[0], 1.345), (*_TWO[1], 1.5)),
+    "KF, gating": Family((*_TWO[0], 1e-3), (*_TWO[1], 10.0)),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class DifferenceFilters:
+    """Filters of P1's model, whose measurement is INS less network.
+
+    Attributes
+    ----------
+    ins, network : ndarray, (fixes, 4)
+        Horizontal positions (m) and velocities (m/s); NaN where there is none.
+    period : float
+        Of fixes, s; P1's model takes steps for even.
+    """
+
+    ins: Array
+    network: Array
+    period: float
+
+    def run(self, name: str, *numbers: float) -> Estimate:
+        """Return what a filter of `FAMILIES` with its numbers says."""
+        acceleration, ratio, *own = numbers
+        model = self._model(acceleration, ratio)
+        runs: dict[str, Callable[[], Array]] = {
+            "KF": lambda: run_kalman(model, self._y, initial_covariance=_UNKNOWN),
+            "HF": lambda: self._hinfinity(model, own[0]),
+            "KF, Huber update": lambda: self._robust(model, huber(own[0])),
+            "KF, gating": lambda: self._robust(model, gating(1 - min(own[0], 0.5))),
+        }
+        return self._corrected(runs[name]()[:, :, 0])
+
+    @property
+    def published(self) -> Estimate:
+        """P1's filter with the printed gain A: the last fix, carried on by the INS.
+
+        After the measurement of a step it is the network itself.
+        """
+        A = self._model(1.0, 1.0).A
+        before = np.full_like(self._y[:, :, 0], np.nan)
+        before[1:] = self._y[:-1, :, 0] @ A.T
+        return self._corrected(before)
+
+    @property
+    def _y(self) -> Array:
+        return (self.ins - self.network)[:, :, None]
+
+    def _corrected(self, error: Array) -> Estimate:
+        return Estimate(self.ins - error)
+
+    def _model(self, acceleration: float, ratio: float) -> ErrorModel:
+        """Return P1's model with fixes of 0.1 m: gains depend on ratios alone."""
+        T = self.period
+        noise = (acceleration * T**2 / 2, acceleration * T)
+        return ErrorModel.p1(T, process_noise=noise, measurement_noise=(0.1, 0.1 * ratio))
+
+    def _hinfinity(self, model: ErrorModel, margin: float) -> Array:
+        try:
+            design = design_filter(model, "exact", margin=margin)
+        except InfeasibleDesignError:
+            return np.full_like(self._y, np.inf)
+        y = self._y
+        first = int(np.flatnonzero(np.isfinite(y[:, 0, 0]))[0])
+        found = np.full_like(y, np.nan)
+        found[first:] = run_hinfinity(design, y[first:], initial_state=y[first])
+        return found
+
+    def _robust(self, model: ErrorModel, policy: Policy) -> Array:
+        return run_robust(model, self._y, policy=policy, initial_covariance=_UNKNOWN)

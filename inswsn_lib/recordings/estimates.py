@@ -1,0 +1,140 @@
+"""What a method says of a recording at the times of fixes, and how good that is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from inswsn_lib.checks import Array, Mask
+from inswsn_lib.estimation import Solution
+from inswsn_lib.evaluation import block_ratio
+from inswsn_lib.streams import Whole
+
+#: Blocks of the bootstrap, s
+BLOCK = 10.0
+_HALF_WINDOW = 0.075  # s, of the line that makes a velocity of the reference
+_FEWEST = 4  # rows of it
+_PARTS = {"position": slice(0, 2), "velocity": slice(2, 4)}
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """What a method says.
+
+    Attributes
+    ----------
+    state : ndarray, (fixes, 4)
+        Horizontal position (m) and velocity (m/s); NaN where it says nothing.
+    covariance : ndarray, (fixes, 4, 4), or None
+        Of them, if it says so.
+    """
+
+    state: Array
+    covariance: Array | None = None
+
+    def part(self, rows: Mask) -> Estimate:
+        """Return what it says at some fixes."""
+        P = self.covariance
+        return Estimate(self.state[rows], None if P is None else P[rows])
+
+
+def of_solution(solution: Solution, lever_arm: Array, times: Array) -> Estimate:
+    """Return what a solution says of the tag at some times, which must be times of its events.
+
+    Before the first event it says nothing. The velocity is that of the IMU.
+
+    Parameters
+    ----------
+    solution : Solution
+    lever_arm : ndarray, (3,)
+        m.
+    times : ndarray, (fixes,)
+        s.
+    """
+    state, P = np.full((len(times), 4), np.nan), np.full((len(times), 4, 4), np.nan)
+    inside = np.flatnonzero((times >= solution.time[0]) & (times <= solution.time[-1]))
+    for k, j in zip(inside, solution.at(times[inside]), strict=True):
+        where, rows = solution.states[j].antenna(lever_arm)
+        moving, its = solution.states[j].moving()
+        state[k] = np.concatenate([where[:2], moving[:2]])
+        H = np.vstack([rows[:2], its[:2]])
+        P[k] = H @ solution.covariances[j][: H.shape[1], : H.shape[1]] @ H.T
+    return Estimate(state, P)
+
+
+def scores(estimate: Estimate, truth: Array, network: Array, period: float) -> dict[str, float]:
+    """Return the errors of an estimate, their ratios to the network's, and its consistency.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        Of n fixes in the order of time.
+    truth, network : ndarray, (n, 4)
+        What is true, and the errors of the network.
+    period : float
+        Of fixes, s.
+    """
+    errors = estimate.state - truth
+    found: dict[str, float] = {}
+    for name, part in _PARTS.items():
+        squares = np.square(errors[:, part]).sum(axis=1)
+        found[name] = float(np.sqrt(squares.mean()))
+        theirs = np.square(network[:, part]).sum(axis=1)
+        ratio, low, high = block_ratio(squares, theirs, _rows(period, len(truth)))
+        found |= {f"{name}_ratio": ratio, f"{name}_low": low, f"{name}_high": high}
+    found["nees"] = np.nan
+    if estimate.covariance is not None:
+        solved = np.linalg.solve(estimate.covariance, errors[..., None])[..., 0]
+        found["nees"] = float(np.mean(np.sum(errors * solved, axis=1))) / errors.shape[1]
+    return found | {"nis": np.nan, "lag1": np.nan}
+
+
+def lag_one(solution: Solution, labels: Whole, begin: float) -> dict[str, float]:
+    """Return the mean NIS and the largest autocorrelation of neighbouring innovations.
+
+    Parameters
+    ----------
+    solution : Solution
+        Its first observation is asked.
+    labels : ndarray of int, (components,)
+        Of which series each component of its innovations is, one after the other.
+    begin : float
+        From when, s.
+    """
+    told = solution.innovations[0]
+    values = np.concatenate(told.values) / np.concatenate(told.deviations)
+    times = np.repeat(told.time, [len(value) for value in told.values])
+    largest = 0.0
+    for label in np.unique(labels):
+        series = values[(labels == label) & (times > begin)]
+        largest = max(largest, abs(float(series[1:] @ series[:-1] / (series @ series))))
+    return {"nis": float(told.squares[told.time > begin].mean()), "lag1": largest}
+
+
+def line_through(time: Array, track: Array, at: Array) -> Array:
+    """Return position and velocity of a track at some times, (times, 4).
+
+    Positions are interpolated, velocities are slopes of lines through the rows within 0.075 s.
+
+    Parameters
+    ----------
+    time : ndarray, (rows,)
+        s.
+    track : ndarray, (rows, 2)
+        m.
+    at : ndarray, (times,)
+        s; NaN is returned where there is no row nearby.
+    """
+    found = np.full((len(at), 4), np.nan)
+    for k, moment in enumerate(at):
+        near = slice(*np.searchsorted(time, [moment - _HALF_WINDOW, moment + _HALF_WINDOW]))
+        if near.stop - near.start >= _FEWEST and time[near.start] <= moment <= time[near.stop - 1]:
+            found[k, :2] = [np.interp(moment, time[near], x) for x in track[near].T]
+            found[k, 2:] = np.polyfit(time[near] - moment, track[near], 1)[0]
+    return found
+
+
+def _rows(period: float, count: int) -> int:
+    """Return how many fixes a block of the bootstrap has."""
+    return min(max(round(BLOCK / period), 1), count // 3)
