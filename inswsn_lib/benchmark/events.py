@@ -26,12 +26,14 @@ class Task:
         m; none without ranges.
     names : tuple of str
         Of the anchors.
+    warm_up : float
+        How long after the first event no question is scored, s; those after it must be answered.
     sources : int
         How many streams of fixes there are.
     lever_arm : ndarray, (3,)
         From the IMU to the tag or antenna, which is asked for, in the axes of the body, m.
     period : float
-        In which questions come, s, but for gaps.
+        Of questions, s, but for gaps.
     gravity : float
         m/s^2, along -z.
     numbers : mapping of str to float
@@ -49,6 +51,7 @@ class Task:
     period: float
     anchors: Array = field(default_factory=lambda: np.zeros((0, 2)))
     names: tuple[str, ...] = ()
+    warm_up: float = 0.0
     sources: int = 1
     lever_arm: Array = field(default_factory=lambda: np.zeros(3))
     gravity: float = 9.80665
@@ -65,7 +68,8 @@ class Event(NamedTuple):
     kind : str
         ``"imu"``: angular rate and specific force, (6,), rad/s and m/s^2. ``"odometry"``: speed and
         rate of the heading, (2,), m/s and rad/s, means of the interval that ends now. ``"range"``:
-        (1,), m. ``"fix"``: position and its standard deviation, (2 dimension,), m. ``"ask"``: (0,).
+        (1,), m. ``"fix"``: position and its standard deviation, NaN if unknown, (2 dimension,), m;
+        one by ranges speaks of the middle of its period. ``"ask"``: (0,).
     values : ndarray
     source : int
         The anchor of a range, or which stream of fixes.

@@ -10,7 +10,7 @@ import subprocess
 import sys
 import tempfile
 import threading
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -20,10 +20,9 @@ import numpy as np
 import pooch
 
 import inswsn_lib
-from inswsn_lib.benchmark.courses import Course
-from inswsn_lib.benchmark.events import Answer, plain_task
+from inswsn_lib.benchmark.events import Answer, Event, Task, plain_event, plain_task
 from inswsn_lib.checks import array, covariance
-from inswsn_lib.errors import Described, InswsnError, ParameterError
+from inswsn_lib.errors import InswsnError, ParameterError
 from inswsn_lib.files import data_mirror
 
 # What of the environment an entry has: how to find programs' libraries, and words
@@ -48,7 +47,8 @@ class EntryName:
     @property
     def folder(self) -> Path:
         """The folder that it may read."""
-        return self.root if self.file else self.root / self.module.split(".")[0]
+        top = self.root / self.module.partition(".")[0]
+        return top if self.module and top.is_dir() else self.root
 
 
 def find_entry(entry: str | Callable[..., Any]) -> EntryName:
@@ -92,12 +92,18 @@ class EntryProcess:
     entry : EntryName
     timeout : float
         After which a request is given up, s.
+
+    Attributes
+    ----------
+    causal : bool
+    tunable : dict of str to (start, ratio)
+    seconds : float
+        That the entry took for its last answers.
     """
 
     def __init__(self, entry: EntryName, timeout: float) -> None:
         self.entry, self.timeout = entry, timeout
-        self._stack, self._late = ExitStack(), False
-        self.seconds, self.steps = 0.0, 0
+        self._stack, self._late, self.seconds = ExitStack(), False, 0.0
 
     def __enter__(self) -> Self:
         """Start it and let it import the entry."""
@@ -113,7 +119,9 @@ class EntryProcess:
             encoding="utf-8",
         )
         try:
-            self.declared = self._request(_loading(self.entry))
+            declared = self._request(_loading(self.entry))
+            self.causal: bool = declared["causal"]
+            self.tunable: dict[str, list[float]] = declared["tunable"]
         except BaseException:
             self.__exit__()
             raise
@@ -126,33 +134,40 @@ class EntryProcess:
             self._process.communicate()
         self._stack.close()
 
-    def answers(self, course: Course, numbers: Mapping[str, float] = {}) -> Iterator[Answer | None]:
-        """Give the events of a course and return the answers, each before the next event is given.
+    def answers(
+        self, task: Task, events: Sequence[Event], numbers: Mapping[str, float]
+    ) -> list[Answer | None]:
+        """Return the answer to each question, which comes before later events are given.
 
         Parameters
         ----------
-        course : Course
+        task : Task
+        events : sequence of Event
         numbers : mapping of str to float
             That are tuned.
         """
-        told = plain_task(replace(course.task, numbers=dict(numbers)))
-        self._request(json.dumps({"start": told}))
-        self.seconds, self.steps = 0.0, 0
-        batches = course.batches if self.declared["causal"] else course.whole
-        for batch, count in batches:
-            got = self._request(batch)
-            self.seconds, self.steps = self.seconds + got["seconds"], self.steps + count
-            if batch is not batches[0][0] or self.declared["causal"]:
-                yield self._read(got["answer"])
+        told = plain_task(replace(task, numbers=dict(numbers)))
+        plain = [plain_event(event) for event in events]
+        whole = None if self.causal else plain
+        self._request({"start": {"task": told, "events": whole}})
+        found, batch, self.seconds = [], [], 0.0
+        for event in plain:
+            batch.append(event)
+            if event[1] == "ask":
+                got = self._request({"step": {"events": batch}})
+                self.seconds += got["seconds"]
+                found.append(self._read(got["answer"]))
+                batch = []
+        return found
 
-    def _request(self, line: str) -> dict[str, Any]:
+    def _request(self, request: dict[str, Any]) -> dict[str, Any]:
         stdin, stdout = self._process.stdin, self._process.stdout
         assert stdin is not None
         assert stdout is not None
         watch = threading.Timer(self.timeout, self._give_up)
         watch.start()
         try:
-            stdin.write(line + "\n")
+            stdin.write(json.dumps(request) + "\n")
             stdin.flush()
             got = stdout.readline()
         except BrokenPipeError:
@@ -195,15 +210,15 @@ def _path() -> str:
     return str(Path(inswsn_lib.__file__).parents[1])
 
 
-def _loading(entry: EntryName) -> str:
+def _loading(entry: EntryName) -> dict[str, Any]:
     """Return the first request."""
     library = Path(inswsn_lib.__file__).parent
     denied = [data_mirror(), Path(pooch.os_cache("inswsn"))]
-    return json.dumps({
+    return {
         "allowed": [str(entry.folder), sys.prefix, sys.base_prefix, str(library)],
         "denied": [str(path) for path in denied if path is not None],
         "root": str(entry.root),
         "module": entry.module,
         "file": str(entry.file) if entry.file else "",
         "name": entry.attribute,
-    })  # fmt: skip
+    }

@@ -78,20 +78,27 @@ class Worker:
             "causal": bool(getattr(found, "causal", True)),
         }
 
-    def start(self, task: dict[str, Any]) -> dict[str, Any]:
-        """Let the entry begin anew."""
+    def start(self, task: dict[str, Any], events: list[list[Any]] | None) -> dict[str, Any]:
+        """Let the entry begin anew; one that is not causal is given all events at once."""
         random.seed(0)
         np.random.seed(0)  # noqa: NPY002  # for entries that use it
-        self.at_work = self.entry(read_task(task))
+        whole = [] if events is None else [[read_event(event) for event in events]]
+        self.at_work = self.entry(read_task(task), *whole)
         return {}
 
-    def step(self, *events: list[Any]) -> dict[str, Any]:
+    def step(self, events: list[list[Any]]) -> dict[str, Any]:
         """Give events; return the answer to the last one, and the time that it all took."""
         read = [read_event(event) for event in events]
         begin = perf_counter()
         for event in read:
             answer = self.at_work.step(event)
         return {"seconds": perf_counter() - begin, "answer": _plain_answer(answer)}
+
+    def serve(self, request: dict[str, Any]) -> dict[str, Any]:
+        """Do what is asked."""
+        ((name, given),) = request.items()
+        done: dict[str, Any] = getattr(self, name)(**given)
+        return done
 
 
 def _from_file(file: str) -> ModuleType:
@@ -129,12 +136,8 @@ def main() -> None:
         sys.addaudithook(guard([*own, *filter(None, sys.path)], first.pop("denied")))
         worker, request = Worker(), {"load": first}
         while request:
-            ((method, given),) = request.items()
             try:
-                if isinstance(given, dict):
-                    done = worker.start(given) if method == "start" else worker.load(**given)
-                else:
-                    done = worker.step(*given)
+                done = worker.serve(request)
             except BaseException as error:  # also an entry that would exit
                 done = {"error": _told(error, first["file"])}
             replies.write(json.dumps(done) + "\n")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from inswsn_lib.checks import array, number, whole
+from inswsn_lib.checks import Array, array, number, whole
 from inswsn_lib.errors import ParameterError
 
 _FEWEST = 3
@@ -55,21 +55,34 @@ def block_ratio(
     >>> print([f"{x:.2f}" for x in block_ratio(theirs / 4, theirs, block=10)])
     ['0.50', '0.50', '0.50']
     """
+    number("level", level, above=0, below=1)
+    drawn = ratio_draws(squares, others, block, draws=draws, seed=seed)
+    low, high = np.quantile(drawn, [(1 - level) / 2, (1 + level) / 2])
+    return float(np.sqrt(np.sum(squares) / np.sum(others))), float(low), float(high)
+
+
+def ratio_draws(
+    squares: ArrayLike, others: ArrayLike, block: int, *, draws: int = 2000, seed: int = 0
+) -> Array:
+    """Return the ratio of each draw, (draws,), of which `block_ratio` takes the interval.
+
+    Parameters
+    ----------
+    squares, others, block, draws, seed
+        As there.
+    """
     mine = array("squares", squares, ("rows",))
     theirs = array("others", others, (len(mine),))
     whole("block", block, 1)
-    number("level", level, above=0, below=1)
     count = len(mine) // block
     if count < _FEWEST:
         raise ParameterError("block", block, f"{len(mine) // _FEWEST} of {len(mine)} rows or fewer")
-    rng = np.random.default_rng(seed)
-    begins = rng.integers(len(mine), size=(draws, count))
+    begins = np.random.default_rng(seed).integers(len(mine), size=(draws, count))
     sums = [_sums(values, begins, block) for values in (mine, theirs)]
-    low, high = np.quantile(np.sqrt(sums[0] / sums[1]), [(1 - level) / 2, (1 + level) / 2])
-    return float(np.sqrt(mine.sum() / theirs.sum())), float(low), float(high)
+    return np.asarray(np.sqrt(sums[0] / sums[1]))
 
 
-def _sums(values: np.ndarray, begins: np.ndarray, block: int) -> np.ndarray:
+def _sums(values: Array, begins: Array, block: int) -> Array:
     """Return the sums over the blocks of each draw, which go round at the end."""
     total = np.cumsum(np.concatenate([[0.0], values, values]))
     return np.asarray((total[begins + block] - total[begins]).sum(axis=1))

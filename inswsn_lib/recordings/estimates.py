@@ -112,10 +112,10 @@ def lag_one(solution: Solution, labels: Whole, begin: float) -> dict[str, float]
     return {"nis": float(told.squares[told.time > begin].mean()), "lag1": largest}
 
 
-def line_through(time: Array, track: Array, at: Array) -> Array:
+def line_through(time: Array, track: Array, at: Array, half: float = _HALF_WINDOW) -> Array:
     """Return position and velocity of a track at some times, (times, 4).
 
-    Positions are interpolated, velocities are slopes of lines through the rows within 0.075 s.
+    Positions are interpolated, velocities are slopes of lines through the rows nearby.
 
     Parameters
     ----------
@@ -124,11 +124,13 @@ def line_through(time: Array, track: Array, at: Array) -> Array:
     track : ndarray, (rows, 2)
         m.
     at : ndarray, (times,)
-        s; NaN is returned where there is no row nearby.
+        s; NaN is returned where there are not four rows nearby, before and after.
+    half : float
+        What is nearby, s.
     """
     found = np.full((len(at), 4), np.nan)
     for k, moment in enumerate(at):
-        near = slice(*np.searchsorted(time, [moment - _HALF_WINDOW, moment + _HALF_WINDOW]))
+        near = slice(*np.searchsorted(time, [moment - half, moment + half]))
         if near.stop - near.start >= _FEWEST and time[near.start] <= moment <= time[near.stop - 1]:
             found[k, :2] = [np.interp(moment, time[near], x) for x in track[near].T]
             found[k, 2:] = np.polyfit(time[near] - moment, track[near], 1)[0]
