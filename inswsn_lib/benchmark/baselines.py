@@ -33,6 +33,7 @@ class LastFixes:
         self.task = task
         self.window = task.period * task.numbers.get("window", 1.0)
         self.heard: deque[Event] = deque()
+        self.fresh = False
         self.new: list[Event] = []
         self.kept: deque[tuple[float, Array]] = deque(maxlen=_SLOPE * task.sources)
 
@@ -40,6 +41,7 @@ class LastFixes:
         """Take a range or a fix."""
         if event.kind == "range":
             self.heard.append(event)
+            self.fresh = True
         elif event.kind == "fix":
             self.new.append(event)
 
@@ -47,12 +49,12 @@ class LastFixes:
         """Return the fixes since the last question: time, position, and source of each."""
         while self.heard and self.heard[0].time <= time - self.window:
             self.heard.popleft()
-        if self.heard:
+        if self.fresh:
             self.new += self._multilaterated(self.heard)
         d = self.task.dimension
         found = [(event.time, event.values[:d], event.source) for event in self.new]
         self.kept += [(t, position[:2]) for t, position, _ in found]
-        self.new = []
+        self.new, self.fresh = [], False
         return found
 
     def _multilaterated(self, heard: deque[Event]) -> list[Event]:
@@ -64,9 +66,8 @@ class LastFixes:
             self.task.names,
         )
         fixes = est.multilaterate_track(ranges, 2 * self.window)
-        time, place = float(fixes.time[-1]), fixes.position[-1]
-        old = self.kept and self.kept[-1][0] >= time
-        return [] if old or np.isnan(place).any() else [Event(time, "fix", place)]
+        place = fixes.position[0]
+        return [] if np.isnan(place).any() else [Event(float(fixes.time[0]), "fix", place)]
 
     def line(self) -> tuple[float, Array, Array]:
         """Return time and position of the last fix, mean over sources, and the slope."""
