@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from dataclasses import replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -31,7 +32,6 @@ class LastFixes:
 
     def __init__(self, task: Task) -> None:
         self.task = task
-        self.window = task.period * task.numbers.get("window", 1.0)
         self.heard: deque[Event] = deque()
         self.fresh = False
         self.new: list[Event] = []
@@ -47,7 +47,7 @@ class LastFixes:
 
     def at(self, time: float) -> list[tuple[float, Array, int]]:
         """Return the fixes since the last question: time, position, and source of each."""
-        while self.heard and self.heard[0].time <= time - self.window:
+        while self.heard and self.heard[0].time <= time - self.task.period:
             self.heard.popleft()
         if self.fresh:
             self.new += self._multilaterated(self.heard)
@@ -65,7 +65,7 @@ class LastFixes:
             self.task.anchors,
             self.task.names,
         )
-        fixes = est.multilaterate_track(ranges, 2 * self.window)
+        fixes = est.multilaterate_track(ranges, 2 * self.task.period)
         place = fixes.position[0]
         return [] if np.isnan(place).any() else [Event(float(fixes.time[0]), "fix", place)]
 
@@ -75,7 +75,7 @@ class LastFixes:
         time, place = np.mean([t for t, _ in last]), np.mean([p for _, p in last], axis=0)
         times, places = (np.array(each) for each in zip(*self.kept, strict=True))
         apart = times - times.mean()
-        longest = _OLD * _SLOPE * max(self.window, self.task.period)
+        longest = _OLD * _SLOPE * self.task.period
         if len(times) < self.kept.maxlen or np.ptp(times) > longest:  # type: ignore[operator]
             return float(time), place, np.zeros(2)
         return float(time), place, apart @ places / (apart @ apart)
@@ -84,10 +84,8 @@ class LastFixes:
 class Network:
     """The network alone: the last fix, and the slope of the line through five of them.
 
-    In an outage it says what it said before. A fix by ranges is of the middle of its window.
+    In an outage it says what it said before. A fix by ranges is of the middle of a period.
     """
-
-    tunable: ClassVar = {"window": (1.0, 1.5)}
 
     def __init__(self, task: Task) -> None:
         self.fixes = LastFixes(task)
@@ -242,7 +240,9 @@ class PlanarFilter:
             return None
         self.before.fixes.at(event.time)
         if self.filter is not None:
-            return answer_of(self.filter, self.task.lever_arm[:2])
+            answer = answer_of(self.filter, self.task.lever_arm[:2])
+            # the error of the velocity is that of the wheels, which is no state of the filter
+            return replace(answer, covariance=np.asarray(answer.covariance)[:2, :2])
         if self.before.fixes.kept:
             self._try(event.time)
             return self.before.answer(event.time)
