@@ -23,9 +23,8 @@ from inswsn_lib.streams import Fixes, Ranges, Recording, Stream
 
 #: Anchors of the two clusters, by their places in the list
 CLUSTERS = ((0, 1, 4, 6), (2, 3, 5, 7))
-# Period of questions, s, in which a tag hears enough anchors for a fix
-_PERIODS = {"plaza/2": 1.0, "labyrinth/1": 0.5}
-_PERIOD = 0.2
+# A question comes when so many ranges more than dimensions were heard, s at the least
+_MORE, _PERIOD = 2.5, 0.2
 _WARM_UP, _SHARE = 25.0, 1 / 6  # s, and of a recording, before the first question that is scored
 _SEED = 2020  # of the places of outages
 
@@ -172,7 +171,8 @@ def make_course(recording: Recording, track: Track) -> Course:
     if track.given == "fixes":
         asked, truth, period = _good_fixes(recording)
     else:
-        period = _PERIODS.get(recording.name, _PERIOD)
+        spacing = (source.time[-1] - source.time[0]) / len(source)
+        period = max(_PERIOD, round(float(_MORE + source.anchors.shape[1]) * spacing, 1))
         asked = np.arange(begin + period, end, period)
         truth = _reference(recording, asked)
     warm_up = min(_WARM_UP, float(_SHARE * (end - begin)))
