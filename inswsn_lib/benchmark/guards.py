@@ -121,7 +121,7 @@ def first_difference(
         Takes events and returns the answer to each question.
     events : sequence of Event
     seed : int
-        Of the event after which all is changed, between 30 and 70 % of all, and of the changes.
+        Of the question after which all is changed, between 30 and 70 % of all, and of the changes.
 
     Examples
     --------
@@ -138,12 +138,12 @@ def first_difference(
     >>> first_difference(peeking, events)
     0.5
     """
-    k = int(np.random.default_rng(seed).integers(3 * len(events) // 10, 7 * len(events) // 10 + 1))
-    asked = [event.time for event in events[: k + 1] if event.kind == "ask"]
-    before, after = answers(events), answers(changed_after(events, k, seed))
-    for time, one, other in zip(asked, before, after, strict=False):
+    asked = [k for k, event in enumerate(events) if event.kind == "ask"]
+    last = int(np.random.default_rng(seed).integers(3 * len(asked) // 10, 7 * len(asked) // 10 + 1))
+    before, after = answers(events), answers(changed_after(events, asked[last], seed))
+    for k, one, other in zip(asked[: last + 1], before, after, strict=False):
         if not same(one, other):
-            return time
+            return events[k].time
     return None
 
 
