@@ -108,8 +108,8 @@ def test_the_loosely_coupled_filter_bridges_an_outage_that_others_do_not() -> No
     outage = asked > 30.0
     found = {}
     for kind in (LooselyCoupled, GoOn):
-        answers = [a for a in run(kind, task, events) if a is not None]
-        late = [a for a, out in zip(answers[-len(asked) :], outage, strict=True) if out]
+        answers = run(kind, task, events)
+        late = [a for a, out in zip(answers, outage, strict=True) if out and a]
         found[kind] = errors_of(late, truth[outage])
     assert found[LooselyCoupled].rms < 0.15
     assert found[GoOn].rms > 1.0
@@ -118,13 +118,15 @@ def test_the_loosely_coupled_filter_bridges_an_outage_that_others_do_not() -> No
 
 def planar(kind: Entry, course: Course) -> Errors:
     task = replace(course.task, numbers=PLANAR)
-    answers = [a for a in run(kind, task, list(course.events)) if a is not None]
-    return errors_of(answers[-course.judged.sum() :], course.truth[course.judged])
+    answers = run(kind, task, list(course.events))
+    judged = [a for a, rows in zip(answers, course.judged, strict=True) if rows and a]
+    return errors_of(judged, course.truth[course.judged])
 
 
 def test_the_planar_filter_is_better_than_the_network_and_dead_reckoning_drifts() -> None:
     course = make_course(made_drive(3, seconds=60.0), TRACKS["network"])
-    network, filtered, reckoned = (planar(k, course) for k in (Network, PlanarFilter, DeadReckoning))
+    network, filtered = planar(Network, course), planar(PlanarFilter, course)
+    reckoned = planar(DeadReckoning, course)
     assert filtered.rms < 0.1 < network.rms
     assert filtered.velocity < 0.2
     assert 0.2 < filtered.nees < 3
