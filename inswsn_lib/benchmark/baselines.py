@@ -98,7 +98,7 @@ class Network:
         self.fixes.at(event.time)
         return self.answer(event.time) if self.fixes.kept else None
 
-    def answer(self, time: float) -> Answer:  # noqa: ARG002
+    def answer(self, time: float) -> Answer:
         """Return the answer to a question at a time, s."""
         _, place, slope = self.fixes.line()
         return Answer(place, slope)
@@ -107,7 +107,7 @@ class Network:
 class StandStill(Network):
     """The last fix, and no velocity."""
 
-    def answer(self, time: float) -> Answer:  # noqa: ARG002
+    def answer(self, time: float) -> Answer:
         """Return the answer to a question at a time, s."""
         return Answer(self.fixes.line()[1], np.zeros(2))
 

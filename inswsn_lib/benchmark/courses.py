@@ -163,7 +163,7 @@ def make_course(recording: Recording, track: Track) -> Course:
         If the recording lacks what the track asks for.
     """
     if recording.imu is None and recording.odometry is None:
-        raise InswsnError(f"{recording.name} has neither imu nor odometry: the benchmark needs one.")
+        raise InswsnError(f"{recording.name} has neither imu nor odometry; it needs one.")
     source = _stream(recording, "fixes" if track.given == "fixes" else "ranges")
     begin = max(s.time[0] for s in (source, recording.imu, recording.odometry) if s is not None)
     end = min(s.time[-1] for s in (source, recording.imu, recording.odometry) if s is not None)

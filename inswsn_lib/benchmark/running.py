@@ -312,7 +312,7 @@ def _errors(
     if not where.size:
         raise InswsnError(f"{course.name} is too short for this track: no question is scored.")
     told = []
-    for k in where:
+    for k in where.tolist():
         answer = answers[k]
         if answer is None:
             after = course.asked[k] - course.events[0].time

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from inswsn_lib.checks import Array, array, number, whole
 from inswsn_lib.errors import ParameterError
 
+Whole = NDArray[np.int64]
 _FEWEST = 3
 
 
@@ -82,7 +83,7 @@ def ratio_draws(
     return np.asarray(np.sqrt(sums[0] / sums[1]))
 
 
-def _sums(values: Array, begins: Array, block: int) -> Array:
+def _sums(values: Array, begins: Whole, block: int) -> Array:
     """Return the sums over the blocks of each draw, which go round at the end."""
     total = np.cumsum(np.concatenate([[0.0], values, values]))
     return np.asarray((total[begins + block] - total[begins]).sum(axis=1))

@@ -18,7 +18,17 @@ from inswsn_book.results import Results
 import inswsn_lib
 from inswsn_lib.errors import BuildError
 
-COMMANDS = ["benchmark", "book", "chapters", "claims", "compare", "publish", "run", "sweep", "verify"]
+COMMANDS = [
+    "benchmark",
+    "book",
+    "chapters",
+    "claims",
+    "compare",
+    "publish",
+    "run",
+    "sweep",
+    "verify",
+]
 
 
 def test_help_and_version_need_no_checkout(tmp_path: Path) -> None:

@@ -36,17 +36,16 @@ def last_fix(events: Sequence[Event]) -> Answers:
 def through_the_array(events: Sequence[Event]) -> Answers:
     """Each value is a row of one array, whose next row can be had."""
     held = [event for event in events if event.kind == "fix"]
-    whole = np.array([event.values for event in held])
-    rows = iter(whole)
+    rows = iter(np.array([event.values for event in held]))
     found: Answers = []
     for event in events:
-        if event.kind == "ask":
-            behind = row.base
-            assert behind is not None
-            here = int(np.flatnonzero((behind == row).all(axis=1))[0])
-            found.append(Answer(behind[min(here + 1, len(behind) - 1), :2]))
-        else:
+        if event.kind != "ask":
             row = next(rows)
+            continue
+        behind = row.base
+        assert behind is not None
+        here = int(np.flatnonzero((behind == row).all(axis=1))[0])
+        found.append(Answer(behind[min(here + 1, len(behind) - 1), :2]))
     return found
 
 

@@ -99,7 +99,7 @@ def test_files_elsewhere_are_not_read(
     monkeypatch.setenv(DATA_VARIABLE, str(tmp_path))
     secret = tmp_path / "reference.csv"
     secret.write_text("1,2", encoding="utf-8")
-    with pytest.raises(EntryError, match="may not open .*reference.csv"):
+    with pytest.raises(EntryError, match=r"may not open .*reference\.csv"):
         answers(f"return Answer([len(open({str(secret)!r}).read()), 0])")
     with pytest.raises(EntryError, match="PermissionError"):
         answers(f"import numpy; return Answer(numpy.loadtxt({str(secret)!r}, delimiter=','))")

@@ -145,6 +145,10 @@ def test_a_function_may_be_an_entry_and_all_are_compared(folder: Path) -> None:
 
 
 def test_mistakes_are_told_before_anything_runs() -> None:
-    for given, said in (({"trials": 0}, "trials"), ({"seed": -1}, "seed"), ({"timeout": 0}, "time")):
+    for given, said in (
+        ({"trials": 0}, "trials"),
+        ({"seed": -1}, "seed"),
+        ({"timeout": 0}, "time"),
+    ):
         with pytest.raises(ParameterError, match=said):
             run(NETWORK, **given)  # type: ignore[arg-type]
