@@ -70,6 +70,8 @@ EXEMPT = {
     "navigation.Ramps": "what VehicleHybrid learns from",
     "navigation.RecordedTrials": "shown by read_trials",
     "papers.Printed": "a name for str, without a docstring of its own",
+    "recordings.Contestant": "a part of FixesContest",
+    "recordings.Estimate": "given by RecordedContest.estimates",
     "recordings.RecordingUnavailableError": "raised by load_drive where nothing can be fetched",
     "scenario.between": "shown by from_settings",
     "simulation.Traffic": "given by count_traffic",

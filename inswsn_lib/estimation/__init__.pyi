@@ -26,5 +26,6 @@ from .planar import (
     OdometryNoise as OdometryNoise,
     PlanarState as PlanarState,
 )
+from .planar_alignment import align_planar as align_planar
 from .range_fixes import multilaterate_track as multilaterate_track
 from .smoothing import smooth as smooth, smooth_with_lag as smooth_with_lag

@@ -22,6 +22,8 @@ from .hybrid import (
     observable_inputs as observable_inputs,
 )
 from .learner_map import Choice as Choice, LearnerMap as LearnerMap
+from .recorded_clusters import RecordedClusters as RecordedClusters
+from .recorded_outages import RecordedOutages as RecordedOutages
 from .recorded_trials import (
     RecordedTrials as RecordedTrials,
     read_trials as read_trials,

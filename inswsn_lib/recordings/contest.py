@@ -1,10 +1,11 @@
-"""Filters on a recording with ranges, an IMU and a reference, tuned on its first part."""
+"""Filters on a recording with an IMU and fixes or ranges, tuned on its first part."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 import pandas as pd
@@ -29,7 +30,7 @@ from inswsn_lib.estimation import (
 from inswsn_lib.evaluation import Tuning, search_pattern
 from inswsn_lib.recordings.difference_filters import FAMILIES, DifferenceFilters
 from inswsn_lib.recordings.estimates import Estimate, lag_one, line_through, of_solution, scores
-from inswsn_lib.streams import Fixes, Ranges, Recording, Whole
+from inswsn_lib.streams import Fixes, Imu, Ranges, Recording, Whole
 
 #: Trials that the search for the numbers of a filter has
 TRIALS = 24
@@ -39,6 +40,9 @@ UP = np.array([1.0, 1.0, 2.0])
 _WALKS = (1e-3, 1e-4)
 _GATE = 16.0  # ranges that lie four deviations from what is expected are left out
 _LAG = 2.0  # s, of the fixed-lag smoother
+_BEFORE = 0.1  # s, from the begin of the alignment to the first fix
+#: The filter that others are compared with
+COLOURED = "loosely coupled, coloured fixes"
 _AXES = (2.0, 2.0, 1.5)  # ratios of the steps of a search
 
 
@@ -59,20 +63,16 @@ class Contestant:
 
 
 @dataclass(frozen=True, eq=False)
-class RecordedContest:
-    """Filters on one recording on equal terms, and the network that they must beat.
+class FixesContest:
+    """The loosely coupled filter on a recording with an IMU and fixes, and its smoothers.
 
-    The network is multilateration of the ranges of each period, with the velocity of a line through
-    five fixes. Filters are tuned on the first part of the recording, with the same trials each, and
-    judged on the rest: those that have a likelihood by that of their innovations, which asks for no
-    reference; those of P1's form by their errors.
+    It is tuned by the likelihood of its innovations on the first part of the recording. The fixes
+    that are called good stand for the truth: only while they are withheld does a method face it.
 
     Attributes
     ----------
     recording : Recording
-        With an IMU, ranges to anchors in three dimensions, and a reference to judge by.
-    period : float
-        Of the network's fixes, s.
+        With an IMU and fixes, as of satellites.
     share : float
         Of the time between the first and the last fix in which filters are tuned.
     alignment : float
@@ -87,38 +87,40 @@ class RecordedContest:
 
     Examples
     --------
-    >>> from inswsn_lib.recordings import RecordedContest
+    >>> from inswsn_lib.recordings import FixesContest
     >>> from inswsn_lib.streams import Recording
-    >>> RecordedContest(Recording("empty")).table()
+    >>> FixesContest(Recording("empty")).start
     Traceback (most recent call last):
     ...
     inswsn_lib.errors.InswsnError: The recording empty has no imu: a contest of filters needs one.
     """
 
     recording: Recording
-    period: float = 0.2
     share: float = 0.5
     alignment: float = 20.0
     trials: int = TRIALS
+    needed: ClassVar[Sequence[str]] = ("imu", "fixes")
+    begin: ClassVar[Sequence[float]] = (0.05, 0.002, 0.02, 0.02, 3.0)
 
     @cached_property
-    def heard(self) -> Ranges:
-        """The ranges while the IMU is on."""
-        for name in ("imu", "ranges", "reference"):
+    def imu(self) -> Imu:
+        """The IMU, of a recording that has all that is needed."""
+        for name in self.needed:
             if getattr(self.recording, name) is None:
                 raise InswsnError(
                     f"The recording {self.recording.name} has no {name}: a contest of filters "
                     "needs one."
                 )
         assert self.recording.imu is not None
-        assert self.recording.ranges is not None
-        begin, end = self.recording.imu.time[[0, -1]]
-        return self.recording.ranges.part(float(begin), float(end))
+        return self.recording.imu
 
     @cached_property
     def fixes(self) -> Fixes:
-        """The network."""
-        return slope_velocity(multilaterate_track(self.heard, self.period))
+        """Those while the IMU is on, with the velocity of a line through five where none is."""
+        begin, end = self.imu.time[[0, -1]]
+        assert self.recording.fixes is not None
+        fixes = self.recording.fixes.part(float(begin), float(end))
+        return fixes if fixes.velocity is not None else slope_velocity(fixes)
 
     @property
     def split(self) -> float:
@@ -128,58 +130,32 @@ class RecordedContest:
 
     @cached_property
     def truth(self) -> Array:
-        """Horizontal position and velocity of the tag at the times of fixes, (fixes, 4)."""
-        reference = self.recording.reference
-        assert reference is not None  # asked by `heard`
-        track = reference.position
-        if reference.attitude is not None:
-            track = track + Rotation.from_quat(reference.attitude).apply(self.recording.lever_arm)
-        return line_through(reference.time, track[:, :2], self.fixes.time)
-
-    @cached_property
-    def usable(self) -> Mask:
-        """The fixes at which network and reference say where the tag is, after the alignment."""
-        there = np.isfinite(np.column_stack([self.network.state, self.truth])).all(axis=1)
-        return np.asarray(there & (self.fixes.time > self.start.time))
-
-    @property
-    def judged(self) -> Mask:
-        """The usable fixes after the split."""
-        return self.usable & (self.fixes.time > self.split)
+        """Horizontal position and velocity at the times of fixes, (fixes, 4); NaN if not good."""
+        good = self.fixes.good
+        state = self.network.state.copy()
+        if good is not None:
+            state[~good] = np.nan
+        return state
 
     @cached_property
     def start(self) -> Start:
         """Where filters start, aligned on the first fixes."""
-        begin = float(self.fixes.time[0]) - self.period / 2
+        begin = float(self.fixes.time[0])
         deviation = self.fixes.deviation
-        assert deviation is not None  # multilateration has it
-        white = PositionFixes(self.fixes, self.recording.lever_arm, np.nanmedian(deviation, axis=0))
-        return align(self._motion(0.02, 0.002), [white], begin, begin + self.alignment)
+        size = np.ones(3) if deviation is None else np.nanmedian(deviation, axis=0)
+        white = PositionFixes(self.fixes, self.recording.lever_arm, size)
+        return align(self.motion(0.02, 0.002), [white], begin - _BEFORE, begin + self.alignment)
 
     @cached_property
     def network(self) -> Estimate:
-        """What the network alone says."""
+        """What the fixes alone say."""
         assert self.fixes.velocity is not None
         return Estimate(np.hstack([self.fixes.position[:, :2], self.fixes.velocity[:, :2]]))
 
     @cached_property
-    def difference(self) -> DifferenceFilters:
-        """P1's form: an INS that is never corrected, and filters of its difference to fixes."""
-        free = run_error_state(self._motion(0.02, 0.002), self.start, [self._silent])
-        ins = of_solution(free, self.recording.lever_arm, self.fixes.time)
-        return DifferenceFilters(ins.state, self.network.state, self.period)
-
-    @cached_property
     def contestants(self) -> dict[str, Contestant]:
         """The error-state filters."""
-        coloured = (0.02, 0.002, 0.04, 0.08, 3.0), (*_AXES, 1.5, 1.5)
-        return {
-            "loosely coupled, white fixes": Contestant(self.loose, (0.02, 0.002, 0.1), _AXES),
-            "loosely coupled, coloured fixes": Contestant(self.loose, *coloured),
-            "tightly coupled, coloured ranges": Contestant(
-                self.tight, (0.02, 0.001, 0.05, 0.06, 1.0, 0.02), (*_AXES, 1.5, 2.0, 2.0)
-            ),
-        }
+        return {COLOURED: Contestant(self.loose, self.begin, (*_AXES, 1.5, 1.5))}
 
     def loose(
         self, force: float, rate: float, white: float, coloured: float = 0.0, time: float = 1.0,
@@ -200,7 +176,135 @@ class RecordedContest:
         """
         colour = (coloured * UP, np.full(3, time)) if coloured else ()
         fixes = PositionFixes(self.fixes, self.recording.lever_arm, white * UP, *colour)
-        return run_error_state(self._motion(force, rate), self.start, [fixes], end=end)
+        return run_error_state(self.motion(force, rate), self.start, [fixes], end=end)
+
+    @cached_property
+    def tuned(self) -> dict[str, Tuning[tuple[float, ...]]]:
+        """The searches, by the likelihood of innovations up to the split."""
+        return {
+            name: search_pattern(
+                name, each.begin, each.ratios, unlikely(each.run, self.split), most=self.trials
+            )
+            for name, each in self.contestants.items()
+        }
+
+    @cached_property
+    def solutions(self) -> dict[str, Solution]:
+        """The error-state filters with their numbers, and smoothers of the coloured loose one."""
+        found = {n: each.run(*self.tuned[n].best) for n, each in self.contestants.items()}
+        return found | {
+            f"fixed-lag smoother, {_LAG:g} s": smooth_with_lag(found[COLOURED], _LAG),
+            "smoother": smooth(found[COLOURED]),
+        }
+
+    def motion(self, force: float, rate: float) -> InertialMotion:
+        """Return the integration of the IMU with these noises of `ImuNoise`.
+
+        Parameters
+        ----------
+        force, rate : float
+        """
+        return InertialMotion(self.imu, ImuNoise(force, rate, *_WALKS))
+
+    @property
+    def silent(self) -> PositionFixes:
+        """The times of fixes without any: events at which a filter says where it is."""
+        nothing = replace(self.fixes, position=np.full_like(self.fixes.position, np.nan))
+        return PositionFixes(nothing, np.zeros(3), np.ones(3))
+
+
+@dataclass(frozen=True, eq=False)
+class RecordedContest(FixesContest):
+    """Filters on one recording on equal terms, and the network that they must beat.
+
+    The network is multilateration of the ranges of each period, with the velocity of a line through
+    five fixes. Filters are tuned on the first part of the recording, with the same trials each, and
+    judged on the rest: those that have a likelihood by that of their innovations, which asks for no
+    reference; those of P1's form by their errors. What is called causal uses nothing later, but for
+    the IMU's sample after a fix (10 ms at 100 Hz) and the scale of the robust loss of
+    `multilaterate_track`, which is of the whole recording.
+
+    Attributes
+    ----------
+    recording : Recording
+        With an IMU, ranges to anchors in three dimensions, and a reference to judge by.
+    share, alignment, trials
+        As of `FixesContest`.
+    period : float
+        Of the network's fixes, s.
+
+    Raises
+    ------
+    InswsnError
+        If a stream is missing, or the alignment does not tell the heading.
+
+    Examples
+    --------
+    >>> from inswsn_lib.recordings import RecordedContest
+    >>> from inswsn_lib.streams import Recording
+    >>> RecordedContest(Recording("empty")).table()
+    Traceback (most recent call last):
+    ...
+    inswsn_lib.errors.InswsnError: The recording empty has no imu: a contest of filters needs one.
+    """
+
+    period: float = 0.2
+    needed: ClassVar[Sequence[str]] = ("imu", "ranges", "reference")
+    begin: ClassVar[Sequence[float]] = (0.02, 0.002, 0.04, 0.08, 3.0)
+
+    @cached_property
+    def heard(self) -> Ranges:
+        """The ranges while the IMU is on."""
+        begin, end = self.imu.time[[0, -1]]
+        assert self.recording.ranges is not None
+        return self.recording.ranges.part(float(begin), float(end))
+
+    @cached_property
+    def fixes(self) -> Fixes:
+        """The network."""
+        return slope_velocity(multilaterate_track(self.heard, self.period))
+
+    @cached_property
+    def truth(self) -> Array:
+        """Horizontal position and velocity of the tag at the times of fixes, (fixes, 4)."""
+        reference = self.recording.reference
+        assert reference is not None  # as needed
+        track = reference.position
+        if reference.attitude is not None:
+            track = track + Rotation.from_quat(reference.attitude).apply(self.recording.lever_arm)
+        return line_through(reference.time, track[:, :2], self.fixes.time)
+
+    @cached_property
+    def usable(self) -> Mask:
+        """The fixes at which network and reference say where the tag is, after the alignment."""
+        there = np.isfinite(np.column_stack([self.network.state, self.truth])).all(axis=1)
+        return np.asarray(there & (self.fixes.time > self.start.time))
+
+    @property
+    def judged(self) -> Mask:
+        """The usable fixes after the split."""
+        return self.usable & (self.fixes.time > self.split)
+
+    @cached_property
+    def difference(self) -> DifferenceFilters:
+        """P1's form: an INS that is never corrected, and filters of its difference to fixes.
+
+        :meta private:
+        """
+        free = run_error_state(self.motion(0.02, 0.002), self.start, [self.silent])
+        ins = of_solution(free, self.recording.lever_arm, self.fixes.time)
+        return DifferenceFilters(ins.state, self.network.state, self.period)
+
+    @cached_property
+    def contestants(self) -> dict[str, Contestant]:
+        """The error-state filters."""
+        white = Contestant(self.loose, (0.02, 0.002, 0.1), _AXES)
+        tight = (0.02, 0.001, 0.05, 0.06, 1.0, 0.02), (*_AXES, 1.5, 2.0, 2.0)
+        return {
+            "loosely coupled, white fixes": white,
+            **super().contestants,
+            "tightly coupled, coloured ranges": Contestant(self.tight, *tight),
+        }
 
     def tight(
         self, force: float, rate: float, white: float, coloured: float, time: float, bias: float,
@@ -222,32 +326,19 @@ class RecordedContest:
             When the data end, s.
         """
         ranges = RangesToAnchors(self.heard, self.recording.lever_arm, white, bias, coloured, time)
-        motion = self._motion(force, rate)
-        return run_error_state(motion, self.start, [ranges, self._silent], end=end, gate=_GATE)
+        motion = self.motion(force, rate)
+        return run_error_state(motion, self.start, [ranges, self.silent], end=end, gate=_GATE)
 
     @cached_property
     def tuned(self) -> dict[str, Tuning[tuple[float, ...]]]:
         """The searches: by the likelihood of innovations, or by errors, up to the split."""
-        found = {}
-        for name, each in self.contestants.items():
-            loss = _unlikely(each.run, self.split)
-            found[name] = search_pattern(name, each.begin, each.ratios, loss, most=self.trials)
+        found = super().tuned
         first = self.usable & (self.fixes.time <= self.split)
         for name, family in FAMILIES.items():
             found[name] = search_pattern(
                 name, family.begin, family.ratios, self._erring(name, first), most=self.trials
             )
         return found
-
-    @cached_property
-    def solutions(self) -> dict[str, Solution]:
-        """The error-state filters with their numbers, and smoothers of the coloured loose one."""
-        found = {n: each.run(*self.tuned[n].best) for n, each in self.contestants.items()}
-        coloured = found["loosely coupled, coloured fixes"]
-        return found | {
-            f"fixed-lag smoother, {_LAG:g} s": smooth_with_lag(coloured, _LAG),
-            "smoother": smooth(coloured),
-        }
 
     @cached_property
     def estimates(self) -> dict[str, Estimate]:
@@ -282,6 +373,26 @@ class RecordedContest:
         table = pd.DataFrame(found).T
         return table.assign(causal=[not name.endswith(("smoother", " s")) for name in table.index])
 
+    def compare(self, name: str, other: str) -> dict[str, tuple[float, float, float]]:
+        """Return RMS errors of a method over those of another on the judged fixes, with intervals.
+
+        Parameters
+        ----------
+        name, other : str
+            Rows of `table`.
+
+        Returns
+        -------
+        dict of str to (ratio, low, high)
+            Of ``position`` and ``velocity``, by the block bootstrap of `table`.
+        """
+        rows = self.judged
+        theirs = self.estimates[other].state[rows] - self.truth[rows]
+        found = scores(self.estimates[name].part(rows), self.truth[rows], theirs, self.period)
+        ends = ("ratio", "low", "high")
+        ratios = {of: [found[f"{of}_{end}"] for end in ends] for of in ("position", "velocity")}
+        return {of: (ratio, low, high) for of, (ratio, low, high) in ratios.items()}
+
     def _labels(self, name: str) -> Whole:
         """Return which series each component of the innovations is of: an axis, or an anchor."""
         if name.startswith("tight"):
@@ -303,20 +414,17 @@ class RecordedContest:
 
         return loss
 
-    @property
-    def _silent(self) -> PositionFixes:
-        """The times of fixes without any: events at which a filter says where it is."""
-        nothing = replace(self.fixes, position=np.full_like(self.fixes.position, np.nan))
-        return PositionFixes(nothing, np.zeros(3), np.ones(3))
 
-    def _motion(self, force: float, rate: float) -> InertialMotion:
-        assert self.heard is not None
-        assert self.recording.imu is not None
-        return InertialMotion(self.recording.imu, ImuNoise(force, rate, *_WALKS))
+def unlikely(run: Callable[..., Solution], end: float) -> Callable[..., float]:
+    """Return the loss of a filter: the geometric mean of how unlikely its innovations were.
 
-
-def _unlikely(run: Callable[..., Solution], end: float) -> Callable[..., float]:
-    """Return the loss of a filter: the geometric mean of how unlikely its innovations were."""
+    Parameters
+    ----------
+    run : callable
+        As in `Contestant`.
+    end : float
+        When the data end, s.
+    """
 
     def loss(*numbers: float) -> float:
         solution = run(*numbers, end=end)

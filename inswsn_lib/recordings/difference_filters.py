@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from inswsn_lib.checks import Array
-from inswsn_lib.filters import gating, huber, run_hinfinity, run_kalman, run_robust
+from inswsn_lib.filters import deadbeat_gain, gating, huber, run_hinfinity, run_kalman, run_robust
 from inswsn_lib.filters.robust import Policy
 from inswsn_lib.lmi import InfeasibleDesignError, design_filter
 from inswsn_lib.models import ErrorModel
@@ -57,7 +57,7 @@ class DifferenceFilters:
     def run(self, name: str, *numbers: float) -> Estimate:
         """Return what a filter of `FAMILIES` with its numbers says."""
         acceleration, ratio, *own = numbers
-        model = self._model(acceleration, ratio)
+        model = difference_model(self.period, acceleration, ratio)
         runs: dict[str, Callable[[], Array]] = {
             "KF": lambda: run_kalman(model, self._y, initial_covariance=_UNKNOWN),
             "HF": lambda: self._hinfinity(model, own[0]),
@@ -72,10 +72,8 @@ class DifferenceFilters:
 
         After the measurement of a step it is the network itself.
         """
-        A = self._model(1.0, 1.0).A
-        before = np.full_like(self._y[:, :, 0], np.nan)
-        before[1:] = self._y[:-1, :, 0] @ A.T
-        return self._corrected(before)
+        model = difference_model(self.period, 1.0, 1.0)
+        return self._corrected(self._run(model, deadbeat_gain(model), predicted=True)[:, :, 0])
 
     @property
     def _y(self) -> Array:
@@ -84,22 +82,38 @@ class DifferenceFilters:
     def _corrected(self, error: Array) -> Estimate:
         return Estimate(self.ins - error)
 
-    def _model(self, acceleration: float, ratio: float) -> ErrorModel:
-        """Return P1's model with fixes of 0.1 m: gains depend on ratios alone."""
-        T = self.period
-        noise = (acceleration * T**2 / 2, acceleration * T)
-        return ErrorModel.p1(T, process_noise=noise, measurement_noise=(0.1, 0.1 * ratio))
-
     def _hinfinity(self, model: ErrorModel, margin: float) -> Array:
         try:
             design = design_filter(model, "exact", margin=margin)
         except InfeasibleDesignError:
             return np.full_like(self._y, np.inf)
+        return self._run(design.model, design.gain, predicted=False)
+
+    def _run(self, model: ErrorModel, gain: Array, *, predicted: bool) -> Array:
+        """Run an H-infinity filter from the first measurement on."""
         y = self._y
         first = int(np.flatnonzero(np.isfinite(y[:, 0, 0]))[0])
         found = np.full_like(y, np.nan)
-        found[first:] = run_hinfinity(design, y[first:], initial_state=y[first])
+        found[first:] = run_hinfinity(
+            (model, gain), y[first:], initial_state=y[first], predicted=predicted
+        )
         return found
 
     def _robust(self, model: ErrorModel, policy: Policy) -> Array:
         return run_robust(model, self._y, policy=policy, initial_covariance=_UNKNOWN)
+
+
+def difference_model(period: float, acceleration: float, ratio: float) -> ErrorModel:
+    """Return P1's model with fixes of 0.1 m; gains depend on ratios alone.
+
+    Parameters
+    ----------
+    period : float
+        s.
+    acceleration : float
+        Standard deviation of the acceleration that the INS misses, m/s^2.
+    ratio : float
+        Of the deviation of velocities, m/s, to 0.1.
+    """
+    noise = (acceleration * period**2 / 2, acceleration * period)
+    return ErrorModel.p1(period, process_noise=noise, measurement_noise=(0.1, 0.1 * ratio))

@@ -24,9 +24,9 @@ class Estimate:
 
     Attributes
     ----------
-    state : ndarray, (fixes, 4)
-        Horizontal position (m) and velocity (m/s); NaN where it says nothing.
-    covariance : ndarray, (fixes, 4, 4), or None
+    state : ndarray, (fixes, 4 or 2)
+        Horizontal position (m) and velocity (m/s), if it has one; NaN where it says nothing.
+    covariance : ndarray, (fixes, 4, 4) or (fixes, 2, 2), or None
         Of them, if it says so.
     """
 
@@ -37,6 +37,11 @@ class Estimate:
         """Return what it says at some fixes."""
         P = self.covariance
         return Estimate(self.state[rows], None if P is None else P[rows])
+
+    def places(self) -> Estimate:
+        """Return what it says of positions alone."""
+        P = self.covariance
+        return Estimate(self.state[:, :2], None if P is None else P[:, :2, :2])
 
 
 def of_solution(solution: Solution, lever_arm: Array, times: Array) -> Estimate:
@@ -63,24 +68,24 @@ def of_solution(solution: Solution, lever_arm: Array, times: Array) -> Estimate:
     return Estimate(state, P)
 
 
-def scores(estimate: Estimate, truth: Array, network: Array, period: float) -> dict[str, float]:
-    """Return the errors of an estimate, their ratios to the network's, and its consistency.
+def scores(estimate: Estimate, truth: Array, others: Array, period: float) -> dict[str, float]:
+    """Return the errors of an estimate, their ratios to those of another, and its consistency.
 
     Parameters
     ----------
     estimate : Estimate
         Of n fixes in the order of time.
-    truth, network : ndarray, (n, 4)
-        What is true, and the errors of the network.
+    truth, others : ndarray, (n, 4 or 2)
+        What is true, and the errors of the other, such as the network.
     period : float
         Of fixes, s.
     """
     errors = estimate.state - truth
     found: dict[str, float] = {}
-    for name, part in _PARTS.items():
+    for name, part in list(_PARTS.items())[: errors.shape[1] // 2]:
         squares = np.square(errors[:, part]).sum(axis=1)
         found[name] = float(np.sqrt(squares.mean()))
-        theirs = np.square(network[:, part]).sum(axis=1)
+        theirs = np.square(others[:, part]).sum(axis=1)
         ratio, low, high = block_ratio(squares, theirs, _rows(period, len(truth)))
         found |= {f"{name}_ratio": ratio, f"{name}_low": low, f"{name}_high": high}
     found["nees"] = np.nan

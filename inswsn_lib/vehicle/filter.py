@@ -19,6 +19,8 @@ from inswsn_lib.vehicle.updates import measure, propagate, update
 
 Integers = NDArray[np.intp]
 
+_WALKING, _PASSES = 1.0, 5  # m/s, and of levelling
+
 
 @dataclass(frozen=True, eq=False)
 class VehicleRun:
@@ -184,10 +186,12 @@ def replay(
 
 
 def align(drive: Drive, settings: FilterSettings) -> VehicleState:
-    """Return the state at epoch 0 of a car at rest: levelled, with the compass' first yaw.
+    """Return the state at epoch 0, levelled, with the compass' first yaw and the first GPS fix.
 
     Roll and pitch come from the mean specific force over the first interval (Groves 2013, Section
-    5.6), yaw from the first compass measurement, position from the first GPS fix, velocity is zero.
+    5.6). A car whose first GPS velocity is above 1 m/s and six of its deviations is not at rest:
+    then that is its velocity, and the specific force is levelled after the acceleration that the
+    first two GPS velocities tell; it must be heard at epoch 1 too. Else the velocity is zero.
 
     Parameters
     ----------
@@ -209,19 +213,54 @@ def align(drive: Drive, settings: FilterSettings) -> VehicleState:
         raise ParameterError(
             "drive", Described("without GPS or compass at epoch 0"), "one that has both"
         )
-    x, y, z = -drive.velocity_increments[: drive.samples_per_epoch].mean(axis=0)
-    roll, pitch = np.arctan2(y, z), np.arctan2(-x, np.hypot(y, z))
+    velocity, pushed = _moving(drive, settings)
+    P = settings.initial_covariance(position)
+    if velocity.any():
+        P[:, VELOCITY, VELOCITY] = settings.gps_velocity**2 * np.eye(3)
     runs, zero = drive.runs, np.zeros((drive.runs, 3))
+    pitch, roll = _levelled(drive, heading, pushed)
     return VehicleState(
         position=position.copy(),
-        velocity=zero,
+        velocity=velocity,
         attitude=TURN
         @ Rotation.from_euler("ZYX", np.stack([heading, pitch, roll], -1)).as_matrix(),
         accelerometer_bias=zero,
         gyro_drift=zero,
         error=np.zeros((runs, settings.states)),
-        covariance=settings.initial_covariance(position),
+        covariance=P,
     )
+
+
+def _moving(drive: Drive, settings: FilterSettings) -> tuple[Array, Array]:
+    """Return velocity and acceleration at the start by GPS, (runs, 3) each; zeros at rest."""
+    first, second = drive.gps_velocity[:2].transpose(0, 2, 1)
+    still = np.zeros_like(first)
+    speed = float(np.nanmean(np.linalg.norm(first, axis=1))) if np.isfinite(first).any() else 0.0
+    if speed <= max(_WALKING, 6 * settings.gps_velocity):
+        return still, still
+    if np.isnan(drive.gps_velocity[:2]).any():
+        raise ParameterError(
+            "drive", Described("moving at epoch 0, and without GPS velocity at epoch 0 or 1"),
+            "one that has both",
+        )  # fmt: skip
+    return first.copy(), (second - first) / drive.interval
+
+
+def _levelled(drive: Drive, heading: Array, pushed: Array) -> tuple[Array, Array]:
+    """Return pitch and roll by the specific force of the first interval, (runs,) each.
+
+    What accelerates the car, `pushed`, is taken out of it first; it depends on the tilt that is
+    looked for, so that is found again and again.
+    """
+    count = drive.samples_per_epoch
+    force = drive.velocity_increments[:count].mean(axis=0).T
+    middle = heading + drive.rotation_increments[:count, 2].sum(axis=0) / 2
+    pitch, roll = np.zeros((2, drive.runs))
+    for _ in range(_PASSES if pushed.any() else 1):
+        body = TURN @ Rotation.from_euler("ZYX", np.stack([middle, pitch, roll], -1)).as_matrix()
+        x, y, z = -(force - drive.period * np.einsum("rij,ri->rj", body, pushed)).T
+        roll, pitch = np.arctan2(y, z), np.arctan2(-x, np.hypot(y, z))
+    return pitch, roll
 
 
 def _advance(

@@ -24,6 +24,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2, norm
 
 from inswsn_lib.errors import InswsnError, ParameterError
+from inswsn_lib.evaluation import mean_bounds
 from inswsn_lib.scenario import Setting
 from inswsn_lib.vehicle import (
     Drive,
@@ -621,6 +622,57 @@ def test_it_is_aligned_by_weight_and_compass() -> None:
     )
     assert np.isnan(run.innovations[0]).all()
     assert np.array_equal(run.first[0], begun.position.T)
+
+
+def on_the_way(drive: Drive, epoch: int) -> Drive:
+    """Return the drive from an epoch on, when the car moves."""
+    first, reference = epoch * drive.samples_per_epoch, drive.reference
+    assert reference.attitude is not None
+    later = replace(
+        reference, position=reference.position[epoch:], velocity=reference.velocity[epoch:],
+        attitude=reference.attitude[epoch:],
+    )  # fmt: skip
+    samples = {n: getattr(drive, n)[first:] for n in SENSORS[:2]}
+    epochs = {n: getattr(drive, n)[epoch:] for n in SENSORS[2:]}
+    time = drive.time[: len(drive.time) - epoch]
+    return replace(drive, time=time, reference=later, places=(), **samples, **epochs)
+
+
+@pytest.mark.filterwarnings("ignore")  # of pyins
+def test_from_a_moving_start_it_is_the_filter_of_pyins_within_5_cm() -> None:
+    drive = on_the_way(make_drive(40, 1, seed=4), 14)
+    assert np.linalg.norm(drive.reference.velocity[0]) > 8
+    run = run_vehicle_filter(drive, KNOWN)
+    theirs = run_by_pyins(drive, KNOWN, aiding=True, time_step=0.2)
+    times = np.arange(len(drive.time) - 1) * 100 * PERIOD
+    track = theirs.trajectory.loc[times]
+    lla = np.column_stack([np.deg2rad(track[["lat", "lon"]]), track.alt])
+    apart = (run.states.position[:-1, 0] - lla) * metres(lla)
+    assert np.linalg.norm(apart, axis=1).max() < 0.05
+
+
+def test_a_moving_start_is_no_worse_than_it_says() -> None:
+    drive = on_the_way(make_drive(30, 200, seed=5), 14)
+    begun = align(drive, KNOWN)
+    assert np.array_equal(begun.velocity, drive.gps_velocity[0].T)
+    true = drive.reference
+    assert true.attitude is not None
+    tilted = Rotation.from_matrix(begun.attitude @ true.attitude[0].T).as_rotvec(degrees=True)
+    # biases of the accelerometers, 0.05 m/s^2, and noises of GPS velocities, 0.07 m/s^2
+    assert np.sqrt(np.mean(tilted[:, :2] ** 2)) < 1.2
+    run = run_vehicle_filter(drive, KNOWN)
+    nu, S = run.innovations[1, 5:], run.innovation_covariances[1, 5:, 5:]
+    nis = np.einsum("ir,ri->r", nu, np.linalg.solve(np.moveaxis(S, 2, 0), nu.T[..., None])[..., 0])
+    # the fix that is judged has levelled it, too, so that there is less than the filter expects
+    assert 1 < nis.mean() < mean_bounds(200, 3, 0.999)[1]
+
+
+def test_a_moving_start_without_its_velocity_is_told() -> None:
+    drive = on_the_way(make_drive(20, 1), 10)
+    deaf = drive.gps_velocity.copy()
+    deaf[1] = np.nan
+    with pytest.raises(ParameterError, match=r"^drive is moving at epoch 0, and without GPS vel"):
+        align(replace(drive, gps_velocity=deaf), KNOWN)
 
 
 # --- what cannot be ---
