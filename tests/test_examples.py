@@ -39,6 +39,7 @@ MODULES = ("errors", "files", "models", "plotting", "scenario", "streams")
 
 #: Functions and classes of a room that need no example, each with the reason
 EXEMPT = {
+    "benchmark.Answer": "shown by first_difference",
     "benchmark.Course": "given by track_courses",
     "benchmark.EntryError": "raised by run",
     "benchmark.Event": "shown by changed_after",

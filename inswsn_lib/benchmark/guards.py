@@ -96,7 +96,7 @@ def changed_after(events: Sequence[Event], k: int, seed: int) -> list[Event]:
     >>> import numpy as np
     >>> from inswsn_lib.benchmark import Event, changed_after
     >>> events = [Event(t, "range", np.ones(1)) for t in range(3)]
-    >>> [event.values[0] == 1.0 for event in changed_after(events, k=1, seed=0)]
+    >>> [event.values.tolist() == [1.0] for event in changed_after(events, k=1, seed=0)]
     [True, True, False]
     """
     rng = np.random.default_rng(seed)

@@ -18,7 +18,6 @@ from typing import Any, Self
 
 import pooch
 
-import inswsn_lib
 from inswsn_lib.benchmark.events import Answer, Event, Task, plain_event, plain_task
 from inswsn_lib.checks import array, covariance
 from inswsn_lib.errors import InswsnError, ParameterError
@@ -26,6 +25,7 @@ from inswsn_lib.files import data_mirror
 
 # What of the environment an entry has: how to find programs' libraries, and words
 _KEPT = ("PATH", "LD_LIBRARY_PATH", "DYLD_LIBRARY_PATH", "SYSTEMROOT", "LANG", "LC_ALL", "TMPDIR")
+_LIBRARY = Path(__file__).parents[1]
 _THREADS = ("OMP", "OPENBLAS", "MKL", "NUMBA")
 
 
@@ -206,15 +206,14 @@ class EntryProcess:
 
 def _path() -> str:
     """Return where the library is, for a process that is not told of its surroundings."""
-    return str(Path(inswsn_lib.__file__).parents[1])
+    return str(_LIBRARY.parent)
 
 
 def _loading(entry: EntryName) -> dict[str, Any]:
     """Return the first request."""
-    library = Path(inswsn_lib.__file__).parent
     denied = [data_mirror(), Path(pooch.os_cache("inswsn"))]
     return {
-        "allowed": [str(entry.folder), sys.prefix, sys.base_prefix, str(library)],
+        "allowed": [str(entry.folder), sys.prefix, sys.base_prefix, str(_LIBRARY)],
         "denied": [str(path) for path in denied if path is not None],
         "root": str(entry.root),
         "module": entry.module,

@@ -5,12 +5,12 @@ from __future__ import annotations
 import subprocess
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-import inswsn_lib
 from inswsn_lib.benchmark.courses import Course, track_courses
 from inswsn_lib.benchmark.events import Answer, Event
 from inswsn_lib.benchmark.guards import Disguise, first_difference
@@ -326,15 +326,15 @@ def _errors(
 
 def _commit(name: EntryName) -> str:
     """Return the commit of an entry's checkout, or the version of the library."""
-    version = f"inswsn {inswsn_lib.__version__}"
+    released = f"inswsn {version('inswsn')}"
     try:
         done = subprocess.run(
             ["git", "-C", str(name.folder), "describe", "--always", "--dirty", "--exclude=*"],
             capture_output=True, text=True, check=False, timeout=10,
         )  # fmt: skip
     except (OSError, subprocess.TimeoutExpired):
-        return version
-    return done.stdout.strip() or version
+        return released
+    return done.stdout.strip() or released
 
 
 def _known(value: float) -> float | None:
