@@ -43,11 +43,15 @@ archive: book ## make one zip of the release that opens offline, in _build
 calibrate: environment ## fit the simulated INS to the INS-only cells and write data/scenarios/p1-inertial*.yaml
 	@$(RUN) studies/calibrate_imu.py
 
-studies: environment ## run the long studies again: the recorded drive, fixes by radio, sensitivity to the assumptions, one at a time and crossed
+studies: environment ## run the long studies again: the recorded drive, filters on recordings, fixes by radio, sensitivity to the assumptions, one at a time and crossed
 	@$(RUN) studies/recorded_drive.py
+	@$(RUN) studies/on_recordings.py
 	@$(RUN) studies/radio_fixes.py
 	@$(RUN) studies/sensitivity.py
 	@$(RUN) studies/crossed.py $(if $(JOBS),--jobs $(JOBS))
+
+spoilt: environment ## spoil recordings by hundreds, and keep what is refused, found or passed in data/spoilt.json
+	@$(RUN) studies/spoilt.py
 
 elsewhere: environment ## run every chapter in other surroundings, for the book's table
 	@$(RUN) studies/elsewhere.py $(if $(JOBS),--jobs $(JOBS))
@@ -113,4 +117,4 @@ help: ## list the targets
 
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
-.PHONY: book test serve notebooks publish archive calibrate studies elsewhere bench mutants trials licences lock upgrade tag assets release report actionlint audit format environment clean help
+.PHONY: book test serve notebooks publish archive calibrate studies spoilt elsewhere bench mutants trials licences lock upgrade tag assets release report actionlint audit format environment clean help

@@ -73,6 +73,7 @@ EXEMPT = {
     "papers.Printed": "a name for str, without a docstring of its own",
     "recordings.Contestant": "a part of FixesContest",
     "recordings.Estimate": "given by RecordedContest.estimates",
+    "recordings.Report": "what report returns",
     "recordings.RecordingUnavailableError": "raised by load_drive where nothing can be fetched",
     "scenario.between": "shown by from_settings",
     "simulation.Traffic": "given by count_traffic",

@@ -24,6 +24,11 @@ from .hybrid import (
 from .learner_map import Choice as Choice, LearnerMap as LearnerMap
 from .recorded_clusters import RecordedClusters as RecordedClusters
 from .recorded_outages import RecordedOutages as RecordedOutages
+from .recorded_study import (
+    RecordedStudy as RecordedStudy,
+    read_tables as read_tables,
+    write_tables as write_tables,
+)
 from .recorded_trials import (
     RecordedTrials as RecordedTrials,
     read_trials as read_trials,

@@ -9,7 +9,6 @@ from typing import ClassVar
 
 import numpy as np
 import pandas as pd
-from scipy.spatial.transform import Rotation
 
 from inswsn_lib.checks import Array, Mask
 from inswsn_lib.errors import InswsnError
@@ -29,16 +28,24 @@ from inswsn_lib.estimation import (
 )
 from inswsn_lib.evaluation import Tuning, search_pattern
 from inswsn_lib.recordings.difference_filters import FAMILIES, DifferenceFilters
-from inswsn_lib.recordings.estimates import Estimate, lag_one, line_through, of_solution, scores
+from inswsn_lib.recordings.estimates import (
+    Estimate,
+    lag_one,
+    of_solution,
+    scores,
+    truth_at,
+    unlikely,
+)
 from inswsn_lib.streams import Fixes, Imu, Ranges, Recording, Whole
 
 #: Trials that the search for the numbers of a filter has
 TRIALS = 24
 #: What the errors of fixes upwards are taken for, times those to the side
 UP = np.array([1.0, 1.0, 2.0])
-# of the random walks of the IMU's biases, which no short recording tells
-_WALKS = (1e-3, 1e-4)
-_GATE = 16.0  # ranges that lie four deviations from what is expected are left out
+#: Of the random walks of the IMU's biases, which no short recording tells
+WALKS = (1e-3, 1e-4)
+#: Ranges that lie four deviations from what is expected are left out
+GATE = 16.0
 _LAG = 2.0  # s, of the fixed-lag smoother
 _BEFORE = 0.1  # s, from the begin of the alignment to the first fix
 #: The filter that others are compared with
@@ -204,7 +211,7 @@ class FixesContest:
         ----------
         force, rate : float
         """
-        return InertialMotion(self.imu, ImuNoise(force, rate, *_WALKS))
+        return InertialMotion(self.imu, ImuNoise(force, rate, *WALKS))
 
     @property
     def silent(self) -> PositionFixes:
@@ -267,12 +274,7 @@ class RecordedContest(FixesContest):
     @cached_property
     def truth(self) -> Array:
         """Horizontal position and velocity of the tag at the times of fixes, (fixes, 4)."""
-        reference = self.recording.reference
-        assert reference is not None  # as needed
-        track = reference.position
-        if reference.attitude is not None:
-            track = track + Rotation.from_quat(reference.attitude).apply(self.recording.lever_arm)
-        return line_through(reference.time, track[:, :2], self.fixes.time)
+        return truth_at(self.recording, self.fixes.time)
 
     @cached_property
     def usable(self) -> Mask:
@@ -327,7 +329,7 @@ class RecordedContest(FixesContest):
         """
         ranges = RangesToAnchors(self.heard, self.recording.lever_arm, white, bias, coloured, time)
         motion = self.motion(force, rate)
-        return run_error_state(motion, self.start, [ranges, self.silent], end=end, gate=_GATE)
+        return run_error_state(motion, self.start, [ranges, self.silent], end=end, gate=GATE)
 
     @cached_property
     def tuned(self) -> dict[str, Tuning[tuple[float, ...]]]:
@@ -413,22 +415,3 @@ class RecordedContest(FixesContest):
             return float(np.mean(halves))
 
         return loss
-
-
-def unlikely(run: Callable[..., Solution], end: float) -> Callable[..., float]:
-    """Return the loss of a filter: the geometric mean of how unlikely its innovations were.
-
-    Parameters
-    ----------
-    run : callable
-        As in `Contestant`.
-    end : float
-        When the data end, s.
-    """
-
-    def loss(*numbers: float) -> float:
-        solution = run(*numbers, end=end)
-        count = sum(len(kept.squares) for kept in solution.innovations)
-        return float(np.exp(-solution.log_likelihood / count))
-
-    return loss

@@ -123,6 +123,10 @@ def _table(path: Path, layout: Layout) -> Table:
     """Return the columns of a file; refuse empty cells, times that do not increase, and twins."""
     with reading(path):
         table = read_table(path, layout)
+        if not len(next(iter(table.values()))):
+            raise InswsnError(
+                "it has a header and no rows; leave out a stream that was not logged."
+            )
         for name, cells in table.items():
             empty = cells == "" if name in layout.texts else np.isnan(cells)
             if name not in layout.gaps and empty.any():

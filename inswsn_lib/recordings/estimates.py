@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from inswsn_lib.checks import Array, Mask
 from inswsn_lib.estimation import Solution
 from inswsn_lib.evaluation import block_ratio
-from inswsn_lib.streams import Whole
+from inswsn_lib.streams import Recording, Whole
 
 #: Blocks of the bootstrap, s
 BLOCK = 10.0
-_HALF_WINDOW = 0.075  # s, of the line that makes a velocity of the reference
+_HALF_WINDOW = 0.075  # s, of the line that makes a velocity of the reference; or longer, in rows
+_HALF_ROWS = 2.5
 _FEWEST = 4  # rows of it
+_INTERVAL = ("ratio", "low", "high")
 _PARTS = {"position": slice(0, 2), "velocity": slice(2, 4)}
 
 
@@ -84,15 +88,82 @@ def scores(estimate: Estimate, truth: Array, others: Array, period: float) -> di
     found: dict[str, float] = {}
     for name, part in list(_PARTS.items())[: errors.shape[1] // 2]:
         squares = np.square(errors[:, part]).sum(axis=1)
+        if not np.isfinite(squares).all():
+            found |= dict.fromkeys([name, *(f"{name}_{end}" for end in _INTERVAL)], np.nan)
+            continue
         found[name] = float(np.sqrt(squares.mean()))
         theirs = np.square(others[:, part]).sum(axis=1)
         ratio, low, high = block_ratio(squares, theirs, _rows(period, len(truth)))
         found |= {f"{name}_ratio": ratio, f"{name}_low": low, f"{name}_high": high}
     found["nees"] = np.nan
     if estimate.covariance is not None:
-        solved = np.linalg.solve(estimate.covariance, errors[..., None])[..., 0]
-        found["nees"] = float(np.mean(np.sum(errors * solved, axis=1))) / errors.shape[1]
+        found["nees"] = float(np.mean(normalised(errors, estimate.covariance)))
     return found | {"nis": np.nan, "lag1": np.nan}
+
+
+def normalised(errors: Array, covariance: Array) -> Array:
+    """Return normalised squares over the number of components, (n,).
+
+    Parameters
+    ----------
+    errors : ndarray, (n, d)
+    covariance : ndarray, (n, d, d)
+    """
+    solved = np.linalg.solve(covariance, errors[..., None])[..., 0]
+    return np.asarray(np.sum(errors * solved, axis=1) / errors.shape[1])
+
+
+def unlikely(run: Callable[..., Solution], end: float) -> Callable[..., float]:
+    """Return the loss of a filter: the geometric mean of how unlikely its innovations were.
+
+    Parameters
+    ----------
+    run : callable
+        Takes the filter's numbers and the time at which the data end, s.
+    end : float
+        That time.
+    """
+
+    def loss(*numbers: float) -> float:
+        solution = run(*numbers, end=end)
+        count = sum(len(kept.squares) for kept in solution.innovations)
+        return float(np.exp(-solution.log_likelihood / count))
+
+    return loss
+
+
+def truth_at(recording: Recording, times: Array) -> Array:
+    """Return horizontal position and velocity of the tag by the reference, (times, 4).
+
+    Parameters
+    ----------
+    recording : Recording
+        With a reference.
+    times : ndarray, (times,)
+        s; NaN is returned where the reference has no rows nearby.
+    """
+    time, track = tag_track(recording)
+    if len(time) < _FEWEST:
+        return np.full((len(times), 4), np.nan)
+    half = max(_HALF_WINDOW, _HALF_ROWS * float(np.median(np.diff(time))))
+    return line_through(time, track[:, :2], times, half)
+
+
+def tag_track(recording: Recording) -> tuple[Array, Array]:
+    """Return the reference's times, and where the tag was, (rows, 2 or 3), m.
+
+    Parameters
+    ----------
+    recording : Recording
+        With a reference.
+    """
+    reference = recording.reference
+    assert reference is not None
+    arm = np.zeros_like(reference.position)
+    if reference.attitude is not None:
+        turned = Rotation.from_quat(reference.attitude).apply(recording.lever_arm)
+        arm = turned[:, : arm.shape[1]]
+    return reference.time, reference.position + arm
 
 
 def lag_one(solution: Solution, labels: Whole, begin: float) -> dict[str, float]:
@@ -117,7 +188,11 @@ def lag_one(solution: Solution, labels: Whole, begin: float) -> dict[str, float]
     return {"nis": float(told.squares[told.time > begin].mean()), "lag1": largest}
 
 
+<<<<<<< HEAD
 def line_through(time: Array, track: Array, at: Array, half: float = _HALF_WINDOW) -> Array:
+=======
+def line_through(time: Array, track: Array, at: Array, half: float) -> Array:
+>>>>>>> ef31ce495f41c9775e71b555ab2e3369d5e74520
     """Return position and velocity of a track at some times, (times, 4).
 
     Positions are interpolated, velocities are slopes of lines through the rows nearby.
@@ -129,9 +204,15 @@ def line_through(time: Array, track: Array, at: Array, half: float = _HALF_WINDO
     track : ndarray, (rows, 2)
         m.
     at : ndarray, (times,)
+<<<<<<< HEAD
         s; NaN is returned where there are not four rows nearby, before and after.
     half : float
         What is nearby, s.
+=======
+        s; NaN is returned where there is no row nearby.
+    half : float
+        How far away rows may be, s.
+>>>>>>> ef31ce495f41c9775e71b555ab2e3369d5e74520
     """
     found = np.full((len(at), 4), np.nan)
     for k, moment in enumerate(at):

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid
+from scipy.interpolate import CubicHermiteSpline
 
 from inswsn_lib.checks import Array
 from inswsn_lib.errors import InswsnError
@@ -56,6 +57,9 @@ class TrackPair:
         The same of a reference, if the file has one.
     jitter : float
         Standard deviation of the time stamps from the grid, s.
+    resampled : bool
+        Whether the stamps were uneven: the INS and the reference are interpolated, and fixes were
+        carried to the nearest instant.
 
     Examples
     --------
@@ -74,6 +78,7 @@ class TrackPair:
     wsn: Array
     reference: Array | None
     jitter: float
+    resampled: bool = False
 
     @property
     def measurements(self) -> Array:
@@ -93,7 +98,7 @@ class TrackPair:
         return [(int(a), int(b)) for a, b in edges.reshape(-1, 2) if b - a + 1 > _PATIENCE * usual]
 
 
-def read_recording(path: str | Path) -> TrackPair:
+def read_recording(path: str | Path, *, resample: bool = False) -> TrackPair:
     """Read a recording and put it on an even grid.
 
     The file is a CSV with a header and the columns ``time_s``, ``ins_x_m``, ``ins_y_m``,
@@ -108,6 +113,12 @@ def read_recording(path: str | Path) -> TrackPair:
     Parameters
     ----------
     path : str or Path
+    resample : bool
+        Whether time stamps may be uneven. The INS is then interpolated onto an even grid of the
+        median period, its positions by cubic polynomials that have its velocities (Hermite), and so
+        is the reference, along straight lines. A fix stays at its own stamp in this sense: what the
+        INS has more than the network there is what it has more at the nearest instant. That is off
+        by the drift of the INS over half a period, or less.
 
     Raises
     ------
@@ -133,7 +144,7 @@ def read_recording(path: str | Path) -> TrackPair:
     _check_positions(path, sources["ins"], sources["wsn"])
     for one, other, known in _comparable(time, sources):
         _refuse_other_units(path, one, other, known)
-    return _on_grid(path, time, sources)
+    return _resampled(time, sources) if resample else _on_grid(path, time, sources)
 
 
 def _check_time(path: Path, time: Array) -> None:
@@ -284,8 +295,8 @@ def _on_grid(path: Path, time: Array, sources: dict[str, Array]) -> TrackPair:
         row = int(np.argmax(np.abs(offset)))
         raise InswsnError(
             f"{path}: the time stamp {time[row]:.12g} s in row {row + 2} is {offset[row]:+.3g} s "
-            f"off an even grid of {period:.4g} s; a fifth of a period is allowed. Resample the "
-            "recording."
+            f"off an even grid of {period:.4g} s; a fifth of a period is allowed. Read it with "
+            "resample=True, or resample it."
         )
     grids = sources
     if place[-1] >= len(time):  # rows are missing
@@ -300,6 +311,31 @@ def _on_grid(path: Path, time: Array, sources: dict[str, Array]) -> TrackPair:
         reference=grids.get("ref"),
         jitter=float(np.std(offset)),
     )
+
+
+def _resampled(time: Array, sources: dict[str, Array]) -> TrackPair:
+    """Return the sources on an even grid that the time stamps need not be near."""
+    steps = np.diff(time)
+    period = float(np.median(steps))
+    grid = time[0] + period * np.arange(int((time[-1] - time[0]) / period + 0.5) + 1)
+    inside = np.minimum(grid, time[-1])
+    ins = sources["ins"]
+    way = CubicHermiteSpline(time, ins[:, :2], ins[:, 2:])(inside)
+    ins_on_grid = np.hstack([way, _lines(time, ins[:, 2:], inside)])
+    before = np.clip(np.searchsorted(time, inside, side="right") - 1, 0, len(steps) - 1)
+    ins_on_grid[steps[before] > _PATIENCE * period] = np.nan  # rows are missing
+    place = np.clip(np.round((time - time[0]) / period).astype(int), 0, len(grid) - 1)
+    offset = time - grid[place]
+    wsn = np.full((len(grid), 4), np.nan)
+    fixed = np.flatnonzero(~np.isnan(sources["wsn"]).all(axis=1))
+    for k in fixed[np.argsort(-np.abs(offset[fixed]), kind="stable")]:  # the nearest comes last
+        wsn[place[k]] = sources["wsn"][k] + ins_on_grid[place[k]] - ins[k]
+    reference = _lines(time, sources["ref"], inside) if "ref" in sources else None
+    return TrackPair(grid, period, ins_on_grid, wsn, reference, float(np.std(offset)), True)
+
+
+def _lines(time: Array, values: Array, at: Array) -> Array:
+    return np.column_stack([np.interp(at, time, x) for x in values.T])
 
 
 def _places(time: Array) -> Rows:

@@ -23,8 +23,8 @@ from inswsn_lib.estimation import (
     smooth,
 )
 from inswsn_lib.evaluation import Tuning, search_pattern
-from inswsn_lib.recordings.contest import TRIALS, Contestant, unlikely
-from inswsn_lib.recordings.estimates import Estimate, lag_one, of_solution, scores
+from inswsn_lib.recordings.contest import TRIALS, Contestant
+from inswsn_lib.recordings.estimates import Estimate, lag_one, of_solution, scores, unlikely
 from inswsn_lib.streams import Fixes, Odometry, Ranges, Recording, Whole
 
 _GATE = 16.0

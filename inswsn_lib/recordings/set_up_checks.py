@@ -7,7 +7,10 @@ from inswsn_lib.recordings.set_up_imu import check_imu
 from inswsn_lib.recordings.set_up_odometry import check_odometry
 from inswsn_lib.recordings.set_up_ranges import check_positions
 from inswsn_lib.recordings.set_up_streams import check_stamps
+from inswsn_lib.recordings.set_up_velocities import check_velocities
 from inswsn_lib.streams import Recording
+
+_FEWEST = 2  # rows of a reference that tells anything
 
 
 def check_set_up(recording: Recording) -> list[Finding]:
@@ -24,6 +27,8 @@ def check_set_up(recording: Recording) -> list[Finding]:
     unit      of specific force, angular rate, ranges or anchors   a third of the size, or less
     repeats   an anchor has two ranges with one stamp              none
     gaps      a stream is not there for long                       what rows at random times have
+    span      a stream is not there while others are               a fiftieth of its time, or more
+    itself    fixes do not move as their velocities say            half of the speed
     axes      exchanged, reversed or mirrored, of all signed       none
               permutations, 48 in space
     gravity   the specific force, by the attitude, is not upwards  5 degrees on average
@@ -61,9 +66,12 @@ def check_set_up(recording: Recording) -> list[Finding]:
     unit IMU's rates None
     axes IMU None
     """
+    if recording.reference is not None and len(recording.reference) < _FEWEST:
+        recording = recording.without("reference")
     return [
         *check_stamps(recording),
         *check_imu(recording),
+        *check_velocities(recording),
         *check_positions(recording),
         *check_odometry(recording),
     ]

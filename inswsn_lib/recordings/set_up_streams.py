@@ -1,4 +1,4 @@
-"""Whether the stamps of a recording's streams are what a clock gives."""
+"""Whether the stamps of a recording's streams are what one clock gives."""
 
 from __future__ import annotations
 
@@ -11,10 +11,11 @@ from inswsn_lib.streams import Recording
 
 _LEAST = 10.0  # periods: a shorter gap is none
 _ROWS = 20
+_SHARED = 0.02  # of a stream's time, in which another one is there, too
 
 
 def check_stamps(recording: Recording) -> Iterator[Finding]:
-    """Yield whether ranges are logged twice, and whether a stream has a gap."""
+    """Yield whether ranges are logged twice, a stream has a gap, or others are at another time."""
     ranges = recording.ranges
     if ranges is not None and len(ranges):
         pairs = np.column_stack([ranges.time, ranges.anchor])
@@ -40,3 +41,21 @@ def check_stamps(recording: Recording) -> Iterator[Finding]:
             f"every {usual:.2g} s"
         )  # fmt: skip
         yield Finding("gaps", name, value, 0, bound, fits, says)
+    yield from _spans(recording)
+
+
+def _spans(recording: Recording) -> Iterator[Finding]:
+    """Compare the time of each stream with that from the first to the last stamp of the others."""
+    spans = {name: s.time[[0, -1]] for name, s in recording.streams.items() if len(s) >= _ROWS}
+    for name, (begin, end) in spans.items():
+        others = np.array([span for other, span in spans.items() if other != name])
+        if not len(others):
+            return
+        shared = min(end, others[:, 1].max()) - max(begin, others[:, 0].min())
+        value = max(float(shared), 0.0) / float(end - begin)
+        fits = value >= _SHARED
+        says = "other streams are there at the same time" if fits else (
+            f"it is from {begin:.6g} to {end:.6g} s, the others from {others[:, 0].min():.6g} to "
+            f"{others[:, 1].max():.6g} s: stamps in another unit, or from another origin"
+        )  # fmt: skip
+        yield Finding("span", name, value, _SHARED, np.inf, fits, says)

@@ -27,6 +27,7 @@ QUICK: dict[str, dict[str, Value]] = {
     "03": {"runs": 40, "tuning_runs": 4, "networks": 40},
     "04": {"runs": 64, "other_runs": 40, "speed": 6.0, "most_clusters": 8},
     "05": {"routes": 5, "draws": 2, "sweep_draws": 2, "recorded_draws": 2},
+    "06": {"trials": 2, "runs": 8},
     "61": {"tolerance": 1.0},
     "62": {"tolerance": 0.01},
     "63": {"tolerance": 5.0},
@@ -38,7 +39,7 @@ QUICK: dict[str, dict[str, Value]] = {
 }
 
 
-LONG = {"00", "01", "02", "03", "04", "05", "62", "71", "72"}
+LONG = {"00", "01", "02", "03", "04", "05", "06", "62", "71", "72"}
 SPY = """\
 import os, sys
 def _hook(event, args, log=open({log!r}, "w", buffering=1)):

@@ -23,7 +23,7 @@ COLOURED = "loosely coupled, coloured fixes"
 def test_a_line_gives_position_and_velocity_of_a_straight_way_between_its_rows_alone() -> None:
     time = np.arange(0.0, 2.0, 0.02)
     track = np.column_stack([1 + 3 * time, 2 - time])
-    found = line_through(time, track, np.array([0.5, 1.013, 3.0]))
+    found = line_through(time, track, np.array([0.5, 1.013, 3.0]), 0.075)
     assert found[:2] == pytest.approx(np.array([[2.5, 1.5, 3, -1], [4.039, 0.987, 3, -1]]))
     assert np.isnan(found[2]).all()
 

@@ -139,6 +139,14 @@ def test_what_is_wrong_is_told_with_file_column_and_row(
     assert str(error.value).endswith(".")
 
 
+def test_a_file_with_a_header_alone_is_refused(tmp_path: Path) -> None:
+    make_csv(tmp_path)
+    path = tmp_path / "odometry.csv"
+    path.write_text(path.read_text().partition("\n")[0] + "\n")
+    with pytest.raises(InswsnError, match=r"odometry.csv: it has a header and no rows"):
+        recordings.load("csv", tmp_path)
+
+
 def test_a_description_that_is_no_mapping_is_refused(tmp_path: Path) -> None:
     make_csv(tmp_path)
     (tmp_path / "recording.yaml").write_text("- a walk\n")
@@ -166,7 +174,6 @@ def test_a_folder_with_nothing_is_refused(tmp_path: Path) -> None:
         recordings.load("csv", tmp_path)
     (tmp_path / "walk.csv").write_text("time_s\n1\n")
     (tmp_path / "anchors.csv").write_text("anchor,x_m,y_m\nA,1,2\n")
-    (tmp_path / "odometry.csv").write_text("time_s,speed_mps,rate_radps\n")
     with pytest.raises(InswsnError, match=f"{tmp_path.name} {said}"):
         recordings.load("csv", tmp_path)
     (tmp_path / "odometry.csv").write_text("")

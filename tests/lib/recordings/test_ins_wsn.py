@@ -343,6 +343,55 @@ def test_the_jitter_is_the_standard_deviation_from_the_grid(path: Path) -> None:
     assert read_recording(write(path, made)).jitter == pytest.approx(0.01, rel=1e-3)
 
 
+def uneven(seed: int, gaps: tuple[int, ...] = ()) -> pd.DataFrame:
+    """Return a steady acceleration, stamps 80 ms off, an INS of constant error, some rows gone."""
+    time = PERIOD * np.arange(120) + np.random.default_rng(seed).uniform(-0.08, 0.08, 120)
+    truth = accelerated(time)
+    made = pd.DataFrame(
+        np.column_stack([time, np.add(truth, [1.0, -2.0, 0.0, 0.0]), truth]),
+        columns=[TIME, *INS, *WSN],
+    )
+    return made.drop(index=list(gaps))
+
+
+def accelerated(time: np.ndarray) -> np.ndarray:
+    return np.column_stack([0.15 * time**2, 2 * time - 0.05 * time**2, 0.3 * time, 2 - 0.1 * time])
+
+
+@pytest.mark.parametrize("gaps", [(), tuple(range(40, 60))])
+def test_uneven_stamps_are_resampled_if_that_is_asked(path: Path, gaps: tuple[int, ...]) -> None:
+    """Cubic polynomials are exact for a steady acceleration, and so is what a fix differs by."""
+    write(path, uneven(1, gaps))
+    with pytest.raises(InswsnError, match=r"off an even grid .* resample=True"):
+        read_recording(path)
+    read = read_recording(path, resample=True)
+    assert read.resampled
+    assert np.ptp(np.diff(read.time)) < 1e-9
+    assert read.period == pytest.approx(PERIOD, rel=0.05)
+    there = ~np.isnan(read.ins).any(axis=1)
+    assert there.mean() > (0.8 if gaps else 0.99)
+    error = read.ins - accelerated(read.time) - [1.0, -2.0, 0.0, 0.0]
+    assert np.nanmax(np.abs(error[1:-1])) < 1e-9
+    fixed = ~np.isnan(read.wsn).any(axis=1)
+    assert fixed.sum() > 0.6 * (120 - len(gaps))
+    measured = read.measurements[fixed, :, 0]
+    assert np.abs(measured - [1.0, -2.0, 0.0, 0.0]).max() < 1e-9
+    assert 0.02 < read.jitter < PERIOD / 2
+    if gaps:
+        [(first, last)] = read.outages
+        assert (last - first) * read.period == pytest.approx(20 * PERIOD, abs=2 * PERIOD)
+
+
+def test_even_stamps_are_resampled_onto_themselves(path: Path) -> None:
+    made = write(path, table())
+    read, other = read_recording(made, resample=True), read_recording(made)
+    assert not other.resampled
+    assert read.ins == pytest.approx(other.ins)
+    assert read.wsn == pytest.approx(other.wsn)
+    assert read.reference == pytest.approx(other.reference)
+    assert read.jitter == pytest.approx(0.0, abs=1e-9)
+
+
 @pytest.mark.parametrize(("rate", "gap"), [(30, 0), (60, 60), (30, 1700), (30, 1850)])
 def test_time_stamps_rounded_to_milliseconds(path: Path, rate: int, gap: int) -> None:
     made = table(200)

@@ -18,7 +18,7 @@ from inswsn_lib.recordings import Finding, check_set_up, verdict
 from inswsn_lib.streams import Fixes, Imu, Ranges, Recording
 
 NAMES = {"unit", "repeats", "gaps", "axes", "gravity", "time", "mounting", "place", "bias", "scale",
-         "lever arm", "frame", "odometry"}  # fmt: skip
+         "lever arm", "frame", "odometry", "span"}  # fmt: skip
 
 
 @cache
@@ -49,7 +49,7 @@ def test_a_right_set_up_is_told_with_all_that_was_looked_at() -> None:
     assert {found.name for found in check_set_up(room(0))} == NAMES - {"odometry"}
     assert {found.name for found in check_set_up(made_drive(0))} == {
         "repeats", "gaps", "unit", "axes", "time", "place", "bias", "scale", "lever arm", "frame",
-        "odometry",
+        "odometry", "span",
     }  # fmt: skip
 
 
@@ -267,3 +267,41 @@ def test_too_short_recordings_make_no_error() -> None:
         assert wrong(findings) == []
     assert check_set_up(Recording("empty")) == []
     assert ROOM.shape == (8, 3)
+
+
+def test_a_reference_of_one_row_tells_as_much_as_none() -> None:
+    right = made_drive(1)
+    assert right.reference is not None
+    alone = replace(right, reference=right.reference.part(end=0.05))
+    told, without = (check_set_up(each) for each in (alone, right.without("reference")))
+    assert [(f.name, f.subject, f.fits) for f in told] == [
+        (f.name, f.subject, f.fits) for f in without
+    ]
+
+
+def test_a_stream_in_milliseconds_is_at_another_time() -> None:
+    right = made_drive(1)
+    assert right.odometry is not None
+    late = replace(right.odometry, time=1000 * right.odometry.time)
+    found = {f.subject: f for f in check_set_up(replace(right, odometry=late)) if f.name == "span"}
+    assert {name: each.fits for name, each in found.items()} == {
+        "odometry": False, "ranges": True, "reference": True,
+    }  # fmt: skip
+    assert found["odometry"].value == pytest.approx((119.9 - 100) / 119_800, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("velocity", "value"),
+    [([6.0, 2.0], 0.0), ([2.0, 6.0], np.sqrt(0.8)), ([18.0, 6.0], 2 / 3), ([-6.0, -2.0], 2.0)],
+)
+def test_fixes_move_as_their_velocities_say(velocity: list[float], value: float) -> None:
+    """A straight way at (6, 2) m/s."""
+    time = np.arange(0.0, 60.0, 0.25)
+    told = np.tile(velocity, (len(time), 1))
+    fixes = Fixes(time, np.outer(time, [6.0, 2.0]), velocity=told)
+    [found] = [f for f in check_set_up(Recording("car", fixes=fixes)) if f.name == "itself"]
+    assert found.value == pytest.approx(value, abs=1e-6)
+    assert found.fits is bool(value == 0)
+    still = replace(fixes, position=0 * fixes.position, velocity=0 * told)
+    [found] = [f for f in check_set_up(Recording("car", fixes=still)) if f.name == "itself"]
+    assert found.fits is None

@@ -18,7 +18,7 @@ GRAVITY = 9.80665
 
 
 def motion(time: Array, still: bool = False) -> tuple[Array, Rotation]:
-    """A tag carried about a room, turned to and fro about all axes; or one that is at rest."""
+    """Move a tag about a room, turned to and fro about all axes; or leave it at rest."""
     t = np.zeros_like(time) if still else time
     place = np.column_stack(
         [
@@ -93,7 +93,7 @@ def made_imu(
     mounted: Any = None,
     noise: float = 0.01,
 ) -> Imu:
-    """The IMU of the same body; its axes are turned, and its stamps late."""
+    """Make the IMU of the same body; its axes are turned, and its stamps late."""
     rng = np.random.default_rng(seed + 1000)
     time, step = np.arange(0.0, seconds, 0.01), 1e-3
     _, before = motion(time - step)
@@ -109,7 +109,7 @@ def made_imu(
 
 
 def made_drive(seed: int, *, seconds: float = 120.0, noise: float = 0.1) -> Recording:
-    """A vehicle in the plane with odometry, ranges, and a reference with a heading."""
+    """Make a vehicle in the plane with odometry, ranges, and a reference with a heading."""
     rng = np.random.default_rng(seed)
     time = np.arange(0.0, seconds, 0.1)
     speed, rate = 2 + np.sin(0.3 * time), 0.4 * np.sin(0.17 * time) + 0.2

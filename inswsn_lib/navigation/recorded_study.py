@@ -1,0 +1,348 @@
+"""All that chapter 06 tells of recordings, as tables that can be kept."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from scipy.spatial.transform import Rotation
+
+from inswsn_lib import recordings
+from inswsn_lib.calibration import calibrate
+from inswsn_lib.checks import Array
+from inswsn_lib.errors import InswsnError
+from inswsn_lib.navigation.recorded_clusters import RecordedClusters
+from inswsn_lib.navigation.recorded_outages import RecordedOutages
+from inswsn_lib.recordings import FixesContest, PlanarContest, RecordedContest
+from inswsn_lib.recordings.contest import COLOURED
+from inswsn_lib.recordings.estimates import of_solution, scores, tag_track, unlikely
+from inswsn_lib.streams import Recording
+
+Tables = dict[str, pd.DataFrame]
+
+TIGHT = "tightly coupled, coloured ranges"
+_FORM = 1
+_LAG = 10.0  # s, to which autocorrelations are taken
+# told a tight filter beside the tuned numbers: errors that soon fade
+_FADING = (0.02, 0.001, 0.05, 0.05, 0.5, 0.02)
+_BOUND = 0.2  # m
+
+
+@dataclass(frozen=True, eq=False)
+class RecordedStudy:
+    """The filters of this package on five recordings, tuned on the first part of each.
+
+    Attributes
+    ----------
+    trials : int
+        Of the search for the numbers of each filter.
+    cache : Path, optional
+        Where the recordings are kept; the user's cache by default.
+
+    Raises
+    ------
+    InswsnError
+        If a recording cannot be had (`RecordingUnavailableError`).
+
+    Examples
+    --------
+    >>> from unittest.mock import patch
+    >>> from inswsn_lib.navigation import RecordedStudy
+    >>> with patch.dict("os.environ", INSWSN_DATA="nowhere"):
+    ...     RecordedStudy().tables()  # doctest: +ELLIPSIS
+    Traceback (most recent call last):
+    ...
+    inswsn_lib.recordings.files.RecordingUnavailableError: INSWSN_DATA is ...
+    """
+
+    trials: int = 24
+    cache: Path | None = None
+
+    @cached_property
+    def room(self) -> RecordedContest:
+        """A tag that is carried in a room."""
+        return RecordedContest(self._load("inrol/1"), trials=self.trials)
+
+    @cached_property
+    def planar(self) -> dict[str, PlanarContest]:
+        """A mower, and a robot in a labyrinth."""
+        return {
+            "plaza/2": PlanarContest(
+                self._load("plaza/2"), 1.0, alignment=40.0, trials=self.trials
+            ),
+            "labyrinth/1": PlanarContest(
+                self._load("labyrinth/1"), 1.0, alignment=5.0, trials=self.trials
+            ),
+        }
+
+    @cached_property
+    def outages(self) -> dict[str, RecordedOutages]:
+        """In the room, on foot and by car."""
+        walk, car = self._load("rtklib/walk-0827"), self._load("rtklib/drive-0708")
+        return {
+            "inrol/1": RecordedOutages(self.room),
+            "rtklib/walk-0827": RecordedOutages(FixesContest(walk, trials=self.trials), 10.0, 3.0),
+            "rtklib/drive-0708": RecordedOutages(
+                FixesContest(car, alignment=60.0, trials=self.trials), 20.0, 8.0
+            ),
+        }
+
+    def tables(self) -> Tables:
+        """Return everything, by the names of the sections of chapter 06."""
+        clusters = RecordedClusters(self.room)
+        found = {
+            "errors": self._errors(),
+            "bias": self._biases(),
+            "inrol/1": self.room.table(),
+            "smoother": self._smoother(),
+            "tight": self._tight(),
+            "track": self._track(),
+            "clusters": clusters.table(),
+            "autocorrelation": self._autocorrelations(),
+            "facts": self._facts(clusters),
+        }
+        found |= {name: contest.table() for name, contest in self.planar.items()}
+        for name, each in self.outages.items():
+            lengths = (2.0, 5.0, 10.0) if each.longest == 10 else (2.0, 5.0, 10.0, 20.0)
+            found[f"outages {name}"] = each.table(lengths)
+            found[f"profiles {name}"] = _profiles(each)
+        return found
+
+    def _load(self, name: str) -> Recording:
+        return recordings.load(name, cache=self.cache)
+
+    def _errors(self) -> pd.DataFrame:
+        """Return the errors of the network in the room, over the whole recording."""
+        rows = self.room.usable
+        apart = (self.room.network.state - self.room.truth)[rows]
+        table = pd.DataFrame(apart, columns=["x", "y", "vx", "vy"])
+        return table.assign(time=self.room.fixes.time[rows] - self.room.fixes.time[0])
+
+    def _biases(self) -> pd.DataFrame:
+        """Return the bias of each anchor by the first part and by the rest, m."""
+        recording, split = self.room.recording, self.room.split
+        parts = {"first": recording.part(end=split), "rest": recording.part(begin=split)}
+        columns: dict[str, dict[str, float]] = {}
+        for part, each in parts.items():
+            told = calibrate(each, ["bias"]).told
+            columns[part] = {name: value for name, (value, _) in told.items()}
+            columns[f"{part} deviation"] = {name: sd for name, (_, sd) in told.items()}
+        return pd.DataFrame(columns).sort_index()
+
+    def _smoother(self) -> pd.DataFrame:
+        """Return the smoothers over the causal filter, and the filters over each other."""
+        pairs = {
+            "smoother": COLOURED,
+            "fixed-lag smoother, 2 s": COLOURED,
+            TIGHT: COLOURED,
+            COLOURED: "KF",
+            "HF": "KF",
+        }
+        rows = {}
+        for name, other in pairs.items():
+            found = self.room.compare(name, other)
+            row: dict[str, Any] = {"over": other}
+            for of, values in found.items():
+                ends = ("ratio", "low", "high")
+                row |= {f"{of}_{end}": value for end, value in zip(ends, values, strict=True)}
+            rows[name] = row
+        return pd.DataFrame(rows).T
+
+    def _tight(self) -> pd.DataFrame:
+        """Return the tight filter over the loose one as causes of its errors are taken away.
+
+        What is taken away is known from the reference: these are experiments, not filters.
+        """
+        room, ranges = self.room, self.room.heard
+        point = calibrate(
+            room.recording.part(end=room.split), ["bias", "lever arm"]
+        ).state.lever_arm
+        true, other = (self._distances(arm) for arm in (room.recording.lever_arm, point))
+        error, left = ranges.distance - true, ranges.distance - other
+        middle = pd.Series(left).groupby(ranges.anchor).transform("median").to_numpy()
+        shuffled = (
+            pd.Series(error)
+            .groupby(ranges.anchor)
+            .transform(lambda each: np.random.default_rng(0).permutation(each.to_numpy()))
+        )
+        kinds = {
+            "as recorded": error,
+            "without what is beyond 0.2 m": np.clip(error, -_BOUND, _BOUND),
+            "of the point of the body that the ranges see": left,
+            "both, and without a bias of an anchor": np.clip(left - middle, -_BOUND, _BOUND),
+            "in another order": shuffled.to_numpy(),
+        }
+        return pd.DataFrame({n: self._tight_row(true + each) for n, each in kinds.items()}).T
+
+    def _tight_row(self, distance: Array) -> dict[str, float]:
+        """Return the tight filter over the loose one for these ranges, the likelier of two told."""
+        room = self.room
+        heard = replace(room.heard, distance=distance)
+        contest = replace(room, recording=replace(room.recording, ranges=heard))
+        loss = unlikely(contest.tight, contest.split)
+        told = min([room.tuned[TIGHT].best, _FADING], key=lambda numbers: loss(*numbers))
+        solutions = contest.tight(*told), contest.loose(*room.tuned[COLOURED].best)
+        rows, lever_arm = contest.judged, room.recording.lever_arm
+        tight, loose = (of_solution(s, lever_arm, contest.fixes.time).part(rows) for s in solutions)
+        truth = contest.truth[rows]
+        row = scores(tight, truth, loose.state - truth, room.period)
+        kept = {end: row[f"position_{end}"] for end in ("ratio", "low", "high")}
+        return {"position": row["position"], **kept, "correlation time": told[4]}
+
+    def _distances(self, arm: Array) -> Array:
+        """Return the true distances of a point of the body to the anchors that were heard."""
+        ranges = self.room.heard
+        time, track = tag_track(replace(self.room.recording, lever_arm=arm))
+        place = np.column_stack([np.interp(ranges.time, time, x) for x in track.T])
+        return np.asarray(np.linalg.norm(place - ranges.anchors[ranges.anchor], axis=1))
+
+    def _track(self) -> pd.DataFrame:
+        """Return where the tag was in the judged part, by truth, network and filter."""
+        rows = self.room.judged
+        states = {
+            "reference": self.room.truth, "network": self.room.network.state,
+            "filter": self.room.estimates[COLOURED].state,
+        }  # fmt: skip
+        columns = {
+            f"{name} {axis}": state[rows, k]
+            for name, state in states.items()
+            for k, axis in enumerate("xy")
+        }
+        return pd.DataFrame({"time": self.room.fixes.time[rows]} | columns)
+
+    def _autocorrelations(self) -> pd.DataFrame:
+        """Return those of fix errors along an axis, mean of both, by recording and lag."""
+        room = self.room
+        series = {"inrol/1": (room.period, (room.network.state - room.truth)[:, :2])}
+        for name, contest in self.planar.items():
+            series[name] = contest.window, contest.fixes.position - contest.truth
+        columns = {}
+        for name, (period, errors) in series.items():
+            lags = np.arange(round(_LAG / period) + 1)
+            columns[name] = pd.Series(
+                [_correlation(errors, int(lag)) for lag in lags], index=np.round(lags * period, 6)
+            )
+        return pd.DataFrame(columns)
+
+    def _facts(self, clusters: RecordedClusters) -> pd.DataFrame:
+        """Return single numbers by name."""
+        room = self.room
+        fixes = np.asarray(np.isfinite(room.fixes.position).all(axis=1))
+        x, y = clusters.correlation
+        facts = {
+            "room seconds": float(np.ptp(room.fixes.time)),
+            "room fixes": len(fixes),
+            "room fixes missing": int((~fixes).sum()),
+            "room judged": int(room.judged.sum()),
+            "room split": room.split - float(room.fixes.time[0]),
+            "room attitude jumps": _jumps(room.recording),
+            "clusters correlation x": x,
+            "clusters correlation y": y,
+            "trials": self.trials,
+        }
+        for name, each in self.outages.items():
+            facts[f"outages {name}"] = len(each.starts)
+        for name, contest in self.planar.items():
+            facts[f"judged {name}"] = int(contest.judged.sum())
+        return pd.DataFrame({"value": facts})
+
+
+def write_tables(tables: Mapping[str, pd.DataFrame], **facts: Any) -> str:
+    """Return tables as JSON, with facts about where they come from.
+
+    Parameters
+    ----------
+    tables : mapping of str to DataFrame
+    **facts
+        What JSON can hold.
+
+    Examples
+    --------
+    >>> import pandas as pd
+    >>> from inswsn_lib.navigation import write_tables
+    >>> print(write_tables({"one": pd.DataFrame({"a": [0.1]})}, day="today"), end="")
+    {"form":1,"facts":{"day":"today"},"tables":{"one":{"index":[0],"columns":["a"],"data":[[0.1]]}}}
+    """
+    content = {
+        name: {
+            "index": table.index.tolist(),
+            "columns": table.columns.tolist(),
+            "data": [[_plain(cell) for cell in row] for row in table.to_numpy(dtype=object)],
+        }
+        for name, table in tables.items()
+    }
+    whole = {"form": _FORM, "facts": facts, "tables": content}
+    return json.dumps(whole, separators=(",", ":")) + "\n"
+
+
+def read_tables(path: Path) -> tuple[Tables, dict[str, Any]]:
+    """Return what a file keeps of `write_tables`: the tables, and the facts.
+
+    Parameters
+    ----------
+    path : Path
+
+    Raises
+    ------
+    InswsnError
+        If it holds something else.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> import pandas as pd
+    >>> from inswsn_lib.navigation import read_tables, write_tables
+    >>> with TemporaryDirectory() as folder:
+    ...     path = Path(folder, "kept.json")
+    ...     _ = path.write_text(write_tables({"one": pd.DataFrame({"a": [0.1]})}, day="today"))
+    ...     read_tables(path)[0]["one"].loc[0, "a"]
+    0.1
+    """
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+        if content["form"] != _FORM:
+            raise ValueError(content["form"])
+        tables = {name: pd.DataFrame(**each) for name, each in content["tables"].items()}
+        return tables, dict(content["facts"])
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        raise InswsnError(f"{path} does not hold the tables of a study of recordings.") from None
+
+
+def _plain(cell: Any) -> Any:
+    """Return a cell as JSON can hold it, to ten digits."""
+    if isinstance(cell, str | bool | np.bool_):
+        return cell if isinstance(cell, str) else bool(cell)
+    return None if np.isnan(cell) else float(f"{float(cell):.10g}")
+
+
+def _profiles(outages: RecordedOutages) -> pd.DataFrame:
+    """Return the RMS error of each method by the time without fixes, s."""
+    everything = outages.errors | outages.oracles
+    time = outages.contest.fixes.time
+    passed = (1 + np.arange(outages.steps)) * float(np.median(np.diff(time)))
+    return pd.DataFrame(
+        {n: np.sqrt(np.nanmean(np.square(e), axis=0)) for n, e in everything.items()},
+        index=np.round(passed, 4),
+    )
+
+
+def _correlation(errors: Array, lag: int) -> float:
+    """Return the autocorrelation of errors (n, 2) about their means at a lag, mean of both axes."""
+    apart = errors - np.nanmean(errors, axis=0)
+    products = apart[lag:] * apart[: len(apart) - lag]
+    return float(np.mean(np.nanmean(products, axis=0) / np.nanmean(np.square(apart), axis=0)))
+
+
+def _jumps(recording: Recording) -> int:
+    """Return how often the reference's attitude turns by more than 5 degrees from row to row."""
+    assert recording.reference is not None
+    assert recording.reference.attitude is not None
+    turned = Rotation.from_quat(recording.reference.attitude)
+    return int(np.sum((turned[:-1].inv() * turned[1:]).magnitude() > np.deg2rad(5)))

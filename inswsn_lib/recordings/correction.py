@@ -1,0 +1,414 @@
+"""A filter of any recording with an IMU or odometry, and fixes or ranges, that starts by itself."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, Protocol
+
+import numpy as np
+
+from inswsn_lib.checks import Array, Mask
+from inswsn_lib.errors import InswsnError
+from inswsn_lib.estimation import (
+    ImuNoise,
+    InertialMotion,
+    OdometryMotion,
+    OdometryNoise,
+    PlanarState,
+    PositionFixes,
+    RangesToAnchors,
+    Solution,
+    Start,
+    align,
+    multilaterate_track,
+    run_error_state,
+    slope_velocity,
+)
+from inswsn_lib.recordings.contest import GATE, UP, WALKS
+from inswsn_lib.streams import Fixes, Ranges, Recording, Whole
+
+_PERIODS = (0.2, 0.5, 1.0, 2.0)  # s, of fixes by ranges: the first in which most have one
+_MOST_FIXES = 0.5  # of the intervals, that must have one
+_LASTING = 3.0  # s, of the coloured errors of fixes at the begin of the search
+_OF_SECOND_DIFFERENCES = 1.4826 / np.sqrt(6)  # from their median size to a deviation
+_LEAST = 1e-3  # m, of a deviation
+# Of the odometry: the bias of each anchor's ranges is a number, their common scale is not
+_SCALE, _ODOMETRY_WALKS = 0.1, (1e-4, 1e-4)
+_HEADINGS = 8
+_TURNED, _SCALED, _DRIFTING = 0.4, 0.2, 0.05  # rad, 1, rad/s: at the start of odometry
+
+
+class Correction(Protocol):
+    """What corrects a motion by a network, with some numbers that are tuned."""
+
+    @property
+    def recording(self) -> Recording:
+        """What is corrected."""
+
+    @property
+    def fixes(self) -> Fixes:
+        """The network."""
+
+    @property
+    def start(self) -> Start:
+        """Where the filter starts."""
+
+    @property
+    def known(self) -> float:
+        """From when the start is known well enough to judge, s."""
+
+    @property
+    def lever_arm(self) -> Array:
+        """From what moves to the tag, m."""
+
+    @property
+    def begins(self) -> list[tuple[float, ...]]:
+        """The numbers at which searches begin; the most likely of what they find is taken."""
+
+    @property
+    def stated(self) -> int:
+        """Of how many of x, y, vx, vy the filter states the errors."""
+
+    def run(self, *numbers: float, end: float = np.inf) -> Solution:
+        """Run the filter, which has an event at the time of each fix."""
+
+    def series(self, solution: Solution) -> Whole:
+        """Return of which series each component of the innovations is: an axis, or an anchor."""
+
+    def without(self, withheld: Mask) -> Any:
+        """Return the same without some fixes."""
+
+
+@dataclass(frozen=True, eq=False)
+class InertialCorrection:
+    """An INS, loosely coupled to fixes whose errors are white, or white and coloured.
+
+    Its numbers are those of `ImuNoise`, force and rate, and the deviation of the white errors of
+    fixes to the side, m; then, if some are coloured, their deviation, m, and correlation time, s.
+
+    Attributes
+    ----------
+    recording : Recording
+        With an IMU.
+    fixes : Fixes
+        With velocities, in three dimensions.
+    alignment : float
+        For how long after the first fix the start is aligned, s.
+    """
+
+    recording: Recording
+    fixes: Fixes
+    alignment: float
+
+    @property
+    def lever_arm(self) -> Array:
+        """From the IMU to the tag, (3,), m."""
+        return self.recording.lever_arm
+
+    @property
+    def stated(self) -> int:
+        """Of how many of x, y, vx, vy the filter states the errors: of all."""
+        return 4
+
+    @property
+    def known(self) -> float:
+        """The end of the alignment, s."""
+        return self.start.time
+
+    @cached_property
+    def begins(self) -> list[tuple[float, ...]]:
+        """The numbers at which searches begin: with white errors, and with coloured ones, too."""
+        return _begins((0.02, 0.002), self.fixes)
+
+    @cached_property
+    def start(self) -> Start:
+        """Where the filter starts, by an alignment in motion."""
+        first = first_fix(self.fixes)
+        white = PositionFixes(self.fixes, self.lever_arm, deviation_of(self.fixes) * UP)
+        return align(
+            self._motion(*self.begins[0][:2]), [white], first - 0.1, first + self.alignment
+        )
+
+    def run(self, *numbers: float, end: float = np.inf) -> Solution:
+        """Run the filter, which has an event at the time of each fix.
+
+        Parameters
+        ----------
+        numbers : float
+        end : float
+            When the data end, s.
+        """
+        force, rate, white, *colour = numbers
+        colours = _colour(colour, UP)
+        observed = PositionFixes(self.fixes, self.lever_arm, white * UP, *colours)
+        return run_error_state(self._motion(force, rate), self.start, [observed], end=end)
+
+    def series(self, solution: Solution) -> Whole:
+        """Return of which axis each component of the innovations is."""
+        return axes_of(self.fixes, self.start, solution)
+
+    def without(self, withheld: Mask) -> InertialCorrection:
+        """Return the same without some fixes; it starts where this one does."""
+        found = replace(self, fixes=_without(self.fixes, withheld))
+        vars(found).update(start=self.start, begins=self.begins)
+        return found
+
+    def _motion(self, force: float, rate: float) -> InertialMotion:
+        assert self.recording.imu is not None
+        return InertialMotion(self.recording.imu, ImuNoise(force, rate, *WALKS))
+
+
+@dataclass(frozen=True, eq=False)
+class OdometryCorrection:
+    """Dead reckoning on a plane, with fixes, or tightly coupled with ranges.
+
+    Its numbers are those of `OdometryNoise`, speed and rate; then with fixes as those of
+    `InertialCorrection`, with ranges the deviations of white errors and of a bias of each anchor,
+    m. Ranges have a common scale as a state.
+
+    Attributes
+    ----------
+    recording : Recording
+        With odometry.
+    fixes : Fixes
+        With velocities; if there are ranges, made of them.
+    ranges : Ranges or None
+        On the plane.
+    alignment : float
+        By how much of the data the heading is chosen at which the filter starts, s.
+    """
+
+    recording: Recording
+    fixes: Fixes
+    ranges: Ranges | None
+    alignment: float
+
+    @property
+    def lever_arm(self) -> Array:
+        """From what moves to the tag, (2,), m."""
+        return self.recording.lever_arm[:2]
+
+    @property
+    def stated(self) -> int:
+        """Of how many of x, y, vx, vy the filter states the errors: the speed is no state."""
+        return 2
+
+    @property
+    def known(self) -> float:
+        """When the data end by which the heading was chosen, s."""
+        return self.start.time + self.alignment
+
+    @cached_property
+    def begins(self) -> list[tuple[float, ...]]:
+        """The numbers at which searches begin."""
+        if self.ranges is not None:
+            return [(0.05, 0.02, 0.2, 0.2)]
+        return _begins((0.05, 0.02), self.fixes)
+
+    @cached_property
+    def start(self) -> Start:
+        """The most likely of some headings, at the first fix."""
+        first = first_fix(self.fixes)
+        place = self.fixes.position[self.fixes.time == first][0, :2]
+        far = 3 * deviation_of(self.fixes) + float(np.linalg.norm(self.lever_arm))
+        P = np.diag(np.square([far, far, _TURNED, _SCALED, _DRIFTING]))
+        starts = [
+            Start(first, PlanarState(place, heading), P)
+            for heading in np.linspace(-np.pi, np.pi, _HEADINGS, endpoint=False)
+        ]
+        return max(
+            starts,
+            key=lambda s: self._run(s, self.begins[0], first + self.alignment).log_likelihood,
+        )
+
+    def run(self, *numbers: float, end: float = np.inf) -> Solution:
+        """Run the filter, which has an event at the time of each fix.
+
+        Parameters
+        ----------
+        numbers : float
+        end : float
+            When the data end, s.
+        """
+        return self._run(self.start, numbers, end)
+
+    def series(self, solution: Solution) -> Whole:
+        """Return of which axis, or anchor, each component of the innovations is."""
+        if self.ranges is None:
+            return axes_of(self.fixes, self.start, solution)
+        return self.ranges.anchor[self.ranges.time > self.start.time]
+
+    def without(self, withheld: Mask) -> OdometryCorrection:
+        """Return the same without some fixes, or the ranges that they are made of."""
+        found = replace(self, fixes=_without(self.fixes, withheld))
+        if self.ranges is not None:
+            # the stamp of a fix is between those of its ranges
+            nearest = np.abs(self.ranges.time[:, None] - self.fixes.time).argmin(axis=1)
+            found = replace(found, ranges=_rows(self.ranges, ~withheld[nearest]))
+        vars(found).update(start=self.start, begins=self.begins)
+        return found
+
+    def _run(self, start: Start, numbers: Sequence[float], end: float) -> Solution:
+        assert self.recording.odometry is not None
+        speed, rate, white, *others = numbers
+        noise = OdometryNoise(speed, rate, *_ODOMETRY_WALKS)
+        observed: Any
+        if self.ranges is not None:
+            [bias] = others
+            observed = RangesToAnchors(self.ranges, self.lever_arm, white, bias=bias, scale=_SCALE)
+        else:
+            two = np.ones(2)
+            colours = _colour(others, two)
+            observed = PositionFixes(_planar(self.fixes), self.lever_arm, white * two, *colours)
+        # at the time of each fix the filter says where it is, whether it takes it or not
+        silent = Fixes(self.fixes.time, np.full((len(self.fixes), 2), np.nan))
+        events = PositionFixes(silent, self.lever_arm, np.ones(2))
+        motion = OdometryMotion(self.recording.odometry, noise)
+        return run_error_state(motion, start, [observed, events], end=end, gate=GATE)
+
+
+def correction_of(
+    recording: Recording, alignment: float
+) -> InertialCorrection | OdometryCorrection:
+    """Return the filter for the streams that there are.
+
+    Parameters
+    ----------
+    recording : Recording
+        Odometry comes before an IMU, ranges before fixes.
+    alignment : float
+        s.
+
+    Raises
+    ------
+    InswsnError
+        If there is nothing that moves, or no network while it does.
+    """
+    motion = recording.odometry if recording.odometry is not None else recording.imu
+    if motion is None or not len(motion):
+        raise InswsnError(
+            f"The recording {recording.name} has neither an IMU nor odometry: there is nothing to "
+            "correct fixes with."
+        )
+    whole = recording
+    recording = recording.part(float(motion.time[0]), float(np.nextafter(motion.time[-1], np.inf)))
+    fixes = network_of(recording)
+    if recording.odometry is not None:
+        ranges = recording.ranges
+        if ranges is not None and ranges.anchors.shape[1] > 2:
+            raise InswsnError(
+                f"The recording {whole.name} has odometry, which moves on a plane, and anchors in "
+                "three dimensions: leave out z_m, and have ranges along the plane."
+            )
+        return OdometryCorrection(recording, fixes, ranges, alignment)
+    if fixes.position.shape[1] < 3:
+        raise InswsnError(
+            f"The recording {whole.name} has an IMU, which moves in space, and a network on a "
+            "plane: give the third coordinate, z_m."
+        )
+    return InertialCorrection(recording, fixes, alignment)
+
+
+def network_of(recording: Recording) -> Fixes:
+    """Return what the network alone says: fixes as they are, or of ranges, with velocities.
+
+    Parameters
+    ----------
+    recording : Recording
+
+    Raises
+    ------
+    InswsnError
+        If there is no network, or too few ranges at a time.
+    """
+    if recording.ranges is not None and len(recording.ranges):
+        return slope_velocity(_fixes_of(recording.ranges))
+    fixes = recording.fixes
+    if fixes is None or not np.isfinite(fixes.position).all(axis=1).any():
+        raise InswsnError(
+            f"The recording {recording.name} has neither ranges nor fixes while it moves: there is "
+            "nothing to correct by."
+        )
+    return slope_velocity(fixes) if fixes.velocity is None else fixes
+
+
+def _fixes_of(ranges: Ranges) -> Fixes:
+    """Return fixes of the shortest intervals of which most have one."""
+    for period in _PERIODS:
+        fixes = multilaterate_track(ranges, period)
+        if np.isfinite(fixes.position).all(axis=1).mean() > _MOST_FIXES:
+            return fixes
+    raise InswsnError(
+        f"Too few anchors are heard at a time: most intervals of {_PERIODS[-1]:g} s have no fix."
+    )
+
+
+def first_fix(fixes: Fixes) -> float:
+    """Return when the first fix was, s."""
+    return float(fixes.time[np.isfinite(fixes.position).all(axis=1)][0])
+
+
+def deviation_of(fixes: Fixes) -> float:
+    """Return about how large the errors of fixes are, m.
+
+    What they say of themselves, or else what their second differences are if they move steadily.
+    """
+    if fixes.deviation is not None and np.isfinite(fixes.deviation).any():
+        return max(float(np.nanmedian(fixes.deviation[:, :2])), _LEAST)
+    there = np.isfinite(fixes.position).all(axis=1)
+    second = np.diff(fixes.position[there, :2], 2, axis=0)
+    if not len(second):
+        return 1.0
+    return max(float(_OF_SECOND_DIFFERENCES * np.median(np.abs(second))), _LEAST)
+
+
+def axes_of(fixes: Fixes, start: Start, solution: Solution) -> Whole:
+    """Return of which axis each component of the innovations of fixes is.
+
+    Parameters
+    ----------
+    fixes : Fixes
+    start : Start
+    solution : Solution
+    """
+    d = len(solution.states[0].position)
+    told = np.isfinite(fixes.position[:, :d])
+    return np.asarray(np.nonzero(told[fixes.time > start.time])[1], dtype=np.int64)
+
+
+def _begins(motion: tuple[float, float], fixes: Fixes) -> list[tuple[float, ...]]:
+    """Return the numbers of a filter on fixes with white errors, and with coloured ones, too."""
+    size = deviation_of(fixes)
+    return [(*motion, size), (*motion, size / 2, size, _LASTING)]
+
+
+def _colour(numbers: Sequence[float], axes: Array) -> list[Array]:
+    """Return deviations and correlation times by axis of coloured errors, if there are some."""
+    if not numbers:
+        return []
+    size, lasting = numbers
+    return [size * axes, np.full(len(axes), lasting)]
+
+
+def _planar(fixes: Fixes) -> Fixes:
+    return Fixes(fixes.time, fixes.position[:, :2])
+
+
+def _without(fixes: Fixes, withheld: Mask) -> Fixes:
+    """Return fixes of which some are NaN; those of which velocities are made are the others."""
+    position = np.where(withheld[:, None], np.nan, fixes.position)
+    velocity = fixes.velocity
+    if velocity is not None:
+        velocity = np.where(withheld[:, None], np.nan, velocity)
+    return replace(fixes, position=position, velocity=velocity)
+
+
+def _rows(ranges: Ranges, rows: Mask) -> Ranges:
+    return replace(
+        ranges,
+        time=ranges.time[rows],
+        anchor=ranges.anchor[rows],
+        distance=ranges.distance[rows],
+    )

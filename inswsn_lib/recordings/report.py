@@ -1,0 +1,337 @@
+"""What a reader is told of a recording: its set-up, a filter tuned on it, and how good that is."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pandas as pd
+
+from inswsn_lib.checks import Array, Mask
+from inswsn_lib.errors import InswsnError
+from inswsn_lib.estimation import Solution, smooth
+from inswsn_lib.evaluation import search_pattern
+from inswsn_lib.recordings.contest import TRIALS
+from inswsn_lib.recordings.correction import Correction, correction_of, network_of
+from inswsn_lib.recordings.estimates import (
+    Estimate,
+    normalised,
+    of_solution,
+    scores,
+    truth_at,
+    unlikely,
+)
+from inswsn_lib.recordings.filter_checks import (
+    check_errors,
+    check_innovations,
+    check_outliers,
+    inside,
+)
+from inswsn_lib.recordings.findings import FALSE_ALARM, Finding
+from inswsn_lib.recordings.report_words import of_set_up, sentence_of
+from inswsn_lib.recordings.set_up_checks import check_set_up
+from inswsn_lib.streams import Fixes, Recording
+
+_ALIGNMENT = 20.0  # s
+_RATIO = 2.0  # of the steps of a search
+_DEVIATIONS = 4  # of the numbers of a filter; a fifth is a time
+_FEWEST = 12  # fixes by which a track is judged
+_TRACK = ("x", "y", "vx", "vy")
+_SCORES = (
+    "position", "position_ratio", "position_low", "position_high",
+    "velocity", "velocity_ratio", "velocity_low", "velocity_high",
+)  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Report:
+    """What is told of a recording.
+
+    Attributes
+    ----------
+    findings : list of Finding
+        Of the set-up, as of `check_set_up`; then ``axes`` of a network that fits the motion better
+        if it is mirrored; then of the filter: ``start`` if it cannot start, ``outliers``, ``size``
+        (mean NIS of the others), ``colour`` and ``whiteness`` of the innovations, and ``errors``
+        (NEES) with a reference.
+    table : DataFrame
+        Rows ``network``, ``corrected`` and ``smoothed``: horizontal RMS errors ``position`` (m) and
+        ``velocity`` (m/s) in the second half; their ratios to the network's with intervals
+        (``position_ratio``, ``position_low``, ``position_high``, and of velocity). What cannot be
+        told is NaN.
+    judge : str
+        By what: ``reference``, ``withheld fixes``, whose own errors are in the numbers, or
+        ``nothing``.
+    sentence : str
+        What comes of it, with a warning where the filter is not consistent or does not help.
+    track : DataFrame
+        Corrected, at the times of fixes: ``time`` (s), ``x``, ``y`` (m) of the tag, ``vx``, ``vy``
+        (m/s), and the deviations that the filter states, ``sd_x`` and so on; by odometry it states
+        none of velocities. Without a filter it is the network's track.
+    numbers : tuple of float
+        Of the filter, as `InertialCorrection` and `OdometryCorrection` name them; empty without.
+    """
+
+    findings: list[Finding]
+    table: pd.DataFrame
+    judge: str
+    sentence: str
+    track: pd.DataFrame
+    numbers: tuple[float, ...] = ()
+
+
+def report(recording: Recording, *, alignment: float = _ALIGNMENT, trials: int = TRIALS) -> Report:
+    """Check a recording, correct its motion by its network, and tell how good that is.
+
+    Stamps are taken as they are. Ranges beside an IMU are made into fixes; beside odometry they are
+    taken one by one. The start is found from the data, without the reference. The few numbers of
+    the filter are tuned by the likelihood of its innovations in the first half of the recording,
+    with white and with coloured errors of fixes, and all is judged in the second half. Without a
+    reference every second fix of it is withheld, and errors are those there; the network has a line
+    between the fixes beside.
+
+    Parameters
+    ----------
+    recording : Recording
+        From `load`; of any streams.
+    alignment : float
+        By how much of the data the start is found, s.
+    trials : int
+        Of each search for the filter's numbers.
+
+    Returns
+    -------
+    Report
+
+    Raises
+    ------
+    InswsnError
+        If there is no network, or it has too few fixes.
+
+    Examples
+    --------
+    Fixes, and nothing to correct them with:
+
+    >>> import numpy as np
+    >>> from inswsn_lib import recordings, streams
+    >>> t = np.arange(60.0)
+    >>> fixes = streams.Fixes(time=t, position=np.column_stack([t, 0 * t, 0 * t]))
+    >>> print(recordings.report(streams.Recording("walk", fixes=fixes)).sentence)
+    The recording walk has neither an IMU nor odometry: there is nothing to correct fixes with.
+    """
+    findings = check_set_up(recording)
+    try:
+        filtered = correction_of(recording, alignment)
+        start = filtered.start
+    except InswsnError as error:
+        return _without_filter(recording, findings, str(error))
+    split = float(np.mean(filtered.fixes.time[[0, -1]]))
+    if not filtered.known < filtered.fixes.time[-1] or not start.time < split:
+        said = f"The start takes {alignment:g} s, more than half of the recording."
+        return _without_filter(recording, findings, said)
+    if not any(found.name == "axes" and found.fits for found in findings):
+        findings += _mirrored(recording, filtered, alignment, split)
+    numbers = _tuned(filtered, split, trials)
+    solution = filtered.run(*numbers)
+    corrected = of_solution(solution, filtered.lever_arm, filtered.fixes.time)
+    since = max(split, filtered.known)
+    findings += _of_innovations(filtered, solution, since)
+    judged = _by_reference if recording.reference is not None else _at_withheld
+    table, judge, more = judged(filtered, numbers, solution, since)
+    findings += more
+    return Report(
+        findings,
+        table,
+        judge,
+        sentence_of(findings, table, judge),
+        _track(filtered.fixes.time, corrected, filtered.stated),
+        numbers,
+    )
+
+
+def _tuned(filtered: Correction, end: float, trials: int) -> tuple[float, ...]:
+    """Return the most likely numbers: of those that searches find, times a common factor.
+
+    With all deviations times a factor the estimates are the same, and the likelihood is largest
+    where the mean NIS is 1.
+    """
+    loss = unlikely(filtered.run, end)
+    searches = [
+        search_pattern("filter", begin, [_RATIO] * len(begin), loss, most=trials)
+        for begin in filtered.begins
+    ]
+    best = min(searches, key=lambda search: search.loss).best
+    told = filtered.run(*best, end=end).innovations[0]
+    near = inside(told.values, told.deviations)
+    factor = float(np.sqrt(np.mean(told.squares[near]))) if near.any() else 1.0
+    return (*(factor * number for number in best[:_DEVIATIONS]), *best[_DEVIATIONS:])
+
+
+_Judged = tuple[pd.DataFrame, str, list[Finding]]
+
+
+def _by_reference(
+    filtered: Correction, numbers: Sequence[float], solution: Solution, since: float
+) -> _Judged:
+    """Judge by the reference."""
+    times = filtered.fixes.time
+    truth = truth_at(filtered.recording, times)
+    estimates = _estimates(filtered, solution) | {"network": _of_network(filtered.fixes)}
+    table = _table(estimates, truth, times > since, times)
+    corrected, told = estimates["corrected"], slice(0, filtered.stated)
+    assert corrected.covariance is not None  # a filter has it
+    errors = (corrected.state - truth)[:, told]
+    rows = (times > since) & np.isfinite(errors).all(axis=1)
+    if rows.sum() < _FEWEST:
+        return table, _judge(table, "reference"), []
+    squares = normalised(errors[rows], corrected.covariance[rows, told, told])
+    period = float(np.median(np.diff(times)))
+    return table, _judge(table, "reference"), [check_errors(squares, filtered.stated, period)]
+
+
+def _at_withheld(
+    filtered: Correction, numbers: Sequence[float], solution: Solution, since: float
+) -> _Judged:
+    """Judge by fixes that the filter does not get."""
+    network = filtered.fixes
+    rows = withheld_rows(network, since)
+    truth = np.hstack([network.position[:, :2], np.full((len(network), 2), np.nan)])
+    other = filtered.without(rows)
+    there = np.isfinite(other.fixes.position).all(axis=1)
+    line = [
+        np.interp(network.time, network.time[there], x) for x in other.fixes.position[there, :2].T
+    ]
+    alone = Estimate(np.column_stack([*line, truth[:, 2:]]))
+    estimates = _estimates(other, other.run(*numbers)) | {"network": alone}
+    table = _table(estimates, truth, rows, network.time)
+    return table, _judge(table, "withheld fixes"), []
+
+
+def _judge(table: pd.DataFrame, by: str) -> str:
+    return "nothing" if table.isna().all(axis=None) else by
+
+
+def _estimates(filtered: Correction, solution: Solution) -> dict[str, Estimate]:
+    times, arm = filtered.fixes.time, filtered.lever_arm
+    return {
+        "corrected": of_solution(solution, arm, times),
+        "smoothed": of_solution(smooth(solution), arm, times),
+    }
+
+
+def _without_filter(recording: Recording, findings: list[Finding], said: str) -> Report:
+    """Return what can be told of the network alone."""
+    network = network_of(recording)
+    times, alone = network.time, _of_network(network)
+    table, judge = _table({}, np.empty((0, 4)), np.zeros(0, dtype=bool), times), "nothing"
+    if recording.reference is not None:
+        truth, half = truth_at(recording, times), times > float(np.mean(times[[0, -1]]))
+        table = _table({"network": alone}, truth, half, times)
+        judge = _judge(table, "reference")
+    start = Finding("start", "filter", np.nan, np.nan, np.nan, None, said.rstrip("."))
+    said = " ".join([*of_set_up(findings), said])
+    return Report([*findings, start], table, judge, said, _track(times, alone, 0))
+
+
+def _of_network(network: Fixes) -> Estimate:
+    assert network.velocity is not None  # `network_of` has it
+    return Estimate(np.hstack([network.position[:, :2], network.velocity[:, :2]]))
+
+
+def withheld_rows(network: Fixes, since: float) -> Mask:
+    """Return every second fix after a time, of those that are good if some are.
+
+    Parameters
+    ----------
+    network : Fixes
+    since : float
+        s.
+    """
+    rows = np.isfinite(network.position).all(axis=1) & (network.time > since)
+    rows &= np.arange(len(network)) % 2 == 1
+    return np.asarray(rows if network.good is None else rows & network.good)
+
+
+def _table(estimates: dict[str, Estimate], truth: Array, rows: Mask, times: Array) -> pd.DataFrame:
+    """Return the scores on the rows where all estimates and the truth say where the tag is."""
+    names = [name for name in ("network", "corrected", "smoothed") if name in estimates]
+    parts = [truth, *(estimates[name].state for name in names)]
+    # velocities count where everything has them
+    for d in (4, 2):
+        there = rows & np.isfinite(np.hstack([each[:, :d] for each in parts])).all(axis=1)
+        if there.sum() >= _FEWEST:
+            break
+    else:
+        return pd.DataFrame(np.nan, index=names, columns=list(_SCORES))
+    if d == 2:
+        truth = np.hstack([truth[:, :2], np.full((len(truth), 2), np.nan)])
+    errors = estimates["network"].state[there] - truth[there]
+    spacing = float(np.median(np.diff(times[there])))
+    found = {
+        name: scores(Estimate(estimates[name].state[there]), truth[there], errors, spacing)
+        for name in names
+    }
+    return pd.DataFrame(found).T[list(_SCORES)]
+
+
+def _mirrored(
+    recording: Recording, filtered: Correction, alignment: float, end: float
+) -> list[Finding]:
+    """Ask whether the motion fits the network better if that is mirrored."""
+    who = "network and motion"
+    straight = filtered.run(*filtered.begins[0], end=end)
+    try:
+        other = correction_of(_mirror(recording), alignment)
+        mirrored = other.run(*filtered.begins[0], end=end)
+    except InswsnError:
+        return []
+    gain = mirrored.log_likelihood - straight.log_likelihood
+    bound = float(-np.log(FALSE_ALARM))
+    if abs(gain) < bound:
+        says = "the motion turns too little to tell a mirrored network"
+        return [Finding("axes", who, gain, -np.inf, bound, None, says)]
+    says = "they turn to the same side"
+    if gain > 0:
+        says = "the network is mirrored, its x and y exchanged, or rates have the other sign"
+    return [Finding("axes", who, gain, -np.inf, bound, gain < 0, says)]
+
+
+def _mirror(recording: Recording) -> Recording:
+    """Return a recording whose network has the other sign of y."""
+    ranges, fixes = recording.ranges, recording.fixes
+    if ranges is not None:
+        ranges = replace(ranges, anchors=_other_side(ranges.anchors))
+    if fixes is not None:
+        velocity = None if fixes.velocity is None else _other_side(fixes.velocity)
+        fixes = replace(fixes, position=_other_side(fixes.position), velocity=velocity)
+    return replace(recording, ranges=ranges, fixes=fixes)
+
+
+def _other_side(vectors: Array) -> Array:
+    return np.asarray(vectors * np.array([1.0, -1.0, 1.0])[: vectors.shape[1]])
+
+
+def _of_innovations(filtered: Correction, solution: Solution, since: float) -> list[Finding]:
+    told = solution.innovations[0]
+    near = inside(told.values, told.deviations)
+    judged = told.time > since
+    sizes = np.array([len(value) for value in told.values])
+    rows = np.repeat(judged & near, sizes)
+    scaled = np.concatenate(told.values) / np.concatenate(told.deviations)
+    squares, series = np.repeat(told.squares, sizes), filtered.series(solution)
+    return [
+        check_outliers(near[judged]),
+        *check_innovations(squares[rows], scaled[rows], series[rows]),
+    ]
+
+
+def _track(times: Array, estimate: Estimate, stated: int) -> pd.DataFrame:
+    found = pd.DataFrame(estimate.state, columns=list(_TRACK))
+    found.insert(0, "time", times)
+    deviations = np.full_like(estimate.state, np.nan)
+    if estimate.covariance is not None:
+        variances = np.diagonal(estimate.covariance, axis1=1, axis2=2)
+        deviations[:, :stated] = np.sqrt(variances[:, :stated])
+    found[[f"sd_{name}" for name in _TRACK]] = deviations
+    return found.dropna(subset=["x", "y"]).reset_index(drop=True)

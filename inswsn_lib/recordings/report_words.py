@@ -1,0 +1,83 @@
+"""What a report says in words."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+
+from inswsn_lib.recordings.findings import Finding
+
+_OF_FILTER = ("outliers", "size", "colour", "whiteness", "errors")
+
+
+def of_set_up(findings: list[Finding]) -> list[str]:
+    """Return a sentence of what does not fit in the set-up, if anything."""
+    wrong = [f for f in findings if f.fits is False and f.name not in _OF_FILTER]
+    if not wrong:
+        return []
+    return [f"The set-up does not fit: {'; '.join(f'{f.subject}: {f.says}' for f in wrong)}."]
+
+
+def _of_filter(findings: list[Finding]) -> str:
+    """Return a sentence of whether the filter is consistent."""
+    told = [found for found in findings if found.name in _OF_FILTER]
+    wrong = [found for found in told if found.fits is False]
+    if wrong:
+        causes = "; ".join(f"{found.name} {found.value:.2g}: {found.says}" for found in wrong)
+        return f"Warning: the filter is not consistent ({causes})."
+    if all(found.fits is None for found in told):
+        return "Whether the filter is consistent cannot be told."
+    return "The filter is consistent."
+
+
+def sentence_of(findings: list[Finding], table: pd.DataFrame, judge: str) -> str:
+    """Return what comes of set-up, filter and errors, with warnings.
+
+    Parameters
+    ----------
+    findings : list of Finding
+    table : DataFrame
+    judge : str
+        As of `Report`.
+    """
+    said = [*of_set_up(findings), _of_filter(findings)]
+    if judge == "nothing":
+        return " ".join([*said, "How large the errors are cannot be told."])
+    said += _by_truth(table) if judge == "reference" else _by_withheld(table)
+    return " ".join(said)
+
+
+def _by_truth(table: pd.DataFrame) -> list[str]:
+    """Return whether the corrected track is better than the network."""
+    _, low, high = _interval(table, "position")
+    what = (
+        "better than" if high < 1 else "worse than" if low > 1 else "neither better nor worse than"
+    )
+    warning = "Warning: in" if low > 1 else "In"
+    said = [
+        f"{warning} position the corrected track is {what} the network: it has "
+        f"{_share(table, 'position')} of its error."
+    ]
+    if np.isfinite(_interval(table, "velocity")).all():
+        said.append(f"In velocity it has {_share(table, 'velocity')}.")
+    return said
+
+
+def _by_withheld(table: pd.DataFrame) -> list[str]:
+    """Return which is nearer to withheld fixes; which is better that does not tell."""
+    warning = "Warning: from" if _interval(table, "position")[1] > 1 else "From"
+    return [
+        f"{warning} fixes that are withheld, and have errors of their own, the corrected track is "
+        f"{_share(table, 'position')} as far as a line between the fixes beside."
+    ]
+
+
+def _interval(table: pd.DataFrame, what: str) -> list[float]:
+    """Return the ratio of errors of the corrected track to the network's, and its interval."""
+    columns = [f"{what}_{end}" for end in ("ratio", "low", "high")]
+    return [float(x) for x in table.loc[["corrected"], columns].to_numpy()[0]]
+
+
+def _share(table: pd.DataFrame, what: str) -> str:
+    ratio, low, high = _interval(table, what)
+    return f"{ratio:.0%} ({low:.0%} to {high:.0%})"

@@ -1,0 +1,36 @@
+"""Run the filters on the recordings of chapter 06 and keep what comes out: `make studies`.
+
+Chapter 06 runs the same on each build where all recordings can be had. Where not, it shows what
+this script kept in data/recorded/on-recordings.json, and says so. The recordings are fetched, or
+come from the mirror that INSWSN_DATA names.
+"""
+
+from __future__ import annotations
+
+import datetime
+from pathlib import Path
+
+from inswsn_book.files import write_whole
+from inswsn_book.provenance import repository_state
+
+from inswsn_lib.navigation import RecordedStudy, write_tables
+
+ROOT = Path(__file__).parent.parent
+
+
+def main() -> None:
+    """Run and write."""
+    study = RecordedStudy()
+    commit, clean = repository_state(ROOT)
+    text = write_tables(
+        study.tables(),
+        made=datetime.datetime.now(datetime.UTC).date().isoformat(),
+        commit=commit,
+        clean=clean,
+        trials=study.trials,
+    )
+    write_whole(ROOT / "data/recorded/on-recordings.json", text)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,126 @@
+"""The harness of spoilt recordings: its table, what is kept of it, and that no traceback comes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import spoilt as study
+from spoilers import Spoiler, spoilers
+from spoilt_bases import made_wheels
+
+from inswsn_lib.errors import InswsnError
+
+
+@pytest.fixture(scope="module")
+def wheels(tmp_path_factory: pytest.TempPathFactory) -> study.Unspoilt:
+    """A made vehicle."""
+    return study.Unspoilt.of(made_wheels(), tmp_path_factory.mktemp("spoilt") / "recording")
+
+
+@pytest.fixture(scope="module")
+def kept(root: Path) -> study.Study:
+    return study.read_spoilt(root / study.SPOILT)
+
+
+def trial(outcome: str, **more: object) -> study.Trial:
+    fields = {"recording": "r", "kind": "k", "file": "f", "spoiler": "s", "sizes": "small"}
+    return study.Trial.model_validate(fields | {"draw": 0, "outcome": outcome} | more)
+
+
+def test_the_table_counts_the_trials() -> None:
+    trials = [
+        trial("refused"),
+        trial("detected", named=True),
+        trial("detected", named=False, sizes="large"),
+        trial("passed", harm=1.05),
+        trial("unknown", harm=3.0),
+        trial("passed", harm=0.9, sizes="large"),
+    ]
+    [every] = study.table(trials)
+    assert (every.kind, every.file, every.spoiler, every.sizes) == ("all",) * 4
+    assert (every.count, every.refused, every.detected, every.named) == (6, 1, 2, 1)
+    assert (every.unknown, every.passed, every.stopped, every.traceback) == (1, 2, 0, 0)
+    assert (every.harmed, every.worst) == (1, 3.0)
+    small, large = study.table(trials, "sizes")
+    assert (small.sizes, small.count, small.worst) == ("small", 4, 3.0)
+    assert (large.sizes, large.count, large.harmed, large.worst) == ("large", 2, 0, 0.9)
+
+
+def test_the_kept_tables_follow_from_the_kept_trials(kept: study.Study) -> None:
+    trials = kept.trials
+    assert len(trials) >= 500
+    assert kept.table == study.table(trials, "kind", "file", "spoiler", "sizes")
+    assert kept.totals == (
+        study.table(trials) + study.table(trials, "kind") + study.table(trials, "sizes")
+    )
+    assert {each.recording for each in trials} == {*kept.errors}
+
+
+def test_no_kept_trial_ended_with_a_traceback(kept: study.Study) -> None:
+    assert [each.says for each in kept.trials if each.outcome == "traceback"] == []
+
+
+@pytest.mark.parametrize("outcome", ["refused", "detected", "passed"])
+def test_a_kept_trial_comes_out_again(
+    kept: study.Study, wheels: study.Unspoilt, outcome: str
+) -> None:
+    mine = [each for each in kept.trials if each.recording == "made, odometry"]
+    before = next(each for each in mine if each.outcome == outcome)
+    [way] = [s for s in spoilers() if (s.file, s.name) == (before.file, before.spoiler)]
+    after = study.try_one(wheels, way, before.sizes, before.draw)
+    exact = {"harm": None, "says": ""}
+    assert after.model_copy(update=exact) == before.model_copy(update=exact)
+    if before.harm is not None:
+        assert after.harm == pytest.approx(before.harm, rel=0.05)
+
+
+def test_what_is_made_ends_without_a_traceback(wheels: study.Unspoilt) -> None:
+    """Every fifth way to spoil a vehicle with odometry, of one size."""
+    ways = [way for way in spoilers() if way.fits(wheels.folder)][::5]
+    trials = [study.try_one(wheels, way, way.classes[-1], 0) for way in ways]
+    assert len(trials) > 10
+    assert [each.says for each in trials if each.outcome == "traceback"] == []
+    assert {"refused", "detected"} <= {each.outcome for each in trials}
+
+
+def test_a_fault_of_the_library_is_told_as_one(
+    wheels: study.Unspoilt, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fault(_: object) -> None:
+        raise IndexError("out of bounds")
+
+    monkeypatch.setattr(study.recordings, "check_set_up", fault)
+    way = Spoiler("nothing", "ranges.csv", lambda *_: None)
+    found = study.try_one(wheels, way, "whole", 0)
+    assert (found.outcome, found.says) == ("traceback", "checks: IndexError: out of bounds")
+
+
+def test_what_is_not_spoilt_passes_without_harm(wheels: study.Unspoilt) -> None:
+    found = study.try_one(wheels, Spoiler("nothing", "ranges.csv", lambda *_: None), "whole", 0)
+    assert (found.outcome, found.harm, found.findings) == ("passed", 1.0, ())
+
+
+def test_spoilers_change_what_they_say(tmp_path: Path) -> None:
+    """A table with known numbers: a gap of 2 s in 10 s, ranges in feet, and a late clock."""
+    ways = {(way.file, way.name): way for way in spoilers()}
+    rows = [f"{k / 10},{1 + k}" for k in range(100)]
+    path = tmp_path / "odometry.csv"
+
+    def spoil(name: str, size: float) -> np.ndarray:
+        path.write_text("\n".join(["time_s,speed_mps", *rows]) + "\n")
+        ways["odometry.csv", name].change(path, size, np.random.default_rng(1))
+        return np.loadtxt(path, delimiter=",", skiprows=1)
+
+    assert len(spoil("gap", 2.0)) == 80
+    assert np.diff(spoil("gap", 2.0)[:, 0]).max() == pytest.approx(2.1)
+    assert abs(spoil("late clock", 0.3)[:, 0] - np.arange(100) / 10) == pytest.approx(0.3)
+    assert spoil("speed too large", 0.5)[:, 1] == pytest.approx(1.5 * np.arange(1, 101))
+    assert spoil("stamps in ms", 0.0)[:, 0] == pytest.approx(100 * np.arange(100))
+
+
+def test_another_file_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "other.json").write_text("{}")
+    with pytest.raises(InswsnError, match="is not a study"):
+        study.read_spoilt(tmp_path / "other.json")
