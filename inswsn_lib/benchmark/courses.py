@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from inswsn_lib.benchmark.events import Event, Task
 from inswsn_lib.checks import Array, Mask, one_of
@@ -17,7 +16,7 @@ from inswsn_lib.errors import InswsnError
 from inswsn_lib.estimation import multilaterate_track
 from inswsn_lib.estimation.mechanization import GRAVITY
 from inswsn_lib.recordings import load
-from inswsn_lib.recordings.estimates import line_through
+from inswsn_lib.recordings.estimates import line_through, tag_track
 from inswsn_lib.recordings.files import RecordingUnavailableError
 from inswsn_lib.streams import Fixes, Ranges, Recording, Stream
 
@@ -251,13 +250,10 @@ def _good_fixes(recording: Recording) -> tuple[Array, Array, float]:
 
 
 def _reference(recording: Recording, asked: Array) -> Array:
-    reference = _stream(recording, "reference")
-    track = reference.position
-    if reference.attitude is not None:
-        turned = Rotation.from_quat(reference.attitude)
-        track = track + turned.apply(recording.lever_arm)[:, : track.shape[1]]
-    half = max(0.075, 2.5 * float(np.median(np.diff(reference.time))))
-    return line_through(reference.time, track[:, :2], asked, half)
+    _stream(recording, "reference")
+    time, track = tag_track(recording)
+    half = max(0.075, 2.5 * float(np.median(np.diff(time))))
+    return line_through(time, track[:, :2], asked, half)
 
 
 def _given(recording: Recording, track: Track, period: float) -> tuple[list[Event], Task]:

@@ -188,11 +188,7 @@ def lag_one(solution: Solution, labels: Whole, begin: float) -> dict[str, float]
     return {"nis": float(told.squares[told.time > begin].mean()), "lag1": largest}
 
 
-<<<<<<< HEAD
-def line_through(time: Array, track: Array, at: Array, half: float = _HALF_WINDOW) -> Array:
-=======
 def line_through(time: Array, track: Array, at: Array, half: float) -> Array:
->>>>>>> ef31ce495f41c9775e71b555ab2e3369d5e74520
     """Return position and velocity of a track at some times, (times, 4).
 
     Positions are interpolated, velocities are slopes of lines through the rows nearby.
@@ -204,15 +200,9 @@ def line_through(time: Array, track: Array, at: Array, half: float) -> Array:
     track : ndarray, (rows, 2)
         m.
     at : ndarray, (times,)
-<<<<<<< HEAD
-        s; NaN is returned where there are not four rows nearby, before and after.
-    half : float
-        What is nearby, s.
-=======
         s; NaN is returned where there is no row nearby.
     half : float
         How far away rows may be, s.
->>>>>>> ef31ce495f41c9775e71b555ab2e3369d5e74520
     """
     found = np.full((len(at), 4), np.nan)
     for k, moment in enumerate(at):
