@@ -2,6 +2,7 @@
 
 # Rooms
 from . import (
+    benchmark as benchmark,
     calibration as calibration,
     estimation as estimation,
     evaluation as evaluation,

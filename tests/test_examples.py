@@ -22,6 +22,7 @@ from inswsn_lib.files import DATA_VARIABLE
 
 # The rooms whose public names are listed in __all__, and the modules below them
 ROOMS = (
+    "benchmark",
     "calibration",
     "estimation",
     "evaluation",
@@ -38,6 +39,11 @@ MODULES = ("errors", "files", "models", "plotting", "scenario", "streams")
 
 #: Functions and classes of a room that need no example, each with the reason
 EXEMPT = {
+    "benchmark.Answer": "shown by first_difference",
+    "benchmark.Course": "given by track_courses",
+    "benchmark.EntryError": "raised by run",
+    "benchmark.Event": "shown by changed_after",
+    "benchmark.Result": "given by run",
     "errors.Described": "for the rooms",
     "estimation.ImuNoise": "shown by align",
     "estimation.InertialMotion": "shown by align",

@@ -71,6 +71,33 @@ def book(root: Path | None, fresh: bool, jobs: int | None) -> None:
 
 
 @cli.command()
+@click.argument("entry", required=False)
+@click.option("--track", default="network", show_default=True, help="What is asked of the entry.")
+@click.option(
+    "--trials", type=click.IntRange(min=1), default=24, show_default=True, help="Of each search."
+)
+@click.option("--keep", is_flag=True, help="Keep the rows in data/leaderboard.json.")
+@click.pass_obj
+def benchmark(root: Path | None, entry: str | None, track: str, trials: int, keep: bool) -> None:
+    """Judge an entry, a class in a file, against baselines; without one, the baselines.
+
+    For example: inswsn benchmark mine.py:Mine --track outage-5
+    """
+    from inswsn_book.leaderboard import keep_rows, result_lines
+    from inswsn_book.progress import Progress
+    from inswsn_lib.benchmark import compare
+
+    project = _project(root)
+    entries = [] if entry is None else [entry]
+    with Progress() as progress:
+        results = compare(entries, track, trials=trials, say=progress.say)
+    for result in results if entry is None else results[:1]:
+        click.echo("\n".join(result_lines(result)))
+    if keep:
+        click.echo(f"wrote {keep_rows(project, results)}")
+
+
+@cli.command()
 @click.pass_obj
 def chapters(root: Path | None) -> None:
     """List the chapters with their parameters.

@@ -1,5 +1,6 @@
 from .alignment import align as align, is_at_rest as is_at_rest, level as level
 from .error_state import (
+    ErrorStateFilter as ErrorStateFilter,
     Innovation as Innovation,
     Innovations as Innovations,
     Observation as Observation,

@@ -221,77 +221,142 @@ def run_error_state(
             f"There is no measurement after {start.time:.6g} s and up to {end:.6g} s."
         )
     events, first = np.unique(when[order], return_index=True)
-    run = _Run(start, observations, len(events), gate, iterations, about)
-    whole = Start(start.time, run.state, run.P)
+    run = _Run(start, observations, gate, iterations, about, events=len(events))
+    whole = Start(start.time, run.state, run.covariance)
     steps = motion.between(start.time, events)
     for k, at in enumerate(np.split(order, first[1:])):
-        run.predict(k, steps, events[k] - (events[k - 1] if k else start.time))
+        run.go(k, steps, float(events[k]))
         for i, j in zip(kind[at], row[at], strict=True):
-            run.measure(int(i), int(j), events[k])
+            run.take(int(i), int(j))
         run.keep(k)
     return run.solution(events, whole)
 
 
-class _Run:
-    """A filter on its way: a nominal state, and its error, which stays zero with feedback."""
+class ErrorStateFilter:
+    """An error-state filter on its way, for data that come one after the other.
+
+    `run_error_state` runs one over data that are all there.
+
+    Parameters
+    ----------
+    start : Start
+    observations : sequence of Observation
+        Those that will come, for their own states.
+    gate, iterations, about
+        As in `run_error_state`.
+
+    Attributes
+    ----------
+    time : float
+        s, of the state.
+    covariance : ndarray, (n, n)
+        Of the errors of the motion and of the observations' own states.
+    log_likelihood : float
+        Of the measurements so far.
+
+    Examples
+    --------
+    Wheels say 1 m/s; a fix says that the vehicle is a little ahead of that.
+
+    >>> import numpy as np
+    >>> from inswsn_lib import estimation as est
+    >>> from inswsn_lib.streams import Fixes, Odometry
+    >>> wheels = Odometry(np.array([0.0, 1.0]), speed=np.ones(2), rate=np.zeros(2))
+    >>> motion = est.OdometryMotion(wheels, est.OdometryNoise(0.1, 0.01, 1e-4, 1e-5))
+    >>> fix = Fixes(np.ones(1), np.array([[1.2, 0.0]]))
+    >>> seen = est.PositionFixes(fix, np.zeros(2), white=np.full(2, 0.1))
+    >>> start = est.Start(0.0, est.PlanarState(np.zeros(2), 0.0), np.eye(5) / 1e6)
+    >>> running = est.ErrorStateFilter(start, [seen])
+    >>> running.predict(motion, 1.0)
+    >>> running.measure(0, seen)
+    >>> running.state.position.round(2).tolist()
+    [1.1, 0.0]
+    """
 
     def __init__(
-        self, start: Start, observations: Sequence[Observation], events: int, gate: float,
-        iterations: int, about: Any,
+        self, start: Start, observations: Sequence[Observation], gate: float = np.inf,
+        iterations: int = 1, about: Any = None,
     ) -> None:  # fmt: skip
         errors = start.state.errors
         P0 = covariance("covariance", start.covariance, (errors, errors))
         variances = np.concatenate([each.initial for each in observations])
         ends = np.cumsum([0, *(len(each.initial) for each in observations)])
-        n, own = errors + len(variances), np.zeros(len(variances))
+        own = np.zeros(len(variances))
         first = replace(start.state, own=own)
         self.observations, self.gate, self.iterations = observations, gate, iterations
-        self.own = [slice(a, b) for a, b in pairwise(ends.tolist())]
-        self.feedback = about is None
-        self.nominal = first if about is None else replace(about, own=own)
-        self.error: Array = first.minus(self.nominal)
-        self.P: Array = block_diag(P0, np.diag(variances))
-        self.states: list[Any] = []
-        self.before: list[Any] = []
-        self.filtered, self.priors, self.transitions = np.empty((3, events, n, n))
-        self.found: list[list[tuple[float, Array, Array, Mask, float]]] = [[] for _ in observations]
+        self._own = [slice(a, b) for a, b in pairwise(ends.tolist())]
+        self._feedback = about is None
+        self._nominal = first if about is None else replace(about, own=own)
+        self._error: Array = first.minus(self._nominal)
+        self.time = start.time
+        self.covariance: Array = block_diag(P0, np.diag(variances))
         self.log_likelihood = 0.0
 
     @property
     def state(self) -> Any:
-        return self.nominal if self.feedback else self.nominal.plus(self.error)
+        """InertialState or PlanarState, with the observations' own states."""
+        return self._nominal if self._feedback else self._nominal.plus(self._error)
 
-    def predict(self, k: int, steps: Any, dt: float) -> None:
-        """Go to the next event."""
-        ahead, Phi, Q = steps.ahead(k, self.nominal)
-        moved = [each.transition(dt) for each in self.observations]
+    def predict(self, motion: Any, time: float) -> None:
+        """Go on to a time.
+
+        Parameters
+        ----------
+        motion : InertialMotion or OdometryMotion
+            With what its sensor said since the time of the state. What lies after its last sample
+            is as what lies before it.
+        time : float
+            s.
+        """
+        self._ahead(motion.between(self.time, np.array([time])), 0, time)
+
+    def measure(self, i: int, observation: Observation, k: int = 0) -> None:
+        """Take a measurement at the time of the state.
+
+        Parameters
+        ----------
+        i : int
+            Of which of the observations that were announced.
+        observation : Observation
+            With the same own states, and the measurement.
+        k : int
+            Which of its measurements.
+        """
+        self._measure(i, observation, k)
+
+    def _ahead(self, steps: Any, k: int, time: float) -> Array:
+        """Go to the end of step k, and return the transition."""
+        ahead, Phi, Q = steps.ahead(k, self._nominal)
+        moved = [each.transition(time - self.time) for each in self.observations]
         factor, gained = (np.concatenate(parts) for parts in zip(*moved, strict=True))
-        n, errors = len(self.P), len(Phi)
+        n, errors = len(self.covariance), len(Phi)
         whole = np.zeros((n, n))
         whole[:errors, :errors] = Phi
         whole.flat[errors * (n + 1) :: n + 1] = factor
-        self.P = whole @ self.P @ whole.T
-        self.P[:errors, :errors] += Q
-        self.P.flat[errors * (n + 1) :: n + 1] += gained
-        self.nominal = replace(ahead, own=factor * self.nominal.own)
-        self.error = whole @ self.error
-        self.before.append(self.state)
-        self.priors[k], self.transitions[k] = self.P, whole
+        P = whole @ self.covariance @ whole.T
+        P[:errors, :errors] += Q
+        P.flat[errors * (n + 1) :: n + 1] += gained
+        self._nominal = replace(ahead, own=factor * self._nominal.own)
+        self._error = whole @ self._error
+        self.time, self.covariance = time, P
+        return whole
 
-    def measure(self, i: int, j: int, time: float) -> None:
-        """Take measurement j of observation i."""
-        got, rows = self._expected(i, j, self.nominal)
+    def _measure(
+        self, i: int, observation: Observation, k: int
+    ) -> tuple[float, Array, Array, Mask, float] | None:
+        """Take a measurement; return its time, innovation, deviations, what is used, and NIS."""
+        got, rows = self._expected(i, observation, k, self._nominal)
         if got is None:
-            return
-        value = got.value - rows @ self.error
-        S = rows @ self.P @ rows.T + got.noise
+            return None
+        value = got.value - rows @ self._error
+        S = rows @ self.covariance @ rows.T + got.noise
         variances = np.diag(S)
         used = value**2 <= self.gate * variances
         size = float(value @ np.linalg.solve(S, value))
         self.log_likelihood += self._log_likelihood(value, S, used, size)
-        self.found[i].append((time, value, np.sqrt(variances), used, size / len(value)))
         if used.any():
-            self._update(i, j, used, got, rows)
+            self._update(i, observation, k, used, got, rows)
+        return self.time, value, np.sqrt(variances), used, size / len(value)
 
     def _log_likelihood(self, value: Array, S: Array, used: Mask, size: float) -> float:
         """Return that of an innovation; a component beyond the gate counts as one at the gate."""
@@ -303,39 +368,67 @@ class _Run:
             size = float(value @ np.linalg.solve(S, value))
         return -0.5 * (size + float(np.linalg.slogdet(2 * np.pi * S)[1]) + beyond)
 
-    def _update(self, i: int, j: int, used: Mask, got: Innovation, rows: Array) -> None:
+    def _update(
+        self, i: int, observation: Observation, k: int, used: Mask, got: Innovation, rows: Array
+    ) -> None:
         """Correct the state; in each iteration but the first all is linearised anew."""
-        begin, nominal, correction = self.nominal, self.nominal, self.error
-        for iteration in range(self.iterations if self.feedback else 1):
+        P, begin, nominal, correction = self.covariance, self._nominal, self._nominal, self._error
+        for iteration in range(self.iterations if self._feedback else 1):
             if iteration:
                 nominal = begin.plus(correction)
-                got, rows = self._expected(i, j, nominal)
+                got, rows = self._expected(i, observation, k, nominal)
             H, R = rows[used], got.noise[np.ix_(used, used)]
-            gain = np.linalg.solve(H @ self.P @ H.T + R, H @ self.P).T
-            before = begin.minus(nominal) if iteration else self.error
+            gain = np.linalg.solve(H @ P @ H.T + R, H @ P).T
+            before = begin.minus(nominal) if iteration else self._error
             value = got.value[used] - H @ before
-            correction = gain @ value if self.feedback else self.error + gain @ value
-        left = np.eye(len(self.P)) - gain @ H
-        P = left @ self.P @ left.T + gain @ R @ gain.T
-        self.P = 0.5 * (P + P.T)
-        if self.feedback:
-            self.nominal = begin.plus(correction)
+            correction = gain @ value if self._feedback else self._error + gain @ value
+        left = np.eye(len(P)) - gain @ H
+        P = left @ P @ left.T + gain @ R @ gain.T
+        self.covariance = 0.5 * (P + P.T)
+        if self._feedback:
+            self._nominal = begin.plus(correction)
         else:
-            self.error = correction
+            self._error = correction
 
-    def _expected(self, i: int, j: int, state: Any) -> tuple[Any, Array]:
-        got = self.observations[i].innovation(j, state, state.own[self.own[i]])
+    def _expected(self, i: int, observation: Observation, k: int, state: Any) -> tuple[Any, Array]:
+        own = self._own[i]
+        got = observation.innovation(k, state, state.own[own])
         if got is None:
             return None, np.empty(0)
-        rows = np.zeros((len(got.value), len(self.P)))
+        rows = np.zeros((len(got.value), len(self.covariance)))
         rows[:, : state.errors] = got.rows
-        own = self.own[i]
         rows[:, state.errors + own.start : state.errors + own.stop] = got.own
         return got, rows
 
+
+class _Run(ErrorStateFilter):
+    """A filter that keeps what a `Solution` is made of."""
+
+    def __init__(self, *given: Any, events: int) -> None:
+        super().__init__(*given)
+        n = len(self.covariance)
+        self.states: list[Any] = []
+        self.before: list[Any] = []
+        self.filtered, self.priors, self.transitions = np.empty((3, events, n, n))
+        self.found: list[list[tuple[float, Array, Array, Mask, float]]] = [
+            [] for _ in self.observations
+        ]
+
+    def go(self, k: int, steps: Any, time: float) -> None:
+        """Go to the next event."""
+        self.transitions[k] = self._ahead(steps, k, time)
+        self.before.append(self.state)
+        self.priors[k] = self.covariance
+
+    def take(self, i: int, j: int) -> None:
+        """Take measurement j of observation i."""
+        taken = self._measure(i, self.observations[i], j)
+        if taken is not None:
+            self.found[i].append(taken)
+
     def keep(self, k: int) -> None:
         self.states.append(self.state)
-        self.filtered[k] = self.P
+        self.filtered[k] = self.covariance
 
     def solution(self, events: Array, start: Start) -> Solution:
         innovations = []

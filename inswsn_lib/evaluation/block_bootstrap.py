@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from inswsn_lib.checks import array, number, whole
+from inswsn_lib.checks import Array, array, number, whole
 from inswsn_lib.errors import ParameterError
 
+Whole = NDArray[np.int64]
 _FEWEST = 3
 
 
@@ -56,24 +57,38 @@ def block_ratio(
     >>> print([f"{x:.2f}" for x in block_ratio(theirs / 4, theirs, block=10)])
     ['0.50', '0.50', '0.50']
     """
+    number("level", level, above=0, below=1)
+    drawn = ratio_draws(squares, others, block, draws=draws, seed=seed)
+    if not np.any(others):
+        return np.nan, np.nan, np.nan
+    low, high = np.nanquantile(drawn, [(1 - level) / 2, (1 + level) / 2])
+    return float(np.sqrt(np.sum(squares) / np.sum(others))), float(low), float(high)
+
+
+def ratio_draws(
+    squares: ArrayLike, others: ArrayLike, block: int, *, draws: int = 2000, seed: int = 0
+) -> Array:
+    """Return the ratio of each draw, (draws,), of which `block_ratio` takes the interval.
+
+    NaN of a draw that has only rows without an error of the other.
+
+    Parameters
+    ----------
+    squares, others, block, draws, seed
+        As there.
+    """
     mine = array("squares", squares, ("rows",))
     theirs = array("others", others, (len(mine),))
     whole("block", block, 1)
-    number("level", level, above=0, below=1)
     count = len(mine) // block
     if count < _FEWEST:
         raise ParameterError("block", block, f"{len(mine) // _FEWEST} of {len(mine)} rows or fewer")
-    rng = np.random.default_rng(seed)
-    begins = rng.integers(len(mine), size=(draws, count))
-    if not theirs.any():
-        return np.nan, np.nan, np.nan
+    begins = np.random.default_rng(seed).integers(len(mine), size=(draws, count))
     ours, other = (_sums(values, begins, block) for values in (mine, theirs))
-    told = other > 0  # a draw may have only rows without an error of the other
-    low, high = np.quantile(np.sqrt(ours[told] / other[told]), [(1 - level) / 2, (1 + level) / 2])
-    return float(np.sqrt(mine.sum() / theirs.sum())), float(low), float(high)
+    return np.sqrt(ours / np.where(other > 0, other, np.nan))
 
 
-def _sums(values: np.ndarray, begins: np.ndarray, block: int) -> np.ndarray:
+def _sums(values: Array, begins: Whole, block: int) -> Array:
     """Return the sums over the blocks of each draw, which go round at the end."""
     total = np.cumsum(np.concatenate([[0.0], values, values]))
     return np.asarray((total[begins + block] - total[begins]).sum(axis=1))

@@ -29,7 +29,7 @@ _TIMEOUT = (10.0, 30.0)  # s: to connect, and between two pieces of an answer
 
 
 class RecordingUnavailableError(InswsnError):
-    """The files of a recording cannot be had: no network, and no local mirror."""
+    """The files of a recording cannot be had: no network, and no local mirror that has them."""
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ def locate(source: Source, cache: Path | None = None) -> dict[str, Path]:
 def _check_original(path: Path, digest: str) -> None:
     """Refuse a file of a mirror that is not there or is another."""
     if not path.is_file():
-        raise InswsnError(
+        raise RecordingUnavailableError(
             f"There is no file {path}; {DATA_VARIABLE} may name a mirror that has it."
         )
     if pooch.file_hash(str(path)) != digest:

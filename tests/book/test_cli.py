@@ -18,7 +18,17 @@ from inswsn_book.results import Results
 import inswsn_lib
 from inswsn_lib.errors import BuildError
 
-COMMANDS = ["book", "chapters", "claims", "compare", "publish", "run", "sweep", "verify"]
+COMMANDS = [
+    "benchmark",
+    "book",
+    "chapters",
+    "claims",
+    "compare",
+    "publish",
+    "run",
+    "sweep",
+    "verify",
+]
 
 
 def test_help_and_version_need_no_checkout(tmp_path: Path) -> None:
@@ -55,6 +65,10 @@ MISTAKES = {
     "boook": "No such command 'boook'",
     "--root nowhere book": "--root is 'nowhere'; it may be the folder of a checkout of inswsn.",
     "book --jobs 0": "--jobs",
+    "benchmark nowhere.py:Mine": "entry is 'nowhere.py:Mine'; it may be in a file that there is.",
+    "benchmark Mine": "entry is 'Mine'; it may be module:Class or path/to/file.py:Class.",
+    "benchmark --track marathon": "track is 'marathon'; it may be one of ",
+    "benchmark --trials 0": "--trials",
     "publish": "Chapter 00 has not been built as it is now; build it first: make book.",
     "claims --verdict maybe": "--verdict is 'maybe'; it may be one of reproduced, ",
     "claims --kind x": "--kind is 'x'; it may be one of numeric, parameter, ",
