@@ -52,13 +52,13 @@ class RecordedStudy:
 
     Examples
     --------
-    >>> from unittest.mock import patch
-    >>> from inswsn_lib.navigation import RecordedStudy
-    >>> with patch.dict("os.environ", INSWSN_DATA="nowhere"):  # doctest: +ELLIPSIS
-    ...     RecordedStudy().tables()
-    Traceback (most recent call last):
-    ...
-    inswsn_lib.recordings.files.RecordingUnavailableError: INSWSN_DATA is ...
+    What it found where all recordings were at hand is kept:
+
+    >>> import inswsn_lib as iw
+    >>> kept = iw.data_file("recorded/on-recordings.json")
+    >>> tables, facts = iw.navigation.read_tables(kept)
+    >>> facts["trials"] == iw.navigation.RecordedStudy().trials, len(tables["inrol/1"])
+    (True, 11)
     """
 
     trials: int = 24
@@ -302,7 +302,7 @@ def read_tables(path: Path) -> tuple[Tables, dict[str, Any]]:
     >>> with TemporaryDirectory() as folder:
     ...     path = Path(folder, "kept.json")
     ...     _ = path.write_text(write_tables({"one": pd.DataFrame({"a": [0.1]})}, day="today"))
-    ...     read_tables(path)[0]["one"].loc[0, "a"]
+    ...     print(read_tables(path)[0]["one"].loc[0, "a"])
     0.1
     """
     try:

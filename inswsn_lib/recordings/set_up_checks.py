@@ -53,7 +53,7 @@ def check_set_up(recording: Recording) -> list[Finding]:
 
     Examples
     --------
-    An IMU that was logged in g, and nothing to compare its rates with:
+    An IMU that was logged in g, without any noise, and nothing to compare its rates with:
 
     >>> import numpy as np
     >>> from inswsn_lib.recordings import check_set_up
@@ -63,6 +63,8 @@ def check_set_up(recording: Recording) -> list[Finding]:
     >>> for found in check_set_up(Recording("logged in g", imu=imu)):
     ...     print(found.name, found.subject, found.fits)
     gaps imu True
+    values imu False
+    values imu, limits False
     unit IMU's specific force False
     unit IMU's rates None
     axes IMU None
