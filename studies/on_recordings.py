@@ -13,6 +13,7 @@ from pathlib import Path
 from inswsn_book.files import write_whole
 from inswsn_book.provenance import repository_state
 
+from inswsn_lib import recordings
 from inswsn_lib.navigation import RecordedStudy, write_tables
 
 ROOT = Path(__file__).parent.parent
@@ -28,6 +29,7 @@ def main() -> None:
         commit=commit,
         clean=clean,
         trials=study.trials,
+        digests={name: dict(recordings.load(name).digests) for name in recordings.names()},
     )
     write_whole(ROOT / "data/recorded/on-recordings.json", text)
 

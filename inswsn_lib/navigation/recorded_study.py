@@ -102,7 +102,6 @@ class RecordedStudy:
             "inrol/1": self.room.table(),
             "smoother": self._smoother(),
             "tight": self._tight(),
-            "track": self._track(),
             "clusters": clusters.table(),
             "autocorrelation": self._autocorrelations(),
             "facts": self._facts(clusters),
@@ -201,20 +200,6 @@ class RecordedStudy:
         time, track = tag_track(replace(self.room.recording, lever_arm=arm))
         place = np.column_stack([np.interp(ranges.time, time, x) for x in track.T])
         return np.asarray(np.linalg.norm(place - ranges.anchors[ranges.anchor], axis=1))
-
-    def _track(self) -> pd.DataFrame:
-        """Return where the tag was in the judged part, by truth, network and filter."""
-        rows = self.room.judged
-        states = {
-            "reference": self.room.truth, "network": self.room.network.state,
-            "filter": self.room.estimates[COLOURED].state,
-        }  # fmt: skip
-        columns = {
-            f"{name} {axis}": state[rows, k]
-            for name, state in states.items()
-            for k, axis in enumerate("xy")
-        }
-        return pd.DataFrame({"time": self.room.fixes.time[rows]} | columns)
 
     def _autocorrelations(self) -> pd.DataFrame:
         """Return those of fix errors along an axis, mean of both, by recording and lag."""
