@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from inswsn_lib import learning
 from inswsn_lib.checks import Array
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.estimation import PositionFixes, Start, run_error_state, smooth
 from inswsn_lib.evaluation import block_ratio
 from inswsn_lib.filters import run_kalman
-from inswsn_lib.learning import BackpropRegressor, SelectedLSSVM
 from inswsn_lib.navigation.hybrid import HybridNavigator, observable_inputs
 from inswsn_lib.recordings import FixesContest, RecordedContest
 from inswsn_lib.recordings.contest import COLOURED, UP
@@ -30,8 +30,8 @@ WINDOWS = (25, 50)
 _UNKNOWN = 1e6 * np.eye(4)
 _BLOCK = 10.0  # s, of the bootstrap
 _LEARNERS: Mapping[str, Callable[[], Any]] = {
-    "BP network": lambda: BackpropRegressor(networks=1),
-    "LS-SVM": SelectedLSSVM,
+    "BP network": lambda: learning.BackpropRegressor(networks=1),
+    "LS-SVM": learning.SelectedLSSVM,
 }
 
 
