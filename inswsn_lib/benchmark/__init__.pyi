@@ -6,5 +6,11 @@ from .guards import (
     first_difference as first_difference,
 )
 from .processes import EntryError as EntryError
-from .running import BASELINES as BASELINES, Result as Result, compare as compare, run as run
+from .running import (
+    BASELINES as BASELINES,
+    Result as Result,
+    Scored as Scored,
+    compare as compare,
+    run as run,
+)
 from .scoring import mean_ratio as mean_ratio

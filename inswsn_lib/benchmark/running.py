@@ -34,7 +34,7 @@ Say = Callable[[str], None]
 
 
 @dataclass(frozen=True, eq=False)
-class Judged:
+class Scored:
     """What became of an entry in one recording.
 
     Attributes
@@ -69,7 +69,7 @@ class Result:
         The commit is that of the entry's checkout, or the version of inswsn.
     trials, seed : int
         Trials that each search was allowed.
-    judged : tuple of Judged
+    judged : tuple of Scored
         For each recording.
     best : tuple of str
         The best causal baseline of each recording, by its error in the judged part.
@@ -85,7 +85,7 @@ class Result:
     commit: str
     trials: int
     seed: int
-    judged: tuple[Judged, ...]
+    judged: tuple[Scored, ...]
     best: tuple[str, ...]
     ratio: float
     low: float
@@ -225,7 +225,7 @@ def compare(
     mine = [find_entry(entry) for entry in entries]
     baselines = {find_entry(name): needs for name, needs in BASELINES.items()}
     courses, left_out = track_courses(track, folder)
-    judged: dict[EntryName, dict[str, Judged]] = {}
+    judged: dict[EntryName, dict[str, Scored]] = {}
     for course in courses:
         able = [name for name, needs in baselines.items() if needs in ("", *course.task.streams)]
         for name in dict.fromkeys([*mine, *able]):
@@ -255,7 +255,7 @@ def compare(
     return results
 
 
-def _judge(name: EntryName, course: Course, trials: int, seed: int, timeout: float) -> Judged:
+def _judge(name: EntryName, course: Course, trials: int, seed: int, timeout: float) -> Scored:
     """Tune an entry on the first part of a course, judge it on the rest, and hold it to causality.
 
     The trials share a process; each run that counts has a new one.
@@ -300,7 +300,7 @@ def _judge(name: EntryName, course: Course, trials: int, seed: int, timeout: flo
     else:
         answers_to(events)
     errors = _errors(name, course, course.judged, kept[0], disguise)
-    return Judged(course.name, errors, numbers, log, 1e6 * seconds[0] / len(events), causal)
+    return Scored(course.name, errors, numbers, log, 1e6 * seconds[0] / len(events), causal)
 
 
 def _errors(

@@ -377,7 +377,7 @@ class ErrorStateFilter:
             if iteration:
                 nominal = begin.plus(correction)
                 got, rows = self._expected(i, observation, k, nominal)
-            H, R = rows[used], got.noise[np.ix_(used, used)]
+            H, R = (rows, got.noise) if used.all() else (rows[used], got.noise[np.ix_(used, used)])
             gain = np.linalg.solve(H @ P @ H.T + R, H @ P).T
             before = begin.minus(nominal) if iteration else self._error
             value = got.value[used] - H @ before

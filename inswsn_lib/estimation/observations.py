@@ -130,7 +130,7 @@ class RangesToAnchors:
     def _deviations(self) -> list[float]:
         return [deviation for deviation in (self.bias, self.coloured) if deviation]
 
-    @property
+    @cached_property
     def initial(self) -> Array:
         """Variances of the scale, the biases and the coloured errors."""
         each = np.repeat(self._deviations, len(self.ranges.anchors))
@@ -138,10 +138,13 @@ class RangesToAnchors:
 
     def transition(self, dt: float) -> tuple[Array, Array]:
         """Return factors and gained variances of the same."""
+        return gauss_markov(dt, self._times, np.sqrt(self.initial))
+
+    @cached_property
+    def _times(self) -> Array:
         times = [np.inf] * bool(self.bias) + [self.correlation_time] * bool(self.coloured)
         each = np.repeat(times, len(self.ranges.anchors))
-        every = np.append([np.inf] * bool(self.scale), each)
-        return gauss_markov(dt, every, np.sqrt(self.initial))
+        return np.append([np.inf] * bool(self.scale), each)
 
     def innovation(self, k: int, state: Any, own: Array) -> Innovation | None:
         """Return the innovation of the ranges of stamp k."""

@@ -115,14 +115,17 @@ class RecordedOutages:
         Returns
         -------
         DataFrame
-            A row for each method, oracles last; for each length the columns ``rms N s`` and
-            ``ratio``, ``low``, ``high`` of it: to *go on at the last velocity*, with intervals by a
-            block bootstrap over outages.
+            A row for each method, oracles last (``oracle``), with the count of ``outages``; for
+            each length ``rms N s``, and ``ratio N s``, ``low N s`` and ``high N s`` of it: to *go
+            on at the last velocity*, with intervals by a block bootstrap over outages.
         """
         everything = self.errors | self.oracles
         rows = {}
         for name, error in everything.items():
-            row: dict[str, float | bool] = {"oracle": name in self.oracles}
+            row: dict[str, float | bool] = {
+                "oracle": name in self.oracles,
+                "outages": len(self.starts),
+            }
             for length in lengths:
                 steps = max(1, round(self.steps * length / self.longest))
                 mine, theirs = (

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from joblib import Parallel, delayed
 from scipy.spatial.transform import Rotation
 
 from inswsn_lib import recordings
@@ -32,6 +33,7 @@ _LAG = 10.0  # s, to which autocorrelations are taken
 # told a tight filter beside the tuned numbers: errors that soon fade
 _FADING = (0.02, 0.001, 0.05, 0.05, 0.5, 0.02)
 _BOUND = 0.2  # m
+_CHOICE = 30.0  # s after the start, by which one of the two is chosen
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,35 +85,27 @@ class RecordedStudy:
 
     @cached_property
     def outages(self) -> dict[str, RecordedOutages]:
-        """In the room, on foot and by car."""
+        """On foot and by car."""
         walk, car = self._load("rtklib/walk-0827"), self._load("rtklib/drive-0708")
         return {
-            "inrol/1": RecordedOutages(self.room),
             "rtklib/walk-0827": RecordedOutages(FixesContest(walk, trials=self.trials), 10.0, 3.0),
             "rtklib/drive-0708": RecordedOutages(
                 FixesContest(car, alignment=60.0, trials=self.trials), 20.0, 8.0
             ),
         }
 
-    def tables(self) -> Tables:
-        """Return everything, by the names of the sections of chapter 06."""
-        clusters = RecordedClusters(self.room)
-        found = {
-            "errors": self._errors(),
-            "bias": self._biases(),
-            "inrol/1": self.room.table(),
-            "smoother": self._smoother(),
-            "tight": self._tight(),
-            "clusters": clusters.table(),
-            "autocorrelation": self._autocorrelations(),
-            "facts": self._facts(clusters),
-        }
-        found |= {name: contest.table() for name, contest in self.planar.items()}
-        for name, each in self.outages.items():
-            lengths = (2.0, 5.0, 10.0) if each.longest == 10 else (2.0, 5.0, 10.0, 20.0)
-            found[f"outages {name}"] = each.table(lengths)
-            found[f"profiles {name}"] = _profiles(each)
-        return found
+    def tables(self, jobs: int = 2) -> Tables:
+        """Return everything, by the names of the sections of chapter 06.
+
+        Parameters
+        ----------
+        jobs : int
+            Processes; there is work for two.
+        """
+        parts = Parallel(n_jobs=jobs)(
+            delayed(part)(RecordedStudy(self.trials, self.cache)) for part in (_room, _others)
+        )
+        return {name: table for part in parts for name, table in part.items()}
 
     def _load(self, name: str) -> Recording:
         return recordings.load(name, cache=self.cache)
@@ -184,7 +178,7 @@ class RecordedStudy:
         room = self.room
         heard = replace(room.heard, distance=distance)
         contest = replace(room, recording=replace(room.recording, ranges=heard))
-        loss = unlikely(contest.tight, contest.split)
+        loss = unlikely(contest.tight, contest.start.time + _CHOICE)
         told = min([room.tuned[TIGHT].best, _FADING], key=lambda numbers: loss(*numbers))
         solutions = contest.tight(*told), contest.loose(*room.tuned[COLOURED].best)
         rows, lever_arm = contest.judged, room.recording.lever_arm
@@ -231,11 +225,39 @@ class RecordedStudy:
             "clusters correlation y": y,
             "trials": self.trials,
         }
-        for name, each in self.outages.items():
-            facts[f"outages {name}"] = len(each.starts)
-        for name, contest in self.planar.items():
-            facts[f"judged {name}"] = int(contest.judged.sum())
         return pd.DataFrame({"value": facts})
+
+
+def _room(study: RecordedStudy) -> Tables:
+    """Return what is of the room."""
+    clusters = RecordedClusters(study.room)
+    return {
+        "errors": study._errors(),
+        "bias": study._biases(),
+        "inrol/1": study.room.table(),
+        "smoother": study._smoother(),
+        "tight": study._tight(),
+        "clusters": clusters.table(),
+        "facts": study._facts(clusters),
+        **_of_outages("inrol/1", RecordedOutages(study.room)),
+    }
+
+
+def _others(study: RecordedStudy) -> Tables:
+    """Return what is of the other recordings, and of all fixes."""
+    found: Tables = {"autocorrelation": study._autocorrelations()}
+    found |= {name: contest.table() for name, contest in study.planar.items()}
+    for name, each in study.outages.items():
+        found |= _of_outages(name, each)
+    return found
+
+
+def _of_outages(name: str, outages: RecordedOutages) -> Tables:
+    lengths = [length for length in (2.0, 5.0, 10.0, 20.0) if length <= outages.longest]
+    return {
+        f"outages {name}": outages.table(lengths),
+        f"profiles {name}": _profiles(outages),
+    }
 
 
 def write_tables(tables: Mapping[str, pd.DataFrame], **facts: Any) -> str:

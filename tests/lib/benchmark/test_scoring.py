@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from inswsn_lib.benchmark import Answer, Result, mean_ratio
-from inswsn_lib.benchmark.running import Judged
+from inswsn_lib.benchmark.running import Scored
 from inswsn_lib.benchmark.scoring import Errors, errors_of
 from inswsn_lib.evaluation import block_ratio
 
@@ -71,7 +71,7 @@ def test_a_short_recording_has_shorter_blocks() -> None:
 
 def result(low: float, high: float, *nees: float) -> Result:
     judged = tuple(
-        Judged("made", Errors(np.ones(3), 0.1, each), {}, (), 1.0, causal=True) for each in nees
+        Scored("made", Errors(np.ones(3), 0.1, each), {}, (), 1.0, causal=True) for each in nees
     )
     return Result("mine", "network", "abc", 24, 0, judged, ("other",) * len(nees), 1.0, low, high)
 
