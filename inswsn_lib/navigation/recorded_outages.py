@@ -145,9 +145,10 @@ class RecordedOutages:
 
     @cached_property
     def settings(self) -> dict[str, tuple[str, int]]:
-        """The inputs and the window of each learner, by outages in the tuning part."""
+        """The inputs and the window of each learner, by every second outage of the tuning part."""
         contest = self.contest
-        starts = self._starts(contest.start.time + self.longest, contest.split - self.longest)
+        begin, end = contest.start.time + self.longest, contest.split - self.longest
+        starts = self._starts(begin, end)[::2]
         choices = [(inputs, window) for inputs in INPUTS for window in WINDOWS]
         return {
             name: min(

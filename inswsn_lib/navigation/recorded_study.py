@@ -167,8 +167,9 @@ class RecordedStudy:
         kinds = {
             "as recorded": error,
             "without what is beyond 0.2 m": np.clip(error, -_BOUND, _BOUND),
-            "of the point of the body that the ranges see": left,
-            "both, and without a bias of an anchor": np.clip(left - middle, -_BOUND, _BOUND),
+            "also of the point that the ranges see, and without bias": np.clip(
+                left - middle, -_BOUND, _BOUND
+            ),
             "in another order": shuffled.to_numpy(),
         }
         return pd.DataFrame({n: self._tight_row(true + each) for n, each in kinds.items()}).T
