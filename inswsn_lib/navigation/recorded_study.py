@@ -63,7 +63,7 @@ class RecordedStudy:
     (True, 11)
     """
 
-    trials: int = 16
+    trials: int = 20
     cache: Path | None = None
 
     @cached_property
