@@ -40,7 +40,7 @@ class Scored:
     Attributes
     ----------
     recording : str
-    errors : Errors
+    errors : dataclass
         At the judged questions.
     numbers : dict of str to float
         That were found.
