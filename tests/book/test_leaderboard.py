@@ -17,7 +17,7 @@ from made_recording import made, made_imu
 
 from inswsn_lib.benchmark import TRACKS, Result, running
 from inswsn_lib.benchmark.courses import make_course
-from inswsn_lib.benchmark.running import Judged
+from inswsn_lib.benchmark.running import Scored
 from inswsn_lib.benchmark.scoring import Errors
 
 NETWORK = "inswsn_lib.benchmark.baselines:Network"
@@ -25,7 +25,7 @@ NETWORK = "inswsn_lib.benchmark.baselines:Network"
 
 def result(entry: str = "mine.py:Mine", *, causal: bool = True, nees: float = 1.25) -> Result:
     errors = Errors(np.full(3, 0.04), 0.5, nees)
-    judged = Judged("inrol/1", errors, {"gain": 2.0}, (((2.0,), 0.25),), 123.4, causal=causal)
+    judged = Scored("inrol/1", errors, {"gain": 2.0}, (((2.0,), 0.25),), 123.4, causal=causal)
     return Result(
         entry,
         "network",
