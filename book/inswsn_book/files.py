@@ -7,14 +7,16 @@ which ``sha256sum -c`` reads as well.
 from __future__ import annotations
 
 import hashlib
+import json
 import os
 import platform
 import re
 import shutil
 import tempfile
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Any
 
 from inswsn_lib.errors import InswsnError, ParameterError
 
@@ -74,6 +76,37 @@ def read_sealed(path: Path) -> str | None:
     """Return the text of a sealed file; None if the file is not as it was written."""
     digest, _, content = path.read_bytes().partition(b"\n")
     return content.decode() if hashlib.sha256(content).hexdigest().encode() == digest else None
+
+
+class Memory:
+    """What has been found of texts, as plain data by their digests, kept in a file if one is given.
+
+    A damaged file counts as none. Once there is too much, what was not asked for goes.
+    """
+
+    _MOST = 2000
+
+    def __init__(self, path: Path | None = None) -> None:
+        self._path, self._asked = path, dict[str, Any]()
+        self._known: dict[str, Any] = {}
+        with suppress(OSError, ValueError):
+            self._known = json.loads((read_sealed(path) if path else None) or "{}")
+
+    def of(self, key: str, find: Callable[..., Any], *arguments: Any) -> Any:
+        """Return what is known by a key; it is found if nothing is."""
+        if key not in self._asked:
+            known = self._known
+            self._asked[key] = known[key] if key in known else find(*arguments)
+        return self._asked[key]
+
+    def save(self) -> None:
+        """Write what is known, unless the file has it; it need not be writable."""
+        if self._path is None or self._asked.keys() <= self._known.keys():
+            return
+        known = self._known | self._asked
+        self._known = known if len(known) <= self._MOST else dict(self._asked)
+        with suppress(OSError):
+            write_sealed(self._path, json.dumps(self._known))
 
 
 def manifest_text(digests: Iterable[tuple[str, str]]) -> str:

@@ -15,12 +15,13 @@ from inswsn_lib.files import read_text
 _KERNEL = {"display_name": "Python 3", "language": "python", "name": "python3"}
 
 
-def read_source(chapter: Chapter) -> Any:
-    """Read a chapter's source as a notebook without outputs; refuse one that is none.
+def read_source(chapter: Chapter, source: str | None = None) -> Any:
+    """Read a chapter's source, or the one that is given, as a notebook without outputs.
 
-    The id of a cell is the chapter's number and the cell's place, for example ``ch00-003``.
+    One that is none is refused. The id of a cell is the chapter's number and the cell's place, for
+    example ``ch00-003``.
     """
-    notebook = read_myst(read_text(chapter.source), chapter.source.name)
+    notebook = read_myst(source or read_text(chapter.source), chapter.source.name)
     for place, cell in enumerate(notebook.cells):
         cell["id"] = f"ch{chapter.number}-{place:03d}"
     notebook_schema(notebook, chapter.source.name)
@@ -46,6 +47,26 @@ def stale_twins(project: Project) -> dict[Path, str | None]:
         for path in sorted(there | wanted.keys())
         if path not in there or path.read_bytes() != wanted.get(path, "").encode("utf-8")
     }
+
+
+def woven(source: Any, executed: Any) -> tuple[Any, dict[str, str]]:
+    """Put what the code cells of an executed notebook gave into a notebook with other prose.
+
+    Returns that notebook, and the new id of each code cell by its old one. The code cells are the
+    same, but for one that papermill has put behind that of the parameters.
+    """
+    given = [cell for cell in executed.cells if cell.cell_type == "code"]
+    cells, ids = [], dict[str, str]()
+    for cell in source.cells:
+        cells.append(cell)
+        if cell.cell_type == "code":
+            done = cells[-1] = given.pop(0)
+            ids[done["id"]] = cell["id"]
+            done["id"] = cell["id"]
+            if given and "injected-parameters" in given[0].metadata.get("tags", []):
+                cells.append(given.pop(0))
+    source.cells, source.metadata = cells, executed.metadata
+    return source, ids
 
 
 def strip_run(notebook: Any) -> Any:

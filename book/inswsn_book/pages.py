@@ -21,6 +21,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 import inswsn_lib
 from inswsn_book import files, review
+from inswsn_book.imports import code_files
 from inswsn_book.judging import judge
 from inswsn_book.ledger import KINDS, LEDGER, PAPERS, Claim, claims_of, load_claims
 from inswsn_book.notebooks import notebook_text
@@ -29,7 +30,7 @@ from inswsn_book.progress import Progress
 from inswsn_book.project import ROOT_VARIABLE, Chapter, Project
 from inswsn_book.provenance import repository_state
 from inswsn_book.results import Results, write_results
-from inswsn_book.runs import Run, reference_results
+from inswsn_book.runs import Run, code_of, reference_results
 from inswsn_book.verdicts import Verdict, count_verdicts
 from inswsn_lib.errors import BuildError, InswsnError
 from inswsn_lib.files import read_text, read_yaml
@@ -175,6 +176,7 @@ def _kept(project: Project) -> dict[str, Any]:
         "library": project.computing_digest(),
         "locks": files.tree_digest(project.root, project.locks),
         **{f"chapter {c.number}": files.file_digest(c.source) for c in project.chapters()},
+        **{f"library of chapter {c.number}": _library(project, c) for c in project.chapters()},
     }
     assumed = data / "assumptions.yaml"
     return {
@@ -186,6 +188,10 @@ def _kept(project: Project) -> dict[str, Any]:
             name for name, digest in sources.items() if now.get(name, digest) != digest
         ],
     }
+
+
+def _library(project: Project, chapter: Chapter) -> str:
+    return code_of(project, read_text(chapter.source), chapter.source.name)[2]
 
 
 def read_json(path: Path) -> Any:
@@ -369,7 +375,9 @@ def _site_key(project: Project, runs: Sequence[Run]) -> str:
     sources += [chapter.source for chapter in project.chapters()]
     sources += [*project.locks, root / "_config.yml", root / "CITATION.cff"]
     kept = [path for path in sources if "__pycache__" not in path.parts and path.is_file()]
-    facts = [files.tree_digest(root, kept), project.library_digest(), footer(project)]
+    # docstrings and signatures are on the page of the library
+    code = [files.tree_digest(p.parent, code_files(p)) for p in project.libraries]
+    facts = [files.tree_digest(root, kept), *code, footer(project)]
     facts += [files.text_digest(run.notebook or "") for run in runs]
     facts += [files.text_digest(run.results.model_dump_json()) for run in runs]
     return files.text_digest("\n".join(facts))

@@ -13,7 +13,8 @@ from typing import Any
 from filelock import FileLock, Timeout
 
 import inswsn_lib
-from inswsn_book.files import text_digest, tree_digest
+from inswsn_book.files import Memory
+from inswsn_book.imports import Imports, code_files
 from inswsn_lib.errors import InswsnError, ParameterError
 from inswsn_lib.files import read_yaml
 
@@ -25,13 +26,8 @@ RESULTS_VARIABLE = "INSWSN_RESULTS"
 MODULES_VARIABLE = "INSWSN_MODULES"
 
 _MARKERS = ("_config.yml", "environment.lock", "chapters", "data")
-# What a chapter's numbers and outputs may depend on, of the machinery: what executes chapters, and
-# what they import of it
-_EXECUTING = (
-    *("cores.py", "execution.py", "notebooks.py", "runs.py"),
-    *("project.py", "files.py", "ledger.py", "parameters.py"),
-    *("provenance.py", "record.py", "results.py", "show.py", "verdicts.py"),
-)
+# What executes chapters. What chapters import of the machinery is told by their code.
+EXECUTING = tuple(f"inswsn_book.{name}" for name in ("cores", "execution", "notebooks", "runs"))
 _CHAPTER_NAME = re.compile(r"^\d\d-[a-z0-9]+(-[a-z0-9]+)*$")
 
 
@@ -89,6 +85,8 @@ class Project:
         self.locks = root / "environment.lock", root / "environment-torch.lock"
         # the folders of the two packages that run, which need not lie in the checkout
         self.libraries = Path(inswsn_lib.__file__).parent, Path(__file__).parent
+        self.memory = Memory(self.build / "memory")  # of what has been read of code
+        self._imports: tuple[object, Imports] | None = None
 
     def about(self) -> dict[str, Any]:
         """Return what ``CITATION.cff`` says, and ``names`` of its authors, family names first."""
@@ -105,18 +103,20 @@ class Project:
             raise InswsnError(f"{path} is no citation file: it lacks names of authors.") from None
         return {"doi": None, "repository-code": None, **said, "names": names}
 
-    def library_digest(self) -> str:
-        """Return the digest of the source files of both packages."""
-        return text_digest("".join(tree_digest(p.parent, p.rglob("*.py")) for p in self.libraries))
+    def imports(self) -> Imports:
+        """Return what the modules of both packages take from one another, as they are now."""
+        paths = [path for folder in self.libraries for path in code_files(folder)]
+        now = [(p, p.stat().st_mtime_ns, p.stat().st_size) for p in paths]
+        if self._imports is None or self._imports[0] != now:
+            self._imports = now, Imports(self.libraries, self.memory)
+            self.memory.save()
+        return self._imports[1]
 
     def computing_digest(self) -> str:
-        """Return the digest of what a chapter may compute with.
-
-        That is all of the science, and of the machinery what chapters or their executor import.
-        """
-        science, machinery = self.libraries
-        own = tree_digest(machinery, [machinery / name for name in _EXECUTING])
-        return text_digest(tree_digest(science.parent, science.rglob("*.py")) + own)
+        """Return the digest of all code of both packages that a chapter may compute with."""
+        imports = self.imports()
+        science = {name for name in imports.modules if name.startswith(self.libraries[0].name)}
+        return imports.digest(science | (imports.modules & {*EXECUTING}))
 
     def chapters(self) -> list[Chapter]:
         """Return the chapters in the order of their numbers, which are used once each."""

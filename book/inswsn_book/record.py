@@ -26,6 +26,7 @@ from inswsn_book.results import (
 from inswsn_book.verdicts import Judged, verdicts
 from inswsn_lib.errors import InswsnError
 
+_PACKAGES = ("inswsn_lib", "inswsn_book")
 # MyST-NB pastes outputs of this type into the text by the role {glue:text}.
 _GLUE_TYPE = "application/papermill.record/text/plain"
 
@@ -157,7 +158,8 @@ class ChapterRecord:
         What the chapter was computed with goes beside it, for the executor.
         """
         results, folder = self.results(), results_folder(self._root)
-        facts = machine_facts() | {"executable": sys.executable}
+        own = [name for name in sys.modules if name.partition(".")[0] in _PACKAGES]
+        facts = machine_facts() | {"executable": sys.executable, "modules": own}
         write_whole(folder / MACHINE, json.dumps(facts))
         write_results(results, folder / f"{self._chapter}.json")
         return results

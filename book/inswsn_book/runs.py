@@ -7,6 +7,7 @@ changed files. `run` and `run_all` execute it if nothing is in the store, ``_bui
 
 from __future__ import annotations
 
+import ast
 import json
 import math
 import os
@@ -22,20 +23,30 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+import nbformat
+
 from inswsn_book import files, provenance
-from inswsn_book.cores import run_core
+from inswsn_book.cores import core_name, run_core
+from inswsn_book.imports import Named
 from inswsn_book.ledger import data_digest
-from inswsn_book.notebooks import notebook_text, read_source, strip_run
-from inswsn_book.parameters import REGRESSOR_RULE, Schema, Value, source_schema
+from inswsn_book.notebooks import notebook_text, read_source, strip_run, woven
+from inswsn_book.parameters import REGRESSOR_RULE, Value, read_myst, source_schema
 from inswsn_book.progress import Progress
-from inswsn_book.project import MODULES_VARIABLE, RESULTS_VARIABLE, ROOT_VARIABLE, Chapter, Project
+from inswsn_book.project import (
+    EXECUTING,
+    MODULES_VARIABLE,
+    RESULTS_VARIABLE,
+    ROOT_VARIABLE,
+    Chapter,
+    Project,
+)
 from inswsn_book.results import Provenance, Results, read_results
 from inswsn_lib import __version__
 from inswsn_lib.errors import BuildError, InswsnError, ParameterError
 from inswsn_lib.files import DATA_VARIABLE, data_mirror, read_text
 
 # Raised when the form of the store, or the way in which chapters are executed, changes.
-_FORM = 7
+_FORM = 8
 # How many digits of a key tell the library, the locks and the chapter's source; and how many
 # entries of a chapter are kept that were made from others than the present ones.
 _ORIGIN, _KEPT = 12, 3
@@ -85,8 +96,9 @@ class _Prepared:
     """A request as it is run now."""
 
     chapter: Chapter
-    schema: Schema
+    source: str
     parameters: dict[str, Value]  # that differ from their defaults
+    modules: frozenset[str]  # that it may load
     sources: dict[str, str]  # their digests, for the provenance
     key: str
 
@@ -95,22 +107,21 @@ def _prepare(project: Project, request: Request) -> _Prepared:
     chapter = project.find(request.chapter)
     own = read_text(chapter.source)
     source = request.overlay.get(f"chapters/{chapter.source.name}", own)
-    schema = source_schema(source, chapter.source.name)
-    checked = {name: schema[name].check(value) for name, value in request.parameters.items()}
-    parameters = {name: v for name, v in checked.items() if v != schema[name].default}
-    library = project.computing_digest()
+    parameters: dict[str, Value] = {}
+    if request.parameters:
+        schema = source_schema(source, chapter.source.name)
+        checked = {name: schema[name].check(value) for name, value in request.parameters.items()}
+        parameters = {name: v for name, v in checked.items() if v != schema[name].default}
+    regressors = [n for n in parameters if schema[n].rule == REGRESSOR_RULE]
+    code, modules, library = code_of(project, source, chapter.source.name)
     locks = files.tree_digest(project.root, project.locks)
-    origin = files.text_digest(
-        json.dumps([_FORM, chapter.name, files.text_digest(own), library, locks])
-    )
+    its_own = code_of(project, own, chapter.source.name)
+    origin = files.text_digest(json.dumps([_FORM, chapter.name, *its_own[::2], locks]))
     facts = {
         "origin": origin,
+        "code": [code, library],
         "parameters": parameters,
-        "regressors": [
-            _modules_digest(str(value))
-            for name, value in parameters.items()
-            if schema[name].rule == REGRESSOR_RULE
-        ],
+        "regressors": [_modules_digest(str(parameters[name])) for name in regressors],
         "python": [platform.python_version(), provenance.package_versions()],
         "surroundings": [request.threads, dict(request.variables)],
         "overlay": {name: files.text_digest(text) for name, text in request.overlay.items()},
@@ -119,14 +130,43 @@ def _prepare(project: Project, request: Request) -> _Prepared:
     }
     key = f"{origin[:_ORIGIN]}-{files.text_digest(json.dumps(facts, sort_keys=True))[:32]}"
     sources = {"chapter": files.text_digest(source), "library": library, "locks": locks}
-    return _Prepared(chapter, schema, parameters, sources, key)
+    return _Prepared(chapter, source, parameters, modules, sources, key)
+
+
+def code_of(project: Project, source: str, name: str) -> tuple[str, frozenset[str], str]:
+    """Return the digest of a chapter's code cells, the modules that they may load, and theirs.
+
+    The modules are those of both packages, and what executes chapters.
+    """
+    imports = project.imports()
+    code, named = project.memory.of(f"cells {files.text_digest(source)}", _cells, source, name)
+    modules = frozenset(imports.needs(Named(*named))) if named else imports.modules
+    modules |= imports.modules & {*EXECUTING}
+    return code, modules, imports.digest(modules)
+
+
+def _cells(source: str, name: str) -> tuple[str, Named | None]:
+    """Return the digest of a chapter's code cells, and what they name; None if that is no Python.
+
+    Prose does not count: it is woven anew around what the cells gave.
+    """
+    cells = [c for c in read_myst(source, name).cells if c.cell_type == "code"]
+    core = core_name(source)
+    facts = [[c.source, c.metadata.get("tags", [])] for c in cells]
+    code = [c.source for c in cells] + ([f"import {core.partition(':')[0]}"] if core else [])
+    try:
+        named = Named.of(ast.parse("\n".join(code)))
+    except SyntaxError:
+        named = None
+    return files.text_digest(json.dumps([core, *facts])), named
 
 
 def request_key(project: Project, request: Request) -> str:
     """Return the key of a request: a digest of all that its run is made from.
 
-    Its first part covers the chapter's source, what computes of the two packages, and the locks. Of
-    recorded data it covers whether there are any. The data files that a chapter reads are known
+    Its first part covers the chapter's code cells, the modules that they may load, and the locks;
+    prose, comments of modules and docstrings do not count. Of recorded data it covers whether there
+    are any. The data files that a chapter reads are known
     once it has run: they stand in its results with their digests, and `lookup` checks them.
     """
     return _prepare(project, request).key
@@ -139,7 +179,9 @@ def lookup(
 
     It is told of an entry that is damaged, which counts as none.
     """
-    entry = _entry(project, request)
+    prepared = _prepare(project, request)
+    project.memory.save()
+    entry = project.store / request.chapter / prepared.key
     try:
         text = files.read_sealed(entry)
     except FileNotFoundError:
@@ -154,7 +196,26 @@ def lookup(
         replaced = name.partition("#")[0] in request.overlay
         if not replaced and data_digest(project.root, name) != digest:
             return None
-    return Run(request, results, kept["notebook"], kept["files"])
+    found = Run(request, results, kept["notebook"], kept["files"])
+    if results.provenance and results.provenance.sources["chapter"] != prepared.sources["chapter"]:
+        found = _weave(found, prepared)
+        keep(project, request, found)
+    return found
+
+
+def _weave(run: Run, prepared: _Prepared) -> Run:
+    """Return a run of the same code cells as that of the present prose."""
+    made = run.results.provenance
+    assert made is not None
+    sources = made.sources | {"chapter": prepared.sources["chapter"]}
+    update: dict[str, Any] = {"provenance": made.model_copy(update={"sources": sources})}
+    text = run.notebook
+    if text is not None:
+        source = read_source(prepared.chapter, prepared.source)
+        notebook, ids = woven(source, nbformat.reads(text, as_version=4))
+        update["cells"] = {name: ids[cell] for name, cell in run.results.cells.items()}
+        text = notebook_text(notebook)
+    return replace(run, results=run.results.model_copy(update=update), notebook=text)
 
 
 def keep(project: Project, request: Request, run: Run) -> None:
@@ -294,7 +355,8 @@ def _run_and_keep(
     prepared = _prepare(project, request)
     (commit, clean), began = provenance.repository_state(project.root), time.monotonic()
     if request.core:
-        values = prepared.schema.check(request.parameters)
+        schema = source_schema(prepared.source, prepared.chapter.source.name)
+        values = schema.check(request.parameters)
         found = run_core(project.root, prepared.chapter, values, request.threads)
         done, machine = Run(request, found[0], None, found[1]), provenance.machine_facts()
     else:
@@ -339,7 +401,7 @@ def _execute(
         _overlaid(project.root, request.overlay) as root,
         files.temporary_folder() as folder,
     ):
-        notebook = read_source(Chapter(chapter.name, root / "chapters" / chapter.source.name))
+        notebook = read_source(chapter, prepared.source)
         progress.started(chapter.name, len(notebook.cells) + bool(prepared.parameters))
         environment = _environment(project, request)
         own = {
@@ -367,6 +429,12 @@ def _execute(
         raise ChapterError(
             f"Chapter {chapter.name} was not executed by {sys.executable} with what is installed "
             f"there: its kernel is {found[0]} with {found[1]}."
+        )
+    # what nothing names would not be a part of the key
+    if unnamed := sorted({*machine.pop("modules")} - prepared.modules):
+        raise ChapterError(
+            f"Chapter {chapter.name} loads {unnamed[0]}, which neither its cells nor what they "
+            "import name; import it by its name."
         )
     results = results.model_copy(update=_shown(executed))
     return Run(request, results, notebook_text(strip_run(executed)), written), machine

@@ -15,7 +15,7 @@ from conftest import MiniProject
 from inswsn_book import runs
 from inswsn_book.files import file_digest, write_whole
 from inswsn_book.progress import Quiet
-from inswsn_book.project import _EXECUTING, MODULES_VARIABLE
+from inswsn_book.project import EXECUTING, MODULES_VARIABLE
 from inswsn_book.provenance import machine_facts
 from inswsn_book.results import Provenance, Results
 from inswsn_book.runs import (
@@ -48,33 +48,58 @@ def append(name: str) -> Callable[[MiniProject], object]:
     return change
 
 
+def replace_in(path: Path, old: str, new: str) -> None:
+    text = path.read_text(encoding="utf-8")
+    assert old in text
+    path.write_text(text.replace(old, new), encoding="utf-8")
+
+
 @pytest.fixture
 def packaged(mini: MiniProject, monkeypatch: pytest.MonkeyPatch) -> MiniProject:
-    """The small project with two small packages in the place of the two of the checkout."""
+    """The small project with two small packages in the place of the two of the checkout.
+
+    The chapter takes from two modules of the science, of which one takes from a third.
+    """
     folders = mini.root / "inswsn_lib", mini.root / "inswsn_book"
+    executing = [name.partition(".")[2] for name in EXECUTING]
     for folder in folders:
         folder.mkdir()
-        for name in ("a.py", "pages.py", *_EXECUTING):
-            (folder / name).write_text("x = 1\n")
+        for name in ("__init__", "a", "b", "c", "other", "record", "show", "pages", *executing):
+            (folder / f"{name}.py").write_text("x = 1\n")
+    (folders[0] / "b.py").write_text("from inswsn_lib.c import x\n")
     monkeypatch.setattr(mini, "libraries", folders)
+    replace_in(mini.source, "record.write()", "from inswsn_lib import a, b\nrecord.write()")
     return mini
+
+
+def write(name: str, old: str, new: str) -> Callable[[MiniProject], object]:
+    return lambda mini: replace_in(mini.root / name, old, new)
 
 
 @pytest.mark.parametrize(
     ("change", "counts"),
     [
-        (append("chapters/00-mini.md"), True),
         (append("environment.lock"), True),
         (append("environment-torch.lock"), True),
-        (append("inswsn_lib/a.py"), True),
-        (append("inswsn_book/record.py"), True),
-        (append("inswsn_lib/new.py"), True),
-        (lambda mini: (mini.root / "inswsn_lib/a.py").rename(mini.root / "inswsn_lib/c.py"), True),
+        # what the chapter loads, and what that loads
+        (write("inswsn_lib/a.py", "1", "2"), True),
+        (write("inswsn_lib/c.py", "1", "2"), True),
+        (write("inswsn_book/record.py", "1", "2"), True),
+        (write("inswsn_book/execution.py", "1", "2"), True),
+        (lambda mini: (mini.root / "inswsn_lib/c.py").rename(mini.root / "inswsn_lib/d.py"), True),
+        # what it does not load, and what is no code
+        (write("inswsn_lib/other.py", "1", "2"), False),
+        (write("inswsn_lib/a.py", "x", '"""A docstring."""\nx'), False),
+        (append("inswsn_lib/new.py"), False),
+        (append("inswsn_lib/a.py"), False),
         # the pages may change without any chapter being due, and what nobody reads
-        (append("inswsn_book/pages.py"), False),
+        (write("inswsn_book/pages.py", "1", "2"), False),
         (append("README.md"), False),
         (append("data/papers/other.txt"), False),
         (lambda mini: os.utime(mini.source, (0, 0)), False),
+        # a word of prose, but not a comment in a cell, which the page shows
+        (append("chapters/00-mini.md"), False),
+        (write("chapters/00-mini.md", "record.write()", "record.write()  # ends"), True),
     ],
 )
 def test_a_change_of_content_changes_the_key(
@@ -201,13 +226,13 @@ def test_old_entries_go_but_for_the_last_few(mini: MiniProject) -> None:
     # of the present source all are kept
     assert len(list((mini.store / "00").iterdir())) == len(several)
     for edit in range(5):
-        mini.source.write_text(f"{source}\nEdit {edit}.\n")
+        mini.source.write_text(source.replace("record.write()", f"record.write()  # {edit}"))
         keep(mini, PLAIN, Run(PLAIN, EMPTY))
         # what is written first is oldest
         os.utime(mini.store / "00" / request_key(mini, PLAIN), (edit + 2e9, edit + 2e9))
     there = []
     for edit in range(5):
-        mini.source.write_text(f"{source}\nEdit {edit}.\n")
+        mini.source.write_text(source.replace("record.write()", f"record.write()  # {edit}"))
         there.append(lookup(mini, PLAIN) is not None)
     assert there == [False, True, True, True, True]
     assert len(list((mini.store / "00").iterdir())) == 4
@@ -292,6 +317,30 @@ def test_a_chapter_that_does_not_come_to_its_end(mini: MiniProject, code: str, s
     assert said in str(failure.value)
     assert "Traceback" not in str(failure.value)
     assert not mini.store.exists()
+
+
+def test_other_prose_is_woven_around_what_the_cells_gave(mini: MiniProject) -> None:
+    """As if the chapter were executed anew, also where a cell with parameters is put in."""
+    for request in (PLAIN, Request("00", {"scale": 3.0})):
+        first = run(mini, request, Quiet())
+        text = mini.source.read_text()
+        mini.source.write_text(text.replace("The number is", "+++\n\nA word.\n\n+++\n\nIt is"))
+        found, anew = lookup(mini, request), run(mini, request, Quiet(), fresh=True)
+        assert found is not None
+        assert found.notebook == anew.notebook != first.notebook
+        assert found.results.found() == anew.results.found()
+        assert found.results.cells != first.results.cells  # cells are named by their places
+        made = [run.results.provenance for run in (first, found, anew)]
+        assert [m.sources for m in made if m][1] == [m.sources for m in made if m][2]
+        assert found.results.provenance == (
+            made[0] and made[0].model_copy(update={"sources": made[2] and made[2].sources})
+        )
+
+
+def test_a_chapter_may_load_only_what_it_names(mini: MiniProject) -> None:
+    mini.chapter("from importlib import import_module\nimport_module('inswsn_' + 'lib.models')")
+    with pytest.raises(ChapterError, match=r"loads inswsn_lib\.checks, which neither its cells"):
+        run(mini, PLAIN, Quiet())
 
 
 def test_runs_go_side_by_side_and_a_failure_stops_all_or_not(mini: MiniProject) -> None:
