@@ -7,15 +7,23 @@ the reader's screen is in ``access.js``, and what a style can do in ``inswsn.css
 
 from __future__ import annotations
 
+import json
 import os
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import suppress
 from pathlib import Path
+from typing import Any
 from urllib.parse import unquote, urlsplit
 
 from bs4 import BeautifulSoup, Tag
 from bs4.element import AttributeValueList
+
+from inswsn_book.files import file_digest, write_whole
+
+# What a link may name in a page, its links, and what is wrong in it
+_Facts = tuple[list[str], list[str], list[str]]
 
 _CODE = re.compile(r"<pre>(.*?)</pre>", re.DOTALL)
 _HEADINGS = ["h1", "h2", "h3", "h4", "h5", "h6"]
@@ -24,29 +32,49 @@ _FETCHED = {"img": "src", "script": "src", "link": "href", "source": "src", "ifr
 _FOREIGN_STYLE = re.compile(r"url\(\s*['\"]?(https?:)?//|@import\s+['\"](https?:)?//")
 
 
-def finish_site(site: Path) -> list[str]:
+def finish_site(site: Path, kept: Path) -> list[str]:
     """Make the pages of a site accessible, and return what is wrong with it, a sentence each.
 
     Checked are: every link and image inside the site leads to a file, and to an element where it
     names one; every image has an alternative text that is not its path; no page or style sheet
-    takes a part of itself from another host.
+    takes a part of itself from another host. Images that no page shows go.
+
+    The file `kept` has what is known of the pages that are finished already.
     """
     pages = [p for p in site.rglob("*.html") if "_static" not in p.relative_to(site).parts]
-    pages.sort(key=lambda page: page.stat().st_size, reverse=True)  # the long ones first
-    with ProcessPoolExecutor(max_workers=min(4, os.cpu_count() or 1)) as pool:
-        found = dict(zip(pages, pool.map(_rewrite, pages), strict=True))
+    known: dict[str, Any] = {}
+    with suppress(OSError, ValueError):
+        known = json.loads(kept.read_bytes())
+    digests = {page: file_digest(page) for page in pages}
+    due = [page for page in pages if digests[page] not in known]
+    due.sort(key=lambda page: page.stat().st_size, reverse=True)  # the long ones first
+    found: dict[Path, _Facts] = {p: known[d] for p, d in digests.items() if d in known}
+    found |= zip(due, _rewritten(due), strict=True)
+    write_whole(kept, json.dumps({file_digest(page): facts for page, facts in found.items()}))
     problems = []
-    names = {page: ids for page, (ids, _, _) in found.items()}
-    for page, (_, links, own) in sorted(found.items()):
-        own += [said for link in links for said in _broken(site, page, link, names)]
+    names = {page: {*ids} for page, (ids, _, _) in found.items()}
+    for page, (_, links, wrong) in sorted(found.items()):
+        own = [*wrong, *(said for link in links for said in _broken(site, page, link, names))]
         problems += [f"{page.relative_to(site).as_posix()}: {said}" for said in own]
     for sheet in sorted(site.rglob("*.css")):
         if _FOREIGN_STYLE.search(sheet.read_text(encoding="utf-8", errors="replace")):
             problems.append(f"{sheet.relative_to(site)}: takes a part of itself from another host.")
+    shown = {(page.parent / unquote(link)).resolve() for page, f in found.items() for link in f[1]}
+    for image in (site / "_images").glob("*"):
+        if image.resolve() not in shown:
+            image.unlink()
     return problems
 
 
-def _rewrite(path: Path) -> tuple[set[str], list[str], list[str]]:
+def _rewritten(pages: Sequence[Path]) -> list[_Facts]:
+    """Rewrite pages, many side by side."""
+    if len(pages) < 4:
+        return [_rewrite(page) for page in pages]
+    with ProcessPoolExecutor(max_workers=min(4, os.cpu_count() or 1)) as pool:
+        return list(pool.map(_rewrite, pages))
+
+
+def _rewrite(path: Path) -> _Facts:
     """Rewrite a page; return what a link may name in it, its links, and what is wrong in it."""
     page, soup = improve(path.read_text(encoding="utf-8"))
     path.write_text(page, encoding="utf-8", newline="\n")
@@ -66,7 +94,7 @@ def _rewrite(path: Path) -> tuple[set[str], list[str], list[str]]:
             alt = str(tag.get("alt") or "").strip()
             if not alt or alt == target or re.search(r"\.(png|svg|jpe?g)$", alt):
                 problems.append(f"the image {target} has no alternative text.")
-    return names, links, problems
+    return sorted(names), links, problems
 
 
 def _broken(site: Path, page: Path, link: str, names: Mapping[Path, set[str]]) -> Iterator[str]:

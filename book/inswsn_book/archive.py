@@ -21,11 +21,11 @@ from rocrate.rocrate import ROCrate
 from inswsn_book.cli import run_command
 from inswsn_book.files import MANIFEST, manifest_text, write_whole
 from inswsn_book.judging import judge, verdicts_text
-from inswsn_book.pages import require_current_site
 from inswsn_book.project import Project, find_root
 from inswsn_book.provenance import repository_state
 from inswsn_book.results import results_text
 from inswsn_book.runs import Run, book_runs
+from inswsn_book.site import require_current_site
 from inswsn_lib.errors import InswsnError, ParameterError
 
 #: Whose style sheets, scripts, fonts and icons the site holds; THIRD-PARTY.md says which

@@ -49,6 +49,17 @@ def write_whole(path: Path, content: str | bytes) -> None:
         raise
 
 
+def fill_folder(folder: Path, contents: Mapping[str, bytes]) -> None:
+    """Make a folder hold these files and no others; one that is as it should be is not touched."""
+    for name, content in contents.items():
+        path = folder / name
+        if not path.is_file() or path.read_bytes() != content:
+            write_whole(path, content)
+    for path in folder.rglob("*"):
+        if path.is_file() and path.relative_to(folder).as_posix() not in contents:
+            path.unlink()
+
+
 def text_digest(text: str) -> str:
     """Return the SHA-256 of a text's UTF-8 bytes as 64 hexadecimal digits."""
     return hashlib.sha256(text.encode("utf-8")).hexdigest()

@@ -1,58 +1,34 @@
-"""The book as a site: templates over results and ledger, staged and rendered.
+"""The pages of the book: templates over results and ledger, staged with the executed chapters.
 
-Pages in ``book/`` are Jinja templates, which `inswsn_book.sphinx_ext` renders as Sphinx reads them.
-What is made for a rendering, executed chapters above all, lies in a staging folder.
+Pages in ``book/`` are Jinja templates. `inswsn_book.site` renders what is staged here.
 """
 
 from __future__ import annotations
 
 import json
-import os
 import re
-import shutil
-import subprocess
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import nbformat
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from jinja2 import Environment, FileSystemLoader, StrictUndefined, TemplateError
 
 import inswsn_lib
 from inswsn_book import files, review
-from inswsn_book.imports import code_files
 from inswsn_book.judging import judge
 from inswsn_book.ledger import KINDS, LEDGER, PAPERS, Claim, claims_of, load_claims
 from inswsn_book.notebooks import notebook_text
 from inswsn_book.parameters import chapter_schema
-from inswsn_book.progress import Progress
-from inswsn_book.project import ROOT_VARIABLE, Chapter, Project
-from inswsn_book.provenance import repository_state
-from inswsn_book.results import Results, write_results
+from inswsn_book.project import Chapter, Project
+from inswsn_book.results import Results, results_text
 from inswsn_book.runs import Run, code_of, reference_results
 from inswsn_book.verdicts import Verdict, count_verdicts
 from inswsn_lib.errors import BuildError, InswsnError
 from inswsn_lib.files import read_text, read_yaml
 from inswsn_lib.scenario import load_scenario
 
-_KEY_FILE = ".inswsn-key"
-#: Set for the Sphinx that renders one page of the book
-ALONE = "INSWSN_ALONE"
-# The trees of all pages live until the end. To look for what is dead among them as often as Python
-# does by default takes a quarter of the time; to look seldom takes a tenth more memory. When the
-# command ends, however it does, its end of the pipe is closed, and all of this group ends as well.
-_JUPYTER_BOOK = """
-import gc, os, signal, threading
-from jupyter_book.cli.main import main
-end = lambda: os.read(0, 1) or os.killpg(0, signal.SIGKILL)
-threading.Thread(target=end, daemon=True).start()
-gc.set_threshold(100_000, 20, 20)
-main()
-"""
-#: A warning as Sphinx writes it: "place: WARNING: what", or the word first
-WARNING = re.compile(r"(^|: )(WARNING|ERROR|CRITICAL|SEVERE): ")
-_COLOUR = re.compile(r"\x1b\[[\d;]*m")
+_UNSTAGED = re.compile(r"inswsn_book/|_templates/|pyproject\.toml|(.*/)?\.")
 _HEAD = re.compile(
     r"\*\*You need\*\*\s+(?P<need>.*?)\.\s+\*\*Reading time\*\*\s+(?P<minutes>\d+)\s+minutes?\.",
     re.DOTALL,
@@ -206,30 +182,50 @@ def read_json(path: Path) -> Any:
 # Staging
 
 
-def stage_book(project: Project, runs: Sequence[Run], folder: Path) -> None:
-    """Write the source folder of a rendering: pages, executed chapters, results, figures."""
-    shutil.copytree(
-        project.root / "book",
-        folder,
-        ignore=shutil.ignore_patterns("inswsn_book", "_templates", "pyproject.toml"),
-    )
+def stage_book(project: Project, runs: Sequence[Run], folder: Path) -> list[str]:
+    """Write the source folder of a rendering: pages, executed chapters, results, figures.
+
+    What is there and as it should be is left alone, what should not be there goes. Returns what is
+    wrong with templates, a line each as Sphinx warns.
+    """
     rendered = [run.results for run in runs]
     here = {results.chapter for results in rendered}
     # what the pages and the verdicts need of chapters that are not rendered
     others = [
         reference_results(project, c.number) for c in project.chapters() if c.number not in here
     ]
-    context(project, [*rendered, *others])  # what cannot be shown is refused by it
+    known, templates = context(project, [*rendered, *others]), environment(project.root)
+    texts, problems = _pages(project, templates, known)
     for results in (*rendered, *others):
-        write_results(results, folder / "generated" / f"{results.chapter}.json")
-    templates, claims = environment(project.root), load_claims(project.root / LEDGER)
+        texts[f"generated/{results.chapter}.json"] = results_text(results).encode()
+    claims = load_claims(project.root / LEDGER)
     for run in runs:
         name, results = project.find(run.request.chapter).name, run.results
         notebook = with_captions(nbformat.reads(run.notebook, as_version=4))
         shown = with_notes(notebook, results, claims_of(claims, results.chapter), templates)
-        files.write_whole(folder / "chapters" / f"{name}.ipynb", notebook_text(shown))
+        texts[f"chapters/{name}.ipynb"] = notebook_text(shown).encode()
     for figure in (project.root / "data").glob("*.svg"):
-        shutil.copy(figure, folder / "generated")
+        texts[f"generated/{figure.name}"] = figure.read_bytes()
+    files.fill_folder(folder, texts)
+    return problems
+
+
+def _pages(
+    project: Project, templates: Environment, known: dict[str, Any]
+) -> tuple[dict[str, bytes], list[str]]:
+    """Return what lies in ``book/``, pages rendered, and what is wrong with templates."""
+    book, texts, problems = project.root / "book", dict[str, bytes](), list[str]()
+    for path in sorted(book.rglob("*")):
+        name = path.relative_to(book).as_posix()
+        if not path.is_file() or _UNSTAGED.match(name):
+            continue
+        texts[name] = path.read_bytes()
+        if path.suffix == ".md":
+            try:
+                texts[name] = templates.get_template(name).render(known).encode()
+            except (TemplateError, InswsnError) as error:
+                problems.append(f"book/{name}: WARNING: {error}")
+    return texts, problems
 
 
 def with_captions(notebook: Any) -> Any:
@@ -275,124 +271,6 @@ def with_notes(
         cells.append(nbformat.v4.new_markdown_cell(text, id=f"ch{results.chapter}-provenance"))
     notebook.cells = cells
     return notebook
-
-
-# Rendering
-
-
-def render_book(
-    project: Project, runs: Sequence[Run], progress: Progress, *, fresh: bool = False
-) -> None:
-    """Render the book to ``_build/html`` unless it is up to date.
-
-    The site is built beside the old one, inspected, and only then put in its place: a failure
-    leaves the last good site as it was. Every build starts from clean doctrees, since Sphinx does
-    not repeat the warnings of pages that it does not read again.
-    """
-    key = _site_key(project, runs)
-    why = "it is asked for" if fresh else _why_due(project, key)
-    if not why:
-        progress.say("book: unchanged")
-        return
-    progress.say(f"book: rendering, since {why}")
-    project.build.mkdir(parents=True, exist_ok=True)
-    with files.temporary_folder(project.build) as stage:
-        stage_book(project, runs, stage / "source")
-        site = _render(project, stage)
-        if _site_key(project, runs) != key:
-            raise RenderingError("Something changed while the book was rendered; build it again.")
-        files.write_whole(site / _KEY_FILE, key)
-        files.seal_folder(site)
-        files.replace_folder(project.site, site)
-
-
-def render_run(project: Project, run: Run, target: Path) -> None:
-    """Render the page of a run, with links to the built book; without one they are plain words."""
-    chapter = f"chapters/{project.find(run.request.chapter).name}"
-    with files.temporary_folder(target.parent) as stage:
-        source = stage / "source"
-        stage_book(project, [run], source)
-        toc = f"format: jb-book\nroot: {chapter}\n"
-        if (source / "bibliography.md").is_file():  # citations are resolved there
-            toc += "chapters:\n- file: bibliography\n"
-        files.write_whole(source / "_toc.yml", toc)
-        _render(project, stage, alone=True).rename(target)
-
-
-def _render(project: Project, stage: Path, *, alone: bool = False) -> Path:
-    """Render what is staged; return the folder of the site.
-
-    A page that is alone may lack what it names.
-    """
-    command = [
-        *(sys.executable, "-I", "-X", "utf8", "-c", _JUPYTER_BOOK),
-        *("build", str(stage / "source"), "--config", "_config.yml", "--path-output", str(stage)),
-        *("--all", "-q", *(() if alone else ("-W", "-n", "--keep-going"))),
-    ]
-    with subprocess.Popen(
-        command,
-        cwd=project.root,
-        env=os.environ | {ROOT_VARIABLE: str(project.root), ALONE: "yes" if alone else ""},
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        encoding="utf-8",
-        start_new_session=True,
-    ) as done:
-        assert done.stdout is not None
-        said = done.stdout.read()
-    # without colours, and what is to be edited lies in book/
-    said = _COLOUR.sub("", said).replace(str(stage / "source"), "book")
-    warnings = [line for line in said.splitlines() if WARNING.search(line)]
-    # jupyter-book's exit status alone is not to be trusted: it has been 0 after warnings
-    if done.returncode != 0 or (warnings and not alone):
-        raise RenderingError(
-            "Sphinx could not render the book without warnings:\n"
-            + ("\n".join(warnings) if warnings else said.strip())
-        )
-    return stage / "_build" / "html"
-
-
-def require_current_site(project: Project, runs: Sequence[Run]) -> None:
-    """Raise `InswsnError` if there is no site, or it is not what is rendered of all this."""
-    if why := _why_due(project, _site_key(project, runs)):
-        raise InswsnError(f"The book in {project.site} is not up to date, since {why}: make book.")
-
-
-def _why_due(project: Project, key: str) -> str:
-    """Return why the site must be rendered; nothing if it need not be."""
-    kept = project.site / _KEY_FILE
-    if not kept.is_file() or kept.read_bytes() != key.encode():
-        return "its sources have changed"
-    return files.few(files.damages(project.site))
-
-
-def _site_key(project: Project, runs: Sequence[Run]) -> str:
-    """Return a digest of all that a site is made from; what is made of it is not looked at."""
-    root = project.root
-    sources = [path for path in (root / "book").rglob("*") if path.is_file()]
-    sources += [path for path in (root / "data").rglob("*") if path.is_file()]
-    sources += [chapter.source for chapter in project.chapters()]
-    sources += [*project.locks, root / "_config.yml", root / "CITATION.cff"]
-    kept = [path for path in sources if "__pycache__" not in path.parts and path.is_file()]
-    # docstrings and signatures are on the page of the library
-    code = [files.tree_digest(p.parent, code_files(p)) for p in project.libraries]
-    facts = [files.tree_digest(root, kept), *code, footer(project)]
-    facts += [files.text_digest(run.notebook or "") for run in runs]
-    facts += [files.text_digest(run.results.model_dump_json()) for run in runs]
-    return files.text_digest("\n".join(facts))
-
-
-def footer(project: Project) -> str:
-    """Return the line at the foot of every page: what the site was built from."""
-    commit, clean = repository_state(project.root)
-    state = "" if clean is None or clean else " with changes that were not committed"
-    source = f"commit {commit[:12]}{state}" if commit else "files that are not a git checkout"
-    lock = files.file_digest(project.locks[0])
-    return (
-        f"Built by inswsn {project.about()['version']} from {source}, "
-        f"environment.lock SHA-256 {lock[:12]}…"
-    )
 
 
 def check_pages(project: Project) -> None:

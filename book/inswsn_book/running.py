@@ -19,11 +19,12 @@ from inswsn_book.files import (
     write_whole,
 )
 from inswsn_book.notebooks import notebook_text
-from inswsn_book.pages import check_pages, environment, render_book, render_run, with_notes
+from inswsn_book.pages import check_pages, environment, with_notes
 from inswsn_book.parameters import Parameter, Schema, Value, chapter_schema
 from inswsn_book.progress import Progress
 from inswsn_book.project import Project
 from inswsn_book.results import Results, write_results
+from inswsn_book.site import render_book, render_run
 from inswsn_lib.errors import InswsnError, ParameterError
 from inswsn_lib.files import read_yaml
 

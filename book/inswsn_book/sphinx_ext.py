@@ -1,22 +1,19 @@
-"""The Sphinx extension of the book: pages are templates, and every page says whose book it is."""
+"""The Sphinx extension of the book: every page says whose book it is, and is finished."""
 
 from __future__ import annotations
 
 import os
 import re
-from html import escape
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
-from jinja2 import TemplateError
 from sphinx.util import docname_join, logging
 
 from inswsn_book.access import finish_site
-from inswsn_book.pages import ALONE, context, environment, footer
+from inswsn_book.files import text_digest
 from inswsn_book.project import Project, find_root
-from inswsn_book.results import read_results
-from inswsn_lib.errors import InswsnError
+from inswsn_book.site import ALONE, FOOTER
 
 _LOG = logging.getLogger(__name__)
 
@@ -27,7 +24,7 @@ def _configure(app: Any, config: Any) -> None:
     config.project = config.html_title = about["title"]
     config.author = "; ".join(about["names"])
     config.copyright = about["date-released"][:4]
-    config.html_theme_options["extra_footer"] = escape(footer(project))
+    config.html_theme_options["extra_footer"] = FOOTER
     host = urlsplit(about["repository-code"] or "").netloc
     if host in ("github.com", "gitlab.com"):  # chapters lie here where they do in the repository
         config.html_theme_options |= {
@@ -44,9 +41,9 @@ def _configure(app: Any, config: Any) -> None:
     if os.environ.get(ALONE) and (site / "objects.inv").is_file():
         config.intersphinx_mapping = {"book": (site.as_uri(), str(site / "objects.inv"))}
         config.intersphinx_disabled_reftypes = []
-    found = [read_results(path) for path in sorted(Path(app.srcdir, "generated").glob("*.json"))]
-    app.inswsn_templates = environment(project.root)
-    app.inswsn_context = context(project, found)
+    # these do not say that they are: they add files and options, and keep nothing of a page
+    for name in app.extensions.keys() & {"sphinx_mathjax_offline", "sphinx.ext.intersphinx"}:
+        app.extensions[name].parallel_read_safe = True
 
 
 def _whole_name(app: Any, env: Any, node: Any, words: Any) -> None:
@@ -55,19 +52,21 @@ def _whole_name(app: Any, env: Any, node: Any, words: Any) -> None:
         node["reftarget"] = docname_join(node["refdoc"], node["reftarget"])
 
 
-def _render(app: Any, page: str, source: list[str]) -> None:
-    if page.startswith("chapters/"):  # an executed notebook is no template
-        return
-    try:
-        source[0] = app.inswsn_templates.from_string(source[0]).render(app.inswsn_context)
-    except (TemplateError, InswsnError) as error:
-        _LOG.warning("%s", error, location=page)  # which ends the build once all pages are read
-        source[0] = f"# {page}\n"
+def _update(app: Any, env: Any) -> list[str]:
+    """Return the pages to be written: all of them, once what they may name of others differs."""
+    domain, titles = env.get_domain("std"), {k: v.astext() for k, v in env.titles.items()}
+    named = [domain.labels, domain.anonlabels, env.get_domain("math").equations, titles]
+    named += [env.toc_secnumbers, env.toc_fignumbers]
+    objects = [sorted(domain.get_objects()) for _, domain in sorted(env.domains.items())]
+    # what is read anew moves to the end of a dict
+    digest = text_digest(repr([*(sorted(names.items()) for names in named), objects]))
+    changed, env.inswsn_named = getattr(env, "inswsn_named", digest) != digest, digest
+    return sorted(env.found_docs) if changed else []
 
 
 def _finish(app: Any, error: Exception | None) -> None:
     if error is None and app.builder.format == "html":
-        for problem in finish_site(Path(app.outdir)):
+        for problem in finish_site(Path(app.outdir), Path(app.doctreedir, "finished.json")):
             _LOG.warning("%s", problem)
 
 
@@ -84,7 +83,7 @@ def setup(app: Any) -> dict[str, bool]:
         app.connect("missing-reference", _whole_name, priority=100)
     # before the handlers that work on what is set here
     app.connect("config-inited", _configure, priority=100)
-    app.connect("source-read", _render)
+    app.connect("env-updated", _update)
     app.connect("autodoc-skip-member", _skip)
     app.connect("build-finished", _finish)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -11,13 +11,13 @@ from bs4 import BeautifulSoup
 from inswsn_book.compare import NUMBER, pair_quantities
 from inswsn_book.files import MANIFEST, damages
 from inswsn_book.judging import judge
-from inswsn_book.pages import require_current_site
 from inswsn_book.progress import Progress
 from inswsn_book.project import Project, is_checkout
 from inswsn_book.record import plain
 from inswsn_book.results import Results, read_results
 from inswsn_book.review import Findings
 from inswsn_book.runs import Request, book_runs, reference_results, run
+from inswsn_book.site import require_current_site
 from inswsn_lib.errors import InswsnError, ParameterError
 
 _GLUED = re.compile(r"\{glue:text\}`([^`:]*):?([^`]*)`")

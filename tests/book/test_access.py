@@ -109,11 +109,11 @@ def test_each_fault_of_a_site_is_told_by_its_page(tmp_path: Path) -> None:
     (site / "sub" / "page two.html").write_text('<p id="here">x</p>', encoding="utf-8")
     (site / "index.html").write_text(IN_ORDER, encoding="utf-8")
     (site / "own.css").write_text("p { background: url(a.png) }", encoding="utf-8")
-    assert finish_site(site) == []
+    assert finish_site(site, tmp_path / "kept") == []
     for i, fault in enumerate(FAULTS):
         (site / f"fault-{i:02d}.html").write_text(fault, encoding="utf-8")
     (site / "x.css").write_text("@import url('https://example.org/font.css');", encoding="utf-8")
-    *told, sheet = finish_site(site)
+    *told, sheet = finish_site(site, tmp_path / "kept")
     assert sheet == "x.css: takes a part of itself from another host."
     for i, (said, problem) in enumerate(zip(FAULTS.values(), told, strict=True)):
         assert problem.startswith(f"fault-{i:02d}.html: ")

@@ -4,22 +4,18 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import nbformat
 import pytest
 from conftest import MiniProject
-from inswsn_book import pages
-from inswsn_book.files import seal_folder
 from inswsn_book.ledger import Claim, MissingCheck, QuantityCheck
 from inswsn_book.pages import (
     RenderingError,
     context,
     environment,
     reference,
-    require_current_site,
     stage_book,
     with_captions,
     with_notes,
@@ -29,7 +25,6 @@ from inswsn_book.runs import Request, Run
 from inswsn_book.verdicts import verdicts
 
 import inswsn_lib
-from inswsn_lib.errors import InswsnError
 
 MISSING = MissingCheck(needs=("lost",), reasons=("It is lost.",))
 MADE = Provenance(
@@ -208,41 +203,3 @@ def test_nothing_is_written_into_the_folder_of_the_pages(mini: MiniProject, tmp_
     staged = {path.relative_to(source).as_posix() for path in source.rglob("*.*")}
     assert {"index.md", "_toc.yml", "chapters/00-mini.ipynb", "generated/00.json"} <= staged
     assert not any("_templates" in name or name.endswith(".py") for name in staged)
-
-
-@pytest.mark.parametrize(
-    "path", ["book/index.md", "book/_templates/macros.md", "data/papers/number.txt",
-             "chapters/00-mini.md", "_config.yml", "CITATION.cff", "environment.lock"],
-)  # fmt: skip
-def test_a_site_is_out_of_date_once_a_source_differs(mini: MiniProject, path: str) -> None:
-    def current(run: Run) -> bool:
-        try:
-            require_current_site(mini, [run])
-        except InswsnError:
-            return False
-        return True
-
-    one = Run(Request("00"), BARE, "{}")
-    assert not current(one)
-    mini.site.mkdir(parents=True)
-    (mini.site / ".inswsn-key").write_text(pages._site_key(mini, [one]))
-    seal_folder(mini.site)
-    assert current(one)
-    assert not current(replace(one, notebook="{ }"))
-    assert not current(replace(one, results=BARE.found()))
-    (mini.root / path).write_text((mini.root / path).read_text() + "\n")
-    assert not current(one)
-
-
-@pytest.mark.parametrize(
-    ("line", "warns"),
-    [
-        ("/a/b.md:3: WARNING: undefined label", True),
-        ("WARNING: unknown config value", True),
-        ("/a/b.md:3: ERROR: unknown directive", True),
-        ("Source Folder: /a/ERROR/WARNING/book", False),
-        ("copying images... [100%] WARNING.png", False),
-    ],
-)
-def test_what_counts_as_a_warning(line: str, warns: bool) -> None:
-    assert bool(pages.WARNING.search(line)) is warns

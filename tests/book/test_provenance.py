@@ -7,8 +7,8 @@ from importlib.metadata import version
 
 import pytest
 from conftest import MiniProject, git
-from inswsn_book.pages import footer
 from inswsn_book.provenance import machine_facts, repository_state
+from inswsn_book.site import footer
 
 
 def test_the_state_of_a_checkout(mini: MiniProject, monkeypatch: pytest.MonkeyPatch) -> None:

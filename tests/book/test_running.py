@@ -334,10 +334,13 @@ def test_the_rendering_ends_with_the_command(built: MiniProject, inswsn: Command
         stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL, start_new_session=True,
     )  # fmt: skip
     command = psutil.Process(process.pid)
-    written = lambda: [*built.build.glob(".inswsn-*/_build/html/index.html")]  # noqa: E731
-    assert waited(60, written), "it did not render"
+
+    def rendering() -> bool:
+        words = [" ".join(child.cmdline()) for child in command.children(recursive=True)]
+        return any("jupyter_book" in said for said in words)
+
+    assert waited(60, rendering), "it did not render"
     others = command.children(recursive=True)
-    assert any("jupyter_book" in " ".join(other.cmdline()) for other in others)
     process.send_signal(getattr(signal, how))
     process.wait(30)
     assert psutil.wait_procs(others, timeout=10)[1] == []

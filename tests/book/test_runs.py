@@ -306,7 +306,8 @@ def test_an_overlay_is_as_an_edited_checkout(mini: MiniProject) -> None:
          "with {'numpy': '2.3.5'"),
         ("import os\nos._exit(1)", "Chapter 00-mini failed in cell 5 of 6 (ch00-004)"),
         ("record.write = lambda: None", "Chapter 00-mini wrote no results file 00.json"),
-        ("from pathlib import Path\n_ = Path(SOURCE).write_text(Path(SOURCE).read_text() + 'x')",
+        ("from pathlib import Path\nw = 'record' + '.write()'\n"
+         "_ = Path(SOURCE).write_text(Path(SOURCE).read_text().replace(w, w + '  # ends'))",
          "changed while it was executed, or the library did; run it again."),
     ],
 )  # fmt: skip

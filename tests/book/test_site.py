@@ -1,0 +1,106 @@
+"""The site: when it is out of date, and that a changed page is rendered as all of them are."""
+
+from __future__ import annotations
+
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from conftest import MiniProject, files_of, run_command
+from inswsn_book import site
+from inswsn_book.files import seal_folder
+from inswsn_book.results import Results
+from inswsn_book.runs import Request, Run
+from inswsn_book.site import require_current_site
+
+from inswsn_lib.errors import InswsnError
+
+BARE = Results(chapter="00", parameters={}, data={}, quantities=())
+
+
+@pytest.mark.parametrize(
+    "path", ["book/index.md", "book/_templates/macros.md", "data/papers/number.txt",
+             "chapters/00-mini.md", "_config.yml", "CITATION.cff", "environment.lock"],
+)  # fmt: skip
+def test_a_site_is_out_of_date_once_a_source_differs(mini: MiniProject, path: str) -> None:
+    def current(run: Run) -> bool:
+        try:
+            require_current_site(mini, [run])
+        except InswsnError:
+            return False
+        return True
+
+    one = Run(Request("00"), BARE, "{}")
+    assert not current(one)
+    mini.site.mkdir(parents=True)
+    (mini.site / ".inswsn-key").write_text(site._site_key(mini, [one]))
+    seal_folder(mini.site)
+    assert current(one)
+    assert not current(replace(one, notebook="{ }"))
+    assert not current(
+        replace(one, results=BARE.model_copy(update={"solvers": {"CLARABEL": "optimal"}}))
+    )
+    (mini.root / path).write_text((mini.root / path).read_text() + "\n")
+    assert not current(one)
+
+
+@pytest.mark.parametrize(
+    ("line", "warns"),
+    [
+        ("/a/b.md:3: WARNING: undefined label", True),
+        ("WARNING: unknown config value", True),
+        ("/a/b.md:3: ERROR: unknown directive", True),
+        ("Source Folder: /a/ERROR/WARNING/book", False),
+        ("copying images... [100%] WARNING.png", False),
+    ],
+)
+def test_what_counts_as_a_warning(line: str, warns: bool) -> None:
+    assert bool(site.WARNING.search(line)) is warns
+
+
+def rendered(project: MiniProject) -> str:
+    done = run_command(project.root, "book")
+    assert done.returncode == 0, done.stderr
+    return done.stderr
+
+
+def test_changed_pages_are_rendered_alone_and_as_all_would_be(
+    built: MiniProject, tmp_path: Path
+) -> None:
+    """One word of a chapter, a new heading, and results that another page shows."""
+    text, kept = built.source.read_text(), built.build / "pages"
+    written = kept / "html" / "claims.html"
+    built.page("A page that is read here first, since Sphinx keeps nothing for another place.")
+    rendered(built)
+    for new in ("One word.", "## A heading\n\nAnd a word."):
+        before = written.stat().st_mtime_ns
+        built.source.write_text(text.replace("The number is", f"{new}\n\nThe number is"))
+        assert "00-mini: unchanged" in rendered(built)
+        assert new.removeprefix("## ")[:9] in (built.site / "chapters/00-mini.html").read_text()
+        # what another page may name has changed with the heading alone
+        assert (written.stat().st_mtime_ns > before) == new.startswith("##")
+    by_parts = files_of(built.site)
+    shutil.rmtree(kept)
+    built.build.joinpath("html", ".inswsn-key").unlink()
+    rendered(built)
+    own = {".inswsn-key", "SHA256SUMS"}
+    differing = {n for n, c in files_of(built.site).items() if by_parts.get(n) != c} - own
+    assert (differing, files_of(built.site).keys() ^ by_parts.keys()) == (set(), set())
+
+
+def test_what_a_change_elsewhere_breaks_is_found(built: MiniProject) -> None:
+    """A label goes that a page names which has not changed; the next rendering tells it again."""
+    text = built.source.read_text()
+    built.source.write_text(text + "\n(there)=\n## A heading\n")
+    built.page("See {ref}`there`.")
+    rendered(built)
+    before = files_of(built.site)
+    built.source.write_text(text)
+    for _ in range(2):
+        done = run_command(built.root, "book")
+        assert done.returncode == 1
+        assert "undefined label: 'there'" in done.stderr
+        assert files_of(built.site) == before
+    built.page()
+    rendered(built)
