@@ -83,7 +83,7 @@ def setup(app: Any) -> dict[str, bool]:
         app.connect("missing-reference", _whole_name, priority=100)
     # before the handlers that work on what is set here
     app.connect("config-inited", _configure, priority=100)
-    app.connect("env-updated", _update)
+    app.connect("env-get-updated", _update, priority=900)  # once all is numbered
     app.connect("autodoc-skip-member", _skip)
     app.connect("build-finished", _finish)
     return {"parallel_read_safe": True, "parallel_write_safe": True}
