@@ -21,7 +21,7 @@ from inswsn_book.imports import code_files
 from inswsn_book.pages import RenderingError, stage_book
 from inswsn_book.progress import Progress
 from inswsn_book.project import ROOT_VARIABLE, Project
-from inswsn_book.provenance import available_cores, repository_state
+from inswsn_book.provenance import repository_state
 from inswsn_book.runs import Run
 from inswsn_lib.errors import InswsnError
 
@@ -40,10 +40,10 @@ from jupyter_book.sphinx import build_sphinx
 end = lambda: os.read(0, 1) or os.killpg(0, signal.SIGKILL)
 threading.Thread(target=end, daemon=True).start()
 gc.set_threshold(100_000, 20, 20)
-stage, jobs = Path(sys.argv[1]), int(sys.argv[2])
+stage = Path(sys.argv[1])
 done = build_sphinx(
     stage / "source", stage / "html", doctreedir=stage / "doctrees", noconfig=True,
-    path_config="_config.yml", jobs=jobs, quiet=True, confoverrides={
+    path_config="_config.yml", quiet=True, confoverrides={
         "external_toc_path": str(stage / "source/_toc.yml"), "latex_individualpages": False,
     },
 )
@@ -102,9 +102,8 @@ def _render(
         if (source / "bibliography.md").is_file():  # citations are resolved there
             toc += "chapters:\n- file: bibliography\n"
         files.write_whole(source / "_toc.yml", toc)
-    command = [sys.executable, "-I", "-X", "utf8", "-c", _SPHINX]
     with subprocess.Popen(
-        [*command, str(stage), str(available_cores())],
+        [sys.executable, "-I", "-X", "utf8", "-c", _SPHINX, str(stage)],
         cwd=project.root,
         env=os.environ | {ROOT_VARIABLE: str(project.root), ALONE: "yes" if alone else ""},
         stdin=subprocess.PIPE,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+from functools import cache
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
@@ -13,6 +14,7 @@ from sphinx.util import docname_join, logging
 from inswsn_book.access import finish_site
 from inswsn_book.files import text_digest
 from inswsn_book.project import Project, find_root
+from inswsn_book.provenance import available_cores
 from inswsn_book.site import ALONE, FOOTER
 
 _LOG = logging.getLogger(__name__)
@@ -41,9 +43,27 @@ def _configure(app: Any, config: Any) -> None:
     if os.environ.get(ALONE) and (site / "objects.inv").is_file():
         config.intersphinx_mapping = {"book": (site.as_uri(), str(site / "objects.inv"))}
         config.intersphinx_disabled_reftypes = []
-    # these do not say that they are: they add files and options, and keep nothing of a page
-    for name in app.extensions.keys() & {"sphinx_mathjax_offline", "sphinx.ext.intersphinx"}:
-        app.extensions[name].parallel_read_safe = True
+
+
+class _Kept:
+    """An environment that loads the tree of a page once."""
+
+    def __init__(self, env: Any) -> None:
+        self._env, self.get_doctree = env, cache(env.get_doctree)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._env, name)
+
+
+def _before_writing(app: Any, env: Any) -> None:
+    """Let pages be written side by side, and each numbered reference not load a whole page.
+
+    To read pages side by side is not safe with sphinx_proof.
+    """
+    app.parallel = available_cores()
+    domain, kept = env.get_domain("std"), _Kept(env)
+    resolve = domain._resolve_numref_xref
+    domain._resolve_numref_xref = lambda _, *words: resolve(kept, *words)
 
 
 def _whole_name(app: Any, env: Any, node: Any, words: Any) -> None:
@@ -83,6 +103,7 @@ def setup(app: Any) -> dict[str, bool]:
         app.connect("missing-reference", _whole_name, priority=100)
     # before the handlers that work on what is set here
     app.connect("config-inited", _configure, priority=100)
+    app.connect("env-check-consistency", _before_writing)
     app.connect("env-get-updated", _update, priority=900)  # once all is numbered
     app.connect("autodoc-skip-member", _skip)
     app.connect("build-finished", _finish)
