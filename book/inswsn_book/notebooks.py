@@ -5,13 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import nbformat
+import lazy_loader
 
 from inswsn_book.files import write_whole
 from inswsn_book.parameters import notebook_schema, read_myst
 from inswsn_book.project import Chapter, Project, find_root
 from inswsn_lib.files import read_text
 
+nbformat = lazy_loader.load("nbformat")  # takes half a second
 _KERNEL = {"display_name": "Python 3", "language": "python", "name": "python3"}
 
 
@@ -31,6 +32,11 @@ def read_source(chapter: Chapter, source: str | None = None) -> Any:
     notebook.nbformat, notebook.nbformat_minor = 4, 5
     nbformat.validate(notebook)
     return notebook
+
+
+def read_notebook(text: str) -> Any:
+    """Return the notebook of the text of an .ipynb file."""
+    return nbformat.reads(text, as_version=4)
 
 
 def notebook_text(notebook: Any) -> str:

@@ -35,10 +35,6 @@ _HEAD = re.compile(
 )
 
 
-class RenderingError(BuildError):
-    """The book could not be rendered, or what was rendered does not hold together."""
-
-
 # Templates
 
 
@@ -234,7 +230,7 @@ def with_captions(notebook: Any) -> Any:
         shown = [output.get("metadata", {}).get("inswsn") for output in cell.get("outputs", [])]
         for figure in filter(None, shown):
             if "mystnb" in cell.metadata:
-                raise RenderingError(f"Cell {cell['id']} shows two figures; a cell shows one.")
+                raise BuildError(f"Cell {cell['id']} shows two figures; a cell shows one.")
             cell.metadata["mystnb"] = {
                 "image": {"alt": figure["alt"]},
                 "figure": {"caption": figure["caption"], "name": figure["name"]},
@@ -271,15 +267,3 @@ def with_notes(
         cells.append(nbformat.v4.new_markdown_cell(text, id=f"ch{results.chapter}-provenance"))
     notebook.cells = cells
     return notebook
-
-
-def check_pages(project: Project) -> None:
-    """Refuse a configuration that cannot be read, and a contents list without every chapter."""
-    read_yaml(project.root / "_config.yml")
-    toc = project.root / "book" / "_toc.yml"
-    read_yaml(toc)
-    listed = set(re.findall(r"file: *chapters/(\S+)", toc.read_text(encoding="utf-8")))
-    for name in sorted(listed ^ {chapter.name for chapter in project.chapters()}):
-        lacks = "lists chapters/{}, and there is no such chapter"
-        lacks = lacks if name in listed else "does not list chapters/{}; every chapter has a page"
-        raise InswsnError(f"book/_toc.yml {lacks.format(name)}.")

@@ -23,10 +23,12 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-import jupytext
+import lazy_loader
 
 from inswsn_lib.errors import InswsnError, ParameterError
 from inswsn_lib.files import read_scalar, read_text
+
+jupytext = lazy_loader.load("jupytext")  # takes half a second
 
 Value = bool | int | float | str
 

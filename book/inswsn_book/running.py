@@ -6,7 +6,6 @@ import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
-import nbformat
 import yaml
 
 from inswsn_book import parameters, runs
@@ -18,13 +17,12 @@ from inswsn_book.files import (
     text_digest,
     write_whole,
 )
-from inswsn_book.notebooks import notebook_text
-from inswsn_book.pages import check_pages, environment, with_notes
+from inswsn_book.notebooks import notebook_text, read_notebook
 from inswsn_book.parameters import Parameter, Schema, Value, chapter_schema
 from inswsn_book.progress import Progress
 from inswsn_book.project import Project
 from inswsn_book.results import Results, write_results
-from inswsn_book.site import render_book, render_run
+from inswsn_book.site import check_pages, render_book, render_run
 from inswsn_lib.errors import InswsnError, ParameterError
 from inswsn_lib.files import read_yaml
 
@@ -99,7 +97,10 @@ def run_chapter(
     folder = out or project.root / "runs" / f"{name}-{text_digest(text)[:8]}"
     check_folder(folder)
     done = runs.run(project, runs.Request(number, values), progress, fresh=fresh)
-    notebook = nbformat.reads(done.notebook, as_version=4)
+    from inswsn_book.pages import environment, with_notes  # noqa: PLC0415  # takes long
+
+    assert done.notebook is not None
+    notebook = read_notebook(done.notebook)
     own = with_notes(notebook, done.results, (), environment(project.root))
     with made_folder(folder) as made:
         files = {f"{name}.ipynb": notebook_text(own), "parameters.yml": text, **done.files}

@@ -23,13 +23,11 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-import nbformat
-
 from inswsn_book import files, provenance
 from inswsn_book.cores import core_name, run_core
 from inswsn_book.imports import Named
-from inswsn_book.ledger import data_digest
-from inswsn_book.notebooks import notebook_text, read_source, strip_run, woven
+from inswsn_book.ledger import LEDGER, data_digest
+from inswsn_book.notebooks import notebook_text, read_notebook, read_source, strip_run, woven
 from inswsn_book.parameters import REGRESSOR_RULE, Value, read_myst, source_schema
 from inswsn_book.progress import Progress
 from inswsn_book.project import (
@@ -115,8 +113,10 @@ def _prepare(project: Project, request: Request) -> _Prepared:
     regressors = [n for n in parameters if schema[n].rule == REGRESSOR_RULE]
     code, modules, library = code_of(project, source, chapter.source.name)
     locks = files.tree_digest(project.root, project.locks)
-    its_own = code_of(project, own, chapter.source.name)
-    origin = files.text_digest(json.dumps([_FORM, chapter.name, *its_own[::2], locks]))
+    its_own = [code, library]
+    if source != own:
+        its_own[:] = code_of(project, own, chapter.source.name)[::2]
+    origin = files.text_digest(json.dumps([_FORM, chapter.name, *its_own, locks]))
     facts = {
         "origin": origin,
         "code": [code, library],
@@ -180,7 +180,6 @@ def lookup(
     It is told of an entry that is damaged, which counts as none.
     """
     prepared = _prepare(project, request)
-    project.memory.save()
     entry = project.store / request.chapter / prepared.key
     try:
         text = files.read_sealed(entry)
@@ -194,12 +193,22 @@ def lookup(
     for name, digest in results.data.items():
         # what the overlay replaces is a part of the key
         replaced = name.partition("#")[0] in request.overlay
-        if not replaced and data_digest(project.root, name) != digest:
+        if not replaced and _data_digest(project, name) != digest:
             return None
     found = Run(request, results, kept["notebook"], kept["files"])
     if results.provenance and results.provenance.sources["chapter"] != prepared.sources["chapter"]:
         found = _weave(found, prepared)
         keep(project, request, found)
+    return found
+
+
+def _data_digest(project: Project, name: str) -> str | None:
+    """Return the digest of what a chapter reads; to find the claims of one takes long."""
+    path, _, part = name.partition("#")
+    if path != LEDGER or not part:
+        return data_digest(project.root, name)
+    ledger = files.tree_digest(project.root, (project.root / path).glob("*.yaml"))
+    found: str | None = project.memory.of(f"{name} {ledger}", data_digest, project.root, name)
     return found
 
 
@@ -212,7 +221,7 @@ def _weave(run: Run, prepared: _Prepared) -> Run:
     text = run.notebook
     if text is not None:
         source = read_source(prepared.chapter, prepared.source)
-        notebook, ids = woven(source, nbformat.reads(text, as_version=4))
+        notebook, ids = woven(source, read_notebook(text))
         update["cells"] = {name: ids[cell] for name, cell in run.results.cells.items()}
         text = notebook_text(notebook)
     return replace(run, results=run.results.model_copy(update=update), notebook=text)
@@ -313,6 +322,7 @@ def run_all(
         if found is not None:
             progress.unchanged(project.find(request.chapter).name)
             end(place, found)
+    project.memory.save()
     kernels: list[Any] = []  # their managers
 
     def one(place: int) -> Outcome:

@@ -18,12 +18,12 @@ from pathlib import Path
 
 from inswsn_book import files
 from inswsn_book.imports import code_files
-from inswsn_book.pages import RenderingError, stage_book
 from inswsn_book.progress import Progress
 from inswsn_book.project import ROOT_VARIABLE, Project
 from inswsn_book.provenance import repository_state
 from inswsn_book.runs import Run
-from inswsn_lib.errors import InswsnError
+from inswsn_lib.errors import BuildError, InswsnError
+from inswsn_lib.files import read_yaml
 
 _KEY_FILE = ".inswsn-key"
 #: Set for the Sphinx that renders one page of the book
@@ -52,6 +52,10 @@ sys.exit(1 if done else 0)
 #: A warning as Sphinx writes it: "place: WARNING: what", or the word first
 WARNING = re.compile(r"(^|: )(WARNING|ERROR|CRITICAL|SEVERE): ")
 _COLOUR = re.compile(r"\x1b\[[\d;]*m")
+
+
+class RenderingError(BuildError):
+    """The book could not be rendered, or what was rendered does not hold together."""
 
 
 def render_book(
@@ -95,6 +99,8 @@ def _render(
 
     A page that is alone may lack what it names.
     """
+    from inswsn_book.pages import stage_book  # noqa: PLC0415  # takes long
+
     source = stage / "source"
     warnings = stage_book(project, runs, source)
     if alone is not None:
@@ -188,3 +194,15 @@ def footer(project: Project) -> str:
         f"Built by inswsn {project.about()['version']} from {source}, "
         f"environment.lock SHA-256 {lock[:12]}…"
     )
+
+
+def check_pages(project: Project) -> None:
+    """Refuse a configuration that cannot be read, and a contents list without every chapter."""
+    read_yaml(project.root / "_config.yml")
+    toc = project.root / "book" / "_toc.yml"
+    read_yaml(toc)
+    listed = set(re.findall(r"file: *chapters/(\S+)", toc.read_text(encoding="utf-8")))
+    for name in sorted(listed ^ {chapter.name for chapter in project.chapters()}):
+        lacks = "lists chapters/{}, and there is no such chapter"
+        lacks = lacks if name in listed else "does not list chapters/{}; every chapter has a page"
+        raise InswsnError(f"book/_toc.yml {lacks.format(name)}.")

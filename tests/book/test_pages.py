@@ -12,7 +12,6 @@ import pytest
 from conftest import MiniProject
 from inswsn_book.ledger import Claim, MissingCheck, QuantityCheck
 from inswsn_book.pages import (
-    RenderingError,
     context,
     environment,
     reference,
@@ -25,6 +24,7 @@ from inswsn_book.runs import Request, Run
 from inswsn_book.verdicts import verdicts
 
 import inswsn_lib
+from inswsn_lib.errors import BuildError
 
 MISSING = MissingCheck(needs=("lost",), reasons=("It is lost.",))
 MADE = Provenance(
@@ -187,7 +187,7 @@ def test_captions_move_to_the_cell() -> None:
         "image": {"alt": "What fig-a shows."}, "figure": {"caption": "See fig-a.", "name": "fig-a"}
     }  # fmt: skip
     cell["outputs"].append(output("fig-b"))
-    with pytest.raises(RenderingError, match="shows two figures; a cell shows one"):
+    with pytest.raises(BuildError, match="shows two figures; a cell shows one"):
         with_captions(notebook)
 
 

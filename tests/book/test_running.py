@@ -15,11 +15,11 @@ import psutil
 import pytest
 from conftest import Done, MiniProject, build_once, files_of, run_command
 from inswsn_book import running
-from inswsn_book.pages import RenderingError
 from inswsn_book.parameters import read_schema
 from inswsn_book.project import MODULES_VARIABLE
 from inswsn_book.results import read_results
 from inswsn_book.running import gather_parameters
+from inswsn_book.site import RenderingError
 
 from inswsn_lib.errors import InswsnError
 
