@@ -5,14 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import lazy_loader
-
 from inswsn_book.files import write_whole
 from inswsn_book.parameters import notebook_schema, read_myst
 from inswsn_book.project import Chapter, Project, find_root
 from inswsn_lib.files import read_text
 
-nbformat = lazy_loader.load("nbformat")  # takes half a second
 _KERNEL = {"display_name": "Python 3", "language": "python", "name": "python3"}
 
 
@@ -22,6 +19,8 @@ def read_source(chapter: Chapter, source: str | None = None) -> Any:
     One that is none is refused. The id of a cell is the chapter's number and the cell's place, for
     example ``ch00-003``.
     """
+    import nbformat  # noqa: PLC0415  # takes half a second
+
     notebook = read_myst(source or read_text(chapter.source), chapter.source.name)
     for place, cell in enumerate(notebook.cells):
         cell["id"] = f"ch{chapter.number}-{place:03d}"
@@ -36,11 +35,15 @@ def read_source(chapter: Chapter, source: str | None = None) -> Any:
 
 def read_notebook(text: str) -> Any:
     """Return the notebook of the text of an .ipynb file."""
+    import nbformat  # noqa: PLC0415  # takes half a second
+
     return nbformat.reads(text, as_version=4)
 
 
 def notebook_text(notebook: Any) -> str:
     """Return a notebook as the text of an .ipynb file, with a line end at its end."""
+    import nbformat  # noqa: PLC0415  # takes half a second
+
     return str(nbformat.writes(notebook)) + "\n"
 
 
@@ -65,6 +68,7 @@ def woven(source: Any, executed: Any) -> tuple[Any, dict[str, str]]:
     cells, ids = [], dict[str, str]()
     for cell in source.cells:
         cells.append(cell)
+        cell.metadata.setdefault("tags", [])  # as papermill does
         if cell.cell_type == "code":
             done = cells[-1] = given.pop(0)
             ids[done["id"]] = cell["id"]

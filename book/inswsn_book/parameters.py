@@ -23,12 +23,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-import lazy_loader
-
 from inswsn_lib.errors import InswsnError, ParameterError
 from inswsn_lib.files import read_scalar, read_text
-
-jupytext = lazy_loader.load("jupytext")  # takes half a second
 
 Value = bool | int | float | str
 
@@ -129,6 +125,8 @@ def source_schema(source: str, name: str) -> Schema:
 
 def read_myst(source: str, name: str) -> Any:
     """Return the notebook that a chapter's source is; refuse one that is none."""
+    import jupytext  # noqa: PLC0415  # takes half a second
+
     try:
         return jupytext.reads(source, fmt="md:myst")
     except Exception as error:  # jupytext has no error class of its own for a broken source

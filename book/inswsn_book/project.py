@@ -109,7 +109,6 @@ class Project:
         now = [(p, p.stat().st_mtime_ns, p.stat().st_size) for p in paths]
         if self._imports is None or self._imports[0] != now:
             self._imports = now, Imports(self.libraries, self.memory)
-            self.memory.save()
         return self._imports[1]
 
     def computing_digest(self) -> str:
