@@ -219,7 +219,7 @@ def simulate_sensors(
     whole("runs", runs, 1)
     root = np.random.SeedSequence([whole("seed", seed), truth.seed])
     samples, epochs = truth.rotation.shape[1] - 1, len(truth.time)
-    increments = np.empty((2, samples, 3, runs))
+    increments = np.empty((2, runs, samples, 3))  # as `Drive.increments` has them
     gps, compass = np.empty((2, epochs, 3, runs)), np.empty((epochs, runs))
     bias = np.empty((2, 3, runs))
     c, s = np.cos(errors.mounting_yaw), np.sin(errors.mounting_yaw)
@@ -236,14 +236,14 @@ def simulate_sensors(
             np.vstack([axes for axes, _ in measured]).T, columns=[*GYRO_COLS, *ACCEL_COLS]
         )
         corrected = compute_increments_from_imu(imu, "increment").to_numpy()
-        increments[..., run] = corrected[:, 1:4], corrected[:, 4:]
+        increments[:, run] = corrected[:, 1:4], corrected[:, 4:]
         gps[..., run] = _gps(truth, errors, satellites)
         compass[:, run] = _compass(truth, errors, magnetic)
     return Drive(
         time=truth.time,
         period=truth.period,
-        rotation_increments=increments[0],
-        velocity_increments=increments[1],
+        rotation_increments=np.moveaxis(increments[0], 0, 2),
+        velocity_increments=np.moveaxis(increments[1], 0, 2),
         gps_position=gps[0],
         gps_velocity=gps[1],
         compass=compass,
