@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -72,9 +72,10 @@ class OutageTrials:
     positions : dict of str to ndarray, (steps + 1, 3, outages, runs)
         Latitude, longitude (rad), height (m), by method.
     bases : dict of bool to VehicleRun
-        The filters with GPS at all times, without and with compass and lateral constraint.
+        The filters with GPS at all times, without and with compass and lateral constraint; their
+        covariances, six sevenths of what they take, are not kept and read NaN.
     branches : dict of str to VehicleRun
-        The filters through the outages, outages x runs.
+        The filters through the outages, outages x runs, likewise.
     ramps, bridges : dict of str to Ramps, and to Bridge
         What each hybrid learned from, and what it did.
     """
@@ -145,8 +146,8 @@ def run_outages(
         for aiding in needed
     }
     branches = {
-        name: replay(
-            drive, settings, bases[name != "never"], begin, steps, aiding=name == "through"
+        name: _lean(
+            replay(drive, settings, bases[name != "never"], begin, steps, aiding=name == "through")
         )
         for name in filters
     }
@@ -170,11 +171,19 @@ def run_outages(
             for name, x in positions.items()
         },
         positions={name: x.reshape(steps + 1, 3, *shape) for name, x in positions.items()},
-        bases=bases,
+        bases={aiding: _lean(run) for aiding, run in bases.items()},
         branches=branches,
         ramps=ramps,
         bridges=bridges,
     )
+
+
+def _lean(run: VehicleRun) -> VehicleRun:
+    """Return a run without its covariances: they read NaN, and take no memory."""
+    own, others = run.states.covariance, run.innovation_covariances
+    states = replace(run.states, covariance=np.broadcast_to(np.nan, own.shape))
+    nothing = np.broadcast_to(np.nan, others.shape)
+    return replace(run, states=states, innovation_covariances=nothing)
 
 
 def as_starts(starts: ArrayLike) -> NDArray[np.intp]:

@@ -133,7 +133,13 @@ class Drive:
         """Rotation and velocity increments by run and interval, (runs, epochs - 1, samples, 3)."""
         shape = (self.runs, len(self.time) - 1, self.samples_per_epoch, 3)
         turns, pushes = (
-            np.ascontiguousarray(np.moveaxis(x, 2, 0)).reshape(shape)
+            np.ascontiguousarray(np.moveaxis(x, 2, 0), dtype=float).reshape(shape)
             for x in (self.rotation_increments, self.velocity_increments)
         )
         return turns, pushes
+
+    @cached_property
+    def measurements(self) -> Array:
+        """Compass, GPS position and GPS velocity by epoch and run, (epochs, runs, 7)."""
+        gps = [np.moveaxis(x, 1, 2) for x in (self.gps_position, self.gps_velocity)]
+        return np.concatenate([self.compass[:, :, None], *gps], axis=2)

@@ -11,11 +11,12 @@ from scipy.spatial.transform import Rotation
 
 from inswsn_lib.checks import Array, Mask, whole
 from inswsn_lib.errors import Described, ParameterError
+from inswsn_lib.kernels import choose
 from inswsn_lib.vehicle.drive import Drive
 from inswsn_lib.vehicle.error_model import POSITION, TURN, VELOCITY
 from inswsn_lib.vehicle.settings import FilterSettings
 from inswsn_lib.vehicle.strapdown import VehicleState
-from inswsn_lib.vehicle.updates import measure, propagate, update
+from inswsn_lib.vehicle.updates import measure, propagate, substep_edges, update
 
 Integers = NDArray[np.intp]
 
@@ -277,26 +278,56 @@ def _advance(
     whole("substeps", settings.substeps, 1, drive.samples_per_epoch)
     if "gps" in settings.extra and settings.gps_time < drive.interval:
         raise ParameterError("gps_time", settings.gps_time, f"{drive.interval} or more")
-    runs = len(which)
+    begun = state.corrected() if feedback else state
+    parts = [np.ascontiguousarray(getattr(begun, f.name), dtype=float) for f in fields(begun)]
+    states, first, innovations, covariances = choose("vehicle_filter", _epochs)(
+        tuple(parts), *drive.increments, drive.period,
+        substep_edges(drive.samples_per_epoch, settings.substeps), drive.measurements,
+        which, begin, heard, sensed, settings.numbers, settings.columns, feedback,
+    )  # fmt: skip
+    return VehicleRun(
+        epochs=begin + np.arange(len(heard))[:, None],
+        which=which,
+        states=VehicleState(*states),
+        first=np.moveaxis(first, 1, 2),
+        innovations=np.moveaxis(innovations, 1, 2),
+        innovation_covariances=np.moveaxis(covariances, 1, 3),
+    )
+
+
+def _epochs(
+    start: tuple[Array, ...],
+    turns: Array,
+    pushes: Array,
+    period: float,
+    edges: Integers,
+    told: Array,
+    which: Integers,
+    begin: Integers,
+    heard: Mask,
+    sensed: Mask,
+    numbers: tuple[float, ...],
+    columns: tuple[int, ...],
+    feedback: bool,
+) -> tuple[tuple[Array, ...], Array, Array, Array]:
+    """Return the fields of the states, and the other parts of the run, runs before axes.
+
+    The plain form of the kernel, from the fields of a `VehicleState`, `Drive.increments` and
+    `Drive.measurements`, and the settings as `FilterSettings.from_numbers` takes them.
+    """
+    settings = FilterSettings.from_numbers(numbers, columns, len(edges) - 1)
+    state, runs = VehicleState(*start), len(which)
     firsts = [state.position - state.error[:, POSITION]]
     innovations, covariances = [np.full((runs, 8), np.nan)], [np.zeros((runs, 8, 8))]
-    states = [state.corrected() if feedback else state]
-    turns, pushes = drive.increments
+    states = [state]
     for k in range(1, len(heard)):
         increments = turns[which, begin + k - 1], pushes[which, begin + k - 1]
-        state = propagate(settings, states[-1], *increments, drive.period)
-        measured = measure(drive, settings, state, which, begin + k)
+        state = propagate(settings, states[-1], *increments, period)
+        measured = measure(settings, state, told[begin + k, which])
         state, first, nu, S = update(settings, state, *measured, sensed=sensed[k], heard=heard[k])
         firsts.append(first)
         innovations.append(nu)
         covariances.append(S)
         states.append(state.corrected() if feedback else state)
-    stacked = {f.name: np.stack([getattr(s, f.name) for s in states]) for f in fields(state)}
-    return VehicleRun(
-        epochs=begin + np.arange(len(heard))[:, None],
-        which=which,
-        states=VehicleState(**stacked),
-        first=np.moveaxis(np.stack(firsts), 1, 2),
-        innovations=np.moveaxis(np.stack(innovations), 1, 2),
-        innovation_covariances=np.moveaxis(np.stack(covariances), 1, 3),
-    )
+    stacked = tuple(np.stack([getattr(s, f.name) for s in states]) for f in fields(state))
+    return stacked, np.stack(firsts), np.stack(innovations), np.stack(covariances)

@@ -6,10 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-import pandas as pd
-from pyins import sim, transform
-from pyins.strapdown import compute_increments_from_imu
-from pyins.util import ACCEL_COLS, GYRO_COLS
 from scipy.signal import lfilter
 
 from inswsn_lib.checks import Array, whole
@@ -17,6 +13,7 @@ from inswsn_lib.errors import ParameterError
 from inswsn_lib.scenario import Range, Setting, between, from_settings
 from inswsn_lib.vehicle.drive import Drive, Place, Reference
 from inswsn_lib.vehicle.error_model import TURN, metres, wrapped
+from inswsn_lib.vehicle.ideal_sensors import as_increments, ideal_sensors
 from inswsn_lib.vehicle.planning import plan_route
 from inswsn_lib.vehicle.route import Kinematics, Route
 
@@ -128,7 +125,8 @@ def simulate_drive(
 def true_motion(settings: Mapping[str, Setting], route: int | Route = 0) -> Truth:
     """Return what happens on a route; it serves any number of `simulate_sensors`.
 
-    `pyins` integrates the velocity on the ellipsoid and differentiates position and attitude.
+    By the formulas of `pyins.sim` the velocity is integrated on the ellipsoid, and position and
+    attitude are differentiated.
 
     Parameters
     ----------
@@ -159,24 +157,21 @@ def true_motion(settings: Mapping[str, Setting], route: int | Route = 0) -> Trut
     second, each = round(second), round(each)
     epochs = round(planned.duration * second) + 1
     motion = planned.kinematics(model.imu_period * np.arange(each * (epochs - 1) + 1))
-    start = [*np.degrees([model.latitude, model.longitude]), model.height]
-    attitude = body_attitude(motion, model)
-    trajectory, imu = sim.generate_imu(
-        motion.time, start, np.degrees(attitude), _velocity(motion), "increment"
-    )
-    here = trajectory.iloc[::each]
-    to_body = transform.mat_from_rph(here[["roll", "pitch", "heading"]])
+    start = np.array([*np.degrees([model.latitude, model.longitude]), model.height])
+    attitude, velocity = body_attitude(motion, model), _velocity(motion)
+    place, body, rotation, push = ideal_sensors(motion.time, start, attitude, velocity)
+    here = slice(None, None, each)
     return Truth(
         seed=planned.seed,
         time=np.arange(epochs) / second,
         period=model.imu_period,
-        yaw=attitude[::each, 2].copy(),
-        rotation=np.ascontiguousarray(imu[GYRO_COLS].to_numpy().T),
-        velocity=np.ascontiguousarray(imu[ACCEL_COLS].to_numpy().T),
+        yaw=attitude[here, 2].copy(),
+        rotation=rotation,
+        velocity=push,
         reference=Reference(
-            position=np.column_stack([np.radians(here[["lat", "lon"]]), here["alt"]]),
-            velocity=here[["VN", "VE", "VD"]].to_numpy() @ TURN,
-            attitude=TURN @ to_body,
+            position=np.column_stack([np.radians(place[here, :2]), place[here, 2]]),
+            velocity=velocity[here] @ TURN,
+            attitude=TURN @ body[here],
         ),
         places=tuple(Place(name, start * second) for name, start in planned.places),
     )
@@ -219,7 +214,7 @@ def simulate_sensors(
     whole("runs", runs, 1)
     root = np.random.SeedSequence([whole("seed", seed), truth.seed])
     samples, epochs = truth.rotation.shape[1] - 1, len(truth.time)
-    increments = np.empty((2, samples, 3, runs))
+    increments = np.empty((2, runs, samples, 3))  # as `Drive.increments` has them
     gps, compass = np.empty((2, epochs, 3, runs)), np.empty((epochs, runs))
     bias = np.empty((2, 3, runs))
     c, s = np.cos(errors.mounting_yaw), np.sin(errors.mounting_yaw)
@@ -232,18 +227,15 @@ def simulate_sensors(
             for name, axes, stream in zip(("gyro", "accelerometer"), ideal, triads, strict=True)
         ]
         bias[..., run] = [drift for _, drift in measured]
-        imu = pd.DataFrame(
-            np.vstack([axes for axes, _ in measured]).T, columns=[*GYRO_COLS, *ACCEL_COLS]
-        )
-        corrected = compute_increments_from_imu(imu, "increment").to_numpy()
-        increments[..., run] = corrected[:, 1:4], corrected[:, 4:]
+        corrected = as_increments(*(axes for axes, _ in measured))
+        increments[:, run] = np.swapaxes(corrected, 1, 2)
         gps[..., run] = _gps(truth, errors, satellites)
         compass[:, run] = _compass(truth, errors, magnetic)
     return Drive(
         time=truth.time,
         period=truth.period,
-        rotation_increments=increments[0],
-        velocity_increments=increments[1],
+        rotation_increments=np.moveaxis(increments[0], 0, 2),
+        velocity_increments=np.moveaxis(increments[1], 0, 2),
         gps_position=gps[0],
         gps_velocity=gps[1],
         compass=compass,

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from pyins import earth
 
 from inswsn_lib.checks import Array, Mask
-from inswsn_lib.vehicle.drive import Drive
 from inswsn_lib.vehicle.error_model import (
     POSITION,
     STATES,
@@ -92,7 +91,7 @@ def propagate(
     The interval is divided into `substeps`; what moves the error is that of their middles.
     """
     flown = integrate_strapdown(state, rotations, velocities, period)
-    edges = _edges(rotations.shape[1], settings.substeps)
+    edges = substep_edges(rotations.shape[1], settings.substeps)
     middle, lengths = (edges[:-1] + edges[1:]) // 2, np.diff(edges) * period
     position, velocity, attitude = (x[:, middle] for x in flown)
     change = np.diff(flown[1][:, edges], axis=1) / lengths[:, None]
@@ -124,7 +123,7 @@ def propagate(
 
 
 @cache
-def _edges(samples: int, substeps: int) -> Integers:
+def substep_edges(samples: int, substeps: int) -> Integers:
     """Return where substeps begin and end among the samples of an interval, (substeps + 1,)."""
     return np.linspace(0, samples, substeps + 1).round().astype(np.intp)
 
@@ -147,20 +146,23 @@ def _density(settings: FilterSettings, attitude: Array) -> Array:
 
 
 def measure(
-    drive: Drive, settings: FilterSettings, state: VehicleState, which: Integers, epoch: Integers
+    settings: FilterSettings, state: VehicleState, told: Array
 ) -> tuple[Array, Array, Array]:
-    """Return INS less sensor (runs, 8), NaN where nothing is told, with rows and variances."""
+    """Return INS less sensor (runs, 8), NaN where nothing is told, with rows and variances.
+
+    What is told is that of an epoch in `Drive.measurements`, (runs, 7).
+    """
     C, v, size = state.attitude, state.velocity, metres(state.position)
     z = np.concatenate(
         [
-            wrapped(yaw(C) - drive.compass[epoch, which])[:, None],
+            wrapped(yaw(C) - told[:, 0])[:, None],
             (C[:, :, 1] * v).sum(axis=-1)[:, None],
-            state.position - drive.gps_position[epoch, :, which],
-            v - drive.gps_velocity[epoch, :, which],
+            state.position - told[:, 1:4],
+            v - told[:, 4:],
         ],
         axis=1,
     )
-    H = np.zeros((len(which), 8, settings.states))
+    H = np.zeros((len(z), 8, settings.states))
     H[:, :1, :STATES], H[:, 1:2, :STATES] = compass_row(C), lateral_row(C, v)
     H[:, _SECOND, :STATES] = gps_rows()
     for name in settings.extra:

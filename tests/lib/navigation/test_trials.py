@@ -104,6 +104,18 @@ def test_starts_and_shapes() -> None:
     assert np.array_equal(first, found.bases[False].position[list(STARTS)].transpose(1, 0, 2))
 
 
+def test_covariances_are_not_kept() -> None:
+    """They would take six sevenths of the memory, and nothing reads them after the trials."""
+    found = trials()
+    for run in (*found.bases.values(), *found.branches.values()):
+        assert run.states.covariance.shape == (*run.epochs.shape[:1], len(run.which), 15, 15)
+        assert np.isnan(run.states.covariance).all()
+        assert np.isnan(run.innovation_covariances).all()
+        kept = [getattr(run.states, name) for name in ("position", "attitude", "gyro_drift")]
+        assert all(np.isfinite(values).all() for values in (run.first, *kept))
+    assert all(b.branch in found.branches.values() for b in found.bridges.values())
+
+
 def test_of_three_filters_the_one_that_is_aided_through_is_the_best() -> None:
     """The car never slides, and the compass is good: over both outages and runs aiding helps."""
     rms = {name: np.sqrt(np.mean(trials().errors[name][1:] ** 2)) for name in trials().errors}
