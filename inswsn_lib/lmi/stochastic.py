@@ -15,6 +15,7 @@ from scipy.linalg import lapack
 
 from inswsn_lib.checks import Array, array, matrices, number, whole
 from inswsn_lib.errors import Described, ParameterError
+from inswsn_lib.kernels import choose
 from inswsn_lib.lmi.norms import hinf_norm, least_level, of_size_one, spectral_radius
 
 _HIGHEST = 1e100  # of a gain, whose square must be a number
@@ -158,8 +159,10 @@ def finite_horizon_gain(
         return 0.0
     B, L, size = of_size_one(B, L)
     low = float(np.linalg.norm(L @ B, 2))  # what one step does
+    plant = [np.ascontiguousarray(matrix) for matrix in (A, E[E.any(axis=(1, 2))], B, L)]
+    steps_held = choose("horizon_steps", _steps_held)
     gain = least_level(
-        lambda level: len(_first(steps, A, E, B, L, level)) == steps,
+        lambda level: steps_held(*plant, level, steps) == steps,
         low, max(low, _NOTHING), relative, _DOUBLINGS_FROM_NOTHING,
     )  # fmt: skip
     if gain == np.inf:
@@ -276,6 +279,10 @@ def _recursion(
         jitter = (E.transpose(0, 2, 1) @ P @ E).sum(axis=0)
         P = A.T @ P @ A + jitter + source + BPA.T @ feedback
         P = (P + P.T) / 2
+
+
+def _steps_held(A: Array, E: Array, B: Array, L: Array, gain: float, steps: int) -> int:
+    return len(_first(steps, A, E, B, L, gain))
 
 
 def _first(
