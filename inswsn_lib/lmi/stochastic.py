@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cache
 from itertools import islice
 
 import numpy as np
@@ -53,7 +54,7 @@ def mean_square_radius(A: ArrayLike, E: ArrayLike) -> float:
     ['0.90', '1.06']
     """
     (A,) = matrices(A=(A, "nn"))
-    return spectral_radius(np.kron(A, A) + sum(np.kron(e, e) for e in _stack(E, len(A))))
+    return _radius(_moves(np.concatenate([A[None], _stack(E, len(A))])))
 
 
 def stochastic_gain(
@@ -242,15 +243,15 @@ def riccati_gain_below(A: Array, E: Array, B: Array, L: Array, gain: float) -> b
     E = _stack(E, len(A))
     B, L, size = of_size_one(B, L)
     level = min(gain / size, _HIGHEST) ** 2 * np.eye(B.shape[1])
-    jitter = np.einsum("kij,kab->iajb", E, E).reshape(len(A) ** 2, -1)
+    jitter, turned = _moves(E), _symmetric(len(A))
     feedback, before = np.zeros(B.shape[::-1]), np.full_like(A, np.inf)
     for _ in range(_POLICIES):
         closed = A + B @ feedback
-        moves = np.kron(closed, closed) + jitter
-        if not (np.isfinite(moves).all() and spectral_radius(moves) < 1 - _EDGE):
+        moves = _moves(closed[None]) + jitter
+        if not (np.isfinite(moves).all() and _radius(moves) < 1 - _EDGE):
             return False
-        value = L.T @ L - feedback.T @ level @ feedback
-        P = np.linalg.solve(np.eye(len(moves)) - moves.T, value.ravel()).reshape(A.shape)
+        value = turned.T @ (L.T @ L - feedback.T @ level @ feedback).ravel()
+        P = (turned @ np.linalg.solve(np.eye(len(moves)) - moves.T, value)).reshape(A.shape)
         # entry by entry: a mode that L hardly sees may still move
         variances = P.diagonal()
         if (np.abs(P - before) <= _STILL * np.sqrt(np.abs(np.outer(variances, variances)))).all():
@@ -260,6 +261,26 @@ def riccati_gain_below(A: Array, E: Array, B: Array, L: Array, gain: float) -> b
             return False
         feedback, before = lapack.dpotrs(factor, B.T @ P @ A)[0], P
     return False
+
+
+def _moves(E: Array) -> Array:
+    r"""Return the map of X to :math:`\sum_i E_i X E_i'` for symmetric X, (n(n+1)/2, n(n+1)/2)."""
+    n, turned = E.shape[1], _symmetric(E.shape[1])
+    full = np.einsum("kij,kab->iajb", E, E).reshape(n * n, -1)
+    return np.asarray(turned.T @ full @ turned)
+
+
+def _radius(moves: Array) -> float:
+    return float(np.abs(np.linalg.eigvals(moves)).max())
+
+
+@cache
+def _symmetric(n: int) -> Array:
+    """Return an orthonormal basis of the symmetric matrices, (n^2, n(n+1)/2)."""
+    basis = np.zeros((n, n, n * (n + 1) // 2))
+    for each, (i, j) in enumerate(zip(*np.triu_indices(n), strict=True)):
+        basis[i, j, each] = basis[j, i, each] = 1.0 if i == j else 0.5**0.5
+    return basis.reshape(n * n, -1)
 
 
 def _recursion(
