@@ -17,7 +17,7 @@ from scipy.linalg import lapack
 from inswsn_lib.checks import Array, array, matrices, number, whole
 from inswsn_lib.errors import Described, ParameterError
 from inswsn_lib.kernels import choose
-from inswsn_lib.lmi.norms import hinf_norm, least_level, of_size_one, spectral_radius
+from inswsn_lib.lmi.norms import hinf_norm, least_level, of_size_one
 
 _HIGHEST = 1e100  # of a gain, whose square must be a number
 # How often a gain may be double what is known of it: over all time, and over a horizon, where it is

@@ -35,4 +35,6 @@ def test_it_ends_where_numbers_do(first: float) -> None:
         plain = _steps_held(A, none, one, L, 1e150, 5)
         assert plain < 5
         assert horizon_steps(A, none, one, L, 1e150, 5) == plain
-    assert horizon_steps(one, none, one, one, 2.0, 0) == _steps_held(one, none, one, one, 2.0, 0) == 0
+    assert (
+        horizon_steps(one, none, one, one, 2.0, 0) == _steps_held(one, none, one, one, 2.0, 0) == 0
+    )
