@@ -20,10 +20,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from inswsn_lib.checks import Array
+from inswsn_lib.kernels import choose
 from inswsn_lib.lmi.designs import InfeasibleDesignError
 
-_STEPS, _ACCURATE, _INACCURATE = 60, 1e-9, 1e-6
-_ROUNDED, _REFINED = 1e-10, 1  # what a slack misses by rounding, and how often steps are refined
+# Steps, and how far from a solution the method ends, is accurate, and is of some use
+_STEPS, _ENDS, _ACCURATE, _OF_USE = 60, 1e-9, 1e-6, 1e-5
+_ROUNDED, _REFINED = 1e-10, 2  # what a slack misses by rounding, and how often steps are refined
 _START, _SHORT = 10.0, 0.98  # S and Z at first, and the share of the way to the border of a step
 
 
@@ -49,25 +51,29 @@ class Places:
 
     def read(self, V: Array) -> Array:
         """Return the inner products of a symmetric V, (parts, size, size), with each unknown's."""
-        return self._summed(self._weight * V[:, self.row, self.column], 1)
+        return _summed(self._weight * V[:, self.row, self.column], self.unknown)
 
     def columns(self, J: Array) -> Array:
         """Return J'Q_a J for all unknowns a as columns, (parts, d(d+1)/2, m).
 
         Off the diagonal they are the root of 2 times as large: their products are the traces.
         """
-        a, b = np.triu_indices(J.shape[2])
-        left, right = J[:, self.row], J[:, self.column]
-        pairs = left[:, :, a] * right[:, :, b] + left[:, :, b] * right[:, :, a]
-        pairs *= (self._weight / 2)[:, None] * np.where(a == b, 1.0, 2**0.5)
-        return self._summed(pairs, 1).mT
+        columns = choose("arrow_columns", _columns)
+        return columns(J, self.unknown, self.row, self.column, self._weight).mT
 
     @property
     def _weight(self) -> Array:
         return self.sign * np.where(self.row == self.column, 1.0, 2.0)
 
-    def _summed(self, values: Array, axis: int) -> Array:
-        return np.add.reduceat(values, np.unique(self.unknown, return_index=True)[1], axis=axis)
+
+def _columns(J: Array, unknown: Array, row: Array, column: Array, weight: Array) -> Array:
+    outer = J[:, row, :, None] * J[:, column, None, :] * (weight / 2)[:, None, None]
+    return _summed(_upper(outer + outer.mT), unknown)
+
+
+def _summed(values: Array, unknown: Array) -> Array:
+    """Return the sums of what belongs to an unknown, places being the second axis."""
+    return np.add.reduceat(values, np.unique(unknown, return_index=True)[1], axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,8 +95,11 @@ class Arrow:
 
     def left(self, x: Array, s: float) -> Array:
         """Return what must be negative of each part, (parts, d, d)."""
-        own = np.diag((self.f + s) * self.O)
-        return np.asarray(self.J.mT @ self.places.filled(x) @ self.J - own)
+        return self.change(x, self.f + s)
+
+    def change(self, x: Array, s: float) -> Array:
+        """Return what unknowns add to that."""
+        return np.asarray(self.J.mT @ self.places.filled(x) @ self.J - np.diag(s * self.O))
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,31 +115,35 @@ class Found:
 def solve_arrow(given: Arrow) -> Found:
     """Solve a problem; raise `InfeasibleDesignError` where no accurate answer is reached."""
     state = _State(given)
-    best, found = np.inf, None
+    best, found = np.inf, (state.x, state.s, state.Z)
     for _ in range(_STEPS):
+        try:
+            state.step()
+        except np.linalg.LinAlgError:  # numbers that are no more
+            break
         off = state.off()
         if off < best:
-            best, found = off, Found(state.x, state.s, state.Z, "optimal")
-        if best < _ACCURATE:
-            return found
-        try:
-            if not state.stepped():
-                break
-        except np.linalg.LinAlgError:
+            best, found = off, (state.x, state.s, state.Z)
+        elif best < _OF_USE:  # rounding is all that is left
             break
-    if found is None or best > _INACCURATE:
+        if best < _ENDS:
+            break
+    if best > _OF_USE:
         raise InfeasibleDesignError(f"The method of parts stops {best:.1g} from a solution.")
-    return Found(found.x, found.s, found.Z, "optimal_inaccurate")
+    return Found(*found, "optimal" if best < _ACCURATE else "optimal_inaccurate")
 
 
 class _State:
     """Unknowns x and s, slacks S, dual solutions Z, and multipliers y of the equations."""
 
     def __init__(self, given: Arrow) -> None:
-        parts, _, d = given.J.shape
         self.given = given
         self.x, self.s = np.zeros_like(given.q), 0.0
-        self.S = self.Z = _START * np.broadcast_to(np.eye(d), (parts, d, d))
+        slack = _START + given.f * given.O
+        self.S, self.Z = (
+            np.broadcast_to(np.diag(each), (len(given.J), *2 * slack.shape))
+            for each in (slack, _START**2 / slack)
+        )
         self.y = np.zeros(len(given.h))
         self._residuals()
 
@@ -141,10 +154,14 @@ class _State:
         if np.abs(self.primal).max() < _ROUNDED * np.abs(slack).max():
             self.S, self.primal = slack, np.zeros_like(slack)  # or rounding adds up
         V = given.J @ self.Z @ given.J.mT
-        self.dual = -given.q - given.places.read(V) - np.einsum("crm,r->cm", given.G, self.y)
+        self.dual = -given.q - given.places.read(V) - given.G.mT @ self.y
         self.dual_s = -1.0 + float(np.einsum("cii,i->", self.Z, own)) + float(given.g @ self.y)
-        self.equal = given.h + self.s * given.g - np.einsum("crm,cm->r", given.G, self.x)
+        self.equal = given.h + self.s * given.g - self.applied(self.x)
         self.gap = float(np.sum(self.S * self.Z))
+
+    def applied(self, x: Array) -> Array:
+        """Return the left side of the equations."""
+        return np.asarray((self.given.G @ x[:, :, None]).sum(axis=0)[:, 0])
 
     def off(self) -> float:
         """Return how far all is from a solution, relative."""
@@ -158,8 +175,8 @@ class _State:
             np.abs(self.equal).max() / (1 + np.abs(given.h).max()),
         )
 
-    def stepped(self) -> bool:
-        """Take a step; tell whether it led anywhere."""
+    def step(self) -> None:
+        """Take a step."""
         given, S, Z = self.given, self.S, self.Z
         parts, _, d = given.J.shape
         root = np.linalg.cholesky(S)
@@ -185,12 +202,11 @@ class _State:
         primal = min(1.0, _SHORT * self._reach(dS))
         dual = min(1.0, _SHORT * self._reach(dZ))
         self.x, self.s = self.x + primal * dx, self.s + primal * ds
-        self.S = self.S + primal * (R @ dS @ R.mT)
+        self.S = self.S + primal * (self.primal - given.change(dx, ds))
         self.Z = self.Z + dual * (T @ dZ @ T.mT)
         self.S, self.Z = (self.S + self.S.mT) / 2, (self.Z + self.Z.mT) / 2
         self.y = self.y + dual * dy
         self._residuals()
-        return min(primal, dual) > 1e-4
 
     def _factored(self) -> None:
         """Factor the equations for a step: those of a part by QR, not by their squares."""
@@ -199,10 +215,10 @@ class _State:
         shared = _upper(-self.own.mT @ self.own)[:, :, None]
         columns = np.concatenate([given.places.columns(self.J), shared], axis=2)
         factor = np.linalg.qr(columns, mode="r")
-        self.factor, along = factor[:, :-1, :-1], factor[:, :-1, -1:]
-        border = np.linalg.solve(self.factor.mT, given.G.mT)
-        self.border = np.concatenate([border, along], axis=2)
-        self.schur = np.einsum("cmr,cmq->rq", self.border, self.border)
+        along, self.back = factor[:, :-1, -1:], np.linalg.inv(factor[:, :-1, :-1])
+        self.border = np.concatenate([self.back.mT @ given.G.mT, along], axis=2)
+        flat = self.border.reshape(-1, len(given.h) + 1)
+        self.schur = flat.T @ flat
         self.schur[-1, :-1] += given.g
         self.schur[:-1, -1] += given.g
         self.schur[-1, -1] = -np.sum(factor[:, -1, -1] ** 2)
@@ -217,18 +233,18 @@ class _State:
         # what is left of the equations after one solution is small, and solved again
         for _ in range(1 + _REFINED):
             dual = self.dual - given.places.read(self.J @ dZ @ self.J.mT)
-            dual -= np.einsum("crm,r->cm", given.G, y[:-1])
+            dual -= given.G.mT @ y[:-1]
             trace = float(np.einsum("cij,cjk,cik->", self.own, dZ, self.own))
             ends = np.append(
-                self.equal - np.einsum("crm,cm->r", given.G, x) + given.g * y[-1],
+                self.equal - self.applied(x) + given.g * y[-1],
                 self.dual_s + trace + given.g @ y[:-1],
             )
-            first = np.linalg.solve(self.factor.mT, dual[:, :, None])[:, :, 0]
-            edge = np.einsum("cmr,cm->r", self.border, first) - ends
+            first = (dual[:, None] @ self.back)[:, 0]
+            edge = first.ravel() @ self.border.reshape(-1, len(ends)) - ends
             if not given.shared:
                 edge[-1] = 0.0
             dy = np.linalg.solve(self.schur, edge)
-            dx = np.linalg.solve(self.factor, (first - self.border @ dy)[:, :, None])[:, :, 0]
+            dx = (self.back @ (first - self.border @ dy)[:, :, None])[:, :, 0]
             moved = self.J.mT @ given.places.filled(dx) @ self.J
             moved -= dy[-1] * (self.own.mT @ self.own)
             x, y, dS, dZ = x + dx, y + dy, dS - moved, dZ + moved
@@ -242,6 +258,6 @@ class _State:
 
 
 def _upper(matrices: Array) -> Array:
-    """Return the upper triangles, (parts, d(d+1)/2), with the root of 2 off the diagonal."""
-    a, b = np.triu_indices(matrices.shape[1])
-    return matrices[:, a, b] * np.where(a == b, 1.0, 2**0.5)
+    """Return the upper triangles, (..., d(d+1)/2), with the root of 2 off the diagonal."""
+    a, b = np.triu_indices(matrices.shape[-1])
+    return matrices[..., a, b] * np.where(a == b, 1.0, 2**0.5)
