@@ -167,12 +167,11 @@ class _State:
         """Return how far all is from a solution, relative."""
         given = self.given
         value = float(np.sum(given.q * self.x)) + (self.s if given.shared else 0.0)
+        misses = (self.primal, self.S), (self.dual, given.q), (self.equal, given.h)
         return max(
             self.gap / (1 + abs(value)),
-            np.abs(self.primal).max() / (1 + np.abs(self.S).max()),
-            np.abs(self.dual).max() / (1 + np.abs(given.q).max()),
             abs(self.dual_s) if given.shared else 0.0,
-            np.abs(self.equal).max() / (1 + np.abs(given.h).max()),
+            *(float(np.abs(miss).max() / (1 + np.abs(of).max())) for miss, of in misses),
         )
 
     def step(self) -> None:
@@ -214,7 +213,7 @@ class _State:
         self.own = self.T[:, given.O > 0]
         shared = _upper(-self.own.mT @ self.own)[:, :, None]
         columns = np.concatenate([given.places.columns(self.J), shared], axis=2)
-        factor = np.linalg.qr(columns, mode="r")
+        factor = np.asarray(np.linalg.qr(columns, mode="r"))
         along, self.back = factor[:, :-1, -1:], np.linalg.inv(factor[:, :-1, :-1])
         self.border = np.concatenate([self.back.mT @ given.G.mT, along], axis=2)
         flat = self.border.reshape(-1, len(given.h) + 1)

@@ -202,9 +202,7 @@ def minimise_gamma(
 
     def solved(by: Solver) -> tuple[float, Array]:
         x = solve(np.eye(len(terms))[0], [least], by).x
-        return float(np.sqrt(max(x[0], 0.0))), np.linalg.solve(
-            *_p_and_q(x[1:], *model.C.shape[::-1])
-        )
+        return float(np.sqrt(max(x[0], 0.0))), _p_and_gain(x[1:], *model.C.shape[::-1])[1]
 
     return first_that_passes(partial(solved, by) for by in in_order(solver))
 
@@ -254,7 +252,7 @@ def central_gain(
 
     def solved(by: Solver) -> Array:
         x = _centre(solve(np.eye(len(sunk))[0], [deepest], by).x[1:], constant, terms)
-        return np.asarray(np.linalg.solve(*_p_and_q(x, *model.C.shape[::-1])))
+        return _p_and_gain(x, *model.C.shape[::-1])[1]
 
     return first_that_passes(partial(solved, by) for by in in_order(solver))
 
@@ -425,10 +423,10 @@ def _units(n: int, m: int) -> tuple[Array, Array, Array]:
     return np.eye(1 + unknowns, 1, -1)[:, 0], P, Q
 
 
-def _p_and_q(x: Array, n: int, m: int) -> tuple[Array, Array]:
-    """Return P and Q from the unknowns, of which they are the last."""
+def _p_and_gain(x: Array, n: int, m: int) -> tuple[Array, Array]:
+    """Return P and the gain from the unknowns of P and Q, (n, n) and (n, m)."""
     P, Q = (np.tensordot(x, units[-len(x) :], axes=1) for units in _units(n, m)[1:])
-    return P, Q
+    return P, np.asarray(np.linalg.solve(P, Q))
 
 
 def _smallest_gamma(
@@ -440,7 +438,7 @@ def _smallest_gamma(
     least = Inequality(constant, terms, np.arange(len(terms)), _pattern(_sizes(numbers), form))
     answer = solve(cost, [least], by)
     gamma = float(np.sqrt(max(answer.x[0], 0.0))) / step
-    gain = step * np.linalg.solve(*_p_and_q(answer.x[1:], *model.C.shape[::-1]))
+    gain = step * _p_and_gain(answer.x[1:], *model.C.shape[::-1])[1]
     inside = _inside(model, numbers, step, form)
     squared = dual_bound(answer.duals[0], inside, *_linear(numbers, form), cost)
     one_step = float(np.linalg.norm(model.L @ model.B, 2))  # which no filter undoes
@@ -475,8 +473,8 @@ def _least_variance(
          Inequality(np.zeros_like(bound[0]), bound, every, bounded)],
         by,
     ).x  # fmt: skip
-    found, Q = _p_and_q(x[len(W) :], n, m)
-    return found / step**2, step * np.linalg.solve(found, Q)
+    found, gain = _p_and_gain(x[len(W) :], n, m)
+    return found / step**2, step * gain
 
 
 def _without_faint(numbers: dict[str, Array]) -> dict[str, Array]:

@@ -528,13 +528,17 @@ def _balanced(
         T = np.asarray(block_diag(*local))
         T = _whitened(A, K, T) if whitened else T
         shared, parts = 0, [_part(A, K, 0, np.vstack([common] * len(designs)), T)]
-    A, K, turned, states = zip(*parts, strict=True)
-    most = max(each.shape[1] for each in K)
-    K = tuple(np.pad(each, ((0, 0), (0, most - each.shape[1]))) for each in K)  # no noise
-    return units, _Parts(*map(np.stack, (A, K)), shared, *map(np.stack, (turned, states)))
+    most = max(K.shape[1] for _, K, _, _ in parts)
+    parts = [  # columns of zeros are no noise
+        (A, np.pad(K, ((0, 0), (0, most - K.shape[1]))), turned, T) for A, K, turned, T in parts
+    ]
+    A, K, turned, states = (np.stack(each) for each in zip(*parts, strict=True))
+    return units, _Parts(A, K, shared, turned, states)
 
 
-def _part(A: Array, K: Array, shared: int, turned: Array, T: Array) -> tuple[Array, ...]:
+def _part(
+    A: Array, K: Array, shared: int, turned: Array, T: Array
+) -> tuple[Array, Array, Array, Array]:
     """Return a part in the states of which T times gives those of A, K and `turned`, and T."""
     A, K, turned = (np.asarray(np.linalg.solve(T, X)) for X in (A @ T, K, turned))
     return A, K if shared else _compressed(K, np.eye(len(K))), turned, T

@@ -160,10 +160,10 @@ def finite_horizon_gain(
         return 0.0
     B, L, size = of_size_one(B, L)
     low = float(np.linalg.norm(L @ B, 2))  # what one step does
-    plant = [np.ascontiguousarray(matrix) for matrix in (A, E[E.any(axis=(1, 2))], B, L)]
+    A, E, B, L = (np.ascontiguousarray(matrix) for matrix in (A, E[E.any(axis=(1, 2))], B, L))
     steps_held = choose("horizon_steps", _steps_held)
     gain = least_level(
-        lambda level: steps_held(*plant, level, steps) == steps,
+        lambda level: steps_held(A, E, B, L, level, steps) == steps,
         low, max(low, _NOTHING), relative, _DOUBLINGS_FROM_NOTHING,
     )  # fmt: skip
     if gain == np.inf:
