@@ -25,6 +25,8 @@ _HIGHEST = 1e100  # of a gain, whose square must be a number
 _DOUBLINGS, _DOUBLINGS_FROM_NOTHING, _NOTHING = 12, 400, 1e-100
 # How many policies are tried, and which change of the value is none
 _POLICIES, _STILL = 200, 1e-10
+# and, of what the state is worth at most, which share is rounding
+_ROUNDED = 1e-13
 # A plant as near to instability is taken as unstable: the equation is singular to rounding
 _EDGE = 1e-14
 # The disturbance is computed this far above the gain, where the recursion still holds.
@@ -244,18 +246,24 @@ def riccati_gain_below(A: Array, E: Array, B: Array, L: Array, gain: float) -> b
     B, L, size = of_size_one(B, L)
     level = min(gain / size, _HIGHEST) ** 2 * np.eye(B.shape[1])
     jitter, turned = _moves(E), _symmetric(len(A))
-    feedback, before = np.zeros(B.shape[::-1]), np.full_like(A, np.inf)
+    feedback, before, sizes = np.zeros(B.shape[::-1]), None, np.empty(len(A))
     for _ in range(_POLICIES):
         closed = A + B @ feedback
         moves = _moves(closed[None]) + jitter
         if not (np.isfinite(moves).all() and _radius(moves) < 1 - _EDGE):
             return False
-        value = turned.T @ (L.T @ L - feedback.T @ level @ feedback).ravel()
-        P = (turned @ np.linalg.solve(np.eye(len(moves)) - moves.T, value)).reshape(A.shape)
-        # entry by entry: a mode that L hardly sees may still move
-        variances = P.diagonal()
-        if (np.abs(P - before) <= _STILL * np.sqrt(np.abs(np.outer(variances, variances)))).all():
-            return True
+        eye, value = np.eye(len(moves)), L.T @ L - feedback.T @ level @ feedback
+        P = _matrix(np.linalg.solve(eye - moves.T, turned.T @ value.ravel()))
+        if before is None:  # how far white noise drives each state
+            spread = _matrix(np.linalg.solve(eye - moves, turned.T @ (B @ B.T).ravel()))
+            sizes = np.sqrt(np.maximum(spread.diagonal(), 0.0))
+        else:
+            # entry by entry, since a mode that L hardly sees may still move; but one that it does
+            # not see at all is rounding, beside what driven states are worth
+            moved = np.abs(P - before) * np.outer(sizes, sizes)
+            worth = np.sqrt(np.abs(P.diagonal())) * sizes
+            if (moved <= _STILL * np.outer(worth, worth) + _ROUNDED * worth.max() ** 2).all():
+                return True
         factor, failed = lapack.dpotrf(level - B.T @ P @ B)
         if failed:
             return False
@@ -281,6 +289,12 @@ def _symmetric(n: int) -> Array:
     for each, (i, j) in enumerate(zip(*np.triu_indices(n), strict=True)):
         basis[i, j, each] = basis[j, i, each] = 1.0 if i == j else 0.5**0.5
     return basis.reshape(n * n, -1)
+
+
+def _matrix(coordinates: Array) -> Array:
+    """Return a symmetric matrix from its coordinates in that basis."""
+    n = int((2 * len(coordinates)) ** 0.5)
+    return np.asarray((_symmetric(n) @ coordinates).reshape(n, n))
 
 
 def _recursion(
