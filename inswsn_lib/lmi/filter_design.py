@@ -134,8 +134,9 @@ def _designed(
 ) -> FilterDesign:
     """Make one attempt at a design."""
     units = Units.of(model, least)
-    numbers = _in_differences(units.scaled(model), units.moved(model), change)
-    gamma, status, gain, lower = _smallest_gamma(units.scaled(model), *numbers, form, by)
+    scaled = units.scaled(model)
+    numbers = _in_differences(scaled, units.moved(model), change)
+    gamma, status, gain, lower = _smallest_gamma(scaled, *numbers, form, by)
     upper = _worst_gain(model, units, gain, gamma * (1 + LARGEST_GAP / 2), form)
     P, gain = _least_variance(*numbers, gamma * (1 + margin), form, by)
     gain = np.where(np.abs(gain) < _FAINT, 0.0, gain)  # axes that have no part in each other

@@ -13,7 +13,7 @@ from inswsn_lib.checks import Array, array, matrices, number
 
 _ON_CIRCLE = 1e-7
 # of a sweep over frequencies: first points, and how often peaks are refined; for a start, less
-_SWEEP, _ZOOMS, _START = 512, 4, (128, 1)
+_SWEEP, _ZOOMS, _START = 512, 4, (64, 0)
 _REFINED, _ZOOM = 8, 33  # peaks, and points for each
 
 
