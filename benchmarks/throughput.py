@@ -2,11 +2,11 @@
 
 Monte Carlo of a Kalman filter on P1's model, 100 steps, is run by this library, by simdkalman, and
 by filterpy in a loop over the runs; and it is held against drawing the random numbers that such a
-study needs. A design of the H-infinity filter is held against the time that the solver itself
-reports. An LS-SVM is held against the solvers of numpy and scikit-learn and against the
-floating-point operations that its Cholesky factor takes, and its selection against a grid search.
-Each figure is the best of several repetitions; each peer's answer is compared with ours
-first. The ratios go to data/benchmarks.yaml, from which the book takes its table.
+study needs. A design of the H-infinity filter, with its certificate, is held against the time that
+the solver itself reports. An LS-SVM is held against the solvers of numpy and scikit-learn and
+against the floating-point operations that its Cholesky factor takes, and its selection against a
+grid search. Each figure is the best of several repetitions; each peer's answer is compared with
+ours first. The ratios go to data/benchmarks.yaml, from which the book takes its table.
 """
 
 from __future__ import annotations
@@ -15,8 +15,9 @@ import time
 from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
-import cvxpy as cp
+import clarabel
 import numpy as np
 import simdkalman
 import yaml
@@ -123,23 +124,33 @@ def filters() -> list[Row]:
 
 
 def designs() -> list[Row]:
-    """Compare a design as it is called, bounds and certificate included, with its solver's time."""
-    problems = filter_design._problems((4, 4, 4, 4), "exact", "clarabel")
-    design_filter(MODEL)  # compiles the problems of this shape
-    whole, inside = [], []
-    for i in range(20):
-        model = ErrorModel.p1(
-            0.2, process_noise=(0.05 + 0.01 * i, 0.1), measurement_noise=(0.2, 0.3)
-        )
-        began = time.perf_counter()
-        design_filter(model)
-        whole.append(time.perf_counter() - began)
-        inside.append(sum(p.solver_stats.solve_time for p in (problems.first, problems.second)))
+    """Compare a design as it is called, units, bounds and certificate included, with its solver."""
+    asked, inside, ratios, whole = filter_design.solve, [0.0], [], []
+
+    def timed(*problem: Any) -> Any:
+        answer = asked(*problem)
+        inside[-1] += answer.seconds
+        return answer
+
+    design_filter(MODEL)  # imports, and the places of the unknowns of this shape
+    filter_design.solve = timed
+    try:
+        for i in range(30):
+            model = ErrorModel.p1(
+                0.2, process_noise=(0.05 + 0.01 * i, 0.1), measurement_noise=(0.2, 0.3)
+            )
+            inside[-1] = 0.0
+            began = time.perf_counter()
+            design_filter(model)
+            whole.append(time.perf_counter() - began)
+            ratios.append(whole[-1] / inside[-1])
+    finally:
+        filter_design.solve = asked
     return [
         row(
-            "02", f"H-infinity design with new numbers ({1000 * np.median(whole):.0f} ms)",
+            "02", f"H-infinity design with its certificate ({1000 * np.median(whole):.0f} ms)",
             "the time that Clarabel itself reports; ours over that",
-            float(np.median(np.array(whole) / np.array(inside))), 3, more_is_better=False,
+            float(np.median(ratios)), 1.2, more_is_better=False,
         )
     ]  # fmt: skip
 
@@ -212,7 +223,7 @@ if __name__ == "__main__":
     head = "# Made by `make bench` (benchmarks/throughput.py); do not edit.\n"
     content = {
         "machine": f"{facts['cpu']}, {facts['cores']} cores, {facts['system']}, "
-        f"Python {facts['python']}, numpy {np.__version__}, cvxpy {cp.__version__}",
+        f"Python {facts['python']}, numpy {np.__version__}, Clarabel {clarabel.__version__}",
         "date": datetime.now(UTC).date().isoformat(),
         "rows": rows,
     }

@@ -8,11 +8,12 @@ error that grows with a tilt: degree 2), then a published pair of mean :math:`|p
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from scipy.optimize import linprog
+from highspy import Highs, HighsModelStatus
 
 from inswsn_lib.checks import Array, number, whole
 from inswsn_lib.errors import InswsnError
@@ -176,12 +177,13 @@ def longest_period(position: float, velocity: float, bound: DriftBound) -> float
 def _one_sign_bound(motion: Motion, samples: int, position: Array, velocity: Array) -> DriftBound:
     basis, triangle = np.linalg.qr(velocity)
     ways = position @ np.linalg.inv(triangle)
-    value, weights, coefficients = _largest_multiplier(
-        basis, ways.mean(axis=0), basis.mean(axis=0), (0.0, np.inf)
+    target = basis.mean(axis=0)
+    ((value, weights, coefficients),) = _largest_multipliers(
+        basis, ways.mean(axis=0), [target], (0.0, np.inf)
     )
     p, v = ways @ coefficients, basis @ coefficients
     residual = max(
-        float(np.abs(ways.mean(axis=0) - value * basis.mean(axis=0) - weights @ basis).max()),
+        float(np.abs(ways.mean(axis=0) - value * target - weights @ basis).max()),
         -float(weights.min()),
         -float(v.min() / np.abs(v).mean()),
         float(abs(p.mean() / (value * v.mean()) - 1.0)),
@@ -194,11 +196,11 @@ def _free_bound(motion: Motion, samples: int, position: Array, velocity: Array) 
     basis, triangle = np.linalg.qr(position)
     rates = velocity @ np.linalg.inv(triangle)
     least, attained, residual = np.inf, np.zeros(basis.shape[1]), 0.0
-    for pattern in _sign_patterns(samples, motion.degree):
-        target = pattern @ rates / samples
-        value, weights, coefficients = _largest_multiplier(
-            basis, np.zeros(basis.shape[1]), target, (-1 / samples, 1 / samples)
-        )
+    targets = [pattern @ rates / samples for pattern in _sign_patterns(samples, motion.degree)]
+    found = _largest_multipliers(
+        basis, np.zeros(basis.shape[1]), targets, (-1 / samples, 1 / samples)
+    )
+    for target, (value, weights, coefficients) in zip(targets, found, strict=True):
         residual = max(
             residual,
             float(np.abs(weights @ basis + value * target).max() / np.abs(value * target).max()),
@@ -222,21 +224,31 @@ def _sign_patterns(samples: int, changes: int) -> list[Array]:
     return patterns
 
 
-def _largest_multiplier(
-    basis: Array, constant: Array, target: Array, limits: tuple[float, float]
-) -> tuple[float, Array, Array]:
-    """Return the largest x with constant = x target + w @ basis, w within limits, and multipliers.
+def _largest_multipliers(
+    basis: Array, constant: Array, targets: Iterable[Array], limits: tuple[float, float]
+) -> Iterator[tuple[float, Array, Array]]:
+    """Give the largest x with constant = x target + w @ basis, w within limits, and multipliers.
 
-    The multipliers of the equations are the coefficients of the motion that attains the bound.
+    The multipliers of the equations are the coefficients of the motion that attains the bound. One
+    program serves all targets, each from the answer to the one before: neighbours are a step apart.
     """
-    samples = basis.shape[0]
-    solution = linprog(
-        c=np.append(np.zeros(samples), -1.0),
-        A_eq=np.hstack([basis.T, target[:, None]]),
-        b_eq=constant,
-        bounds=[limits] * samples + [(None, None)],
-        method="highs",
-    )
-    if solution.status != 0:
-        raise InswsnError(f"The linear program of the drift bound failed: {solution.message}")
-    return float(solution.x[-1]), solution.x[:-1], -np.asarray(solution.eqlin.marginals)
+    samples = len(basis)
+    program = Highs()
+    program.setOptionValue("output_flag", False)
+    low, high = ([limit] * samples for limit in limits)
+    program.addVars(samples + 1, np.array([*low, -np.inf]), np.array([*high, np.inf]))
+    program.changeColCost(samples, -1.0)
+    columns = np.arange(samples + 1, dtype=np.int32)
+    for equals, row in zip(constant, basis.T, strict=True):
+        program.addRow(equals, equals, samples + 1, columns, np.append(row, 0.0))
+    for target in targets:
+        for row, entry in enumerate(target):
+            program.changeCoeff(row, samples, entry)
+        program.run()
+        status = program.getModelStatus()
+        if status != HighsModelStatus.kOptimal:
+            said = program.modelStatusToString(status)
+            raise InswsnError(f"The linear program of the drift bound failed: {said}.")
+        found = program.getSolution()
+        x = np.array(found.col_value)
+        yield float(x[-1]), x[:-1], -np.array(found.row_dual)

@@ -34,7 +34,7 @@ from inswsn_lib.filters.inputs import (
     present,
     times,
 )
-from inswsn_lib.lmi.designs import FilterDesign, Solver
+from inswsn_lib.lmi.designs import FilterDesign, FusionSolver
 
 Handover = Literal["restart", "constant", "fading"]
 
@@ -177,7 +177,7 @@ def handover_weights(
     structure: Literal["full", "block"] = "full",
     *,
     margin: float = 0.01,
-    solver: Solver | tuple[Solver, ...] = "clarabel",
+    solver: FusionSolver | tuple[FusionSolver, ...] = ("structured", "clarabel"),
 ) -> dict[Pattern, Array]:
     """Design the weights of the centre for each pattern of clusters that hear the node.
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 
 from inswsn_lib.checks import Array
@@ -13,9 +11,7 @@ SHARES = (0.0, 1e-12, 1e-10, 1e-8, 1e-6, 1e-5, 1e-4)
 _LEFT_OVER = 1e-9
 
 
-def dual_bound(
-    dual: Array, inside: Array, left_side: Callable[[Array], Array], cost: Array
-) -> float:
+def dual_bound(dual: Array, inside: Array, constant: Array, terms: Array, cost: Array) -> float:
     r"""Return a bound on the cost of a linear matrix inequality, from a nearly right dual solution.
 
     Of all x with :math:`F_0 + \sum_i x_i F_i \le 0` none has a cost :math:`c'x` below
@@ -30,8 +26,8 @@ def dual_bound(
         The solver's Z.
     inside : ndarray, (k, k)
         A positive definite Z, right but for its size.
-    left_side : callable
-        Gives :math:`F_0 + \sum_i x_i F_i`, (k, k), for x, (unknowns,).
+    constant, terms : ndarray, (k, k), (unknowns, k, k)
+        :math:`F_0` and the :math:`F_i`.
     cost : ndarray, (unknowns,)
         c.
 
@@ -40,8 +36,6 @@ def dual_bound(
     float
         Minus infinity if no Z is found.
     """
-    constant = left_side(np.zeros_like(cost))
-    terms = np.array([left_side(unit) - constant for unit in np.eye(len(cost))])
     inside = inside * np.trace(dual) / np.trace(inside)
     for share in SHARES:
         found = mended(dual + share * inside, terms, -cost)

@@ -15,6 +15,7 @@ Form = Literal["exact", "printed"]
 Noise = Literal["common", "independent"]
 Structure = Literal["full", "block"]
 Solver = Literal["clarabel", "scs"]
+FusionSolver = Literal["structured", "clarabel", "scs"]
 
 #: The bounds on the least gamma may differ by this share
 LARGEST_GAP = 1e-3
@@ -193,8 +194,10 @@ class FusionDesign:
         The solution of the inequality at `level`; with the structure "block" its diagonal blocks.
     certificate : FusionCertificate
         Of weights that have passed it.
-    status, solver : str
+    status : str
         As in `FilterDesign`.
+    solver : {"structured", "clarabel", "scs"}
+        Who said it.
 
     Examples
     --------
@@ -202,7 +205,7 @@ class FusionDesign:
     >>> model = iw.ErrorModel(A=[[1]], B=[[1]], C=[[1]], D=[[1]], period=1.0)
     >>> fusion = iw.design_fusion([iw.design_filter(model)] * 2, structure="block")
     >>> fusion.weights.shape, fusion.P.shape, fusion.solver
-    ((2, 1, 1), (2, 1, 1), 'clarabel')
+    ((2, 1, 1), (2, 1, 1), 'structured')
     """
 
     designs: tuple[FilterDesign, ...]
@@ -214,4 +217,4 @@ class FusionDesign:
     P: Array
     certificate: FusionCertificate
     status: str
-    solver: Solver
+    solver: FusionSolver

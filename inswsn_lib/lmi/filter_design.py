@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import threading
-from functools import lru_cache, partial
-from typing import Any
+from functools import cache, partial
 
-import cvxpy as cp
 import numpy as np
-from scipy.linalg import block_diag, solve_discrete_lyapunov
+from scipy.linalg import block_diag, solve_discrete_lyapunov, solve_triangular
 
 from inswsn_lib.checks import Array, number, one_of
 from inswsn_lib.errors import Described, ParameterError
@@ -23,7 +20,13 @@ from inswsn_lib.lmi.designs import (
     told_gap,
 )
 from inswsn_lib.lmi.norms import hinf_norm, spectral_radius
-from inswsn_lib.lmi.solvers import first_that_passes, in_order, solve
+from inswsn_lib.lmi.solvers import (
+    Inequality,
+    first_that_passes,
+    in_order,
+    solve,
+    symmetric_units,
+)
 from inswsn_lib.lmi.stochastic import mean_square_radius, riccati_gain_below
 from inswsn_lib.lmi.units import Units
 from inswsn_lib.models import ErrorModel
@@ -35,6 +38,8 @@ LARGEST_MARGIN = 1e9
 TOLERANCE = 1e-6
 # Numbers of a scaled problem that are as small are nothing to a solver
 _FAINT = 1e-7
+# Of Newton's method: steps, and the decrement at which rounding is all that is left
+_NEWTON, _AT_CENTRE = 100, 1e-9
 # Attempts: a share of the largest variance to which the others are raised in the units, and how
 # much a filter may change in a step for it to be designed in differences
 _ATTEMPTS = ((1e-15, 0.1), (1e-15, np.inf), (1e-8, np.inf), (1e-4, np.inf), (1.0, np.inf))
@@ -129,11 +134,11 @@ def _designed(
 ) -> FilterDesign:
     """Make one attempt at a design."""
     units = Units.of(model, least)
-    numbers = _in_differences(units.scaled(model), units.moved(model), change)
-    problems = _problems(_shape(model), form, by)
-    gamma, status, gain, lower = problems.smallest_gamma(units.scaled(model), *numbers)
+    scaled = units.scaled(model)
+    numbers = _in_differences(scaled, units.moved(model), change)
+    gamma, status, gain, lower = _smallest_gamma(scaled, *numbers, form, by)
     upper = _worst_gain(model, units, gain, gamma * (1 + LARGEST_GAP / 2), form)
-    P, gain = problems.least_variance(*numbers, gamma * (1 + margin))
+    P, gain = _least_variance(*numbers, gamma * (1 + margin), form, by)
     gain = np.where(np.abs(gain) < _FAINT, 0.0, gain)  # axes that have no part in each other
     gamma, level = units.seen * gamma, units.seen * gamma * (1 + margin)
     bounds = min(units.seen * lower, gamma), max(upper, gamma)  # so that gamma is held to them, too
@@ -193,12 +198,14 @@ def minimise_gamma(
     1.414 1.00
     """
     one_of("form", form, FORMS)
-    P, Q = cp.Variable(model.A.shape, symmetric=True), cp.Variable(model.C.T.shape)
-    squared = cp.Variable()
-    least = cp.bmat(inequality(_numbers(model), P, Q, squared, form)) << 0
-    problem = cp.Problem(cp.Minimize(squared), [least])
-    gain = first_that_passes(partial(_solved_gain, problem, P, Q, by) for by in in_order(solver))
-    return float(np.sqrt(max(float(squared.value), 0.0))), gain
+    constant, terms = _linear(_numbers(model), form)
+    least = Inequality(constant, terms, np.arange(len(terms)))
+
+    def solved(by: Solver) -> tuple[float, Array]:
+        x = solve(np.eye(len(terms))[0], [least], by).x
+        return float(np.sqrt(max(x[0], 0.0))), _p_and_gain(x[1:], *model.C.shape[::-1])[1]
+
+    return first_that_passes(partial(solved, by) for by in in_order(solver))
 
 
 def central_gain(
@@ -238,17 +245,35 @@ def central_gain(
     """
     one_of("form", form, FORMS)
     number("level", level, above=0, most=1e100)
-    P, Q = cp.Variable(model.A.shape, symmetric=True), cp.Variable(model.C.T.shape)
-    matrix = cp.bmat(inequality(_numbers(model), P, Q, level**2, form))
-    centre = cp.Problem(cp.Maximize(cp.log_det(-matrix)))
-    return first_that_passes(
-        partial(_solved_gain, centre, P, Q, by, accurate=True) for by in in_order(solver)
-    )
+    constant, terms = _linear(_numbers(model), form)
+    constant, terms = constant + level**2 * terms[0], terms[1:]
+    # the x at which the largest eigenvalue is the least is inside
+    sunk = np.concatenate([-np.eye(len(constant))[None], terms])
+    deepest = Inequality(constant, sunk, np.arange(len(sunk)))
+
+    def solved(by: Solver) -> Array:
+        x = _centre(solve(np.eye(len(sunk))[0], [deepest], by).x[1:], constant, terms)
+        return _p_and_gain(x, *model.C.shape[::-1])[1]
+
+    return first_that_passes(partial(solved, by) for by in in_order(solver))
 
 
-def _solved_gain(problem: Any, P: Any, Q: Any, by: Solver, *, accurate: bool = False) -> Array:
-    solve(problem, by, accurate=accurate)
-    return np.asarray(np.linalg.solve(P.value, Q.value))
+def _centre(x: Array, constant: Array, terms: Array) -> Array:
+    """Return by Newton's method, from an x inside, the analytic centre of an inequality.
+
+    The decrement, the length of a step as the barrier measures it, tells how far the centre is.
+    """
+    eye = np.eye(len(constant))
+    for _ in range(_NEWTON):
+        root = np.linalg.cholesky(-(constant + np.tensordot(x, terms, axes=1)))
+        inverse = solve_triangular(root, eye, lower=True)
+        seen = (inverse @ terms @ inverse.T).reshape(len(x), -1)
+        step = np.linalg.lstsq(seen.T, -eye.ravel(), rcond=None)[0]
+        decrement = float(np.linalg.norm(step @ seen))
+        if decrement < _AT_CENTRE:
+            return x
+        x = x + step / (1 + decrement if decrement > 0.25 else 1)
+    raise InfeasibleDesignError("The inequality has no analytic centre.")
 
 
 def certify(
@@ -269,7 +294,7 @@ def certify(
     """
     scaled, own = units.scaled(model), level / units.seen
     values = np.linalg.eigvalsh(P)
-    blocks = np.block(inequality(_numbers(scaled), P, P @ gain, own**2, form))
+    blocks = inequality(_numbers(scaled), P, P @ gain, own**2, form)
     largest = float(np.linalg.eigvalsh(blocks).max() / np.abs(blocks).max())
     norm = hinf_norm(*_error_system(model, units.back @ gain @ units.outputs))
     A, B, L = _error_system(scaled, gain)
@@ -304,11 +329,11 @@ def refuse_if(complaints: dict[str, bool]) -> None:
 
 
 def inequality(
-    numbers: dict[str, Any], P: Any, Q: Any, squared: Any, form: Form
-) -> list[list[Any]]:
-    r"""Return the blocks that must be negative, of arrays or of expressions of a convex problem.
+    numbers: dict[str, Array], P: Array, Q: Array, squared: Array | float, form: Form
+) -> Array:
+    r"""Return the matrix that must be negative; P, Q and the bound squared may be stacks.
 
-    `squared` is the bound squared. With `_numbers` it is the inequality as it stands. For steps
+    With `_numbers` it is the inequality as it stands. For steps
     that change little `_in_differences` adds the fourth row and column to the first, which are then
     divided by t, as Q is; L too is t times that of the model. With :math:`\Delta = P(A - I) - QC`
     the upper left block becomes :math:`(\Delta + \Delta') / t^2 + L'L`, in which nothing cancels:
@@ -319,21 +344,26 @@ def inequality(
         [P @ numbers[kind + "A"] - Q @ numbers[kind + "C"], P @ numbers[kind + "B"],
          -(Q @ numbers[kind + "D"])] for kind in ("slow ", "")
     )  # fmt: skip
-    jitter, n, p, q = P @ numbers["E"], P.shape[0], fast[1].shape[1], fast[2].shape[1]
-    nn, np_, nq, pq = (np.zeros(s) for s in ((n, n), (n, p), (n, q), (p, q)))
-    rows = [
-        [slow[0] + slow[0].T + numbers["LL"], *slow[1:], fast[0].T, jitter.T],
-        [slow[1].T, -squared * np.eye(p), pq, fast[1].T, np_.T],
-        [slow[2].T, pq.T, -squared * np.eye(q), fast[2].T, nq.T],
-        [*fast, -P, nn],
-        [jitter, np_, nq, nn, -P],
-    ]
+    n, p, q = P.shape[-1], fast[1].shape[-1], fast[2].shape[-1]
+    bound = -np.asarray(squared)[..., None, None]
+    blocks = {
+        (0, 0): slow[0] + slow[0].mT + numbers["LL"],
+        (1, 0): slow[1].mT, (1, 1): bound * np.eye(p),
+        (2, 0): slow[2].mT, (2, 2): bound * np.eye(q),
+        (3, 0): fast[0], (3, 1): fast[1], (3, 2): fast[2], (3, 3): -P,
+        (4, 0): P @ numbers["E"], (4, 4): -P,
+    }  # fmt: skip
+    sizes = [n, p, q, n, n]
     if form == "printed":
-        copy = P @ numbers["copied A"] - Q @ numbers["C"]
-        column = (copy.T, np_.T, nq.T, nn, nn)
-        rows = [[*row, block] for row, block in zip(rows, column, strict=True)]
-        rows.append([copy, np_, nq, nn, nn, -P])
-    return rows
+        blocks |= {(5, 0): P @ numbers["copied A"] - Q @ numbers["C"], (5, 5): -P}
+        sizes.append(n)
+    ends = np.cumsum(sizes)
+    places = [slice(end - size, end) for end, size in zip(ends, sizes, strict=True)]
+    matrix = np.zeros((*P.shape[:-2], ends[-1], ends[-1]))
+    for (i, j), block in blocks.items():
+        matrix[..., places[i], places[j]] = block
+        matrix[..., places[j], places[i]] = block.mT
+    return matrix
 
 
 def _numbers(model: ErrorModel) -> dict[str, Array]:
@@ -366,79 +396,94 @@ def _in_differences(
     }  # fmt: skip
 
 
-def _shape(model: ErrorModel) -> tuple[int, int, int, int]:
-    return (*model.B.shape, *model.D.shape)
+def _linear(numbers: dict[str, Array], form: Form) -> tuple[Array, Array]:
+    """Return the constant of the inequality, and what each unknown does: squared, P, Q in turn."""
+    squared, P, Q = _units(*numbers["C"].shape[::-1])
+    none, *units = inequality(numbers, P, Q, squared, form)
+    return none, np.array(units) - none
 
 
-class _Problems:
-    """The two convex problems for one shape of model, compiled once and solved with new numbers."""
-
-    def __init__(self, shape: tuple[int, int, int, int], form: Form, solver: Solver) -> None:
-        n, p, m, q = shape
-        self._form, self._solver = form, solver
-        self._guard = threading.Lock()  # the problems hold the numbers of one model at a time
-        sizes = {"A": (n, n), "B": (n, p), "C": (m, n), "D": (m, q), "E": (n, n), "LL": (n, n)}
-        sizes |= {f"slow {name}": sizes[name] for name in "ABCD"} | {"copied A": (n, n)}
-        self._numbers = {name: cp.Parameter(size) for name, size in sizes.items()}
-        self._P, self._Q = P, Q = cp.Variable((n, n), symmetric=True), cp.Variable((n, m))
-        self._squared, self._level = cp.Variable(), cp.Parameter(nonneg=True)
-        self._least, held = (
-            cp.bmat(inequality(self._numbers, P, Q, squared, form)) << 0
-            for squared in (self._squared, self._level)
-        )
-        self.first = cp.Problem(cp.Minimize(self._squared), [self._least])
-        driven = cp.hstack([P @ self._numbers["B"], -(Q @ self._numbers["D"])])
-        bound = cp.Variable((p + q, p + q), symmetric=True)  # on B~' P B~
-        schur = cp.bmat([[bound, driven.T], [driven, P]])
-        self.second = cp.Problem(cp.Minimize(cp.trace(bound)), [held, schur >> 0])
-
-    def smallest_gamma(
-        self, model: ErrorModel, step: float, numbers: dict[str, Array]
-    ) -> tuple[float, str, Array, float]:
-        """Return gamma, the solver's word, the gain, and what gamma cannot be below."""
-        with self._guard:
-            self._take(numbers)
-            status = solve(self.first, self._solver)
-            gamma = float(np.sqrt(max(float(self._squared.value), 0.0))) / step
-            gain = step * np.linalg.solve(self._P.value, self._Q.value)
-            dual = self._least.dual_value
-        (n, m), upper = self._Q.shape, np.triu_indices(len(model.A))
-
-        def left_side(unknown: Array) -> Array:
-            P = np.zeros((n, n))
-            P[upper] = P.T[upper] = unknown[: len(upper[0])]
-            Q = unknown[len(upper[0]) : -1].reshape(n, m)
-            return np.block(inequality(numbers, P, Q, unknown[-1], self._form))
-
-        cost = np.eye(len(upper[0]) + n * m + 1)[-1]
-        squared = dual_bound(dual, _inside(model, numbers, step, self._form), left_side, cost)
-        one_step = float(np.linalg.norm(model.L @ model.B, 2))  # which no filter undoes
-        return gamma, status, gain, max(one_step, float(np.sqrt(max(squared, 0.0))) / step)
-
-    def least_variance(
-        self, step: float, numbers: dict[str, Array], level: float
-    ) -> tuple[Array, Array]:
-        """Return P and the gain at a level."""
-        with self._guard:
-            self._take(numbers)
-            self._level.value = (step * level) ** 2
-            solve(self.second, self._solver)
-            P = self._P.value
-            return P / step**2, step * np.linalg.solve(P, self._Q.value)
-
-    def _take(self, numbers: dict[str, Array]) -> None:
-        """Give the problems the numbers of a model.
-
-        What is faint is given as nothing: a solver would stumble over it.
-        """
-        for name, value in numbers.items():
-            faint = np.abs(value) < _FAINT * max(1.0, np.abs(value).max())
-            self._numbers[name].value = np.where(faint, 0.0, value)
+@cache
+def _pattern(sizes: tuple[tuple[str, tuple[int, ...]], ...], form: Form) -> Array:
+    """Return what is not zero where an unknown is in the inequality, whatever the numbers."""
+    return _linear({name: np.ones(shape) for name, shape in sizes}, form)[1]
 
 
-@lru_cache(maxsize=32)
-def _problems(shape: tuple[int, int, int, int], form: Form, solver: Solver) -> _Problems:
-    return _Problems(shape, form, solver)
+def _sizes(numbers: dict[str, Array]) -> tuple[tuple[str, tuple[int, ...]], ...]:
+    return tuple((name, value.shape) for name, value in numbers.items())
+
+
+@cache
+def _units(n: int, m: int) -> tuple[Array, Array, Array]:
+    """Return the bound squared, P and Q, all nothing, and then with one unknown that is one."""
+    symmetric = symmetric_units(n)
+    unknowns = 1 + len(symmetric) + n * m
+    P = np.zeros((1 + unknowns, n, n))
+    P[2 : 2 + len(symmetric)] = symmetric
+    Q = np.eye(1 + unknowns, n * m, -2 - len(symmetric)).reshape(-1, m, n).mT
+    return np.eye(1 + unknowns, 1, -1)[:, 0], P, Q
+
+
+def _p_and_gain(x: Array, n: int, m: int) -> tuple[Array, Array]:
+    """Return P and the gain from the unknowns of P and Q, (n, n) and (n, m)."""
+    P, Q = (np.tensordot(x, units[-len(x) :], axes=1) for units in _units(n, m)[1:])
+    return P, np.asarray(np.linalg.solve(P, Q))
+
+
+def _smallest_gamma(
+    model: ErrorModel, step: float, numbers: dict[str, Array], form: Form, by: Solver
+) -> tuple[float, str, Array, float]:
+    """Return gamma, the solver's word, the gain, and what gamma cannot be below."""
+    constant, terms = _linear(_without_faint(numbers), form)
+    cost = np.eye(len(terms))[0]
+    least = Inequality(constant, terms, np.arange(len(terms)), _pattern(_sizes(numbers), form))
+    answer = solve(cost, [least], by)
+    gamma = float(np.sqrt(max(answer.x[0], 0.0))) / step
+    gain = step * _p_and_gain(answer.x[1:], *model.C.shape[::-1])[1]
+    inside = _inside(model, numbers, step, form)
+    squared = dual_bound(answer.duals[0], inside, *_linear(numbers, form), cost)
+    one_step = float(np.linalg.norm(model.L @ model.B, 2))  # which no filter undoes
+    return gamma, answer.status, gain, max(one_step, float(np.sqrt(max(squared, 0.0))) / step)
+
+
+def _least_variance(
+    step: float, numbers: dict[str, Array], level: float, form: Form, by: Solver
+) -> tuple[Array, Array]:
+    r"""Return P and the gain at a level: the least trace of W with :math:`K'P^{-1}K \le W`."""
+    pattern, numbers = _pattern(_sizes(numbers), form)[1:], _without_faint(numbers)
+    constant, terms = _linear(numbers, form)
+    constant, terms = constant + (step * level) ** 2 * terms[0], terms[1:]
+    (m, n), k = numbers["C"].shape, numbers["B"].shape[1] + numbers["D"].shape[1]
+    P, Q = (units[2:] for units in _units(n, m)[1:])
+    W = symmetric_units(k)
+
+    def schur(B: Array, D: Array) -> Array:
+        """Return what W, P and Q do to (W, K'; K, P), K = (P B, Q D), with the sign changed."""
+        K = np.concatenate([P @ B, Q @ D], axis=2)
+        terms = np.zeros((len(W) + len(P), k + n, k + n))
+        terms[: len(W), :k, :k], terms[len(W) :, k:, k:] = -W, -P
+        terms[len(W) :, k:, :k], terms[len(W) :, :k, k:] = -K, -K.mT
+        return terms
+
+    bound = schur(numbers["B"], -numbers["D"])
+    bounded = schur(np.ones_like(numbers["B"]), np.ones_like(numbers["D"]))
+    every = np.arange(len(bound))
+    x = solve(
+        np.concatenate([np.trace(W, axis1=1, axis2=2), np.zeros(len(P))]),
+        [Inequality(constant, terms, every[len(W) :], pattern),
+         Inequality(np.zeros_like(bound[0]), bound, every, bounded)],
+        by,
+    ).x  # fmt: skip
+    found, gain = _p_and_gain(x[len(W) :], n, m)
+    return found / step**2, step * gain
+
+
+def _without_faint(numbers: dict[str, Array]) -> dict[str, Array]:
+    """Return numbers with nothing in place of what is faint: a solver would stumble over it."""
+    return {
+        name: np.where(np.abs(value) < _FAINT * max(1.0, np.abs(value).max()), 0.0, value)
+        for name, value in numbers.items()
+    }
 
 
 def _inside(model: ErrorModel, numbers: dict[str, Array], t: float, form: Form) -> Array:

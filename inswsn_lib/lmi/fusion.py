@@ -10,24 +10,24 @@ The fused estimate is the sum of M_c times the local estimates, with the sum of 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import partial
-from typing import Any
+from functools import cache, partial
 
-import cvxpy as cp
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.linalg import block_diag, eigvalsh, qr, solve_discrete_lyapunov
+from scipy.linalg import block_diag, qr, solve_discrete_lyapunov
 
 from inswsn_lib.checks import Array, array, number, one_of
 from inswsn_lib.errors import Described, ParameterError
+from inswsn_lib.lmi.arrow import Arrow, Places, solve_arrow
 from inswsn_lib.lmi.bounds import SHARES, mended
 from inswsn_lib.lmi.designs import (
     LARGEST_GAP,
     FilterDesign,
     FusionCertificate,
     FusionDesign,
+    FusionSolver,
     InfeasibleDesignError,
     Noise,
     Solver,
@@ -36,14 +36,23 @@ from inswsn_lib.lmi.designs import (
 )
 from inswsn_lib.lmi.filter_design import LARGEST_MARGIN, TOLERANCE, refuse_if
 from inswsn_lib.lmi.norms import hinf_norm, spectral_radius, swept_peak
-from inswsn_lib.lmi.solvers import first_that_passes, in_order, solve
+from inswsn_lib.lmi.solvers import (
+    Inequality,
+    first_that_passes,
+    in_order,
+    solve,
+    symmetric_units,
+)
 
 NOISES = ("common", "independent")
+FUSION_SOLVERS = ("structured", "clarabel", "scs")
 _LARGEST_STACK = 64  # states for which the norm of the stacked system is computed as it stands
 _SMALLEST = 1e-8  # eigenvalues of the matrices that give the units are raised to this share
 _SEEN = 1e-9  # sizes of L, B and K D along an axis below this share of the largest count as zero
+_ROUNDED = 1e-15  # a share of a matrix to which an eigenvalue is sought
 _ROUNDING = 1e-9  # a matrix is positive semidefinite if no eigenvalue is below minus this share
-_SHARE = 30.0  # of a cluster in the sums that the solver is given
+# Of a cluster in the sums that a solver is given; they are accurate if numbers are not small
+_SHARE = {"structured": 1.0, "clarabel": 30.0, "scs": 30.0}
 
 
 def design_fusion(
@@ -52,7 +61,7 @@ def design_fusion(
     structure: Structure = "full",
     *,
     margin: float = 0.01,
-    solver: Solver | tuple[Solver, ...] = "clarabel",
+    solver: FusionSolver | tuple[FusionSolver, ...] = ("structured", "clarabel"),
 ) -> FusionDesign:
     r"""Design the weights with which local H-infinity filters are fused (P2, theorem 1).
 
@@ -97,8 +106,12 @@ def design_fusion(
         "independent": each has a process noise of its own, as P2 (13) has it.
     structure : {"full", "block"}
         Any symmetric P, or one made of diagonal blocks, one for each cluster.
-    margin, solver
+    margin : float
         As in `design_filter`.
+    solver : {"structured", "clarabel", "scs"} or a tuple of them
+        An interior-point method that computes the parts side by side, or those of `design_filter`,
+        which know of no parts. Of several the later are asked where the answers of those before are
+        refused.
 
     Returns
     -------
@@ -126,7 +139,7 @@ def design_fusion(
     """
     local = _checked_designs(designs)
     check_options(noise, structure, margin)
-    solvers = in_order(solver)
+    solvers = in_order(solver, FUSION_SOLVERS)
     radius = max(spectral_radius(design.A_f) for design in local)
     if radius >= 1:
         raise InfeasibleDesignError(f"A local filter has the spectral radius {radius:.6g}.")
@@ -151,7 +164,7 @@ def _designed(
     structure: Structure,
     margin: float,
     whitened: bool,
-    by: Solver,
+    by: FusionSolver,
 ) -> FusionDesign:
     """Solve both problems in some states, and certify what comes of it."""
     units, parts = _balanced(designs, noise, structure, whitened)
@@ -159,9 +172,9 @@ def _designed(
     bounds = _bounds(parts, units.L, gamma, first)
     level = gamma * (1 + margin)
     _, found, last = _solved(parts, units.L, len(designs), by, level)
-    back = [np.linalg.inv(part.states) for part in parts]
-    Y = np.hstack([each.Y @ T for each, T in zip(found, back, strict=True)])
-    P = np.stack([units.seen**2 * T.T @ each.P @ T for each, T in zip(found, back, strict=True)])
+    back = np.linalg.inv(parts.states)
+    Y = np.hstack(list(found.Y @ back))
+    P = units.seen**2 * back.mT @ found.P @ back
     P = P[0] if structure == "full" else P
     weights = _weights(units, Y, len(designs))
     bounds = units.seen * bounds[0], units.seen * bounds[1]
@@ -174,12 +187,13 @@ def _designed(
 
 
 @dataclass(frozen=True, eq=False)
-class _Part:
-    """A part of the inequality with a P of its own; it shares w and z with the other parts.
+class _Parts:
+    """The parts of the inequality, each with a P of its own; they share w and z.
 
-    Its system is `A`, (k, k), and `K`, (k, u), whose first `shared` inputs are the process noise
-    that all parts share. `turned`, (k, n), takes an error that all clusters have in common to the
-    states of the part, and `states`, (k, k), these to those of the local filters.
+    The system of each is `A`, (N, k, k), and `K`, (N, k, u), whose first `shared` inputs are the
+    process noise that all parts share. `turned`, (N, k, n), takes an error that all clusters have
+    in common to the states of the part, and `states`, (N, k, k), these to those of the local
+    filters.
     """
 
     A: Array
@@ -191,7 +205,7 @@ class _Part:
 
 @dataclass(frozen=True, eq=False)
 class _Solution:
-    """What is found of a part: P, Y = L M, what it takes of w and z, and its dual solution."""
+    """What is found of each part: P, Y = L M, what it takes of w and z, and its dual solution."""
 
     P: Array
     Y: Array
@@ -200,132 +214,171 @@ class _Solution:
 
 
 def _solved(
-    parts: list[_Part], L: Array, clusters: int, by: Solver, level: float | None = None
-) -> tuple[float, list[_Solution], str]:
+    parts: _Parts, L: Array, clusters: int, by: FusionSolver, level: float | None = None
+) -> tuple[float, _Solution, str]:
     """Find the least level, or at one that is given the least bound on the variance.
 
     Returns the level, what is found of each part, and the solver's word.
     """
-    # each cluster has a share of about 1 / N in the sums, and the solver is accurate if its numbers
-    # are not small: it is given this multiple of all unknowns
-    scale, seen, shared = _SHARE * clusters, len(L), parts[0].shared
-    # with the noise in units of the level, a large margin does no harm
-    squared: Any = cp.Variable() if level is None else scale
-    unit = 1.0 if level is None else level
-    P = [cp.Variable(part.A.shape, symmetric=True) for part in parts]
-    Y = [cp.Variable((seen, len(part.A))) for part in parts]
-    # W, -V and Z of a part: what it takes of w and of z
-    X = [cp.Variable((shared + seen, shared + seen), symmetric=True) for _ in parts]
-    turned = np.vstack([part.turned for part in parts])
-    of_w, of_z = np.repeat(np.eye(2), [shared, seen], axis=1)
-    taken = sum(X) - squared * np.diag(of_w) - scale * np.diag(of_z)
-    negative = [_left_side(*each, unit, squared) << 0 for each in zip(parts, P, Y, X, strict=True)]
-    constraints = [
-        cp.hstack(Y) @ turned == scale * L,
-        taken[np.triu_indices(shared + seen)] == 0,  # it is symmetric: each equation once
-        *negative,
-    ]
-    cost = squared
-    if level is not None:
-        variances = [
-            cp.sum(cp.multiply(part.K @ part.K.T, p)) for part, p in zip(parts, P, strict=True)
-        ]
-        cost = sum(variances) / scale
-    status = solve(cp.Problem(cp.Minimize(cost), constraints), by)
-    least = (max(float(squared.value), 0.0) / scale) ** 0.5 if level is None else level
-    found = [
-        _Solution(p.value / scale, y.value / scale, x.value / scale, part.dual_value)
-        for p, y, x, part in zip(P, Y, X, negative, strict=True)
-    ]
+    scale = _SHARE[by] * clusters
+    problem = _arrow(parts, L, scale, level)
+    if by == "structured":
+        answer = solve_arrow(problem)
+        x, squared, duals, status = answer.x, answer.s, answer.Z, answer.status
+    else:
+        x, squared, duals, status = _by_general_solver(problem, by)
+    least = (max(squared, 0.0) / scale) ** 0.5 if level is None else level
+    (_, k, _), seen = parts.K.shape, len(L)
+    P, Y, X = np.split(x / scale, np.cumsum([k * (k + 1) // 2, seen * k]), axis=1)
+    found = _Solution(
+        _symmetric(P, k), Y.reshape(-1, seen, k), _symmetric(X, parts.shared + seen), duals
+    )
     return least, found, status
 
 
-def _bounds(
-    parts: list[_Part], L: Array, gamma: float, found: list[_Solution]
-) -> tuple[float, float]:
+def _symmetric(upper: Array, n: int) -> Array:
+    return np.tensordot(upper, symmetric_units(n), axes=1)
+
+
+def _by_general_solver(problem: Arrow, by: Solver) -> tuple[Array, float, Array, str]:
+    """Return unknowns, s, dual solutions and the word of a solver that knows of no parts."""
+    N, m = problem.q.shape
+    constants, first = problem.left(np.zeros((N, m)), 0.0), int(problem.shared)
+    inequalities = []
+    for c, constant in enumerate(constants):
+        places = np.arange(first + c * m, first + (c + 1) * m)
+        terms = _terms(problem, c)
+        if problem.shared:
+            terms, places = np.concatenate([-np.diag(problem.O)[None], terms]), np.append(0, places)
+        inequalities.append(Inequality(constant, terms, places))
+    left = np.hstack([-problem.g[:, None]] * first + list(problem.G))
+    cost = np.concatenate([np.ones(first), problem.q.ravel()])
+    answer = solve(cost, inequalities, by, (left, problem.h))
+    s = float(answer.x[0]) if problem.shared else 0.0
+    return answer.x[first:].reshape(N, m), s, np.array(answer.duals), answer.status
+
+
+def _terms(problem: Arrow, part: int) -> Array:
+    """Return what each unknown of a part does to its left side, (m, d, d)."""
+    J = problem.J[part]
+    return np.asarray(J.T @ problem.places.filled(np.eye(problem.q.shape[1])) @ J)
+
+
+def _bounds(parts: _Parts, L: Array, gamma: float, found: _Solution) -> tuple[float, float]:
     """Return what the least level cannot be below, and a level at which the inequality holds."""
     level = gamma * (1 + LARGEST_GAP / 2)
-    largest = max(
-        np.linalg.eigvalsh(left).max() / np.abs(left).max()
-        for left in (
-            _left_side(part, each.P, each.Y, each.X, 1.0, level**2)
-            for part, each in zip(parts, found, strict=True)
-        )
-    )
-    lower = next((b for b in (_lower(parts, L, found, s) for s in SHARES) if b is not None), 0.0)
+    problem = _arrow(parts, L, 1.0, None)
+    left = problem.left(_packed(found.P, found.Y, found.X), level**2)
+    largest = (np.linalg.eigvalsh(left)[:, -1] / np.abs(left).max(axis=(1, 2))).max()
+    lower = next((b for b in _lowers(parts, L, problem, found) if b is not None), 0.0)
     return min(lower, gamma), level if largest <= TOLERANCE else np.inf
 
 
-def _lower(parts: list[_Part], L: Array, found: list[_Solution], share: float) -> float | None:
-    r"""Return a bound on the least level from dual solutions Z_c, made exact if they can be.
+def _packed(P: Array, Y: Array, X: Array) -> Array:
+    """Return the unknowns of each part, (N, m)."""
+    upper = [matrix[:, *np.triu_indices(matrix.shape[1])] for matrix in (P, X)]
+    return np.concatenate([upper[0], Y.reshape(len(Y), -1), upper[1]], axis=1)
+
+
+def _lowers(parts: _Parts, L: Array, problem: Arrow, found: _Solution) -> Iterator[float | None]:
+    r"""Give bounds on the least level from dual solutions Z_c, made exact if they can be.
 
     They are :math:`\ge 0`, stationary, :math:`E Z E' = S Z S'` with the state E and the next one
     S, agree in the covariance :math:`\Theta` of w and z, and have :math:`2 z Z E' = -\Lambda T'`.
     Then :math:`\gamma^2` is not below
     :math:`\langle\Lambda, L\rangle^2 / (4\,\mathrm{tr}\,\Theta_z)` over the power of all noise.
+    Ever larger shares of solutions that are exact but for the covariance are added to those found.
     """
-    seen, shared = len(L), parts[0].shared
-    taken, states, duals = [], [], []
-    for part, each in zip(parts, found, strict=True):
-        (k, u), size = part.K.shape, float(np.trace(each.dual))
-        own = block_diag(solve_discrete_lyapunov(part.A, part.K @ part.K.T), np.eye(u + seen))
-        dual = each.dual + share * size / len(parts) * own
-        ends = np.r_[k : k + shared, k + u : k + u + seen]
-        taken.append(dual[np.ix_(ends, ends)])
-        states.append(-2 * dual[:k, k + u :])
-        duals.append(dual)
-    theta = sum(taken) / len(parts)
-    turned = np.vstack([part.turned for part in parts])
-    multiplier = np.linalg.lstsq(turned, np.vstack(states), rcond=None)[0].T
-    power = float(np.trace(theta[:shared, :shared]))
-    for part, dual in zip(parts, duals, strict=True):
-        k, u = part.K.shape
-        wanted = np.concatenate([
-            np.zeros(k * (k + 1) // 2), -(multiplier @ part.turned.T).ravel(),
-            [-np.sum(theta * X) for X in _symmetric(shared + seen)],
-        ])  # fmt: skip
-        exact = mended(dual, _terms(part, seen), wanted)
-        if exact is None:
-            return None
-        power += float(np.trace(exact[k + shared : k + u, k + shared : k + u]))
-    gained = float(np.sum(multiplier * L)) ** 2 / (4 * float(np.trace(theta[shared:, shared:])))
-    return float(np.sqrt(gained / power))
+    (N, k, u), seen, shared = parts.K.shape, len(L), parts.shared
+    d = k + u + seen
+    inside = np.tile(np.eye(d), (N, 1, 1))
+    for own, A, K in zip(inside, parts.A, parts.K, strict=True):
+        own[:k, :k] = solve_discrete_lyapunov(A, K @ K.T)
+    inside *= np.trace(found.dual, axis1=1, axis2=2)[:, None, None] / N
+    ends = np.r_[k : k + shared, k + u : d]
+    turned = parts.turned.reshape(N * k, -1)
+    for share in SHARES:
+        duals = found.dual + share * inside
+        theta = duals[:, ends[:, None], ends].mean(axis=0)
+        states = -2 * duals[:, :k, k + u :].reshape(N * k, seen)
+        multiplier = np.linalg.lstsq(turned, states, rcond=None)[0].T
+        wanted = _packed(
+            np.zeros((N, k, k)), -multiplier @ parts.turned.mT,
+            np.tile(-theta * (2 - np.eye(len(theta))), (N, 1, 1)),
+        )  # fmt: skip
+        power = float(np.trace(theta[:shared, :shared]))
+        for c, dual in enumerate(duals):
+            exact = mended(dual, _terms(problem, c), wanted[c])
+            if exact is None:
+                yield None
+                break
+            power += float(np.trace(exact[k + shared : k + u, k + shared : k + u]))
+        else:
+            gained = float(np.sum(multiplier * L)) ** 2
+            yield float(np.sqrt(gained / (4 * float(np.trace(theta[shared:, shared:])) * power)))
 
 
-def _terms(part: _Part, seen: int) -> Array:
-    """Return what each unknown of a part, those of P, Y and X in turn, does to its left side."""
-    k, ends = len(part.A), part.shared + seen
-    P, Y, X = np.zeros((k, k)), np.zeros((seen, k)), np.zeros((ends, ends))
-    units = np.eye(seen * k).reshape(-1, seen, k)
-    terms = [
-        *(_left_side(part, p, Y, X, 1.0, 0.0) for p in _symmetric(k)),
-        *(_left_side(part, P, y, X, 1.0, 0.0) for y in units),
-        *(_left_side(part, P, Y, x, 1.0, 0.0) for x in _symmetric(ends)),
-    ]
-    return np.array(terms)
-
-
-def _symmetric(n: int) -> Array:
-    """Return a basis of the symmetric matrices."""
-    basis = np.zeros((n * (n + 1) // 2, n, n))
-    for each, (i, j) in zip(basis, zip(*np.triu_indices(n), strict=True), strict=True):
-        each[i, j] = each[j, i] = 1.0
-    return basis
-
-
-def _left_side(part: _Part, P: Any, Y: Any, X: Any, unit: float, squared: Any) -> Any:
-    """Return what must be negative of a part, its noise in a unit."""
-    (k, u), seen = part.K.shape, Y.shape[0]
-    states, process, own, z = np.split(np.eye(k + u + seen), [k, k + part.shared, k + u])
-    system, shared = (
-        np.hstack([part.A, part.K / unit, np.zeros((k, seen))]),
-        np.vstack([process, z]),
+@cache
+def _places(k: int, seen: int, shared: int) -> Places:
+    """Return where the unknowns of P, Y and X stand between the next state, the state, w and z."""
+    i, j = np.triu_indices(k)
+    a, b = (index.ravel() for index in np.indices((seen, k)))
+    e, f = np.triu_indices(shared + seen)
+    P = np.arange(len(i))
+    Y, X = len(P) + np.arange(seen * k), len(P) + seen * k + np.arange(len(e))
+    ones = np.ones_like(P)
+    return Places(
+        2 * k + shared + seen,
+        np.concatenate([np.repeat(P, 2), Y, X]),
+        np.concatenate([np.stack([i, k + i], 1).ravel(), k + b, 2 * k + e]),
+        np.concatenate([np.stack([j, k + j], 1).ravel(), 2 * k + shared + a, 2 * k + f]),
+        np.concatenate([np.stack([ones, -ones], 1).ravel(), np.ones(len(Y)), -np.ones(len(X))]),
     )
-    output = z.T @ Y @ states
-    return (
-        system.T @ P @ system - states.T @ P @ states + output + output.T
-        - shared.T @ X @ shared - squared * (own.T @ own)
-    )  # fmt: skip
+
+
+def _arrow(parts: _Parts, L: Array, scale: float, level: float | None) -> Arrow:
+    """Return the problem of the least level squared, or at a level of the least variance.
+
+    All unknowns are `scale` times theirs, and the noise is in units of the level.
+    """
+    (N, k, u), seen = parts.K.shape, len(L)
+    ends = parts.shared + seen
+    places = _places(k, seen, parts.shared)
+    # what the next state, the state, w and z are of the state, all noise and z
+    J = np.zeros((N, places.size, k + u + seen))
+    J[:, :k, :k], J[:, :k, k : k + u] = parts.A, parts.K / (level or 1.0)
+    J[:, k : 2 * k, :k] = np.eye(k)
+    J[:, 2 * k : 2 * k + parts.shared, k : k + parts.shared] = np.eye(parts.shared)
+    J[:, 2 * k + parts.shared :, k + u :] = np.eye(seen)
+    own = np.zeros(k + u + seen)
+    own[k + parts.shared : k + u] = 1.0
+    upper = np.triu_indices(ends)
+    P, Y = k * (k + 1) // 2, seen * k
+    G = np.zeros((N, seen * L.shape[1] + len(upper[0]), P + Y + len(upper[0])))
+    rows = G[:, : seen * L.shape[1], P : P + Y].reshape(N, seen, L.shape[1], seen, k)
+    for a in range(seen):
+        rows[:, a, :, a, :] = parts.turned.mT
+    G[:, seen * L.shape[1] :, P + Y :] = np.eye(len(upper[0]))
+    of_w, of_z = (
+        np.diag(each)[upper] for each in np.repeat(np.eye(2), [parts.shared, seen], axis=1)
+    )
+    none, q = np.zeros(L.size), np.zeros((N, P + Y + len(upper[0])))
+    f = 0.0
+    if level is not None:
+        f = scale
+        squares = parts.K @ parts.K.mT * (2 - np.eye(k))
+        q[:, :P] = squares[:, *np.triu_indices(k)] / scale
+    return Arrow(
+        places,
+        J,
+        own,
+        f,
+        q,
+        G,
+        scale * np.concatenate([L.ravel(), of_z]) + f * np.concatenate([none, of_w]),
+        np.concatenate([none, of_w]),
+        level is None,
+    )
 
 
 def fusion_system(
@@ -443,7 +496,7 @@ class _Units:
 
 def _balanced(
     designs: tuple[FilterDesign, ...], noise: Noise, structure: Structure, whitened: bool
-) -> tuple[_Units, list[_Part]]:
+) -> tuple[_Units, _Parts]:
     """Return the parts of the inequality, one for each cluster or one for all, in other states.
 
     In these the errors of a part have the covariance I for white unit noise if `whitened`; else
@@ -467,19 +520,28 @@ def _balanced(
     units = _Units(common, seen, sizes[kept, None] * rows[kept])
     if structure == "block":
         shared = p if noise == "common" else 0
-        return units, [
+        parts = [
             _part(*system, shared, common, T) for system, T in zip(systems, local, strict=True)
         ]
-    A, K = _stacked(systems, p, noise)
-    T = np.asarray(block_diag(*local))
-    T = _whitened(A, K, T) if whitened else T
-    return units, [_part(A, K, 0, np.vstack([common] * len(designs)), T)]
+    else:
+        A, K = _stacked(systems, p, noise)
+        T = np.asarray(block_diag(*local))
+        T = _whitened(A, K, T) if whitened else T
+        shared, parts = 0, [_part(A, K, 0, np.vstack([common] * len(designs)), T)]
+    most = max(K.shape[1] for _, K, _, _ in parts)
+    parts = [  # columns of zeros are no noise
+        (A, np.pad(K, ((0, 0), (0, most - K.shape[1]))), turned, T) for A, K, turned, T in parts
+    ]
+    A, K, turned, states = (np.stack(each) for each in zip(*parts, strict=True))
+    return units, _Parts(A, K, shared, turned, states)
 
 
-def _part(A: Array, K: Array, shared: int, turned: Array, T: Array) -> _Part:
-    """Return a part in the states of which T times gives those of A, K and `turned`."""
+def _part(
+    A: Array, K: Array, shared: int, turned: Array, T: Array
+) -> tuple[Array, Array, Array, Array]:
+    """Return a part in the states of which T times gives those of A, K and `turned`, and T."""
     A, K, turned = (np.asarray(np.linalg.solve(T, X)) for X in (A @ T, K, turned))
-    return _Part(A, K if shared else _compressed(K, np.eye(len(K))), shared, turned, T)
+    return A, K if shared else _compressed(K, np.eye(len(K))), turned, T
 
 
 def _whitened(A: Array, K: Array, T: Array) -> Array:
@@ -554,22 +616,52 @@ def _certified(
 def _largest_eigenvalue(
     designs: tuple[FilterDesign, ...], noise: Noise, weights: Array, P: Array, level: float
 ) -> float:
-    """Return the largest eigenvalue of the left side, all clusters in one matrix."""
-    units, (whole,) = _balanced(designs, noise, "full", whitened=False)
-    turn = whole.states
-    P = turn.T @ (P if P.ndim == 2 else block_diag(*P)) @ turn / units.seen**2
-    A, K = whole.A, whole.K / (level / units.seen)
-    LM = np.hstack(list(designs[0].model.L @ weights)) @ turn / units.seen
-    none = np.zeros((K.shape[1], len(LM)))
-    F = np.block(
-        [
-            [A.T @ P @ A - P, A.T @ P @ K, LM.T],
-            [K.T @ P @ A, K.T @ P @ K - np.eye(len(none)), none],
-            [LM, none.T, -np.eye(len(LM))],
-        ]
-    )
-    last = len(F) - 1
-    return float(eigvalsh(F, subset_by_index=(last, last))[0] / np.abs(F).max())
+    """Return the largest eigenvalue of the left side, all clusters in one matrix.
+
+    With a P of diagonal blocks that matrix is an arrow: clusters touch in w and z alone.
+    """
+    structure: Structure = "full" if P.ndim == 2 else "block"
+    units, parts = _balanced(designs, noise, structure, whitened=False)
+    turn, K, shared = parts.states, parts.K / (level / units.seen), parts.shared
+    LM = designs[0].model.L @ (np.hstack(list(weights))[None] if P.ndim == 2 else weights)
+    LM = LM @ turn / units.seen
+    P = turn.mT @ P @ turn / units.seen**2
+    N, k, u = K.shape
+    # of each cluster the state and its own noise, and then w and z
+    order = np.r_[:k, k + shared : k + u, k : k + shared, k + u : k + u + len(LM[0])]
+    system = np.concatenate([parts.A, K], axis=2)
+    F = np.zeros((N, len(order), len(order)))
+    F[:, : k + u, : k + u] = system.mT @ P @ system
+    F[:, :k, :k] -= P
+    F[:, k + u :, :k], F[:, :k, k + u :] = LM, LM.mT
+    F = F[:, order[:, None], order]
+    cluster = k + u - shared
+    F[:, k:cluster, k:cluster] -= np.eye(cluster - k)
+    blocks, arms = F[:, :cluster, :cluster], F[:, :cluster, cluster:]
+    tip = F[:, cluster:, cluster:].sum(axis=0) - np.eye(len(order) - cluster)
+    most = max(np.abs(blocks).max(), np.abs(arms).max(), np.abs(tip).max())
+    return _largest_of_arrow(blocks, arms, tip) / float(most)
+
+
+def _largest_of_arrow(blocks: Array, arms: Array, tip: Array) -> float:
+    """Return the largest eigenvalue of symmetric blocks (N, b, b), arms (N, b, e), tip (e, e).
+
+    Above those of the blocks, a number is larger than all if the Schur complement says so.
+    """
+    values, vectors = np.linalg.eigh(blocks)
+    across = (vectors.mT @ arms).reshape(-1, arms.shape[2])
+    values, size = values.ravel(), float(np.abs(blocks).max() + np.abs(tip).max())
+
+    def above(level: float) -> bool:
+        left = level * np.eye(len(tip)) - tip - (across / (level - values)[:, None]).T @ across
+        return bool(np.linalg.eigvalsh(left)[0] >= 0)
+
+    low = float(max(values.max(), np.linalg.eigvalsh(tip)[-1]))
+    high = low + float(np.linalg.norm(across))
+    while high - low > _ROUNDED * size:
+        middle = (low + high) / 2
+        low, high = (low, middle) if above(middle) else (middle, high)
+    return high
 
 
 def _checked_designs(designs: Sequence[FilterDesign]) -> tuple[FilterDesign, ...]:

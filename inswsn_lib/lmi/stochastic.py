@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cache
 from itertools import islice
 
 import numpy as np
@@ -15,7 +16,8 @@ from scipy.linalg import lapack
 
 from inswsn_lib.checks import Array, array, matrices, number, whole
 from inswsn_lib.errors import Described, ParameterError
-from inswsn_lib.lmi.norms import hinf_norm, least_level, of_size_one, spectral_radius
+from inswsn_lib.kernels import choose
+from inswsn_lib.lmi.norms import hinf_norm, least_level, of_size_one
 
 _HIGHEST = 1e100  # of a gain, whose square must be a number
 # How often a gain may be double what is known of it: over all time, and over a horizon, where it is
@@ -23,6 +25,8 @@ _HIGHEST = 1e100  # of a gain, whose square must be a number
 _DOUBLINGS, _DOUBLINGS_FROM_NOTHING, _NOTHING = 12, 400, 1e-100
 # How many policies are tried, and which change of the value is none
 _POLICIES, _STILL = 200, 1e-10
+# and, of what the state is worth at most, which share is rounding
+_ROUNDED = 1e-13
 # A plant as near to instability is taken as unstable: the equation is singular to rounding
 _EDGE = 1e-14
 # The disturbance is computed this far above the gain, where the recursion still holds.
@@ -52,7 +56,7 @@ def mean_square_radius(A: ArrayLike, E: ArrayLike) -> float:
     ['0.90', '1.06']
     """
     (A,) = matrices(A=(A, "nn"))
-    return spectral_radius(np.kron(A, A) + sum(np.kron(e, e) for e in _stack(E, len(A))))
+    return _radius(_moves(np.concatenate([A[None], _stack(E, len(A))])))
 
 
 def stochastic_gain(
@@ -158,8 +162,10 @@ def finite_horizon_gain(
         return 0.0
     B, L, size = of_size_one(B, L)
     low = float(np.linalg.norm(L @ B, 2))  # what one step does
+    A, E, B, L = (np.ascontiguousarray(matrix) for matrix in (A, E[E.any(axis=(1, 2))], B, L))
+    steps_held = choose("horizon_steps", _steps_held)
     gain = least_level(
-        lambda level: len(_first(steps, A, E, B, L, level)) == steps,
+        lambda level: steps_held(A, E, B, L, level, steps) == steps,
         low, max(low, _NOTHING), relative, _DOUBLINGS_FROM_NOTHING,
     )  # fmt: skip
     if gain == np.inf:
@@ -239,24 +245,56 @@ def riccati_gain_below(A: Array, E: Array, B: Array, L: Array, gain: float) -> b
     E = _stack(E, len(A))
     B, L, size = of_size_one(B, L)
     level = min(gain / size, _HIGHEST) ** 2 * np.eye(B.shape[1])
-    jitter = np.einsum("kij,kab->iajb", E, E).reshape(len(A) ** 2, -1)
-    feedback, before = np.zeros(B.shape[::-1]), np.full_like(A, np.inf)
+    jitter, turned = _moves(E), _symmetric(len(A))
+    feedback, before, sizes = np.zeros(B.shape[::-1]), None, np.empty(len(A))
     for _ in range(_POLICIES):
         closed = A + B @ feedback
-        moves = np.kron(closed, closed) + jitter
-        if not (np.isfinite(moves).all() and spectral_radius(moves) < 1 - _EDGE):
+        moves = _moves(closed[None]) + jitter
+        if not (np.isfinite(moves).all() and _radius(moves) < 1 - _EDGE):
             return False
-        value = L.T @ L - feedback.T @ level @ feedback
-        P = np.linalg.solve(np.eye(len(moves)) - moves.T, value.ravel()).reshape(A.shape)
-        # entry by entry: a mode that L hardly sees may still move
-        variances = P.diagonal()
-        if (np.abs(P - before) <= _STILL * np.sqrt(np.abs(np.outer(variances, variances)))).all():
-            return True
+        eye, value = np.eye(len(moves)), L.T @ L - feedback.T @ level @ feedback
+        P = _matrix(np.linalg.solve(eye - moves.T, turned.T @ value.ravel()))
+        if before is None:  # how far white noise drives each state
+            spread = _matrix(np.linalg.solve(eye - moves, turned.T @ (B @ B.T).ravel()))
+            sizes = np.sqrt(np.maximum(spread.diagonal(), 0.0))
+        else:
+            # entry by entry, since a mode that L hardly sees may still move; but one that it does
+            # not see at all is rounding, beside what driven states are worth
+            moved = np.abs(P - before) * np.outer(sizes, sizes)
+            worth = np.sqrt(np.abs(P.diagonal())) * sizes
+            if (moved <= _STILL * np.outer(worth, worth) + _ROUNDED * worth.max() ** 2).all():
+                return True
         factor, failed = lapack.dpotrf(level - B.T @ P @ B)
         if failed:
             return False
         feedback, before = lapack.dpotrs(factor, B.T @ P @ A)[0], P
     return False
+
+
+def _moves(E: Array) -> Array:
+    r"""Return the map of X to :math:`\sum_i E_i X E_i'` for symmetric X, (n(n+1)/2, n(n+1)/2)."""
+    n, turned = E.shape[1], _symmetric(E.shape[1])
+    full = np.einsum("kij,kab->iajb", E, E).reshape(n * n, -1)
+    return np.asarray(turned.T @ full @ turned)
+
+
+def _radius(moves: Array) -> float:
+    return float(np.abs(np.linalg.eigvals(moves)).max())
+
+
+@cache
+def _symmetric(n: int) -> Array:
+    """Return an orthonormal basis of the symmetric matrices, (n^2, n(n+1)/2)."""
+    basis = np.zeros((n, n, n * (n + 1) // 2))
+    for each, (i, j) in enumerate(zip(*np.triu_indices(n), strict=True)):
+        basis[i, j, each] = basis[j, i, each] = 1.0 if i == j else 0.5**0.5
+    return basis.reshape(n * n, -1)
+
+
+def _matrix(coordinates: Array) -> Array:
+    """Return a symmetric matrix from its coordinates in that basis."""
+    n = int((2 * len(coordinates)) ** 0.5)
+    return np.asarray((_symmetric(n) @ coordinates).reshape(n, n))
 
 
 def _recursion(
@@ -276,6 +314,10 @@ def _recursion(
         jitter = (E.transpose(0, 2, 1) @ P @ E).sum(axis=0)
         P = A.T @ P @ A + jitter + source + BPA.T @ feedback
         P = (P + P.T) / 2
+
+
+def _steps_held(A: Array, E: Array, B: Array, L: Array, gain: float, steps: int) -> int:
+    return len(_first(steps, A, E, B, L, gain))
 
 
 def _first(

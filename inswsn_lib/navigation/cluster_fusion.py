@@ -26,7 +26,7 @@ from inswsn_lib.filters import (
     run_switched,
 )
 from inswsn_lib.lmi import FilterDesign, InfeasibleDesignError, design_filter
-from inswsn_lib.lmi.designs import Solver
+from inswsn_lib.lmi.designs import FusionSolver, Solver
 from inswsn_lib.models import ErrorModel
 from inswsn_lib.scenario import Setting, from_settings, load_scenario, with_values
 from inswsn_lib.simulation import ClusterScene
@@ -233,7 +233,7 @@ class ClusterFusion:
         """Return P2's distributed H-infinity filter with restart, weights for each set."""
         designs = self.local_designs(acceleration, factor, weight, margin)
         weights = handover_weights(
-            designs, for_sets or self.sets, noise, "block", solver=self._solvers
+            designs, for_sets or self.sets, noise, "block", solver=self._fusion_solvers
         )
         return lambda y, **options: run_distributed(
             designs, y, weights=weights, predicted=True, **options
@@ -336,6 +336,10 @@ class ClusterFusion:
     @property
     def _solvers(self) -> tuple[Solver, ...]:
         return (self.solver, "clarabel")
+
+    @property
+    def _fusion_solvers(self) -> tuple[FusionSolver, ...]:
+        return ("structured" if self.solver == "clarabel" else self.solver, "clarabel")
 
     def _weighed(self, acceleration: float, factor: float, weight: float) -> list[ErrorModel]:
         known = widen_velocities(self.covariance[:, 0], factor)

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
+from highspy import Highs
 from hypothesis import given, settings, strategies as st
-from scipy.optimize import minimize
+from scipy.optimize import linprog, minimize
 
 from inswsn_lib.errors import InswsnError, ParameterError
 from inswsn_lib.evaluation import MOTIONS, Motion, drift, drift_bound, longest_period
@@ -138,25 +140,42 @@ def test_longest_period_gives_back_the_period_of_the_attaining_motion() -> None:
 def test_a_solver_that_is_wrong_is_found_out(
     motion: Motion, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    honest = drift.linprog
+    honest = drift._largest_multipliers
 
-    def wrong(**problem: object) -> object:
-        solution = honest(**problem)
-        solution.x[-1] *= 1.0 + 1e-6  # a bound that is a little too good
-        return solution
+    def wrong(*problems: Any) -> Any:
+        for value, weights, multipliers in honest(*problems):
+            yield value * (1.0 + 1e-6), weights, multipliers  # a bound that is a little too good
 
-    monkeypatch.setattr(drift, "linprog", wrong)
+    monkeypatch.setattr(drift, "_largest_multipliers", wrong)
     with pytest.raises(InswsnError, match="misses its certificate"):
         drift_bound(motion, SAMPLES)
 
 
 def test_a_solver_that_fails_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    honest = drift.linprog
-    monkeypatch.setattr(
-        drift, "linprog", lambda **problem: honest(**problem, options={"maxiter": 0})
-    )
-    with pytest.raises(InswsnError, match="linear program of the drift bound failed"):
+    class Stopped(Highs):
+        def run(self) -> Any:
+            self.setOptionValue("presolve", "off")
+            self.setOptionValue("simplex_iteration_limit", 0)
+            return super().run()
+
+    monkeypatch.setattr(drift, "Highs", Stopped)
+    with pytest.raises(InswsnError, match="drift bound failed: Iteration limit reached"):
         drift_bound(MOTIONS[2], SAMPLES)
+
+
+def test_each_pattern_has_the_bound_that_another_solver_finds() -> None:
+    """One program serves all patterns, from answer to answer: each as if it were alone."""
+    rng = np.random.default_rng(4)
+    basis, targets = rng.normal(size=(12, 3)), rng.normal(size=(20, 3))
+    found = drift._largest_multipliers(basis, np.zeros(3), targets, (-1.0, 1.0))
+    for target, (value, weights, multipliers) in zip(targets, found, strict=True):
+        alone = linprog(
+            [*np.zeros(12), -1.0], A_eq=np.column_stack([basis.T, target]), b_eq=np.zeros(3),
+            bounds=[(-1.0, 1.0)] * 12 + [(None, None)],
+        )  # fmt: skip
+        assert value == pytest.approx(-alone.fun, rel=1e-9)
+        assert np.abs(weights @ basis + value * target).max() < 1e-9
+        assert np.abs(basis @ multipliers).sum() == pytest.approx(value, rel=1e-9)
 
 
 @pytest.mark.parametrize(

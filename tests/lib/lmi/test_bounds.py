@@ -23,11 +23,11 @@ def test_whatever_is_given_it_is_not_above_the_optimum(seed: int, n: int, wrong:
     M = M + M.T
     dual, optimum = largest(M)
     spoilt = dual + wrong * rng.normal(size=(n, n))
-    found = dual_bound(spoilt, np.eye(n), lambda x: M - x[0] * np.eye(n), np.ones(1))
+    found = dual_bound(spoilt, np.eye(n), M, -np.eye(n)[None], np.ones(1))
     assert found <= optimum + 1e-9
     assert found > optimum - 20 * wrong * np.abs(M).max() * n
     anything = rng.normal(size=(n, n))
-    found = dual_bound(anything @ anything.T, np.eye(n), lambda x: M - x[0] * np.eye(n), np.ones(1))
+    found = dual_bound(anything @ anything.T, np.eye(n), M, -np.eye(n)[None], np.ones(1))
     assert found <= optimum + 1e-9
 
 
@@ -35,12 +35,10 @@ def test_a_share_of_another_solution_makes_room() -> None:
     """Two unknowns and a dual solution of rank one, off by more than its small eigenvalue."""
     M, free = np.diag([2.0, 1.0, 0.0]), np.diag([0.0, 1.0, -1.0])
 
-    def left_side(x: np.ndarray) -> np.ndarray:
-        return np.asarray(M + x[1] * free - x[0] * np.eye(3))
-
+    terms = np.array([-np.eye(3), free])
     cost = np.array([1.0, 0.0])
     off = np.diag([1.0, 1e-9, -1e-9])
-    found = dual_bound(off, np.eye(3) / 3, left_side, cost)
+    found = dual_bound(off, np.eye(3) / 3, M, terms, cost)
     assert 2 - 1e-4 < found <= 2 + 1e-12
 
 
@@ -52,4 +50,6 @@ def test_what_cannot_be_mended_is_nothing() -> None:
     assert mended(np.diag([1.0, 0.0]), other, np.ones(1)) is None
     made = mended(np.eye(2), other, np.array([3.0]))
     assert made == pytest.approx(np.diag([1.0, 3.0]))
-    assert dual_bound(np.eye(2), np.eye(2), lambda x: x[0] * np.eye(2), np.ones(1)) == -np.inf
+    assert (
+        dual_bound(np.eye(2), np.eye(2), np.zeros((2, 2)), np.eye(2)[None], np.ones(1)) == -np.inf
+    )

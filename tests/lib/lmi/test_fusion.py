@@ -394,17 +394,66 @@ def test_the_states_are_what_they_are_said_to_be() -> None:
         for structure in STRUCTURES:
             for whitened in (True, False):
                 units, parts = fusion._balanced(designs, noise, structure, whitened)
-                assert len(parts) == (2 if structure == "block" else 1)
+                assert len(parts.A) == (2 if structure == "block" else 1)
                 assert units.seen == min(design.level for design in designs)
                 local = [d.P / d.level**2 for d in designs]
                 local = local if structure == "block" else [block_diag(*local)]
-                for part, P in zip(parts, local, strict=True):
+                for A, K, T, P in zip(parts.A, parts.K, parts.states, local, strict=True):
                     if whitened:
-                        X = solve_discrete_lyapunov(part.A, part.K @ part.K.T)
+                        X = solve_discrete_lyapunov(A, K @ K.T)
                         assert pytest.approx(np.eye(len(X)), abs=1e-9) == X
                     else:
-                        own = part.states.T @ P @ part.states
+                        own = T.T @ P @ T
                         assert own == pytest.approx(np.eye(len(own)), abs=1e-9)
+
+
+@for_each_structure
+@for_each_noise
+def test_what_knows_of_the_parts_and_what_does_not_come_to_the_same(
+    noise: Noise, structure: Structure
+) -> None:
+    designs = random_clusters(31, 3)
+    structured, general = (
+        design_fusion(designs, noise, structure, solver=by) for by in ("structured", "clarabel")
+    )
+    assert (structured.solver, general.solver) == ("structured", "clarabel")
+    assert structured.gamma == pytest.approx(general.gamma, rel=1e-6)
+    assert structured.weights == pytest.approx(general.weights, abs=1e-3)
+
+
+def test_where_the_parts_are_not_solved_clarabel_is_asked(monkeypatch: pytest.MonkeyPatch) -> None:
+    def stopped(_: Any) -> Any:
+        raise InfeasibleDesignError("It stops.")
+
+    monkeypatch.setattr(fusion, "solve_arrow", stopped)
+    designs = random_clusters(5, 2)
+    assert design_fusion(designs, structure="block").solver == "clarabel"
+    with pytest.raises(InfeasibleDesignError, match=r"^It stops\.$"):
+        design_fusion(designs, structure="block", solver="structured")
+
+
+@for_each_noise
+def test_the_largest_eigenvalue_of_an_arrow_is_that_of_the_whole_matrix(noise: Noise) -> None:
+    """The P of a design as its blocks, and as one matrix."""
+    designs = tuple(random_clusters(8, 3))
+    design = design_fusion(designs, noise, "block")
+    for level in (design.level, 0.9 * design.level):
+        arrow, whole = (
+            fusion._largest_eigenvalue(designs, noise, design.weights, P, level)
+            for P in (design.P, block_diag(*design.P))
+        )
+        assert arrow == pytest.approx(whole, abs=1e-12)
+    rng = np.random.default_rng(3)
+    blocks, arms, tip = (rng.normal(size=s) for s in ((4, 3, 3), (4, 3, 2), (2, 2)))
+    blocks, tip = blocks + blocks.mT, tip + tip.T
+    side = np.vstack(list(arms))
+    matrix = np.block([[block_diag(*blocks), side], [side.T, tip]])
+    expected = np.linalg.eigvalsh(matrix)[-1]
+    assert fusion._largest_of_arrow(blocks, arms, tip) == pytest.approx(expected, rel=1e-13)
+    alone = fusion._largest_of_arrow(blocks, 0 * arms, tip)
+    assert alone == pytest.approx(
+        max(np.linalg.eigvalsh(blocks).max(), np.linalg.eigvalsh(tip)[-1])
+    )
 
 
 LOCAL = cluster()

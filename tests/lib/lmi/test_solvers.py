@@ -4,69 +4,78 @@ from __future__ import annotations
 
 from typing import Any
 
-import cvxpy as cp
 import numpy as np
 import pytest
 
 from inswsn_lib.errors import ParameterError
 from inswsn_lib.lmi import InfeasibleDesignError
 from inswsn_lib.lmi.designs import Solver
-from inswsn_lib.lmi.solvers import first_that_passes, in_order, solve
+from inswsn_lib.lmi.solvers import _ASKED, Inequality, first_that_passes, in_order, solve
 
 BOTH: tuple[Solver, ...] = ("clarabel", "scs")
 
 
+def largest(M: np.ndarray, *, given: bool = False) -> Inequality:
+    """The inequality of: the least t with t I - M positive semidefinite."""
+    terms = -np.eye(len(M))[None]
+    return Inequality(M, terms, np.arange(1), np.ones_like(terms) if given else None)
+
+
+@pytest.mark.parametrize("given", [False, True])
 @pytest.mark.parametrize("solver", BOTH)
-def test_the_largest_eigenvalue_of_a_matrix(solver: Solver) -> None:
-    """The least t with t I - M positive semidefinite."""
+def test_the_largest_eigenvalue_of_a_matrix(solver: Solver, given: bool) -> None:
+    """The dual solution is the projection on its vector."""
     M = np.random.default_rng(3).standard_normal((5, 5))
-    t = cp.Variable()
-    problem = cp.Problem(cp.Minimize(t), [t * np.eye(5) - (M + M.T) >> 0])
-    assert solve(problem, solver, accurate=True) == "optimal"
-    assert t.value == pytest.approx(np.linalg.eigvalsh(M + M.T)[-1], abs=1e-7)
-    assert problem.solver_stats.solver_name == {"clarabel": "CLARABEL", "scs": "SCS"}[solver]
+    M += M.T
+    values, vectors = np.linalg.eigh(M)
+    answer = solve(np.ones(1), [largest(M, given=given)], solver)
+    assert (answer.status, answer.seconds > 0) == ("optimal", True)
+    assert answer.x == pytest.approx(values[-1:], abs=1e-7)
+    assert answer.duals[0] == pytest.approx(np.outer(vectors[:, -1], vectors[:, -1]), abs=1e-6)
 
 
-def test_an_answer_of_scs_does_not_depend_on_the_one_before() -> None:
-    x, size = cp.Variable((4, 4), PSD=True), cp.Parameter()
-    problem = cp.Problem(cp.Minimize(cp.norm(x - size * np.ones((4, 4)) + np.eye(4))))
-    found = []
-    for number in (1.0, 3.0, 1.0):
-        size.value = number
-        solve(problem, "scs")
-        found.append(x.value)
+@pytest.mark.parametrize("solver", BOTH)
+def test_inequalities_that_share_unknowns_and_an_equation(solver: Solver) -> None:
+    """The least a + 2 b with b - a = 1 and both at least as large as eigenvalues of 1 and 3."""
+    of = [np.diag([1.0, 0.0]), np.array([[2.0, 1.0], [1.0, 2.0]])]
+    both = [Inequality(M, -np.eye(2)[None], np.array([i])) for i, M in enumerate(of)]
+    equations = (np.array([[-1.0, 1.0]]), np.ones(1))
+    answer = solve(np.array([1.0, 2.0]), both, solver, equations)
+    assert answer.x == pytest.approx([2, 3], abs=1e-6)
+    assert [np.trace(dual) for dual in answer.duals] == pytest.approx([0, 3], abs=1e-5)
+
+
+@pytest.mark.parametrize("solver", BOTH)
+def test_an_answer_does_not_depend_on_the_one_before(solver: Solver) -> None:
+    M = np.random.default_rng(4).standard_normal((4, 4))
+    found = [solve(np.ones(1), [largest(size * (M + M.T))], solver).x for size in (1.0, 3.0, 1.0)]
     assert np.array_equal(found[0], found[2])
 
 
 @pytest.mark.parametrize("solver", BOTH)
 def test_a_problem_without_a_solution_is_not_solved(solver: Solver) -> None:
-    x = cp.Variable()
+    """One number is 1 and not above 0."""
+    not_above = Inequality(np.zeros((1, 1)), np.ones((1, 1, 1)), np.arange(1))
     with pytest.raises(InfeasibleDesignError) as caught:
-        solve(cp.Problem(cp.Minimize(x), [x == 1, -x >= 0]), solver)
+        solve(np.ones(1), [not_above], solver, (np.ones((1, 1)), np.ones(1)))
     assert str(caught.value) == (
         "No solution of the inequality was found: the solver says infeasible."
     )
 
 
-class Saying:
-    """A problem whose solver says a word, or fails."""
+def test_what_a_solver_says_is_taken_or_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    def saying(word: Any) -> Any:
+        monkeypatch.setitem(_ASKED, "clarabel", lambda *_: (word, np.ones(1), np.ones(1), 0.0))
+        return solve(np.ones(1), [largest(np.eye(1))], "clarabel")
 
-    def __init__(self, status: str, error: str = "") -> None:
-        self.status, self._error = status, error
-
-    def solve(self, **_: Any) -> None:
-        if self._error:
-            raise cp.SolverError(self._error)
-
-
-def test_what_a_solver_says_is_taken_or_refused() -> None:
-    assert solve(Saying("optimal_inaccurate"), "clarabel") == "optimal_inaccurate"
-    for given, accurate in (("optimal_inaccurate", True), ("unbounded", False)):
-        with pytest.raises(InfeasibleDesignError, match=f"^No solution .* says {given}\\.$"):
-            solve(Saying(given), "clarabel", accurate=accurate)
+    assert saying("AlmostSolved").status == saying(2).status == "optimal_inaccurate"
+    for word, told in (("DualInfeasible", "unbounded"), (-7, "infeasible_inaccurate")):
+        with pytest.raises(InfeasibleDesignError, match=f"^No solution .* says {told}\\.$"):
+            saying(word)
     with pytest.raises(InfeasibleDesignError) as caught:
-        solve(Saying("", "it broke"), "scs")
-    assert str(caught.value) == "The solver failed on the inequality: it broke."
+        saying("NumericalError")
+    said = "The solver failed on the inequality: clarabel says NumericalError."
+    assert str(caught.value) == said
 
 
 def test_the_order_in_which_solvers_are_asked() -> None:

@@ -189,6 +189,24 @@ def test_it_rises_with_the_horizon_to_the_gain_over_all_time() -> None:
     assert 0.995 * stochastic_gain(A, E, B, L, 1e-4) < gains[-1] < stochastic_gain(A, E, B, L, 1e-4)
 
 
+@pytest.mark.parametrize("tau", [3, 10, 30])
+def test_a_state_that_is_not_seen_does_not_spoil_it(tau: float) -> None:
+    """What a filter that does not know the jitter leaves of its own position: L sees none of it.
+
+    It is the limit of the gains over a horizon, to whatever accuracy it is asked for.
+    """
+    forgets = np.exp(-0.2 / tau)
+    A, E = forgets * np.array([[1.0, 0.2], [0.0, 1.0]]), np.array([[0.0, 0.0012], [0.0, 0.0]])
+    gain, none, eye = 0.8 * A, np.zeros((2, 2)), np.eye(2)
+    plant = (
+        np.block([[A - gain, none], [none, A]]), np.block([[none, E], [none, E]]),
+        np.block([[eye, -gain], [eye, none]]), np.hstack([eye, none]),
+    )  # fmt: skip
+    limit = finite_horizon_gain(*plant, 10_000, 1e-7)
+    for relative in (1e-2, 1e-4, 1e-5):
+        assert limit * (1 - 1e-6) <= stochastic_gain(*plant, relative) <= limit * (1 + 2 * relative)
+
+
 def test_numbers_whose_squares_are_none() -> None:
     A, B, L = random_system(4, 0.9)
     gain = finite_horizon_gain(A, ZERO, B, L, 6)
