@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from inswsn_lib.checks import Array, Mask, covariance, positive_definite
 from inswsn_lib.errors import Described, ParameterError
-from inswsn_lib.filters.inputs import occurring, over_steps, present
+from inswsn_lib.filters.inputs import measured, occurring, over_steps
 from inswsn_lib.models import ErrorModel
 
 # Largest product of a variance and its place in the information: as many digits are lost
@@ -139,7 +139,9 @@ class Observations:
     """
 
     def __init__(self, measurements: Array, C: Array, R: Array) -> None:
-        there, self._values = present(measurements)  # those missing have no weight
+        there, self._values = measured(
+            measurements, *measurements.shape
+        )  # those missing have no weight
         self.heard = np.any(there, axis=2)
         masks, self._which = occurring(np.moveaxis(there, 2, 0))
         # an absent component gets a row and a column of the identity, and then of zeros

@@ -2,20 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from inswsn_lib.checks import Array, Mask, array, covariance, mask
 from inswsn_lib.errors import Described, ParameterError
-from inswsn_lib.filters.inputs import first_state, over_steps, present, solve_present, times
+from inswsn_lib.filters.inputs import (
+    certain_innovation,
+    first_state,
+    measured,
+    over_steps,
+    solve_present,
+    times,
+)
+from inswsn_lib.kernels import choose
 from inswsn_lib.models import ErrorModel
 
 _ROUNDING = 1e-7
 _FAR = 1e5  # times the variance of a measurement: that of a prediction that needs square roots
+_REMEMBERED = 64  # steps whose gains are kept; rounding takes few turns before it repeats itself
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,12 +100,13 @@ def design_kalman(
     ([0.5, 0.0], [0.5, 1.5])
     """
     there = mask("available", available, ("steps", len(model.C)))
-    noise = _noise(
-        model, len(there), initial_covariance, process_covariance, measurement_covariance
+    noise = _Noise.of(model, process_covariance, measurement_covariance, len(there))
+    covariances = _Covariances.start(model, initial_covariance)
+    steps = zip(
+        *(covariances.step(here, noise, k) for k, here in enumerate(there[:, None])), strict=True
     )
-    steps = zip(*_steps(model, there[:, None], *noise), strict=True)
-    gains, _, *covariances = (np.array(each)[:, 0] for each in steps)
-    return KalmanDesign(gains, *covariances)
+    gains, _, *others = (np.array(each)[:, 0] for each in steps)
+    return KalmanDesign(gains, *others)
 
 
 def run_kalman(
@@ -143,68 +154,234 @@ def run_kalman(
     >>> iw.run_kalman(model, measured, initial_covariance=[[1]]).ravel().round(4).tolist()
     [0.5, 0.5, 0.8571]
     """
-    m, n = model.C.shape
-    there, y = present(array("measurements", measurements, ("steps", m, "runs"), gaps=True))
-    noise = _noise(model, len(y), initial_covariance, process_covariance, measurement_covariance)
-    states = np.empty((len(y) + 1, n, y.shape[2]))
-    states[0] = first_state(initial_state, n, y.shape[2])
-    # one gain for all runs where they miss the same; two products from one estimate to the next
-    for k, (gain, keep, *_) in enumerate(_steps(model, np.swapaxes(there, 1, 2), *noise)):
-        if predicted:
-            F, G = model.A @ keep, model.A @ gain
-        else:
-            F, G = keep @ model.A if k else keep, gain
-        np.add(times(F, states[k]), times(G, y[k]), out=states[k + 1])
-    return states[:-1] if predicted else states[1:]
+    there, y = measured(measurements, "steps", len(model.C), "runs")
+    noise = _Noise.of(model, process_covariance, measurement_covariance, len(y))
+    covariances = _Covariances.start(model, initial_covariance)
+    x = first_state(initial_state, len(model.A), y.shape[2])
+    return _run(covariances, noise, there, y, x, predicted)[0]
 
 
-def _noise(
+def stream_kalman(
     model: ErrorModel,
-    steps: int,
+    measurements: Iterable[ArrayLike],
+    *,
     initial_covariance: ArrayLike,
-    process_covariance: ArrayLike | None,
-    measurement_covariance: ArrayLike | None,
-) -> tuple[Array, Array, Array]:
-    """Return P_0 (n, n), Q (steps, n, n) and R (steps, m, m), checked."""
-    Q, R = model.process_covariance, model.measurement_covariance
-    return (
-        covariance("initial_covariance", initial_covariance, model.A.shape),
-        over_steps("process_covariance", process_covariance, Q, steps),
-        over_steps("measurement_covariance", measurement_covariance, R, steps),
-    )
+    process_covariance: ArrayLike | None = None,
+    measurement_covariance: ArrayLike | None = None,
+    initial_state: ArrayLike | None = None,
+    predicted: bool = False,
+) -> Iterator[Array]:
+    """Run the Kalman filter of `run_kalman` over measurements that come piece by piece.
+
+    So a record of any length takes the memory of a piece. Joined, the estimates are those of
+    `run_kalman` of all steps at once.
+
+    Parameters
+    ----------
+    model : ErrorModel
+        As in `run_kalman`.
+    measurements : iterable of array_like, (steps, m, runs)
+        One piece after the other, of any lengths and of the same runs.
+    process_covariance, measurement_covariance : array_like, (n, n) and (m, m), optional
+        Q and R, the same at all steps.
+    initial_covariance, initial_state, predicted
+        As in `run_kalman`, before the first piece.
+
+    Yields
+    ------
+    ndarray, (steps, n, runs)
+        Of each piece.
+
+    Examples
+    --------
+    A random walk that is measured for 10,000 steps, in pieces of 1,000:
+
+    >>> import numpy as np
+    >>> import inswsn_lib as iw
+    >>> model = iw.ErrorModel(A=[[1]], B=[[1]], C=[[1]], D=[[1]], period=1.0)
+    >>> y = np.random.default_rng(0).normal(size=(10_000, 1, 3))
+    >>> pieces = iw.stream_kalman(model, np.split(y, 10), initial_covariance=[[1]])
+    >>> whole = iw.run_kalman(model, y, initial_covariance=[[1]])
+    >>> bool(np.allclose(np.concatenate(list(pieces)), whole, rtol=1e-12))
+    True
+    """
+    noise = _Noise.of(model, process_covariance, measurement_covariance)
+    covariances = _Covariances.start(model, initial_covariance)
+    runs: int | str = "runs"
+    x = None
+    for piece in measurements:
+        there, y = measured(piece, "steps", len(model.C), runs)
+        if x is None:
+            x = first_state(initial_state, len(model.A), y.shape[2])
+            runs = y.shape[2]
+        estimates, x, covariances = _run(covariances, noise, there, y, x, predicted)
+        yield estimates
 
 
-def _steps(
-    model: ErrorModel, there: Mask, P: Array, Qs: Array, Rs: Array
-) -> Iterator[tuple[Array, Array, Array, Array, Array]]:
-    """Yield K, I - K C, P, P+ and C P C' + R of each step, for patterns there (steps, K, m).
+@dataclass(frozen=True, eq=False)
+class _Noise:
+    """Q (., n, n) and R (., m, m) with their square roots; one for all steps, or one for each.
+
+    Above `limits` (., m) the variance of an innovation is far above that of the measurement.
+    """
+
+    Q: Array
+    driving: Array
+    R: Array
+    root: Array
+    limits: Array
+
+    @classmethod
+    def of(
+        cls, model: ErrorModel, Q: ArrayLike | None, R: ArrayLike | None, steps: int = 1
+    ) -> Self:
+        """Return what is given, or that of the model, checked."""
+        own = model.process_covariance, model.measurement_covariance
+        Qs = over_steps("process_covariance", Q, own[0], steps)
+        Rs = over_steps("measurement_covariance", R, own[1], steps)
+        Qs, Rs = (X if X.strides[0] else X[:1] for X in (Qs, Rs))
+        # of the model's own noise the root is exact
+        driving = model.B[None] if np.array_equal(Qs, own[0][None]) else _root(Qs)
+        return cls(Qs, driving, Rs, _root(Rs), _FAR * np.diagonal(Rs, axis1=1, axis2=2))
+
+    def at(self, k: int) -> tuple[Array, Array, Array, Array, Array]:
+        """Return all of them at a step."""
+        parts = self.Q, self.driving, self.R, self.root, self.limits
+        Q, driving, R, root, limits = (each[min(k, len(each) - 1)] for each in parts)
+        return Q, driving, R, root, limits
+
+    @property
+    def steady(self) -> bool:
+        """Whether all steps share them."""
+        return len(self.Q) == len(self.R) == 1
+
+
+class _Covariances:
+    """Covariances P (filters, n, n) of predictions, and square roots of them where asked for.
 
     Where a prediction is far less certain than the measurement, P+ is lost in the rounding of P:
     there P is carried as a square root.
     """
-    P, root, after, driven = P[None], None, None, None
-    limits = _FAR * np.diagonal(Rs, axis1=1, axis2=2)
-    for here, Q, R, limit in zip(there, Qs, Rs, limits, strict=True):
-        S = model.C @ P @ model.C.T + R
-        if (S.diagonal(axis1=1, axis2=2) > limit).any():  # what is missing may come next
-            if after is None or driven is None:
-                root = _root(P)
-            else:
-                moved = model.A @ (_root(after) if root is None else root)
-                root = np.concatenate([_driving(model, driven, len(moved)), moved], axis=2)
-            gain, after, root = _updated_root(model.C, root, R, here)
-            keep = np.eye(len(model.A)) - gain @ model.C
+
+    def __init__(self, A: Array, C: Array, P: Array, root: Array) -> None:
+        self.A, self.C, self.P = A, C, P
+        self._root: Array | None = root
+        self._before: tuple[Array, Array] | None = None
+        # where P comes back to what it was, to the last bit, so does all that follows
+        self._known: dict[bytes, tuple[Array, ...]] = {}
+
+    @classmethod
+    def start(cls, model: ErrorModel, initial_covariance: ArrayLike) -> Self:
+        """Return the one of all filters before the first measurement, P_0 (n, n)."""
+        P = covariance("initial_covariance", initial_covariance, model.A.shape)[None]
+        return cls(model.A, model.C, P, _root(P))
+
+    @property
+    def root(self) -> Array:
+        """W (filters, n, .) with P = W W'."""
+        if self._root is None:
+            assert self._before is not None
+            after, driving = self._before
+            self._root = self._moved(_root(after), driving)
+        return self._root
+
+    def _moved(self, root: Array, driving: Array) -> Array:
+        shape = len(root), *driving.shape
+        return np.concatenate([np.broadcast_to(driving, shape), self.A @ root], axis=2)
+
+    def step(self, here: Mask, noise: _Noise, k: int) -> tuple[Array, Array, Array, Array, Array]:
+        """Return K, I - K C, P, P+ and C P C' + R of a step, and go on to the next prediction.
+
+        The pattern is `here`, (filters, m).
+        """
+        key = b""
+        if len(self.P) == 1 and noise.steady:
+            key = self.P.tobytes() + here.tobytes()
+        Q, driving, R, noise_root, limits = noise.at(k)
+        if key in self._known:
+            gain, keep, P, after, S, ahead = self._known[key]
+            self._root = None
         else:
-            gain, keep, after = updated(model.C, P, S, R, here)
-            root = None
-        yield gain, keep, P, after, S
-        P, driven = model.A @ after @ model.A.T + Q, Q
+            P = self.P
+            S = self.C @ P @ self.C.T + R
+            # what is missing may come next
+            if (S.diagonal(axis1=1, axis2=2) > limits).any():
+                gain, after, root = _updated_root(self.C, self.root, noise_root, here)
+                keep = np.eye(len(self.A)) - gain @ self.C
+                self._root = self._moved(root, driving)
+                key = b""
+            else:
+                gain, keep, after = updated(self.C, P, S, R, here)
+                self._root = None
+            ahead = self.A @ after @ self.A.T + Q
+        if key:
+            self._known.pop(key, None)
+            self._known[key] = gain, keep, P, after, S, ahead
+            if len(self._known) > _REMEMBERED:
+                del self._known[next(iter(self._known))]
+        self.P, self._before = ahead, (after, driving)
+        return gain, keep, P, after, S
 
 
-def _driving(model: ErrorModel, Q: Array, count: int) -> Array:
-    """Return the square root of the process noise; of the model's own it is exact."""
-    root = model.B if np.array_equal(Q, model.process_covariance) else _root(Q[None])[0]
-    return np.broadcast_to(root, (count, *root.shape))
+def _run(
+    covariances: _Covariances, noise: _Noise, there: Mask, y: Array, x: Array, predicted: bool
+) -> tuple[Array, Array, _Covariances]:
+    """Return the states (steps, n, runs), and the prediction after them with its covariances."""
+    A, C = covariances.A, covariances.C
+    if there.shape[2] > 1 or len(covariances.P) > 1:
+        run, c = choose("kalman_runs", _each_run), np.ascontiguousarray
+        states, x, P, root, certain = run(
+            c(A), c(C), c(noise.Q), c(noise.driving), c(noise.R), c(noise.root), c(noise.limits),
+            c(covariances.P), c(covariances.root), c(x), c(np.broadcast_to(there, y.shape)), c(y),
+            predicted,
+        )  # fmt: skip
+        if certain:
+            raise certain_innovation()
+        return states, x, _Covariances(A, C, P, root)
+    # one gain for all runs, and one product from an estimate to the next
+    states = np.empty((len(y) + 1, *x.shape))
+    states[0] = x
+    both = np.concatenate([x, np.empty(y.shape[1:])])
+    for k, here in enumerate(there[:, None, :, 0]):
+        gain, keep, *_ = covariances.step(here, noise, k)
+        weights = np.concatenate([keep[0], gain[0]], axis=1)
+        if predicted:
+            weights = A @ weights
+        elif k:
+            weights[:, : len(A)] = keep[0] @ A
+        both[len(A) :] = y[k]
+        both[: len(A)] = np.matmul(weights, both, out=states[k + 1])
+    if predicted:
+        return states[:-1], states[-1], covariances
+    with np.errstate(over="ignore"):  # perhaps nobody asks for it
+        return states[1:], A @ states[-1] if len(y) else x, covariances
+
+
+def _each_run(
+    A: Array, C: Array, Q: Array, driving: Array, R: Array, noise: Array, limits: Array, P: Array,
+    W: Array, x: Array, there: Mask, y: Array, predicted: bool,
+) -> tuple[Array, Array, Array, Array, bool]:  # fmt: skip
+    """Run the filter where each run has gains of its own.
+
+    The noise is that of `_Noise`; P (1 or runs, n, n) has the square roots W (1 or runs, n, .), and
+    the measurements are zero where they are not there.
+
+    Returns
+    -------
+    states : ndarray, (steps, n, runs)
+    x, P, W : ndarray, (n, runs), (runs, n, n) and (runs, n, p + n)
+        Those of the prediction after the last step.
+    certain : bool
+        Whether an innovation is, so that there is no gain; here it raises an error.
+    """
+    told, covariances = _Noise(Q, driving, R, noise, limits), _Covariances(A, C, P, W)
+    states = np.empty((len(y), *x.shape))
+    for k, here in enumerate(np.swapaxes(there, 1, 2)):
+        gain, keep, *_ = covariances.step(here, told, k)
+        after = times(keep, x) + times(gain, y[k])
+        states[k] = x if predicted else after
+        x = A @ after
+    return states, x, covariances.P, covariances.root, False
 
 
 def _root(P: Array) -> Array:
@@ -215,15 +392,17 @@ def _root(P: Array) -> Array:
     return np.asarray(unit[:, :, None] * vectors * np.sqrt(np.maximum(values, 0))[:, None, :])
 
 
-def _updated_root(C: Array, W: Array, R: Array, there: Mask) -> tuple[Array, Array, Array]:
+def _updated_root(C: Array, W: Array, noise: Array, there: Mask) -> tuple[Array, Array, Array]:
     """Return K, P+ and its square root, from that of P (filters, n, .): `updated` by a QR.
+
+    The noise (m, m) is a square root of R.
 
     The triangle of [W'C' W'; R^(1/2)' 0] holds the square roots of S and P+, and S^(-1/2) C P
     (Kailath, Sayed and Hassibi 2000, Section 12.3).
     """
     m, n = C.shape
     W = np.broadcast_to(W, (len(there), *W.shape[1:]))  # one until measurements differ
-    seen, noise = (np.where(there[:, :, None], X, 0.0) for X in (C, _root(R[None])))
+    seen, noise = (np.where(there[:, :, None], X, 0.0) for X in (C, noise))
     # what is missing has a noise of its own, and tells nothing
     noise = np.concatenate([noise, np.where(there[:, :, None], 0.0, np.eye(m))], axis=2)
     turned = np.swapaxes(W, 1, 2)
