@@ -60,6 +60,14 @@ def times(matrices: Array, vectors: Array) -> Array:
     return np.asarray((matrices @ vectors.T[:, :, None])[:, :, 0].T)
 
 
+def sandwiched(M: Array, P: Array) -> Array:
+    """Return M P M' (filters, m, m) of symmetric P (filters, n, n), as two products of all."""
+    (m, n), count = M.shape, len(P)
+    half = (P.reshape(count * n, n) @ M.T).reshape(count, n, m)
+    turned = np.ascontiguousarray(np.swapaxes(half, 1, 2))
+    return np.asarray((turned.reshape(count * m, n) @ M.T).reshape(count, m, m))
+
+
 def each_step(which: NDArray[np.intp]) -> list[NDArray[np.intp]]:
     """Return the rows of (steps, runs), each (1,) where all runs share it."""
     shared = (which == which[:, :1]).all(axis=1)

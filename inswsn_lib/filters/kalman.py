@@ -25,6 +25,8 @@ from inswsn_lib.models import ErrorModel
 
 _ROUNDING = 1e-7
 _FAR = 1e5  # times the variance of a measurement: that of a prediction that needs square roots
+#: K, I - K C, P, P+ and C P C' + R
+_Step = tuple[Array, Array, Array, Array, Array]
 _REMEMBERED = 64  # steps whose gains are kept; rounding takes few turns before it repeats itself
 
 
@@ -268,7 +270,7 @@ class _Covariances:
         self._root: Array | None = root
         self._before: tuple[Array, Array] | None = None
         # where P comes back to what it was, to the last bit, so does all that follows
-        self._known: dict[bytes, tuple[Array, ...]] = {}
+        self._known: dict[bytes, tuple[_Step, Array, Array | None]] = {}
 
     @classmethod
     def start(cls, model: ErrorModel, initial_covariance: ArrayLike) -> Self:
@@ -289,38 +291,38 @@ class _Covariances:
         shape = len(root), *driving.shape
         return np.concatenate([np.broadcast_to(driving, shape), self.A @ root], axis=2)
 
-    def step(self, here: Mask, noise: _Noise, k: int) -> tuple[Array, Array, Array, Array, Array]:
+    def step(self, here: Mask, noise: _Noise, k: int) -> _Step:
         """Return K, I - K C, P, P+ and C P C' + R of a step, and go on to the next prediction.
 
         The pattern is `here`, (filters, m).
         """
-        key = b""
+        driving = noise.at(k)[1]
         if len(self.P) == 1 and noise.steady:
-            key = self.P.tobytes() + here.tobytes()
-        Q, driving, R, noise_root, limits = noise.at(k)
-        if key in self._known:
-            gain, keep, P, after, S, ahead = self._known[key]
-            self._root = None
-        else:
-            P = self.P
-            S = self.C @ P @ self.C.T + R
-            # what is missing may come next
-            if (S.diagonal(axis1=1, axis2=2) > limits).any():
-                gain, after, root = _updated_root(self.C, self.root, noise_root, here)
-                keep = np.eye(len(self.A)) - gain @ self.C
-                self._root = self._moved(root, driving)
-                key = b""
-            else:
-                gain, keep, after = updated(self.C, P, S, R, here)
-                self._root = None
-            ahead = self.A @ after @ self.A.T + Q
-        if key:
-            self._known.pop(key, None)
-            self._known[key] = gain, keep, P, after, S, ahead
+            root = b"" if self._root is None else self._root.tobytes()
+            key = here.tobytes() + self.P.tobytes() + root
+            found = self._known.pop(key, None) or self._step(here, *noise.at(k))
+            self._known[key] = found
             if len(self._known) > _REMEMBERED:
                 del self._known[next(iter(self._known))]
-        self.P, self._before = ahead, (after, driving)
-        return gain, keep, P, after, S
+        else:
+            found = self._step(here, *noise.at(k))
+        told, ahead, self._root = found
+        self.P, self._before = ahead, (told[3], driving)
+        return told
+
+    def _step(
+        self, here: Mask, Q: Array, driving: Array, R: Array, noise: Array, limits: Array
+    ) -> tuple[_Step, Array, Array | None]:
+        """Return what `step` does, and the next P with its square root where it is needed."""
+        root = None
+        S = self.C @ self.P @ self.C.T + R
+        if (S.diagonal(axis1=1, axis2=2) > limits).any():  # what is missing may come next
+            gain, after, root = _updated_root(self.C, self.root, noise, here)
+            keep = np.eye(len(self.A)) - gain @ self.C
+            root = self._moved(root, driving)
+        else:
+            gain, keep, after = updated(self.C, self.P, S, R, here)
+        return (gain, keep, self.P, after, S), self.A @ after @ self.A.T + Q, root
 
 
 def _run(
@@ -417,12 +419,27 @@ def _updated_root(C: Array, W: Array, noise: Array, there: Mask) -> tuple[Array,
 
 
 def updated(C: Array, P: Array, S: Array, R: Array, there: Mask) -> tuple[Array, Array, Array]:
-    """Return K, I - K C and P+ (filters, ., .) for what is there (filters, m) of a measurement."""
+    """Return K, I - K C and P+ (filters, ., .) for what is there (filters, m) of a measurement.
+
+    P, S and R may be one for all filters.
+    """
+    run, c = choose("kalman_updates", _updated), np.ascontiguousarray
+    P, S = (np.broadcast_to(X, (len(there), *X.shape[1:])) for X in (P, S))
+    *found, certain = run(c(C), c(P), c(S), c(R if R.ndim == 3 else R[None]), c(there))
+    if certain:
+        raise certain_innovation()
+    return found[0], found[1], found[2]
+
+
+def _updated(
+    C: Array, P: Array, S: Array, R: Array, there: Mask
+) -> tuple[Array, Array, Array, bool]:
+    """Return what `updated` does, and whether an innovation is certain; here that is an error."""
     gain = np.swapaxes(solve_present(there, S, C @ P), 1, 2)
     keep = np.eye(C.shape[1]) - gain @ C
     # Joseph's form stays symmetric and positive for any gain
     after = keep @ P @ np.swapaxes(keep, 1, 2) + gain @ R @ np.swapaxes(gain, 1, 2)
-    return gain, keep, after
+    return gain, keep, after, False
 
 
 def predictor_gain(model: ErrorModel) -> Array:
