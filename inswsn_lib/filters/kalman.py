@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from inswsn_lib.checks import Array, Mask, array, covariance, mask
 from inswsn_lib.errors import Described, ParameterError
@@ -25,6 +25,8 @@ from inswsn_lib.models import ErrorModel
 
 _ROUNDING = 1e-7
 _FAR = 1e5  # times the variance of a measurement: that of a prediction that needs square roots
+Indices = NDArray[np.intp]
+_contiguous = np.ascontiguousarray
 #: K, I - K C, P, P+ and C P C' + R
 _Step = tuple[Array, Array, Array, Array, Array]
 _REMEMBERED = 64  # steps whose gains are kept; rounding takes few turns before it repeats itself
@@ -329,61 +331,111 @@ def _run(
     covariances: _Covariances, noise: _Noise, there: Mask, y: Array, x: Array, predicted: bool
 ) -> tuple[Array, Array, _Covariances]:
     """Return the states (steps, n, runs), and the prediction after them with its covariances."""
-    A, C = covariances.A, covariances.C
     if there.shape[2] > 1 or len(covariances.P) > 1:
-        run, c = choose("kalman_runs", _each_run), np.ascontiguousarray
-        states, x, P, root, certain = run(
-            c(A), c(C), c(noise.Q), c(noise.driving), c(noise.R), c(noise.root), c(noise.limits),
-            c(covariances.P), c(covariances.root), c(x), c(np.broadcast_to(there, y.shape)), c(y),
-            predicted,
-        )  # fmt: skip
-        if certain:
-            raise certain_innovation()
-        return states, x, _Covariances(A, C, P, root)
-    # one gain for all runs, and one product from an estimate to the next
+        return _run_each(covariances, noise, np.broadcast_to(there, y.shape), y, x, predicted)
+    A, C = covariances.A, covariances.C
+    # one gain for all runs
+    steps = [covariances.step(here, noise, k)[:2] for k, here in enumerate(there[:, None, :, 0])]
+    gains = np.array([gain[0] for gain, _ in steps]).reshape(len(y), *C.shape[::-1])
+    keeps = np.array([keep[0] for _, keep in steps]).reshape(len(y), *A.shape)
     states = np.empty((len(y) + 1, *x.shape))
-    states[0] = x
-    both = np.concatenate([x, np.empty(y.shape[1:])])
-    for k, here in enumerate(there[:, None, :, 0]):
-        gain, keep, *_ = covariances.step(here, noise, k)
-        weights = np.concatenate([keep[0], gain[0]], axis=1)
-        if predicted:
-            weights = A @ weights
-        elif k:
-            weights[:, : len(A)] = keep[0] @ A
-        both[len(A) :] = y[k]
-        both[: len(A)] = np.matmul(weights, both, out=states[k + 1])
+    # from one estimate to the next
+    F, G = (A @ keeps, A @ gains) if predicted else (keeps @ A, gains)
+    if len(y) and not predicted:
+        F[0] = keeps[0]
+    given = map(_contiguous, (F, G, x, y))
+    choose("linear_recursion", _recursion)(*given, states)
     if predicted:
         return states[:-1], states[-1], covariances
     with np.errstate(over="ignore"):  # perhaps nobody asks for it
         return states[1:], A @ states[-1] if len(y) else x, covariances
 
 
+def _recursion(F: Array, G: Array, x: Array, y: Array, out: Array) -> None:
+    r"""Fill `out` with :math:`x_{k+1} = F_k x_k + G_k y_k`, from x (n, runs) on.
+
+    Parameters
+    ----------
+    F, G : ndarray, (steps, n, n) and (steps, n, m)
+    x, y : ndarray, (n, runs) and (steps, m, runs)
+    out : ndarray, (steps + 1, n, runs)
+    """
+    out[0] = x
+    n = len(x)
+    weights, both = np.concatenate([F, G], axis=2), np.concatenate([x, np.empty(y.shape[1:])])
+    for k in range(len(y)):
+        both[n:] = y[k]
+        both[:n] = np.matmul(weights[k], both, out=out[k + 1])
+
+
+def _run_each(
+    covariances: _Covariances, noise: _Noise, there: Mask, y: Array, x: Array, predicted: bool
+) -> tuple[Array, Array, _Covariances]:
+    """Return what `_run` does, where each run has gains of its own.
+
+    States that have nothing to do with one another, as those of two axes, are filtered apart: the
+    work grows with the cube of their number.
+    """
+    (steps, _, count), n, p = y.shape, len(x), noise.driving.shape[2]
+    A, C, run, c = covariances.A, covariances.C, choose("kalman_runs", _each_run), _contiguous
+    states, x_after = np.empty((steps, n, count)), np.empty(x.shape)
+    P_after, W_after = np.zeros((count, n, n)), np.zeros((count, n, p + n))
+    if not steps:
+        return states, x, covariances
+    for some, seen in _parts(covariances, noise):
+        block, own = np.ix_(some, some), np.empty((steps, len(some), count))
+        x_after[some], P, W, certain = run(
+            c(A[block]), c(C[np.ix_(seen, some)]), c(noise.Q[:, *block]), c(noise.driving[:, some]),
+            c(noise.R[:, *np.ix_(seen, seen)]), c(noise.root[:, seen]), c(noise.limits[:, seen]),
+            c(covariances.P[:, *block]), c(covariances.root[:, some]), c(x[some]),
+            c(there[:, seen]), c(y[:, seen]), predicted, own,
+        )  # fmt: skip
+        if certain:
+            raise certain_innovation()
+        states[:, some], P_after[:, *block] = own, P
+        W_after[:, some, :p] = W[:, :, :p]
+        W_after[:, *np.ix_(some, p + some)] = W[:, :, -len(some) :]
+    return states, x_after, _Covariances(A, C, P_after, W_after)
+
+
+def _parts(covariances: _Covariances, noise: _Noise) -> list[tuple[Indices, Indices]]:
+    """Return the states and the outputs of each part of a filter that stands alone."""
+    m, n = covariances.C.shape
+    tied = np.eye(n + m, dtype=bool)
+    for X in (covariances.A[None], covariances.P, noise.Q):
+        tied[:n, :n] |= (X != 0).any(axis=0)
+    tied[n:, :n], tied[n:, n:] = covariances.C != 0, (noise.R != 0).any(axis=0)
+    tied |= tied.T
+    for _ in range((n + m).bit_length()):  # who is tied to whom by others, twice as many each time
+        tied = tied @ tied
+    state, output = np.split(tied.argmax(axis=1), [n])
+    return [(np.flatnonzero(state == k), np.flatnonzero(output == k)) for k in np.unique(state)]
+
+
 def _each_run(
     A: Array, C: Array, Q: Array, driving: Array, R: Array, noise: Array, limits: Array, P: Array,
-    W: Array, x: Array, there: Mask, y: Array, predicted: bool,
-) -> tuple[Array, Array, Array, Array, bool]:  # fmt: skip
-    """Run the filter where each run has gains of its own.
+    W: Array, x: Array, there: Mask, y: Array, predicted: bool, out: Array,
+) -> tuple[Array, Array, Array, bool]:  # fmt: skip
+    """Run the filter where each run has gains of its own, and fill `out` (steps, n, runs).
 
-    The noise is that of `_Noise`; P (1 or runs, n, n) has the square roots W (1 or runs, n, .), and
-    the measurements are zero where they are not there.
+    The noise is that of `_Noise`, its roots of any width; P (1 or runs, n, n) has the square roots
+    W (1 or runs, n, .), and the measurements are zero where they are not there.
 
     Returns
     -------
-    states : ndarray, (steps, n, runs)
-    x, P, W : ndarray, (n, runs), (runs, n, n) and (runs, n, p + n)
-        Those of the prediction after the last step.
+    x, P, W : ndarray, (n, runs), (runs, n, n) and (runs, n, .)
+        Those of the prediction after the last step. The first p columns of W are those of the
+        driving noise, and the last n those of the state before.
     certain : bool
         Whether an innovation is, so that there is no gain; here it raises an error.
     """
     told, covariances = _Noise(Q, driving, R, noise, limits), _Covariances(A, C, P, W)
-    states = np.empty((len(y), *x.shape))
     for k, here in enumerate(np.swapaxes(there, 1, 2)):
         gain, keep, *_ = covariances.step(here, told, k)
         after = times(keep, x) + times(gain, y[k])
-        states[k] = x if predicted else after
+        out[k] = x if predicted else after
         x = A @ after
-    return states, x, covariances.P, covariances.root, False
+    return x, covariances.P, covariances.root, False
 
 
 def _root(P: Array) -> Array:
@@ -397,7 +449,7 @@ def _root(P: Array) -> Array:
 def _updated_root(C: Array, W: Array, noise: Array, there: Mask) -> tuple[Array, Array, Array]:
     """Return K, P+ and its square root, from that of P (filters, n, .): `updated` by a QR.
 
-    The noise (m, m) is a square root of R.
+    The noise (m, .) is a square root of R.
 
     The triangle of [W'C' W'; R^(1/2)' 0] holds the square roots of S and P+, and S^(-1/2) C P
     (Kailath, Sayed and Hassibi 2000, Section 12.3).
@@ -409,7 +461,9 @@ def _updated_root(C: Array, W: Array, noise: Array, there: Mask) -> tuple[Array,
     noise = np.concatenate([noise, np.where(there[:, :, None], 0.0, np.eye(m))], axis=2)
     turned = np.swapaxes(W, 1, 2)
     upper = np.concatenate([turned @ np.swapaxes(seen, 1, 2), turned], axis=2)
-    lower = np.concatenate([np.swapaxes(noise, 1, 2), np.zeros((len(W), 2 * m, n))], axis=2)
+    lower = np.concatenate(
+        [np.swapaxes(noise, 1, 2), np.zeros((len(W), noise.shape[2], n))], axis=2
+    )
     whole: Array = np.concatenate([upper, lower], axis=1)
     triangle: Array = np.asarray(np.linalg.qr(whole, mode="r"))
     solved = solve_present(np.ones_like(there), triangle[:, :m, :m], triangle[:, :m, m:])

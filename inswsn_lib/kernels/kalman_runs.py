@@ -10,17 +10,17 @@ from __future__ import annotations
 import numba
 import numpy as np
 
-_LANES = 32
+_LANES = 64
 _ZERO = 1e-14  # of a variance: what a Cholesky factor takes for zero
 
 
 @numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
-def kalman_runs(A, C, Q, driving, R, noise, limits, P, W, x, there, y, predicted):
-    """Run all steps of all runs; arguments and what is returned as in `filters.kalman`."""
+def kalman_runs(A, C, Q, driving, R, noise, limits, P, W, x, there, y, predicted, out):
+    """Fill out with the states of all runs; arguments and results as in `filters.kalman`."""
     steps, m, runs = y.shape
-    n, wide = len(A), driving.shape[2] + len(A)
-    states, x_after = np.empty((steps, n, runs)), np.empty((n, runs))
-    P_after, W_after = np.empty((runs, n, n)), np.empty((runs, n, wide))
+    n, wide = len(A), max(driving.shape[2] + len(A), W.shape[2])
+    x_after, P_after = np.empty((n, runs)), np.empty((runs, n, n))
+    W_after = np.empty((runs, n, wide))
     now, e, here = np.zeros((n, _LANES)), np.zeros((m, _LANES)), np.zeros((m, _LANES))
     prior, after = np.zeros((n, n, _LANES)), np.zeros((n, n, _LANES))
     keep, work = np.zeros((n, n, _LANES)), np.zeros((n, n, _LANES))
@@ -43,7 +43,7 @@ def kalman_runs(A, C, Q, driving, R, noise, limits, P, W, x, there, y, predicted
             if predicted:
                 for i in range(n):
                     for r in range(count):
-                        states[k, i, first + r] = now[i, r]
+                        out[k, i, first + r] = now[i, r]
             for i in range(m):
                 for r in range(_LANES):
                     run = first + min(r, count - 1)
@@ -77,7 +77,7 @@ def kalman_runs(A, C, Q, driving, R, noise, limits, P, W, x, there, y, predicted
             if not predicted:
                 for i in range(n):
                     for r in range(count):
-                        states[k, i, first + r] = now[i, r]
+                        out[k, i, first + r] = now[i, r]
             _times(A, after, work)
             _times_transposed(work, A, Q[q], prior)
             for i in range(n):
@@ -98,7 +98,7 @@ def kalman_runs(A, C, Q, driving, R, noise, limits, P, W, x, there, y, predicted
                     P_after[first + r, i, j] = prior[i, j, r]
                 for j in range(wide):
                     W_after[first + r, i, j] = root[r, i, j]
-    return states, x_after, P_after, W_after, certain
+    return x_after, P_after, W_after, certain
 
 
 @numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
@@ -207,8 +207,8 @@ def _joseph(C, R, prior, gain, keep, work, weighed, after):
 
 @numba.njit(cache=True, error_model="numpy")
 def _predicted_root(A, after, driving, root, r):
-    """Set root (n, p + n) to that of A P A' + Q, of the run in place r."""
-    n, p = len(A), driving.shape[1]
+    """Set root (n, .) to that of A P A' + Q, of the run in place r."""
+    n, p = len(A), root.shape[1] - len(A)
     for i in range(n):
         for j in range(n):
             root[i, p + j] = 0.0
@@ -228,8 +228,8 @@ def _predicted_root(A, after, driving, root, r):
 
 @numba.njit(cache=True, error_model="numpy")
 def _moved_root(A, driving, root):
-    """Set root (n, p + n) to [driving, A W] of the W in its last columns."""
-    n, p = driving.shape
+    """Set root (n, .) to [driving, 0, A W] of the W in its last columns."""
+    n, p = len(A), root.shape[1] - len(A)
     W = root[:, p:].copy()
     for i in range(n):
         for j in range(n):
@@ -237,7 +237,7 @@ def _moved_root(A, driving, root):
             for a in range(n):
                 root[i, p + j] += A[i, a] * W[a, j]
         for j in range(p):
-            root[i, j] = driving[i, j]
+            root[i, j] = driving[i, j] if j < driving.shape[1] else 0.0
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -248,17 +248,18 @@ def _updated_root(C, noise, here, root, gain, after, r):
     """
     m, n = C.shape
     wide, certain = root.shape[1], False
-    whole = np.zeros((wide + 2 * m, m + n))
+    noises = noise.shape[1]
+    whole = np.zeros((wide + noises + m, m + n))
     for a in range(wide):
         for j in range(n):
             whole[a, m + j] = root[j, a]
             for i in range(m):
                 whole[a, i] += here[i, r] * C[i, j] * root[j, a]
     for i in range(m):
-        for a in range(m):
+        for a in range(noises):
             whole[wide + a, i] = here[i, r] * noise[i, a]
         # what is missing has a noise of its own, and tells nothing
-        whole[wide + m + i, i] = 1.0 - here[i, r]
+        whole[wide + noises + i, i] = 1.0 - here[i, r]
     for p in range(m + n):
         _reflected(whole, p)
     for i in range(m - 1, -1, -1):
