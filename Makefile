@@ -57,10 +57,11 @@ elsewhere: environment ## run every chapter in other surroundings, for the book'
 	@$(RUN) studies/elsewhere.py $(if $(JOBS),--jobs $(JOBS))
 
 # The peers that the lock does not hold see what it holds. Without the network their rows are left out.
-bench: environment ## speed against peers, as ratios; writes data/benchmarks*.yaml, for the book
+bench: environment ## speed against peers, as ratios; writes data/benchmarks*.yaml and growth.json, for the book
 	@($(call tool,bench)) || echo "The peers of .ci/bench.txt could not be installed." >&2
 	@echo "import site; site.addsitedir('$(CURDIR)/$(VENV)/lib/python3.11/site-packages')" > _build/bench/lib/python3.11/site-packages/locked.pth
 	@_build/bench/bin/python benchmarks/throughput.py
+	@$(RUN) benchmarks/growth.py
 	@$(RUN) benchmarks/fusion.py
 	@$(RUN) benchmarks/vehicle.py
 	@$(RUN) benchmarks/sweep.py

@@ -34,10 +34,9 @@ def _inverses(matrices: Array) -> tuple[Array, float]:
     """Return the inverses, and the largest product of a variance and its place in the other."""
     if matrices.shape[-1] == 1:  # for one LAPACK is quicker
         one = matrices[..., 0]
-        try:
-            found = np.linalg.inv(one)
-        except np.linalg.LinAlgError:
-            found = np.full(one.shape, np.nan)
+        found: Array = np.full(one.shape, np.nan)
+        with suppress(np.linalg.LinAlgError):
+            found = np.asarray(np.linalg.inv(one))
         return found[..., None], _largest(np.einsum("...ii,...ii->...i", one, found))
     found = np.full(matrices.shape, np.nan)
     with suppress(FloatingPointError), np.errstate(divide="raise"):

@@ -343,8 +343,8 @@ def _run(
     F, G = (A @ keeps, A @ gains) if predicted else (keeps @ A, gains)
     if len(y) and not predicted:
         F[0] = keeps[0]
-    given = map(_contiguous, (F, G, x, y))
-    choose("linear_recursion", _recursion)(*given, states)
+    c = _contiguous
+    choose("linear_recursion", _recursion)(c(F), c(G), c(x), c(y), states)
     if predicted:
         return states[:-1], states[-1], covariances
     with np.errstate(over="ignore"):  # perhaps nobody asks for it
@@ -383,18 +383,18 @@ def _run_each(
     if not steps:
         return states, x, covariances
     for some, seen in _parts(covariances, noise):
-        block, own = np.ix_(some, some), np.empty((steps, len(some), count))
+        own, at, to = np.empty((steps, len(some), count)), some[:, None], seen[:, None]
         x_after[some], P, W, certain = run(
-            c(A[block]), c(C[np.ix_(seen, some)]), c(noise.Q[:, *block]), c(noise.driving[:, some]),
-            c(noise.R[:, *np.ix_(seen, seen)]), c(noise.root[:, seen]), c(noise.limits[:, seen]),
-            c(covariances.P[:, *block]), c(covariances.root[:, some]), c(x[some]),
+            c(A[at, some]), c(C[to, some]), c(noise.Q[:, at, some]), c(noise.driving[:, some]),
+            c(noise.R[:, to, seen]), c(noise.root[:, seen]), c(noise.limits[:, seen]),
+            c(covariances.P[:, at, some]), c(covariances.root[:, some]), c(x[some]),
             c(there[:, seen]), c(y[:, seen]), predicted, own,
         )  # fmt: skip
         if certain:
             raise certain_innovation()
-        states[:, some], P_after[:, *block] = own, P
+        states[:, some], P_after[:, at, some] = own, P
         W_after[:, some, :p] = W[:, :, :p]
-        W_after[:, *np.ix_(some, p + some)] = W[:, :, -len(some) :]
+        W_after[:, at, p + some] = W[:, :, -len(some) :]
     return states, x_after, _Covariances(A, C, P_after, W_after)
 
 
