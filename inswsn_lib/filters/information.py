@@ -38,9 +38,9 @@ def _inverses(matrices: Array) -> tuple[Array, float]:
         with suppress(np.linalg.LinAlgError):
             found = np.asarray(np.linalg.inv(one))
         return found[..., None], _largest(np.einsum("...ii,...ii->...i", one, found))
-    found = np.full(matrices.shape, np.nan)
-    with suppress(FloatingPointError), np.errstate(divide="raise"):
-        found = _eliminated(matrices)
+    count = int(np.prod(matrices.shape[:-3]))  # one for a matrix alone
+    many = np.ascontiguousarray(matrices.reshape(count, *matrices.shape[-3:]))
+    found = choose("eliminated", _eliminated)(many).reshape(matrices.shape)
     return found, _largest(np.einsum("...iik,...iik->...ik", matrices, found))
 
 
@@ -54,20 +54,21 @@ def _lost() -> ParameterError:
 
 
 def _eliminated(matrices: Array) -> Array:
-    """Return inverses by the elimination of Gauss and Jordan, over all K at once.
+    """Return inverses (filters, n, n, K), by the elimination of Gauss and Jordan of all K at once.
 
     It needs no pivoting for positive definite matrices; for small n it is far quicker than a call
-    for each.
+    for each. One that has none is infinite or NaN.
     """
     work = matrices.copy()
-    for p in range(work.shape[-2]):
-        pivot = 1 / work[..., p, p, :]
-        row = work[..., p, :, :] * pivot[..., None, :]
-        column = work[..., :, p, :].copy()
-        work -= column[..., :, None, :] * row[..., None, :, :]
-        work[..., p, :, :] = row
-        work[..., :, p, :] = -column * pivot[..., None, :]
-        work[..., p, p, :] = pivot
+    with np.errstate(divide="ignore", invalid="ignore"):
+        for p in range(work.shape[-2]):
+            pivot = 1 / work[..., p, p, :]
+            row = work[..., p, :, :] * pivot[..., None, :]
+            column = work[..., :, p, :].copy()
+            work -= column[..., :, None, :] * row[..., None, :, :]
+            work[..., p, :, :] = row
+            work[..., :, p, :] = -column * pivot[..., None, :]
+            work[..., p, p, :] = pivot
     return work
 
 

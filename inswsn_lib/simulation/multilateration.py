@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from inswsn_lib.checks import Array, array
+from inswsn_lib.checks import Array, Mask, array
 from inswsn_lib.errors import Described, ParameterError
 from inswsn_lib.kernels import choose
 
@@ -200,12 +200,25 @@ def position_covariance(nodes: Array, position: Array, noise: float) -> Array:
     >>> position_covariance(nodes, np.zeros(2), noise=0.2).round(6).diagonal().tolist()
     [0.04, 0.04]
     """
-    away = position - nodes
-    distance = np.hypot(*away.T)[:, None]
-    if len(nodes) < 2 or not (distance > 0).all():
+    everywhere = np.ones((1, len(nodes)), dtype=bool)
+    if len(nodes) < 2 or not (nodes != position).any(axis=1).all():
         raise ParameterError("nodes", nodes.tolist(), "two or more, none at the position")
-    H = away / distance
-    information = H.T @ H
-    if np.linalg.det(information) < 1e-9 * np.trace(information) ** 2:
-        raise ParameterError("nodes", nodes.tolist(), "on more than one line with the position")
+    return position_covariances(nodes, everywhere, position[None], noise)[0]
+
+
+def position_covariances(nodes: Array, heard: Mask, positions: Array, noise: float) -> Array:
+    """Return `position_covariance` of many positions (places, 2) of nodes heard (places, nodes).
+
+    A node at the position counts for nothing.
+    """
+    away = positions[:, None] - nodes
+    distance = np.hypot(away[..., 0], away[..., 1])
+    counts = heard & (distance > 0)
+    H = np.where(counts[..., None], away / np.where(counts, distance, 1.0)[..., None], 0.0)
+    information = np.swapaxes(H, 1, 2) @ H
+    on_a_line = np.linalg.det(information) < 1e-9 * np.trace(information, axis1=1, axis2=2) ** 2
+    on_a_line |= counts.sum(axis=1) < 2
+    if on_a_line.any():
+        given = nodes[counts[on_a_line.argmax()]].tolist()
+        raise ParameterError("nodes", given, "on more than one line with the position")
     return np.asarray(noise**2 * np.linalg.inv(information))
