@@ -75,6 +75,7 @@ from .filters import (
     run_schmidt as run_schmidt,
     run_switched as run_switched,
     steady_error as steady_error,
+    stream_kalman as stream_kalman,
 )
 
 # Design gains that come with a certificate

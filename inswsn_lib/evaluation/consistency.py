@@ -5,11 +5,13 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy.stats import chi2
 
-from inswsn_lib.checks import Array, array, number, whole
+from inswsn_lib.checks import Array, Mask, array, number, whole
 from inswsn_lib.errors import Described, ParameterError
+
+_BITS = 30  # components of a pattern that a number takes in at once
 
 
 class NoiseFit(NamedTuple):
@@ -121,12 +123,24 @@ def normalised_squares(errors: ArrayLike, covariances: ArrayLike) -> Array:
     S = np.broadcast_to(S, (steps, n, n))
     squares = np.full((steps, runs), np.nan)
     there = ~np.isnan(e)
-    for pattern in np.unique(np.moveaxis(there, 1, 2).reshape(-1, n), axis=0):
+    codes = _pattern_codes(there)
+    _, places = np.unique(codes, return_index=True)
+    for step, run in zip(*np.unravel_index(places, codes.shape), strict=True):
+        pattern, chosen = there[step, :, run], codes == codes[step, run]
         if pattern.any():
-            chosen = (there == pattern[:, None]).all(axis=1)
             whitened = np.linalg.solve(_factors(S[:, pattern][:, :, pattern]), e[:, pattern])
             squares[chosen] = np.square(whitened).sum(axis=1)[chosen]
     return squares
+
+
+def _pattern_codes(there: Mask) -> NDArray[np.int64]:
+    """Return a number (steps, runs) for each pattern in a mask (steps, n, runs)."""
+    codes = np.zeros((there.shape[0], there.shape[2]), dtype=np.int64)
+    for component in range(there.shape[1]):
+        codes = 2 * codes + there[:, component]
+        if component % _BITS == _BITS - 1:  # before they overflow, patterns are numbered anew
+            codes = np.unique(codes, return_inverse=True)[1].reshape(codes.shape)
+    return codes
 
 
 def _factors(covariances: Array) -> Array:

@@ -16,6 +16,7 @@ from .kalman import (
     predictor_gain as predictor_gain,
     run_kalman as run_kalman,
     steady_error as steady_error,
+    stream_kalman as stream_kalman,
 )
 from .robust import adaptive as adaptive, gating as gating, huber as huber, run_robust as run_robust
 from .schmidt import run_schmidt as run_schmidt

@@ -29,9 +29,9 @@ from inswsn_lib.filters.inputs import (
     by_pattern,
     each_step,
     first_state,
+    measured,
     occurring,
     once,
-    present,
     times,
 )
 from inswsn_lib.lmi.designs import FilterDesign, FusionSolver
@@ -118,8 +118,7 @@ def run_distributed(
     if (handover == "fading") != (margins is not None):
         raise ParameterError("margins", margins, 'given for the handover "fading", and only for it')
     A, C, gains = _locals(designs)
-    y = array("measurements", measurements, (len(C), "steps", C.shape[1], "runs"), gaps=True)
-    there, y = present(y)
+    there, y = measured(measurements, len(C), "steps", C.shape[1], "runs")
     hearing = np.any(there, axis=2)
     start = first_state(initial_state, len(A), y.shape[-1])
     links = _Links(lost, delay, y)

@@ -213,8 +213,8 @@ def _fused(
     for k in range(len(Qs)):
         if k:
             together = held is local
-            local = _predicted(local, model.A, Qs[k - 1], shares)
-            held = local if together else _predicted(held, model.A, Qs[k - 1], shares)
+            local = local.predicted(model.A, Qs[k - 1], shares)
+            held = local if together else held.predicted(model.A, Qs[k - 1], shares)
         if predicted:
             yield held.total()
         local = local.measured(*observed.at(k))
@@ -224,11 +224,3 @@ def _fused(
             yield fused
         if reset != "none" and (k + 1) % every == 0:
             local = held = fused.shared(shares)
-
-
-def _predicted(filters: Filters, A: Array, Q: Array, shares: Array) -> Filters:
-    """Predict filters with their shares of Q; one without a share forgets all it knows."""
-    some = shares > 0
-    ahead = Filters(np.zeros(filters.Y.shape), np.zeros(filters.i.shape))
-    ahead.Y[some], ahead.i[some] = filters.part(some).predicted(A, Q / shares[some, None, None])
-    return ahead

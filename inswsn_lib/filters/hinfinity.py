@@ -14,8 +14,8 @@ from inswsn_lib.filters.inputs import (
     by_pattern,
     each_step,
     first_state,
+    measured,
     occurring,
-    present,
     times,
 )
 from inswsn_lib.lmi import FilterDesign
@@ -80,9 +80,9 @@ def run_hinfinity(
     [0.0, 3.0, 1.0]
     """
     model, gain = model_and_gain("design", design)
-    y = array("measurements", measurements, ("steps", len(model.C), "runs"), gaps=True)
-    which, measured = np.zeros((len(y), 1), dtype=np.intp), present(y[None])
-    return _run(model.A, model.C[None], gain[None], which, *measured, initial_state, predicted)
+    there, y = measured(measurements, "steps", len(model.C), "runs")
+    which, one = np.zeros((len(y), 1), dtype=np.intp), (there[None], y[None])
+    return _run(model.A, model.C[None], gain[None], which, *one, initial_state, predicted)
 
 
 def run_switched(
@@ -126,9 +126,8 @@ def run_switched(
     >>> iw.run_switched(designs, y).ravel().tolist()
     [3.0, 5.0]
     """
-    y = array("measurements", measurements, ("N", "steps", "m", "runs"), gaps=True)
+    there, y = measured(measurements, "N", "steps", "m", "runs")
     clusters, _, m, _ = y.shape
-    there, y = present(y)
     occur, which = occurring(np.any(there, axis=2))
     filters = {key: model_and_gain("designs", design) for key, design in designs.items()}
     A = common_transition(model for model, _ in filters.values())

@@ -14,7 +14,8 @@ from numpy.typing import ArrayLike
 
 from inswsn_lib.checks import Array, Mask, covariance, positive_definite
 from inswsn_lib.errors import Described, ParameterError
-from inswsn_lib.filters.inputs import occurring, over_steps, present
+from inswsn_lib.filters.inputs import measured, occurring, over_steps
+from inswsn_lib.kernels import choose
 from inswsn_lib.models import ErrorModel
 
 # Largest product of a variance and its place in the information: as many digits are lost
@@ -23,34 +24,51 @@ _INFLATION = 1e9
 
 def inverses(matrices: Array) -> Array:
     """Return the inverses of positive definite matrices (..., n, n, K)."""
-    found: Array = np.full(matrices.shape, np.nan)
-    with suppress(np.linalg.LinAlgError, FloatingPointError), np.errstate(divide="raise"):
-        if matrices.shape[-1] == 1:  # for one LAPACK is quicker
-            found = np.asarray(np.linalg.inv(matrices[..., 0])[..., None])
-        else:
-            found = _eliminated(matrices)
-    inflation = np.einsum("...iik,...iik->...ik", matrices, found).max(initial=0.0)
+    found, inflation = _inverses(matrices)
     if not inflation <= _INFLATION:  # nor NaN
-        got = Described("so small beside P_0 or Q that the state is lost to rounding")
-        raise ParameterError("measurement_covariance", got, "larger")
+        raise _lost()
     return found
 
 
+def _inverses(matrices: Array) -> tuple[Array, float]:
+    """Return the inverses, and the largest product of a variance and its place in the other."""
+    if matrices.shape[-1] == 1:  # for one LAPACK is quicker
+        one = matrices[..., 0]
+        found: Array = np.full(one.shape, np.nan)
+        with suppress(np.linalg.LinAlgError):
+            found = np.asarray(np.linalg.inv(one))
+        return found[..., None], _largest(np.einsum("...ii,...ii->...i", one, found))
+    count = int(np.prod(matrices.shape[:-3]))  # one for a matrix alone
+    many = np.ascontiguousarray(matrices.reshape(count, *matrices.shape[-3:]))
+    found = choose("eliminated", _eliminated)(many).reshape(matrices.shape)
+    return found, _largest(np.einsum("...iik,...iik->...ik", matrices, found))
+
+
+def _largest(products: Array) -> float:
+    return float(products.max(initial=0.0))
+
+
+def _lost() -> ParameterError:
+    got = Described("so small beside P_0 or Q that the state is lost to rounding")
+    return ParameterError("measurement_covariance", got, "larger")
+
+
 def _eliminated(matrices: Array) -> Array:
-    """Return inverses by the elimination of Gauss and Jordan, over all K at once.
+    """Return inverses (filters, n, n, K), by the elimination of Gauss and Jordan of all K at once.
 
     It needs no pivoting for positive definite matrices; for small n it is far quicker than a call
-    for each.
+    for each. One that has none is infinite or NaN.
     """
     work = matrices.copy()
-    for p in range(work.shape[-2]):
-        pivot = 1 / work[..., p, p, :]
-        row = work[..., p, :, :] * pivot[..., None, :]
-        column = work[..., :, p, :].copy()
-        work -= column[..., :, None, :] * row[..., None, :, :]
-        work[..., p, :, :] = row
-        work[..., :, p, :] = -column * pivot[..., None, :]
-        work[..., p, p, :] = pivot
+    with np.errstate(divide="ignore", invalid="ignore"):
+        for p in range(work.shape[-2]):
+            pivot = 1 / work[..., p, p, :]
+            row = work[..., p, :, :] * pivot[..., None, :]
+            column = work[..., :, p, :].copy()
+            work -= column[..., :, None, :] * row[..., None, :, :]
+            work[..., p, :, :] = row
+            work[..., :, p, :] = -column * pivot[..., None, :]
+            work[..., p, p, :] = pivot
     return work
 
 
@@ -59,6 +77,26 @@ def applied(matrices: Array, vectors: Array) -> Array:
     if matrices.shape[-1] == 1:
         return np.asarray(matrices[..., 0] @ vectors)
     return np.asarray(np.einsum("...ijr,...jr->...ir", matrices, vectors))
+
+
+def _moved(Y: Array, A: Array, Q: Array, shares: Array) -> tuple[Array, Array, float]:
+    r"""Return what a step makes of informations Y (filters, n, n) that all runs share.
+
+    Returns
+    -------
+    Y+, weights : ndarray, (filters, n, n)
+        :math:`Y^+ = (A Y^{-1} A' + Q/\beta)^{-1}`, and :math:`Y^+ A Y^{-1}`, by which Y x is
+        multiplied; zero for a share of zero.
+    inflation : float
+        The largest product of a variance and its place in the information.
+    """
+    some = shares > 0
+    ahead, weights = np.zeros((2, *Y.shape))
+    P, first = _inverses(Y[some][..., None])
+    moved = A @ P[..., 0] @ A.T + Q / shares[some, None, None]
+    found, second = _inverses(moved[..., None])
+    ahead[some], weights[some] = found[..., 0], found[..., 0] @ A @ P[..., 0]
+    return ahead, weights, max(first, second)
 
 
 class Filters(NamedTuple):
@@ -96,15 +134,28 @@ class Filters(NamedTuple):
         """Return the states (filters, n, runs)."""
         return applied(inverses(self.Y), self.i)
 
-    def predicted(self, A: Array, noises: Array) -> Self:
-        """Return Y+ = (A Y^-1 A' + Q)^-1 and Y+ A x, for Q of each (filters or 1, n, n)."""
-        P = inverses(self.Y)
+    def predicted(self, A: Array, Q: Array, shares: Array) -> Self:
+        r"""Return Y+ = (A Y^-1 A' + Q/beta)^-1 and Y+ A x.
+
+        One without a share (filters,) of the noise forgets all it knows.
+        """
+        if self.Y.shape[-1] == 1:
+            moved, c = choose("moved_information", _moved), np.ascontiguousarray
+            Y, weights, inflation = moved(c(self.Y[..., 0]), c(A), c(Q), shares)
+            if not inflation <= _INFLATION:  # nor NaN
+                raise _lost()
+            return type(self)(Y[..., None], weights @ self.i)
+        some = shares > 0
+        ahead = type(self)(np.zeros(self.Y.shape), np.zeros(self.i.shape))
+        mine = self.part(some)
+        P = inverses(mine.Y)
         count, n, _, K = P.shape
         # A P A' of all as one product; np.kron takes longer than all the rest
         squared = (A[:, None, :, None] * A[None, :, None, :]).reshape(n * n, n * n)
-        moved = (squared @ P.reshape(count, n * n, K)).reshape(P.shape)
-        Y = inverses(moved + noises[..., None])
-        return type(self)(Y, applied(Y, A @ applied(P, self.i)))
+        moved_P = (squared @ P.reshape(count, n * n, K)).reshape(P.shape)
+        Y = inverses(moved_P + (Q / shares[some, None, None])[..., None])
+        ahead.Y[some], ahead.i[some] = Y, applied(Y, A @ applied(P, mine.i))
+        return ahead
 
     def measured(self, Y: Array, i: Array) -> Self:
         """Return filters, all but the last with the informations of their measurements added."""
@@ -139,7 +190,9 @@ class Observations:
     """
 
     def __init__(self, measurements: Array, C: Array, R: Array) -> None:
-        there, self._values = present(measurements)  # those missing have no weight
+        there, self._values = measured(
+            measurements, *measurements.shape
+        )  # those missing have no weight
         self.heard = np.any(there, axis=2)
         masks, self._which = occurring(np.moveaxis(there, 2, 0))
         # an absent component gets a row and a column of the identity, and then of zeros
@@ -147,7 +200,14 @@ class Observations:
         inner = np.where(both, R[:, :, None], np.eye(len(C)))
         weights = np.where(both, np.linalg.inv(inner), 0.0)
         gains = np.moveaxis(C.T @ weights, 2, -1)  # (N, 1 or steps, n, m, masks)
-        self._tables = np.moveaxis(C.T @ weights @ C, 2, -1), gains
+        tables = np.moveaxis(C.T @ weights @ C, 2, -1), gains
+        # the entries (N, steps, ., .) at all steps at once, where all runs share them
+        self._shared = self._which.shape[2] == 1
+        if self._shared:
+            c, k = np.ogrid[: len(R), : self._which.shape[1]]
+            which, known = self._which[..., 0], np.minimum(k, R.shape[1] - 1)
+            tables = tables[0][c, known, :, :, which], tables[1][c, known, :, :, which]
+        self._tables = tables
 
     def at(self, step: int) -> tuple[Array, Array]:
         """Return C'R^-1 C (N, n, n, K) and C'R^-1 y (N, n, runs) of the data that are there."""
@@ -156,6 +216,8 @@ class Observations:
 
     def _taken(self, table: Array, step: int) -> Array:
         """Return the entries (N, ., ., K) of a table (N, 1 or steps, ., ., masks) at a step."""
+        if self._shared:
+            return table[:, step, ..., None]
         now = table[:, min(step, table.shape[1] - 1)]
         rows = zip(now, self._which[:, step], strict=True)
         return np.stack([each.take(which, axis=-1) for each, which in rows])

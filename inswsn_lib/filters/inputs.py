@@ -39,15 +39,18 @@ def once(values: NDArray[_Kind]) -> NDArray[_Kind]:
     return values[..., :1] if (values == values[..., :1]).all() else values
 
 
-def present(measurements: Array) -> tuple[Mask, Array]:
-    """Return which of the measurements (..., runs) are there, and all with zero for the others.
+def measured(value: ArrayLike, *shape: int | str) -> tuple[Mask, Array]:
+    """Return which of measurements (..., runs) are there, and all with zero for the others.
 
     The first is (..., 1) where all runs miss the same.
     """
-    if not np.isnan(measurements.min(initial=0.0)):  # quicker than to look at each
-        return np.ones((*measurements.shape[:-1], 1), dtype=bool), measurements
-    there = ~np.isnan(measurements)
-    return once(there), np.where(there, measurements, 0.0)
+    try:  # one look at all of them tells that none is missing
+        y = array("measurements", value, shape)
+    except ParameterError:
+        y = array("measurements", value, shape, gaps=True)
+        there = ~np.isnan(y)
+        return once(there), np.where(there, y, 0.0)
+    return np.ones((*y.shape[:-1], 1), dtype=bool), y
 
 
 def times(matrices: Array, vectors: Array) -> Array:
@@ -55,6 +58,14 @@ def times(matrices: Array, vectors: Array) -> Array:
     if len(matrices) == 1:
         return np.asarray(matrices[0] @ vectors)
     return np.asarray((matrices @ vectors.T[:, :, None])[:, :, 0].T)
+
+
+def sandwiched(M: Array, P: Array) -> Array:
+    """Return M P M' (filters, m, m) of symmetric P (filters, n, n), as two products of all."""
+    (m, n), count = M.shape, len(P)
+    half = (P.reshape(count * n, n) @ M.T).reshape(count, n, m)
+    turned = np.ascontiguousarray(np.swapaxes(half, 1, 2))
+    return np.asarray((turned.reshape(count * m, n) @ M.T).reshape(count, m, m))
 
 
 def each_step(which: NDArray[np.intp]) -> list[NDArray[np.intp]]:
@@ -73,8 +84,13 @@ def solve_present(there: Mask, S: Array, right: Array) -> Array:
     try:
         return np.asarray(np.linalg.solve(S, right))
     except np.linalg.LinAlgError:
-        got = Described("such that an innovation is certain")
-        raise ParameterError("measurement_covariance", got, "positive definite") from None
+        raise certain_innovation() from None
+
+
+def certain_innovation() -> ParameterError:
+    """Return the error that tells that an innovation has no variance."""
+    got = Described("such that an innovation is certain")
+    return ParameterError("measurement_covariance", got, "positive definite")
 
 
 def occurring(there: Mask) -> tuple[Mask, NDArray[np.intp]]:

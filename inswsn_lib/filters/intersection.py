@@ -32,6 +32,7 @@ from inswsn_lib.models import ErrorModel
 Rule = Literal["intersection", "best"]
 
 _ROUNDING = 1e-9
+_CENTRE = slice(-1, None)  # the centre's filter is the last
 
 
 def intersect(
@@ -165,16 +166,17 @@ def run_fused_locals(
     x = first_state(initial_state, len(model.A), y.shape[-1])
     observed = Observations(y, model.C, R)
     # the last of the filters is the centre's, which holds the result
-    filters = Filters.start(prior, x, np.ones(len(y) + 1), observed.heard.shape[-1])
+    whole = np.ones(len(y) + 1)  # each filter has all of Q
+    filters = Filters.start(prior, x, whole, observed.heard.shape[-1])
     estimates = np.empty((len(Qs), *x.shape))
     for k in range(len(Qs)):
         if k:
-            filters = filters.predicted(model.A, Qs[k - 1][None])
+            filters = filters.predicted(model.A, Qs[k - 1], whole)
         if predicted:
-            estimates[k] = filters.states()[-1]
+            estimates[k] = filters.part(_CENTRE).states()[0]
         filters = _fuse(rule, observed.heard[:, k], filters.measured(*observed.at(k)))
         if not predicted:
-            estimates[k] = filters.states()[-1]
+            estimates[k] = filters.part(_CENTRE).states()[0]
     return estimates
 
 
@@ -182,7 +184,7 @@ def _fuse(rule: Rule, heard: Mask, filters: Filters) -> Filters:
     """Set the centre's filter to the fusion of those heard (N, K), and those not heard to it."""
     local, centre, some = (
         filters.part(slice(-1)),
-        filters.part(slice(-1, None)),
+        filters.part(_CENTRE),
         np.any(heard, axis=0),
     )
     # where none is heard any weights will do, since the centre's filter goes on

@@ -2,20 +2,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from inswsn_lib.checks import Array, Mask, array, covariance, mask
 from inswsn_lib.errors import Described, ParameterError
-from inswsn_lib.filters.inputs import first_state, over_steps, present, solve_present, times
+from inswsn_lib.filters.inputs import (
+    certain_innovation,
+    first_state,
+    measured,
+    over_steps,
+    solve_present,
+    times,
+)
+from inswsn_lib.kernels import choose
 from inswsn_lib.models import ErrorModel
 
 _ROUNDING = 1e-7
 _FAR = 1e5  # times the variance of a measurement: that of a prediction that needs square roots
+Indices = NDArray[np.intp]
+_contiguous = np.ascontiguousarray
+#: K, I - K C, P, P+ and C P C' + R
+_Step = tuple[Array, Array, Array, Array, Array]
+_REMEMBERED = 64  # steps whose gains are kept; rounding takes few turns before it repeats itself
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,12 +104,13 @@ def design_kalman(
     ([0.5, 0.0], [0.5, 1.5])
     """
     there = mask("available", available, ("steps", len(model.C)))
-    noise = _noise(
-        model, len(there), initial_covariance, process_covariance, measurement_covariance
+    noise = _Noise.of(model, process_covariance, measurement_covariance, len(there))
+    covariances = _Covariances.start(model, initial_covariance)
+    steps = zip(
+        *(covariances.step(here, noise, k) for k, here in enumerate(there[:, None])), strict=True
     )
-    steps = zip(*_steps(model, there[:, None], *noise), strict=True)
-    gains, _, *covariances = (np.array(each)[:, 0] for each in steps)
-    return KalmanDesign(gains, *covariances)
+    gains, _, *others = (np.array(each)[:, 0] for each in steps)
+    return KalmanDesign(gains, *others)
 
 
 def run_kalman(
@@ -143,68 +158,284 @@ def run_kalman(
     >>> iw.run_kalman(model, measured, initial_covariance=[[1]]).ravel().round(4).tolist()
     [0.5, 0.5, 0.8571]
     """
-    m, n = model.C.shape
-    there, y = present(array("measurements", measurements, ("steps", m, "runs"), gaps=True))
-    noise = _noise(model, len(y), initial_covariance, process_covariance, measurement_covariance)
-    states = np.empty((len(y) + 1, n, y.shape[2]))
-    states[0] = first_state(initial_state, n, y.shape[2])
-    # one gain for all runs where they miss the same; two products from one estimate to the next
-    for k, (gain, keep, *_) in enumerate(_steps(model, np.swapaxes(there, 1, 2), *noise)):
-        if predicted:
-            F, G = model.A @ keep, model.A @ gain
-        else:
-            F, G = keep @ model.A if k else keep, gain
-        np.add(times(F, states[k]), times(G, y[k]), out=states[k + 1])
-    return states[:-1] if predicted else states[1:]
+    there, y = measured(measurements, "steps", len(model.C), "runs")
+    noise = _Noise.of(model, process_covariance, measurement_covariance, len(y))
+    covariances = _Covariances.start(model, initial_covariance)
+    x = first_state(initial_state, len(model.A), y.shape[2])
+    return _run(covariances, noise, there, y, x, predicted)[0]
 
 
-def _noise(
+def stream_kalman(
     model: ErrorModel,
-    steps: int,
+    measurements: Iterable[ArrayLike],
+    *,
     initial_covariance: ArrayLike,
-    process_covariance: ArrayLike | None,
-    measurement_covariance: ArrayLike | None,
-) -> tuple[Array, Array, Array]:
-    """Return P_0 (n, n), Q (steps, n, n) and R (steps, m, m), checked."""
-    Q, R = model.process_covariance, model.measurement_covariance
-    return (
-        covariance("initial_covariance", initial_covariance, model.A.shape),
-        over_steps("process_covariance", process_covariance, Q, steps),
-        over_steps("measurement_covariance", measurement_covariance, R, steps),
-    )
+    process_covariance: ArrayLike | None = None,
+    measurement_covariance: ArrayLike | None = None,
+    initial_state: ArrayLike | None = None,
+    predicted: bool = False,
+) -> Iterator[Array]:
+    """Run the Kalman filter of `run_kalman` over measurements that come piece by piece.
+
+    So a record of any length takes the memory of a piece. Joined, the estimates are those of
+    `run_kalman` of all steps at once.
+
+    Parameters
+    ----------
+    model : ErrorModel
+        As in `run_kalman`.
+    measurements : iterable of array_like, (steps, m, runs)
+        One piece after the other, of any lengths and of the same runs.
+    process_covariance, measurement_covariance : array_like, (n, n) and (m, m), optional
+        Q and R, the same at all steps.
+    initial_covariance, initial_state, predicted
+        As in `run_kalman`, before the first piece.
+
+    Yields
+    ------
+    ndarray, (steps, n, runs)
+        Of each piece.
+
+    Examples
+    --------
+    A random walk that is measured for 10,000 steps, in pieces of 1,000:
+
+    >>> import numpy as np
+    >>> import inswsn_lib as iw
+    >>> model = iw.ErrorModel(A=[[1]], B=[[1]], C=[[1]], D=[[1]], period=1.0)
+    >>> y = np.random.default_rng(0).normal(size=(10_000, 1, 3))
+    >>> pieces = iw.stream_kalman(model, np.split(y, 10), initial_covariance=[[1]])
+    >>> whole = iw.run_kalman(model, y, initial_covariance=[[1]])
+    >>> bool(np.allclose(np.concatenate(list(pieces)), whole, rtol=1e-12))
+    True
+    """
+    noise = _Noise.of(model, process_covariance, measurement_covariance)
+    covariances = _Covariances.start(model, initial_covariance)
+    runs: int | str = "runs"
+    x = None
+    for piece in measurements:
+        there, y = measured(piece, "steps", len(model.C), runs)
+        if x is None:
+            x = first_state(initial_state, len(model.A), y.shape[2])
+            runs = y.shape[2]
+        estimates, x, covariances = _run(covariances, noise, there, y, x, predicted)
+        yield estimates
 
 
-def _steps(
-    model: ErrorModel, there: Mask, P: Array, Qs: Array, Rs: Array
-) -> Iterator[tuple[Array, Array, Array, Array, Array]]:
-    """Yield K, I - K C, P, P+ and C P C' + R of each step, for patterns there (steps, K, m).
+@dataclass(frozen=True, eq=False)
+class _Noise:
+    """Q (., n, n) and R (., m, m) with their square roots; one for all steps, or one for each.
+
+    Above `limits` (., m) the variance of an innovation is far above that of the measurement.
+    """
+
+    Q: Array
+    driving: Array
+    R: Array
+    root: Array
+    limits: Array
+
+    @classmethod
+    def of(
+        cls, model: ErrorModel, Q: ArrayLike | None, R: ArrayLike | None, steps: int = 1
+    ) -> Self:
+        """Return what is given, or that of the model, checked."""
+        own = model.process_covariance, model.measurement_covariance
+        Qs = over_steps("process_covariance", Q, own[0], steps)
+        Rs = over_steps("measurement_covariance", R, own[1], steps)
+        Qs, Rs = (X if X.strides[0] else X[:1] for X in (Qs, Rs))
+        # of the model's own noise the root is exact
+        driving = model.B[None] if np.array_equal(Qs, own[0][None]) else _root(Qs)
+        return cls(Qs, driving, Rs, _root(Rs), _FAR * np.diagonal(Rs, axis1=1, axis2=2))
+
+    def at(self, k: int) -> tuple[Array, Array, Array, Array, Array]:
+        """Return all of them at a step."""
+        parts = self.Q, self.driving, self.R, self.root, self.limits
+        Q, driving, R, root, limits = (each[min(k, len(each) - 1)] for each in parts)
+        return Q, driving, R, root, limits
+
+    @property
+    def steady(self) -> bool:
+        """Whether all steps share them."""
+        return len(self.Q) == len(self.R) == 1
+
+
+class _Covariances:
+    """Covariances P (filters, n, n) of predictions, and square roots of them where asked for.
 
     Where a prediction is far less certain than the measurement, P+ is lost in the rounding of P:
     there P is carried as a square root.
     """
-    P, root, after, driven = P[None], None, None, None
-    limits = _FAR * np.diagonal(Rs, axis1=1, axis2=2)
-    for here, Q, R, limit in zip(there, Qs, Rs, limits, strict=True):
-        S = model.C @ P @ model.C.T + R
-        if (S.diagonal(axis1=1, axis2=2) > limit).any():  # what is missing may come next
-            if after is None or driven is None:
-                root = _root(P)
-            else:
-                moved = model.A @ (_root(after) if root is None else root)
-                root = np.concatenate([_driving(model, driven, len(moved)), moved], axis=2)
-            gain, after, root = _updated_root(model.C, root, R, here)
-            keep = np.eye(len(model.A)) - gain @ model.C
+
+    def __init__(self, A: Array, C: Array, P: Array, root: Array) -> None:
+        self.A, self.C, self.P = A, C, P
+        self._root: Array | None = root
+        self._before: tuple[Array, Array] | None = None
+        # where P comes back to what it was, to the last bit, so does all that follows
+        self._known: dict[bytes, tuple[_Step, Array, Array | None]] = {}
+
+    @classmethod
+    def start(cls, model: ErrorModel, initial_covariance: ArrayLike) -> Self:
+        """Return the one of all filters before the first measurement, P_0 (n, n)."""
+        P = covariance("initial_covariance", initial_covariance, model.A.shape)[None]
+        return cls(model.A, model.C, P, _root(P))
+
+    @property
+    def root(self) -> Array:
+        """W (filters, n, .) with P = W W'."""
+        if self._root is None:
+            assert self._before is not None
+            after, driving = self._before
+            self._root = self._moved(_root(after), driving)
+        return self._root
+
+    def _moved(self, root: Array, driving: Array) -> Array:
+        shape = len(root), *driving.shape
+        return np.concatenate([np.broadcast_to(driving, shape), self.A @ root], axis=2)
+
+    def step(self, here: Mask, noise: _Noise, k: int) -> _Step:
+        """Return K, I - K C, P, P+ and C P C' + R of a step, and go on to the next prediction.
+
+        The pattern is `here`, (filters, m).
+        """
+        driving = noise.at(k)[1]
+        if len(self.P) == 1 and noise.steady:
+            root = b"" if self._root is None else self._root.tobytes()
+            key = here.tobytes() + self.P.tobytes() + root
+            found = self._known.pop(key, None) or self._step(here, *noise.at(k))
+            self._known[key] = found
+            if len(self._known) > _REMEMBERED:
+                del self._known[next(iter(self._known))]
         else:
-            gain, keep, after = updated(model.C, P, S, R, here)
-            root = None
-        yield gain, keep, P, after, S
-        P, driven = model.A @ after @ model.A.T + Q, Q
+            found = self._step(here, *noise.at(k))
+        told, ahead, self._root = found
+        self.P, self._before = ahead, (told[3], driving)
+        return told
+
+    def _step(
+        self, here: Mask, Q: Array, driving: Array, R: Array, noise: Array, limits: Array
+    ) -> tuple[_Step, Array, Array | None]:
+        """Return what `step` does, and the next P with its square root where it is needed."""
+        root = None
+        S = self.C @ self.P @ self.C.T + R
+        if (S.diagonal(axis1=1, axis2=2) > limits).any():  # what is missing may come next
+            gain, after, root = _updated_root(self.C, self.root, noise, here)
+            keep = np.eye(len(self.A)) - gain @ self.C
+            root = self._moved(root, driving)
+        else:
+            gain, keep, after = updated(self.C, self.P, S, R, here)
+        return (gain, keep, self.P, after, S), self.A @ after @ self.A.T + Q, root
 
 
-def _driving(model: ErrorModel, Q: Array, count: int) -> Array:
-    """Return the square root of the process noise; of the model's own it is exact."""
-    root = model.B if np.array_equal(Q, model.process_covariance) else _root(Q[None])[0]
-    return np.broadcast_to(root, (count, *root.shape))
+def _run(
+    covariances: _Covariances, noise: _Noise, there: Mask, y: Array, x: Array, predicted: bool
+) -> tuple[Array, Array, _Covariances]:
+    """Return the states (steps, n, runs), and the prediction after them with its covariances."""
+    if there.shape[2] > 1 or len(covariances.P) > 1:
+        return _run_each(covariances, noise, np.broadcast_to(there, y.shape), y, x, predicted)
+    A, C = covariances.A, covariances.C
+    # one gain for all runs
+    steps = [covariances.step(here, noise, k)[:2] for k, here in enumerate(there[:, None, :, 0])]
+    gains = np.array([gain[0] for gain, _ in steps]).reshape(len(y), *C.shape[::-1])
+    keeps = np.array([keep[0] for _, keep in steps]).reshape(len(y), *A.shape)
+    states = np.empty((len(y) + 1, *x.shape))
+    # from one estimate to the next
+    F, G = (A @ keeps, A @ gains) if predicted else (keeps @ A, gains)
+    if len(y) and not predicted:
+        F[0] = keeps[0]
+    c = _contiguous
+    choose("linear_recursion", _recursion)(c(F), c(G), c(x), c(y), states)
+    if predicted:
+        return states[:-1], states[-1], covariances
+    with np.errstate(over="ignore"):  # perhaps nobody asks for it
+        return states[1:], A @ states[-1] if len(y) else x, covariances
+
+
+def _recursion(F: Array, G: Array, x: Array, y: Array, out: Array) -> None:
+    r"""Fill `out` with :math:`x_{k+1} = F_k x_k + G_k y_k`, from x (n, runs) on.
+
+    Parameters
+    ----------
+    F, G : ndarray, (steps, n, n) and (steps, n, m)
+    x, y : ndarray, (n, runs) and (steps, m, runs)
+    out : ndarray, (steps + 1, n, runs)
+    """
+    out[0] = x
+    n = len(x)
+    weights, both = np.concatenate([F, G], axis=2), np.concatenate([x, np.empty(y.shape[1:])])
+    for k in range(len(y)):
+        both[n:] = y[k]
+        both[:n] = np.matmul(weights[k], both, out=out[k + 1])
+
+
+def _run_each(
+    covariances: _Covariances, noise: _Noise, there: Mask, y: Array, x: Array, predicted: bool
+) -> tuple[Array, Array, _Covariances]:
+    """Return what `_run` does, where each run has gains of its own.
+
+    States that have nothing to do with one another, as those of two axes, are filtered apart: the
+    work grows with the cube of their number.
+    """
+    (steps, _, count), n, p = y.shape, len(x), noise.driving.shape[2]
+    A, C, run, c = covariances.A, covariances.C, choose("kalman_runs", _each_run), _contiguous
+    states, x_after = np.empty((steps, n, count)), np.empty(x.shape)
+    P_after, W_after = np.zeros((count, n, n)), np.zeros((count, n, p + n))
+    if not steps:
+        return states, x, covariances
+    for some, seen in _parts(covariances, noise):
+        own, at, to = np.empty((steps, len(some), count)), some[:, None], seen[:, None]
+        x_after[some], P, W, certain = run(
+            c(A[at, some]), c(C[to, some]), c(noise.Q[:, at, some]), c(noise.driving[:, some]),
+            c(noise.R[:, to, seen]), c(noise.root[:, seen]), c(noise.limits[:, seen]),
+            c(covariances.P[:, at, some]), c(covariances.root[:, some]), c(x[some]),
+            c(there[:, seen]), c(y[:, seen]), predicted, own,
+        )  # fmt: skip
+        if certain:
+            raise certain_innovation()
+        states[:, some], P_after[:, at, some] = own, P
+        W_after[:, some, :p] = W[:, :, :p]
+        W_after[:, at, p + some] = W[:, :, -len(some) :]
+    return states, x_after, _Covariances(A, C, P_after, W_after)
+
+
+def _parts(covariances: _Covariances, noise: _Noise) -> list[tuple[Indices, Indices]]:
+    """Return the states and the outputs of each part of a filter that stands alone."""
+    m, n = covariances.C.shape
+    tied = np.eye(n + m, dtype=bool)
+    for X in (covariances.A[None], covariances.P, noise.Q):
+        tied[:n, :n] |= (X != 0).any(axis=0)
+    tied[n:, :n], tied[n:, n:] = covariances.C != 0, (noise.R != 0).any(axis=0)
+    tied |= tied.T
+    for _ in range((n + m).bit_length()):  # who is tied to whom by others, twice as many each time
+        tied = tied @ tied
+    state, output = np.split(tied.argmax(axis=1), [n])
+    return [(np.flatnonzero(state == k), np.flatnonzero(output == k)) for k in np.unique(state)]
+
+
+def _each_run(
+    A: Array, C: Array, Q: Array, driving: Array, R: Array, noise: Array, limits: Array, P: Array,
+    W: Array, x: Array, there: Mask, y: Array, predicted: bool, out: Array,
+) -> tuple[Array, Array, Array, bool]:  # fmt: skip
+    """Run the filter where each run has gains of its own, and fill `out` (steps, n, runs).
+
+    The noise is that of `_Noise`, its roots of any width; P (1 or runs, n, n) has the square roots
+    W (1 or runs, n, .), and the measurements are zero where they are not there.
+
+    Returns
+    -------
+    x, P, W : ndarray, (n, runs), (runs, n, n) and (runs, n, .)
+        Those of the prediction after the last step. The first p columns of W are those of the
+        driving noise, and the last n those of the state before.
+    certain : bool
+        Whether an innovation is, so that there is no gain; here it raises an error.
+    """
+    told, covariances = _Noise(Q, driving, R, noise, limits), _Covariances(A, C, P, W)
+    for k, here in enumerate(np.swapaxes(there, 1, 2)):
+        gain, keep, *_ = covariances.step(here, told, k)
+        after = times(keep, x) + times(gain, y[k])
+        out[k] = x if predicted else after
+        x = A @ after
+    return x, covariances.P, covariances.root, False
 
 
 def _root(P: Array) -> Array:
@@ -215,20 +446,24 @@ def _root(P: Array) -> Array:
     return np.asarray(unit[:, :, None] * vectors * np.sqrt(np.maximum(values, 0))[:, None, :])
 
 
-def _updated_root(C: Array, W: Array, R: Array, there: Mask) -> tuple[Array, Array, Array]:
+def _updated_root(C: Array, W: Array, noise: Array, there: Mask) -> tuple[Array, Array, Array]:
     """Return K, P+ and its square root, from that of P (filters, n, .): `updated` by a QR.
+
+    The noise (m, .) is a square root of R.
 
     The triangle of [W'C' W'; R^(1/2)' 0] holds the square roots of S and P+, and S^(-1/2) C P
     (Kailath, Sayed and Hassibi 2000, Section 12.3).
     """
     m, n = C.shape
     W = np.broadcast_to(W, (len(there), *W.shape[1:]))  # one until measurements differ
-    seen, noise = (np.where(there[:, :, None], X, 0.0) for X in (C, _root(R[None])))
+    seen, noise = (np.where(there[:, :, None], X, 0.0) for X in (C, noise))
     # what is missing has a noise of its own, and tells nothing
     noise = np.concatenate([noise, np.where(there[:, :, None], 0.0, np.eye(m))], axis=2)
     turned = np.swapaxes(W, 1, 2)
     upper = np.concatenate([turned @ np.swapaxes(seen, 1, 2), turned], axis=2)
-    lower = np.concatenate([np.swapaxes(noise, 1, 2), np.zeros((len(W), 2 * m, n))], axis=2)
+    lower = np.concatenate(
+        [np.swapaxes(noise, 1, 2), np.zeros((len(W), noise.shape[2], n))], axis=2
+    )
     whole: Array = np.concatenate([upper, lower], axis=1)
     triangle: Array = np.asarray(np.linalg.qr(whole, mode="r"))
     solved = solve_present(np.ones_like(there), triangle[:, :m, :m], triangle[:, :m, m:])
@@ -238,12 +473,27 @@ def _updated_root(C: Array, W: Array, R: Array, there: Mask) -> tuple[Array, Arr
 
 
 def updated(C: Array, P: Array, S: Array, R: Array, there: Mask) -> tuple[Array, Array, Array]:
-    """Return K, I - K C and P+ (filters, ., .) for what is there (filters, m) of a measurement."""
+    """Return K, I - K C and P+ (filters, ., .) for what is there (filters, m) of a measurement.
+
+    P, S and R may be one for all filters.
+    """
+    run, c = choose("kalman_updates", _updated), np.ascontiguousarray
+    P, S = (np.broadcast_to(X, (len(there), *X.shape[1:])) for X in (P, S))
+    *found, certain = run(c(C), c(P), c(S), c(R if R.ndim == 3 else R[None]), c(there))
+    if certain:
+        raise certain_innovation()
+    return found[0], found[1], found[2]
+
+
+def _updated(
+    C: Array, P: Array, S: Array, R: Array, there: Mask
+) -> tuple[Array, Array, Array, bool]:
+    """Return what `updated` does, and whether an innovation is certain; here that is an error."""
     gain = np.swapaxes(solve_present(there, S, C @ P), 1, 2)
     keep = np.eye(C.shape[1]) - gain @ C
     # Joseph's form stays symmetric and positive for any gain
     after = keep @ P @ np.swapaxes(keep, 1, 2) + gain @ R @ np.swapaxes(gain, 1, 2)
-    return gain, keep, after
+    return gain, keep, after, False
 
 
 def predictor_gain(model: ErrorModel) -> Array:

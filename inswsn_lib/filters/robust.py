@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from inswsn_lib.checks import Array, Mask, array, covariance, number, whole
-from inswsn_lib.filters.inputs import first_state, solve_present
+from inswsn_lib.filters.inputs import first_state, sandwiched, solve_present
 from inswsn_lib.filters.kalman import updated
 from inswsn_lib.models import ErrorModel
 
@@ -194,17 +194,17 @@ def run_robust(
     runs = y.shape[2]
     x = first_state(initial_state, n, runs).T
     P = np.tile(covariance("initial_covariance", initial_covariance, (n, n)), (runs, 1, 1))
-    step = policy(model.measurement_covariance, runs)
+    Q, step = model.process_covariance, policy(model.measurement_covariance, runs)
     estimates = np.empty((len(y), n, runs))
     for k, measured in enumerate(np.swapaxes(y, 1, 2)):
         if predicted:
             estimates[k] = x.T
         there, innovation = ~np.isnan(measured), measured - x @ model.C.T
-        prior = model.C @ P @ model.C.T
+        prior = sandwiched(model.C, P)
         R, used = step(innovation, prior, there)
         gain, _, P = updated(model.C, P, prior + R, R, used)
         x = x + (gain @ np.where(used, innovation, 0.0)[:, :, None])[:, :, 0]
         if not predicted:
             estimates[k] = x.T
-        x, P = x @ model.A.T, model.A @ P @ model.A.T + model.process_covariance
+        x, P = x @ model.A.T, sandwiched(model.A, P) + Q
     return estimates

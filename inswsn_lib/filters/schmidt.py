@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from inswsn_lib.checks import Array, array, covariance, whole
-from inswsn_lib.filters.inputs import present, times
+from inswsn_lib.checks import Array, covariance, whole
+from inswsn_lib.filters.inputs import measured, times
 from inswsn_lib.filters.kalman import updated
 from inswsn_lib.models import ErrorModel
 
@@ -66,8 +66,7 @@ def run_schmidt(
     """
     m, n = model.C.shape
     kept = n - whole("considered", considered, 0, n - 1)
-    y = array("measurements", measurements, ("steps", m, "runs"), gaps=True)
-    there, y = present(y)
+    there, y = measured(measurements, "steps", m, "runs")
     R, Q = model.measurement_covariance, model.process_covariance
     P = covariance("initial_covariance", initial_covariance, (n, n))[None]
     F, C = model.A[:kept, :kept], model.C[:, :kept]

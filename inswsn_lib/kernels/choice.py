@@ -19,7 +19,8 @@ def choose(name: str, plain: _Kernel) -> _Kernel:
     """Return what runs in place of `plain`: the function `name` of the kernel file of that name.
 
     It is plain numpy where numba is missing, or where ``INSWSN_PLAIN`` is set. Both take the same
-    arguments, give the same to rounding, and change none of their arguments.
+    arguments, give the same to rounding, and change none of their arguments but one named `out`,
+    which they fill: numpy gets large memory more quickly than numba.
     """
     if os.environ.get(PLAIN) or not _numba_is_there():
         return plain

@@ -137,7 +137,16 @@ class FilterMap:
             return kalman(self._areas(ground, size).assuming(ratio))
         return self._filters["kalman"]
 
+    @cached_property
+    def _as_it_is(self) -> TrainingAreas:
+        return self._changed()
+
     def _areas(self, ground: str, size: float) -> TrainingAreas:
+        if ground not in ("correlation", "outliers") or not size:
+            return self._as_it_is  # the scene itself is drawn once
+        return self._changed(ground, size)
+
+    def _changed(self, ground: str = "", size: float = 0.0) -> TrainingAreas:
         areas = self.contest.areas
         late = {"outlier": size / 100, "outlier_scale": _LATE} if ground == "outliers" else {}
         return replace(

@@ -15,7 +15,7 @@ from inswsn_lib.errors import Described, ParameterError
 from inswsn_lib.scenario import ANY, NOT_NEGATIVE, POSITIVE, Pair, between
 from inswsn_lib.simulation.disturbances import coloured
 from inswsn_lib.simulation.ins import InertialErrors, inertial_errors
-from inswsn_lib.simulation.multilateration import LEAST, multilaterate, position_covariance
+from inswsn_lib.simulation.multilateration import LEAST, multilaterate, position_covariances
 from inswsn_lib.simulation.network import Ranging, measure_ranges, node_grid, slope_errors
 from inswsn_lib.simulation.trajectory import Motion, Path
 
@@ -137,11 +137,13 @@ class ClusterScene:
         """
         out = np.full((len(self.clusters), len(self.motion.time), 2, 2), np.nan)
         for c in range(len(self.clusters)):
-            for k, position in enumerate(self.motion.position):
-                nodes = self.nodes[self.heard[k] & (self.labels == c)]
-                if len(nodes) >= LEAST and _spread_out(nodes):
-                    apart = nodes[(nodes != position).any(axis=1)]
-                    out[c, k] = position_covariance(apart, position, self.ranging.noise)
+            mine = self.nodes[self.labels == c]
+            heard = self.heard[:, self.labels == c]
+            kinds, which = np.unique(heard, axis=0, return_inverse=True)
+            fixed = np.array([k.sum() >= LEAST and _spread_out(mine[k]) for k in kinds])[which]
+            out[c, fixed] = position_covariances(
+                mine, heard[fixed], self.motion.position[fixed], self.ranging.noise
+            )
         return out
 
     @cached_property

@@ -7,8 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from inswsn_lib.checks import Array, array
+from inswsn_lib.checks import Array, Mask, array
 from inswsn_lib.errors import Described, ParameterError
+from inswsn_lib.kernels import choose
 
 #: Ranges that a fix takes
 LEAST = 3
@@ -76,29 +77,41 @@ def _places(
 
 def _multilaterated(nodes: Sequence[Array], ranges: Sequence[Array]) -> Array:
     """Return positions (2, places, runs); nodes that a place does not hear count as lost there."""
-    runs, most = ranges[0].shape[1], max(map(len, nodes))
-    heard, r, weight = np.zeros((most, 2, len(nodes), 1)), *np.zeros((2, most, len(nodes), runs))
-    position, fixed = np.empty((2, len(nodes), runs)), np.empty((len(nodes), runs), dtype=bool)
-    for place, (at, measured) in enumerate(zip(nodes, ranges, strict=True)):
-        there = ~np.isnan(measured)
-        lengths, used = np.where(there, measured, 0.0), there.astype(float)
-        centre, position[:, place] = _linear_start(at, lengths, used)
-        fixed[place] = (there.sum(axis=0) >= LEAST) & np.isfinite(centre).all(axis=0)
-        heard[: len(at), :, place, 0], r[: len(at), place] = at, lengths
-        weight[: len(at), place] = used
-    _descend(heard, r, weight, position)
-    position[:, ~fixed] = np.nan
+    places, runs, most = len(nodes), ranges[0].shape[1], max(map(len, nodes))
+    heard, measured = np.zeros((most, 2, places, 1)), np.full((most, places, runs), np.nan)
+    for place, (at, lengths) in enumerate(zip(nodes, ranges, strict=True)):
+        heard[: len(at), :, place, 0], measured[: len(at), place] = at, lengths
+    there = ~np.isnan(measured)
+    r, weight = np.where(there, measured, 0.0), there.astype(float)
+    centre, start = _linear_start(heard, r, weight)
+    limits = LEAST, _ITERATIONS, _DAMPING, _STUCK, _GRADIENT, _FLAT
+    position = choose("descend", _descend)(heard, r, weight, start, limits)
+    position[:, ~((there.sum(axis=0) >= LEAST) & np.isfinite(centre).all(axis=0))] = np.nan
     return position
 
 
-def _descend(nodes: Array, r: Array, weight: Array, position: Array) -> None:
-    """Take positions (2, places, runs) to where the cost is least, each place by itself."""
-    enough = weight.sum(axis=0) >= LEAST
-    left, here, damping = np.arange(position.shape[1]), position, np.zeros(position.shape[1:])
+def _descend(
+    nodes: Array, r: Array, weight: Array, start: Array, limits: tuple[float, ...]
+) -> Array:
+    """Return positions (2, places, runs) where the cost is least, each place by itself.
+
+    Parameters
+    ----------
+    nodes : ndarray, (most, 2, places, 1)
+    r, weight : ndarray, (most, places, runs)
+        Ranges, and whether they are there, 1 or 0.
+    start : ndarray, (2, places, runs)
+    limits : tuple
+        Fewest ranges, most iterations, the first damping and that which is stuck, the gradient of
+        what is settled, and how flat is too flat.
+    """
+    least, iterations, damp, stuck, small, _ = limits
+    enough, position = weight.sum(axis=0) >= least, start.copy()
+    left, here, damping = np.arange(start.shape[1]), start, np.zeros(start.shape[1:])
     distance, miss = _miss(nodes, r, weight, here)
     cost = (miss**2).sum(axis=0)
     _, step = _newton(nodes, weight, here, distance, miss, damping)
-    for _ in range(_ITERATIONS):
+    for _ in range(int(iterations)):
         tried = here + np.where(np.isfinite(step), step, 0.0)
         new_distance, new_miss = _miss(nodes, r, weight, tried)
         new_cost = (new_miss**2).sum(axis=0)
@@ -107,10 +120,10 @@ def _descend(nodes: Array, r: Array, weight: Array, position: Array) -> None:
         distance = np.where(better, new_distance, distance)
         miss = np.where(better, new_miss, miss)
         # a step that makes it worse is tried again, shorter
-        damping = np.where(better, damping / 10, np.clip(10 * damping, _DAMPING, 10 * _STUCK))
+        damping = np.where(better, damping / 10, np.clip(10 * damping, damp, 10 * stuck))
         gradient, step = _newton(nodes, weight, here, distance, miss, damping)
         # at a node the cost has a cusp: there no step, however short, makes it smaller
-        settled = (np.abs(gradient).max(axis=0) < _GRADIENT) | (damping > _STUCK)
+        settled = (np.abs(gradient).max(axis=0) < small) | (damping > stuck)
         on = ~(settled | ~enough).all(axis=1)
         if not on.all():
             position[:, left] = here
@@ -118,8 +131,9 @@ def _descend(nodes: Array, r: Array, weight: Array, position: Array) -> None:
             here, step, distance, miss = here[:, on], step[:, on], distance[:, on], miss[:, on]
             cost, damping, enough = cost[on], damping[on], enough[on]
         if not left.size:
-            return
+            return position
     position[:, left] = here
+    return position
 
 
 def _newton(
@@ -139,13 +153,12 @@ def _miss(nodes: Array, r: Array, weight: Array, position: Array) -> tuple[Array
 
 
 def _linear_start(nodes: Array, r: Array, weight: Array) -> tuple[Array, Array]:
-    """Solve |p - n_i|^2 = r_i^2 less its mean over i, which is linear in p."""
+    """Solve |p - n_i|^2 = r_i^2 less its mean over i, which is linear in p; (2, places, runs)."""
     count = np.maximum(weight.sum(axis=0), 1)
-    mean_node = nodes.T @ weight / count
-    square = (nodes**2).sum(axis=1)[:, None] - r**2
+    mean_node = (nodes * weight[:, None]).sum(axis=0) / count
+    square = (nodes**2).sum(axis=1) - r**2
     mean_square = (weight * square).sum(axis=0) / count
-    rows = nodes[:, :, None] - mean_node[None]
-    start = _solve_two(rows, weight, weight * (square - mean_square) / 2)
+    start = _solve_two(nodes - mean_node, weight, weight * (square - mean_square) / 2)
     return start, np.where(np.isfinite(start), start, mean_node)
 
 
@@ -187,12 +200,25 @@ def position_covariance(nodes: Array, position: Array, noise: float) -> Array:
     >>> position_covariance(nodes, np.zeros(2), noise=0.2).round(6).diagonal().tolist()
     [0.04, 0.04]
     """
-    away = position - nodes
-    distance = np.hypot(*away.T)[:, None]
-    if len(nodes) < 2 or not (distance > 0).all():
+    everywhere = np.ones((1, len(nodes)), dtype=bool)
+    if len(nodes) < 2 or not (nodes != position).any(axis=1).all():
         raise ParameterError("nodes", nodes.tolist(), "two or more, none at the position")
-    H = away / distance
-    information = H.T @ H
-    if np.linalg.det(information) < 1e-9 * np.trace(information) ** 2:
-        raise ParameterError("nodes", nodes.tolist(), "on more than one line with the position")
+    return position_covariances(nodes, everywhere, position[None], noise)[0]
+
+
+def position_covariances(nodes: Array, heard: Mask, positions: Array, noise: float) -> Array:
+    """Return `position_covariance` of many positions (places, 2) of nodes heard (places, nodes).
+
+    A node at the position counts for nothing.
+    """
+    away = positions[:, None] - nodes
+    distance = np.hypot(away[..., 0], away[..., 1])
+    counts = heard & (distance > 0)
+    H = np.where(counts[..., None], away / np.where(counts, distance, 1.0)[..., None], 0.0)
+    information = np.swapaxes(H, 1, 2) @ H
+    on_a_line = np.linalg.det(information) < 1e-9 * np.trace(information, axis1=1, axis2=2) ** 2
+    on_a_line |= counts.sum(axis=1) < 2
+    if on_a_line.any():
+        given = nodes[counts[on_a_line.argmax()]].tolist()
+        raise ParameterError("nodes", given, "on more than one line with the position")
     return np.asarray(noise**2 * np.linalg.inv(information))

@@ -87,10 +87,11 @@ def count_traffic(scene: ClusterScene) -> dict[str, Traffic]:
     centre = fixed.any(axis=0) * (1 + to_centre[gate])
     to_heads, packed, direct, ins, up = np.zeros((5, len(gate)))
     for c, head in enumerate(scene.heads):
-        heard = scene.heard & (scene.labels == c) & fixed[c, :, None]
-        to_heads += heard @ hops[:, head]
+        mine = np.flatnonzero(scene.labels == c)
+        heard = (scene.heard[:, mine] & fixed[c, :, None]).astype(float)
+        to_heads += heard @ hops[mine, head]
         packed += heard.sum(axis=1) * to_centre[head]
-        direct += heard @ to_centre
+        direct += heard @ to_centre[mine]
         ins += fixed[c] * (1 + hops[gate, head])
         up += fixed[c] * to_centre[head]
     ranges = to_heads + ins + centre + up, to_heads + _STATE * (ins + centre)

@@ -125,3 +125,9 @@ def test_bounds_are_those_of_the_normal_law() -> None:
 def test_bounds_that_cannot_be(arguments: tuple[Any, ...]) -> None:
     with pytest.raises(ParameterError, match=r"(count|degrees|probability) is"):
         mean_bounds(*arguments)
+
+
+def test_patterns_of_more_components_than_a_number_has_bits() -> None:
+    rng = np.random.default_rng(3)
+    e = np.where(rng.random((4, 70, 3)) < 0.5, np.nan, rng.normal(size=(4, 70, 3)))
+    assert normalised_squares(e, np.eye(70)) == pytest.approx(np.nansum(e**2, axis=1))

@@ -39,3 +39,17 @@ def test_what_a_seed_stands_for() -> None:
 def test_what_cannot_be_is_refused(runs: int, seed: int, first: int, said: str) -> None:
     with pytest.raises(ParameterError, match=f"^{said} is"):
         monte_carlo(draw, runs, seed, first=first)
+
+
+def test_what_is_kept_of_some_runs_at_a_time_is_that_of_all() -> None:
+    def largest(drawn: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+        sizes.append(drawn["x"].shape[1])
+        return {"x": drawn["x"].max(axis=0)}
+
+    sizes: list[int] = []
+    whole = monte_carlo(draw, 300, seed=5, first=GROUP)["x"].max(axis=0)
+    found = monte_carlo(draw, 300, seed=5, first=GROUP, keep=largest, at_once=2 * GROUP)
+    assert np.array_equal(found["x"], whole)
+    assert sizes == [128, 128, 44]
+    with pytest.raises(ParameterError, match=r"^at_once is"):
+        monte_carlo(draw, 300, seed=5, keep=largest, at_once=GROUP + 1)

@@ -21,6 +21,7 @@ from inswsn_lib.filters import (
     predictor_gain,
     run_kalman,
     steady_error,
+    stream_kalman,
 )
 from inswsn_lib.models import ErrorModel
 
@@ -252,3 +253,59 @@ def test_square_roots_are_the_same_filter(monkeypatch: pytest.MonkeyPatch) -> No
     plain = run_kalman(model, y, **told)
     monkeypatch.setattr(kalman, "_FAR", 0.0)
     assert run_kalman(model, y, **told) == pytest.approx(plain, rel=1e-9, abs=1e-12)
+
+
+@pytest.mark.parametrize("predicted", [False, True])
+@pytest.mark.parametrize("gaps", ["none", "shared", "own", "own at last"])
+@pytest.mark.parametrize("size", [1.0, 1e9])
+def test_pieces_of_a_record_give_what_the_whole_gives(
+    gaps: str, size: float, predicted: bool
+) -> None:
+    """Also where a part of it is complete, and another has gaps in some runs alone."""
+    rng = np.random.default_rng(8)
+    y = rng.normal(size=(60, 4, 5))
+    if gaps == "shared":
+        y[rng.random((60, 4)) < 0.3] = np.nan
+    elif gaps != "none":
+        y[rng.random((60, 4, 5)) < 0.3] = np.nan
+        if gaps == "own at last":
+            y[:40] = rng.normal(size=(40, 4, 5))
+            y[17:20] = np.nan
+    options = {"initial_covariance": size * np.eye(4), "initial_state": rng.normal(size=(4, 5))}
+    pieces = (y[first:last] for first, last in ((0, 1), (1, 1), (1, 19), (19, 45), (45, 60)))
+    found = list(stream_kalman(MODEL, pieces, predicted=predicted, **options))
+    whole = run_kalman(MODEL, y, predicted=predicted, **options)
+    assert np.concatenate(found) == pytest.approx(whole, rel=1e-9, abs=1e-9)
+
+
+def test_pieces_of_other_runs_are_refused() -> None:
+    pieces = stream_kalman(
+        MODEL, [np.ones((2, 4, 3)), np.ones((2, 4, 2))], initial_covariance=np.eye(4)
+    )
+    next(pieces)
+    with pytest.raises(ParameterError, match="measurements is of shape"):
+        next(pieces)
+
+
+def test_states_that_have_nothing_to_do_with_one_another_are_filtered_apart() -> None:
+    """Two axes and a constant that nobody measures, in any order, are three filters."""
+    rng = np.random.default_rng(4)
+    order = np.array([2, 0, 4, 3, 1])
+    A, B = np.eye(5), np.diag([0.1, 0.2, 0.1, 0.2, 0.0])
+    A[0, 1] = A[2, 3] = 0.2
+    C = np.eye(5)[[0, 2, 1]]
+    plain = ErrorModel(A=A, B=B, C=C, D=np.eye(3), period=0.2)
+    mixed = ErrorModel(
+        A=A[np.ix_(order, order)], B=B[order], C=C[:, order], D=np.eye(3), period=0.2
+    )
+    y = np.where(rng.random((30, 3, 40)) < 0.3, np.nan, rng.normal(size=(30, 3, 40)))
+    noise = kalman._Noise.of(mixed, None, None)
+    parts = kalman._parts(kalman._Covariances.start(mixed, np.eye(5)), noise)
+    assert sorted((len(states), len(outputs)) for states, outputs in parts) == [
+        (1, 0),
+        (2, 1),
+        (2, 2),
+    ]
+    found = run_kalman(mixed, y, initial_covariance=np.eye(5))
+    one = np.eye(5) + 1e-30 * np.ones((5, 5))  # ties them all
+    assert found == pytest.approx(run_kalman(plain, y, initial_covariance=one)[:, order], abs=1e-9)
