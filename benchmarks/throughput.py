@@ -1,23 +1,13 @@
 """Speed as ratios, against peers on the same work in the same run: `make bench`.
 
-<<<<<<< HEAD
-Monte Carlo of a Kalman filter on P1's model, 100 steps, is run by this library, by simdkalman, and
-by filterpy in a loop over the runs; and it is held against drawing the random numbers that such a
-study needs. A design of the H-infinity filter, with its certificate, is held against the time that
-the solver itself reports. An LS-SVM is held against the solvers of numpy and scikit-learn and
-against the floating-point operations that its Cholesky factor takes, and its selection against a
-grid search. Each figure is the best of several repetitions; each peer's answer is compared with
-ours first. The ratios go to data/benchmarks.yaml, from which the book takes its table.
-=======
 Monte Carlo of a Kalman filter on P1's model is run by this library and by others (`peers`), by
 filterpy in a loop over the runs; and it is held against a copy of its data in memory, and against
 drawing the random numbers that such a study needs. Peers that are not installed are left out.
-A design of the H-infinity filter is held against the time that the solver itself reports. An LS-SVM
-is held against the solvers of numpy and scikit-learn and against the floating-point operations that
-its Cholesky factor takes, and its selection against a grid search.
+A design of the H-infinity filter, with its certificate, is held against the time that the solver
+itself reports. An LS-SVM is held against the solvers of numpy and scikit-learn and against the
+floating-point operations that its Cholesky factor takes, and its selection against a grid search.
 Each figure is the best of several repetitions; each peer's answer is compared with ours
 first. The ratios go to data/benchmarks.yaml, from which the book takes its table.
->>>>>>> a4e46ae0d1d3d6027d8dea9b192600097780526f
 """
 
 from __future__ import annotations

@@ -11,7 +11,6 @@ Vectors are tuples of three numbers, east, north, up, and rotations of nine, row
 stay in registers. The error is kept as the last column of P, since what carries and corrects the
 one does so with the other.
 """
-# ruff: noqa: PLR0912, PLR0915 (what is one line in numpy is a loop or three here)
 
 from __future__ import annotations
 

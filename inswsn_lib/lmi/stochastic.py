@@ -9,9 +9,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
 from itertools import islice
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import lapack
 
 from inswsn_lib.checks import Array, array, matrices, number, whole
@@ -291,7 +292,7 @@ def _symmetric(n: int) -> Array:
     return basis.reshape(n * n, -1)
 
 
-def _matrix(coordinates: Array) -> Array:
+def _matrix(coordinates: NDArray[Any]) -> Array:
     """Return a symmetric matrix from its coordinates in that basis."""
     n = int((2 * len(coordinates)) ** 0.5)
     return np.asarray((_symmetric(n) @ coordinates).reshape(n, n))

@@ -203,7 +203,8 @@ def position_covariance(nodes: Array, position: Array, noise: float) -> Array:
     everywhere = np.ones((1, len(nodes)), dtype=bool)
     if len(nodes) < 2 or not (nodes != position).any(axis=1).all():
         raise ParameterError("nodes", nodes.tolist(), "two or more, none at the position")
-    return position_covariances(nodes, everywhere, position[None], noise)[0]
+    found: Array = position_covariances(nodes, everywhere, position[None], noise)[0]
+    return found
 
 
 def position_covariances(nodes: Array, heard: Mask, positions: Array, noise: float) -> Array:

@@ -325,7 +325,8 @@ def test_other_prose_is_woven_around_what_the_cells_gave(mini: MiniProject) -> N
     for request in (PLAIN, Request("00", {"scale": 3.0})):
         first = run(mini, request, Quiet())
         text = mini.source.read_text()
-        mini.source.write_text(text.replace("The number is", "+++\n\nA word.\n\n+++\n\nIt is"))
+        recording = "```{code-cell} ipython3\nfrom inswsn_book"
+        mini.source.write_text(text.replace(recording, f"+++\n\nA word.\n\n+++\n\n{recording}"))
         found, anew = lookup(mini, request), run(mini, request, Quiet(), fresh=True)
         assert found is not None
         assert found.notebook == anew.notebook != first.notebook
