@@ -29,6 +29,7 @@ _CODE = re.compile(r"<pre>(.*?)</pre>", re.DOTALL)
 _HEADINGS = ["h1", "h2", "h3", "h4", "h5", "h6"]
 # What a browser fetches by itself when it opens a page, as opposed to what a reader may follow.
 _FETCHED = {"img": "src", "script": "src", "link": "href", "source": "src", "iframe": "src"}
+_VERSION = re.compile(r"(?<=\.css)\?v=[0-9a-f]+|(?<=\.js)\?v=[0-9a-f]+")
 _FOREIGN_STYLE = re.compile(r"url\(\s*['\"]?(https?:)?//|@import\s+['\"](https?:)?//")
 
 
@@ -76,7 +77,8 @@ def _rewritten(pages: Sequence[Path]) -> list[_Facts]:
 
 def _rewrite(path: Path) -> _Facts:
     """Rewrite a page; return what a link may name in it, its links, and what is wrong in it."""
-    page, soup = improve(path.read_text(encoding="utf-8"))
+    # Sphinx adds the digest of a file that happens to lie there already
+    page, soup = improve(_VERSION.sub("", path.read_text(encoding="utf-8")))
     path.write_text(page, encoding="utf-8", newline="\n")
     tags = soup.find_all()
     names = {str(tag[key]) for key in ("id", "name") for tag in tags if tag.has_attr(key)}

@@ -80,13 +80,15 @@ def woven(source: Any, executed: Any) -> tuple[Any, dict[str, str]]:
 
 
 def strip_run(notebook: Any) -> Any:
-    """Remove what differs from one execution to the next: times, paths, counters."""
+    """Remove what differs from one execution to the next: times, paths, counters, a drawn id."""
     notebook.metadata.pop("papermill", None)
     notebook.metadata.pop("widgets", None)
     notebook.metadata["language_info"] = {"name": "python"}
     for cell in notebook.cells:
         for key in ("papermill", "execution"):
             cell.metadata.pop(key, None)
+        if "injected-parameters" in cell.metadata.get("tags", []):
+            cell["id"] = "injected-parameters"  # papermill draws one
     return notebook
 
 

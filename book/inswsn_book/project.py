@@ -8,6 +8,7 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
+from threading import Lock
 from typing import Any
 
 from filelock import FileLock, Timeout
@@ -87,6 +88,7 @@ class Project:
         self.libraries = Path(inswsn_lib.__file__).parent, Path(__file__).parent
         self.memory = Memory(self.build / "memory")  # of what has been read of code
         self._imports: tuple[object, Imports] | None = None
+        self.parsing = Lock()  # Python 3.11 must not make two syntax trees at the same time
 
     def about(self) -> dict[str, Any]:
         """Return what ``CITATION.cff`` says, and ``names`` of its authors, family names first."""
@@ -107,9 +109,10 @@ class Project:
         """Return what the modules of both packages take from one another, as they are now."""
         paths = [path for folder in self.libraries for path in code_files(folder)]
         now = [(p, p.stat().st_mtime_ns, p.stat().st_size) for p in paths]
-        if self._imports is None or self._imports[0] != now:
-            self._imports = now, Imports(self.libraries, self.memory)
-        return self._imports[1]
+        with self.parsing:
+            if self._imports is None or self._imports[0] != now:
+                self._imports = now, Imports(self.libraries, self.memory)
+            return self._imports[1]
 
     def computing_digest(self) -> str:
         """Return the digest of all code of both packages that a chapter may compute with."""

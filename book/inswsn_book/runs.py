@@ -139,7 +139,9 @@ def code_of(project: Project, source: str, name: str) -> tuple[str, frozenset[st
     The modules are those of both packages, and what executes chapters.
     """
     imports = project.imports()
-    code, named = project.memory.of(f"cells {files.text_digest(source)}", _cells, source, name)
+    key = f"cells {files.text_digest(source)}"
+    with project.parsing:
+        code, named = project.memory.of(key, _cells, source, name)
     modules = frozenset(imports.needs(Named(*named))) if named else imports.modules
     modules |= imports.modules & {*EXECUTING}
     return code, modules, imports.digest(modules)

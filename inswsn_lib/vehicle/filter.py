@@ -280,9 +280,12 @@ def _advance(
         raise ParameterError("gps_time", settings.gps_time, f"{drive.interval} or more")
     begun = state.corrected() if feedback else state
     parts = [np.ascontiguousarray(getattr(begun, f.name), dtype=float) for f in fields(begun)]
+    # of one layout, since numba compiles each anew, and rounds otherwise
+    increments = (np.ascontiguousarray(values) for values in drive.increments)
+    told, which, begin = map(np.ascontiguousarray, (drive.measurements, which, begin))
     states, first, innovations, covariances = choose("vehicle_filter", _epochs)(
-        tuple(parts), *drive.increments, drive.period,
-        substep_edges(drive.samples_per_epoch, settings.substeps), drive.measurements,
+        tuple(parts), *increments, drive.period,
+        substep_edges(drive.samples_per_epoch, settings.substeps), told,
         which, begin, heard, sensed, settings.numbers, settings.columns, feedback,
     )  # fmt: skip
     return VehicleRun(

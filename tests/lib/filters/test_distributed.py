@@ -192,7 +192,8 @@ def test_weights_by_design_for_each_pattern(monkeypatch: pytest.MonkeyPatch) -> 
         expected = np.array(shares)[:, None, None] * np.eye(4)
         assert found[pattern] == pytest.approx(expected)
     handover_weights(designs, [ALL])
-    assert asked[-1][1:] == ("common", "full", {"margin": 0.01, "solver": "clarabel"})
+    solvers = ("structured", "clarabel")
+    assert asked[-1][1:] == ("common", "full", {"margin": 0.01, "solver": solvers})
     with pytest.raises(ParameterError, match="patterns"):
         handover_weights(designs, [(True, False)])
 
