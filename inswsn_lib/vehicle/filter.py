@@ -281,10 +281,11 @@ def _advance(
     begun = state.corrected() if feedback else state
     parts = [np.ascontiguousarray(getattr(begun, f.name), dtype=float) for f in fields(begun)]
     # of one layout, since numba compiles each anew, and rounds otherwise
-    increments = (np.ascontiguousarray(values) for values in drive.increments)
-    told, which, begin = map(np.ascontiguousarray, (drive.measurements, which, begin))
+    turns, pushes = map(np.ascontiguousarray, drive.increments)
+    told = np.ascontiguousarray(drive.measurements)
+    which, begin = np.ascontiguousarray(which), np.ascontiguousarray(begin)
     states, first, innovations, covariances = choose("vehicle_filter", _epochs)(
-        tuple(parts), *increments, drive.period,
+        tuple(parts), turns, pushes, drive.period,
         substep_edges(drive.samples_per_epoch, settings.substeps), told,
         which, begin, heard, sensed, settings.numbers, settings.columns, feedback,
     )  # fmt: skip
