@@ -16,17 +16,18 @@ from sklearn.base import clone
 
 from inswsn_lib.checks import Array, number, one_of, whole
 from inswsn_lib.errors import Described, ParameterError
+from inswsn_lib.kernels import choose
 from inswsn_lib.learning.base import Regressor, Scale, Scaling
 
 Trainer = Literal["levenberg-marquardt", "gradient-descent", "l-bfgs"]
 #: The next weights and state of networks, and which of them are done
 _Stepped = tuple[torch.Tensor, torch.Tensor, torch.Tensor]
 
-# Of Levenberg and Marquardt's method: first damping, its factor after a failed and after a good
-# step, and the damping at which a network is done; as in MATLAB's trainlm.
-_DAMPING, _WORSE, _BETTER, _DONE = 1e-3, 10.0, 0.1, 1e10
-_LEAST = 1e-20  # so that a damping that has fallen can rise again
 _FLAT = 1e-7  # largest entry of a gradient at which a network is done
+# Of Levenberg and Marquardt's method: first damping, its factor after a failed and after a good
+# step, and the damping at which a network is done, as in MATLAB's trainlm; the least damping, so
+# that one that has fallen can rise again.
+_RULES = (1e-3, 10.0, 0.1, 1e10, 1e-20, _FLAT)
 
 
 @dataclass(eq=False, repr=False)
@@ -227,6 +228,16 @@ class _Work:
     trains: torch.Tensor  # (networks, samples), bool
     decay: float
 
+    @classmethod
+    def on(
+        cls, X: Array, Y: Array, trains: NDArray[np.bool_], weights: Array, decay: float
+    ) -> _Work:
+        """Return the work on arrays; the neurons are counted from the weights."""
+        inputs, outputs = X.shape[2], Y.shape[2]
+        hidden = (weights.shape[1] - outputs) // (inputs + 1 + outputs)
+        layers, tensor = _Layers(inputs, hidden, outputs), torch.from_numpy
+        return cls(layers, tensor(X), tensor(Y), tensor(trains), decay)
+
     def of(self, which: torch.Tensor) -> _Work:
         """Return the work of some of the networks."""
         return replace(self, X=self.X[which], Y=self.Y[which], trains=self.trains[which])
@@ -260,21 +271,21 @@ def _train(copies: Sequence[BackpropRegressor], samples: Sequence[tuple[Array, A
     """Train estimators that differ in their random state alone, each on its own samples."""
     first = copies[0]
     drawn = [copy._prepare(X, Y) for copy, (X, Y) in zip(copies, samples, strict=True)]
-    X, Y, start, trains = (
-        torch.from_numpy(np.concatenate(parts)) for parts in zip(*drawn, strict=True)
-    )
-    work = _Work(first._layers, X, Y, trains, first.weight_decay)
-    limits = first.epochs, first.patience
+    X, Y, start, trains = (np.concatenate(parts) for parts in zip(*drawn, strict=True))
+    decay, epochs, patience = float(first.weight_decay), int(first.epochs), int(first.patience)
+    work, weights = _Work.on(X, Y, trains, start, decay), torch.from_numpy(start)
     with _one_thread():
         if first.trainer == "l-bfgs":
-            weights, steps = _l_bfgs(work, start, first.epochs)
+            weights, steps = _l_bfgs(work, weights, epochs)
         elif first.trainer == "gradient-descent":
             descend = partial(_descend, first.learning_rate, first.momentum)
-            weights, steps = _repeat(descend, work, start, torch.zeros_like(start), *limits)
+            still = torch.zeros_like(weights)
+            weights, steps = _repeat(descend, work, weights, still, epochs, patience)
         else:
-            damping = torch.full_like(start[:, 0], _DAMPING)
-            weights, steps = _repeat(_levenberg_marquardt, work, start, damping, *limits)
-        losses = work.errors(weights, trains)
+            train = choose("levenberg_marquardt", _levenberg_marquardt)
+            found = train(X, Y, trains, start, decay, epochs, patience, _RULES)
+            weights, steps = map(torch.from_numpy, found)
+        losses = work.errors(weights, work.trains)
     for i, copy in enumerate(copies):
         own = slice(i * first.networks, (i + 1) * first.networks)
         copy.weights_, copy.losses_ = weights[own].numpy(), losses[own].numpy()
@@ -322,26 +333,48 @@ def _descend(
     return weights + speed, speed, gradient.abs().amax(dim=-1) < _FLAT
 
 
-def _levenberg_marquardt(work: _Work, weights: torch.Tensor, damping: torch.Tensor) -> _Stepped:
+def _levenberg_marquardt(
+    X: Array,
+    Y: Array,
+    trains: NDArray[np.bool_],
+    weights: Array,
+    decay: float,
+    epochs: int,
+    patience: int,
+    rules: tuple[float, ...],
+) -> tuple[Array, NDArray[np.int64]]:
+    """Return the best weights and the steps of networks (networks, samples, ...) by `_RULES`."""
+    work, start = _Work.on(X, Y, trains, weights, decay), torch.from_numpy(weights)
+    damping = torch.full_like(start[:, 0], rules[0])
+    step = partial(_damped_step, rules)
+    best, steps = _repeat(step, work, start, damping, epochs, patience)
+    return best.numpy(), steps.numpy()
+
+
+def _damped_step(
+    rules: tuple[float, ...], work: _Work, weights: torch.Tensor, damping: torch.Tensor
+) -> _Stepped:
     """Make a damped Gauss-Newton step, each network with its own damping, which lowers its loss."""
+    _, worse, good, most, least, flat = rules
     normal, slope = _normal_equations(work, weights)
     unit = torch.eye(normal.shape[-1], dtype=normal.dtype)
-    done = slope.abs().amax(dim=-1) < _FLAT
+    done = slope.abs().amax(dim=-1) < flat
     moved, damping, before = weights.clone(), damping.clone(), work.losses(weights)
     left = torch.arange(len(weights))  # networks that look for a step that lowers their loss
     while len(left):
-        factor, _ = torch.linalg.cholesky_ex(normal + damping[left, None, None] * unit)
+        now = damping[left]
+        factor, lacking = torch.linalg.cholesky_ex(normal + now[:, None, None] * unit)
         tried = weights - torch.cholesky_solve(slope.unsqueeze(-1), factor).squeeze(-1)
-        better = work.losses(tried) < before  # not so for what is not a number
+        # not so for what is not a number
+        better = (work.losses(tried) < before) & (lacking == 0)
         moved[left[better]] = tried[better]
-        factors = torch.where(better, _BETTER, _WORSE)
-        damping[left] = (damping[left] * factors).clamp(min=_LEAST)
-        again = ~better & (damping[left] <= _DONE)
+        now = torch.where(better, good * now, worse * now).clamp(min=least)
+        damping[left], again = now, ~better & (now <= most)
         work = work.of(again)
         normal, slope, weights, before, left = (
             x[again] for x in (normal, slope, weights, before, left)
         )
-    return moved, damping, done | (damping > _DONE)
+    return moved, damping, done | (damping > most)
 
 
 def _normal_equations(work: _Work, weights: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
