@@ -6,13 +6,12 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Literal, NamedTuple, Self
+from typing import Any, Literal, NamedTuple, Self
 
 import numpy as np
 import torch
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import minimize
-from sklearn.base import clone
 
 from inswsn_lib.checks import Array, number, one_of, whole
 from inswsn_lib.errors import Described, ParameterError
@@ -126,7 +125,7 @@ class BackpropRegressor(Regressor):
         if not len(Xs) == len(ys) == len(numbers):
             told = Described(f"{len(Xs)}, {len(ys)} and {len(numbers)}")
             raise ParameterError("how many Xs, ys and numbers there are", told, "one number")
-        copies = [clone(self).set_params(random_state=self.random_state + i) for i in numbers]
+        copies = [replace(self, random_state=self.random_state + i) for i in numbers]
         samples = [copy._samples(X, y) for copy, X, y in zip(copies, Xs, ys, strict=True)]
         shapes = {(X.shape, Y.shape) for X, Y in samples}
         if len(shapes) > 1:
@@ -148,9 +147,7 @@ class BackpropRegressor(Regressor):
 
     def _outputs(self, X: Array) -> Array:
         """Return the outputs of every network, (networks, n, outputs)."""
-        with _one_thread():
-            scaled = torch.from_numpy(self._X_scale.transform(X))
-            out = self._layers.forward(torch.from_numpy(self.weights_), scaled).numpy()
+        out = self._layers.forward(self.weights_, self._X_scale.transform(X), np.tanh)
         return self._Y_scale.inverse_transform(out)
 
     def _prepare(self, X: Array, Y: Array) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
@@ -205,17 +202,20 @@ class _Layers(NamedTuple):
         b1 = size * spread * np.sign(directions[:, 0]) - W1 @ ((low + high) / 2)
         return np.concatenate([W1.ravel(), b1, rng.uniform(-1, 1, self.outputs * (h + 1))])
 
-    def parts(self, weights: torch.Tensor) -> list[torch.Tensor]:
+    def parts(self, weights: Any) -> tuple[Any, Any, Any, Any]:
         """Return W1, b1, W2 and b2 of each network."""
         d, h, o = self
-        W1, b1, W2, b2 = torch.split(weights, [h * d, h, o * h, o], dim=-1)
-        return [W1.reshape(-1, h, d), b1, W2.reshape(-1, o, h), b2]
+        a, b, c = h * d, h * (d + 1), h * (d + 1 + o)
+        W1, W2 = weights[:, :a].reshape(-1, h, d), weights[:, b:c].reshape(-1, o, h)
+        return W1, weights[:, a:b], W2, weights[:, c:]
 
-    def forward(self, weights: torch.Tensor, X: torch.Tensor) -> torch.Tensor:
-        """Return the outputs, (networks, samples, outputs), for weights (networks, parameters)."""
+    def forward(self, weights: Any, X: Any, tanh: Callable[[Any], Any] = torch.tanh) -> Any:
+        """Return the outputs, (networks, samples, outputs), for weights (networks, parameters).
+
+        All are tensors, or with numpy's tanh arrays.
+        """
         W1, b1, W2, b2 = self.parts(weights)
-        bent = torch.tanh(X @ W1.mT + b1.unsqueeze(-2))
-        return bent @ W2.mT + b2.unsqueeze(-2)
+        return tanh(X @ W1.mT + b1[:, None]) @ W2.mT + b2[:, None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -244,8 +244,8 @@ class _Work:
 
     def errors(self, weights: torch.Tensor, mask: torch.Tensor) -> torch.Tensor:
         """Return the mean squared error of each network over the samples of its mask."""
-        squares = (self.layers.forward(weights, self.X) - self.Y).square().mean(dim=-1)
-        return (squares * mask).sum(dim=-1) / mask.sum(dim=-1)
+        misses: torch.Tensor = self.layers.forward(weights, self.X) - self.Y
+        return (misses.square().mean(dim=-1) * mask).sum(dim=-1) / mask.sum(dim=-1)
 
     @property
     def validated(self) -> bool:
