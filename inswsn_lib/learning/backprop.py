@@ -242,29 +242,36 @@ class _Work:
         """Return the work of some of the networks."""
         return replace(self, X=self.X[which], Y=self.Y[which], trains=self.trains[which])
 
-    def errors(self, weights: torch.Tensor, mask: torch.Tensor) -> torch.Tensor:
-        """Return the mean squared error of each network over the samples of its mask."""
+    def squares(self, weights: torch.Tensor) -> torch.Tensor:
+        """Return the squared errors, mean over the outputs, (networks, samples)."""
         misses: torch.Tensor = self.layers.forward(weights, self.X) - self.Y
-        return (misses.square().mean(dim=-1) * mask).sum(dim=-1) / mask.sum(dim=-1)
+        return misses.square().mean(dim=-1)
 
     @property
     def validated(self) -> bool:
         """Whether samples are held back."""
         return not bool(self.trains.all())
 
-    def watched(self, weights: torch.Tensor) -> torch.Tensor:
+    def watched(self, weights: torch.Tensor, squares: torch.Tensor) -> torch.Tensor:
         """Return what tells the best weights: the error on the samples held back, or the loss."""
-        return self.errors(weights, ~self.trains) if self.validated else self.losses(weights)
+        if self.validated:
+            return _mean(squares, ~self.trains).detach()
+        return self.losses(weights, squares).detach()
 
-    def losses(self, weights: torch.Tensor) -> torch.Tensor:
+    def losses(self, weights: torch.Tensor, squares: torch.Tensor) -> torch.Tensor:
         """Return what each network minimises."""
-        return self.errors(weights, self.trains) + self.decay * weights.square().sum(dim=-1)
+        return _mean(squares, self.trains) + self.decay * weights.square().sum(dim=-1)
 
-    def gradients(self, weights: torch.Tensor) -> torch.Tensor:
-        moving = weights.detach().requires_grad_()
+    def gradients(self, weights: torch.Tensor, squares: torch.Tensor) -> torch.Tensor:
+        """Return the gradient of each network's loss in weights that it has been traced from."""
         # networks do not share weights, so the gradient of the sum is that of each
-        (gradient,) = torch.autograd.grad(self.losses(moving).sum(), moving)
+        (gradient,) = torch.autograd.grad(self.losses(weights, squares).sum(), weights)
         return gradient
+
+
+def _mean(squares: torch.Tensor, mask: torch.Tensor) -> torch.Tensor:
+    """Return the mean over the samples of a mask, (networks,)."""
+    return (squares * mask).sum(dim=-1) / mask.sum(dim=-1)
 
 
 def _train(copies: Sequence[BackpropRegressor], samples: Sequence[tuple[Array, Array]]) -> None:
@@ -279,13 +286,13 @@ def _train(copies: Sequence[BackpropRegressor], samples: Sequence[tuple[Array, A
             weights, steps = _l_bfgs(work, weights, epochs)
         elif first.trainer == "gradient-descent":
             descend = partial(_descend, first.learning_rate, first.momentum)
-            still = torch.zeros_like(weights)
-            weights, steps = _repeat(descend, work, weights, still, epochs, patience)
+            moving, still = weights.clone().requires_grad_(), torch.zeros_like(weights)
+            weights, steps = _repeat(descend, work, moving, still, epochs, patience)
         else:
             train = choose("levenberg_marquardt", _levenberg_marquardt)
             found = train(X, Y, trains, start, decay, epochs, patience, _RULES)
             weights, steps = map(torch.from_numpy, found)
-        losses = work.errors(weights, work.trains)
+        losses = _mean(work.squares(weights), work.trains)
     for i, copy in enumerate(copies):
         own = slice(i * first.networks, (i + 1) * first.networks)
         copy.weights_, copy.losses_ = weights[own].numpy(), losses[own].numpy()
@@ -301,16 +308,18 @@ def _repeat(
     patience: int,
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """Step all networks until each is done; return the best weights and the steps of each."""
-    best, least = weights.clone(), work.watched(weights)
+    squares = work.squares(weights)  # once a step, for what is watched and for the next step
+    best, least = weights.detach().clone(), work.watched(weights, squares)
     steps, failures = torch.zeros(len(weights), dtype=torch.int64), torch.zeros(len(weights))
     going = torch.arange(len(weights))  # which networks are not done
     for _ in range(epochs):
-        weights, state, done = step(work, weights, state)
+        weights, state, done = step(work, weights, squares, state)
         steps[going] += 1
-        now = work.watched(weights)
+        squares = work.squares(weights)
+        now = work.watched(weights, squares)
         sound = torch.isfinite(weights).all(dim=-1)
         progress = sound & (now < least)
-        best[going[progress]] = weights[progress]
+        best[going[progress]] = weights[progress].detach()
         least = torch.where(progress, now, least)
         failures = torch.where(progress, 0, failures + 1)
         left = sound & ~done
@@ -321,16 +330,23 @@ def _repeat(
         if not left.all():
             work, going = work.of(left), going[left]
             weights, state, least, failures = (x[left] for x in (weights, state, least, failures))
+            squares = work.squares(weights)
     return best, steps
 
 
 def _descend(
-    rate: float, momentum: float, work: _Work, weights: torch.Tensor, speed: torch.Tensor
+    rate: float,
+    momentum: float,
+    work: _Work,
+    weights: torch.Tensor,
+    squares: torch.Tensor,
+    speed: torch.Tensor,
 ) -> _Stepped:
     """Step against the gradient, with momentum."""
-    gradient = work.gradients(weights)
+    gradient = work.gradients(weights, squares)
     speed = momentum * speed - rate * gradient
-    return weights + speed, speed, gradient.abs().amax(dim=-1) < _FLAT
+    moved = (weights.detach() + speed).requires_grad_()
+    return moved, speed, gradient.abs().amax(dim=-1) < _FLAT
 
 
 def _levenberg_marquardt(
@@ -352,21 +368,25 @@ def _levenberg_marquardt(
 
 
 def _damped_step(
-    rules: tuple[float, ...], work: _Work, weights: torch.Tensor, damping: torch.Tensor
+    rules: tuple[float, ...],
+    work: _Work,
+    weights: torch.Tensor,
+    squares: torch.Tensor,
+    damping: torch.Tensor,
 ) -> _Stepped:
     """Make a damped Gauss-Newton step, each network with its own damping, which lowers its loss."""
     _, worse, good, most, least, flat = rules
     normal, slope = _normal_equations(work, weights)
     unit = torch.eye(normal.shape[-1], dtype=normal.dtype)
     done = slope.abs().amax(dim=-1) < flat
-    moved, damping, before = weights.clone(), damping.clone(), work.losses(weights)
+    moved, damping, before = weights.clone(), damping.clone(), work.losses(weights, squares)
     left = torch.arange(len(weights))  # networks that look for a step that lowers their loss
     while len(left):
         now = damping[left]
         factor, lacking = torch.linalg.cholesky_ex(normal + now[:, None, None] * unit)
         tried = weights - torch.cholesky_solve(slope.unsqueeze(-1), factor).squeeze(-1)
         # not so for what is not a number
-        better = (work.losses(tried) < before) & (lacking == 0)
+        better = (work.losses(tried, work.squares(tried)) < before) & (lacking == 0)
         moved[left[better]] = tried[better]
         now = torch.where(better, good * now, worse * now).clamp(min=least)
         damping[left], again = now, ~better & (now <= most)
@@ -423,8 +443,10 @@ def _l_bfgs(work: _Work, start: torch.Tensor, epochs: int) -> tuple[torch.Tensor
         alone = work.of(torch.tensor([i]))
 
         def loss(flat: Array, alone: _Work = alone) -> tuple[float, Array]:
-            weights = torch.from_numpy(flat[None].copy())
-            return float(alone.losses(weights)), alone.gradients(weights)[0].numpy()
+            weights = torch.from_numpy(flat[None].copy()).requires_grad_()
+            squares = alone.squares(weights)
+            value = float(alone.losses(weights, squares).detach())
+            return value, alone.gradients(weights, squares)[0].numpy()
 
         result = minimize(
             loss, first.numpy(), jac=True, method="L-BFGS-B",
