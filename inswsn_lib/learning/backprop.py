@@ -6,27 +6,27 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Literal, NamedTuple, Self
+from typing import Any, Literal, NamedTuple, Self
 
 import numpy as np
 import torch
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import minimize
-from sklearn.base import clone
 
 from inswsn_lib.checks import Array, number, one_of, whole
 from inswsn_lib.errors import Described, ParameterError
+from inswsn_lib.kernels import choose
 from inswsn_lib.learning.base import Regressor, Scale, Scaling
 
 Trainer = Literal["levenberg-marquardt", "gradient-descent", "l-bfgs"]
 #: The next weights and state of networks, and which of them are done
 _Stepped = tuple[torch.Tensor, torch.Tensor, torch.Tensor]
 
-# Of Levenberg and Marquardt's method: first damping, its factor after a failed and after a good
-# step, and the damping at which a network is done; as in MATLAB's trainlm.
-_DAMPING, _WORSE, _BETTER, _DONE = 1e-3, 10.0, 0.1, 1e10
-_LEAST = 1e-20  # so that a damping that has fallen can rise again
 _FLAT = 1e-7  # largest entry of a gradient at which a network is done
+# Of Levenberg and Marquardt's method: first damping, its factor after a failed and after a good
+# step, and the damping at which a network is done, as in MATLAB's trainlm; the least damping, so
+# that one that has fallen can rise again.
+_RULES = (1e-3, 10.0, 0.1, 1e10, 1e-20, _FLAT)
 
 
 @dataclass(eq=False, repr=False)
@@ -125,7 +125,7 @@ class BackpropRegressor(Regressor):
         if not len(Xs) == len(ys) == len(numbers):
             told = Described(f"{len(Xs)}, {len(ys)} and {len(numbers)}")
             raise ParameterError("how many Xs, ys and numbers there are", told, "one number")
-        copies = [clone(self).set_params(random_state=self.random_state + i) for i in numbers]
+        copies = [replace(self, random_state=self.random_state + i) for i in numbers]
         samples = [copy._samples(X, y) for copy, X, y in zip(copies, Xs, ys, strict=True)]
         shapes = {(X.shape, Y.shape) for X, Y in samples}
         if len(shapes) > 1:
@@ -147,9 +147,7 @@ class BackpropRegressor(Regressor):
 
     def _outputs(self, X: Array) -> Array:
         """Return the outputs of every network, (networks, n, outputs)."""
-        with _one_thread():
-            scaled = torch.from_numpy(self._X_scale.transform(X))
-            out = self._layers.forward(torch.from_numpy(self.weights_), scaled).numpy()
+        out = self._layers.forward(self.weights_, self._X_scale.transform(X), np.tanh)
         return self._Y_scale.inverse_transform(out)
 
     def _prepare(self, X: Array, Y: Array) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
@@ -204,17 +202,20 @@ class _Layers(NamedTuple):
         b1 = size * spread * np.sign(directions[:, 0]) - W1 @ ((low + high) / 2)
         return np.concatenate([W1.ravel(), b1, rng.uniform(-1, 1, self.outputs * (h + 1))])
 
-    def parts(self, weights: torch.Tensor) -> list[torch.Tensor]:
+    def parts(self, weights: Any) -> tuple[Any, Any, Any, Any]:
         """Return W1, b1, W2 and b2 of each network."""
         d, h, o = self
-        W1, b1, W2, b2 = torch.split(weights, [h * d, h, o * h, o], dim=-1)
-        return [W1.reshape(-1, h, d), b1, W2.reshape(-1, o, h), b2]
+        a, b, c = h * d, h * (d + 1), h * (d + 1 + o)
+        W1, W2 = weights[:, :a].reshape(-1, h, d), weights[:, b:c].reshape(-1, o, h)
+        return W1, weights[:, a:b], W2, weights[:, c:]
 
-    def forward(self, weights: torch.Tensor, X: torch.Tensor) -> torch.Tensor:
-        """Return the outputs, (networks, samples, outputs), for weights (networks, parameters)."""
+    def forward(self, weights: Any, X: Any, tanh: Callable[[Any], Any] = torch.tanh) -> Any:
+        """Return the outputs, (networks, samples, outputs), for weights (networks, parameters).
+
+        All are tensors, or with numpy's tanh arrays.
+        """
         W1, b1, W2, b2 = self.parts(weights)
-        bent = torch.tanh(X @ W1.mT + b1.unsqueeze(-2))
-        return bent @ W2.mT + b2.unsqueeze(-2)
+        return tanh(X @ W1.mT + b1[:, None]) @ W2.mT + b2[:, None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,54 +228,71 @@ class _Work:
     trains: torch.Tensor  # (networks, samples), bool
     decay: float
 
+    @classmethod
+    def on(
+        cls, X: Array, Y: Array, trains: NDArray[np.bool_], weights: Array, decay: float
+    ) -> _Work:
+        """Return the work on arrays; the neurons are counted from the weights."""
+        inputs, outputs = X.shape[2], Y.shape[2]
+        hidden = (weights.shape[1] - outputs) // (inputs + 1 + outputs)
+        layers, tensor = _Layers(inputs, hidden, outputs), torch.from_numpy
+        return cls(layers, tensor(X), tensor(Y), tensor(trains), decay)
+
     def of(self, which: torch.Tensor) -> _Work:
         """Return the work of some of the networks."""
         return replace(self, X=self.X[which], Y=self.Y[which], trains=self.trains[which])
 
-    def errors(self, weights: torch.Tensor, mask: torch.Tensor) -> torch.Tensor:
-        """Return the mean squared error of each network over the samples of its mask."""
-        squares = (self.layers.forward(weights, self.X) - self.Y).square().mean(dim=-1)
-        return (squares * mask).sum(dim=-1) / mask.sum(dim=-1)
+    def squares(self, weights: torch.Tensor) -> torch.Tensor:
+        """Return the squared errors, mean over the outputs, (networks, samples)."""
+        misses: torch.Tensor = self.layers.forward(weights, self.X) - self.Y
+        return misses.square().mean(dim=-1)
 
     @property
     def validated(self) -> bool:
         """Whether samples are held back."""
         return not bool(self.trains.all())
 
-    def watched(self, weights: torch.Tensor) -> torch.Tensor:
+    def watched(self, weights: torch.Tensor, squares: torch.Tensor) -> torch.Tensor:
         """Return what tells the best weights: the error on the samples held back, or the loss."""
-        return self.errors(weights, ~self.trains) if self.validated else self.losses(weights)
+        if self.validated:
+            return _mean(squares, ~self.trains).detach()
+        return self.losses(weights, squares).detach()
 
-    def losses(self, weights: torch.Tensor) -> torch.Tensor:
+    def losses(self, weights: torch.Tensor, squares: torch.Tensor) -> torch.Tensor:
         """Return what each network minimises."""
-        return self.errors(weights, self.trains) + self.decay * weights.square().sum(dim=-1)
+        return _mean(squares, self.trains) + self.decay * weights.square().sum(dim=-1)
 
-    def gradients(self, weights: torch.Tensor) -> torch.Tensor:
-        moving = weights.detach().requires_grad_()
+    def gradients(self, weights: torch.Tensor, squares: torch.Tensor) -> torch.Tensor:
+        """Return the gradient of each network's loss in weights that it has been traced from."""
         # networks do not share weights, so the gradient of the sum is that of each
-        (gradient,) = torch.autograd.grad(self.losses(moving).sum(), moving)
+        (gradient,) = torch.autograd.grad(self.losses(weights, squares).sum(), weights)
         return gradient
+
+
+def _mean(squares: torch.Tensor, mask: torch.Tensor) -> torch.Tensor:
+    """Return the mean over the samples of a mask, (networks,)."""
+    return (squares * mask).sum(dim=-1) / mask.sum(dim=-1)
 
 
 def _train(copies: Sequence[BackpropRegressor], samples: Sequence[tuple[Array, Array]]) -> None:
     """Train estimators that differ in their random state alone, each on its own samples."""
     first = copies[0]
     drawn = [copy._prepare(X, Y) for copy, (X, Y) in zip(copies, samples, strict=True)]
-    X, Y, start, trains = (
-        torch.from_numpy(np.concatenate(parts)) for parts in zip(*drawn, strict=True)
-    )
-    work = _Work(first._layers, X, Y, trains, first.weight_decay)
-    limits = first.epochs, first.patience
+    X, Y, start, trains = (np.concatenate(parts) for parts in zip(*drawn, strict=True))
+    decay, epochs, patience = float(first.weight_decay), int(first.epochs), int(first.patience)
+    work, weights = _Work.on(X, Y, trains, start, decay), torch.from_numpy(start)
     with _one_thread():
         if first.trainer == "l-bfgs":
-            weights, steps = _l_bfgs(work, start, first.epochs)
+            weights, steps = _l_bfgs(work, weights, epochs)
         elif first.trainer == "gradient-descent":
             descend = partial(_descend, first.learning_rate, first.momentum)
-            weights, steps = _repeat(descend, work, start, torch.zeros_like(start), *limits)
+            moving, still = weights.clone().requires_grad_(), torch.zeros_like(weights)
+            weights, steps = _repeat(descend, work, moving, still, epochs, patience)
         else:
-            damping = torch.full_like(start[:, 0], _DAMPING)
-            weights, steps = _repeat(_levenberg_marquardt, work, start, damping, *limits)
-        losses = work.errors(weights, trains)
+            train = choose("levenberg_marquardt", _levenberg_marquardt)
+            found = train(X, Y, trains, start, decay, epochs, patience, _RULES)
+            weights, steps = map(torch.from_numpy, found)
+        losses = _mean(work.squares(weights), work.trains)
     for i, copy in enumerate(copies):
         own = slice(i * first.networks, (i + 1) * first.networks)
         copy.weights_, copy.losses_ = weights[own].numpy(), losses[own].numpy()
@@ -290,16 +308,18 @@ def _repeat(
     patience: int,
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """Step all networks until each is done; return the best weights and the steps of each."""
-    best, least = weights.clone(), work.watched(weights)
+    squares = work.squares(weights)  # once a step, for what is watched and for the next step
+    best, least = weights.detach().clone(), work.watched(weights, squares)
     steps, failures = torch.zeros(len(weights), dtype=torch.int64), torch.zeros(len(weights))
     going = torch.arange(len(weights))  # which networks are not done
     for _ in range(epochs):
-        weights, state, done = step(work, weights, state)
+        weights, state, done = step(work, weights, squares, state)
         steps[going] += 1
-        now = work.watched(weights)
+        squares = work.squares(weights)
+        now = work.watched(weights, squares)
         sound = torch.isfinite(weights).all(dim=-1)
         progress = sound & (now < least)
-        best[going[progress]] = weights[progress]
+        best[going[progress]] = weights[progress].detach()
         least = torch.where(progress, now, least)
         failures = torch.where(progress, 0, failures + 1)
         left = sound & ~done
@@ -310,38 +330,71 @@ def _repeat(
         if not left.all():
             work, going = work.of(left), going[left]
             weights, state, least, failures = (x[left] for x in (weights, state, least, failures))
+            squares = work.squares(weights)
     return best, steps
 
 
 def _descend(
-    rate: float, momentum: float, work: _Work, weights: torch.Tensor, speed: torch.Tensor
+    rate: float,
+    momentum: float,
+    work: _Work,
+    weights: torch.Tensor,
+    squares: torch.Tensor,
+    speed: torch.Tensor,
 ) -> _Stepped:
     """Step against the gradient, with momentum."""
-    gradient = work.gradients(weights)
+    gradient = work.gradients(weights, squares)
     speed = momentum * speed - rate * gradient
-    return weights + speed, speed, gradient.abs().amax(dim=-1) < _FLAT
+    moved = (weights.detach() + speed).requires_grad_()
+    return moved, speed, gradient.abs().amax(dim=-1) < _FLAT
 
 
-def _levenberg_marquardt(work: _Work, weights: torch.Tensor, damping: torch.Tensor) -> _Stepped:
+def _levenberg_marquardt(
+    X: Array,
+    Y: Array,
+    trains: NDArray[np.bool_],
+    weights: Array,
+    decay: float,
+    epochs: int,
+    patience: int,
+    rules: tuple[float, ...],
+) -> tuple[Array, NDArray[np.int64]]:
+    """Return the best weights and the steps of networks (networks, samples, ...) by `_RULES`."""
+    work, start = _Work.on(X, Y, trains, weights, decay), torch.from_numpy(weights)
+    damping = torch.full_like(start[:, 0], rules[0])
+    step = partial(_damped_step, rules)
+    best, steps = _repeat(step, work, start, damping, epochs, patience)
+    return best.numpy(), steps.numpy()
+
+
+def _damped_step(
+    rules: tuple[float, ...],
+    work: _Work,
+    weights: torch.Tensor,
+    squares: torch.Tensor,
+    damping: torch.Tensor,
+) -> _Stepped:
     """Make a damped Gauss-Newton step, each network with its own damping, which lowers its loss."""
+    _, worse, good, most, least, flat = rules
     normal, slope = _normal_equations(work, weights)
     unit = torch.eye(normal.shape[-1], dtype=normal.dtype)
-    done = slope.abs().amax(dim=-1) < _FLAT
-    moved, damping, before = weights.clone(), damping.clone(), work.losses(weights)
+    done = slope.abs().amax(dim=-1) < flat
+    moved, damping, before = weights.clone(), damping.clone(), work.losses(weights, squares)
     left = torch.arange(len(weights))  # networks that look for a step that lowers their loss
     while len(left):
-        factor, _ = torch.linalg.cholesky_ex(normal + damping[left, None, None] * unit)
+        now = damping[left]
+        factor, lacking = torch.linalg.cholesky_ex(normal + now[:, None, None] * unit)
         tried = weights - torch.cholesky_solve(slope.unsqueeze(-1), factor).squeeze(-1)
-        better = work.losses(tried) < before  # not so for what is not a number
+        # not so for what is not a number
+        better = (work.losses(tried, work.squares(tried)) < before) & (lacking == 0)
         moved[left[better]] = tried[better]
-        factors = torch.where(better, _BETTER, _WORSE)
-        damping[left] = (damping[left] * factors).clamp(min=_LEAST)
-        again = ~better & (damping[left] <= _DONE)
+        now = torch.where(better, good * now, worse * now).clamp(min=least)
+        damping[left], again = now, ~better & (now <= most)
         work = work.of(again)
         normal, slope, weights, before, left = (
             x[again] for x in (normal, slope, weights, before, left)
         )
-    return moved, damping, done | (damping > _DONE)
+    return moved, damping, done | (damping > most)
 
 
 def _normal_equations(work: _Work, weights: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
@@ -390,8 +443,10 @@ def _l_bfgs(work: _Work, start: torch.Tensor, epochs: int) -> tuple[torch.Tensor
         alone = work.of(torch.tensor([i]))
 
         def loss(flat: Array, alone: _Work = alone) -> tuple[float, Array]:
-            weights = torch.from_numpy(flat[None].copy())
-            return float(alone.losses(weights)), alone.gradients(weights)[0].numpy()
+            weights = torch.from_numpy(flat[None].copy()).requires_grad_()
+            squares = alone.squares(weights)
+            value = float(alone.losses(weights, squares).detach())
+            return value, alone.gradients(weights, squares)[0].numpy()
 
         result = minimize(
             loss, first.numpy(), jac=True, method="L-BFGS-B",

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from scipy.linalg import LinAlgError, cho_factor, cho_solve
+from scipy.linalg.lapack import dposv
 from scipy.spatial.distance import cdist
 
 from inswsn_lib.checks import Array, number, one_of, whole
@@ -15,6 +15,7 @@ from inswsn_lib.learning.base import Regressor
 
 Kernel = Literal["rbf", "linear", "polynomial"]
 KERNELS: tuple[Kernel, ...] = ("rbf", "linear", "polynomial")
+_ROWS = 128  # of a kernel that are computed at a time, so that they stay in a cache
 
 
 def kernel_matrix(X: Array, Z: Array, kernel: Kernel, sigma: float, degree: int) -> Array:
@@ -109,16 +110,19 @@ class LSSVMRegressor(Regressor):
         number("eta", self.eta, above=0)
         one_of("kernel", self.kernel, KERNELS)
         whole("degree", self.degree, 1)
-        H = kernel_matrix(X, X, self.kernel, self.sigma, self.degree)
-        H[np.diag_indices_from(H)] += 1 / self.eta
-        # H is symmetric, so its transpose is in the order that LAPACK overwrites
-        try:
-            factor = cho_factor(H.T, overwrite_a=True, check_finite=False)
-        except LinAlgError:
+        n = len(X)
+        H = np.empty((n, n))
+        for first in range(0, n, _ROWS):  # what is above the diagonal is not read
+            rows, end = slice(first, first + _ROWS), min(first + _ROWS, n)
+            H[rows, :end] = kernel_matrix(X[rows], X[:end], self.kernel, self.sigma, self.degree)
+        H.ravel()[:: n + 1] += 1 / self.eta
+        right = np.ones((n, 1 + Y.shape[1]), order="F")
+        right[:, 1:] = Y
+        # in the order that LAPACK overwrites, which takes the lower triangle for the upper one
+        _, solved, failed = dposv(H.T, right, overwrite_a=True, overwrite_b=True)
+        if failed:
             may_be = "smaller for such a kernel: K + I/eta is singular to rounding"
-            raise ParameterError("eta", self.eta, may_be) from None
-        right = np.column_stack([np.ones(len(X)), Y])
-        solved = cho_solve(factor, right, overwrite_b=True, check_finite=False)
+            raise ParameterError("eta", self.eta, may_be)
         u, v = solved[:, 0], solved[:, 1:]
         self.bias_: Array = v.sum(axis=0) / u.sum()
         self.alpha_: Array = v - np.outer(u, self.bias_)

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.linalg import eigh
 
 from inswsn_lib.checks import Array, array, matrices, number, one_of, whole
 from inswsn_lib.errors import Described, ParameterError
@@ -16,6 +15,7 @@ from inswsn_lib.learning.lssvm import KERNELS, Kernel, LSSVMRegressor, kernel_ma
 #: Candidates of `SelectedLSSVM`, for inputs of unit deviation
 SIGMAS = tuple(float(s) for s in np.geomspace(0.125, 64.0, 10))
 ETAS = tuple(float(e) for e in np.geomspace(1e-2, 1e2, 9))
+_ENTRIES = 2**16  # of kernels that are decomposed together: so many stay in a cache
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,37 +112,46 @@ def select_lssvm(
     elif len(inputs) < 2:
         raise ParameterError("X", Described("1 sample"), "2 samples or more to leave one out")
 
-    def residuals(sigma: float) -> Array:
-        if trained_on is None:
-            K = kernel_matrix(inputs, inputs, kernel, sigma, degree)
-            return _left_out(K, targets, strengths)
+    def ahead(sigma: float) -> Array:
         first, rest = slice(trained_on), slice(trained_on, None)
         machines = (LSSVMRegressor(sigma, float(eta), kernel, degree) for eta in strengths)
         fitted = [machine.fit(inputs[first], targets[first]) for machine in machines]
         return np.array([targets[rest] - machine.predict(inputs[rest]) for machine in fitted])
 
-    by_output = np.array([np.abs(residuals(float(sigma))).mean(axis=1) for sigma in widths])
+    def left_out(sigmas: Array) -> Array:
+        K = [kernel_matrix(inputs, inputs, kernel, float(sigma), degree) for sigma in sigmas]
+        return _left_out(np.array(K), targets, strengths)
+
+    if trained_on is None:
+        parts = -(-len(widths) * len(inputs) ** 2 // _ENTRIES)
+        residuals = [left_out(some) for some in np.array_split(widths, min(parts, len(widths)))]
+    else:
+        residuals = [ahead(float(sigma))[None] for sigma in widths]
+    by_output = np.concatenate([np.abs(some).mean(axis=2) for some in residuals])
     errors = by_output.mean(axis=2)
     i, j = np.unravel_index(np.argmin(errors), errors.shape)
     return Selection(widths, strengths, by_output, errors, float(widths[i]), float(strengths[j]))
 
 
 def _left_out(K: Array, Y: Array, etas: Array) -> Array:
-    r"""Return the leave-one-out residuals for all regularisations of a kernel, (etas, n, outputs).
+    r"""Return the leave-one-out residuals of kernels (widths, n, n), (widths, etas, n, outputs).
 
     From :math:`K = V \Lambda V'`, with :math:`d = 1/(\lambda + 1/\eta)`, follow
     :math:`H^{-1}y = V d V'y` and the diagonal of :math:`H^{-1}`, :math:`\sum_j V_{ij}^2 d_j`, and
     from these the multipliers and the diagonal of the bordered inverse,
     :math:`(H^{-1})_{ii} - u_i^2 / 1'u`.
     """
-    values, V = eigh(K, check_finite=False)
-    d = 1 / (np.maximum(values, 0)[:, None] + 1 / etas)  # (n, etas)
-    u = V @ (d * V.sum(axis=0)[:, None])  # (n, etas)
-    v = np.einsum("ij,jk,jo->kio", V, d, V.T @ Y, optimize=True)
-    bias = v.sum(axis=1) / u.sum(axis=0)[:, None]
-    alpha = v - u.T[:, :, None] * bias[:, None, :]
-    diagonal = (V**2) @ d - u**2 / u.sum(axis=0)
-    return np.asarray(alpha / diagonal.T[:, :, None])
+    widths, n, _ = K.shape
+    values, V = np.linalg.eigh(K)
+    d = 1 / (np.maximum(values, 0)[:, :, None] + 1 / etas)  # (widths, n, etas)
+    turned = V.mT @ np.column_stack([np.ones(n), Y])
+    damped = (d[:, :, :, None] * turned[:, :, None]).reshape(widths, n, -1)
+    solved = np.moveaxis((V @ damped).reshape(widths, n, len(etas), -1), 1, 2)
+    u, v = solved[..., :1], solved[..., 1:]  # (widths, etas, n, outputs)
+    whole = u.sum(axis=2, keepdims=True)
+    alpha = v - u * (v.sum(axis=2, keepdims=True) / whole)
+    diagonal = (V**2 @ d).mT[..., None] - u**2 / whole
+    return np.asarray(alpha / diagonal)
 
 
 def _candidates(name: str, values: ArrayLike) -> Array:

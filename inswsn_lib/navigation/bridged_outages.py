@@ -13,11 +13,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from sklearn.dummy import DummyRegressor
-from sklearn.gaussian_process import GaussianProcessRegressor
-from sklearn.gaussian_process.kernels import RBF, DotProduct, WhiteKernel
-from sklearn.linear_model import LinearRegression
-from sklearn.pipeline import make_pipeline
-from sklearn.preprocessing import PolynomialFeatures
 
 from inswsn_lib import learning
 from inswsn_lib.checks import Array
@@ -31,7 +26,13 @@ from inswsn_lib.evaluation import (
     tune,
 )
 from inswsn_lib.filters import deadbeat_gain, run_hinfinity, run_kalman
-from inswsn_lib.learning import LSSVMRegressor, RBFNetworkRegressor, load_regressor
+from inswsn_lib.learning import (
+    LSSVMRegressor,
+    RBFNetworkRegressor,
+    Regressor,
+    kernel_matrix,
+    load_regressor,
+)
 from inswsn_lib.lmi import design_filter
 from inswsn_lib.models import ErrorModel
 from inswsn_lib.navigation.hybrid import HybridNavigator, observable_inputs
@@ -311,14 +312,13 @@ class BridgedOutages:
     @cached_property
     def fits(self) -> dict[str, tuple[Any, list[int]]]:
         """What fits the last fixes alone, regressors on time with the numbers of fixes."""
-        quadratic = make_pipeline(PolynomialFeatures(2), LinearRegression())
         lasts = [2, 4, 6, 8, 12, 16, 20, 25, 30, 35, 40, 50]
         return {
             "mean of the last fixes": (
                 DummyRegressor(), [1, 2, 3, 4, 6, 8, 12, 16, 20, 30, 40, 50],
             ),
-            "line in time": (LinearRegression(), lasts),
-            "parabola in time": (quadratic, [n + 2 for n in lasts]),
+            "line in time": (_Polynomial(1), lasts),
+            "parabola in time": (_Polynomial(2), [n + 2 for n in lasts]),
         }  # fmt: skip
 
     @cached_property
@@ -340,7 +340,7 @@ class BridgedOutages:
             "RBF network": _every(
                 lambda s, n: RBFNetworkRegressor(s, max_neurons=n), [1, 3, 10, 30], [3, 6, 12]
             ),
-            "Gaussian process": _every(_gaussian_process, [0.3, 1, 3, 10], [0.03, 0.1, 0.3]),
+            "Gaussian process": _every(_GaussianProcess, [0.3, 1, 3, 10], [0.03, 0.1, 0.3]),
         }
 
     def methods(self, kinds: Iterable[str]) -> dict[tuple[str, str], list[Bridge]]:
@@ -438,9 +438,44 @@ def _every(make: Callable[..., Any], *axes: Sequence[float]) -> list[Any]:
     return [make(*point) for point in product(*axes)]
 
 
-def _gaussian_process(length: float, deviation: float) -> GaussianProcessRegressor:
-    kernel = 1.0 * DotProduct(1.0) + RBF(length) + WhiteKernel(deviation**2)
-    return GaussianProcessRegressor(kernel, optimizer=None)
+@dataclass(eq=False, repr=False)
+class _Polynomial(Regressor):
+    """Least squares by powers of the one input, as scikit-learn's, which checks more."""
+
+    degree: int
+
+    def _fit(self, X: Array, Y: Array) -> None:
+        powers, self.middle_ = self._powers(X), Y.mean(axis=0)
+        self.centre_: Array = powers.mean(axis=0)
+        self.slopes_ = np.linalg.lstsq(powers - self.centre_, Y - self.middle_, rcond=None)[0]
+
+    def _predict(self, X: Array) -> Array:
+        return np.asarray((self._powers(X) - self.centre_) @ self.slopes_ + self.middle_)
+
+    def _powers(self, X: Array) -> Array:
+        return np.asarray(X ** np.arange(1, self.degree + 1))
+
+
+@dataclass(eq=False, repr=False)
+class _GaussianProcess(Regressor):
+    r"""A Gaussian process of mean zero with a fixed kernel, as scikit-learn's, which checks more.
+
+    The kernel is :math:`1 + x'z + \exp(-|x - z|^2 / 2 l^2)`, and the noise is white.
+    """
+
+    length: float
+    deviation: float
+
+    def _fit(self, X: Array, Y: Array) -> None:
+        K = self._covariances(X, X)
+        K.ravel()[:: len(X) + 1] += self.deviation**2 + 1e-10  # which scikit-learn adds, too
+        self.alpha_, self.X_fit_ = np.linalg.solve(K, Y), X
+
+    def _predict(self, X: Array) -> Array:
+        return np.asarray(self._covariances(X, self.X_fit_) @ self.alpha_)
+
+    def _covariances(self, X: Array, Z: Array) -> Array:
+        return np.asarray(kernel_matrix(X, Z, "rbf", self.length, 1) + X @ Z.T + 1)
 
 
 def _slug(name: str) -> str:

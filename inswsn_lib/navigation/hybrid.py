@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from copy import deepcopy
 from dataclasses import dataclass
 from typing import Any
 
@@ -148,13 +149,15 @@ class HybridNavigator:
             u = np.repeat(u[:, :, None], runs, axis=2)
         filtered = array("what filter returns", self.filter(y), (steps, "states", runs), gaps=True)
         estimates = filtered.copy()
-        heard, told = ~np.isnan(y).all(axis=1), ~np.isnan(u).any(axis=1)
+        heard = np.asarray(~np.isnan(y).all(axis=1))
+        told = np.asarray(~np.isnan(u).any(axis=1))
         predicting = np.zeros_like(heard)
         # runs with the same gaps are trained together
-        patterns, which = np.unique(np.vstack([heard, told]), axis=1, return_inverse=True)
-        for i, pattern in enumerate(patterns.T):
-            alike = np.flatnonzero(which.ravel() == i)
-            hears, knows = np.split(pattern, 2)
+        patterns: dict[bytes, list[int]] = {}
+        for r, pattern in enumerate(np.vstack([heard, told]).T):
+            patterns.setdefault(pattern.tobytes(), []).append(r)
+        for alike in map(np.array, patterns.values()):
+            hears, knows = heard[:, alike[0]], told[:, alike[0]]
             for first, end in _silences(hears, self.patience):
                 rows = np.flatnonzero((hears & knows)[:first])[-(self.window or first) :]
                 if self.feedback:
@@ -259,7 +262,8 @@ def _fit_many(regressor: Any, Xs: list[Array], ys: list[Array], numbers: list[in
     if hasattr(regressor, "fit_many"):
         return list(regressor.fit_many(Xs, ys, numbers))
     try:
-        return [clone(regressor).fit(X, y) for X, y in zip(Xs, ys, strict=True)]
+        blank = clone(regressor)  # once, since it looks up anew what parameters there are
+        return [deepcopy(blank).fit(X, y) for X, y in zip(Xs, ys, strict=True)]
     except Exception as error:
         told = f"{type(regressor).__name__}, whose fit fails: {type(error).__name__}: {error}"
         may_be = f"one that trains on inputs {Xs[0].shape} and targets {ys[0].shape}"

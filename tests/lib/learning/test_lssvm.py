@@ -101,3 +101,16 @@ def test_a_parameter_that_cannot_be_is_refused(parameters: dict[str, Any]) -> No
     *_, (name, value) = parameters.items()
     with pytest.raises(ParameterError, match=f"{name} is {value!r}"):
         LSSVMRegressor(**parameters).fit([[0.0], [1.0]], [0.0, 1.0])
+
+
+@pytest.mark.parametrize("kernel", KERNELS)
+@pytest.mark.parametrize("n", [128, 129, 300])
+def test_many_samples_give_what_the_bordered_system_gives(kernel: Any, n: int) -> None:
+    """The kernel is computed some rows at a time; one row may be left over."""
+    X, y = data(5, n)
+    machine = LSSVMRegressor(2.0, 3.0, kernel).fit(X, y)
+    system = np.zeros((n + 1, n + 1))
+    system[0, 1:] = system[1:, 0] = 1
+    system[1:, 1:] = kernel_matrix(X, X, kernel, 2.0, 2) + np.eye(n) / 3.0
+    expected = np.linalg.solve(system, np.vstack([np.zeros((1, 2)), y]))
+    assert np.vstack([machine.bias_, machine.alpha_]) == pytest.approx(expected, abs=1e-9)

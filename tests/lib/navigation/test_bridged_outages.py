@@ -7,9 +7,13 @@ from functools import partial
 import numpy as np
 import pytest
 from sklearn.dummy import DummyRegressor
+from sklearn.gaussian_process import GaussianProcessRegressor
+from sklearn.gaussian_process.kernels import RBF, DotProduct, WhiteKernel
 from sklearn.linear_model import LinearRegression
+from sklearn.pipeline import make_pipeline
+from sklearn.preprocessing import PolynomialFeatures
 
-from inswsn_lib.navigation import BridgedOutages, Passage
+from inswsn_lib.navigation import BridgedOutages, Passage, bridged_outages
 from inswsn_lib.navigation.bridged_outages import COASTING, KINDS, judge_best
 
 RUNS = 3
@@ -154,3 +158,25 @@ def test_the_scores_are_table_3() -> None:
     assert scores.values["printed.left"] == pytest.approx(printed.mean(axis=0))
     assert scores.methods["own"] == "sklearn.linear_model:LinearRegression"
     assert scores.methods["ls-svm-linear-kernel"] == "LS-SVM, linear kernel"
+
+
+@pytest.mark.parametrize("length", [0.3, 10.0])
+@pytest.mark.parametrize("deviation", [0.03, 0.3])
+def test_the_gaussian_process_is_that_of_scikit_learn(length: float, deviation: float) -> None:
+    rng = np.random.default_rng(1)
+    X, Y, new = (rng.standard_normal((n, c)) for n, c in ((50, 3), (50, 2), (20, 3)))
+    kernel = 1.0 * DotProduct(1.0) + RBF(length) + WhiteKernel(deviation**2)
+    theirs = GaussianProcessRegressor(kernel, optimizer=None).fit(X, Y).predict(new)
+    ours = bridged_outages._GaussianProcess(length, deviation).fit(X, Y).predict(new)
+    assert ours == pytest.approx(theirs, rel=1e-8, abs=1e-8)
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize("samples", [1, 2, 3, 30])
+def test_the_polynomial_is_that_of_scikit_learn(degree: int, samples: int) -> None:
+    """Also where there are too few samples, and it is the least of those that fit."""
+    rng = np.random.default_rng(2)
+    X, Y, new = rng.normal(1, 3, (samples, 1)), rng.normal(2, 1, (samples, 4)), np.ones((5, 1))
+    theirs = make_pipeline(PolynomialFeatures(degree), LinearRegression()).fit(X, Y).predict(new)
+    ours = bridged_outages._Polynomial(degree).fit(X, Y).predict(new)
+    assert ours == pytest.approx(theirs)
