@@ -4,7 +4,7 @@ Each point is measured in a process of its own: seconds of the work, the best of
 where it is short, and by how much the process grew. Beside it stands a limit: the time to move the
 data once through memory, or to do the floating-point operations, at the rates that are measured in
 the same run. A curve ends where its next point would take longer than is worth it. All goes to
-data/growth.json, from which the book draws it.
+data/growth.json and is drawn in data/growth.svg, for the page "How it grows" of the book.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from fusion import clusters
+from growth_figure import growth_svg
 from inswsn_book.files import write_whole
 from inswsn_book.provenance import machine_facts
 from threadpoolctl import threadpool_limits
@@ -29,10 +30,11 @@ from threadpoolctl import threadpool_limits
 from inswsn_lib.evaluation import monte_carlo
 from inswsn_lib.filters import run_kalman, stream_kalman
 from inswsn_lib.learning import LSSVMRegressor
-from inswsn_lib.lmi import design_filter, design_fusion
+from inswsn_lib.lmi import design_filter, design_fusion, riccati_filter, riccati_gamma
 from inswsn_lib.models import ErrorModel
 
 OUT = Path(__file__).parent.parent / "data" / "growth.json"
+PICTURE = OUT.with_suffix(".svg")
 MODEL = ErrorModel.p1(0.2, process_noise=(0.05, 0.1), measurement_noise=(0.2, 0.3))
 STEPS, PIECE, FEW = 200, 1000, 100
 #: Seconds: repeated until then, and longer than this no point is expected to take
@@ -125,6 +127,16 @@ def by_states_of_design(states: int) -> Callable[[], None]:
     return lambda: void(design_filter(model))
 
 
+def by_states_of_riccati(states: int) -> Callable[[], None]:
+    """Return the least worst-case gain by Riccati equations, and a filter within a hundredth."""
+    model = model_of(states)
+
+    def work() -> None:
+        assert riccati_filter(model, 1.01 * riccati_gamma(model, 1e-4)) is not None
+
+    return work
+
+
 def by_clusters(count: int, noise: Any) -> Callable[[], None]:
     """Return the design of the weights of a fusion, with its certificate."""
     designs = clusters(count)
@@ -150,6 +162,11 @@ def _joseph(n: int, runs: int = 64) -> float:
 def _factors(variables: int) -> float:
     """Return the operations of as many factors as an interior-point method takes steps."""
     return 30 * variables**3 / 3
+
+
+def _riccati(n: int) -> float:
+    """Return the operations of a QZ decomposition of a pencil of size 2 n (Golub, Van Loan)."""
+    return 66.0 * (2 * n) ** 3
 
 
 DATA = "the data once through memory"
@@ -179,6 +196,11 @@ CURVES = (
         "H-infinity design with certificate", "states", (2, 4, 8, 16, 32, 64), by_states_of_design,
         "flops", lambda n: _factors((n * (n + 1)) // 2 + n**2),
         "30 Cholesky factors of the normal matrix of its variables, dense", 5,
+    ),
+    Curve(
+        "H-infinity design by Riccati equations", "states", (2, 4, 8, 16, 32, 64),
+        by_states_of_riccati, "flops", lambda n: 25 * _riccati(n),
+        "25 Schur forms of the pencils of Riccati equations", 3,
     ),
     Curve(
         "fusion, independent noise", "clusters", (2, 4, 8, 16, 32, 64, 128, 256, 512),
@@ -259,6 +281,13 @@ def points(curve: Curve, machine: dict[str, float]) -> list[dict[str, float]]:
     return [{key: value for key, value in each.items() if key != "whole"} for each in found]
 
 
+def exponent(found: list[dict[str, float]]) -> float:
+    """Return by what power of the size time grows between the last two points."""
+    before, last = found[-2:]
+    times, sizes = (math.log(last[key] / before[key]) for key in ("seconds", "size"))
+    return round(times / sizes, 2)
+
+
 if __name__ == "__main__":
     threadpool_limits(1)  # one thread, as the processes of the book have
     facts, machine = machine_facts(), rates()
@@ -266,14 +295,17 @@ if __name__ == "__main__":
         "machine": f"{facts['cpu']}, {facts['cores']} cores, one in use, {facts['system']}, "
         f"Python {facts['python']}, numpy {np.__version__}",
         "date": datetime.now(UTC).date().isoformat(),
+        "longest": LONGEST,
         "rates": {key: float(f"{value:.3g}") for key, value in machine.items()},
         "curves": [
             {
                 "name": curve.name, "over": curve.over, "limit": curve.limit,
-                "points": points(curve, machine),
+                "exponent": exponent(found), "points": found,
             }
             for curve in CURVES
+            for found in [points(curve, machine)]
         ],
     }  # fmt: skip
     write_whole(OUT, json.dumps(content, indent=1) + "\n")
+    write_whole(PICTURE, growth_svg(content))
     print(f"Wrote {OUT.relative_to(OUT.parent.parent)}.")

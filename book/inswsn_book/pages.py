@@ -153,6 +153,7 @@ def _kept(project: Project) -> dict[str, Any]:
     assumed = data / "assumptions.yaml"
     return {
         **{path.stem: read_json(path) for path in data.glob("*.json")},
+        "benchmarks": {path.stem: read_yaml(path) for path in data.glob("benchmarks*.yaml")},
         "assumptions": read_yaml(assumed) if assumed.is_file() else {},
         "settings": {path.stem: load_scenario(path) for path in data.glob("scenarios/*.yaml")},
         "schemas": {c.number: chapter_schema(project.root, c.number) for c in project.chapters()},

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
-from sklearn.base import BaseEstimator, MultiOutputMixin, RegressorMixin
+from sklearn.base import BaseEstimator, MultiOutputMixin, RegressorMixin, clone
 from sklearn.utils.validation import check_is_fitted, validate_data
 
 from inswsn_lib.checks import Array
@@ -55,6 +56,14 @@ class Regressor(MultiOutputMixin, RegressorMixin, BaseEstimator, ABC):  # type: 
         """Return the predictions for inputs (n, inputs): (n,) or (n, outputs), as the targets."""
         return self._shaped(self._predict(self._inputs(X)))
 
+    def __sklearn_clone__(self) -> Self:
+        """Return one with the same parameters that has learnt nothing.
+
+        scikit-learn would read the signature each time, which takes longer than a small fit.
+        """
+        values = {name: getattr(self, name) for name in _parameters(type(self))}
+        return type(self)(**{n: clone(value, safe=False) for n, value in values.items()})
+
     @abstractmethod
     def _fit(self, X: Array, Y: Array) -> None:
         """Check the parameters, and learn from inputs (n, inputs) and targets (n, outputs)."""
@@ -92,6 +101,12 @@ class Regressor(MultiOutputMixin, RegressorMixin, BaseEstimator, ABC):  # type: 
         predictions in an outage are made one input at a time, and take less.
         """
         return _is_finite(X) and X.ndim == 2 and not hasattr(self, "feature_names_in_")
+
+
+@cache
+def _parameters(kind: type[Regressor]) -> tuple[str, ...]:
+    """Return the names of an estimator's parameters."""
+    return tuple(kind._get_param_names())
 
 
 def _is_finite(values: Any) -> bool:

@@ -65,7 +65,10 @@ class RBFNetworkRegressor(Regressor):
         responses = self._responses(X, X)
         sizes_before = np.sum(responses**2, axis=0)
         left, chosen = responses.copy(), list[int]()
-        solution, error = _least_squares(responses[:, chosen], Y)
+        basis = np.zeros((len(X), most + 1))  # of the bias and the chosen neurons
+        basis[:, 0] = 1 / np.sqrt(len(X))
+        residual = Y - Y.mean(axis=0)
+        error = float(np.mean(residual**2))
         errors = [error]
         while len(chosen) < most and error > self.goal:
             sizes = np.sum(left**2, axis=0)  # of what the chosen neurons do not span
@@ -79,8 +82,13 @@ class RBFNetworkRegressor(Regressor):
             direction = left[:, best] / np.sqrt(sizes[best])
             left -= np.outer(direction, direction @ left)
             chosen.append(best)
-            solution, error = _least_squares(responses[:, chosen], Y)
+            new = _beside(basis, responses[:, best])
+            basis[:, len(chosen)] = new
+            residual -= np.outer(new, new @ residual)
+            error = float(np.mean(residual**2))
             errors.append(error)
+        design = np.column_stack([responses[:, chosen], np.ones(len(X))])
+        solution = np.asarray(np.linalg.lstsq(design, Y, rcond=None)[0])
         self.errors_: Array = np.array(errors)
         self.centres_: Array = X[chosen]
         self.weights_: Array = solution[:-1]
@@ -95,8 +103,10 @@ class RBFNetworkRegressor(Regressor):
         return np.asarray(np.exp(-np.log(2) * squares / self.spread**2))
 
 
-def _least_squares(neurons: Array, targets: Array) -> tuple[Array, float]:
-    """Return weights and bias, and the mean squared error."""
-    design = np.column_stack([neurons, np.ones(len(targets))])
-    solution = np.asarray(np.linalg.lstsq(design, targets, rcond=None)[0])
-    return solution, float(np.mean((targets - design @ solution) ** 2))
+def _beside(basis: Array, column: Array) -> Array:
+    """Return the unit vector along what orthonormal columns do not span of one, or zeros."""
+    left = column
+    for _ in range(2):  # once leaves too much where little is left, twice is enough
+        left = left - basis @ (basis.T @ left)
+    size = np.linalg.norm(left)
+    return left / size if size > _SPANNED * np.linalg.norm(column) else np.zeros_like(left)

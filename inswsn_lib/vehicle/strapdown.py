@@ -23,6 +23,8 @@ from inswsn_lib.vehicle.error_model import (
     VELOCITY,
 )
 
+integrate.enable_caching()  # pyins would compile it anew in each process, which takes seconds
+
 _DEGREES = np.array([np.rad2deg(1.0), np.rad2deg(1.0), 1.0])
 # TURN by its entries: as a product with zeros it took as long as a tenth of the integration
 _AXES, _SIGNS = np.abs(TURN).argmax(axis=1), TURN.sum(axis=1)
