@@ -10,7 +10,7 @@ import itertools
 import json
 import logging
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from functools import cache
@@ -33,6 +33,8 @@ from inswsn_lib.files import read_text
 MOST_CELLS = 10_000
 _MOST_ROWS = 40
 _CONNECT_SECONDS = 5
+# Where no worker is left, so long a new one is waited for
+_PATIENCE_SECONDS = 20.0
 # How often the processes of this machine are started, if one ends at once
 _STARTS = 3
 # An interrupt is for the command, which ends its workers
@@ -196,26 +198,52 @@ def _compute(
     """Share cells out; tell of each as it ends."""
     from concurrent.futures import CancelledError  # noqa: PLC0415
 
-    import distributed  # noqa: PLC0415
-
     futures = {
         client.submit(
             _compute_cell, str(project.root), request, _state(project, request), fresh, pure=False
         ): cell
         for cell, request in due.items()
     }
-    for future in distributed.as_completed(futures, loop=client.loop):
+    while futures:
         try:
-            outcome = future.result()
+            for future in _done(client, [*futures]):
+                ended(futures.pop(future), _outcome(future))
         except CancelledError:
-            raise BuildError(
-                "The Dask scheduler is gone; what is finished is kept, and the same command goes "
-                "on from there."
-            ) from None
-        except distributed.scheduler.KilledWorker:
-            outcome = "each process that computed it ended before it had"
-        ended(futures[future], outcome)
-        future.release()
+            raise _left("The Dask scheduler is gone") from None
+
+
+def _done(client: Any, futures: Sequence[Any]) -> set[Any]:
+    """Return the futures that have ended, once one has; do not wait where nobody computes."""
+    import distributed  # noqa: PLC0415
+
+    seen = True
+    while True:
+        try:
+            waited = distributed.wait(
+                futures, timeout=_PATIENCE_SECONDS / 2, return_when="FIRST_COMPLETED"
+            )
+            return {*waited.done}
+        except TimeoutError:
+            there = bool(client.nthreads())
+            if not (seen or there):
+                raise _left("No worker is left at the Dask scheduler") from None
+            seen = there
+
+
+def _outcome(future: Any) -> Run | str:
+    import distributed  # noqa: PLC0415
+
+    try:
+        found: Run | str = future.result()
+    except distributed.scheduler.KilledWorker:
+        return "each process that computed it ended before it had"
+    return found
+
+
+def _left(reason: str) -> BuildError:
+    return BuildError(
+        f"{reason}; what is finished is kept, and the same command goes on from there."
+    )
 
 
 def _compute_cell(root: str, request: Request, state: str, fresh: bool) -> Run | str:

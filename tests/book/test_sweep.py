@@ -164,3 +164,38 @@ def test_workers_that_would_find_other_numbers_are_refused(
     assert said in done.stderr
     assert not swept.calls()
     assert not swept.folder.exists()
+
+
+@pytest.mark.parametrize("comes", [False, True])
+def test_a_sweep_whose_only_worker_is_gone_takes_a_new_one_or_ends(
+    swept: SweepProject, inswsn: Callable[..., Done], monkeypatch: pytest.MonkeyPatch, comes: bool
+) -> None:
+    scheduler = distributed.LocalCluster(
+        n_workers=0, processes=False, dashboard_address=None, protocol="tcp"
+    )
+
+    async def start() -> distributed.Worker:
+        return await distributed.Worker(scheduler.scheduler_address, nthreads=1)
+
+    monkeypatch.setattr("inswsn_book.sweep._PATIENCE_SECONDS", 20.0 if comes else 0.2)
+    asked = []
+
+    def leave(*_: object) -> str:  # asked when cells are shared out, and by who computes them
+        if not asked:
+            asked.append(1)
+            scheduler.sync(worker.close)
+            if comes:
+                scheduler.sync(start)
+        return "state"
+
+    monkeypatch.setattr("inswsn_book.sweep._state", leave)
+    with scheduler:
+        worker, address = scheduler.sync(start), str(scheduler.scheduler_address)
+        done = inswsn(swept.project.root, *swept.words("5", "--dask", address))
+    if comes:
+        assert done.returncode == 0, done.stderr
+        assert swept.calls() == {5.0: 1}
+    else:
+        assert done.returncode == 1
+        assert "No worker is left at the Dask scheduler; what is finished is kept" in done.stderr
+        assert not swept.calls()
