@@ -436,7 +436,7 @@ class ErrorStateFilter:
         motion = (
             (np.zeros((0, 7 if d > 2 else 3)), nothing, np.zeros(4))
             if steps is None
-            else (steps.pieces, steps.ends, steps.densities)
+            else (np.ascontiguousarray(steps.pieces), steps.ends, steps.densities)
         )
         return (
             *motion, self._nominal.row, self.covariance, self._error, factors, gained,

@@ -343,7 +343,9 @@ def error_state(
     used, sizes = np.empty(len(told), np.bool_), np.zeros(len(begins), np.int64)
     squares = np.full(len(begins), np.nan)
     x, P, e, nominal, correction = state.copy(), P.copy(), error.copy(), state.copy(), np.zeros(n)
-    F, Q, Phi, T, N = np.zeros((5, d, d))
+    F, Q, Phi, T, N = (
+        np.zeros((d, d)), np.zeros((d, d)), np.empty((d, d)), np.empty((d, d)), np.empty((d, d)),
+    )  # fmt: skip
     M, work, antenna = np.empty((d, n)), np.empty((2, 3, 3)), np.empty((4, 3))
     H, v, R, which = np.zeros((most, n)), np.empty(most), np.empty(most), np.empty(most, np.int64)
     W, S, B = np.empty((most, n)), np.empty((most, most)), np.empty((most, n + 1))
