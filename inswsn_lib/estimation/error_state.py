@@ -400,7 +400,7 @@ class ErrorStateFilter:
         def by_hand(*_: Any) -> tuple[Any, ...]:
             return self._by_hand(steps, events, observations, kept)
 
-        # observations of a kind of its user's have no table
+        # an iterated filter has no table, nor have observations of a kind of its user's
         table = self._table(steps, events, observations)
         run = by_hand if table is None else choose("error_state", by_hand)
         found = _Found(*run(*(table or ()), kept))
@@ -415,7 +415,8 @@ class ErrorStateFilter:
         """Return what the compiled filter takes, or None."""
         parts = [getattr(each, "components", None) for each in observations]
         d = len(self._nominal.position)
-        if any(part is None or len(part.arm) != d for part in parts):
+        iterated = self._feedback and self.iterations > 1
+        if iterated or any(part is None or len(part.arm) != d for part in parts):
             return None
         # places of components, and of measurements, among those of all observations
         before = np.cumsum([0, *(len(part.told) for part in parts)])
@@ -444,7 +445,7 @@ class ErrorStateFilter:
             np.repeat([part.kind for part in parts], counts), _wide(vectors), _wide(arms),
             np.concatenate([part.told for part in parts]),
             np.concatenate([part.variance for part in parts]), own,
-            float(self.gate), self.iterations if self._feedback else 1, self._feedback,
+            float(self.gate), self._feedback,
         )  # fmt: skip
 
     def _coloured(

@@ -6,10 +6,9 @@ from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from inswsn_lib.checks import Array
-from inswsn_lib.estimation.mechanization import ERRORS, advance, cut, turned
+from inswsn_lib.estimation.mechanization import ERRORS, advance, cut, rotation_vector, turned
 from inswsn_lib.streams import Imu, Whole
 
 POSITION, VELOCITY, ATTITUDE = slice(0, 3), slice(3, 6), slice(6, 9)
@@ -98,7 +97,7 @@ class InertialState:
         return np.concatenate([
             self.position - other.position,
             self.velocity - other.velocity,
-            Rotation.from_matrix(other.attitude.T @ self.attitude).as_rotvec(),
+            rotation_vector(other.attitude.T @ self.attitude),
             self.force_bias - other.force_bias,
             self.rate_bias - other.rate_bias,
             self.own - other.own,

@@ -10,6 +10,7 @@ import numba
 import numpy as np
 
 _GRAVITY = 9.80665
+_LOG = math.log(2 * math.pi)
 
 
 @numba.njit("void(f8[:,::1], f8[:,::1], f8[:,::1])", cache=True)
@@ -329,7 +330,7 @@ def _keep(P, kept, k):
 @numba.njit(cache=True, error_model="numpy")
 def error_state(
     pieces, ends, densities, state, P, error, factors, gained, taken, begins, stops,
-    kinds, vectors, arms, told, variances, owns, gate, iterations, feedback, kept,
+    kinds, vectors, arms, told, variances, owns, gate, feedback, kept,
 ):  # fmt: skip
     """Run it; see `inswsn_lib.estimation.error_state`."""
     planar, n, events, most = pieces.shape[1] == 3, len(P), len(ends), 1
@@ -343,11 +344,10 @@ def error_state(
     used, sizes = np.empty(len(told), np.bool_), np.zeros(len(begins), np.int64)
     squares = np.full(len(begins), np.nan)
     x, P, e, nominal, correction = state.copy(), P.copy(), error.copy(), state.copy(), np.zeros(n)
-    F, Q, Phi, T, N = (
-        np.zeros((d, d)), np.zeros((d, d)), np.empty((d, d)), np.empty((d, d)), np.empty((d, d)),
-    )  # fmt: skip
+    F, Q, Phi = np.zeros((d, d)), np.zeros((d, d)), np.empty((d, d))
+    T, N = np.empty((d, d)), np.empty((d, d))
     M, work, antenna = np.empty((d, n)), np.empty((2, 3, 3)), np.empty((4, 3))
-    H, v, R, which = np.zeros((most, n)), np.empty(most), np.empty(most), np.empty(most, np.int64)
+    H, v, R = np.zeros((most, n)), np.empty(most), np.empty(most)
     W, S, B = np.empty((most, n)), np.empty((most, most)), np.empty((most, n + 1))
     count, piece, likelihood = 0, 0, 0.0
 
@@ -371,12 +371,12 @@ def error_state(
             for i in range(d, n):
                 transitions[k, i, i] = factors[k, i - d]
         for j in range(taken[k], taken[k + 1]):
-            m, passed, beyond, size, determinant = 0, 0, 0.0, 0.0, 0.0
+            m, passed = 0, 0
             for c in range(begins[j], stops[j]):
                 v[m] = told[c] - _expected(
                     x, kinds[c], vectors[c], arms[c], owns[c], d, antenna, H[m]
                 )
-                which[m], R[m] = c, variances[c]
+                R[m] = variances[c]
                 m += not math.isnan(v[m]) or kinds[c] == 1
             if m == 0:
                 continue
@@ -388,7 +388,7 @@ def error_state(
                 values[count + a], deviations[count + a] = v[a], math.sqrt(S[a, a])
                 used[count + a] = v[a] * v[a] <= gate * S[a, a]
                 if not used[count + a]:
-                    beyond += gate + math.log(2 * math.pi * S[a, a])
+                    likelihood -= 0.5 * (gate + _LOG + math.log(S[a, a]))
             _eliminate(S, B, m, 1)
             sizes[j], squares[j] = m, 0.0
             for a in range(m):
@@ -396,44 +396,31 @@ def error_state(
                 if used[count + a]:  # the update is by these alone
                     for i in range(n):
                         H[passed, i] = H[a, i]
-                    v[passed], R[passed], which[passed] = v[a], R[a], which[a]
+                    v[passed], R[passed] = v[a], R[a]
                     passed += 1
             count += m
-            for turn in range(iterations if passed else 0):
-                if turn:
-                    _plus(x, correction, d, work, nominal)
-                    for a in range(passed):
-                        c = which[a]
-                        v[a] = told[c] - _expected(
-                            nominal, kinds[c], vectors[c], arms[c], owns[c], d, antenna, H[a]
-                        )
-                        for i in range(n):
-                            v[a] += H[a, i] * correction[i]
-                _spread(H, P, R, passed, W, S)
-                for a in range(passed):
-                    for i in range(n):
-                        B[a, i] = W[a, i]
-                    B[a, n] = v[a]
-                logarithm = _eliminate(S, B, passed, n + 1)
+            if passed == 0:
+                continue
+            _spread(H, P, R, passed, W, S)
+            for a in range(passed):
                 for i in range(n):
-                    correction[i] = 0.0
-                for a in range(passed):
-                    for i in range(n):
-                        correction[i] += B[a, i] * v[a]
-                    if turn == 0:
-                        size += v[a] * B[a, n]
-                if turn == 0:
-                    determinant = logarithm + passed * math.log(2 * math.pi)
-            likelihood -= 0.5 * (size + determinant + beyond)
-            if passed:
-                _joseph(P, B, H, R, W, passed)
-                if feedback:
-                    _plus(x, correction, d, work, nominal)
-                    for i in range(len(x)):
-                        x[i] = nominal[i]
-                else:
-                    for i in range(n):
-                        e[i] += correction[i]
+                    B[a, i] = W[a, i]
+                B[a, n] = v[a]
+            likelihood -= 0.5 * (_eliminate(S, B, passed, n + 1) + passed * _LOG)
+            for i in range(n):
+                correction[i] = 0.0
+            for a in range(passed):
+                likelihood -= 0.5 * v[a] * B[a, n]
+                for i in range(n):
+                    correction[i] += B[a, i] * v[a]
+            _joseph(P, B, H, R, W, passed)
+            if feedback:
+                _plus(x, correction, d, work, nominal)
+                for i in range(len(x)):
+                    x[i] = nominal[i]
+            else:
+                for i in range(n):
+                    e[i] += correction[i]
         if kept:
             _plus(x, e, d, work, states[k])
             _keep(P, filtered, k)

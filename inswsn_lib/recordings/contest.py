@@ -60,7 +60,7 @@ class Contestant:
     Attributes
     ----------
     run : callable
-        Takes the numbers and the time at which the data end, s, and returns a `Solution`.
+        Takes the numbers, the time at which the data end, s, and what is kept; returns a `Solution`.
     begin, ratios : sequence of float
     """
 
