@@ -291,8 +291,9 @@ class _Found(NamedTuple):
             return Innovations(time, [], [], [], self.squares[mine])
         ends = np.cumsum(self.sizes)
         parts = [slice(a, b) for a, b in zip((ends - self.sizes)[mine], ends[mine], strict=True)]
-        columns = ([of[part] for part in parts] for of in (self.values, self.deviations))
-        return Innovations(time, *columns, [self.used[p] for p in parts], self.squares[mine])
+        values, deviations = ([of[p] for p in parts] for of in (self.values, self.deviations))
+        used = [self.used[p] for p in parts]
+        return Innovations(time, values, deviations, used, self.squares[mine])
 
 
 class ErrorStateFilter:
@@ -413,7 +414,7 @@ class ErrorStateFilter:
         self, steps: Any, events: _Events, observations: Sequence[Any]
     ) -> tuple[Any, ...] | None:
         """Return what the compiled filter takes, or None."""
-        parts = [getattr(each, "components", None) for each in observations]
+        parts: list[Any] = [getattr(each, "components", None) for each in observations]
         d = len(self._nominal.position)
         iterated = self._feedback and self.iterations > 1
         if iterated or any(part is None or len(part.arm) != d for part in parts):

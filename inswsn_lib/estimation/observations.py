@@ -10,7 +10,7 @@ import numpy as np
 
 from inswsn_lib.checks import Array
 from inswsn_lib.estimation.error_state import Components, Innovation
-from inswsn_lib.streams import Fixes, Ranges
+from inswsn_lib.streams import Fixes, Ranges, Whole
 
 _NONE = np.zeros(0)
 # Kinds of components
@@ -130,9 +130,9 @@ class RangesToAnchors:
     scale: float = 0.0
 
     @cached_property
-    def _stamps(self) -> tuple[Array, Array]:
+    def _stamps(self) -> tuple[Array, Whole]:
         stamps, first = np.unique(self.ranges.time, return_index=True)
-        return stamps, np.append(first, len(self.ranges))
+        return stamps, np.append(first, len(self.ranges)).astype(np.int64)
 
     @property
     def time(self) -> Array:

@@ -72,7 +72,8 @@ class PlanarState:
     @classmethod
     def of_row(cls, row: Array) -> PlanarState:
         """Return the state whose numbers, one after the other, are a row (6 + own,)."""
-        return cls(row[:2], *row[2:6].tolist(), row[6:])
+        heading, scale, rate_bias, speed = row[2:6].tolist()
+        return cls(row[:2], heading, scale, rate_bias, speed, row[6:])
 
     @property
     def row(self) -> Array:

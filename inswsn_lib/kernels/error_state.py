@@ -297,9 +297,7 @@ def _propagate(F, Q, P, Phi, M, N, T):
             Phi[i, j] = T[i, j]
 
 
-@numba.njit(
-    "void(f8[::1], f8[:,::1], f8[::1], f8[:,::1], f8[::1], f8[::1], f8[::1])", cache=True
-)
+@numba.njit("void(f8[::1], f8[:,::1], f8[::1], f8[:,::1], f8[::1], f8[::1], f8[::1])", cache=True)
 def _colour(x, P, e, Phi, factors, gained, moved):
     """Take the own states and their covariances to the event, and errors by the transition."""
     d, n = len(Phi), len(P)

@@ -60,7 +60,7 @@ class Contestant:
     Attributes
     ----------
     run : callable
-        Takes the numbers, the time at which the data end, s, and what is kept; returns a `Solution`.
+        Takes the numbers, the time at which the data end, s, and what is kept.
     begin, ratios : sequence of float
     """
 

@@ -270,9 +270,7 @@ class OdometryCorrection:
         silent = Fixes(self.fixes.time, np.full((len(self.fixes), 2), np.nan))
         events = PositionFixes(silent, self.lever_arm, np.ones(2))
         motion = OdometryMotion(self.recording.odometry, noise)
-        return run_error_state(
-            motion, start, [observed, events], end=end, gate=GATE, kept=kept
-        )
+        return run_error_state(motion, start, [observed, events], end=end, gate=GATE, kept=kept)
 
 
 def correction_of(

@@ -66,7 +66,13 @@ def planar(seed: int) -> tuple[Any, est.Start, list[Any], dict[str, Any]]:
     distance = np.linalg.norm(np.column_stack([heard, 0.1 * heard]) - anchors[anchor], axis=1)
     distance += 0.1 * rng.standard_normal(50) + 4 * (rng.random(50) < 0.1)
     ranges = est.RangesToAnchors(
-        Ranges(heard, anchor, np.abs(distance), anchors, NAMES[:4]), arm, 0.1, 0.05, 0.1, 1.0, scale=0.02
+        Ranges(heard, anchor, np.abs(distance), anchors, NAMES[:4]),
+        arm,
+        0.1,
+        0.05,
+        0.1,
+        1.0,
+        scale=0.02,
     )
     moved = np.tile([1.0, 0.1], (len(t[::7]), 1))
     moved[3] = np.nan, 0.1
