@@ -20,6 +20,7 @@ from scipy.linalg import block_diag
 
 from inswsn_lib.checks import Array, Mask, covariance
 from inswsn_lib.errors import InswsnError
+from inswsn_lib.kernels import choose
 from inswsn_lib.streams import Whole
 
 
@@ -41,6 +42,22 @@ class Innovation(NamedTuple):
     rows: Array
     own: Array
     noise: Array
+
+
+class Components(NamedTuple):
+    """Measurements as a table of their components, which the compiled filter reads.
+
+    Of a component u are expected, by `kind`: 0 the antenna's place along an axis; 1 its distance
+    from an anchor; 2 the velocity along an axis; 3 the same along an axis of the body.
+    """
+
+    first: Whole  # (measurements + 1,), of the components of each
+    kind: int
+    vector: Array  # (components, d), the axis, or the anchor's place
+    arm: Array  # (d,), the lever arm
+    told: Array  # (components,)
+    variance: Array  # (components,)
+    own: Whole  # (components, 3), own states, or -1: the scale, and two that are added
 
 
 class Observation(Protocol):
@@ -165,6 +182,7 @@ def run_error_state(
     gate: float = np.inf,
     iterations: int = 1,
     about: Any = None,
+    kept: bool = True,
 ) -> Solution:
     """Run an error-state Kalman filter over the events of all observations, in the order of time.
 
@@ -187,6 +205,9 @@ def run_error_state(
         A state at the time of the start from which the motion goes on without corrections: all is
         linearised about it, and its errors are estimated (feedforward). By default the motion goes
         on from each corrected state (feedback).
+    kept : bool
+        Whether states, covariances and innovations are kept. Else the solution has the likelihood,
+        and of innovations the times and normalised squares: all that a search for numbers needs.
 
     Raises
     ------
@@ -220,16 +241,59 @@ def run_error_state(
         raise InswsnError(
             f"There is no measurement after {start.time:.6g} s and up to {end:.6g} s."
         )
-    events, first = np.unique(when[order], return_index=True)
-    run = _Run(start, observations, gate, iterations, about, events=len(events))
+    times, first = np.unique(when[order], return_index=True)
+    events = _Events(times, np.append(first, len(order)), kind[order], row[order])
+    run = ErrorStateFilter(start, observations, gate, iterations, about)
     whole = Start(start.time, run.state, run.covariance)
-    steps = motion.between(start.time, events)
-    for k, at in enumerate(np.split(order, first[1:])):
-        run.go(k, steps, float(events[k]))
-        for i, j in zip(kind[at], row[at], strict=True):
-            run.take(int(i), int(j))
-        run.keep(k)
-    return run.solution(events, whole)
+    found = run._go(motion.between(start.time, times), events, observations, kept=kept)
+    make = type(start.state).of_row
+    return Solution(
+        times if kept else times[:0], [make(x) for x in found.states], found.filtered,
+        [make(x) for x in found.before], found.priors, found.transitions,
+        [found.innovations(events, i, kept=kept) for i in range(len(observations))],
+        run.log_likelihood, whole,
+    )  # fmt: skip
+
+
+class _Events(NamedTuple):
+    """When there are measurements, and which: a row of an observation each."""
+
+    time: Array  # (events,)
+    first: Whole  # (events + 1,), of the measurements of each
+    kind: Whole  # (measurements,), the observation
+    row: Whole  # (measurements,)
+
+
+class _Found(NamedTuple):
+    """What a run over events leaves; the first five are empty unless they are to be kept."""
+
+    states: Array  # (events, numbers)
+    before: Array
+    filtered: Array  # (events, n, n)
+    priors: Array
+    transitions: Array
+    sizes: Whole  # (measurements,), how many components there were
+    values: Array  # (components,), of all measurements
+    deviations: Array
+    used: Mask
+    squares: Array  # (measurements,)
+    likelihood: float
+    state: Array  # (numbers,), at the end
+    covariance: Array
+    error: Array
+
+    def innovations(self, events: _Events, i: int, *, kept: bool) -> Innovations:
+        """Return those of an observation."""
+        there = self.sizes > 0
+        mine = there & (events.kind == i)
+        time = np.repeat(events.time, np.diff(events.first))[mine]
+        if not kept:
+            return Innovations(time, [], [], [], self.squares[mine])
+        ends = np.cumsum(self.sizes)
+        parts = [slice(a, b) for a, b in zip((ends - self.sizes)[mine], ends[mine], strict=True)]
+        values, deviations = ([of[p] for p in parts] for of in (self.values, self.deviations))
+        used = [self.used[p] for p in parts]
+        return Innovations(time, values, deviations, used, self.squares[mine])
 
 
 class ErrorStateFilter:
@@ -308,7 +372,9 @@ class ErrorStateFilter:
         time : float
             s.
         """
-        self._ahead(motion.between(self.time, np.array([time])), 0, time)
+        nothing = np.zeros(0, dtype=int)
+        events = _Events(np.array([time]), np.zeros(2, dtype=int), nothing, nothing)
+        self._go(motion.between(self.time, events.time), events, self.observations)
 
     def measure(self, i: int, observation: Observation, k: int = 0) -> None:
         """Take a measurement at the time of the state.
@@ -322,7 +388,122 @@ class ErrorStateFilter:
         k : int
             Which of its measurements.
         """
-        self._measure(i, observation, k)
+        events = _Events(np.array([self.time]), np.array([0, 1]), np.array([i]), np.array([k]))
+        known = [*self.observations]
+        known[i] = observation
+        self._go(None, events, known)
+
+    def _go(
+        self, steps: Any, events: _Events, observations: Sequence[Any], *, kept: bool = False
+    ) -> _Found:
+        """Take events; without steps no time passes."""
+
+        def by_hand(*_: Any) -> tuple[Any, ...]:
+            return self._by_hand(steps, events, observations, kept)
+
+        # an iterated filter has no table, nor have observations of a kind of its user's
+        table = self._table(steps, events, observations)
+        run = by_hand if table is None else choose("error_state", by_hand)
+        found = _Found(*run(*(table or ()), kept))
+        self._nominal = type(self._nominal).of_row(found.state)
+        self.time, self.covariance, self._error = float(events.time[-1]), *found[-2:]
+        self.log_likelihood += found.likelihood
+        return found
+
+    def _table(
+        self, steps: Any, events: _Events, observations: Sequence[Any]
+    ) -> tuple[Any, ...] | None:
+        """Return what the compiled filter takes, or None."""
+        parts: list[Any] = [getattr(each, "components", None) for each in observations]
+        d = len(self._nominal.position)
+        iterated = self._feedback and self.iterations > 1
+        if iterated or any(part is None or len(part.arm) != d for part in parts):
+            return None
+        # places of components, and of measurements, among those of all observations
+        before = np.cumsum([0, *(len(part.told) for part in parts)])
+        begins, stops = (
+            np.concatenate([p.first[s] + b for p, b in zip(parts, before, strict=False)])
+            for s in (slice(-1), slice(1, None))
+        )
+        rows = np.cumsum([0, *(len(part.first) - 1 for part in parts)])[events.kind] + events.row
+        counts = np.diff(before)
+        vectors = np.concatenate([part.vector for part in parts])
+        arms = np.repeat([part.arm for part in parts], counts, axis=0)
+        own = np.concatenate([
+            np.where(part.own < 0, -1, part.own + own.start)
+            for part, own in zip(parts, self._own, strict=True)
+        ])  # fmt: skip
+        factors, gained = self._coloured(steps, events.time, observations)
+        nothing = np.zeros(1, dtype=int)
+        motion = (
+            (np.zeros((0, 7 if d > 2 else 3)), nothing, np.zeros(4))
+            if steps is None
+            else (np.ascontiguousarray(steps.pieces), steps.ends, steps.densities)
+        )
+        return (
+            *motion, self._nominal.row, self.covariance, self._error, factors, gained,
+            events.first, begins[rows], stops[rows],
+            np.repeat([part.kind for part in parts], counts), _wide(vectors), _wide(arms),
+            np.concatenate([part.told for part in parts]),
+            np.concatenate([part.variance for part in parts]), own,
+            float(self.gate), self._feedback,
+        )  # fmt: skip
+
+    def _coloured(
+        self, steps: Any, times: Array, observations: Sequence[Any]
+    ) -> tuple[Array, Array]:
+        """Return factors and gained variances of all own states, (events, states)."""
+        shape = len(times), len(self.covariance) - self._nominal.errors
+        if steps is None:
+            return np.ones(shape), np.zeros(shape)
+        passed = np.diff(times, prepend=self.time)[:, None]
+        moved = [each.transition(passed) for each in observations]
+        wide = [
+            [np.broadcast_to(part, (len(times), len(each.initial))) for part in two]
+            for two, each in zip(moved, observations, strict=True)
+        ]
+        factors, gained = (np.concatenate(parts, axis=1) for parts in zip(*wide, strict=True))
+        return factors, gained
+
+    def _by_hand(
+        self, steps: Any, events: _Events, observations: Sequence[Any], kept: bool
+    ) -> tuple[Any, ...]:
+        """Return what `_Found` holds, by numpy, an event at a time."""
+        states, before, filtered, priors, transitions = ([] for _ in range(5))
+        taken: list[tuple[Array, Array, Mask, float] | None] = []
+        begin = self.log_likelihood
+        for k, time in enumerate(events.time.tolist()):
+            if steps is not None:
+                transition = self._ahead(steps, k, time)
+            if kept:
+                before.append(self.state.row)
+                priors.append(self.covariance)
+                transitions.append(transition)
+            for j in range(events.first[k], events.first[k + 1]):
+                i = events.kind[j]
+                taken.append(self._measure(i, observations[i], int(events.row[j])))
+            if kept:
+                states.append(self.state.row)
+                filtered.append(self.covariance)
+        n, numbers = len(self.covariance), len(self._nominal.row)
+        there = [each for each in taken if each is not None]
+        values, deviations, used = (
+            (
+                np.concatenate([np.zeros(0), *column])
+                for column in list(zip(*there, strict=True))[:3]
+            )
+            if there
+            else np.zeros((3, 0))
+        )
+        likelihood, self.log_likelihood = self.log_likelihood - begin, begin
+        return (
+            np.reshape(states, (-1, numbers)), np.reshape(before, (-1, numbers)),
+            *(np.reshape(each, (-1, n, n)) for each in (filtered, priors, transitions)),
+            np.array([0 if each is None else len(each[0]) for each in taken], dtype=int),
+            values, deviations, used.astype(bool),
+            np.array([np.nan if each is None else each[3] for each in taken]),
+            likelihood, self._nominal.row, self.covariance, self._error,
+        )  # fmt: skip
 
     def _ahead(self, steps: Any, k: int, time: float) -> Array:
         """Go to the end of step k, and return the transition."""
@@ -343,8 +524,8 @@ class ErrorStateFilter:
 
     def _measure(
         self, i: int, observation: Observation, k: int
-    ) -> tuple[float, Array, Array, Mask, float] | None:
-        """Take a measurement; return its time, innovation, deviations, what is used, and NIS."""
+    ) -> tuple[Array, Array, Mask, float] | None:
+        """Take a measurement; return its innovation, deviations, what is used, and NIS."""
         got, rows = self._expected(i, observation, k, self._nominal)
         if got is None:
             return None
@@ -356,7 +537,7 @@ class ErrorStateFilter:
         self.log_likelihood += self._log_likelihood(value, S, used, size)
         if used.any():
             self._update(i, observation, k, used, got, rows)
-        return self.time, value, np.sqrt(variances), used, size / len(value)
+        return value, np.sqrt(variances), used, size / len(value)
 
     def _log_likelihood(self, value: Array, S: Array, used: Mask, size: float) -> float:
         """Return that of an innovation; a component beyond the gate counts as one at the gate."""
@@ -401,46 +582,8 @@ class ErrorStateFilter:
         return got, rows
 
 
-class _Run(ErrorStateFilter):
-    """A filter that keeps what a `Solution` is made of."""
-
-    def __init__(self, *given: Any, events: int) -> None:
-        super().__init__(*given)
-        n = len(self.covariance)
-        self.states: list[Any] = []
-        self.before: list[Any] = []
-        self.filtered, self.priors, self.transitions = np.empty((3, events, n, n))
-        self.found: list[list[tuple[float, Array, Array, Mask, float]]] = [
-            [] for _ in self.observations
-        ]
-
-    def go(self, k: int, steps: Any, time: float) -> None:
-        """Go to the next event."""
-        self.transitions[k] = self._ahead(steps, k, time)
-        self.before.append(self.state)
-        self.priors[k] = self.covariance
-
-    def take(self, i: int, j: int) -> None:
-        """Take measurement j of observation i."""
-        taken = self._measure(i, self.observations[i], j)
-        if taken is not None:
-            self.found[i].append(taken)
-
-    def keep(self, k: int) -> None:
-        self.states.append(self.state)
-        self.filtered[k] = self.covariance
-
-    def solution(self, events: Array, start: Start) -> Solution:
-        innovations = []
-        for each in self.found:
-            columns = list(zip(*each, strict=True)) or [()] * 5
-            time, values, deviations, used, squares = columns
-            innovations.append(
-                Innovations(
-                    np.array(time), list(values), list(deviations), list(used), np.array(squares)
-                )
-            )
-        return Solution(
-            events, self.states, self.filtered, self.before, self.priors, self.transitions,
-            innovations, self.log_likelihood, start,
-        )  # fmt: skip
+def _wide(vectors: Array) -> Array:
+    """Return vectors (rows, 2 or 3) with three coordinates, of which the third may be zero."""
+    wide = np.zeros((len(vectors), 3))
+    wide[:, : vectors.shape[1]] = vectors
+    return wide

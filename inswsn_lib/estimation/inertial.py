@@ -6,11 +6,10 @@ from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from inswsn_lib.checks import Array
-from inswsn_lib.estimation.mechanization import ERRORS, Pieces, advance, cut, turned
-from inswsn_lib.streams import Imu
+from inswsn_lib.estimation.mechanization import ERRORS, advance, cut, rotation_vector, turned
+from inswsn_lib.streams import Imu, Whole
 
 POSITION, VELOCITY, ATTITUDE = slice(0, 3), slice(3, 6), slice(6, 9)
 FORCE_BIAS, RATE_BIAS = slice(9, 12), slice(12, 15)
@@ -71,6 +70,17 @@ class InertialState:
     rate_bias: Array = field(default_factory=lambda: np.zeros(3))
     own: Array = field(default_factory=lambda: np.zeros(0))
 
+    @classmethod
+    def of_row(cls, row: Array) -> InertialState:
+        """Return the state whose numbers, one after the other, are a row (21 + own,)."""
+        return cls(row[:3], row[3:6], row[6:15].reshape(3, 3), row[15:18], row[18:21], row[21:])
+
+    @property
+    def row(self) -> Array:
+        """All numbers, one after the other, (21 + own,)."""
+        turned, biases = self.attitude.ravel(), (self.force_bias, self.rate_bias)
+        return np.concatenate([self.position, self.velocity, turned, *biases, self.own])
+
     def plus(self, error: Array) -> InertialState:
         """Return the state that lies an error, (15 + own,), from this one."""
         return InertialState(
@@ -87,7 +97,7 @@ class InertialState:
         return np.concatenate([
             self.position - other.position,
             self.velocity - other.velocity,
-            Rotation.from_matrix(other.attitude.T @ self.attitude).as_rotvec(),
+            rotation_vector(other.attitude.T @ self.attitude),
             self.force_bias - other.force_bias,
             self.rate_bias - other.rate_bias,
             self.own - other.own,
@@ -137,7 +147,7 @@ class InertialMotion:
         :meta private:
         """
         return InertialSteps(
-            cut(self.imu.time, self.imu.rate, self.imu.force, begin, events),
+            *cut(self.imu.time, self.imu.rate, self.imu.force, begin, events),
             np.array(
                 [getattr(self.noise, n) for n in ("force", "rate", "force_walk", "rate_walk")]
             ),
@@ -146,17 +156,17 @@ class InertialMotion:
 
 @dataclass(frozen=True, eq=False)
 class InertialSteps:
-    """The integration from one event to the next."""
+    """The integration from one event to the next; `pieces` and `ends` are those of `cut`."""
 
-    pieces: Pieces
+    pieces: Array
+    ends: Whole
     densities: Array
 
     def ahead(self, k: int, state: InertialState) -> tuple[InertialState, Array, Array]:
         """Return the state at event k, from that before it, with transition and covariance."""
-        part = slice(self.pieces.ends[k - 1] if k else 0, self.pieces.ends[k])
         p, v, R, Phi, Q = advance(
             state.position, state.velocity, state.attitude, state.force_bias, state.rate_bias,
-            self.pieces.dt[part], self.pieces.rate[part], self.pieces.force[part], self.densities,
+            self.pieces[self.ends[k - 1] if k else 0 : self.ends[k]], self.densities,
         )  # fmt: skip
         return replace(state, position=p, velocity=v, attitude=R), Phi, Q
 

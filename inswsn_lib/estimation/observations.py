@@ -9,10 +9,12 @@ from typing import Any
 import numpy as np
 
 from inswsn_lib.checks import Array
-from inswsn_lib.estimation.error_state import Innovation
-from inswsn_lib.streams import Fixes, Ranges
+from inswsn_lib.estimation.error_state import Components, Innovation
+from inswsn_lib.streams import Fixes, Ranges, Whole
 
 _NONE = np.zeros(0)
+# Kinds of components
+_PLACE, _RANGE, _VELOCITY, _ACROSS = range(4)
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,6 +56,17 @@ class PositionFixes:
     def transition(self, dt: float) -> tuple[Array, Array]:
         """Return factors and gained variances of the coloured errors."""
         return gauss_markov(dt, self.times, self.coloured)
+
+    @property
+    def components(self) -> Components:
+        """The measurements as a table.
+
+        :meta private:
+        """
+        found = _along(_PLACE, self.fixes.position, np.eye(len(self.white)), self.white)
+        if len(self.coloured):
+            found.own[:, 1] = np.argmax(found.vector, axis=1)
+        return found._replace(arm=self.lever_arm)
 
     def innovation(self, k: int, state: Any, own: Array) -> Innovation | None:
         """Return the innovation of fix k; components that are NaN are left out."""
@@ -117,9 +130,9 @@ class RangesToAnchors:
     scale: float = 0.0
 
     @cached_property
-    def _stamps(self) -> tuple[Array, Array]:
+    def _stamps(self) -> tuple[Array, Whole]:
         stamps, first = np.unique(self.ranges.time, return_index=True)
-        return stamps, np.append(first, len(self.ranges))
+        return stamps, np.append(first, len(self.ranges)).astype(np.int64)
 
     @property
     def time(self) -> Array:
@@ -145,6 +158,22 @@ class RangesToAnchors:
         times = [np.inf] * bool(self.bias) + [self.correlation_time] * bool(self.coloured)
         each = np.repeat(times, len(self.ranges.anchors))
         return np.append([np.inf] * bool(self.scale), each)
+
+    @property
+    def components(self) -> Components:
+        """The measurements as a table.
+
+        :meta private:
+        """
+        count, scaled = len(self.ranges), int(bool(self.scale))
+        own = np.full((count, 3), -1)
+        own[:, 0] += scaled
+        for k in range(len(self._deviations)):
+            own[:, 1 + k] = scaled + k * len(self.ranges.anchors) + self.ranges.anchor
+        return Components(
+            self._stamps[1], _RANGE, self.ranges.anchors[self.ranges.anchor], self.lever_arm,
+            self.ranges.distance, np.full(count, self.white**2), own,
+        )  # fmt: skip
 
     def innovation(self, k: int, state: Any, own: Array) -> Innovation | None:
         """Return the innovation of the ranges of stamp k."""
@@ -198,6 +227,14 @@ class Velocities:
         """Return nothing: there is no state."""
         return _NONE, _NONE
 
+    @property
+    def components(self) -> Components:
+        """The measurements as a table.
+
+        :meta private:
+        """
+        return _along(_VELOCITY, self.velocity, np.eye(len(self.white)), self.white)
+
     def innovation(self, k: int, state: Any, own: Array) -> Innovation | None:
         """Return the innovation of row k."""
         value, rows = state.moving()
@@ -249,6 +286,16 @@ class WheelSpeeds:
         """Return nothing: there is no state."""
         return _NONE, _NONE
 
+    @property
+    def components(self) -> Components:
+        """The measurements as a table.
+
+        :meta private:
+        """
+        rest = np.zeros((len(self.speed), 2))
+        told = np.column_stack([self.speed, rest])
+        return _along(_ACROSS, told, self.axes, self.white)
+
     def innovation(self, k: int, state: Any, own: Array) -> Innovation:
         """Return the innovation of row k."""
         value, rows = state.moving_in(self.axes)
@@ -256,6 +303,15 @@ class WheelSpeeds:
         there = ~np.isnan(value)
         noise = np.diag(np.square(self.white)[there])
         return Innovation(value[there], rows[there], np.zeros((there.sum(), 0)), noise)
+
+
+def _along(kind: int, told: Array, axes: Array, white: Array) -> Components:
+    """Return the components along axes that are not NaN, of what was told (rows, axes)."""
+    row, axis = np.nonzero(~np.isnan(told))
+    first = np.searchsorted(row, np.arange(len(told) + 1))
+    own = np.full((len(row), 3), -1)
+    noise = np.square(white)[axis]
+    return Components(first, kind, axes[axis], np.zeros(len(axes)), told[row, axis], noise, own)
 
 
 def gauss_markov(dt: float, times: Array, deviations: Array) -> tuple[Array, Array]:

@@ -69,6 +69,18 @@ class PlanarState:
     speed: float = 0.0
     own: Array = field(default_factory=lambda: np.zeros(0))
 
+    @classmethod
+    def of_row(cls, row: Array) -> PlanarState:
+        """Return the state whose numbers, one after the other, are a row (6 + own,)."""
+        heading, scale, rate_bias, speed = row[2:6].tolist()
+        return cls(row[:2], heading, scale, rate_bias, speed, row[6:])
+
+    @property
+    def row(self) -> Array:
+        """All numbers, one after the other, (6 + own,)."""
+        rest = [self.heading, self.scale, self.rate_bias, self.speed]
+        return np.concatenate([self.position, rest, self.own])
+
     @property
     def velocity(self) -> Array:
         """By speed and heading, (2,), m/s."""
@@ -136,43 +148,43 @@ class OdometryMotion:
         )
         # a row speaks of the interval that ends with it; after the last one it goes on
         of = np.minimum(np.searchsorted(time, edges[1:]), len(time) - 1)
+        names = ("speed", "rate", "scale_walk", "rate_walk")
         return OdometrySteps(
-            np.diff(edges), self.odometry.speed[of], self.odometry.rate[of],
-            np.searchsorted(edges, events), self.noise,
-        )  # fmt: skip
+            np.column_stack([np.diff(edges), self.odometry.speed[of], self.odometry.rate[of]]),
+            np.searchsorted(edges, events),
+            np.array([getattr(self.noise, name) for name in names]),
+        )
 
 
 @dataclass(frozen=True, eq=False)
 class OdometrySteps:
-    """Dead reckoning from one event to the next."""
+    """Dead reckoning from one event to the next.
 
-    dt: Array
-    speed: Array
-    rate: Array
+    A piece, (3,), is its length, s, its speed and its rate; `ends` tells how many pieces lie before
+    each event.
+    """
+
+    pieces: Array
     ends: Whole
-    noise: OdometryNoise
+    densities: Array
 
     def ahead(self, k: int, state: PlanarState) -> tuple[PlanarState, Array, Array]:
         """Return the state at event k, from that before it, with transition and covariance."""
         Phi, Q = np.eye(5), np.zeros((5, 5))
-        for j in range(self.ends[k - 1] if k else 0, self.ends[k]):
-            T, way = self.dt[j], self.dt[j] * self.speed[j] * (1 + state.scale)
-            turn = T * (self.rate[j] - state.rate_bias)
+        for T, speed, rate in self.pieces[self.ends[k - 1] if k else 0 : self.ends[k]].tolist():
+            way, turn = T * speed * (1 + state.scale), T * (rate - state.rate_bias)
             middle = state.heading + turn / 2
             ahead = np.array([np.cos(middle), np.sin(middle)])
             left = np.array([-ahead[1], ahead[0]])
             F, G = np.eye(5), np.zeros((5, 4))
-            F[:2, _HEADING], F[:2, _SCALE] = way * left, T * self.speed[j] * ahead
+            F[:2, _HEADING], F[:2, _SCALE] = way * left, T * speed * ahead
             F[:2, _BIAS], F[_HEADING, _BIAS] = -way * T / 2 * left, -T
             G[:2, 0], G[:2, 1], G[_HEADING, 1] = T * ahead, way * T / 2 * left, T
             G[_SCALE, 2] = G[_BIAS, 3] = T
             # densities are squared over the length of the piece
-            densities = [
-                getattr(self.noise, n) for n in ("speed", "rate", "scale_walk", "rate_walk")
-            ]
-            Phi, Q = F @ Phi, F @ Q @ F.T + (G * np.square(densities) / T) @ G.T
+            Phi, Q = F @ Phi, F @ Q @ F.T + (G * np.square(self.densities) / T) @ G.T
             state = replace(
                 state, position=state.position + way * ahead, heading=state.heading + turn,
-                speed=float(self.speed[j]),
+                speed=speed,
             )  # fmt: skip
         return state, Phi, Q

@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from joblib import Parallel, delayed
 from scipy.spatial.transform import Rotation
 
 from inswsn_lib import recordings
@@ -94,18 +93,24 @@ class RecordedStudy:
             ),
         }
 
-    def tables(self, jobs: int = 2) -> Tables:
-        """Return everything, by the names of the sections of chapter 06.
-
-        Parameters
-        ----------
-        jobs : int
-            Processes; there is work for two.
-        """
-        parts = Parallel(n_jobs=jobs)(
-            delayed(part)(RecordedStudy(self.trials, self.cache)) for part in (_room, _others)
-        )
-        return {name: table for part in parts for name, table in part.items()}
+    def tables(self) -> Tables:
+        """Return everything, by the names of the sections of chapter 06."""
+        clusters = RecordedClusters(self.room)
+        found = {
+            "errors": self._errors(),
+            "bias": self._biases(),
+            "inrol/1": self.room.table(),
+            "smoother": self._smoother(),
+            "tight": self._tight(),
+            "clusters": clusters.table(),
+            "facts": self._facts(clusters),
+            **_of_outages("inrol/1", RecordedOutages(self.room)),
+            "autocorrelation": self._autocorrelations(),
+        }
+        found |= {name: contest.table() for name, contest in self.planar.items()}
+        for name, each in self.outages.items():
+            found |= _of_outages(name, each)
+        return found
 
     def _load(self, name: str) -> Recording:
         return recordings.load(name, cache=self.cache)
@@ -227,30 +232,6 @@ class RecordedStudy:
             "trials": self.trials,
         }
         return pd.DataFrame({"value": facts})
-
-
-def _room(study: RecordedStudy) -> Tables:
-    """Return what is of the room."""
-    clusters = RecordedClusters(study.room)
-    return {
-        "errors": study._errors(),
-        "bias": study._biases(),
-        "inrol/1": study.room.table(),
-        "smoother": study._smoother(),
-        "tight": study._tight(),
-        "clusters": clusters.table(),
-        "facts": study._facts(clusters),
-        **_of_outages("inrol/1", RecordedOutages(study.room)),
-    }
-
-
-def _others(study: RecordedStudy) -> Tables:
-    """Return what is of the other recordings, and of all fixes."""
-    found: Tables = {"autocorrelation": study._autocorrelations()}
-    found |= {name: contest.table() for name, contest in study.planar.items()}
-    for name, each in study.outages.items():
-        found |= _of_outages(name, each)
-    return found
 
 
 def _of_outages(name: str, outages: RecordedOutages) -> Tables:

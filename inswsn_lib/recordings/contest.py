@@ -60,7 +60,7 @@ class Contestant:
     Attributes
     ----------
     run : callable
-        Takes the numbers and the time at which the data end, s, and returns a `Solution`.
+        Takes the numbers, the time at which the data end, s, and what is kept.
     begin, ratios : sequence of float
     """
 
@@ -166,7 +166,7 @@ class FixesContest:
 
     def loose(
         self, force: float, rate: float, white: float, coloured: float = 0.0, time: float = 1.0,
-        *, end: float = np.inf,
+        *, end: float = np.inf, kept: bool = True,
     ) -> Solution:  # fmt: skip
         """Run the loosely coupled filter, on fixes.
 
@@ -178,12 +178,12 @@ class FixesContest:
             Standard deviations of fixes to the side, m; upwards they are taken twice as large.
         time : float
             Of the coloured errors, s.
-        end : float
-            When the data end, s.
+        end, kept
+            When the data end, s, and what is kept, as in `run_error_state`.
         """
         colour = (coloured * UP, np.full(3, time)) if coloured else ()
         fixes = PositionFixes(self.fixes, self.recording.lever_arm, white * UP, *colour)
-        return run_error_state(self.motion(force, rate), self.start, [fixes], end=end)
+        return run_error_state(self.motion(force, rate), self.start, [fixes], end=end, kept=kept)
 
     @cached_property
     def tuned(self) -> dict[str, Tuning[tuple[float, ...]]]:
@@ -310,7 +310,7 @@ class RecordedContest(FixesContest):
 
     def tight(
         self, force: float, rate: float, white: float, coloured: float, time: float, bias: float,
-        *, end: float = np.inf,
+        *, end: float = np.inf, kept: bool = True,
     ) -> Solution:  # fmt: skip
         """Run the tightly coupled filter, on ranges, each anchor with a bias and a coloured error.
 
@@ -324,12 +324,14 @@ class RecordedContest(FixesContest):
             Of the coloured errors, s.
         bias : float
             Standard deviation of a constant bias of each anchor, m; 0 for none.
-        end : float
-            When the data end, s.
+        end, kept
+            When the data end, s, and what is kept, as in `run_error_state`.
         """
         ranges = RangesToAnchors(self.heard, self.recording.lever_arm, white, bias, coloured, time)
         motion = self.motion(force, rate)
-        return run_error_state(motion, self.start, [ranges, self.silent], end=end, gate=GATE)
+        return run_error_state(
+            motion, self.start, [ranges, self.silent], end=end, kept=kept, gate=GATE
+        )
 
     @cached_property
     def tuned(self) -> dict[str, Tuning[tuple[float, ...]]]:

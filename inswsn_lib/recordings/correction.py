@@ -71,7 +71,7 @@ class Correction(Protocol):
     def stated(self) -> int:
         """Of how many of x, y, vx, vy the filter states the errors."""
 
-    def run(self, *numbers: float, end: float = np.inf) -> Solution:
+    def run(self, *numbers: float, end: float = np.inf, kept: bool = True) -> Solution:
         """Run the filter, which has an event at the time of each fix."""
 
     def series(self, solution: Solution) -> Whole:
@@ -131,19 +131,21 @@ class InertialCorrection:
             self._motion(*self.begins[0][:2]), [white], first - 0.1, first + self.alignment
         )
 
-    def run(self, *numbers: float, end: float = np.inf) -> Solution:
+    def run(self, *numbers: float, end: float = np.inf, kept: bool = True) -> Solution:
         """Run the filter, which has an event at the time of each fix.
 
         Parameters
         ----------
         numbers : float
-        end : float
-            When the data end, s.
+        end, kept
+            When the data end, s, and what is kept, as in `run_error_state`.
         """
         force, rate, white, *colour = numbers
         colours = _colour(colour, UP)
         observed = PositionFixes(self.fixes, self.lever_arm, white * UP, *colours)
-        return run_error_state(self._motion(force, rate), self.start, [observed], end=end)
+        return run_error_state(
+            self._motion(force, rate), self.start, [observed], end=end, kept=kept
+        )
 
     def series(self, solution: Solution) -> Whole:
         """Return of which axis each component of the innovations is."""
@@ -223,16 +225,16 @@ class OdometryCorrection:
             key=lambda s: self._run(s, self.begins[0], first + self.alignment).log_likelihood,
         )
 
-    def run(self, *numbers: float, end: float = np.inf) -> Solution:
+    def run(self, *numbers: float, end: float = np.inf, kept: bool = True) -> Solution:
         """Run the filter, which has an event at the time of each fix.
 
         Parameters
         ----------
         numbers : float
-        end : float
-            When the data end, s.
+        end, kept
+            When the data end, s, and what is kept, as in `run_error_state`.
         """
-        return self._run(self.start, numbers, end)
+        return self._run(self.start, numbers, end, kept=kept)
 
     def series(self, solution: Solution) -> Whole:
         """Return of which axis, or anchor, each component of the innovations is."""
@@ -250,7 +252,9 @@ class OdometryCorrection:
         vars(found).update(start=self.start, begins=self.begins)
         return found
 
-    def _run(self, start: Start, numbers: Sequence[float], end: float) -> Solution:
+    def _run(
+        self, start: Start, numbers: Sequence[float], end: float, *, kept: bool = True
+    ) -> Solution:
         assert self.recording.odometry is not None
         speed, rate, white, *others = numbers
         noise = OdometryNoise(speed, rate, *_ODOMETRY_WALKS)
@@ -266,7 +270,7 @@ class OdometryCorrection:
         silent = Fixes(self.fixes.time, np.full((len(self.fixes), 2), np.nan))
         events = PositionFixes(silent, self.lever_arm, np.ones(2))
         motion = OdometryMotion(self.recording.odometry, noise)
-        return run_error_state(motion, start, [observed, events], end=end, gate=GATE)
+        return run_error_state(motion, start, [observed, events], end=end, gate=GATE, kept=kept)
 
 
 def correction_of(

@@ -119,14 +119,14 @@ def unlikely(run: Callable[..., Solution], end: float) -> Callable[..., float]:
     Parameters
     ----------
     run : callable
-        Takes the filter's numbers and the time at which the data end, s.
+        Takes the filter's numbers, the time at which the data end, s, and what is kept.
     end : float
         That time.
     """
 
     def loss(*numbers: float) -> float:
-        solution = run(*numbers, end=end)
-        count = sum(len(kept.squares) for kept in solution.innovations)
+        solution = run(*numbers, end=end, kept=False)
+        count = sum(len(each.squares) for each in solution.innovations)
         return float(np.exp(-solution.log_likelihood / count))
 
     return loss

@@ -139,7 +139,7 @@ class PlanarContest:
 
     def loose(
         self, speed: float, rate: float, white: float, coloured: float, time: float,
-        *, end: float = np.inf,
+        *, end: float = np.inf, kept: bool = True,
     ) -> Solution:  # fmt: skip
         """Run the filter on fixes.
 
@@ -151,16 +151,16 @@ class PlanarContest:
             Standard deviations of fixes, m.
         time : float
             Of the coloured errors, s.
-        end : float
-            When the data end, s.
+        end, kept
+            When the data end, s, and what is kept, as in `run_error_state`.
         """
         ones = np.ones(2)
         fixes = PositionFixes(self.fixes, self._arm, white * ones, coloured * ones, time * ones)
-        return run_error_state(self._motion(speed, rate), self.start, [fixes], end=end)
+        return run_error_state(self._motion(speed, rate), self.start, [fixes], end=end, kept=kept)
 
     def tight(
         self, speed: float, rate: float, white: float, coloured: float, time: float, bias: float,
-        *, end: float = np.inf,
+        *, end: float = np.inf, kept: bool = True,
     ) -> Solution:  # fmt: skip
         """Run the filter on ranges, with a bias of each anchor and a scale of all.
 
@@ -174,14 +174,16 @@ class PlanarContest:
             Of the coloured errors, s.
         bias : float
             Standard deviation of the bias of an anchor, m.
-        end : float
-            When the data end, s.
+        end, kept
+            When the data end, s, and what is kept, as in `run_error_state`.
         """
         ranges = RangesToAnchors(
             self.streams[1], self._arm, white, bias, coloured, time, scale=_SCALE
         )
         motion = self._motion(speed, rate)
-        return run_error_state(motion, self.start, [ranges, self._silent], end=end, gate=_GATE)
+        return run_error_state(
+            motion, self.start, [ranges, self._silent], end=end, kept=kept, gate=_GATE
+        )
 
     @cached_property
     def tuned(self) -> dict[str, Tuning[tuple[float, ...]]]:
