@@ -36,7 +36,7 @@ from inswsn_lib.models import ErrorModel
 OUT = Path(__file__).parent.parent / "data" / "growth.json"
 PICTURE = OUT.with_suffix(".svg")
 MODEL = ErrorModel.p1(0.2, process_noise=(0.05, 0.1), measurement_noise=(0.2, 0.3))
-STEPS, PIECE, FEW = 200, 1000, 100
+STEPS, PIECE, FEW, RANK = 200, 1000, 100, 500
 #: Seconds: repeated until then, and longer than this no point is expected to take
 SHORT, LONGEST = 0.5, 30.0
 
@@ -143,11 +143,11 @@ def by_clusters(count: int, noise: Any) -> Callable[[], None]:
     return lambda: void(design_fusion(designs, noise, "block"))
 
 
-def by_samples(samples: int) -> Callable[[], None]:
-    """Return the training of an LS-SVM."""
+def by_samples(samples: int, rank: int | None = None) -> Callable[[], None]:
+    """Return the training of an LS-SVM, dense or of low rank."""
     rng = np.random.default_rng(4)
     X, y = rng.standard_normal((samples, 4)), rng.standard_normal((samples, 4))
-    return lambda: void(LSSVMRegressor(2.0, 10.0).fit(X, y))
+    return lambda: void(LSSVMRegressor(2.0, 10.0, rank=rank).fit(X, y))
 
 
 def void(_: object) -> None:
@@ -215,6 +215,11 @@ CURVES = (
     Curve(
         "LS-SVM, dense", "samples", (100, 200, 500, 1000, 2000, 5000), by_samples, "flops",
         lambda n: n**3 / 3.0, "its Cholesky factor at the rate of a product of matrices", 3,
+    ),
+    Curve(
+        f"LS-SVM, rank {RANK}", "samples", (1000, 2000, 5000, 10_000, 20_000, 50_000, 100_000),
+        partial(by_samples, rank=RANK), "flops", lambda n: 2.0 * RANK**2 * n,
+        "pivots and normal matrix at the rate of a product of matrices",
     ),
 )  # fmt: skip
 

@@ -94,7 +94,8 @@ def test_a_kernel_that_is_singular_to_rounding_is_told() -> None:
     "parameters",
     [
         {"sigma": 0.0}, {"sigma": True}, {"eta": 0.0}, {"eta": float("inf")}, {"kernel": "cosine"},
-        {"kernel": "polynomial", "degree": 0}, {"degree": 1.5},
+        {"kernel": "polynomial", "degree": 0}, {"degree": 1.5}, {"rank": 0}, {"rank": 3},
+        {"rank": 1.5},
     ],
 )  # fmt: skip
 def test_a_parameter_that_cannot_be_is_refused(parameters: dict[str, Any]) -> None:
@@ -114,3 +115,73 @@ def test_many_samples_give_what_the_bordered_system_gives(kernel: Any, n: int) -
     system[1:, 1:] = kernel_matrix(X, X, kernel, 2.0, 2) + np.eye(n) / 3.0
     expected = np.linalg.solve(system, np.vstack([np.zeros((1, 2)), y]))
     assert np.vstack([machine.bias_, machine.alpha_]) == pytest.approx(expected, abs=1e-9)
+
+
+@pytest.mark.parametrize("kernel", KERNELS)
+def test_with_every_sample_a_pivot_a_low_rank_is_the_dense_machine(kernel: Any) -> None:
+    X, y = data(6, 200)
+    dense = LSSVMRegressor(1.0, 3.0, kernel).fit(X, y)
+    low = LSSVMRegressor(1.0, 3.0, kernel, rank=200).fit(X, y)
+    new = data(7)[0]
+    assert low.predict(new) == pytest.approx(dense.predict(new), rel=1e-9, abs=1e-10)
+    assert low.bias_ == pytest.approx(dense.bias_, rel=1e-9)
+    assert low.trace_left_ < 1e-12
+    assert low.residual_ < 1e-10
+
+
+@pytest.mark.parametrize(
+    ("kernel", "degree", "features"), [("linear", 1, 3), ("polynomial", 2, 10)]
+)
+def test_so_many_pivots_as_features_are_enough(kernel: Any, degree: int, features: int) -> None:
+    """A linear kernel of 3 inputs has 3 features, (1 + x'z)^2 has 1 + 3 + 6."""
+    X, y = data(8, 300)
+    dense = LSSVMRegressor(1.0, 3.0, kernel, degree).fit(X, y)
+    new = data(9)[0]
+    for rank in (features, 300):
+        low = LSSVMRegressor(1.0, 3.0, kernel, degree, rank).fit(X, y)
+        assert low.X_fit_.shape == (features, 3)
+        assert low.predict(new) == pytest.approx(dense.predict(new), rel=1e-8, abs=1e-9)
+        assert max(low.trace_left_, low.residual_) < 1e-9
+
+
+def test_a_low_rank_is_the_machine_with_the_kernel_of_its_pivots() -> None:
+    """With the kernel k(x, P) K_PP^-1 k(P, z) in the bordered system; the errors by hand, too."""
+    X, y = data(10, 150)
+    machine = LSSVMRegressor(1.5, 5.0, rank=20).fit(X, y)
+    P, new = machine.X_fit_, data(11)[0]
+    at_pivots, K = rbf_kernel(P, P, gamma=1 / 4.5), rbf_kernel(X, X, gamma=1 / 4.5)
+
+    def kernel(A: np.ndarray, B: np.ndarray) -> np.ndarray:
+        left, right = rbf_kernel(A, P, gamma=1 / 4.5), rbf_kernel(P, B, gamma=1 / 4.5)
+        return np.asarray(left @ np.linalg.solve(at_pivots, right))
+
+    system = np.ones((151, 151))
+    system[0, 0] = 0
+    system[1:, 1:] = kernel(X, X) + np.eye(150) / 5.0
+    b, alpha = np.split(np.linalg.solve(system, np.vstack([np.zeros((1, 2)), y])), [1])
+    assert machine.predict(new) == pytest.approx(kernel(new, X) @ alpha + b, abs=1e-8)
+    assert machine.trace_left_ == pytest.approx(1 - np.trace(kernel(X, X)) / 150, abs=1e-10)
+    missed = y - b - alpha / 5.0 - K @ alpha
+    residual = np.sqrt(np.mean(missed**2) / np.mean(y**2))
+    assert machine.residual_ == pytest.approx(residual, rel=1e-8)
+
+
+def test_a_larger_rank_has_a_smaller_error() -> None:
+    X = data(12, 1500)[0]
+    y = np.sin(X[:, 0]) * X[:, 1]
+    dense = LSSVMRegressor(2.0, 10.0).fit(X, y)
+    machines = [LSSVMRegressor(2.0, 10.0, rank=r).fit(X, y) for r in (20, 80, 320)]
+    off = [float(np.abs(m.predict(X) - dense.predict(X)).max()) for m in machines]
+    for errors in (off, [m.trace_left_ for m in machines], [m.residual_ for m in machines]):
+        assert errors[0] > 3 * errors[1] > 9 * errors[2]
+    assert off[-1] < 1e-2
+
+
+def test_samples_that_are_alike_need_one_pivot_each() -> None:
+    X, y = np.repeat([[0.0], [1.0]], 100, axis=0), np.repeat([3.0, 5.0], 100)
+    machine = LSSVMRegressor(0.1, 1e3, rank=50).fit(X, y)
+    assert sorted(machine.X_fit_[:, 0]) == [0.0, 1.0]
+    assert machine.predict([[0.0], [1.0]]) == pytest.approx([3.0, 5.0], abs=1e-4)
+    nothing = LSSVMRegressor(kernel="linear", rank=2).fit(np.zeros((5, 1)), np.arange(5.0))
+    assert nothing.predict([[7.0]]) == pytest.approx([2.0])
+    assert nothing.trace_left_ == 0
