@@ -11,18 +11,19 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import NamedTuple
 
 import numpy as np
 from numpy.polynomial.legendre import legvander
 from numpy.typing import ArrayLike
 from scipy.linalg import block_diag
-from scipy.optimize import least_squares
+from scipy.optimize import leastsq
 from scipy.special import erf
 
 from inswsn_lib.checks import Array, array, number, whole
 from inswsn_lib.errors import Described, ParameterError
+from inswsn_lib.kernels import choose
 
 _MOST_DEGREE = 9
 _LEAST_DEVIATION = 1e-12  # m, m/s: what an error has that is without noise
@@ -360,33 +361,48 @@ class _Cells:
 
     def of(self, drifts: Array) -> Array:
         """Return the expected cells, (drifts, cells)."""
-        return np.asarray(self._sizes(drifts @ self.basis.T)[0] @ self.mean.T)
+        return np.asarray(_sizes(drifts @ self.basis.T, self.deviation)[0] @ self.mean.T)
 
-    def value_and_slope(self, drift: Array) -> tuple[Array, Array]:
-        """Return the expected cells of one drift, and their derivatives (cells, numbers)."""
-        size, sign = self._sizes(self.basis @ drift)
-        return self.mean @ size, (self.mean * sign) @ self.basis
+    @cached_property
+    def value_and_slope(self) -> Callable[[Array], tuple[Array, Array]]:
+        """From one drift its expected cells, and their derivatives (cells, numbers)."""
+        return partial(choose("mean_sizes", _mean_sizes), self.basis, self.deviation, self.mean)
 
-    def _sizes(self, mean: Array) -> tuple[Array, Array]:
-        """Return the expected absolute values of errors, and their derivatives by the mean."""
-        ratio = mean / self.deviation
-        sign = erf(ratio / np.sqrt(2))
-        return np.sqrt(2 / np.pi) * self.deviation * np.exp(-(ratio**2) / 2) + mean * sign, sign
+
+def _mean_sizes(basis: Array, deviation: Array, mean: Array, drift: Array) -> tuple[Array, Array]:
+    """Return the fields of `_Cells` and one drift as expected cells and their derivatives."""
+    size, sign = _sizes(basis @ drift, deviation)
+    return mean @ size, (mean * sign) @ basis
+
+
+def _sizes(mean: Array, deviation: Array) -> tuple[Array, Array]:
+    """Return the expected absolute values of errors, and their derivatives by the mean."""
+    ratio = mean / deviation
+    sign = erf(ratio / np.sqrt(2))
+    return np.sqrt(2 / np.pi) * deviation * np.exp(-(ratio**2) / 2) + mean * sign, sign
 
 
 def _fit(fitted: _Cells, printed: Array, start: Array, most: int) -> tuple[Array, Array]:
     # rows of zeros where a drift has more numbers than there are cells: the method asks for as many
-    spare = max(0, len(start) - len(printed))
+    cells, rows = len(printed), max(len(printed), len(start))
 
     def residuals(drift: Array) -> Array:
-        return np.append(np.log(fitted.value_and_slope(drift)[0] / printed), np.zeros(spare))
+        values = np.zeros(rows)
+        values[:cells] = np.log(fitted.value_and_slope(drift)[0] / printed)
+        return values
 
     def slopes(drift: Array) -> Array:
-        cells, slope = fitted.value_and_slope(drift)
-        return np.concatenate([slope / cells[:, None], np.zeros((spare, len(start)))])
+        values = np.zeros((rows, len(start)))
+        mean, values[:cells] = fitted.value_and_slope(drift)
+        values[:cells] /= mean[:, None]
+        return values
 
-    found = least_squares(residuals, start, jac=slopes, method="lm", max_nfev=most)
-    return found.x, np.exp(found.fun[: len(printed)])
+    # MINPACK's own call: with few cells `least_squares` takes longer around it than the method
+    ends = dict.fromkeys(("ftol", "xtol", "gtol"), 1e-8)
+    numbers, _, found, *_ = leastsq(
+        residuals, start, Dfun=slopes, full_output=True, maxfev=most, **ends
+    )
+    return numbers, np.exp(found["fvec"][:cells])
 
 
 def _positive(name: str, value: ArrayLike, count: int) -> Array:
