@@ -33,7 +33,6 @@ from inswsn_lib.filters.information import (
     Observations,
     checked_noise,
     inverses,
-    states_of,
 )
 from inswsn_lib.filters.inputs import first_state, once
 from inswsn_lib.models import ErrorModel
@@ -123,11 +122,14 @@ def run_federated(
     clusters, steps, _, runs = y.shape
     gone = None if lost is None else mask("lost", lost, (clusters, steps, runs))
     x = first_state(initial_state, len(model.A), runs)
+    estimates = np.empty((steps, *x.shape))
     fused = _fused(
         model, y, x, gone, measurement_covariance, initial_covariance, sharing, reset, interval,
         process_covariance, predicted,
     )  # fmt: skip
-    return states_of(fused, np.empty((steps, *x.shape)))
+    for k, each in enumerate(fused):
+        estimates[k] = each.states()
+    return estimates
 
 
 def federated_covariance(

@@ -6,9 +6,7 @@ runs.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from contextlib import suppress
-from itertools import islice
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -22,7 +20,6 @@ from inswsn_lib.models import ErrorModel
 
 # Largest product of a variance and its place in the information: as many digits are lost
 _INFLATION = 1e9
-_AT_ONCE = 2**17  # entries of informations inverted at once; so many a cache of a processor holds
 
 
 def inverses(matrices: Array) -> Array:
@@ -125,8 +122,8 @@ class Filters(NamedTuple):
         """Return as many filters as there are shares of the information of one."""
         return type(self)(shares[:, None, None, None] * self.Y, shares[:, None, None] * self.i)
 
-    def part(self, which: int | slice | Mask) -> Self:
-        """Return one or some of the filters."""
+    def part(self, which: slice | Mask) -> Self:
+        """Return some of the filters."""
         return type(self)(self.Y[which], self.i[which])
 
     def total(self) -> Self:
@@ -173,20 +170,6 @@ class Filters(NamedTuple):
             np.where(mine[:, None, None], self.Y, others.Y),
             np.where(mine[:, None], self.i, others.i),
         )
-
-
-def states_of(filters: Iterable[Filters], estimates: Array) -> Array:
-    """Fill estimates (steps, n, runs) with the states of one filter after another.
-
-    Those of many steps are computed at once: a call for each would take longer than its numbers.
-    """
-    _, n, runs = estimates.shape
-    filters, first = iter(filters), 0
-    while some := list(islice(filters, max(1, _AT_ONCE // max(1, n * n * runs)))):
-        Y, i = (np.stack(each) for each in zip(*some, strict=True))
-        estimates[first : first + len(some)] = Filters(Y, i).states()
-        first += len(some)
-    return estimates
 
 
 class Observations:

@@ -12,7 +12,6 @@ correlations, if each of the P_c is.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Literal, get_args
 
 import numpy as np
@@ -26,7 +25,6 @@ from inswsn_lib.filters.information import (
     applied,
     checked_noise,
     inverses,
-    states_of,
 )
 from inswsn_lib.filters.inputs import first_state
 from inswsn_lib.models import ErrorModel
@@ -167,24 +165,19 @@ def run_fused_locals(
     )
     x = first_state(initial_state, len(model.A), y.shape[-1])
     observed = Observations(y, model.C, R)
-    filters = Filters.start(prior, x, np.ones(len(y) + 1), observed.heard.shape[-1])
-    centre = _centres(rule, filters, model.A, Qs, observed, predicted)
-    return states_of(centre, np.empty((len(Qs), *x.shape)))
-
-
-def _centres(
-    rule: Rule, filters: Filters, A: Array, Qs: Array, observed: Observations, predicted: bool
-) -> Iterator[Filters]:
-    """Yield the centre's filter of every step: the last of all, which holds the result."""
-    whole = np.ones(len(filters.Y))  # each filter has all of Q
+    # the last of the filters is the centre's, which holds the result
+    whole = np.ones(len(y) + 1)  # each filter has all of Q
+    filters = Filters.start(prior, x, whole, observed.heard.shape[-1])
+    estimates = np.empty((len(Qs), *x.shape))
     for k in range(len(Qs)):
         if k:
-            filters = filters.predicted(A, Qs[k - 1], whole)
+            filters = filters.predicted(model.A, Qs[k - 1], whole)
         if predicted:
-            yield filters.part(-1)
+            estimates[k] = filters.part(_CENTRE).states()[0]
         filters = _fuse(rule, observed.heard[:, k], filters.measured(*observed.at(k)))
         if not predicted:
-            yield filters.part(-1)
+            estimates[k] = filters.part(_CENTRE).states()[0]
+    return estimates
 
 
 def _fuse(rule: Rule, heard: Mask, filters: Filters) -> Filters:
