@@ -21,7 +21,7 @@ it could remember the part of the state that no noise reaches; the rule is then 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any, Literal, get_args
+from typing import Any, Literal, NamedTuple, Self, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -31,6 +31,7 @@ from inswsn_lib.errors import ParameterError
 from inswsn_lib.filters.information import (
     Filters,
     Observations,
+    centre_states,
     checked_noise,
     inverses,
 )
@@ -122,14 +123,21 @@ def run_federated(
     clusters, steps, _, runs = y.shape
     gone = None if lost is None else mask("lost", lost, (clusters, steps, runs))
     x = first_state(initial_state, len(model.A), runs)
-    estimates = np.empty((steps, *x.shape))
-    fused = _fused(
-        model, y, x, gone, measurement_covariance, initial_covariance, sharing, reset, interval,
-        process_covariance, predicted,
+    given = _Given.of(
+        model, y, x, measurement_covariance, initial_covariance, sharing, reset, interval,
+        process_covariance,
     )  # fmt: skip
-    for k, each in enumerate(fused):
-        estimates[k] = each.states()
-    return estimates
+
+    def plain(*_: object) -> tuple[Array, float]:
+        estimates = np.empty((steps, *x.shape))
+        for k, each in enumerate(_fused(given, gone, predicted)):
+            estimates[k] = each.states()
+        return estimates, 0.0
+
+    if gone is not None or given.start.Y.shape[-1] != 1:
+        return plain()[0]
+    how = 0, given.every, predicted
+    return centre_states(plain, given.A, given.Qs, given.shares, given.start, given.observed, *how)
 
 
 def federated_covariance(
@@ -167,7 +175,8 @@ def federated_covariance(
     gone = None if lost is None else mask("lost", lost, heard.shape).T[..., None]
     m, n = model.C.shape
     y = np.where(heard.T[:, :, None, None], np.zeros((m, 1)), np.nan)
-    fused = _fused(model, y, np.zeros((n, 1)), gone, **options)
+    predicted = options.pop("predicted", False)
+    fused = _fused(_Given.of(model, y, np.zeros((n, 1)), **options), gone, predicted)
     return np.stack([inverses(each.Y)[..., 0] for each in fused])
 
 
@@ -183,38 +192,54 @@ def _shares(sharing: ArrayLike | None, clusters: int, reset: str) -> Array:
     return np.asarray(shares / shares.sum())
 
 
-def _fused(
-    model: ErrorModel,
-    y: Array,
-    x: Array,
-    lost: Mask | None,
-    measurement_covariance: ArrayLike,
-    initial_covariance: ArrayLike,
-    sharing: ArrayLike | None = None,
-    reset: Reset = "fusion",
-    interval: int = 1,
-    process_covariance: ArrayLike | None = None,
-    predicted: bool = False,
-) -> Iterator[Filters]:
+class _Given(NamedTuple):
+    """What federated filters are given, checked; the sum is shared out every so many steps."""
+
+    A: Array
+    Qs: Array
+    shares: Array
+    start: Filters
+    observed: Observations
+    every: int
+
+    @classmethod
+    def of(
+        cls,
+        model: ErrorModel,
+        y: Array,
+        x: Array,
+        measurement_covariance: ArrayLike,
+        initial_covariance: ArrayLike,
+        sharing: ArrayLike | None = None,
+        reset: Reset = "fusion",
+        interval: int = 1,
+        process_covariance: ArrayLike | None = None,
+    ) -> Self:
+        one_of("reset", reset, get_args(Reset))
+        every = whole("interval", interval, 1) * (reset != "none")
+        shares = _shares(sharing, len(y), reset)
+        prior, Qs, R = checked_noise(
+            model, y, measurement_covariance, initial_covariance, process_covariance
+        )
+        observed = Observations(y, model.C, R)
+        start = Filters.start(prior, x, shares, observed.heard.shape[-1])
+        return cls(model.A, Qs, shares, start, observed, every)
+
+
+def _fused(given: _Given, lost: Mask | None = None, predicted: bool = False) -> Iterator[Filters]:
     """Yield the fused filter of every step."""
-    one_of("reset", reset, get_args(Reset))
-    every = whole("interval", interval, 1)
-    shares = _shares(sharing, len(y), reset)
-    prior, Qs, R = checked_noise(
-        model, y, measurement_covariance, initial_covariance, process_covariance
-    )
-    observed = Observations(y, model.C, R)
+    A, Qs, shares, start, observed, every = given
     arrived = None
     if lost is not None:  # what the master has is never
         gone = once(lost)
         arrived = np.append(~gone, np.ones_like(gone[:1]), axis=0)
     # what the clusters have, and what the centre has of each of them
-    local = held = Filters.start(prior, x, shares, observed.heard.shape[-1])
+    local = held = start
     for k in range(len(Qs)):
         if k:
             together = held is local
-            local = local.predicted(model.A, Qs[k - 1], shares)
-            held = local if together else held.predicted(model.A, Qs[k - 1], shares)
+            local = local.predicted(A, Qs[k - 1], shares)
+            held = local if together else held.predicted(A, Qs[k - 1], shares)
         if predicted:
             yield held.total()
         local = local.measured(*observed.at(k))
@@ -222,5 +247,5 @@ def _fused(
         fused = held.total()
         if not predicted:
             yield fused
-        if reset != "none" and (k + 1) % every == 0:
+        if every and (k + 1) % every == 0:
             local = held = fused.shared(shares)

@@ -6,6 +6,7 @@ runs.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import suppress
 from typing import NamedTuple, Self
 
@@ -214,6 +215,14 @@ class Observations:
         matrices, gains = (self._taken(table, step) for table in self._tables)
         return matrices, applied(gains, self._values[:, step])
 
+    def all(self) -> tuple[Array, Array, Mask]:
+        """Return what `at` returns at all steps, where all runs miss the same, and what is heard.
+
+        They are (N, steps, n, n), (N, steps, n, runs) and (N, steps).
+        """
+        matrices, gains = self._tables
+        return matrices, gains @ self._values, self.heard[..., 0]
+
     def _taken(self, table: Array, step: int) -> Array:
         """Return the entries (N, ., ., K) of a table (N, 1 or steps, ., ., masks) at a step."""
         if self._shared:
@@ -221,6 +230,31 @@ class Observations:
         now = table[:, min(step, table.shape[1] - 1)]
         rows = zip(now, self._which[:, step], strict=True)
         return np.stack([each.take(which, axis=-1) for each, which in rows])
+
+
+def centre_states(
+    plain: Callable[..., tuple[Array, float]],
+    A: Array,
+    Qs: Array,
+    shares: Array,
+    start: Filters,
+    observed: Observations,
+    *how: object,
+) -> Array:
+    """Return the centre's states (steps, n, runs) of filters whose informations all runs share.
+
+    `how` is the rule of the fusion, 0 for the sum, 1 for covariance intersection, 2 for the best;
+    after how many steps the sum is shared out, 0 for never; whether states are before their
+    measurements. `plain` gives the same, step by step.
+    """
+    packed = np.ascontiguousarray
+    found, inflation = choose("information_steps", plain)(
+        packed(A), packed(Qs), shares, packed(start.Y[..., 0]), packed(start.i),
+        *map(packed, observed.all()), *how,
+    )  # fmt: skip
+    if not inflation <= _INFLATION:  # nor NaN
+        raise _lost()
+    return found
 
 
 def checked_noise(

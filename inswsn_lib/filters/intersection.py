@@ -23,6 +23,7 @@ from inswsn_lib.filters.information import (
     Filters,
     Observations,
     applied,
+    centre_states,
     checked_noise,
     inverses,
 )
@@ -168,16 +169,23 @@ def run_fused_locals(
     # the last of the filters is the centre's, which holds the result
     whole = np.ones(len(y) + 1)  # each filter has all of Q
     filters = Filters.start(prior, x, whole, observed.heard.shape[-1])
-    estimates = np.empty((len(Qs), *x.shape))
-    for k in range(len(Qs)):
-        if k:
-            filters = filters.predicted(model.A, Qs[k - 1], whole)
-        if predicted:
-            estimates[k] = filters.part(_CENTRE).states()[0]
-        filters = _fuse(rule, observed.heard[:, k], filters.measured(*observed.at(k)))
-        if not predicted:
-            estimates[k] = filters.part(_CENTRE).states()[0]
-    return estimates
+
+    def plain(*_: object) -> tuple[Array, float]:
+        estimates, now = np.empty((len(Qs), *x.shape)), filters
+        for k in range(len(Qs)):
+            if k:
+                now = now.predicted(model.A, Qs[k - 1], whole)
+            if predicted:
+                estimates[k] = now.part(_CENTRE).states()[0]
+            now = _fuse(rule, observed.heard[:, k], now.measured(*observed.at(k)))
+            if not predicted:
+                estimates[k] = now.part(_CENTRE).states()[0]
+        return estimates, 0.0
+
+    if filters.Y.shape[-1] != 1:
+        return plain()[0]
+    how = 1 + get_args(Rule).index(rule), 0, predicted
+    return centre_states(plain, model.A, Qs, whole, filters, observed, *how)
 
 
 def _fuse(rule: Rule, heard: Mask, filters: Filters) -> Filters:
