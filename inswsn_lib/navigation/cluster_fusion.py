@@ -248,14 +248,22 @@ class ClusterFusion:
         *,
         for_sets: Iterable[Pattern] | None = None,
     ) -> Estimator:
-        """Return the H-infinity filter of all measurements in reach, one gain for each set."""
+        """Return the H-infinity filter of all measurements in reach, one gain for each set.
+
+        It is designed for their mean, weighted by their informations, which has all that they tell
+        of the state: what they have beside is noise that has no part in the mean.
+        """
         models = self._weighed(acceleration, factor, weight)
         gains = {}
         for heard in for_sets or self.sets:
             inside = [m for m, there in zip(models, heard, strict=True) if there]
             C, D = np.vstack([m.C for m in inside]), block_diag(*[m.D for m in inside])
-            model = replace(inside[0], C=C, D=D)
-            gains[heard] = design_filter(model, margin=margin, solver=self._solvers)
+            informations = [np.linalg.inv(m.measurement_covariance) for m in inside]
+            covariance = np.linalg.inv(sum(informations))
+            mean = replace(inside[0], D=np.linalg.cholesky(covariance))
+            design = design_filter(mean, margin=margin, solver=self._solvers)
+            gain = design.gain @ covariance @ np.hstack(informations)
+            gains[heard] = replace(inside[0], C=C, D=D), gain
         return lambda y: run_switched(gains, y, predicted=True)
 
     def with_bias(self, walk: float, factor: float) -> Estimator:

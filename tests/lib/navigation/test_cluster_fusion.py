@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from inswsn_book.results import read_results
+from scipy.linalg import block_diag
 
 from inswsn_lib.errors import ParameterError
-from inswsn_lib.filters import patterns_of
+from inswsn_lib.filters import patterns_of, run_switched
+from inswsn_lib.lmi import design_filter
 from inswsn_lib.navigation import ClusterFusion, cluster_fusion, planar_rms, widen_velocities
 
 #: Numbers of each method, in place of a search
@@ -70,6 +73,19 @@ def test_filters_that_hear_nothing_leave_the_ins(chosen: ClusterFusion) -> None:
             assert np.isnan(run(nothing)).all()
         else:
             np.testing.assert_array_equal(run(nothing), 0)
+
+
+def test_the_central_filter_of_the_mean_is_that_of_all_measurements(chosen: ClusterFusion) -> None:
+    numbers = (1.0, 1.0, 1.0, 0.5)
+    models, gains = chosen._weighed(*numbers[:3]), {}
+    for heard in chosen.sets:
+        inside = [m for m, there in zip(models, heard, strict=True) if there]
+        C, D = np.vstack([m.C for m in inside]), block_diag(*[m.D for m in inside])
+        gains[heard] = design_filter(replace(inside[0], C=C, D=D), margin=numbers[3])
+    expected = run_switched(gains, chosen.measurements, predicted=True)
+    found = chosen.central_hf(*numbers)(chosen.measurements)
+    assert np.nanmax(np.abs(expected)) > 1  # m
+    np.testing.assert_allclose(found, expected, atol=1e-3)
 
 
 def test_with_one_cluster_in_reach_every_fusion_is_its_filter(chosen: ClusterFusion) -> None:
