@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from inswsn_lib.checks import Array, array
+from inswsn_lib.kernels import choose
 from inswsn_lib.scenario import ANY, NOT_NEGATIVE, Pair, between
 from inswsn_lib.simulation.trajectory import Motion
 
@@ -91,24 +92,46 @@ def simulate_ins(motion: Motion, errors: InertialErrors, noise: ArrayLike | None
     normal = np.zeros((len(dt), 3, 1))
     if noise is not None:
         normal = array("noise", noise, (len(dt), 3, "runs"))
-    root = np.sqrt(dt)
-    steady = velocity * (1 + np.array(errors.accelerometer_scale)) + dt[:, None] * np.array(
-        errors.accelerometer_bias
-    )
+    pushed = velocity * (1 + np.array(errors.accelerometer_scale))
+    pushed += dt[:, None] * np.array(errors.accelerometer_bias)
     turned = angle * (1 + errors.gyro_scale) + dt * errors.gyro_bias
-    start = motion.heading[0] + errors.heading
+    position = motion.position[0] + np.array(errors.position)
+    moving = motion.velocity[0] + np.array(errors.velocity)
+    start = np.array([*position, *moving, motion.heading[0] + errors.heading])
+    sizes = float(errors.accelerometer_noise), float(errors.gyro_noise)
+    out = np.empty((len(dt) + 1, 4, normal.shape[2]))
+    packed = np.ascontiguousarray(normal)
+    return choose("planar_ins", _integrated)(start, pushed, turned, dt, *sizes, packed, out)
+
+
+def _integrated(
+    start: Array,
+    pushed: Array,
+    turned: Array,
+    dt: Array,
+    accelerometer_noise: float,
+    gyro_noise: float,
+    normal: Array,
+    out: Array,
+) -> Array:
+    """Fill out with positions and velocities, (steps, 4, runs), and return it.
+
+    `start` is x, y, v_x, v_y and the heading; `pushed` (steps - 1, 2) and `turned` are what the
+    sensors indicate without noise.
+    """
+    root = np.sqrt(dt)
     heading = np.empty((len(dt) + 1, normal.shape[2]))
-    heading[0] = start
-    steps = turned[:, None] + errors.gyro_noise * root[:, None] * normal[:, 2]
-    heading[1:] = start + np.cumsum(steps, axis=0)
+    heading[0] = start[4]
+    heading[1:] = start[4] + np.cumsum(
+        turned[:, None] + gyro_noise * root[:, None] * normal[:, 2], axis=0
+    )
     middle = (heading[1:] + heading[:-1]) / 2
     c, s = np.cos(middle), np.sin(middle)
-    pushed = steady[:, :, None] + errors.accelerometer_noise * root[:, None, None] * normal[:, :2]
-    out = np.empty((len(dt) + 1, 4, normal.shape[2]))
-    out[0, :2] = (motion.position[0] + np.array(errors.position))[:, None]
-    out[0, 2:] = (motion.velocity[0] + np.array(errors.velocity))[:, None]
-    out[1:, 2] = c * pushed[:, 0] - s * pushed[:, 1]
-    out[1:, 3] = s * pushed[:, 0] + c * pushed[:, 1]
+    along, across = np.moveaxis(
+        pushed[:, :, None] + accelerometer_noise * root[:, None, None] * normal[:, :2], 1, 0
+    )
+    out[0] = start[:4, None]
+    out[1:, 2], out[1:, 3] = c * along - s * across, s * along + c * across
     np.cumsum(out[:, 2:], axis=0, out=out[:, 2:])
     out[1:, :2] = dt[:, None, None] * (out[1:, 2:] + out[:-1, 2:]) / 2
     np.cumsum(out[:, :2], axis=0, out=out[:, :2])
