@@ -38,7 +38,7 @@ PICTURE = OUT.with_suffix(".svg")
 MODEL = ErrorModel.p1(0.2, process_noise=(0.05, 0.1), measurement_noise=(0.2, 0.3))
 STEPS, PIECE, FEW, RANK = 200, 1000, 100, 500
 #: Seconds: repeated until then, and longer than this no point is expected to take
-SHORT, LONGEST = 0.5, 30.0
+SHORT, LONGEST = 0.5, 60.0
 
 
 class Curve(NamedTuple):
