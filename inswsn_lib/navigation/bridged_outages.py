@@ -442,6 +442,8 @@ def _every(make: Callable[..., Any], *axes: Sequence[float]) -> list[Any]:
 class _Polynomial(Regressor):
     """Least squares by powers of the one input, as scikit-learn's, which checks more."""
 
+    _learnt = ("middle_", "centre_", "slopes_")
+
     degree: int
 
     def _fit(self, X: Array, Y: Array) -> None:
@@ -463,6 +465,8 @@ class _GaussianProcess(Regressor):
     The kernel is :math:`1 + x'z + \exp(-|x - z|^2 / 2 l^2)`, and the noise is white.
     """
 
+    _learnt = ("X_fit_", "alpha_")
+
     length: float
     deviation: float
 
@@ -475,7 +479,7 @@ class _GaussianProcess(Regressor):
         return np.asarray(self._covariances(X, self.X_fit_) @ self.alpha_)
 
     def _covariances(self, X: Array, Z: Array) -> Array:
-        return np.asarray(kernel_matrix(X, Z, "rbf", self.length, 1) + X @ Z.T + 1)
+        return np.asarray(kernel_matrix(X, Z, "rbf", self.length, 1) + X @ Z.mT + 1)
 
 
 def _slug(name: str) -> str:
