@@ -130,7 +130,7 @@ def joined(machines: Sequence[Any]) -> Callable[[Array], Array] | None:
     >>> both(np.array([[[2.0]], [[3.0]]])).round(6).tolist()
     [[[10.0]], [[6.0]]]
     """
-    kind = type(machines[0])
+    kind: type[Regressor] = type(machines[0])
     if not vars(kind).get("_learnt") or any(type(machine) is not kind for machine in machines):
         return None
     together = copy(machines[0])
