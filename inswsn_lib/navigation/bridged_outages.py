@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from functools import cached_property, partial
 from itertools import product
 from typing import Any, NamedTuple
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from sklearn.dummy import DummyRegressor
@@ -283,18 +284,27 @@ class BridgedOutages:
 
     def navigator(self, area: str, regressor: Any, kind: str, **options: Any) -> HybridNavigator:
         """Return the hybrid of P1's filter, its gain as printed, and a regressor on some inputs."""
-        model = self.models[area]
-        gain = deadbeat_gain(model)
-
-        def published(y: Array) -> Array:
-            start = np.nan_to_num(y[0])
-            return run_hinfinity((model, gain), y, initial_state=start, predicted=False)
-
+        published = partial(self._published, area)
         return HybridNavigator(published, regressor, feedback=kind == "state", **options)
+
+    def _published(self, area: str, y: Array) -> Array:
+        """Return what P1's filter makes of measurements."""
+        model, start = self.models[area], np.nan_to_num(y[0])
+        gain = deadbeat_gain(model)
+        return run_hinfinity((model, gain), y, initial_state=start, predicted=False)
+
+    @cached_property
+    def _filtered(self) -> WeakKeyDictionary[Passage, Array]:
+        """What P1's filter made of passages, which every regressor needs."""
+        return WeakKeyDictionary()
 
     def bridge(self, passage: Passage, regressor: Any, kind: str, **options: Any) -> Array:
         """Return what the hybrid leaves of the error of the INS in the outage, (steps, 4, runs)."""
+        if passage not in self._filtered:
+            self._filtered[passage] = self._published(passage.area, passage.y)
+        filtered = self._filtered[passage]
         hybrid = self.navigator(passage.area, regressor, kind, **options)
+        hybrid.filter = lambda _: filtered
         ran = hybrid.run(passage.y, passage.inputs[kind])
         return np.asarray((passage.error - ran.estimates)[passage.heard :])
 
