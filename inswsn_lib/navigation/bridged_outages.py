@@ -34,7 +34,7 @@ from inswsn_lib.learning import (
     kernel_matrix,
     load_regressor,
 )
-from inswsn_lib.lmi import design_filter
+from inswsn_lib.lmi import FilterDesign, design_filter
 from inswsn_lib.models import ErrorModel
 from inswsn_lib.navigation.hybrid import HybridNavigator, observable_inputs
 from inswsn_lib.navigation.training_areas import AREAS, UNKNOWN, noise_sizes, p1_settings
@@ -252,8 +252,16 @@ class BridgedOutages:
 
     def coasting_hf(self, area: str, ratio: float, margin: float) -> Callable[[Array], Array]:
         """Return an H-infinity filter of the exact inequality, told the same, with its margin."""
-        design = design_filter(self._assuming(area, ratio), margin=margin)
+        key = area, ratio, margin
+        if key not in self._designs:
+            self._designs[key] = design_filter(self._assuming(area, ratio), margin=margin)
+        design = self._designs[key]
         return lambda y: run_hinfinity(design, y, initial_state=np.nan_to_num(y[0]))
+
+    @cached_property
+    def _designs(self) -> dict[tuple[str, float, float], FilterDesign]:
+        """The H-infinity filters by area, ratio and margin: each is tried on many passages."""
+        return {}
 
     def _assuming(self, area: str, ratio: float) -> ErrorModel:
         fit = self.noise[area]
