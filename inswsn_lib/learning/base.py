@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from copy import copy
 from dataclasses import dataclass
 from functools import cache
-from typing import Any, Literal, Self
+from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -33,6 +35,10 @@ class Regressor(MultiOutputMixin, RegressorMixin, BaseEstimator, ABC):  # type: 
     >>> Mean().fit([[0.0], [1.0]], [2.0, 4.0]).predict([[9.0]]).tolist()
     [3.0]
     """
+
+    #: Names of what was learnt, arrays of one or two axes. A class that has them itself predicts
+    #: from stacks of them, (runs, ...), and of inputs, (runs, n, inputs), too: see `joined`
+    _learnt: ClassVar[tuple[str, ...]] = ()
 
     def fit(self, X: ArrayLike, y: ArrayLike) -> Self:
         """Learn from inputs and targets; return itself.
@@ -107,6 +113,36 @@ class Regressor(MultiOutputMixin, RegressorMixin, BaseEstimator, ABC):  # type: 
 def _parameters(kind: type[Regressor]) -> tuple[str, ...]:
     """Return the names of an estimator's parameters."""
     return tuple(kind._get_param_names())
+
+
+def joined(machines: Sequence[Any]) -> Callable[[Array], Array] | None:
+    """Return what predicts with many machines at once, (runs, n, inputs) to (runs, n, outputs).
+
+    None if it cannot be done: they must be of one class that says what it learns, with equal
+    parameters, and have learnt arrays of the same shapes.
+
+    Examples
+    --------
+    >>> import inswsn_lib as iw, numpy as np
+    >>> from inswsn_lib.learning.base import joined
+    >>> steep, flat = (iw.LSSVMRegressor(kernel="linear", eta=1e9) for _ in range(2))
+    >>> both = joined([steep.fit([[0], [1]], [0, 5]), flat.fit([[0], [1]], [0, 2])])
+    >>> both(np.array([[[2.0]], [[3.0]]])).round(6).tolist()
+    [[[10.0]], [[6.0]]]
+    """
+    kind: type[Regressor] = type(machines[0])
+    if not vars(kind).get("_learnt") or any(type(machine) is not kind for machine in machines):
+        return None
+    together = copy(machines[0])
+    parameters = [[getattr(m, name) for name in _parameters(kind)] for m in machines]
+    if any(found != parameters[0] for found in parameters):
+        return None
+    for name in kind._learnt:
+        parts = [np.atleast_2d(getattr(machine, name)) for machine in machines]
+        if len({part.shape for part in parts}) > 1:
+            return None
+        setattr(together, name, np.stack(parts))
+    return together._predict  # type: ignore[no-any-return]
 
 
 def _is_finite(values: Any) -> bool:

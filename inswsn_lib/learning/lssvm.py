@@ -23,7 +23,7 @@ _NOTHING = 1e-12  # share of the largest diagonal entry below which what is left
 
 
 def kernel_matrix(X: Array, Z: Array, kernel: Kernel, sigma: float, degree: int) -> Array:
-    r"""Return how alike each row of X is to each of Z, (n, m).
+    r"""Return how alike each row of X is to each of Z, (n, m), or of stacks of both, (..., n, m).
 
     .. math::
         \exp(-|x - z|^2 / 2\sigma^2), \qquad x'z, \qquad (1 + x'z/\sigma^2)^d
@@ -32,7 +32,7 @@ def kernel_matrix(X: Array, Z: Array, kernel: Kernel, sigma: float, degree: int)
 
     Parameters
     ----------
-    X, Z : ndarray, (n, inputs) and (m, inputs)
+    X, Z : ndarray, (n, inputs) and (m, inputs), or (..., n, inputs) and (..., m, inputs)
     kernel : {"rbf", "linear", "polynomial"}
     sigma : float
         The width, in the unit of the inputs; the linear kernel has none.
@@ -49,11 +49,33 @@ def kernel_matrix(X: Array, Z: Array, kernel: Kernel, sigma: float, degree: int)
     [[1.0, 0.5]]
     """
     if kernel == "rbf":
-        K = cdist(X, Z, "sqeuclidean")
+        K = squared_distances(X, Z)
         K *= -0.5 / sigma**2
         return np.asarray(np.exp(K, out=K))
-    K = X @ Z.T
+    K = X @ Z.mT
     return K if kernel == "linear" else np.asarray((1 + K / sigma**2) ** degree)
+
+
+def squared_distances(X: Array, Z: Array) -> Array:
+    """Return the squared distance of each row of X from each of Z, also of stacks, (..., n, m).
+
+    Parameters
+    ----------
+    X, Z : ndarray, (..., n, inputs) and (..., m, inputs)
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from inswsn_lib.learning.lssvm import squared_distances
+    >>> squared_distances(np.array([[0.0, 0.0]]), np.array([[3.0, 4.0], [1.0, 0.0]])).tolist()
+    [[25.0, 1.0]]
+    """
+    if X.ndim == 2:
+        return np.asarray(cdist(X, Z, "sqeuclidean"))
+    found = np.zeros((*X.shape[:-1], Z.shape[-2]))
+    for i in range(X.shape[-1]):
+        found += (X[..., :, None, i] - Z[..., None, :, i]) ** 2
+    return found
 
 
 @dataclass(eq=False, repr=False)
@@ -141,6 +163,8 @@ class LSSVMRegressor(Regressor):
     (20, True)
     """
 
+    _learnt = ("X_fit_", "alpha_", "bias_")
+
     sigma: float = 1.0
     eta: float = 1.0
     kernel: Kernel = "rbf"
@@ -199,12 +223,8 @@ class LSSVMRegressor(Regressor):
         pivots as long as these have half of the largest entry or more.
         """
         n, m = len(X), 0
-        square = np.einsum("ij,ij->i", X, X)
-        diagonal = {
-            "rbf": np.ones(n),
-            "linear": square,
-            "polynomial": (1 + square / self.sigma**2) ** self.degree,
-        }[self.kernel]
+        # each row's kernel with itself
+        diagonal = self._kernel(X[:, None], X[:, None])[:, 0, 0]
         left, least = diagonal.copy(), _NOTHING * diagonal.max()
         G, pivots = np.empty((rank, n)), np.empty(rank, dtype=int)
         while m < rank and left.max() > least:

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.distance import cdist
 
 from inswsn_lib.checks import Array, number, whole
 from inswsn_lib.learning.base import Regressor
+from inswsn_lib.learning.lssvm import squared_distances
 
 # What is left of a candidate after the neurons before it are taken out, below which it is spanned.
 _SPANNED = 1e-14
@@ -51,6 +51,8 @@ class RBFNetworkRegressor(Regressor):
     >>> network.centres_.tolist(), network.weights_.round(6).tolist()
     ([[0.0]], [[5.0]])
     """
+
+    _learnt = ("centres_", "weights_", "bias_")
 
     spread: float = 1.0
     goal: float = 0.0
@@ -99,7 +101,7 @@ class RBFNetworkRegressor(Regressor):
 
     def _responses(self, X: Array, centres: Array) -> Array:
         """Return what each neuron says of each input, (len(X), neurons)."""
-        squares = cdist(X, centres, "sqeuclidean")
+        squares = squared_distances(X, centres)
         return np.asarray(np.exp(-np.log(2) * squares / self.spread**2))
 
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from functools import cached_property, partial
 from itertools import product
 from typing import Any, NamedTuple
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from sklearn.dummy import DummyRegressor
@@ -33,7 +34,7 @@ from inswsn_lib.learning import (
     kernel_matrix,
     load_regressor,
 )
-from inswsn_lib.lmi import design_filter
+from inswsn_lib.lmi import FilterDesign, design_filter
 from inswsn_lib.models import ErrorModel
 from inswsn_lib.navigation.hybrid import HybridNavigator, observable_inputs
 from inswsn_lib.navigation.training_areas import AREAS, UNKNOWN, noise_sizes, p1_settings
@@ -251,8 +252,16 @@ class BridgedOutages:
 
     def coasting_hf(self, area: str, ratio: float, margin: float) -> Callable[[Array], Array]:
         """Return an H-infinity filter of the exact inequality, told the same, with its margin."""
-        design = design_filter(self._assuming(area, ratio), margin=margin)
+        key = area, ratio, margin
+        if key not in self._designs:
+            self._designs[key] = design_filter(self._assuming(area, ratio), margin=margin)
+        design = self._designs[key]
         return lambda y: run_hinfinity(design, y, initial_state=np.nan_to_num(y[0]))
+
+    @cached_property
+    def _designs(self) -> dict[tuple[str, float, float], FilterDesign]:
+        """The H-infinity filters by area, ratio and margin: each is tried on many passages."""
+        return {}
 
     def _assuming(self, area: str, ratio: float) -> ErrorModel:
         fit = self.noise[area]
@@ -283,18 +292,27 @@ class BridgedOutages:
 
     def navigator(self, area: str, regressor: Any, kind: str, **options: Any) -> HybridNavigator:
         """Return the hybrid of P1's filter, its gain as printed, and a regressor on some inputs."""
-        model = self.models[area]
-        gain = deadbeat_gain(model)
-
-        def published(y: Array) -> Array:
-            start = np.nan_to_num(y[0])
-            return run_hinfinity((model, gain), y, initial_state=start, predicted=False)
-
+        published = partial(self._published, area)
         return HybridNavigator(published, regressor, feedback=kind == "state", **options)
+
+    def _published(self, area: str, y: Array) -> Array:
+        """Return what P1's filter makes of measurements."""
+        model, start = self.models[area], np.nan_to_num(y[0])
+        gain = deadbeat_gain(model)
+        return run_hinfinity((model, gain), y, initial_state=start, predicted=False)
+
+    @cached_property
+    def _filtered(self) -> WeakKeyDictionary[Passage, Array]:
+        """What P1's filter made of passages, which every regressor needs."""
+        return WeakKeyDictionary()
 
     def bridge(self, passage: Passage, regressor: Any, kind: str, **options: Any) -> Array:
         """Return what the hybrid leaves of the error of the INS in the outage, (steps, 4, runs)."""
+        if passage not in self._filtered:
+            self._filtered[passage] = self._published(passage.area, passage.y)
+        filtered = self._filtered[passage]
         hybrid = self.navigator(passage.area, regressor, kind, **options)
+        hybrid.filter = lambda _: filtered
         ran = hybrid.run(passage.y, passage.inputs[kind])
         return np.asarray((passage.error - ran.estimates)[passage.heard :])
 
@@ -442,6 +460,8 @@ def _every(make: Callable[..., Any], *axes: Sequence[float]) -> list[Any]:
 class _Polynomial(Regressor):
     """Least squares by powers of the one input, as scikit-learn's, which checks more."""
 
+    _learnt = ("middle_", "centre_", "slopes_")
+
     degree: int
 
     def _fit(self, X: Array, Y: Array) -> None:
@@ -463,6 +483,8 @@ class _GaussianProcess(Regressor):
     The kernel is :math:`1 + x'z + \exp(-|x - z|^2 / 2 l^2)`, and the noise is white.
     """
 
+    _learnt = ("X_fit_", "alpha_")
+
     length: float
     deviation: float
 
@@ -475,7 +497,7 @@ class _GaussianProcess(Regressor):
         return np.asarray(self._covariances(X, self.X_fit_) @ self.alpha_)
 
     def _covariances(self, X: Array, Z: Array) -> Array:
-        return np.asarray(kernel_matrix(X, Z, "rbf", self.length, 1) + X @ Z.T + 1)
+        return np.asarray(kernel_matrix(X, Z, "rbf", self.length, 1) + X @ Z.mT + 1)
 
 
 def _slug(name: str) -> str:

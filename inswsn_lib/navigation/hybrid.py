@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from copy import deepcopy
 from dataclasses import dataclass
@@ -15,7 +16,7 @@ from sklearn.base import clone
 from inswsn_lib.checks import Array, Mask, array, whole
 from inswsn_lib.errors import Described, ParameterError
 from inswsn_lib.learning import Scale
-from inswsn_lib.learning.base import Scaling
+from inswsn_lib.learning.base import Scaling, joined
 
 Filter = Callable[[Array], Array]
 Rows = NDArray[np.intp]
@@ -193,10 +194,18 @@ class HybridNavigator:
         Ys = list(np.moveaxis(Y_scale.transform(Y), 2, 0))
         machines = _fit_many(self.regressor, Xs, Ys, numbers.tolist())
 
+        # it takes more memory, and pays where inputs come one by one
+        together = joined(machines) if self.feedback else None
+
         def outputs(inputs: Array) -> Array:
-            Z = X_scale.transform(inputs)
-            each = [_predict(m, Z[:, :, r], Y.shape[1]) for r, m in enumerate(machines)]
-            return Y_scale.inverse_transform(np.stack(each, axis=2))
+            Z = np.moveaxis(X_scale.transform(inputs), 2, 0)
+            shape = (Z.shape[1], Y.shape[1])
+            if together:
+                found = _checked(machines[0], together(Z), (len(Z), *shape))
+            else:
+                each = zip(machines, Z, strict=True)
+                found = np.stack([_checked(m, m.predict(z), shape) for m, z in each])
+            return Y_scale.inverse_transform(np.moveaxis(found, 0, 2))
 
         if not self.feedback:
             return outputs(u[ahead])
@@ -270,10 +279,9 @@ def _fit_many(regressor: Any, Xs: list[Array], ys: list[Array], numbers: list[in
         raise ParameterError("regressor", Described(told), may_be) from error
 
 
-def _predict(machine: Any, X: Array, outputs: int) -> Array:
-    found = np.asarray(machine.predict(X), dtype=float)
-    if found.size != len(X) * outputs or not np.isfinite(found).all():
+def _checked(machine: Any, predicted: Any, shape: tuple[int, ...]) -> Array:
+    found = np.asarray(predicted, dtype=float)
+    if found.size != math.prod(shape) or not np.isfinite(found).all():
         told = f"{type(machine).__name__}, which predicts {found.shape}, or what is not finite"
-        may_be = f"one that predicts ({len(X)}, {outputs}), all finite"
-        raise ParameterError("regressor", Described(told), may_be)
-    return found.reshape(len(X), outputs)
+        raise ParameterError("regressor", Described(told), f"one that predicts {shape}, all finite")
+    return found.reshape(shape)

@@ -25,6 +25,7 @@ from inswsn_lib.learning import (
     Scale,
     SelectedLSSVM,
 )
+from inswsn_lib.learning.base import joined
 
 ESTIMATORS = {
     "hold": HoldRegressor(),
@@ -183,3 +184,49 @@ def test_a_column_that_does_not_vary_is_only_moved(scaling: Any) -> None:
     assert np.std(values) > 0
     scale = Scale.of(values, scaling)
     assert scale.transform(values[:1] + 0.25) == pytest.approx(0.25)
+
+
+JOINED = {
+    "rbf kernel": LSSVMRegressor(1.5, 10.0),
+    "linear kernel": LSSVMRegressor(1.0, 10.0, "linear"),
+    "polynomial kernel": LSSVMRegressor(2.0, 10.0, "polynomial", 3),
+    "low rank": LSSVMRegressor(1.5, 10.0, rank=7),
+    "rbf network": RBFNetworkRegressor(2.0, max_neurons=5),
+}
+
+
+def fitted(machine: Any, runs: int, seed: int = 1) -> list[Any]:
+    rng = np.random.default_rng(seed)
+    samples = [(rng.normal(size=(20, 3)), rng.normal(size=(20, 2))) for _ in range(runs)]
+    return [type(machine)(**machine.get_params()).fit(X, Y) for X, Y in samples]
+
+
+@pytest.mark.parametrize("name", JOINED)
+@pytest.mark.parametrize(("runs", "n"), [(1, 1), (4, 1), (3, 6)])
+def test_joined_machines_predict_what_each_does(name: str, runs: int, n: int) -> None:
+    machines = fitted(JOINED[name], runs)
+    before = [machine.predict(np.ones((1, 3))) for machine in machines]
+    X = np.random.default_rng(2).normal(size=(runs, n, 3))
+    together = joined(machines)
+    assert together is not None
+    each = np.stack([m.predict(x) for m, x in zip(machines, X, strict=True)])
+    assert together(X) == pytest.approx(each, rel=1e-12, abs=1e-12)
+    after = [machine.predict(np.ones((1, 3))) for machine in machines]
+    assert np.array_equal(before, after)
+
+
+class Doubled(LSSVMRegressor):
+    """One that predicts otherwise, and does not say that it takes stacks."""
+
+    def _predict(self, X: np.ndarray) -> np.ndarray:
+        return 2 * super()._predict(X)
+
+
+def test_machines_that_are_not_alike_are_not_joined() -> None:
+    first = fitted(LSSVMRegressor(1.0), 1)[0]
+    wider, doubled = fitted(LSSVMRegressor(2.0), 1)[0], fitted(Doubled(1.0), 1)[0]
+    longer = LSSVMRegressor(1.0).fit(np.zeros((3, 3)), np.zeros((3, 2)))
+    for others in ([wider], [doubled], [longer], [HoldRegressor()]):
+        assert joined([first, *others]) is None
+    for machine in (doubled, HoldRegressor(), MinMaxScaler()):
+        assert joined([machine]) is None

@@ -34,6 +34,21 @@ def test_kernels_are_those_of_scikit_learn() -> None:
         assert found == pytest.approx(expected[kernel])
 
 
+@pytest.mark.parametrize("kernel", KERNELS)
+def test_kernels_of_stacks_are_those_of_each(kernel: Any) -> None:
+    rng = np.random.default_rng(3)
+    X, Z = rng.normal(size=(4, 5, 3)), rng.normal(size=(4, 2, 3))
+    each = [kernel_matrix(x, z, kernel, 1.7, 3) for x, z in zip(X, Z, strict=True)]
+    assert kernel_matrix(X, Z, kernel, 1.7, 3) == pytest.approx(np.stack(each), rel=1e-12)
+
+
+def test_a_tiny_width_and_a_rank_raise_no_warning() -> None:
+    """The diagonal of the polynomial kernel, which overflows, is not formed for another one."""
+    X, y = data(1)
+    with np.errstate(all="raise", under="ignore"):
+        LSSVMRegressor(1e-150, 1.0, degree=3, rank=5).fit(X, y)
+
+
 def test_three_points_by_hand() -> None:
     """Linear kernel, x = -1, 0, 1, y = 0, 1, 5, eta = 1.
 
