@@ -8,7 +8,7 @@ INSWSN  := $(RUN) -I -X utf8 -m inswsn_book
 COMPILE := $(RUN) -m uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header environment.in -o environment.lock
 # a tool apart from the environment: what .ci/NAME.txt pins, in _build/NAME
 tool     = $(found); $(PYTHON) -m venv _build/$(1) && \
-    _build/$(1)/bin/python -m pip install --quiet --disable-pip-version-check --require-hashes -r .ci/$(1).txt
+    _build/$(1)/bin/python -m pip install --quiet --disable-pip-version-check --no-deps --require-hashes -r .ci/$(1).txt
 found    = test -n "$(PYTHON)" || { echo "Python 3.11 is needed, and no python was found." >&2; exit 2; }
 FRESH   ?=
 JOBS    ?=
