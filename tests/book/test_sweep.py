@@ -173,9 +173,13 @@ def test_a_sweep_whose_only_worker_is_gone_takes_a_new_one_or_ends(
     scheduler = distributed.LocalCluster(
         n_workers=0, processes=False, dashboard_address=None, protocol="tcp"
     )
+    workers = []
 
-    async def start() -> distributed.Worker:
-        return await distributed.Worker(scheduler.scheduler_address, nthreads=1)
+    def start() -> None:
+        async def started() -> distributed.Worker:
+            return await distributed.Worker(scheduler.scheduler_address, nthreads=1)
+
+        workers.append(scheduler.sync(started))
 
     monkeypatch.setattr("inswsn_book.sweep._PATIENCE_SECONDS", 20.0 if comes else 0.2)
     asked = []
@@ -183,15 +187,19 @@ def test_a_sweep_whose_only_worker_is_gone_takes_a_new_one_or_ends(
     def leave(*_: object) -> str:  # asked when cells are shared out, and by who computes them
         if not asked:
             asked.append(1)
-            scheduler.sync(worker.close)
+            scheduler.sync(workers.pop().close)
             if comes:
-                scheduler.sync(start)
+                start()
         return "state"
 
     monkeypatch.setattr("inswsn_book.sweep._state", leave)
     with scheduler:
-        worker, address = scheduler.sync(start), str(scheduler.scheduler_address)
-        done = inswsn(swept.project.root, *swept.words("5", "--dask", address))
+        start()
+        done = inswsn(
+            swept.project.root, *swept.words("5", "--dask", str(scheduler.scheduler_address))
+        )
+        for worker in workers:  # the cluster did not start it, and so does not end it
+            scheduler.sync(worker.close)
     if comes:
         assert done.returncode == 0, done.stderr
         assert swept.calls() == {5.0: 1}
