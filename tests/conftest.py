@@ -13,7 +13,7 @@ import sys
 import threading
 from collections import Counter
 from collections.abc import Callable, Iterator
-from functools import partial
+from functools import cache, partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -284,12 +284,23 @@ def make_mini(folder: Path) -> MiniProject:
     # without the links to pages that it does not have
     claims = re.sub(r"\{(doc|prf:ref)\}`([^`]*)`", r"\2", claims)
     (folder / "book" / "claims.md").write_text(claims, encoding="utf-8")
+    (folder / "_build").mkdir()
+    shutil.copy(_what_code_says(), folder / "_build")
     made = MiniProject(folder)
     made.ledger.write_text(MINI_LEDGER, encoding="utf-8")
     made.number.write_text("21", encoding="utf-8")
     made.chapter()
     made.page()
     return made
+
+
+@cache
+def _what_code_says() -> Path:
+    """Return where a project keeps what it has read of all code, which takes seconds to read."""
+    project = Project(ROOT)
+    project.imports()
+    project.memory.save()
+    return project.build / "memory"
 
 
 @pytest.fixture

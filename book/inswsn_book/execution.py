@@ -14,10 +14,26 @@ from typing import Any
 import papermill
 import zmq
 from jupyter_client.kernelspec import KernelSpec
+from jupyter_client.provisioning import LocalProvisioner
 from papermill.clientwrap import PapermillNotebookClient
 from papermill.engines import NBClientEngine, papermill_engines
 
+from inswsn_book.forking import Forker
+
 _START_TIMEOUT = 60  # s
+_FORKER = Forker()
+
+
+class _Forked(LocalProvisioner):
+    """Has a kernel forked from a process in which what takes long to load is loaded."""
+
+    async def launch_kernel(self, cmd: list[str], **kwargs: Any) -> Any:
+        """Launch the kernel; see Jupyter's client."""
+        process = _FORKER.fork(cmd[3:], kwargs["env"], kwargs["cwd"], kwargs["stderr"].fileno())
+        if process is None:
+            return await super().launch_kernel(cmd, **kwargs)
+        self.process, self.pid, self.pgid = process, process.pid, process.pid
+        return self.connection_info
 
 
 class _Engine(NBClientEngine):  # type: ignore[misc]  # papermill has no types
@@ -47,6 +63,8 @@ class _Engine(NBClientEngine):  # type: ignore[misc]  # papermill has no types
         # by its path: whatever Jupyter finds by a name may be another one
         command = [sys.executable, "-m", "ipykernel_launcher", "-f", "{connection_file}"]
         kernel._kernel_spec = KernelSpec(argv=command, language="python")
+        if options.pop("forked"):
+            kernel.provisioner = _Forked(kernel_spec=kernel._kernel_spec, parent=kernel)
         folder = Path(options["cwd"])
         kernel.connection_file = str(folder / "kernel.json")
         # by files of its folder, where their path is no longer than a socket's may be: of network
@@ -65,6 +83,7 @@ def execute_notebook(
     parameters: Mapping[str, object],
     folder: Path,
     environment: Mapping[str, str],
+    forked: bool = False,
     tell_kernel: Callable[[Any], None] = lambda _: None,
     tell_cell: Callable[[int, int, str], None] = lambda *_: None,
 ) -> Any:
@@ -72,7 +91,8 @@ def execute_notebook(
 
     Raises what papermill and nbclient raise where a cell fails or the kernel dies; what the kernel
     itself says on standard error is in ``kernel.log``. Before that the manager of the kernel and,
-    as each starts, the number of the cell, of how many, and its id are told.
+    as each starts, the number of the cell, of how many, and its id are told. A `forked` kernel
+    starts sooner, and has the linear algebra set up by the environment of the first of them.
     """
     with (folder / "kernel.log").open("w", encoding="utf-8") as log:
         return papermill.execute_notebook(
@@ -82,7 +102,13 @@ def execute_notebook(
             engine_name="inswsn",
             kernel_name="python3",
             progress_bar=False,
-            options={"cwd": str(folder), "env": dict(environment), "stderr": log},
+            options={
+                "cwd": str(folder),
+                "env": dict(environment),
+                "stderr": log,
+                # a process with threads, or on a Mac, must not be forked
+                "forked": forked and sys.platform == "linux",
+            },
             tell_kernel=tell_kernel,
             tell_cell=tell_cell,
         )

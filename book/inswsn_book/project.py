@@ -28,7 +28,9 @@ MODULES_VARIABLE = "INSWSN_MODULES"
 
 _MARKERS = ("_config.yml", "environment.lock", "chapters", "data")
 # What executes chapters. What chapters import of the machinery is told by their code.
-EXECUTING = tuple(f"inswsn_book.{name}" for name in ("cores", "execution", "notebooks", "runs"))
+EXECUTING = tuple(
+    f"inswsn_book.{name}" for name in ("cores", "execution", "forking", "notebooks", "runs")
+)
 _CHAPTER_NAME = re.compile(r"^\d\d-[a-z0-9]+(-[a-z0-9]+)*$")
 
 
