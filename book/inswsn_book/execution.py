@@ -14,7 +14,7 @@ from typing import Any
 import papermill
 import zmq
 from jupyter_client.kernelspec import KernelSpec
-from jupyter_client.provisioning import LocalProvisioner
+from jupyter_client.provisioning.local_provisioner import LocalProvisioner
 from papermill.clientwrap import PapermillNotebookClient
 from papermill.engines import NBClientEngine, papermill_engines
 
@@ -32,7 +32,8 @@ class _Forked(LocalProvisioner):
         process = _FORKER.fork(cmd[3:], kwargs["env"], kwargs["cwd"], kwargs["stderr"].fileno())
         if process is None:
             return await super().launch_kernel(cmd, **kwargs)
-        self.process, self.pid, self.pgid = process, process.pid, process.pid
+        self.process = process  # type: ignore[assignment]  # it has the methods of one
+        self.pid = self.pgid = process.pid
         return self.connection_info
 
 

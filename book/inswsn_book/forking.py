@@ -152,7 +152,8 @@ def _become_kernel(request: dict[str, object], log: int, pipe: int) -> None:
     os.environ.clear()
     os.environ.update(request["environment"])  # type: ignore[call-overload]
     np.random.seed()  # as it is in a process that loads it  # noqa: NPY002
-    # it ends with its parent, whose number is read from the environment before there is one
+    # it ends with its parent, which is read from the environment before there is this one
+    os.environ["JPY_PARENT_PID"] = str(os.getppid())
     parent = f"--IPKernelApp.parent_handle={os.getppid()}"
     app.launch_new_instance([*request["words"], parent])  # type: ignore[misc]
     sys.exit()

@@ -11,18 +11,20 @@ from typing import Any
 
 import nbformat
 import pytest
-from inswsn_book import execution
+from inswsn_book import execution, forking
+from inswsn_book.forking import Forker
 
+linux = pytest.mark.skipif(sys.platform != "linux", reason="Elsewhere none is forked.")
 CELL = nbformat.v4.new_code_cell("import os; print(os.getcwd())\n6 * 7", id="answer")
 
 
-def execute(folder: Path) -> tuple[Any, list[Any]]:
+def execute(folder: Path, *, forked: bool = False) -> tuple[Any, list[Any]]:
     """Return the outputs of the one cell, and what was told of it as it started."""
     folder.mkdir(exist_ok=True)
     told: list[Any] = []
     executed = execution.execute_notebook(
         nbformat.v4.new_notebook(cells=[CELL]), {}, folder,
-        os.environ | {"IPYTHONDIR": str(folder)}, tell_cell=lambda *cell: told.append(cell),
+        os.environ | {"IPYTHONDIR": str(folder)}, forked, tell_cell=lambda *cell: told.append(cell),
     )  # fmt: skip
     return executed.cells[0].outputs, told
 
@@ -67,3 +69,78 @@ def test_a_kernel_that_does_not_answer_is_told(
     monkeypatch.setattr(execution, "_START_TIMEOUT", 2)
     with pytest.raises(RuntimeError, match="Kernel didn't respond in 2 seconds"):
         execute(tmp_path)
+
+
+# Forked kernels -----------------------------------------------------------------------------------
+
+SEEN = """
+import os, signal, sys, matplotlib
+sorted(os.environ), os.getcwd(), os.environ["IPYTHONDIR"], sys.executable, sys.path, sys.flags, \\
+    sys.argv[:-1], matplotlib.get_backend(), os.getsid(0) == os.getpid(), sys.stdin.fileno(), \\
+    [signal.getsignal(n) for n in (signal.SIGCHLD, signal.SIGINT, signal.SIGTERM)], \\
+    [n for n in sys.modules if n.startswith("inswsn")], __name__, sys.modules["__main__"]
+"""
+
+
+@linux
+def test_a_forked_kernel_sees_what_one_that_is_started_sees(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(CELL, "source", SEEN)
+    seen = [
+        execute(tmp_path, forked=forked)[0][0]["data"]["text/plain"] for forked in (False, True)
+    ]
+    assert seen[0] == seen[1]
+
+
+@linux
+def test_forked_kernels_have_chances_of_their_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    chances = "import numpy, random, uuid; numpy.random.random(), random.random(), uuid.uuid4()"
+    monkeypatch.setitem(CELL, "source", chances)
+    first, second = (execute(tmp_path, forked=True)[0][0]["data"]["text/plain"] for _ in range(2))
+    assert not {*first.strip("()").split(", ")} & {*second.strip("()").split(", ")}
+
+
+@linux
+def test_what_a_forked_kernel_says_on_standard_error_is_its_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for word in ("one", "two"):
+        monkeypatch.setitem(CELL, "source", f"import os; os.write(2, b'{word}')")
+        execute(tmp_path / word, forked=True)
+    logs = [(tmp_path / word / "kernel.log").read_text() for word in ("one", "two")]
+    assert "one" in logs[0]
+    assert "one" not in logs[1]
+    assert "two" in logs[1]
+
+
+@linux
+def test_where_none_can_be_forked_one_is_started(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    forker = Forker()
+    monkeypatch.setattr(execution, "_FORKER", forker)
+    monkeypatch.setattr(forking, "__file__", str(tmp_path / "nothing.py"))
+    assert execute(tmp_path / "none", forked=True)[0][1]["data"]["text/plain"] == "42"
+    monkeypatch.undo()
+    monkeypatch.setattr(execution, "_FORKER", forker)
+    for _ in range(2):  # the end of the first is noticed, and another one had
+        assert execute(tmp_path / "then", forked=True)[0][1]["data"]["text/plain"] == "42"
+    process, _ = forker._running or pytest.fail("There is none.")
+    process.kill()
+    process.wait()
+    assert execute(tmp_path / "dead", forked=True)[0][1]["data"]["text/plain"] == "42"
+
+
+@linux
+def test_a_forked_process_is_waited_for_and_told_to_end(tmp_path: Path) -> None:
+    forker, words = Forker(), ["-f", str(tmp_path / "kernel.json")]
+    with (tmp_path / "log").open("w") as log:
+        kernel = forker.fork(words, os.environ, str(tmp_path), log.fileno())
+    assert kernel is not None
+    assert kernel.poll() is None
+    kernel.kill()
+    assert kernel.wait() == kernel.poll() == 0
+    kernel.terminate()  # nobody is told, since it has ended
