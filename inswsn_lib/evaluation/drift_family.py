@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.polynomial.legendre import legvander
@@ -386,14 +386,18 @@ def _fit(fitted: _Cells, printed: Array, start: Array, most: int) -> tuple[Array
     # rows of zeros where a drift has more numbers than there are cells: the method asks for as many
     cells, rows = len(printed), max(len(printed), len(start))
 
+    last: list[Any] = [None, None]  # the slopes are asked where the residuals have been
+
     def residuals(drift: Array) -> Array:
+        last[:] = drift.copy(), fitted.value_and_slope(drift)
         values = np.zeros(rows)
-        values[:cells] = np.log(fitted.value_and_slope(drift)[0] / printed)
+        values[:cells] = np.log(last[1][0] / printed)
         return values
 
     def slopes(drift: Array) -> Array:
         values = np.zeros((rows, len(start)))
-        mean, values[:cells] = fitted.value_and_slope(drift)
+        there = np.array_equal(drift, last[0])
+        mean, values[:cells] = last[1] if there else fitted.value_and_slope(drift)
         values[:cells] /= mean[:, None]
         return values
 

@@ -312,6 +312,29 @@ class _Covariances:
         self.P, self._before = ahead, (told[3], driving)
         return told
 
+    def gains(self, there: Mask, noise: _Noise) -> Array:
+        """Return K and I - K C beside it, (steps, n, m + n), of one filter, and go on.
+
+        The pattern of each step is `there`, (steps, m).
+        """
+        (m, n), run, k = self.C.shape, choose("kalman_gains", _gains), 0
+        found = np.empty((len(there), n, m + n))
+        while k < len(there):
+            if noise.steady:
+                Q, driving, R, _, limits = map(_contiguous, noise.at(k))
+                A, C, P = map(_contiguous, (self.A, self.C, self.P[0]))
+                done, P, after, certain = run(A, C, Q, R, limits, P, there[k:], found[k:])
+                if certain:
+                    raise certain_innovation()
+                if done:
+                    self.P, self._before, self._root = P[None], (after[None], driving), None
+                k += done
+            if k < len(there):
+                gain, keep, *_ = self.step(there[k : k + 1], noise, k)
+                found[k] = np.hstack([gain[0], keep[0]])
+                k += 1
+        return found
+
     def _step(
         self, here: Mask, Q: Array, driving: Array, R: Array, noise: Array, limits: Array
     ) -> tuple[_Step, Array, Array | None]:
@@ -335,9 +358,7 @@ def _run(
         return _run_each(covariances, noise, np.broadcast_to(there, y.shape), y, x, predicted)
     A, C = covariances.A, covariances.C
     # one gain for all runs
-    steps = [covariances.step(here, noise, k)[:2] for k, here in enumerate(there[:, None, :, 0])]
-    gains = np.array([gain[0] for gain, _ in steps]).reshape(len(y), *C.shape[::-1])
-    keeps = np.array([keep[0] for _, keep in steps]).reshape(len(y), *A.shape)
+    gains, keeps = np.split(covariances.gains(there[:, :, 0], noise), [len(C)], axis=2)
     states = np.empty((len(y) + 1, *x.shape))
     # from one estimate to the next
     F, G = (A @ keeps, A @ gains) if predicted else (keeps @ A, gains)
@@ -349,6 +370,31 @@ def _run(
         return states[:-1], states[-1], covariances
     with np.errstate(over="ignore"):  # perhaps nobody asks for it
         return states[1:], A @ states[-1] if len(y) else x, covariances
+
+
+def _gains(
+    A: Array, C: Array, Q: Array, R: Array, limits: Array, P: Array, there: Mask, out: Array
+) -> tuple[int, Array, Array, bool]:
+    """Fill `out` (steps, n, m + n) with K and I - K C, until an innovation is above the limits.
+
+    Returns
+    -------
+    done : int
+        How many steps are filled.
+    P, after : ndarray, (n, n)
+        Of the prediction after them, and of the estimate before it.
+    certain : bool
+        Whether an innovation is, so that there is no gain; here it raises an error.
+    """
+    after = np.zeros_like(P)
+    for k, here in enumerate(there):
+        S = C @ P @ C.T + R
+        if (S.diagonal() > limits).any():
+            return k, P, after, False
+        gain, keep, (after,) = updated(C, P[None], S[None], R, here[None])
+        out[k] = np.hstack([gain[0], keep[0]])
+        P = A @ after @ A.T + Q
+    return len(there), P, after, False
 
 
 def _recursion(F: Array, G: Array, x: Array, y: Array, out: Array) -> None:
