@@ -16,6 +16,8 @@ The steps are those of Mehrotra's predictor and corrector in the scaling of Nest
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache, cached_property
+from typing import Any
 
 import numpy as np
 
@@ -61,7 +63,7 @@ class Places:
         columns = choose("arrow_columns", _columns)
         return columns(J, self.unknown, self.row, self.column, self._weight).mT
 
-    @property
+    @cached_property
     def _weight(self) -> Array:
         return self.sign * np.where(self.row == self.column, 1.0, 2.0)
 
@@ -73,7 +75,7 @@ def _columns(J: Array, unknown: Array, row: Array, column: Array, weight: Array)
 
 def _summed(values: Array, unknown: Array) -> Array:
     """Return the sums of what belongs to an unknown, places being the second axis."""
-    return np.add.reduceat(values, np.unique(unknown, return_index=True)[1], axis=1)
+    return np.add.reduceat(values, np.flatnonzero(np.diff(unknown, prepend=-1)), axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -258,5 +260,11 @@ class _State:
 
 def _upper(matrices: Array) -> Array:
     """Return the upper triangles, (..., d(d+1)/2), with the root of 2 off the diagonal."""
-    a, b = np.triu_indices(matrices.shape[-1])
-    return matrices[..., a, b] * np.where(a == b, 1.0, 2**0.5)
+    a, b, weight = _triangle(matrices.shape[-1])
+    return matrices[..., a, b] * weight
+
+
+@cache
+def _triangle(size: int) -> tuple[Any, Any, Array]:
+    a, b = np.triu_indices(size)
+    return a, b, np.where(a == b, 1.0, 2**0.5)
