@@ -86,6 +86,7 @@ sorted(os.environ), os.getcwd(), os.environ["IPYTHONDIR"], sys.executable, sys.p
 def test_a_forked_kernel_sees_what_one_that_is_started_sees(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(execution, "_FORKER", Forker())  # of the surroundings of this test
     monkeypatch.setitem(CELL, "source", SEEN)
     seen = [
         execute(tmp_path, forked=forked)[0][0]["data"]["text/plain"] for forked in (False, True)
