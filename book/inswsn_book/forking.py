@@ -140,6 +140,7 @@ def _serve(requests: socket.socket) -> None:
 
 def _become_kernel(request: dict[str, object], log: int, pipe: int) -> None:
     import ipykernel.kernelapp as app  # noqa: PLC0415
+    import ipykernel_launcher  # type: ignore[import-untyped]  # noqa: PLC0415
     import numpy as np  # noqa: PLC0415
 
     os.setsid()
@@ -152,6 +153,7 @@ def _become_kernel(request: dict[str, object], log: int, pipe: int) -> None:
     os.environ.clear()
     os.environ.update(request["environment"])  # type: ignore[call-overload]
     np.random.seed()  # as it is in a process that loads it  # noqa: NPY002
+    sys.argv = [ipykernel_launcher.__file__, *request["words"]]  # type: ignore[misc]
     # it ends with its parent, which is read from the environment before there is this one
     os.environ["JPY_PARENT_PID"] = str(os.getppid())
     parent = f"--IPKernelApp.parent_handle={os.getppid()}"

@@ -24,7 +24,8 @@ def execute(folder: Path, *, forked: bool = False) -> tuple[Any, list[Any]]:
     told: list[Any] = []
     executed = execution.execute_notebook(
         nbformat.v4.new_notebook(cells=[CELL]), {}, folder,
-        os.environ | {"IPYTHONDIR": str(folder)}, forked, tell_cell=lambda *cell: told.append(cell),
+        os.environ | {"IPYTHONDIR": str(folder), "PYTHONSAFEPATH": "1"}, forked,
+        tell_cell=lambda *cell: told.append(cell),
     )  # fmt: skip
     return executed.cells[0].outputs, told
 
@@ -76,7 +77,7 @@ def test_a_kernel_that_does_not_answer_is_told(
 SEEN = """
 import os, signal, sys, matplotlib
 sorted(os.environ), os.getcwd(), os.environ["IPYTHONDIR"], sys.executable, sys.path, sys.flags, \\
-    sys.argv[:-1], matplotlib.get_backend(), os.getsid(0) == os.getpid(), sys.stdin.fileno(), \\
+    sys.argv, matplotlib.get_backend(), os.getsid(0) == os.getpid(), sys.stdin.fileno(), \\
     [signal.getsignal(n) for n in (signal.SIGCHLD, signal.SIGINT, signal.SIGTERM)], \\
     [n for n in sys.modules if n.startswith("inswsn")], __name__, sys.modules["__main__"]
 """
@@ -91,6 +92,7 @@ def test_a_forked_kernel_sees_what_one_that_is_started_sees(
     seen = [
         execute(tmp_path, forked=forked)[0][0]["data"]["text/plain"] for forked in (False, True)
     ]
+    assert execution._FORKER._running  # it has not started a kernel in place of a fork
     assert seen[0] == seen[1]
 
 
