@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import os
+import posixpath
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -52,17 +53,21 @@ def finish_site(site: Path, kept: Path) -> list[str]:
     found: dict[Path, _Facts] = {p: known[d] for p, d in digests.items() if d in known}
     found |= zip(due, _rewritten(due), strict=True)
     write_whole(kept, json.dumps({file_digest(page): facts for page, facts in found.items()}))
+    names: dict[str, frozenset[str] | None] = {
+        path.relative_to(site).as_posix(): None for path in site.rglob("*") if path.is_file()
+    }
+    names |= {page.relative_to(site).as_posix(): frozenset(f[0]) for page, f in found.items()}
     problems = []
-    names = {page: {*ids} for page, (ids, _, _) in found.items()}
     for page, (_, links, wrong) in sorted(found.items()):
-        own = [*wrong, *(said for link in links for said in _broken(site, page, link, names))]
-        problems += [f"{page.relative_to(site).as_posix()}: {said}" for said in own]
+        name = page.relative_to(site).as_posix()
+        own = [*wrong, *(said for link in links for said in _broken(names, name, link))]
+        problems += [f"{name}: {said}" for said in own]
     for sheet in sorted(site.rglob("*.css")):
         if _FOREIGN_STYLE.search(sheet.read_text(encoding="utf-8", errors="replace")):
             problems.append(f"{sheet.relative_to(site)}: takes a part of itself from another host.")
-    shown = {(page.parent / unquote(link)).resolve() for page, f in found.items() for link in f[1]}
+    shown = {unquote(link.rpartition("/")[2]) for _, links, _ in found.values() for link in links}
     for image in (site / "_images").glob("*"):
-        if image.resolve() not in shown:
+        if image.name not in shown:
             image.unlink()
     return problems
 
@@ -99,15 +104,18 @@ def _rewrite(path: Path) -> _Facts:
     return sorted(names), links, problems
 
 
-def _broken(site: Path, page: Path, link: str, names: Mapping[Path, set[str]]) -> Iterator[str]:
+def _broken(names: Mapping[str, frozenset[str] | None], page: str, link: str) -> Iterator[str]:
+    """Tell what is wrong with a link of a page, by what may be named in each file of the site."""
     parts = urlsplit(link)
-    path = page if not parts.path else Path(os.path.normpath(page.parent / unquote(parts.path)))
-    if path.is_dir():
-        path /= "index.html"
-    if not path.is_file() or not path.is_relative_to(site):
+    path = posixpath.normpath(posixpath.join(posixpath.dirname(page), unquote(parts.path)))
+    path = path if parts.path else page
+    if path not in names:
+        path = posixpath.normpath(f"{path}/index.html")
+    inside = names.get(path)
+    if path not in names:
         yield f"{link} leads to no file of the site."
-    elif parts.fragment and unquote(parts.fragment) not in names.get(path, {parts.fragment}):
-        yield f"{link} leads to no element of {path.name}."
+    elif parts.fragment and inside is not None and unquote(parts.fragment) not in inside:
+        yield f"{link} leads to no element of {posixpath.basename(path)}."
 
 
 def improve(page: str) -> tuple[str, BeautifulSoup]:

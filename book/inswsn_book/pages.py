@@ -12,13 +12,18 @@ from pathlib import Path
 from typing import Any
 
 import nbformat
-from jinja2 import Environment, FileSystemLoader, StrictUndefined, TemplateError
+from jinja2 import (
+    Environment,
+    FileSystemBytecodeCache,
+    FileSystemLoader,
+    StrictUndefined,
+    TemplateError,
+)
 
 import inswsn_lib
 from inswsn_book import files, review
 from inswsn_book.judging import judge
 from inswsn_book.ledger import KINDS, LEDGER, PAPERS, Claim, claims_of, load_claims
-from inswsn_book.notebooks import notebook_text
 from inswsn_book.parameters import chapter_schema
 from inswsn_book.project import Chapter, Project
 from inswsn_book.results import Results, results_text
@@ -38,10 +43,16 @@ _HEAD = re.compile(
 # Templates
 
 
-def environment(root: Path) -> Environment:
-    """Return the environment of the templates in ``book/`` and ``book/_templates/``."""
+def environment(root: Path, compiled: Path | None = None) -> Environment:
+    """Return the environment of the templates in ``book/`` and ``book/_templates/``.
+
+    Compiled templates are kept in a folder if one is given.
+    """
+    if compiled is not None:
+        compiled.mkdir(parents=True, exist_ok=True)
     made = Environment(
         loader=FileSystemLoader([root / "book", root / "book" / "_templates"]),
+        bytecode_cache=FileSystemBytecodeCache(str(compiled)) if compiled else None,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
@@ -191,16 +202,18 @@ def stage_book(project: Project, runs: Sequence[Run], folder: Path) -> list[str]
     others = [
         reference_results(project, c.number) for c in project.chapters() if c.number not in here
     ]
-    known, templates = context(project, [*rendered, *others]), environment(project.root)
+    known = context(project, [*rendered, *others])
+    templates = environment(project.root, folder.parent / "templates")
     texts, problems = _pages(project, templates, known)
     for results in (*rendered, *others):
         texts[f"generated/{results.chapter}.json"] = results_text(results).encode()
     claims = load_claims(project.root / LEDGER)
     for run in runs:
         name, results = project.find(run.request.chapter).name, run.results
-        notebook = with_captions(nbformat.reads(run.notebook, as_version=4))
+        # as it is, since it was valid when it was kept, and Sphinx looks again
+        notebook = with_captions(nbformat.from_dict(json.loads(run.notebook)))
         shown = with_notes(notebook, results, claims_of(claims, results.chapter), templates)
-        texts[f"chapters/{name}.ipynb"] = notebook_text(shown).encode()
+        texts[f"chapters/{name}.ipynb"] = json.dumps(shown, ensure_ascii=False).encode()
     for figure in (project.root / "data").glob("*.svg"):
         texts[f"generated/{figure.name}"] = figure.read_bytes()
     files.fill_folder(folder, texts)
@@ -259,12 +272,17 @@ def with_notes(
             text = templates.get_template("deciding.md").render(
                 cell=cell["id"], claims=decided[cell["id"]], hidden=hidden
             )
-            cells.append(nbformat.v4.new_markdown_cell(text, id=f"{cell['id']}-claims"))
+            cells.append(_words(f"{cell['id']}-claims", text))
         cells.append(cell)
     if results.provenance is not None:
         text = templates.get_template("provenance.md").render(
             results=results, made=results.provenance
         )
-        cells.append(nbformat.v4.new_markdown_cell(text, id=f"ch{results.chapter}-provenance"))
+        cells.append(_words(f"ch{results.chapter}-provenance", text))
     notebook.cells = cells
     return notebook
+
+
+def _words(name: str, text: str) -> Any:
+    cell = {"cell_type": "markdown", "id": name, "metadata": {}, "source": text}
+    return nbformat.from_dict(cell)

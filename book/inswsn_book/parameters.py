@@ -39,6 +39,10 @@ _FORM = "name: type = default  # unit; rule, with its meaning in comment lines a
 _DECLARED = re.compile(r"(\w+): (bool|int|float|str) = (.+?)  # ([^;]+); ([^;]+)")
 _KINDS = {"bool": "true or false", "int": "a whole number", "float": "a number", "str": "a word"}
 _INTERVAL = re.compile(r"in ([\[(])([^,]+), ([^,]+)([\])])")
+_TAGGED = re.compile(r"^:tags:.*\bparameters\b", re.MULTILINE)
+_CELL = re.compile(
+    r"^```\{code-cell\}[^\n]*\n:tags: \[parameters\]\n\n(.*?)^```$", re.MULTILINE | re.DOTALL
+)
 
 
 @dataclass(frozen=True)
@@ -120,6 +124,9 @@ def chapter_schema(root: Path, number: str) -> Schema:
 @cache
 def source_schema(source: str, name: str) -> Schema:
     """Read the parameters of a chapter's source; a build asks for the same ones a hundred times."""
+    cells = _CELL.findall(source)
+    if len(cells) == len(_TAGGED.findall(source)) == 1:
+        return _named_schema(cells[0], name)  # to parse all of a chapter takes long
     return notebook_schema(read_myst(source, name), name)
 
 
@@ -141,8 +148,12 @@ def notebook_schema(notebook: Any, name: str) -> Schema:
         raise InswsnError(
             f"chapters/{name} has {len(tagged)} cells tagged parameters; a chapter has exactly one."
         )
+    return _named_schema(tagged[0].source, name)
+
+
+def _named_schema(cell: str, name: str) -> Schema:
     try:
-        return read_schema(tagged[0].source)
+        return read_schema(cell)
     except InswsnError as error:
         raise InswsnError(f"chapters/{name}: {error}") from None
 

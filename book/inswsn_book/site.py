@@ -13,6 +13,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 from html import escape
 from pathlib import Path
 
@@ -31,16 +32,18 @@ ALONE = "INSWSN_ALONE"
 #: What stands at the foot of a page until the page is copied: the commit is no reason to render
 FOOTER = "inswsn-footer-inswsn"
 # The trees of all pages live until the end. To look for what is dead among them as often as Python
-# does by default takes a quarter of the time; to look seldom takes a tenth more memory. When the
-# command ends, however it does, its end of the pipe is closed, and all of this group ends as well.
+# does by default takes a quarter of the time; to look seldom takes a tenth more memory. All modules
+# are loaded before it is known what to render. When the command ends, however it does, its end of
+# the pipe is closed, and all of this group ends as well.
 _SPHINX = """
 import gc, os, signal, sys, threading
 from pathlib import Path
 from jupyter_book.sphinx import build_sphinx
+import inswsn_book.sphinx_ext, sphinx.builders.html, sphinx_book_theme
+stage = Path(sys.stdin.readline().rstrip("\\n") or sys.exit(1))
 end = lambda: os.read(0, 1) or os.killpg(0, signal.SIGKILL)
 threading.Thread(target=end, daemon=True).start()
 gc.set_threshold(100_000, 20, 20)
-stage = Path(sys.argv[1])
 done = build_sphinx(
     stage / "source", stage / "html", doctreedir=stage / "doctrees", noconfig=True,
     path_config="_config.yml", quiet=True, confoverrides={
@@ -99,17 +102,9 @@ def _render(
 
     A page that is alone may lack what it names.
     """
-    from inswsn_book.pages import stage_book  # noqa: PLC0415  # takes long
-
     source = stage / "source"
-    warnings = stage_book(project, runs, source)
-    if alone is not None:
-        toc = f"format: jb-book\nroot: {alone}\n"
-        if (source / "bibliography.md").is_file():  # citations are resolved there
-            toc += "chapters:\n- file: bibliography\n"
-        files.write_whole(source / "_toc.yml", toc)
     with subprocess.Popen(
-        [sys.executable, "-I", "-X", "utf8", "-c", _SPHINX, str(stage)],
+        [sys.executable, "-I", "-X", "utf8", "-c", _SPHINX],
         cwd=project.root,
         env=os.environ | {ROOT_VARIABLE: str(project.root), ALONE: "yes" if alone else ""},
         stdin=subprocess.PIPE,
@@ -117,18 +112,34 @@ def _render(
         stderr=subprocess.STDOUT,
         encoding="utf-8",
         start_new_session=True,
-    ) as done:
-        assert done.stdout is not None
-        said = done.stdout.read()
+    ) as sphinx:
+        assert sphinx.stdin is not None
+        assert sphinx.stdout is not None
+        warnings = _staged(project, runs, source, alone)  # while it is loaded
+        with suppress(BrokenPipeError):  # it says why it has ended
+            os.write(sphinx.stdin.fileno(), f"{stage}\n".encode())
+        said = sphinx.stdout.read()
     # without colours, and what is to be edited lies in book/
     said = _COLOUR.sub("", said).replace(str(source), "book")
     warnings += [line for line in said.splitlines() if WARNING.search(line)]
     # the exit status alone is not to be trusted: it is 0 after warnings
-    if done.returncode != 0 or (warnings and not alone):
+    if sphinx.returncode != 0 or (warnings and not alone):
         raise RenderingError(
             "Sphinx could not render the book without warnings:\n"
             + ("\n".join(warnings) if warnings else said.strip())
         )
+
+
+def _staged(project: Project, runs: Sequence[Run], source: Path, alone: str | None) -> list[str]:
+    from inswsn_book.pages import stage_book  # noqa: PLC0415  # takes long
+
+    warnings = stage_book(project, runs, source)
+    if alone is not None:
+        toc = f"format: jb-book\nroot: {alone}\n"
+        if (source / "bibliography.md").is_file():  # citations are resolved there
+            toc += "chapters:\n- file: bibliography\n"
+        files.write_whole(source / "_toc.yml", toc)
+    return warnings
 
 
 def _copied(project: Project, html: Path, site: Path) -> Path:

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import os
 import re
+from collections.abc import Iterator
 from functools import cache
+from itertools import chain
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
+from docutils import nodes
+from sphinx import addnodes
 from sphinx.util import docname_join, logging
 
 from inswsn_book.access import finish_site
@@ -18,6 +22,7 @@ from inswsn_book.provenance import available_cores
 from inswsn_book.site import ALONE, FOOTER
 
 _LOG = logging.getLogger(__name__)
+_NAMES = (nodes.title, nodes.caption)
 
 
 def _configure(app: Any, config: Any) -> None:
@@ -55,6 +60,34 @@ class _Kept:
         return getattr(self._env, name)
 
 
+def _keep_outline(app: Any, tree: nodes.document) -> None:
+    """Keep what numbers the figures of a page: to load and search all pages takes seconds."""
+    known = [domain.enumerable_nodes for domain in app.env.domains.values()]
+    others = (nodes.section, nodes.literal_block, addnodes.toctree, *_NAMES)
+    numbered = (*others, *chain.from_iterable(known))
+    outlines = app.env.inswsn_outlines = getattr(app.env, "inswsn_outlines", {})
+    outlines[app.env.docname] = nodes.Element("", *_outlines(tree, numbered))
+
+
+def _outlines(node: nodes.Element, numbered: tuple[type, ...]) -> Iterator[nodes.Element]:
+    """Return copies of the branches of a tree in which something is numbered, without the others.
+
+    Only what has a title or a caption has a number.
+    """
+    for child in filter(lambda child: isinstance(child, nodes.Element), node.children):
+        inner = [*_outlines(child, numbered)]
+        if inner or isinstance(child, numbered):
+            copy = child.copy()
+            copy.document, copy.rawsource = None, ""  # they would be kept
+            copy.extend([nodes.Text(child.astext())] if isinstance(child, _NAMES) else inner)
+            yield copy
+
+
+def _number_outlines(app: Any, env: Any) -> list[str]:
+    env.get_doctree = lambda name: env.inswsn_outlines[name]
+    return []
+
+
 def _before_writing(app: Any, env: Any) -> None:
     """Let pages be written side by side, and each numbered reference not load a whole page.
 
@@ -74,6 +107,7 @@ def _whole_name(app: Any, env: Any, node: Any, words: Any) -> None:
 
 def _update(app: Any, env: Any) -> list[str]:
     """Return the pages to be written: all of them, once what they may name of others differs."""
+    del env.get_doctree  # once all is numbered
     domain, titles = env.get_domain("std"), {k: v.astext() for k, v in env.titles.items()}
     named = [domain.labels, domain.anonlabels, env.get_domain("math").equations, titles]
     named += [env.toc_secnumbers, env.toc_fignumbers]
@@ -104,7 +138,9 @@ def setup(app: Any) -> dict[str, bool]:
     # before the handlers that work on what is set here
     app.connect("config-inited", _configure, priority=100)
     app.connect("env-check-consistency", _before_writing)
-    app.connect("env-get-updated", _update, priority=900)  # once all is numbered
+    app.connect("doctree-read", _keep_outline, priority=900)
+    app.connect("env-get-updated", _number_outlines, priority=100)
+    app.connect("env-get-updated", _update, priority=900)
     app.connect("autodoc-skip-member", _skip)
     app.connect("build-finished", _finish)
     return {"parallel_read_safe": True, "parallel_write_safe": True}
