@@ -30,7 +30,7 @@ serve: book ## show the built book at http://127.0.0.1:$(PORT)/
 	@echo "The book is at http://127.0.0.1:$(PORT)/ (stop with Ctrl-C)"
 	@$(RUN) -m http.server --directory _build/html --bind 127.0.0.1 $(PORT) >/dev/null 2>&1
 
-notebooks: environment ## write the .ipynb twins of chapters/*.md
+notebooks: environment ## write the .ipynb twins of the chapters
 	@$(RUN) -I -X utf8 -m inswsn_book.notebooks
 
 publish: environment ## make the last build's results the reference in data/published, after showing what changes

@@ -133,7 +133,7 @@ def load_settings(root: Path) -> dict[str, dict[str, Setting]]:
 
 def load_schemas(project: Project) -> dict[str, Schema]:
     """Read the parameters of the chapters that rebuild the papers, by number."""
-    numbers = [c.number for c in project.chapters() if c.number < RETELLING]
+    numbers = [c.id for c in project.chapters() if c.id < RETELLING]
     return {number: chapter_schema(project.root, number) for number in numbers}
 
 

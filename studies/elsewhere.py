@@ -167,9 +167,9 @@ class Variant:
 
     def request(self, project: Project, chapter: Chapter) -> Request | None:
         """Return what is run of a chapter; None if it does not declare the parameters."""
-        if not {*self.parameters} <= {*chapter_schema(project.root, chapter.number).defaults}:
+        if not {*self.parameters} <= {*chapter_schema(project.root, chapter.id).defaults}:
             return None
-        return Request(chapter.number, self.parameters, self.threads, self.variables)
+        return Request(chapter.id, self.parameters, self.threads, self.variables)
 
 
 def variants() -> list[Variant]:
@@ -187,7 +187,7 @@ def found_elsewhere(
     nothing was changed; else the machine is another one. Two
     processors of one name may be unlike: then the linear algebra chooses other code on them.
     """
-    path = folder / f"{chapter.number}.json"
+    path = folder / f"{chapter.id}.json"
     if not path.is_file():
         return None
     results = read_results(path)
@@ -195,8 +195,8 @@ def found_elsewhere(
     if its is None:
         raise InswsnError(f"{path} does not say on what machine it was made.")
     if its.sources.get("chapter") != file_digest(chapter.source):
-        raise InswsnError(f"{path} was made from another source of chapter {chapter.number}.")
-    first = reference_results(project, chapter.number).provenance
+        raise InswsnError(f"{path} was made from another source of chapter {chapter.id}.")
+    first = reference_results(project, chapter.id).provenance
     alike = first is not None and (first.cpu, first.blas) == (its.cpu, its.blas)
     name = AGAIN if alike else MACHINE
     versions = [its.python, first.python if first else its.python]
@@ -213,10 +213,10 @@ def compared(
     outcome: Results | BuildError | InswsnError,
 ) -> Cell:
     """Hold what came of a chapter in a variant against the reference results."""
-    reference = reference_results(project, chapter.number)
+    reference = reference_results(project, chapter.id)
     first = reference.provenance
     common: dict[str, Any] = {
-        "variant": variant.id, "chapter": chapter.number, "python": variant.version,
+        "variant": variant.id, "chapter": chapter.id, "python": variant.version,
         "reference_cpu": first.cpu if first else "",
     }  # fmt: skip
     digest = {"reference": text_digest(reference.found().model_dump_json())}
@@ -243,7 +243,7 @@ def compared(
         for one in moved
         if one.before is not None and one.after is not None
     }
-    claims = claims_of(load_claims(project.root / LEDGER), chapter.number)
+    claims = claims_of(load_claims(project.root / LEDGER), chapter.id)
     return Cell(
         **common,
         seconds=made.seconds,
@@ -308,9 +308,7 @@ def _check_machine(variant: Variant, chapter: Chapter, blas: Iterable[str]) -> N
     words = f"{asked} thread{'s' if asked > 1 else ''}"
     wrong = [each for each in blas if " of scs" not in each and not each.endswith(f", {words}")]
     if wrong:
-        raise InswsnError(
-            f"Chapter {chapter.number}, {variant.id}: {wrong[0]} computed, not {words}."
-        )
+        raise InswsnError(f"Chapter {chapter.id}, {variant.id}: {wrong[0]} computed, not {words}.")
 
 
 def _moved(pair: Change) -> bool:
@@ -432,7 +430,7 @@ def main() -> None:
     given = parser.parse_args()
     project = Project(ROOT.resolve())
     try:
-        chapters = [project.find(word) for word in given.only] or project.chapters()
+        chapters = [project.find(word, evidence=True) for word in given.only] or project.chapters()
         with Quiet() as progress:
             if given.results is not None:
                 file_results(project, given.results, chapters, progress)

@@ -128,12 +128,12 @@ def request_of(project: Project, cell: Cell) -> Request:
     overlay: dict[str, str] = {}
     if cell.change is not None:
         overlay |= _changed_scenarios(project.root, cell.change)
-    source = project.find(cell.chapter).source
-    before = source.read_text(encoding="utf-8")
+    chapter = project.by_id(cell.chapter)
+    before = chapter.source.read_text(encoding="utf-8")
     after = before if cell.change is None else _edited(before, cell.chapter, cell.change)
-    after = _without(after, cell.skips, source.name)
+    after = _without(after, cell.skips, chapter.source.name)
     if after != before:
-        overlay[f"chapters/{source.name}"] = after
+        overlay[f"chapters/{chapter.name}.md"] = after
     return Request(cell.chapter, cell.parameters, overlay=overlay)
 
 
@@ -309,7 +309,7 @@ def _without_an_entry(
 
 
 def _edits_that_do_not_fit(project: Project, assumptions: Assumptions) -> Iterator[str]:
-    sources = {c.number: c.source.read_text(encoding="utf-8") for c in project.chapters()}
+    sources = {c.id: c.source.read_text(encoding="utf-8") for c in project.chapters()}
     for entry in assumptions.assumptions:
         for other in entry.alternatives:
             for edit in other.edits:
@@ -334,9 +334,9 @@ def made_from(project: Project, assumptions: Assumptions) -> Made:
             "locks": tree_digest(project.root, project.locks),
             "assumptions": file_digest(project.root / ASSUMPTIONS),
             **{
-                f"chapter {chapter.number}": file_digest(chapter.source)
+                f"chapter {chapter.id}": file_digest(chapter.source)
                 for chapter in project.chapters()
-                if chapter.number in assumptions.reduced
+                if chapter.id in assumptions.reduced
             },
         },
         recorded=data_mirror() is not None,

@@ -86,7 +86,7 @@ def _made_files(project: Project, runs: Sequence[Run]) -> dict[str, bytes]:
     judged = judge(project.root, [run.results for run in runs])
     texts = {"index.html": _INDEX, "verdicts.json": verdicts_text(judged) + "\n"}
     for run in runs:
-        name = project.find(run.request.chapter).name
+        name = project.by_id(run.request.chapter).name
         texts[f"executed/{name}.ipynb"] = run.notebook or ""
         texts[f"results/{run.request.chapter}.json"] = results_text(run.results)
     for package in SITE_PACKAGES:
@@ -132,16 +132,16 @@ def _crate_text(project: Project, runs: Sequence[Run], commit: str, names: Colle
     })  # fmt: skip
     root["mentions"] = []
     for run in runs:
-        chapter, results = project.find(run.request.chapter), run.results
+        chapter, results = project.by_id(run.request.chapter), run.results
         # what a chapter reads of a part of a file is named file#part
         read = sorted({name.partition("#")[0] for name in results.data} & set(names))
-        action = entity(f"#run-{chapter.number}", **{
+        action = entity(f"#run-{chapter.id}", **{
             "@type": "CreateAction",
             "name": f"Run of chapter {chapter.name}",
             "instrument": [file(f"chapters/{chapter.name}.md"), software],
             "object": [
                 *(
-                    entity(f"#{chapter.number}-{name}",
+                    entity(f"#{chapter.id}-{name}",
                            **{"@type": "PropertyValue", "name": name, "value": value})
                     for name, value in results.parameters.items()
                 ),
@@ -149,7 +149,7 @@ def _crate_text(project: Project, runs: Sequence[Run], commit: str, names: Colle
                 *(file(path.name) for path in project.locks),
             ],
             "result": [
-                file(f"executed/{chapter.name}.ipynb"), file(f"results/{chapter.number}.json"),
+                file(f"executed/{chapter.name}.ipynb"), file(f"results/{chapter.id}.json"),
             ],
         })  # fmt: skip
         root.append_to("mentions", action)

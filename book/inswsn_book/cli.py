@@ -21,6 +21,9 @@ from inswsn_lib.errors import BuildError, InswsnError, ParameterError
 _PATH = click.Path(path_type=Path)
 _FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
 _FOLDER = click.Path(exists=True, file_okay=False, path_type=Path)
+_evidence = click.option(
+    "--evidence", is_flag=True, help="Take the evidence of that number, not the lesson."
+)
 _settings = click.option(
     "-p", "settings", multiple=True, metavar="NAME=VALUE", help="Set a parameter."
 )
@@ -108,8 +111,8 @@ def chapters(root: Path | None) -> None:
 
     project = _project(root)
     for chapter in project.chapters():
-        click.echo(f"{chapter.number}  {chapter.name[3:]}")
-        for parameter in chapter_schema(project.root, chapter.number).parameters:
+        click.echo(f"{chapter.id}  {chapter.source.stem[3:]}")
+        for parameter in chapter_schema(project.root, chapter.id).parameters:
             unit = "" if parameter.unit == "1" else f" {parameter.unit}"
             click.echo(f"    {parameter.name} = {parameter.default}{unit}; {parameter.allowed}")
             click.echo(textwrap.indent(textwrap.fill(parameter.meaning, 88), "        "))
@@ -121,14 +124,22 @@ def chapters(root: Path | None) -> None:
 @click.option("-f", "file", type=_FILE, help="A YAML file of parameters; -p overrides it.")
 @_out
 @click.option("--html", is_flag=True, help="Render the chapter's page of this run, too.")
+@_evidence
 @click.option("--fresh", is_flag=True, help="Execute it, even if the same has been run before.")
 @click.pass_obj
 def run(
-    root: Path | None, /, name: str, settings: tuple[str, ...], file: Path | None, **how: Any
+    root: Path | None,
+    /,
+    name: str,
+    settings: tuple[str, ...],
+    file: Path | None,
+    evidence: bool,
+    **how: Any,
 ) -> None:
     """Execute a chapter with other parameters and compare it with the published run.
 
-    A run on data of your own is not compared; what the chapter reports of them is said.
+    A number stands for the lesson, and with --evidence for its evidence. A run on data of your own
+    is not compared; what the chapter reports of them is said.
 
     For example: inswsn run 02 -p q_scale=0.1 -p runs=200
     """
@@ -140,7 +151,7 @@ def run(
     from inswsn_book.runs import reference_results
 
     project = _project(root)
-    number = project.find(name).number
+    number = project.find(name, evidence=evidence).id
     schema = chapter_schema(project.root, number)
     values = gather_parameters(schema, settings, file, project.root / "data")
     with Progress() as progress:
@@ -168,10 +179,17 @@ def run(
 @_jobs
 @click.option("--dask", metavar="ADDRESS", help="Compute on the Dask cluster of this scheduler.")
 @_out
+@_evidence
 @click.option("--fresh", is_flag=True, help="Compute all cells, whatever is kept.")
 @click.pass_obj
 def sweep(
-    root: Path | None, /, name: str, axes: tuple[str, ...], settings: tuple[str, ...], **how: Any
+    root: Path | None,
+    /,
+    name: str,
+    axes: tuple[str, ...],
+    settings: tuple[str, ...],
+    evidence: bool,
+    **how: Any,
 ) -> None:
     """Run a chapter at each cell of a grid of its parameters.
 
@@ -185,7 +203,7 @@ def sweep(
     from inswsn_book.sweep import read_sweep, run_sweep
 
     project = _project(root)
-    wanted = read_sweep(project, project.find(name), axes, settings)
+    wanted = read_sweep(project, project.find(name, evidence=evidence), axes, settings)
     with Progress() as progress:
         lines, failed = run_sweep(project, wanted, progress, **how)
     click.echo("\n".join(lines))
@@ -295,7 +313,7 @@ def verify(root: Path | None, path: Path | None, names: tuple[str, ...]) -> None
     from inswsn_book.verifying import verify as checks
 
     folder, differing = path.resolve() if path else _project(root).root, 0
-    numbers = [_project(folder).find(name).number for name in names]
+    numbers = [_project(folder).find(name, evidence=True).id for name in names]
     with Progress() as progress:
         for what, differences in checks(folder, numbers, progress):
             click.echo(f"{'differs' if differences else 'good':8} {what}")

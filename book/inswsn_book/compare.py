@@ -210,7 +210,7 @@ def changes_to_publish(project: Project) -> list[str]:
 
 
 def _left(project: Project) -> list[Path]:
-    numbers = {chapter.number for chapter in project.chapters()}
+    numbers = {chapter.id for chapter in project.chapters()}
     return [p for p in sorted(project.published.glob("*.json")) if p.stem not in numbers]
 
 

@@ -55,14 +55,14 @@ def run_core(
 
     name = core_name(read_text(chapter.source))
     if name is None:
-        raise InswsnError(f"Chapter {chapter.number} has no core.")
+        raise InswsnError(f"Chapter {chapter.id} has no core.")
     core = load_core(name)
     own = {field.name for field in fields(core)}
     with threadpool_limits(threads):
         scores: Scores = core(**{n: v for n, v in values.items() if n in own}).scores()
     scenarios = sorted((root / _SCENARIOS).glob("*.yaml"))
     results = Results(
-        chapter=chapter.number,
+        chapter=chapter.id,
         parameters=dict(values),
         data={f"{_SCENARIOS}/{path.name}": file_digest(path) for path in scenarios},
         quantities=tuple(_quantities(scores)),

@@ -16,14 +16,15 @@ _KERNEL = {"display_name": "Python 3", "language": "python", "name": "python3"}
 def read_source(chapter: Chapter, source: str | None = None) -> Any:
     """Read a chapter's source, or the one that is given, as a notebook without outputs.
 
-    One that is none is refused. The id of a cell is the chapter's number and the cell's place, for
-    example ``ch00-003``.
+    One that is none is refused. The id of a cell is the chapter's id and the cell's place, for
+    example ``ch00-003`` or ``lesson-02-003``.
     """
     import nbformat  # noqa: PLC0415  # takes half a second
 
     notebook = read_myst(source or read_text(chapter.source), chapter.source.name)
+    prefix = chapter.id if chapter.id.startswith("lesson") else f"ch{chapter.id}"
     for place, cell in enumerate(notebook.cells):
-        cell["id"] = f"ch{chapter.number}-{place:03d}"
+        cell["id"] = f"{prefix}-{place:03d}"
     notebook_schema(notebook, chapter.source.name)
     notebook.metadata = nbformat.from_dict(
         {"kernelspec": dict(_KERNEL), "language_info": {"name": "python"}}
@@ -50,7 +51,7 @@ def notebook_text(notebook: Any) -> str:
 def stale_twins(project: Project) -> dict[Path, str | None]:
     """Return the twins that are not what the sources give: their texts, None for one too many."""
     wanted = {chapter.twin: notebook_text(read_source(chapter)) for chapter in project.chapters()}
-    there = set((project.root / "chapters").glob("[!.]*.ipynb"))
+    there = set((project.root / "chapters").rglob("[!.]*.ipynb"))
     return {
         path: wanted.get(path)
         for path in sorted(there | wanted.keys())

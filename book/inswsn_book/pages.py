@@ -6,8 +6,9 @@ Pages in ``book/`` are Jinja templates. `inswsn_book.site` renders what is stage
 from __future__ import annotations
 
 import json
+import posixpath
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -33,7 +34,7 @@ from inswsn_lib.errors import BuildError, InswsnError
 from inswsn_lib.files import read_text, read_yaml
 from inswsn_lib.scenario import load_scenario
 
-_UNSTAGED = re.compile(r"inswsn_book/|_templates/|pyproject\.toml|(.*/)?\.")
+_UNSTAGED = re.compile(r"inswsn_book/|_templates/|pyproject\.toml|redirects\.yaml|(.*/)?\.")
 _HEAD = re.compile(
     r"\*\*You need\*\*\s+(?P<need>.*?)\.\s+\*\*Reading time\*\*\s+(?P<minutes>\d+)\s+minutes?\.",
     re.DOTALL,
@@ -93,8 +94,7 @@ def context(project: Project, results: Sequence[Results]) -> dict[str, Any]:
     known: dict[str, Any] = {
         "about": project.about(),
         "chapters": [
-            {"number": c.number, "name": c.name, "results": findings.results.get(c.number)}
-            | _head_of(c)
+            {"number": c.id, "name": c.name, "results": findings.results.get(c.id)} | _head_of(c)
             for c in project.chapters()
         ],
         "findings": findings,
@@ -158,8 +158,8 @@ def _kept(project: Project) -> dict[str, Any]:
     now = {
         "library": project.computing_digest(),
         "locks": files.tree_digest(project.root, project.locks),
-        **{f"chapter {c.number}": files.file_digest(c.source) for c in project.chapters()},
-        **{f"library of chapter {c.number}": _library(project, c) for c in project.chapters()},
+        **{f"chapter {c.id}": files.file_digest(c.source) for c in project.chapters()},
+        **{f"library of chapter {c.id}": _library(project, c) for c in project.chapters()},
     }
     assumed = data / "assumptions.yaml"
     return {
@@ -167,7 +167,7 @@ def _kept(project: Project) -> dict[str, Any]:
         "benchmarks": {path.stem: read_yaml(path) for path in data.glob("benchmarks*.yaml")},
         "assumptions": read_yaml(assumed) if assumed.is_file() else {},
         "settings": {path.stem: load_scenario(path) for path in data.glob("scenarios/*.yaml")},
-        "schemas": {c.number: chapter_schema(project.root, c.number) for c in project.chapters()},
+        "schemas": {c.id: chapter_schema(project.root, c.id) for c in project.chapters()},
         "changed_since": lambda sources: [
             name for name, digest in sources.items() if now.get(name, digest) != digest
         ],
@@ -199,9 +199,7 @@ def stage_book(project: Project, runs: Sequence[Run], folder: Path) -> list[str]
     rendered = [run.results for run in runs]
     here = {results.chapter for results in rendered}
     # what the pages and the verdicts need of chapters that are not rendered
-    others = [
-        reference_results(project, c.number) for c in project.chapters() if c.number not in here
-    ]
+    others = [reference_results(project, c.id) for c in project.chapters() if c.id not in here]
     known = context(project, [*rendered, *others])
     templates = environment(project.root, folder.parent / "templates")
     texts, problems = _pages(project, templates, known)
@@ -209,11 +207,12 @@ def stage_book(project: Project, runs: Sequence[Run], folder: Path) -> list[str]
         texts[f"generated/{results.chapter}.json"] = results_text(results).encode()
     claims = load_claims(project.root / LEDGER)
     for run in runs:
-        name, results = project.find(run.request.chapter).name, run.results
+        name, results = project.by_id(run.request.chapter).name, run.results
         # as it is, since it was valid when it was kept, and Sphinx looks again
         notebook = with_captions(nbformat.from_dict(json.loads(run.notebook)))
         shown = with_notes(notebook, results, claims_of(claims, results.chapter), templates)
         texts[f"chapters/{name}.ipynb"] = json.dumps(shown, ensure_ascii=False).encode()
+    texts |= _redirects(project.root, templates, texts)
     for figure in (project.root / "data").glob("*.svg"):
         texts[f"generated/{figure.name}"] = figure.read_bytes()
     files.fill_folder(folder, texts)
@@ -236,6 +235,18 @@ def _pages(
             except (TemplateError, InswsnError) as error:
                 problems.append(f"book/{name}: WARNING: {error}")
     return texts, problems
+
+
+def _redirects(root: Path, templates: Environment, texts: Iterable[str]) -> dict[str, bytes]:
+    """Return the pages that stand where others were, and lead to where those are."""
+    moved, there = root / "book" / "redirects.yaml", {name.partition(".")[0] for name in texts}
+    return {
+        f"moved/{old}.html": templates.get_template("redirect.html")
+        .render(target=posixpath.relpath(f"{new}.html", posixpath.dirname(old)))
+        .encode()
+        for old, new in (read_yaml(moved) if moved.is_file() else {}).items()
+        if new in there
+    }
 
 
 def with_captions(notebook: Any) -> Any:

@@ -113,11 +113,13 @@ class Schema:
         return self.defaults | {name: self[name].check(value) for name, value in values.items()}
 
 
-def chapter_schema(root: Path, number: str) -> Schema:
+def chapter_schema(root: Path, identity: str) -> Schema:
     """Read the parameters of a chapter from its source."""
-    sources = sorted((root / "chapters").glob(f"{number}-*.md"))
+    folder, number = root / "chapters", identity.removeprefix("lesson-")
+    lesson, evidence = folder.glob(f"{number}-*.md"), folder.glob(f"evidence/{number}-*.md")
+    sources = [*lesson] if number != identity else [*evidence, *lesson]
     if not sources:
-        raise InswsnError(f"There is no chapter {number} in {root / 'chapters'}.")
+        raise InswsnError(f"There is no chapter {identity} in {folder}.")
     return source_schema(read_text(sources[0]), sources[0].name)
 
 

@@ -31,7 +31,7 @@ _MARKERS = ("_config.yml", "environment.lock", "chapters", "data")
 EXECUTING = tuple(
     f"inswsn_book.{name}" for name in ("cores", "execution", "forking", "notebooks", "runs")
 )
-_CHAPTER_NAME = re.compile(r"^\d\d-[a-z0-9]+(-[a-z0-9]+)*$")
+_CHAPTER_NAME = re.compile(r"^(evidence/)?\d\d-[a-z0-9]+(-[a-z0-9]+)*$")
 
 
 def is_checkout(folder: Path) -> bool:
@@ -59,15 +59,20 @@ def results_folder(root: Path) -> Path:
 
 @dataclass(frozen=True)
 class Chapter:
-    """One chapter: its name, such as ``00-the-published-numbers``, and its MyST notebook."""
+    """A chapter: its path below ``chapters`` without suffix, its MyST notebook, and its id.
+
+    The id is its number; that of a lesson for which there is evidence is ``lesson-`` and the
+    number, which is then the id of the evidence.
+    """
 
     name: str
     source: Path
+    id: str
 
     @property
     def number(self) -> str:
-        """The two digits that the name begins with."""
-        return self.name[:2]
+        """The two digits that its file's name begins with."""
+        return self.source.name[:2]
 
     @property
     def twin(self) -> Path:
@@ -123,28 +128,50 @@ class Project:
         return imports.digest(science | (imports.modules & {*EXECUTING}))
 
     def chapters(self) -> list[Chapter]:
-        """Return the chapters in the order of their numbers, which are used once each."""
-        sources = sorted((self.root / "chapters").glob("[!.]*.md"))
-        chapters = [Chapter(path.stem, path) for path in sources]
+        """Return the chapters in the order of their numbers, a lesson before its evidence.
+
+        A number is used once in each of the two folders.
+        """
+        folder = self.root / "chapters"
+        sources = [*folder.glob("[!.]*.md"), *folder.glob("evidence/[!.]*.md")]
+        sources.sort(key=lambda path: (path.name[:2], len(path.parts), path.name))
+        proved = {path.name[:2] for path in sources if path.parent != folder}
+        chapters = []
+        for path in sources:
+            name, number = path.relative_to(folder).with_suffix("").as_posix(), path.name[:2]
+            lesson = path.parent == folder and number in proved
+            chapters.append(Chapter(name, path, f"lesson-{number}" if lesson else number))
         if not chapters:
-            raise InswsnError(f"There is no chapter in {self.root / 'chapters'}.")
+            raise InswsnError(f"There is no chapter in {folder}.")
         for chapter in chapters:
             if not _CHAPTER_NAME.match(chapter.name):
                 raise InswsnError(
                     f"chapters/{chapter.name}.md does not fit NN-words.md, lower case with dashes."
                 )
         for first, second in pairwise(chapters):
-            if first.number == second.number:
+            if first.id == second.id:
                 raise InswsnError(f"The chapter number {first.number} is used twice.")
         return chapters
 
-    def find(self, word: str) -> Chapter:
-        """Return the chapter of a number such as ``"02"`` or ``"2"``, or of a whole name."""
+    def by_id(self, identity: str) -> Chapter:
+        """Return the chapter of an id."""
+        known = {chapter.id: chapter for chapter in self.chapters()}
+        if identity not in known:
+            raise ParameterError("chapter", identity, "one of " + ", ".join(known))
+        return known[identity]
+
+    def find(self, word: str, *, evidence: bool = False) -> Chapter:
+        """Return the chapter of a number such as ``"02"`` or ``"2"``, or of a whole name or id.
+
+        A number stands for the lesson if there is one, unless evidence is asked for.
+        """
         chapters = self.chapters()
-        for chapter in chapters:
-            if word in (chapter.number, str(int(chapter.number)), chapter.name):
+        for chapter in reversed(chapters) if evidence else chapters:
+            names = (chapter.name, chapter.source.stem, chapter.id)
+            if word in names or word in (chapter.number, str(int(chapter.number))):
                 return chapter
-        raise ParameterError("NAME", word, "one of " + ", ".join(c.number for c in chapters))
+        numbers = sorted({chapter.number for chapter in chapters})
+        raise ParameterError("NAME", word, "one of " + ", ".join(numbers))
 
     def build_lock(self) -> AbstractContextManager[object]:
         """Hold the lock of the checkout's build; refuse if another build holds it."""

@@ -82,7 +82,7 @@ class Results(Frozen):
     """
 
     schema_version: Literal[3] = SCHEMA_VERSION
-    chapter: Annotated[str, Field(pattern=r"^\d\d$")]
+    chapter: Annotated[str, Field(pattern=r"^(lesson-)?\d\d$")]
     parameters: dict[Name, bool | int | Finite | str]
     data: dict[str, Digest]  # the files that it read, as `inswsn_book.ledger.data_digest`
     quantities: tuple[Quantity, ...]  # in the order in which they were recorded

@@ -33,7 +33,7 @@ _PLACEHOLDER = re.compile(r"\{(\w+):([\w.-]+)(@low|@high)?(?::([^{}`]*))?\}(?!`)
 Prose = Annotated[str, Field(min_length=3)]
 Line = Annotated[str, Field(min_length=3, pattern=r"^[^\n]+$")]
 Paper = Literal["P1", "P2", "P3"]
-Chapter = Annotated[str, Field(pattern=r"^\d\d$")]
+Chapter = Annotated[str, Field(pattern=r"^(lesson-)?\d\d$")]
 
 
 class Pointer(Frozen):

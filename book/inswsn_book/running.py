@@ -92,7 +92,7 @@ def run_chapter(
     That is the executed notebook, its results, ``parameters.yml``, what the chapter wrote for its
     reader, and, if asked for, the chapter's page of this run.
     """
-    name = project.find(number).name
+    name = project.by_id(number).source.stem
     text = yaml.safe_dump(chapter_schema(project.root, number).check(values), sort_keys=False)
     folder = out or project.root / "runs" / f"{name}-{text_digest(text)[:8]}"
     check_folder(folder)
@@ -121,7 +121,7 @@ def build_book(
         remove_left(project.build)
         check_pages(project)  # before the chapters, which take long
         check_listed(project.published)
-        requests = [runs.Request(chapter.number) for chapter in project.chapters()]
+        requests = [runs.Request(chapter.id) for chapter in project.chapters()]
         made = runs.run_all(project, requests, progress, _check, fresh=fresh, jobs=jobs)
         render_book(project, made, progress, fresh=fresh)
         for run in made:

@@ -102,9 +102,9 @@ class _Prepared:
 
 
 def _prepare(project: Project, request: Request) -> _Prepared:
-    chapter = project.find(request.chapter)
+    chapter = project.by_id(request.chapter)
     own = read_text(chapter.source)
-    source = request.overlay.get(f"chapters/{chapter.source.name}", own)
+    source = request.overlay.get(f"chapters/{chapter.name}.md", own)
     parameters: dict[str, Value] = {}
     if request.parameters:
         schema = source_schema(source, chapter.source.name)
@@ -259,7 +259,7 @@ def _modules_digest(regressor: str) -> str:
 
 def book_runs(project: Project) -> list[Run]:
     """Return the runs of all chapters as the book has them; refuse if one is not in the store."""
-    found = {c.number: lookup(project, Request(c.number)) for c in project.chapters()}
+    found = {c.id: lookup(project, Request(c.id)) for c in project.chapters()}
     for number, run in found.items():
         if run is None:
             raise InswsnError(
@@ -322,7 +322,7 @@ def run_all(
     for place, request in enumerate(requests):
         found = None if fresh else lookup(project, request, progress.say)
         if found is not None:
-            progress.unchanged(project.find(request.chapter).name)
+            progress.unchanged(project.by_id(request.chapter).name)
             end(place, found)
     project.memory.save()
     kernels: list[Any] = []  # their managers
@@ -430,13 +430,13 @@ def _execute(
         except Exception as error:  # whatever papermill, nbclient or the kernel raise
             log = (folder / "kernel.log").read_text(encoding="utf-8", errors="replace")
             raise _failure(chapter.name, place, error, log) from None
-        if not (folder / "results" / f"{chapter.number}.json").is_file():
+        if not (folder / "results" / f"{chapter.id}.json").is_file():
             raise ChapterError(
-                f"Chapter {chapter.name} wrote no results file {chapter.number}.json: "
+                f"Chapter {chapter.name} wrote no results file {chapter.id}.json: "
                 "its last code cell calls record.write()."
             )
         written = {p.name: p.read_bytes().decode("utf-8") for p in (folder / "results").iterdir()}
-    results = Results.model_validate_json(written.pop(f"{chapter.number}.json"))
+    results = Results.model_validate_json(written.pop(f"{chapter.id}.json"))
     machine = json.loads(written.pop(provenance.MACHINE))
     found = machine.pop("executable"), machine["packages"]
     if found != (sys.executable, provenance.package_versions()):

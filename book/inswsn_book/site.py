@@ -90,7 +90,7 @@ def render_book(
 
 def render_run(project: Project, run: Run, target: Path) -> None:
     """Render the page of a run, with links to the built book; without one they are plain words."""
-    chapter = f"chapters/{project.find(run.request.chapter).name}"
+    chapter = f"chapters/{project.by_id(run.request.chapter).name}"
     with files.temporary_folder(target.parent) as stage:
         _render(project, [run], stage, alone=chapter)
         _copied(project, stage / "html", target)

@@ -32,6 +32,7 @@ def _configure(app: Any, config: Any) -> None:
     config.author = "; ".join(about["names"])
     config.copyright = about["date-released"][:4]
     config.html_theme_options["extra_footer"] = FOOTER
+    config.html_extra_path += ["moved"] if (Path(app.srcdir) / "moved").is_dir() else []
     host = urlsplit(about["repository-code"] or "").netloc
     if host in ("github.com", "gitlab.com"):  # chapters lie here where they do in the repository
         config.html_theme_options |= {

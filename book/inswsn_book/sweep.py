@@ -64,7 +64,7 @@ class Sweep:
     def requests(self) -> list[Request]:
         """What is run in each cell."""
         return [
-            Request(self.chapter.number, {**self.settings, **place}, core=self.core is not None)
+            Request(self.chapter.id, {**self.settings, **place}, core=self.core is not None)
             for place in self.places
         ]
 
@@ -73,7 +73,7 @@ def read_sweep(
     project: Project, chapter: Chapter, axes: Iterable[str], settings: Iterable[str]
 ) -> Sweep:
     """Return the sweep that a user asks for; refuse names and values that may not be."""
-    schema, data = chapter_schema(project.root, chapter.number), project.root / "data"
+    schema, data = chapter_schema(project.root, chapter.id), project.root / "data"
     found: dict[str, tuple[Value, ...]] = {}
     for axis in axes:
         name, equals, text = axis.partition("=")
@@ -116,7 +116,7 @@ def run_sweep(
     if dask is not None and jobs is not None:
         raise ParameterError("--jobs", jobs, "left out: the cluster of --dask has its own workers")
     wanted = json.dumps([sweep.axes, sweep.settings])
-    name = f"{sweep.chapter.name}-sweep-{text_digest(wanted)[:8]}"
+    name = f"{sweep.chapter.source.stem}-sweep-{text_digest(wanted)[:8]}"
     folder = out or project.root / "runs" / name
     check_folder(folder)
     requests, places = sweep.requests, sweep.places
@@ -124,7 +124,9 @@ def run_sweep(
     outcomes: dict[int, Run | str] = {c: run for c, run in enumerate(found) if run is not None}
     due = {c: request for c, request in enumerate(requests) if c not in outcomes}
     there = len(outcomes)
-    progress.say(f"{sweep.core or sweep.chapter.name}: {there} of {len(requests)} cells are there")
+    progress.say(
+        f"{sweep.core or sweep.chapter.source.stem}: {there} of {len(requests)} cells are there"
+    )
     progress.started(name, len(requests))
 
     def ended(cell: int, outcome: Run | str) -> None:
@@ -349,7 +351,7 @@ def _provenance(project: Project, sweep: Sweep) -> str:
         "version": __version__,
         "commit": commit,
         "clean": clean,
-        "chapter": sweep.chapter.name,
+        "chapter": sweep.chapter.source.stem,
         "core": sweep.core,
         "grid": {name: list(values) for name, values in sweep.axes.items()},
         "parameters": sweep.schema.check(sweep.settings),

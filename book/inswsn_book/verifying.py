@@ -70,7 +70,7 @@ def _shown(project: Project, site: Path, found: Sequence[Results]) -> Iterator[t
     """Yield where a page shows a result, what stands there, and what should."""
     judged = judge(project.root, found)
     for results in found:
-        chapter = project.find(results.chapter)
+        chapter = project.by_id(results.chapter)
         page = _read(site / "chapters" / f"{chapter.name}.html")
         for where, *texts in _of_chapter(page, chapter.source.read_text("utf-8"), results):
             yield f"{chapter.name}, {where}", *texts

@@ -21,14 +21,14 @@ OTHER_SECTIONS = {
 
 
 def test_every_core_is_looked_at(project: Project) -> None:
-    named = {c.number: core_name(c.source.read_text("utf-8")) for c in project.chapters()}
+    named = {c.id: core_name(c.source.read_text("utf-8")) for c in project.chapters()}
     assert {number for number, name in named.items() if name} == {*OTHER_SECTIONS}
 
 
 @pytest.mark.parametrize("number", OTHER_SECTIONS)
 def test_a_core_takes_the_parameters_of_its_chapter(project: Project, number: str) -> None:
     declared = chapter_schema(project.root, number).defaults
-    name = core_name(project.find(number).source.read_text(encoding="utf-8"))
+    name = core_name(project.by_id(number).source.read_text(encoding="utf-8"))
     own = {f.name: f.default for f in fields(load_core(str(name))) if f.name != "published"}
     assert {*own} == {*declared} - OTHER_SECTIONS[number]
     assert own == {name: declared[name] for name in own}

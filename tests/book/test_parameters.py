@@ -161,7 +161,7 @@ def test_papermill_shows_every_parameter_of_every_chapter(project: Project) -> N
     """By its own inspection, which skips a line with a second sign of equality."""
     for chapter in project.chapters():
         shown = inspect_notebook(str(chapter.twin))
-        schema = chapter_schema(project.root, chapter.number)
+        schema = chapter_schema(project.root, chapter.id)
         assert list(shown) == list(schema.defaults), chapter.name
         for parameter in schema.parameters:
             found = shown[parameter.name]
@@ -188,5 +188,5 @@ def test_every_parameter_of_a_chapter_is_used_and_not_only_recorded(project: Pro
             and isinstance(node.ctx, ast.Load)
             and id(node) not in recorded
         }
-        unused = set(chapter_schema(project.root, chapter.number).defaults) - read
+        unused = set(chapter_schema(project.root, chapter.id).defaults) - read
         assert unused == set(), chapter.name

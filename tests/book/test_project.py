@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 import yaml
-from conftest import MiniProject
+from conftest import MINI_CHAPTER, MiniProject
+from inswsn_book.parameters import chapter_schema
 from inswsn_book.project import ROOT_VARIABLE, Project, find_root
 
 from inswsn_lib.errors import InswsnError
@@ -32,6 +33,25 @@ def test_chapters_come_in_order_and_are_found_by_number_and_name(mini: MiniProje
         (mini.root / "chapters" / f"{name}.md").write_text("# x\n")
     assert [chapter.number for chapter in mini.chapters()] == ["00", "02", "10"]
     assert [mini.find(word).name for word in ("2", "02", "02-two")] == ["02-two"] * 3
+
+
+def test_a_lesson_comes_before_its_evidence_and_a_number_stands_for_the_lesson(
+    mini: MiniProject,
+) -> None:
+    for path in (mini.source.parent / "evidence" / "02-proof.md", mini.source.with_name("02-a.md")):
+        path.parent.mkdir(exist_ok=True)
+        path.write_text(MINI_CHAPTER.replace("@BODY@", "").replace("scale", path.stem[3:]))
+    names = {chapter.id: chapter.name for chapter in mini.chapters()}
+    assert list(names.items()) == [
+        ("00", "00-mini"), ("lesson-02", "02-a"), ("02", "evidence/02-proof")
+    ]  # fmt: skip
+    for word in ("2", "02", "02-a", "lesson-02"):
+        assert mini.find(word).id == "lesson-02"
+    assert [mini.find(word).id for word in ("02-proof", "evidence/02-proof")] == ["02", "02"]
+    assert [mini.find(word, evidence=True).id for word in ("2", "02", "0")] == ["02", "02", "00"]
+    assert [mini.by_id(name).name for name in names] == [*names.values()]
+    declared = [[*chapter_schema(mini.root, name).defaults] for name in names]
+    assert [names[0] for names in declared] == ["scale", "a", "proof"]
 
 
 @pytest.mark.parametrize(

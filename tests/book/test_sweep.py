@@ -51,7 +51,7 @@ def cluster() -> Iterator[Callable[[int], str]]:
 
 def test_a_grid_goes_through_its_last_axis_fastest(project: Project) -> None:
     axes = ["q_scale=0.1,1", "seed=1,2"]
-    sweep = read_sweep(project, project.find("02"), axes, ["runs=64"])
+    sweep = read_sweep(project, project.by_id("02"), axes, ["runs=64"])
     assert sweep.core == "inswsn_lib.navigation:TrainingAreas"
     assert sweep.places[1] == {"q_scale": 0.1, "seed": 2}
     assert [request.parameters["seed"] for request in sweep.requests] == [1, 2, 1, 2]
@@ -60,7 +60,7 @@ def test_a_grid_goes_through_its_last_axis_fastest(project: Project) -> None:
 
 @pytest.mark.parametrize("number", ["01", "02", "61", "90"])
 def test_a_sweep_takes_what_a_run_takes(project: Project, number: str) -> None:
-    chapter = project.find(number)
+    chapter = project.by_id(number)
     for parameter in chapter_schema(project.root, number).parameters:
         if parameter.rule not in ("a file", "a folder", "a regressor"):
             axis = f"{parameter.name}={parameter.default}"

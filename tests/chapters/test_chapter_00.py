@@ -119,7 +119,7 @@ def test_plain_papermill_with_other_parameters(project: Project, tmp_path: Path)
     done = subprocess.run(
         [
             *(sys.executable, "-m", "papermill", "--no-progress-bar"),
-            *("chapters/00-the-published-numbers.ipynb", str(tmp_path / "out.ipynb")),
+            *("chapters/evidence/00-the-published-numbers.ipynb", str(tmp_path / "out.ipynb")),
             *("-p", "about_points", "9.5", *quick),
         ],
         cwd=project.root,

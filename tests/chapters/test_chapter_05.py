@@ -51,7 +51,9 @@ def results(built_site: Path, project: Project) -> Results:
 @pytest.fixture(scope="module")
 def page(built_site: Path) -> str:
     """What the page says, without its tags."""
-    source = (built_site / "chapters" / "05-the-vehicle.html").read_text(encoding="utf-8")
+    source = (built_site / "chapters" / "evidence" / "05-the-vehicle.html").read_text(
+        encoding="utf-8"
+    )
     return " ".join(html.unescape(re.sub(r"<[^>]+>", "", source)).split())
 
 

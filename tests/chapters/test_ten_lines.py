@@ -45,7 +45,7 @@ NAMED: dict[str, tuple[str, str, dict[str, float]]] = {
 
 @cache
 def cells(root: Path, number: str) -> list[Any]:
-    (source,) = (root / "chapters").glob(f"{number}-*.md")
+    (source,) = (root / "chapters" / "evidence").glob(f"{number}-*.md")
     return list(jupytext.read(source, fmt="md:myst").cells)
 
 

@@ -50,7 +50,7 @@ sys.addaudithook(_hook)
 
 
 def test_every_chapter_is_looked_at(project: Project) -> None:
-    assert [chapter.number for chapter in project.chapters()] == sorted(QUICK)
+    assert [chapter.id for chapter in project.chapters()] == sorted(QUICK)
 
 
 def unrecorded(code: str, data: Path) -> list[str]:
@@ -73,7 +73,7 @@ def unrecorded(code: str, data: Path) -> list[str]:
 
 @pytest.mark.parametrize("number", sorted(LONG))
 def test_its_code_names_no_file_but_to_the_record(number: str, project: Project) -> None:
-    cells = read_source(project.find(number)).cells
+    cells = read_source(project.by_id(number)).cells
     code = "\n".join(cell.source for cell in cells if cell.cell_type == "code")
     assert unrecorded(code, project.root / "data") == []
 
@@ -103,7 +103,7 @@ def test_it_reads_what_it_says_and_nothing_else(
     number: str, project: Project, tmp_path: Path
 ) -> None:
     """An audit hook sees every file that the kernel opens below data/."""
-    notebook, log = read_source(project.find(number)), tmp_path / "opened"
+    notebook, log = read_source(project.by_id(number)), tmp_path / "opened"
     notebook.cells.insert(0, nbformat.v4.new_code_cell(SPY.format(log=str(log))))
     own = {
         ROOT_VARIABLE: str(project.root),

@@ -167,7 +167,7 @@ def test_what_another_build_found(
     project: Project, published: dict[str, Results], provenance: Provenance, tmp_path: Path,
     changes: dict[str, Any] | None, name: str,
 ) -> None:  # fmt: skip
-    chapter, made, said = project.find("62"), None, ""
+    chapter, made, said = project.by_id("62"), None, ""
     assert found_elsewhere(project, tmp_path, chapter) is None
     if changes is not None:
         sources = {"chapter": file_digest(chapter.source)}
@@ -197,12 +197,12 @@ def test_a_short_chapter_in_every_variant_that_each_machine_has(
     chosen = [v for v in variants() if v.id != AGAIN]
     if available_cores() < 2:
         chosen = [v for v in chosen if v.threads == 1]
-    asked = {v.id: v.request(project, project.find("61")) for v in chosen}
+    asked = {v.id: v.request(project, project.by_id("61")) for v in chosen}
     assert asked.pop("scs") is None  # the chapter designs no filter
     chosen = [v for v in chosen if v.id in asked]
     given = [request for request in asked.values() if request is not None]
     for variant, done in zip(chosen, run_all(project, given, Quiet(), jobs=2), strict=True):
-        found = compared(project, variant, project.find("61"), done.results)
+        found = compared(project, variant, project.by_id("61"), done.results)
         assert found.compared > 0
         assert found.beyond == found.overturned == found.flipped == ()
         assert words_of(found) == {"2 threads" if variant.id == "threads-2" else "1 thread"}
@@ -218,10 +218,10 @@ def test_a_design_is_asked_of_scs(
     """Live, in the shortest chapter that designs a filter."""
     monkeypatch.setattr(project, "store", tmp_path)
     (variant,) = (v for v in variants() if v.id == "scs")
-    request = variant.request(project, project.find("71"))
+    request = variant.request(project, project.by_id("71"))
     assert request is not None
     done = run(project, request, Quiet())
-    found = compared(project, variant, project.find("71"), done.results)
+    found = compared(project, variant, project.by_id("71"), done.results)
     assert any("scs" in name for name in found.solvers)
     assert found.flipped == ()
 

@@ -57,13 +57,13 @@ def test_a_change_is_the_overlay_of_a_request(project: Project, assumptions: Ass
         assert request.parameters == cells[name].parameters
         return dict(request.overlay)
 
-    source, made = project.find("02").source, overlay("P1-M-path/corner02")
-    assert set(made) == {path("p1"), f"chapters/{source.name}"}
+    source, made = project.by_id("02").source, overlay("P1-M-path/corner02")
+    assert set(made) == {path("p1"), f"chapters/evidence/{source.name}"}
     changed = yaml.safe_load(made[path("p1")])
     assert changed["waypoints"]["value"] == [[650, 0], [150, 200], [130, 400]]
     assert changed["waypoints"]["unit"] == "m"
     assert changed["speed"] == read_yaml(scenarios / "p1.yaml")["speed"]
-    text = made[f"chapters/{source.name}"]
+    text = made[f"chapters/evidence/{source.name}"]
     assert ("## Exercises" in source.read_text(), "## Exercises" in text) == (True, False)
     assert "## Table 2, published and rebuilt" in text
     assert "record.write()" in text
@@ -79,7 +79,7 @@ def test_a_change_is_the_overlay_of_a_request(project: Project, assumptions: Ass
 
     (text,) = overlay("P1-M-L/positions01").values()
     assert text.count("L=np.eye(2, 4)") == 2
-    assert "L=np.eye(2, 4)" not in project.find("01").source.read_text()
+    assert "L=np.eye(2, 4)" not in project.by_id("01").source.read_text()
     with pytest.raises(InswsnError, match="has no section 'No such section'"):
         request_of(project, Cell("baseline", "01", skips=("No such section",)))
 

@@ -249,7 +249,7 @@ def checkout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Project:
     monkeypatch.setattr("inswsn_lib.benchmark.running.track_courses", lambda *_: ([], []))
     monkeypatch.setattr(running, "render_book", lambda *_, **__: None)
     monkeypatch.setattr(running, "render_run", lambda *_: None)
-    everything = [computed(Project(ROOT), runs.Request(c.number)) for c in Project(ROOT).chapters()]
+    everything = [computed(Project(ROOT), runs.Request(c.id)) for c in Project(ROOT).chapters()]
     monkeypatch.setattr(compare, "book_runs", lambda _: everything)
     monkeypatch.setattr(sys, "path", list(sys.path))
     monkeypatch.setattr(os, "fsync", lambda _: None)  # it waits for the disk
@@ -304,7 +304,7 @@ def readers(project: Project) -> dict[str, tuple[str, list[str], Callable[[Path]
     cell = "\n```{code-cell}"  # the head of a chapter, and its parameters
     sources = [
         cell.join(path.read_text("utf-8").split(cell)[:4])
-        for path in sorted((root / "chapters").glob("*.md"))
+        for path in sorted((root / "chapters").rglob("*.md"))
     ]
     return {
         "parameters": (
@@ -336,7 +336,7 @@ def readers(project: Project) -> dict[str, tuple[str, list[str], Callable[[Path]
         "recorded trials": ("a.json", texts("recorded/p3-drive.json"), read_trials),
         "kept studies": ("a.json", texts("recorded/uwb-fixes.json"), read_json),
         "citations": ("CITATION.cff", [(root / "CITATION.cff").read_text("utf-8")], citation),
-        "chapters": ("00-a.md", sources, lambda path: read_source(Chapter("00-a", path))),
+        "chapters": ("00-a.md", sources, lambda path: read_source(Chapter("00-a", path, "00"))),
     }  # fmt: skip
 
 
@@ -397,7 +397,7 @@ class Lines:
 
     def __init__(self, inputs: Inputs, project: Project) -> None:
         self.inputs, self.rng, self.project = inputs, inputs.rng, project
-        self.chapters = [chapter.number for chapter in project.chapters()]
+        self.chapters = [chapter.id for chapter in project.chapters()]
         self.number = "00"
 
     def line(self) -> list[str]:
