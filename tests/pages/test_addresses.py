@@ -1,7 +1,7 @@
 """What another page, a paper or a bookmark names of this site leads to the same content.
 
-``tests/data/addresses.txt`` has a line for each page of an earlier site: its address, and the places
-in it that were linked to. A line is never taken away.
+``tests/data/addresses.txt`` has a line for each page of an earlier site: its address, and the
+places in it that were linked to. A line is never taken away.
 """
 
 from __future__ import annotations
