@@ -223,26 +223,27 @@ class _State:
     def _factored(self) -> None:
         """Factor the equations for a step: those of a part by QR, not by their squares.
 
-        In axes turned so that X fills a corner again, X can be all of it: the others are held to
-        what is outside.
+        In axes turned so that X fills the last corner again, X can be all of it: the others are
+        held to what is outside.
         """
         given, e = self.given, self.given.places.corner
         self.own = self.T[:, given.o > 0] * np.sqrt(given.o[given.o > 0, None])
+        a, b, weight = _triangle(e)
         turn, root = np.linalg.qr(self.J[:, -e:].mT, mode="complete")
+        turn, root = turn[:, :, ::-1], root[:, e - 1 :: -1]
         own = self.own @ turn
         rows = np.concatenate(
             [given.places.inside(self.J @ turn), _upper(-own.mT @ own)[:, None]], axis=1
         )
-        corner = _triangle(len(given.o))[1] < e
-        factor = np.asarray(np.linalg.qr(rows[:, :, ~corner].mT, mode="r"))
+        outside, corner = np.split(rows, [-len(a)], axis=2)
+        factor = np.asarray(np.linalg.qr(outside.mT, mode="r"))
         self.back, along = np.linalg.inv(factor[:, :-1, :-1]), factor[:, :-1, -1:]
-        a, b, weight = _triangle(e)
         columns = choose("arrow_columns", _columns)
-        last = columns(np.linalg.inv(root[:, :e].mT), np.arange(len(a)), a, b, -weight) / weight
-        none, across = np.zeros((len(last), len(a), len(given.h))), rows[:, :-1, corner] @ last
+        last = columns(np.linalg.inv(root.mT), np.arange(len(a)), a, b, -weight) / weight
+        none, across = np.zeros((len(last), len(a), len(given.h))), corner[:, :-1] @ last
         self.border = np.block([
             [self.back.mT @ given.G.mT, -self.back.mT @ across, along],
-            [none, last, rows[:, -1:, corner].mT],
+            [none, last, corner[:, -1:].mT],
         ])  # fmt: skip
         flat = self.border.reshape(-1, self.border.shape[2])
         self.schur = flat.T @ flat
