@@ -58,7 +58,7 @@ def array(name: str, value: ArrayLike, *shapes: Shape, gaps: bool = False) -> Ar
     numbers = found.astype(float, copy=False)
     with np.errstate(over="ignore", invalid="ignore"):
         finite = bool(np.isfinite(numbers.sum()))  # quicker than to look at each
-    if not finite and not (np.isfinite(numbers) | (gaps & np.isnan(numbers))).all():
+    if not finite and (np.isinf(numbers) if gaps else ~np.isfinite(numbers)).any():
         raise ParameterError(name, Described("infinite" if gaps else "not finite"), may_be)
     return numbers
 

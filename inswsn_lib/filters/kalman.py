@@ -317,7 +317,7 @@ class _Covariances:
 
         The pattern of each step is `there`, (steps, m).
         """
-        (m, n), run, k = self.C.shape, choose("kalman_gains", _gains), 0
+        (m, n), run, k = self.C.shape, choose("kalman_updates", _gains, "kalman_gains"), 0
         found = np.empty((len(there), n, m + n))
         while k < len(there):
             if noise.steady:
@@ -424,21 +424,21 @@ def _run_each(
     """
     (steps, _, count), n, p = y.shape, len(x), noise.driving.shape[2]
     A, C, run, c = covariances.A, covariances.C, choose("kalman_runs", _each_run), _contiguous
-    states, x_after = np.empty((steps, n, count)), np.empty(x.shape)
+    there, y, states, x_after = c(there), c(y), np.empty((steps, n, count)), np.empty(x.shape)
     P_after, W_after = np.zeros((count, n, n)), np.zeros((count, n, p + n))
     if not steps:
         return states, x, covariances
     for some, seen in _parts(covariances, noise):
-        own, at, to = np.empty((steps, len(some), count)), some[:, None], seen[:, None]
+        at, to = some[:, None], seen[:, None]
         x_after[some], P, W, certain = run(
             c(A[at, some]), c(C[to, some]), c(noise.Q[:, at, some]), c(noise.driving[:, some]),
             c(noise.R[:, to, seen]), c(noise.root[:, seen]), c(noise.limits[:, seen]),
             c(covariances.P[:, at, some]), c(covariances.root[:, some]), c(x[some]),
-            c(there[:, seen]), c(y[:, seen]), predicted, own,
+            there, y, some, seen, predicted, states,
         )  # fmt: skip
         if certain:
             raise certain_innovation()
-        states[:, some], P_after[:, at, some] = own, P
+        P_after[:, at, some] = P
         W_after[:, some, :p] = W[:, :, :p]
         W_after[:, at, p + some] = W[:, :, -len(some) :]
     return states, x_after, _Covariances(A, C, P_after, W_after)
@@ -460,12 +460,14 @@ def _parts(covariances: _Covariances, noise: _Noise) -> list[tuple[Indices, Indi
 
 def _each_run(
     A: Array, C: Array, Q: Array, driving: Array, R: Array, noise: Array, limits: Array, P: Array,
-    W: Array, x: Array, there: Mask, y: Array, predicted: bool, out: Array,
+    W: Array, x: Array, there: Mask, y: Array, states: Indices, outputs: Indices, predicted: bool,
+    out: Array,
 ) -> tuple[Array, Array, Array, bool]:  # fmt: skip
-    """Run the filter where each run has gains of its own, and fill `out` (steps, n, runs).
+    """Run the filter where each run has gains of its own, and fill its `states` in `out`.
 
     The noise is that of `_Noise`, its roots of any width; P (1 or runs, n, n) has the square roots
-    W (1 or runs, n, .), and the measurements are zero where they are not there.
+    W (1 or runs, n, .). Of the measurements, zero where they are not there, the filter has its
+    `outputs`.
 
     Returns
     -------
@@ -476,10 +478,10 @@ def _each_run(
         Whether an innovation is, so that there is no gain; here it raises an error.
     """
     told, covariances = _Noise(Q, driving, R, noise, limits), _Covariances(A, C, P, W)
-    for k, here in enumerate(np.swapaxes(there, 1, 2)):
+    for k, here in enumerate(np.swapaxes(there[:, outputs], 1, 2)):
         gain, keep, *_ = covariances.step(here, told, k)
-        after = times(keep, x) + times(gain, y[k])
-        out[k] = x if predicted else after
+        after = times(keep, x) + times(gain, y[k, outputs])
+        out[k, states] = x if predicted else after
         x = A @ after
     return x, covariances.P, covariances.root, False
 

@@ -15,16 +15,17 @@ PLAIN = "INSWSN_PLAIN"
 _Kernel = TypeVar("_Kernel", bound=Callable[..., Any])
 
 
-def choose(name: str, plain: _Kernel) -> _Kernel:
-    """Return what runs in place of `plain`: the function `name` of the kernel file of that name.
+def choose(name: str, plain: _Kernel, function: str = "") -> _Kernel:
+    """Return what runs in place of `plain`: a function of the kernel file `name`.
 
+    By default it is the function of that name.
     It is plain numpy where numba is missing, or where ``INSWSN_PLAIN`` is set. Both take the same
     arguments, give the same to rounding, and change none of their arguments but one named `out`,
     which they fill: numpy gets large memory more quickly than numba.
     """
     if os.environ.get(PLAIN) or not _numba_is_there():
         return plain
-    return cast(_Kernel, _compiled(name))
+    return cast(_Kernel, _compiled(name, function or name))
 
 
 @cache
@@ -33,6 +34,6 @@ def _numba_is_there() -> bool:
 
 
 @cache
-def _compiled(name: str) -> Callable[..., Any]:
-    found: Callable[..., Any] = getattr(import_module(f"inswsn_lib.kernels.{name}"), name)
+def _compiled(name: str, function: str) -> Callable[..., Any]:
+    found: Callable[..., Any] = getattr(import_module(f"inswsn_lib.kernels.{name}"), function)
     return found

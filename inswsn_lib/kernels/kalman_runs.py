@@ -10,26 +10,29 @@ from __future__ import annotations
 import numba
 import numpy as np
 
-_LANES = 64
+_LANES = 128
 _ZERO = 1e-14  # of a variance: what a Cholesky factor takes for zero
 
 
 @numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
-def kalman_runs(A, C, Q, driving, R, noise, limits, P, W, x, there, y, predicted, out):
+def kalman_runs(
+    A, C, Q, driving, R, noise, limits, P, W, x, there, y, states, outputs, predicted, out
+):
     """Fill out with the states of all runs; arguments and results as in `filters.kalman`."""
-    steps, m, runs = y.shape
-    n, wide = len(A), max(driving.shape[2] + len(A), W.shape[2])
+    steps, _, runs = y.shape
+    lanes = max(min(_LANES, runs), 1)
+    (m, n), wide = C.shape, max(driving.shape[2] + len(A), W.shape[2])
     x_after, P_after = np.empty((n, runs)), np.empty((runs, n, n))
     W_after = np.empty((runs, n, wide))
-    now, e, here = np.zeros((n, _LANES)), np.zeros((m, _LANES)), np.zeros((m, _LANES))
-    prior, after = np.zeros((n, n, _LANES)), np.zeros((n, n, _LANES))
-    keep, work = np.zeros((n, n, _LANES)), np.zeros((n, n, _LANES))
-    gain, seen, S = np.zeros((m, n, _LANES)), np.zeros((m, n, _LANES)), np.zeros((m, m, _LANES))
-    far, rooted = np.zeros(_LANES, np.bool_), np.zeros(_LANES, np.bool_)
-    root, certain = np.zeros((_LANES, n, wide)), False
-    for first in range(0, runs, _LANES):
-        count = min(_LANES, runs - first)
-        for r in range(_LANES):
+    now, e, here = np.zeros((n, lanes)), np.zeros((m, lanes)), np.zeros((m, lanes))
+    prior, after = np.zeros((n, n, lanes)), np.zeros((n, n, lanes))
+    keep, work = np.zeros((n, n, lanes)), np.zeros((n, n, lanes))
+    gain, seen, S = np.zeros((m, n, lanes)), np.zeros((m, n, lanes)), np.zeros((m, m, lanes))
+    far, rooted = np.zeros(lanes, np.bool_), np.zeros(lanes, np.bool_)
+    root, certain = np.zeros((lanes, n, wide)), False
+    for first in range(0, runs, lanes):
+        count = min(lanes, runs - first)
+        for r in range(lanes):
             run = first + min(r, count - 1)  # where the runs end, the last fills up
             own, rooted[r] = min(run, len(P) - 1), True
             for i in range(n):
@@ -43,51 +46,56 @@ def kalman_runs(A, C, Q, driving, R, noise, limits, P, W, x, there, y, predicted
             if predicted:
                 for i in range(n):
                     for r in range(count):
-                        out[k, i, first + r] = now[i, r]
+                        out[k, states[i], first + r] = now[i, r]
             for i in range(m):
-                for r in range(_LANES):
-                    run = first + min(r, count - 1)
-                    here[i, r], e[i, r] = there[k, i, run], y[k, i, run]
+                for r in range(count):
+                    here[i, r] = there[k, outputs[i], first + r]
+                    e[i, r] = y[k, outputs[i], first + r]
+                for r in range(count, lanes):
+                    here[i, r], e[i, r] = here[i, count - 1], e[i, count - 1]
                 for j in range(n):
                     c = C[i, j]
                     if c != 0.0:
-                        for r in range(_LANES):
+                        for r in range(lanes):
                             e[i, r] -= c * now[j, r]
             _times(C, prior, seen)
             _times_transposed(seen, C, R[s], S)
-            any_far = False
-            for r in range(_LANES):
-                far[r] = False
-                for i in range(m):
-                    far[r] |= S[i, i, r] > limits[s, i]
-                any_far |= far[r]
-                if far[r] and not rooted[r]:
-                    _predicted_root(A, after, driving[max(min(k, len(Q)) - 1, 0)], root[r], r)
+            far[:], any_far = False, False
+            for i in range(m):
+                for r in range(lanes):
+                    any_far |= S[i, i, r] > limits[s, i]
+            if any_far:
+                for r in range(lanes):
+                    for i in range(m):
+                        far[r] |= S[i, i, r] > limits[s, i]
+                    if far[r] and not rooted[r]:
+                        _predicted_root(A, after, driving[max(min(k, len(Q)) - 1, 0)], root[r], r)
             certain |= _solve(S, seen, here, gain)
             _joseph(C, R[s], prior, gain, keep, work, seen, after)
-            for r in range(_LANES):
-                rooted[r] = far[r]
-                if far[r]:
-                    certain |= _updated_root(C, noise[s], here, root[r], gain, after, r)
-                    _moved_root(A, driving[q], root[r])
+            if any_far:
+                for r in range(lanes):
+                    if far[r]:
+                        certain |= _updated_root(C, noise[s], here, root[r], gain, after, r)
+                        _moved_root(A, driving[q], root[r])
+            rooted[:] = far
             for a in range(m):
                 for i in range(n):
-                    for r in range(_LANES):
+                    for r in range(lanes):
                         now[i, r] += gain[a, i, r] * (here[a, r] * e[a, r])
             if not predicted:
                 for i in range(n):
                     for r in range(count):
-                        out[k, i, first + r] = now[i, r]
+                        out[k, states[i], first + r] = now[i, r]
             _times(A, after, work)
             _times_transposed(work, A, Q[q], prior)
             for i in range(n):
-                for r in range(_LANES):
+                for r in range(lanes):
                     keep[0, i, r] = now[i, r]
             for i in range(n):
-                for r in range(_LANES):
+                for r in range(lanes):
                     now[i, r] = 0.0
                 for j in range(n):
-                    for r in range(_LANES):
+                    for r in range(lanes):
                         now[i, r] += A[i, j] * keep[0, j, r]
         for r in range(count):
             if not rooted[r]:
@@ -107,13 +115,18 @@ def _times(M, X, out):
     lanes = out.shape[2]
     for i in range(len(M)):
         for j in range(X.shape[1]):
-            for r in range(lanes):
-                out[i, j, r] = 0.0
+            begun = False
             for a in range(len(X)):
                 c = M[i, a]
-                if c != 0.0:
+                if c != 0.0 and begun:
                     for r in range(lanes):
                         out[i, j, r] += c * X[a, j, r]
+                elif c != 0.0:
+                    for r in range(lanes):
+                        out[i, j, r] = c * X[a, j, r]
+                    begun = True
+            if not begun:
+                out[i, j] = 0.0
 
 
 @numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
@@ -122,15 +135,21 @@ def _times_transposed(X, M, added, out):
     lanes = out.shape[2]
     for i in range(len(M)):
         for j in range(i + 1):
-            for r in range(lanes):
-                out[i, j, r] = added[i, j]
+            begun = False
             for a in range(X.shape[1]):
                 c = M[j, a]
-                if c != 0.0:
+                if c != 0.0 and begun:
                     for r in range(lanes):
                         out[i, j, r] += c * X[i, a, r]
-            for r in range(lanes):
-                out[j, i, r] = out[i, j, r]
+                elif c != 0.0:
+                    for r in range(lanes):
+                        out[i, j, r] = added[i, j] + c * X[i, a, r]
+                    begun = True
+            if not begun:
+                out[i, j] = added[i, j]
+            if i != j:
+                for r in range(lanes):
+                    out[j, i, r] = out[i, j, r]
 
 
 @numba.njit(cache=True, error_model="numpy", fastmath={"contract"})

@@ -205,7 +205,7 @@ class _Parts:
 
 @dataclass(frozen=True, eq=False)
 class _Solution:
-    """What is found of each part: P, Y = L M, what it takes of w and z, and its dual solution."""
+    """Of each part P, Y = L M, what it takes of w and z beyond its share, and its dual solution."""
 
     P: Array
     Y: Array
@@ -249,11 +249,13 @@ def _by_general_solver(problem: Arrow, by: Solver) -> tuple[Array, float, Array,
         places = np.arange(first + c * m, first + (c + 1) * m)
         terms = _terms(problem, c)
         if problem.shared:
-            terms, places = np.concatenate([-np.diag(problem.O)[None], terms]), np.append(0, places)
+            terms, places = np.concatenate([-np.diag(problem.o)[None], terms]), np.append(0, places)
         inequalities.append(Inequality(constant, terms, places))
-    left = np.hstack([-problem.g[:, None]] * first + list(problem.G))
+    fills = np.eye(m - problem.G.shape[2])
+    right = np.append(problem.h, np.zeros(len(fills)))
+    left = [np.zeros((len(right), first)), *(block_diag(G, fills) for G in problem.G)]
     cost = np.concatenate([np.ones(first), problem.q.ravel()])
-    answer = solve(cost, inequalities, by, (left, problem.h))
+    answer = solve(cost, inequalities, by, (np.hstack(left), right))
     s = float(answer.x[0]) if problem.shared else 0.0
     return answer.x[first:].reshape(N, m), s, np.array(answer.duals), answer.status
 
@@ -291,14 +293,11 @@ def _lowers(parts: _Parts, L: Array, problem: Arrow, found: _Solution) -> Iterat
     """
     (N, k, u), seen, shared = parts.K.shape, len(L), parts.shared
     d = k + u + seen
-    inside = np.tile(np.eye(d), (N, 1, 1))
-    for own, A, K in zip(inside, parts.A, parts.K, strict=True):
-        own[:k, :k] = solve_discrete_lyapunov(A, K @ K.T)
-    inside *= np.trace(found.dual, axis1=1, axis2=2)[:, None, None] / N
+    inside = cache(partial(_inside, parts, found.dual))
     ends = np.r_[k : k + shared, k + u : d]
     turned = parts.turned.reshape(N * k, -1)
     for share in SHARES:
-        duals = found.dual + share * inside
+        duals = found.dual + share * inside() if share else found.dual
         theta = duals[:, ends[:, None], ends].mean(axis=0)
         states = -2 * duals[:, :k, k + u :].reshape(N * k, seen)
         multiplier = np.linalg.lstsq(turned, states, rcond=None)[0].T
@@ -318,6 +317,14 @@ def _lowers(parts: _Parts, L: Array, problem: Arrow, found: _Solution) -> Iterat
             yield float(np.sqrt(gained / (4 * float(np.trace(theta[shared:, shared:])) * power)))
 
 
+def _inside(parts: _Parts, dual: Array) -> Array:
+    """Return dual solutions of full rank, which are exact but for the covariance of w and z."""
+    inside = np.tile(np.eye(dual.shape[1]), (len(dual), 1, 1))
+    for own, A, K in zip(inside, parts.A, parts.K, strict=True):
+        own[: len(A), : len(A)] = solve_discrete_lyapunov(A, K @ K.T)
+    return np.asarray(inside * np.trace(dual, axis1=1, axis2=2)[:, None, None] / len(dual))
+
+
 @cache
 def _places(k: int, seen: int, shared: int) -> Places:
     """Return where the unknowns of P, Y and X stand between the next state, the state, w and z."""
@@ -333,6 +340,7 @@ def _places(k: int, seen: int, shared: int) -> Places:
         np.concatenate([np.stack([i, k + i], 1).ravel(), k + b, 2 * k + e]),
         np.concatenate([np.stack([j, k + j], 1).ravel(), 2 * k + shared + a, 2 * k + f]),
         np.concatenate([np.stack([ones, -ones], 1).ravel(), np.ones(len(Y)), -np.ones(len(X))]),
+        shared + seen,
     )
 
 
@@ -342,7 +350,6 @@ def _arrow(parts: _Parts, L: Array, scale: float, level: float | None) -> Arrow:
     All unknowns are `scale` times theirs, and the noise is in units of the level.
     """
     (N, k, u), seen = parts.K.shape, len(L)
-    ends = parts.shared + seen
     places = _places(k, seen, parts.shared)
     # what the next state, the state, w and z are of the state, all noise and z
     J = np.zeros((N, places.size, k + u + seen))
@@ -350,35 +357,20 @@ def _arrow(parts: _Parts, L: Array, scale: float, level: float | None) -> Arrow:
     J[:, k : 2 * k, :k] = np.eye(k)
     J[:, 2 * k : 2 * k + parts.shared, k : k + parts.shared] = np.eye(parts.shared)
     J[:, 2 * k + parts.shared :, k + u :] = np.eye(seen)
-    own = np.zeros(k + u + seen)
-    own[k + parts.shared : k + u] = 1.0
-    upper = np.triu_indices(ends)
-    P, Y = k * (k + 1) // 2, seen * k
-    G = np.zeros((N, seen * L.shape[1] + len(upper[0]), P + Y + len(upper[0])))
-    rows = G[:, : seen * L.shape[1], P : P + Y].reshape(N, seen, L.shape[1], seen, k)
+    P, ends = k * (k + 1) // 2, parts.shared + seen
+    G = np.zeros((N, seen, L.shape[1], P + seen * k))
     for a in range(seen):
-        rows[:, a, :, a, :] = parts.turned.mT
-    G[:, seen * L.shape[1] :, P + Y :] = np.eye(len(upper[0]))
-    of_w, of_z = (
-        np.diag(each)[upper] for each in np.repeat(np.eye(2), [parts.shared, seen], axis=1)
-    )
-    none, q = np.zeros(L.size), np.zeros((N, P + Y + len(upper[0])))
-    f = 0.0
+        G[:, a, :, P + a * k : P + (a + 1) * k] = parts.turned.mT
+    # of what all have in common a part takes a share, and X besides
+    o = np.repeat([0, 1 / N, 1, 0], [k, parts.shared, u - parts.shared, seen])
+    f = np.repeat([0.0, scale / N], [k + u, seen])
+    q = np.zeros((N, P + seen * k + ends * (ends + 1) // 2))
     if level is not None:
-        f = scale
+        f += scale * o
         squares = parts.K @ parts.K.mT * (2 - np.eye(k))
         q[:, :P] = squares[:, *np.triu_indices(k)] / scale
-    return Arrow(
-        places,
-        J,
-        own,
-        f,
-        q,
-        G,
-        scale * np.concatenate([L.ravel(), of_z]) + f * np.concatenate([none, of_w]),
-        np.concatenate([none, of_w]),
-        level is None,
-    )
+    G, h = G.reshape(N, L.size, -1), scale * L.ravel()
+    return Arrow(places, J, o, f, q, G, h, level is None)
 
 
 def fusion_system(
@@ -415,9 +407,7 @@ def fusion_system(
     >>> A.shape, K.shape, L.tolist()  # the noises are w, xi_1 and xi_2
     ((2, 2), (2, 3), [[0.25, 0.75]])
     """
-    local = _checked_designs(designs)
-    one_of("noise", noise, NOISES)
-    M = array("weights", weights, (len(local), *local[0].model.A.shape))
+    local, M = _checked_weights(designs, weights, noise)
     systems = [design.error_system[:2] for design in local]
     A, K = _stacked(systems, local[0].model.B.shape[1], noise)
     return A, K, np.hstack(list(local[0].model.L @ M))
@@ -448,19 +438,17 @@ def fusion_gain(
     >>> print([f"{iw.lmi.fusion_gain(designs, each):.3f}" for each in weights])
     ['1.414', '1.225']
     """
-    A, K, LM = fusion_system(designs, weights, noise)
-    if len(A) <= _LARGEST_STACK:
-        return hinf_norm(A, K, LM)
-    poles = np.concatenate([np.linalg.eigvals(design.A_f) for design in designs])
+    local, M = _checked_weights(designs, weights, noise)
+    if M.shape[0] * M.shape[1] <= _LARGEST_STACK:
+        return hinf_norm(*fusion_system(local, M, noise))
+    poles = np.concatenate([np.linalg.eigvals(design.A_f) for design in local])
     if np.abs(poles).max() >= 1:
         return float("inf")
-    seen = np.split(LM, len(designs), axis=1)
-    return swept_peak(lambda angles: _sizes(designs, seen, noise, angles), poles)
+    seen = local[0].model.L @ M
+    return swept_peak(lambda angles: _sizes(local, seen, noise, angles), poles)
 
 
-def _sizes(
-    designs: Sequence[FilterDesign], seen: list[Array], noise: Noise, angles: Array
-) -> Array:
+def _sizes(designs: tuple[FilterDesign, ...], seen: Array, noise: Noise, angles: Array) -> Array:
     """Return the largest singular value of the fused error at frequencies, (k,).
 
     It is the root of the largest eigenvalue of the response times its adjoint, to which each
@@ -472,7 +460,7 @@ def _sizes(
     circle = np.exp(1j * angles)[:, None, None] * np.eye(n)
     for design, LM in zip(designs, seen, strict=True):
         A, K, _ = design.error_system
-        response = LM @ np.linalg.solve(circle - A, K)
+        response = np.linalg.solve(circle - A.T, LM.T).mT @ K
         if noise == "common":
             common += response[:, :, :p]
             response = response[:, :, p:]
@@ -529,10 +517,10 @@ def _balanced(
         T = _whitened(A, K, T) if whitened else T
         shared, parts = 0, [_part(A, K, 0, np.vstack([common] * len(designs)), T)]
     most = max(K.shape[1] for _, K, _, _ in parts)
-    parts = [  # columns of zeros are no noise
-        (A, np.pad(K, ((0, 0), (0, most - K.shape[1]))), turned, T) for A, K, turned, T in parts
-    ]
-    A, K, turned, states = (np.stack(each) for each in zip(*parts, strict=True))
+    A, turned, states = (np.stack([part[i] for part in parts]) for i in (0, 2, 3))
+    K = np.zeros((*A.shape[:2], most))  # columns of zeros are no noise
+    for padded, (_, own, _, _) in zip(K, parts, strict=True):
+        padded[:, : own.shape[1]] = own
     return units, _Parts(A, K, shared, turned, states)
 
 
@@ -679,3 +667,12 @@ def _checked_designs(designs: Sequence[FilterDesign]) -> tuple[FilterDesign, ...
         if not all(np.array_equal(first, other) for other in others):
             raise ParameterError("designs", Described(f"for models that differ in {name}"), may_be)
     return tuple(designs)
+
+
+def _checked_weights(
+    designs: Sequence[FilterDesign], weights: ArrayLike, noise: Noise
+) -> tuple[tuple[FilterDesign, ...], Array]:
+    """Return designs and M_c, (N, n, n); refuse those that do not fit together."""
+    local = _checked_designs(designs)
+    one_of("noise", noise, NOISES)
+    return local, array("weights", weights, (len(local), *local[0].model.A.shape))

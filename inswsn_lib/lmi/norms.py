@@ -154,24 +154,25 @@ def swept_peak(
     width = np.maximum(1 - np.abs(poles), 1e-12)
     near = np.abs(np.angle(poles)) + np.outer([-1, 0, 1], width)
     angles = np.unique(np.clip([*np.linspace(0, np.pi, points), *near.ravel()], 0, np.pi))
-    best = 0.0
-    for _ in range(zooms + 1):
-        found = sizes(angles)
-        best = max(best, float(found.max()))
+    found = sizes(angles)
+    best = float(found.max())
+    for _ in range(zooms):
         beside = np.pad(found, 1, constant_values=-np.inf)
         peaks = np.flatnonzero((found >= beside[:-2]) & (found >= beside[2:]))
         peaks = peaks[np.argsort(found[peaks])[-_REFINED:]]
         left, right = np.maximum(peaks - 1, 0), np.minimum(peaks + 1, len(angles) - 1)
         angles = np.unique(np.linspace(angles[left], angles[right], _ZOOM))
+        found = sizes(angles)
+        best = max(best, float(found.max()))
     return best
 
 
 def _crossings(A: Array, B: Array, C: Array, level: float) -> Array:
     """Return the frequencies, in order, at which a singular value is `level`."""
     n = len(A)
-    eye, zero = np.eye(n), np.zeros((n, n))
-    left = np.block([[A, zero], [-C.T @ C, eye]])
-    right = np.block([[eye, -B @ B.T / level**2], [zero, A.T]])
+    left, right = np.eye(2 * n), np.eye(2 * n)
+    left[:n, :n], left[n:, :n] = A, -C.T @ C
+    right[:n, n:], right[n:, n:] = -B @ B.T / level**2, A.T
     values = eigvals(left, right)
     values = values[np.isfinite(values)]
     return np.sort(np.angle(values[np.abs(np.abs(values) - 1) < _ON_CIRCLE]))

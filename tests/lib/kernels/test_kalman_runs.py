@@ -18,8 +18,8 @@ from inswsn_lib.models import ErrorModel
 
 def filled(run: Callable[..., Any], *given: Any) -> tuple[Any, ...]:
     """Return what a form of the filter fills, and what it returns."""
-    *_, x, _, y, _ = given
-    states = np.empty((len(y), *x.shape))
+    *_, x, _, y, own, _, _ = given
+    states = np.zeros((len(y), 1 + own.max(), x.shape[1]))
     return states, *run(*given, states)
 
 
@@ -42,6 +42,7 @@ def arguments(
     parts = (
         model.A, model.C, noise.Q, noise.driving, noise.R, noise.root, noise.limits, start.P,
         start.root, rng.normal(size=(n, runs)), there, there * rng.normal(size=there.shape),
+        np.arange(n), np.arange(m),
     )  # fmt: skip
     return [*map(np.ascontiguousarray, parts), predicted]
 
@@ -77,13 +78,13 @@ def test_no_steps_and_no_runs() -> None:
 def test_a_second_piece_goes_on_where_the_first_ended() -> None:
     """Also where the last step was by square roots."""
     for certainty in (1.0, 1e9):
-        *given, predicted = arguments(np.random.default_rng(5), 3, 2, 12, 40, certainty=certainty)
-        *told, P, W, x, there, y = given
-        whole, *_ = compiled(*given, predicted)
+        given = arguments(np.random.default_rng(5), 3, 2, 12, 40, certainty=certainty)
+        *told, P, W, x, there, y, own, outputs, predicted = given
+        whole, *_ = compiled(*given)
         found = []
         for part in (slice(0, 1), slice(1, 2), slice(2, None)):
             piece = (np.ascontiguousarray(each[part]) for each in (there, y))
-            states, x, P, W, _ = compiled(*told, P, W, x, *piece, predicted)
+            states, x, P, W, _ = compiled(*told, P, W, x, *piece, own, outputs, predicted)
             found.append(states)
         assert np.concatenate(found) == pytest.approx(whole, rel=1e-10, abs=1e-10)
 
