@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import matplotlib as mpl
 import numpy as np
@@ -29,6 +29,30 @@ COLOURS = {
     "contradicted": "#d55e00",
     "reproduced": "#00805f",
     "rival": "#a6558a",
+}
+
+
+class Stroke(NamedTuple):
+    """How a method is drawn: its colour, and dashes and gaps in points; none for a full line."""
+
+    colour: str
+    dashes: tuple[float, ...] = ()
+
+
+#: How each method is drawn in every lesson: one colour a method, and what is akin in dashes.
+STROKES = {
+    "truth": Stroke("#4d4d4d"),
+    "ins": Stroke("#c65200"),
+    "network": Stroke("#007a5a", (2, 3)),
+    "constant": Stroke("#8a6d00", (9, 3, 2, 3)),
+    "kalman": Stroke("#0072b2"),
+    "coloured": Stroke("#0072b2", (9, 3)),
+    "federated": Stroke("#0072b2", (2, 3)),
+    "hinfinity": Stroke("#8f4676"),
+    "distributed": Stroke("#8f4676", (9, 3)),
+    "lssvm": Stroke("#5f4bb6"),
+    "backprop": Stroke("#8a6d00", (2, 3)),
+    "published": Stroke("#4d4d4d", (9, 3)),
 }
 
 _STYLE: Any = {  # a dict; matplotlib types its keys one by one

@@ -103,6 +103,13 @@ class ChapterRecord:
         _glue(name, quantity.value, quantity=name)  # by which the build finds the cell
         return quantity
 
+    def note(self, name: str, value: float, unit: str, how: str) -> Quantity:
+        """Record a number of a simulation; on other machines it may differ by a thousandth."""
+        tolerance = float(f"{1e-3 * abs(float(value)) + 1e-6:.0e}")  # one digit: it seldom changes
+        return self.quantity(
+            name, float(value), unit, how=how, basis="simulation", tolerance=tolerance
+        )
+
     def say(self, name: str, text: str) -> None:
         """Make a word known to the text as ``{glue:text}`name```, without recording it."""
         _glue(name, str(text))

@@ -8,6 +8,7 @@ from .cluster_fusion import (
     planar_rms as planar_rms,
     widen_velocities as widen_velocities,
 )
+from .example import ExampleRun as ExampleRun, example_run as example_run
 from .filter_contest import (
     CONTESTANTS as CONTESTANTS,
     FilterContest as FilterContest,

@@ -1,0 +1,208 @@
+/* Figures that move: charts that follow sliders, without a server.
+
+   A cell shows one by inswsn_book.moving: a hidden <section class="moving"> with tables as JSON, in
+   which the library has computed all that moves at every place of the sliders that it depends on.
+   This script looks up and draws, and computes nothing. It puts the charts in the place of the still
+   picture that the section names; without it, and in print, the picture stays. */
+"use strict";
+
+(() => {
+  if (window.inswsnMoving) return; // included twice
+
+  const SVG = "http://www.w3.org/2000/svg";
+  const GAP = 14; // between the lines of labels
+
+  function make(name, attributes = {}, ...children) {
+    const node = name.startsWith("svg:") ? document.createElementNS(SVG, name.slice(4)) : document.createElement(name);
+    for (const [key, value] of Object.entries(attributes)) node.setAttribute(key, value);
+    node.append(...children);
+    return node;
+  }
+
+  /** What a table holds where the sliders stand: the last of its sliders goes fastest. */
+  const found = (table, sliders, state) =>
+    table.values[table.by.reduce((index, name) => index * sliders[name].texts.length + state[name], 0)];
+
+  /** The width of a label in the font of the page: fonts differ by a third. */
+  function widthOf(text) {
+    const pen = document.createElement("canvas").getContext("2d");
+    pen.font = `600 13px ${getComputedStyle(document.body).fontFamily}`;
+    return pen.measureText(text).width;
+  }
+
+  /** The box of a chart, and the functions from its axes to the picture. */
+  function frameOf(chart, width, beside) {
+    const box = { left: 52, right: width - beside - 10, top: 12 };
+    const [x, y] = [chart.x.ends, chart.y.ends];
+    const across = (box.right - box.left) / (x[1] - x[0]);
+    const tall = chart.equal ? Math.min((y[1] - y[0]) * across, 330) : Math.min(190, 0.7 * width);
+    box.bottom = box.top + tall;
+    const up = tall / (y[1] - y[0]);
+    const wide = chart.equal ? Math.min(across, up) : across;
+    box.right = box.left + (x[1] - x[0]) * wide;
+    const inside = (value, [low, high]) => Math.min(Math.max(value, low), high);
+    return {
+      box,
+      height: box.bottom + 40,
+      x: (value) => box.left + (inside(value, x) - x[0]) * wide,
+      y: (value) => box.bottom - (inside(value, y) - y[0]) * (chart.equal ? wide : up),
+    };
+  }
+
+  function axesOf(chart, frame) {
+    const { box } = frame;
+    const parts = [];
+    for (const [value, text] of chart.y.ticks) {
+      const at = frame.y(value);
+      parts.push(
+        make("svg:line", { class: "moving-grid", x1: box.left, x2: box.right, y1: at, y2: at }),
+        make("svg:text", { x: box.left - 6, y: at + 4, "text-anchor": "end" }, text),
+      );
+    }
+    for (const [value, text] of chart.x.ticks) {
+      const at = frame.x(value);
+      parts.push(
+        make("svg:line", { class: "moving-grid", x1: at, x2: at, y1: box.top, y2: box.bottom }),
+        make("svg:text", { x: at, y: box.bottom + 17, "text-anchor": "middle" }, text),
+      );
+    }
+    const middle = (box.top + box.bottom) / 2;
+    parts.push(
+      make("svg:text", { x: (box.left + box.right) / 2, y: box.bottom + 35, "text-anchor": "middle" }, chart.x.label),
+      make("svg:text", { x: 12, y: middle, transform: `rotate(-90 12 ${middle})`, "text-anchor": "middle" }, chart.y.label),
+    );
+    return parts;
+  }
+
+  function seriesOf(series, values, frame, [colour, dashes]) {
+    const [xs, ys, tops] = values;
+    const points = xs.map((x, i) => [frame.x(x).toFixed(1), frame.y(ys[i]).toFixed(1)]);
+    if (series.style === "points") return points.map(([cx, cy]) => make("svg:circle", { fill: colour, cx, cy, r: 2.2 }));
+    if (series.style === "bars") {
+      const wide = 0.8 * (frame.x(xs[1]) - frame.x(xs[0]));
+      const foot = frame.y(0);
+      return points.map(([x, y]) => make("svg:rect", { fill: colour, x: x - wide / 2, width: wide, y: Math.min(y, foot), height: Math.abs(foot - y) }));
+    }
+    if (series.style === "band") {
+      const back = xs.map((x, i) => [frame.x(x).toFixed(1), frame.y(tops[i]).toFixed(1)]).reverse();
+      return [make("svg:polygon", { fill: colour, "fill-opacity": 0.2, points: points.concat(back).join(" ") })];
+    }
+    return [line(points, colour, dashes)];
+  }
+
+  const line = (points, stroke, dashes) =>
+    make("svg:polyline", { class: "moving-line", stroke, "stroke-dasharray": dashes.join(" "), points: points.join(" ") });
+
+  /** Labels at the ends of lines, moved apart so that none covers another. */
+  function spreadOut(labels, top, bottom) {
+    labels.sort((a, b) => a.y - b.y);
+    let free = top;
+    for (const label of labels) free = (label.y = Math.max(label.y, free)) + GAP;
+    let limit = bottom + GAP;
+    for (const label of labels.slice().reverse()) limit = label.y = Math.min(label.y, limit - GAP);
+  }
+
+  function draw(svg, chart, values, width, sentence, strokes) {
+    const named = chart.series.map((series, i) => ({ ...series, values: values[i] })).filter((series) => series.label);
+    const atEnd = chart.equal ? [] : named.filter((series) => series.at < 0);
+    const frame = frameOf(chart, width, Math.max(0, ...atEnd.map((series) => widthOf(series.label))));
+    svg.setAttribute("viewBox", `0 0 ${width} ${frame.height}`);
+    svg.setAttribute("width", width);
+    svg.setAttribute("height", frame.height);
+    const labels = named.map((series) => {
+      const [xs, ys] = series.values;
+      const at = series.at < 0 ? xs.length + series.at : series.at;
+      return { ...series, x: frame.x(xs[at]) + 6, y: frame.y(ys[at]) + (atEnd.includes(series) ? 4 : -6) };
+    });
+    spreadOut(labels.filter((_, i) => atEnd.includes(named[i])), frame.box.top + 8, frame.box.bottom);
+    svg.replaceChildren(
+      make("svg:title", { id: `${svg.id}-title` }, chart.title),
+      make("svg:desc", { id: `${svg.id}-desc` }, sentence),
+      ...axesOf(chart, frame),
+      ...chart.series.flatMap((series, i) => seriesOf(series, values[i], frame, strokes[series.method])),
+      ...labels.map(({ method, label, x, y }) => make("svg:text", { class: "moving-label", fill: strokes[method][0], x, y }, label)),
+    );
+  }
+
+  /** A short piece of a line, as the key of a number to the charts. */
+  const sample = ([colour, dashes]) =>
+    make("svg:svg", { class: "moving-sample", width: 26, height: 10, "aria-hidden": "true", focusable: "false" }, line([[1, 5], [25, 5]], colour, dashes));
+
+  function sliderField(slider, id, moved) {
+    const last = slider.texts.length - 1;
+    const input = make("input", { type: "range", id, min: 0, max: last, step: 1, value: slider.start, autocomplete: "off", "data-name": slider.name });
+    // an output is a live region by itself, but the slider says its value already
+    const output = make("output", { for: id, "aria-live": "off" });
+    input.addEventListener("input", moved);
+    return { input, output, field: make("div", { class: "moving-control" }, make("label", { for: id }, slider.label), input, output) };
+  }
+
+  /** Build a moving figure in its section and put it in the place of the still picture. */
+  function start(root) {
+    const picture = document.getElementById(root.dataset.figure);
+    if (!picture) throw new Error(`The page has no figure ${root.dataset.figure}.`);
+    const content = JSON.parse(root.querySelector("script").textContent);
+    const sliders = Object.fromEntries(content.sliders.map((slider) => [slider.name, slider]));
+    const fields = content.sliders.map((slider) => sliderField(slider, `${root.id}-${slider.name}`, () => refresh()));
+    const numbers = content.numbers.map(({ method, label }) => {
+      const value = make("dd");
+      return { value, row: make("div", {}, make("dt", {}, sample(content.strokes[method]), ` ${label}`), value) };
+    });
+    const status = make("p", { class: "moving-status", role: "status", "aria-live": "polite" });
+    const charts = content.charts.map((chart, i) => {
+      const id = `${root.id}-chart-${i}`;
+      return make("svg:svg", { id, role: "img", "aria-labelledby": `${id}-title`, "aria-describedby": `${id}-desc` });
+    });
+    const holder = make("div", { class: "moving-charts" }, ...charts);
+    let waiting = 0;
+
+    function refresh(width = Math.floor(holder.clientWidth)) {
+      const state = Object.fromEntries(content.sliders.map((slider, i) => [slider.name, Number(fields[i].input.value)]));
+      content.sliders.forEach((slider, i) => {
+        const text = slider.texts[state[slider.name]];
+        fields[i].output.textContent = text;
+        fields[i].input.setAttribute("aria-valuetext", text);
+      });
+      content.numbers.forEach((number, i) => { numbers[i].value.textContent = found(number, sliders, state); });
+      const sentence = found(content.sentence, sliders, state);
+      if (width > 0) {
+        content.charts.forEach((chart, i) => {
+          draw(charts[i], chart, chart.series.map((series) => found(series, sliders, state)), width, sentence, content.strokes);
+        });
+      }
+      clearTimeout(waiting); // said once a slider rests
+      waiting = setTimeout(() => { status.textContent = sentence; }, 300);
+    }
+
+    // all is drawn once before the page is changed: if that fails, the picture is there
+    refresh(320);
+    root.setAttribute("aria-label", content.title);
+    root.setAttribute("role", "group");
+    root.append(
+      make("div", { class: "moving-controls" }, ...fields.map((field) => field.field)),
+      make("dl", { class: "moving-numbers" }, ...numbers.map((number) => number.row)),
+      holder, status,
+    );
+    const output = root.closest(".cell_output");
+    picture.prepend(root);
+    if (output && !output.contains(picture)) output.hidden = true; // an empty box is left
+    picture.classList.add("moving-started");
+    root.hidden = false;
+    new ResizeObserver(() => refresh()).observe(holder); // which calls it at once
+  }
+
+  /** Start each moving figure of the page; one that fails leaves its picture, and the others alone. */
+  function startAll() {
+    for (const root of document.querySelectorAll("section.moving")) {
+      try {
+        start(root);
+      } catch (error) {
+        console.error(`The figure ${root.id} does not move.`, error);
+      }
+    }
+  }
+
+  window.inswsnMoving = { start };
+  if (document.readyState === "loading") document.addEventListener("DOMContentLoaded", startAll);
+  else startAll();
+})();

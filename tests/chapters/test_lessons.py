@@ -1,0 +1,119 @@
+"""What makes a lesson a lesson: its length, its pictures, its cells, its words."""
+
+from __future__ import annotations
+
+import json
+import re
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import jupytext
+import pytest
+from conftest import ROOT
+from inswsn_book.project import Project
+from inswsn_book.runs import Request, lookup
+
+FOLDER = ROOT / "chapters"
+LESSONS = {path.name[:2]: path for path in sorted(FOLDER.glob("0*.md"))}
+WORDS = {"07": (500, 800)}  # the other lessons have
+LENGTH = (1500, 2200)
+lessons = pytest.mark.parametrize("number", LESSONS)
+
+_ROLE = re.compile(r"\{[a-z:]+\}`(?:([^`<]+?) *<[^`>]+>|[^`]*)`")
+_FENCE = re.compile(
+    r"^(`{3,}|:{3,})\{(list-table|code-cell|math)\}.*?^\1$", re.MULTILINE | re.DOTALL
+)
+
+
+@cache
+def cells(path: Path) -> list[Any]:
+    return list(jupytext.read(path, fmt="md:myst").cells)
+
+
+def markdown(path: Path) -> str:
+    return "\n\n".join(cell.source for cell in cells(path) if cell.cell_type == "markdown")
+
+
+def prose(text: str) -> str:
+    """Return what is read: without tables, formulas, code and marks; a number is a word."""
+    text = _FENCE.sub("", text)
+    text = re.sub(r"^```python$.*?^```$", "", text, flags=re.MULTILINE | re.DOTALL)
+    text = re.sub(r"^(`{3,}|:{3,}).*$|^:\w+:.*$|^\([\w-]+\)=$", "", text, flags=re.MULTILINE)
+    text = re.sub(r"\$\$.*?\$\$", "", text, flags=re.DOTALL)
+    text = re.sub(r"\$[^$]+\$", "x", text)
+    text = _ROLE.sub(lambda role: role[1] or "it", text)
+    return re.sub(r"[*`#]|^- |^\d\. ", "", text, flags=re.MULTILINE)
+
+
+def executed(project: Project, path: Path) -> Any:
+    (chapter,) = (c for c in project.chapters() if c.source.resolve() == path.resolve())
+    run = lookup(project, Request(chapter.id))
+    assert run is not None
+    return run
+
+
+@lessons
+def test_a_lesson_is_read_in_a_quarter_of_an_hour(number: str) -> None:
+    low, high = WORDS.get(number, LENGTH)
+    assert low <= len(prose(markdown(LESSONS[number])).split()) <= high
+
+
+@lessons
+def test_its_sentences_are_short(number: str) -> None:
+    said = prose(markdown(LESSONS[number]))
+    paragraphs = [" ".join(p.split()) for p in said.split("\n\n") if len(p.split()) > 3]
+    sentences = [s for p in paragraphs for s in re.split(r"(?<=[.?!:])\s+", p)]
+    assert sum(len(s.split()) for s in sentences) / len(sentences) <= 20
+
+
+@lessons
+def test_a_picture_stands_for_every_three_hundred_words(
+    number: str, built_site: Path, project: Project
+) -> None:
+    notebook = json.loads(executed(project, LESSONS[number]).notebook)
+    shown = [o["metadata"] for c in notebook["cells"] for o in c.get("outputs", [])]
+    figures = sum("inswsn" in found for found in shown)
+    assert len(prose(markdown(LESSONS[number])).split()) <= 300 * figures
+    moving = sum('class="moving"' in json.dumps(cell) for cell in notebook["cells"])
+    assert moving >= 3
+
+
+@lessons
+def test_it_executes_in_less_than_twenty_seconds(
+    number: str, built_site: Path, project: Project
+) -> None:
+    made = executed(project, LESSONS[number]).results.provenance
+    assert made.seconds < 20
+
+
+@lessons
+def test_every_cell_is_short_and_is_seen(number: str) -> None:
+    code = [cell for cell in cells(LESSONS[number]) if cell.cell_type == "code"]
+    assert [c.source for c in code if len(c.source.splitlines()) > 15] == []
+    tags = {tag for cell in code for tag in cell.metadata.get("tags", [])}
+    assert tags <= {"parameters"}
+
+
+@lessons
+def test_its_tables_are_few_and_small(number: str) -> None:
+    text = markdown(LESSONS[number])
+    tables = [t[0] for t in _FENCE.finditer(text) if t[2] == "list-table"]
+    assert len(tables) + text.count("\n|---") <= 2
+    for table in tables:
+        rows = table.split("\n* - ")[1:]
+        assert len(rows) <= 1 + 6
+        assert max(row.count("\n  - ") + 1 for row in rows) <= 5
+
+
+@lessons
+def test_an_acronym_is_explained_where_it_first_stands(number: str) -> None:
+    said = prose(markdown(LESSONS[number]))
+    for word in set(re.findall(r"\b[A-Z]{2,}[a-z]?\b", said)):
+        assert re.search(rf"\b{word}\b", said).start() - 1 == said.find(f"({word})"), word  # type: ignore[union-attr]
+    # a paper is named before its short name, and its equations with the paper
+    text = markdown(LESSONS[number])
+    for paper in set(re.findall(r"\bP[123]\b", said)):
+        assert re.search(rf"cite:t\}}`\w+`, {paper} in this book", text), paper
+    assert re.findall(r"(?<!P[123] )\(\d\.\d+\)", said) == []
+    assert "chapter to come" not in said
