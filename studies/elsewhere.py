@@ -430,7 +430,9 @@ def main() -> None:
     given = parser.parse_args()
     project = Project(ROOT.resolve())
     try:
-        chapters = [project.find(word, evidence=True) for word in given.only] or project.chapters()
+        chapters = [project.find(word, evidence=True) for word in given.only] or [
+            chapter for chapter in project.chapters() if not chapter.lesson
+        ]
         with Quiet() as progress:
             if given.results is not None:
                 file_results(project, given.results, chapters, progress)

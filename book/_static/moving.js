@@ -32,7 +32,7 @@
 
   /** The box of a chart, and the functions from its axes to the picture. */
   function frameOf(chart, width, beside) {
-    const box = { left: 52, right: width - beside - 10, top: 12 };
+    const box = { left: 52, right: width - beside - 10, top: 26 };
     const [x, y] = [chart.x.ends, chart.y.ends];
     const across = (box.right - box.left) / (x[1] - x[0]);
     const tall = chart.equal ? Math.min((y[1] - y[0]) * across, 330) : Math.min(190, 0.7 * width);
@@ -68,6 +68,7 @@
     }
     const middle = (box.top + box.bottom) / 2;
     parts.push(
+      make("svg:text", { class: "moving-title", x: box.left, y: 15 }, chart.title),
       make("svg:text", { x: (box.left + box.right) / 2, y: box.bottom + 35, "text-anchor": "middle" }, chart.x.label),
       make("svg:text", { x: 12, y: middle, transform: `rotate(-90 12 ${middle})`, "text-anchor": "middle" }, chart.y.label),
     );
@@ -114,6 +115,7 @@
       const at = series.at < 0 ? xs.length + series.at : series.at;
       return { ...series, x: frame.x(xs[at]) + 6, y: frame.y(ys[at]) + (atEnd.includes(series) ? 4 : -6) };
     });
+    for (const label of labels) label.x = Math.min(label.x, width - widthOf(label.label) - 2);
     spreadOut(labels.filter((_, i) => atEnd.includes(named[i])), frame.box.top + 8, frame.box.bottom);
     svg.replaceChildren(
       make("svg:title", { id: `${svg.id}-title` }, chart.title),
@@ -181,7 +183,7 @@
     root.append(
       make("div", { class: "moving-controls" }, ...fields.map((field) => field.field)),
       make("dl", { class: "moving-numbers" }, ...numbers.map((number) => number.row)),
-      holder, status,
+      holder, ...(fields.length ? [status] : []),
     );
     const output = root.closest(".cell_output");
     picture.prepend(root);

@@ -1,9 +1,9 @@
 """Figures of lessons that move: charts that follow sliders, with every number by the library.
 
 What moves is computed here once for each place of the sliders that it depends on, and kept in
-tables; the page looks them up and draws (``book/_static/moving.js``). So a page can say nothing that
-the library did not. The still picture, for print and for where no script runs, is drawn from the
-same tables where the sliders begin.
+tables; the page looks them up and draws (``book/_static/moving.js``). So a page can say nothing
+that the library did not. The still picture, for print and for where no script runs, is drawn from
+the same tables where the sliders begin.
 """
 
 from __future__ import annotations
@@ -17,11 +17,10 @@ from html import escape
 from typing import Any
 
 import numpy as np
-from IPython.display import display
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from inswsn_book.show import show_figure
+from inswsn_book import show
 from inswsn_lib.errors import ParameterError
 from inswsn_lib.plotting import STROKES, figure
 
@@ -82,7 +81,8 @@ class Moving:
         self.sliders = {slider.name: slider for slider in sliders}
         self.charts: list[Chart] = []
         self._numbers: list[tuple[str, str, _Table]] = []
-        self._sentence = _Table((), [""])
+        self._sentence = _Table((), [title])
+        self._methods: set[str] = set()
 
     def chart(self, title: str, **axes: Any) -> Chart:
         """Add an empty chart, with the axes of a `Chart`."""
@@ -98,17 +98,22 @@ class Moving:
         """
         if style not in STYLES:
             raise ParameterError("style", style, "one of " + ", ".join(STYLES))
-        if method not in STROKES:
-            raise ParameterError("method", method, "one of " + ", ".join(STROKES))
+        self._take(method)
         chart.series.append((method, label, style, at, self._table(what)))
 
     def number(self, method: str, label: str, what: Any) -> None:
         """Say a number, a text with its unit, beside the sliders."""
+        self._take(method)
         self._numbers.append((method, label, self._table(what)))
 
     def sentence(self, what: Callable[..., str]) -> None:
         """Say what the charts show, in a sentence for those who cannot see them."""
         self._sentence = self._table(what)
+
+    def _take(self, method: str) -> None:
+        if method not in STROKES:
+            raise ParameterError("method", method, "one of " + ", ".join(STROKES))
+        self._methods.add(method)
 
     def _table(self, what: Any) -> _Table:
         if not callable(what):
@@ -161,7 +166,7 @@ class Moving:
                  "texts": [s.form.format(value) for value in s.values]}
                 for s in self.sliders.values()
             ],
-            "strokes": {name: [stroke.colour, stroke.dashes] for name, stroke in STROKES.items()},
+            "strokes": {name: [*STROKES[name]] for name in sorted(self._methods)},
             "charts": [_chart(chart) for chart in self.charts],
             "numbers": [
                 {"method": method, "label": label, "by": t.by, "values": t.values}
@@ -180,8 +185,8 @@ class Moving:
             f'hidden><script type="application/json">{text}</script></section>'
         )
         plain = f"{self.title}: it moves on the page of the book."
-        display({"text/html": page, "text/plain": plain}, raw=True)
-        show_figure(self.still(), name=name, caption=caption, alt=alt)
+        show.display({"text/html": page, "text/plain": plain}, raw=True)
+        show.show_figure(self.still(), name=name, caption=caption, alt=alt)
 
 
 def _chart(chart: Chart) -> dict[str, Any]:

@@ -22,7 +22,7 @@ def read_source(chapter: Chapter, source: str | None = None) -> Any:
     import nbformat  # noqa: PLC0415  # takes half a second
 
     notebook = read_myst(source or read_text(chapter.source), chapter.source.name)
-    prefix = chapter.id if chapter.id.startswith("lesson") else f"ch{chapter.id}"
+    prefix = cell_prefix(chapter.id)
     for place, cell in enumerate(notebook.cells):
         cell["id"] = f"{prefix}-{place:03d}"
     notebook_schema(notebook, chapter.source.name)
@@ -32,6 +32,11 @@ def read_source(chapter: Chapter, source: str | None = None) -> Any:
     notebook.nbformat, notebook.nbformat_minor = 4, 5
     nbformat.validate(notebook)
     return notebook
+
+
+def cell_prefix(chapter: str) -> str:
+    """Return what the ids of a chapter's cells begin with."""
+    return chapter if chapter.startswith("lesson") else f"ch{chapter}"
 
 
 def read_notebook(text: str) -> Any:

@@ -25,6 +25,7 @@ import inswsn_lib
 from inswsn_book import files, review
 from inswsn_book.judging import judge
 from inswsn_book.ledger import KINDS, LEDGER, PAPERS, Claim, claims_of, load_claims
+from inswsn_book.notebooks import cell_prefix
 from inswsn_book.parameters import chapter_schema
 from inswsn_book.project import Chapter, Project
 from inswsn_book.results import Results, results_text
@@ -94,7 +95,9 @@ def context(project: Project, results: Sequence[Results]) -> dict[str, Any]:
     known: dict[str, Any] = {
         "about": project.about(),
         "chapters": [
-            {"number": c.id, "name": c.name, "results": findings.results.get(c.id)} | _head_of(c)
+            {"number": c.id, "name": c.name, "lesson": c.lesson}
+            | {"results": findings.results.get(c.id)}
+            | _head_of(c)
             for c in project.chapters()
         ],
         "findings": findings,
@@ -209,7 +212,7 @@ def stage_book(project: Project, runs: Sequence[Run], folder: Path) -> list[str]
     for run in runs:
         name, results = project.by_id(run.request.chapter).name, run.results
         # as it is, since it was valid when it was kept, and Sphinx looks again
-        notebook = with_captions(nbformat.from_dict(json.loads(run.notebook)))
+        notebook = with_captions(with_pictures(nbformat.from_dict(json.loads(run.notebook))))
         shown = with_notes(notebook, results, claims_of(claims, results.chapter), templates)
         texts[f"chapters/{name}.ipynb"] = json.dumps(shown, ensure_ascii=False).encode()
     texts |= _redirects(project.root, templates, texts)
@@ -247,6 +250,25 @@ def _redirects(root: Path, templates: Environment, texts: Iterable[str]) -> dict
         for old, new in (read_yaml(moved) if moved.is_file() else {}).items()
         if new in there
     }
+
+
+def with_pictures(notebook: Any) -> Any:
+    """Give the still picture of a figure that moves a cell of its own, and return it all."""
+    cells = []
+    for cell in notebook.cells:
+        cells.append(cell)
+        outputs = cell.get("outputs", [])
+        moves = ['class="moving"' in str(o.get("data", {}).get("text/html")) for o in outputs]
+        if any(moves):
+            picture = nbformat.from_dict(
+                cell | {"id": f"{cell['id']}-picture", "source": "# in print"}
+            )
+            picture.metadata = nbformat.from_dict({"tags": ["remove-input"]})
+            picture.outputs = [o for o, moving in zip(outputs, moves, strict=True) if not moving]
+            cell.outputs = [o for o, moving in zip(outputs, moves, strict=True) if moving]
+            cells.append(picture)
+    notebook.cells = cells
+    return notebook
 
 
 def with_captions(notebook: Any) -> Any:
@@ -289,7 +311,7 @@ def with_notes(
         text = templates.get_template("provenance.md").render(
             results=results, made=results.provenance
         )
-        cells.append(_words(f"ch{results.chapter}-provenance", text))
+        cells.append(_words(f"{cell_prefix(results.chapter)}-provenance", text))
     notebook.cells = cells
     return notebook
 

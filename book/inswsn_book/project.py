@@ -75,6 +75,11 @@ class Chapter:
         return self.source.name[:2]
 
     @property
+    def lesson(self) -> bool:
+        """Whether it is a lesson for which there is evidence."""
+        return self.id != self.number
+
+    @property
     def twin(self) -> Path:
         """The generated notebook beside the source."""
         return self.source.with_suffix(".ipynb")

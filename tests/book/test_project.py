@@ -51,6 +51,7 @@ def test_a_lesson_comes_before_its_evidence_and_a_number_stands_for_the_lesson(
     assert [mini.find(word, evidence=True).id for word in ("2", "02", "0")] == ["02", "02", "00"]
     assert [mini.by_id(name).name for name in names] == [*names.values()]
     declared = [[*chapter_schema(mini.root, name).defaults] for name in names]
+    assert [chapter.lesson for chapter in mini.chapters()] == [False, True, False]
     assert [names[0] for names in declared] == ["scale", "a", "proof"]
 
 

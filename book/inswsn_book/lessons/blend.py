@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from scipy.stats import chi2, norm
 
 from inswsn_book.moving import Moving, Slider
-from inswsn_book.show import show_figure
+from inswsn_lib.filters import run_hinfinity
+from inswsn_lib.models import ErrorModel
 from inswsn_lib.navigation import ExampleRun
-from inswsn_lib.plotting import STROKES, figure
 
 Array = NDArray[np.float64]
 #: A filter by hand: estimates of the error of the INS (samples, 4), by a gain
@@ -33,9 +33,16 @@ def centimetres(metres: float) -> str:
     return f"{100 * metres:.1f} cm" if metres < 10 else f"{metres:.0f} m"
 
 
-def show_map(run: ExampleRun, by_gain: ByGain, *, start: float) -> None:
+def by_library(run: ExampleRun, g: float) -> Array:
+    """Return what a filter of a constant gain estimates of the error of the INS, (samples, 4)."""
+    model, y = ErrorModel.p1(run.period), (run.ins - run.network)[:, :, None]
+    found = run_hinfinity((model, g * model.A), y, initial_state=y[0], predicted=False)
+    return np.asarray(found[:, :, 0])
+
+
+def show_map(run: ExampleRun, *, start: float) -> None:
     """Show the vehicle on the map, and how far it is from the truth, by a constant gain."""
-    found = {g: by_gain(float(g)) for g in GAINS}
+    found = {g: by_library(run, float(g)) for g in GAINS}
     shown = Moving(
         "One gain between two instruments",
         Slider("g", "gain g", [*GAINS], GAINS[np.argmin(abs(GAINS - start))], "g = {:.3f}"),
@@ -76,18 +83,19 @@ def show_map(run: ExampleRun, by_gain: ByGain, *, start: float) -> None:
 
 def show_instruments(run: ExampleRun) -> None:
     """Show the errors of both instruments on one axis, each at its own scale."""
-    fig, (left, right) = figure(1, 2, height=2.6)
     ins, network = ((what - run.truth)[:, 0] for what in (run.ins, run.network))
-    left.plot(run.time, ins, color=STROKES["ins"].colour)
-    right.plot(run.time, network, ".", color=STROKES["network"].colour)
-    left.set(title="INS: smooth, and it grows", xlabel="time (s)", ylabel="error in x (m)")
-    right.set(title="Fixes: rough, and it stays", xlabel="time (s)", ylabel="error in x (m)")
-    right.set_ylim(-0.5, 0.5)
-    show_figure(
-        fig,
+    shown = Moving("Two kinds of error")
+    time = {"x": "time (s)", "y": "error in x (m)", "xlim": (0, 20)}
+    smooth = shown.chart("INS: smooth, and it grows", ylim=(-16, 0), **time)
+    rough = shown.chart("Fixes: rough, and it stays", ylim=(-0.5, 0.5), **time)
+    shown.draw(smooth, "ins", "INS", (run.time, ins))
+    shown.draw(rough, "network", "fixes", (run.time, network), style="points")
+    shown.number("ins", "from one sample to the next", f"{abs(np.diff(ins)).mean():.2f} m")
+    shown.number("network", "from one sample to the next", f"{abs(np.diff(network)).mean():.2f} m")
+    shown.show(
         name="fig-l2-instruments",
-        caption="The same 20 seconds, the same axis; mind the two scales. The INS ends a hundred times "
-        "further off, but from one sample to the next its error hardly changes.",
+        caption="The same 20 seconds, the same axis; mind the two scales. The error of the INS is "
+        "a smooth curve that a rule can follow. That of the fixes is new each time.",
         alt=f"Two charts over 20 seconds. The error of the INS in x runs smoothly from "
         f"{ins[0]:.1f} to {ins[-1]:.1f} m; that of the fixes jumps between {network.min():.2f} and "
         f"{network.max():.2f} m.",

@@ -1,0 +1,186 @@
+"""The moving figures of lessons in a browser: the library's numbers, within reach, at once."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from conftest import ROOT
+from playwright.sync_api import Browser, Locator, Page
+from visiting import PAGES, visit
+
+from inswsn_lib.filters import run_hinfinity, run_kalman
+from inswsn_lib.models import ErrorModel
+from inswsn_lib.navigation import example_run
+
+pytestmark = pytest.mark.page
+
+LESSONS = [name for name in PAGES if re.match(r"chapters/0\d-", name)]
+BLEND = next(name for name in LESSONS if "/02-" in name)
+DESKTOP, PHONE = {"width": 1440, "height": 900}, {"width": 390, "height": 844}
+lessons = pytest.mark.parametrize("name", LESSONS)
+screens = pytest.mark.parametrize("screen", [DESKTOP, PHONE], ids=["desktop", "phone"])
+
+# How long a slider's move takes until all is drawn, ms, over many places
+PAINTS = """async (slider) => {
+  const took = [];
+  for (let i = 0; i < 15; i++) {
+    slider.value = Number(slider.min) + (i % (Number(slider.max) - Number(slider.min) + 1));
+    const begun = performance.now();
+    slider.dispatchEvent(new Event("input"));
+    await new Promise((done) => requestAnimationFrame(() => setTimeout(done)));
+    took.push(performance.now() - begun);
+  }
+  return took;
+}"""
+
+
+@pytest.fixture(scope="module")
+def pages(browser: Browser, served: str) -> Iterator[dict[str, Page]]:
+    """Every lesson, opened once."""
+    seen = {name: visit(browser, served, name, viewport=DESKTOP) for name in LESSONS}
+    yield {name: found.page for name, found in seen.items()}
+    for found in seen.values():
+        assert found.wrong == []
+        found.page.close()
+
+
+def figures(page: Page) -> list[Locator]:
+    return page.locator("section.moving").all()
+
+
+def tables(built_site: Path, name: str, figure: str) -> dict[str, Any]:
+    """Return what a figure of a page draws."""
+    page = (built_site / name).read_text(encoding="utf-8")
+    found = re.search(rf'id="{figure}-moving"[^>]*><script[^>]*>(.*?)</script>', page, re.DOTALL)
+    assert found is not None
+    return dict(json.loads(found[1]))
+
+
+def move(figure: Locator, name: str, place: int) -> None:
+    figure.locator(f"input[data-name={name}]").evaluate(
+        "(slider, place) => { slider.value = place; slider.dispatchEvent(new Event('input')); }",
+        place,
+    )
+
+
+@lessons
+def test_the_first_one_is_on_the_first_screen(pages: dict[str, Page], name: str) -> None:
+    page = pages[name]
+    page.set_viewport_size(DESKTOP)
+    page.evaluate("scrollTo(0, 0)")
+    box = figures(page)[0].locator("svg[role=img]").first.bounding_box()
+    assert box is not None
+    assert box["y"] + box["height"] / 2 < DESKTOP["height"]
+    assert len(figures(page)) >= 3
+
+
+@lessons
+@screens
+def test_a_slider_stays_under_the_pointer_and_in_one_window_with_its_charts(
+    pages: dict[str, Page], name: str, screen: Any
+) -> None:
+    page = pages[name]
+    page.set_viewport_size(screen)
+    for figure in figures(page):
+        for slider in figure.locator("input").all():
+            slider.scroll_into_view_if_needed()
+            before = slider.bounding_box()
+            for end in ("Home", "End"):
+                slider.press(end)
+                assert slider.bounding_box() == before
+            assert before is not None
+            assert screen is PHONE or before["width"] >= 300
+        whole = figure.bounding_box()
+        charts = figure.locator("svg[role=img]").last.bounding_box()
+        assert whole is not None
+        assert charts is not None
+        assert charts["y"] + charts["height"] - whole["y"] <= screen["height"]
+        assert charts["width"] <= screen["width"]
+
+
+@lessons
+def test_a_move_is_seen_at_once(pages: dict[str, Page], name: str) -> None:
+    for figure in figures(pages[name]):
+        for slider in figure.locator("input").all():
+            assert np.median(slider.evaluate(PAINTS)) < 100
+
+
+@lessons
+def test_the_keyboard_moves_it_and_says_what_is_seen(pages: dict[str, Page], name: str) -> None:
+    for figure in figures(pages[name]):
+        for slider in figure.locator("input").all():
+            slider.press("Home")
+            first = figure.inner_text()
+            slider.press("ArrowRight")
+            assert figure.inner_text() != first
+            said = slider.get_attribute("aria-valuetext")
+            assert said == figure.locator(f"output[for={slider.get_attribute('id')}]").inner_text()
+
+
+@lessons
+def test_no_label_stands_on_another_or_outside(pages: dict[str, Page], name: str) -> None:
+    for screen in (DESKTOP, PHONE):
+        pages[name].set_viewport_size(screen)
+        for chart in pages[name].locator("section.moving svg[role=img]").all():
+            outer = chart.bounding_box()
+            assert outer is not None
+            boxes = [label.bounding_box() for label in chart.locator("text.moving-label").all()]
+            found = [box for box in boxes if box is not None]
+            for box in found:
+                assert box["x"] + box["width"] <= outer["x"] + outer["width"] + 1
+            for i, one in enumerate(found):
+                for other in found[:i]:
+                    apart = abs(one["y"] - other["y"]) >= 10
+                    aside = one["x"] >= other["x"] + other["width"]
+                    assert apart or aside or other["x"] >= one["x"] + one["width"]
+
+
+# The numbers are those of the library -----------------------------------------------------------
+
+
+def distance(run: Any, estimate: Any) -> float:
+    return float(np.hypot(*(run.ins - estimate - run.truth)[:, :2].T).mean())
+
+
+def metres(text: str) -> float:
+    number, unit = text.split()
+    return float(number) * {"cm": 0.01, "m": 1.0}[unit]
+
+
+def test_a_blend_is_the_filter_of_that_gain(pages: dict[str, Page]) -> None:
+    run = example_run()
+    model, y = ErrorModel.p1(run.period), (run.ins - run.network)[:, :, None]
+    figure = pages[BLEND].locator("#fig-l2-map-moving")
+    for place, g in ((0, 0.0), (8, 0.2), (40, 1.0)):
+        move(figure, "g", place)
+        found = run_hinfinity((model, g * model.A), y, initial_state=y[0], predicted=False)
+        shown = figure.locator("dl dd").last.inner_text()
+        assert metres(shown) == pytest.approx(distance(run, found[:, :, 0]), abs=0.001, rel=0.01)
+
+
+def test_the_error_over_q_is_that_of_the_kalman_filter(
+    built_site: Path, pages: dict[str, Page]
+) -> None:
+    run = example_run()
+    y = (run.ins - run.network)[:, :, None]
+    figure = pages[BLEND].locator("#fig-l2-told-moving")
+    texts = tables(built_site, BLEND, "fig-l2-told")["sliders"][0]["texts"]
+    for place in (0, 8, len(texts) - 1):
+        model = ErrorModel.p1(
+            run.period, process_noise=run.process * float(texts[place]) ** 0.5,
+            measurement_noise=run.measurement,
+        )  # fmt: skip
+        found = run_kalman(model, y, initial_covariance=1e6 * np.eye(4))
+        move(figure, "q", place)
+        shown = figure.locator("dl dd").first.inner_text()
+        assert metres(shown) == pytest.approx(distance(run, found[:, :, 0]), abs=0.001)
+
+
+def test_every_lesson_is_tried() -> None:
+    assert len(LESSONS) == len(list((ROOT / "chapters").glob("0*.md")))
