@@ -117,3 +117,11 @@ def test_an_acronym_is_explained_where_it_first_stands(number: str) -> None:
         assert re.search(rf"cite:t\}}`\w+`, {paper} in this book", text), paper
     assert re.findall(r"(?<!P[123] )\(\d\.\d+\)", said) == []
     assert "chapter to come" not in said
+
+
+@lessons
+def test_what_is_taken_home_runs_as_pasted(number: str) -> None:
+    code = re.findall(r"^```python$(.*?)^```$", markdown(LESSONS[number]), re.MULTILINE | re.DOTALL)
+    assert code
+    for block in code:
+        exec(compile(block, "taken home", "exec"), {})
