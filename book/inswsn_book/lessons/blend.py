@@ -72,10 +72,10 @@ def show_map(run: ExampleRun, *, start: float) -> None:
     )
     shown.show(
         name="fig-l2-map",
-        caption="Drag the gain. At 0 the INS is set right once and then left alone: the blend "
-        "drifts off. At 1 the blend is the fixes. The best lies between.",
+        caption="Drag the gain. At 0 the INS is set right once, by the first fix, and goes on by "
+        "itself: the blend drifts off. At 1 the blend is the fixes. The best lies between.",
         alt=f"Two charts. On the map the path of the INS leaves the true one by {ins:.1f} m on "
-        f"average. Below, over 20 seconds, the fixes scatter around "
+        f"average. Below, over 20 seconds, the fixes are off by "
         f"{centimetres(float(fixes.mean()))}; with the gain {start:g} the blend is off by "
         f"{centimetres(mean[shown.sliders['g'].start])} on average.",
     )
@@ -199,11 +199,11 @@ def show_outage(run: ExampleRun, run_filter: Filter) -> None:
     )
     shown.show(
         name="fig-l2-outage",
-        caption="The band is two standard deviations that the filter computes itself, from Q and R "
-        "alone. While fixes are lost it opens, and the first fix closes it.",
+        caption="The band is two standard deviations that the filter computes itself. While "
+        "fixes are lost it opens; the next ones close it again.",
         alt=f"The error in x over 20 seconds and a band around nought. With 20 fixes lost from "
-        f"second 8 on, the band opens to {found[20][1][1:].max():.2f} m and closes at the "
-        "next fix.",
+        f"second 8 on, the band opens to {found[20][1][1:].max():.2f} m and closes with the "
+        "next fixes.",
     )
 
 
@@ -215,7 +215,7 @@ def show_told(run: ExampleRun, run_filter: Filter, *, start: float) -> None:
     for factor in FACTORS:
         estimates, _ = run_filter(y, factor)
         error.append(float(distances(run, estimates).mean()))
-        fit.append(_mean_nis(run, run_filter, y, factor))
+        fit.append(mean_nis(run, run_filter, y, factor))
     told = dict(zip(FACTORS, zip(error, fit, strict=True), strict=True))
 
     def light(nis: float) -> str:
@@ -245,14 +245,14 @@ def show_told(run: ExampleRun, run_filter: Filter, *, start: float) -> None:
     shown.show(
         name="fig-l2-told",
         caption="Too small a Q lets the drift in, too large a Q makes the filter the fixes. The "
-        "mean NIS tells on which side you are, without the truth.",
+        "numbers beside the slider say, without the truth, whether the innovations fit.",
         alt=f"Mean distance against the factor on Q from 1e-4 to 1e4: {error[0]:.2f} m at the left "
         f"end, least {min(error):.3f} m, {error[-1]:.3f} m at the right end; the fixes alone "
         f"{network:.3f} m.",
     )
 
 
-def _mean_nis(run: ExampleRun, run_filter: Filter, y: Array, factor: float) -> float:
+def mean_nis(run: ExampleRun, run_filter: Filter, y: Array, factor: float) -> float:
     """Return the mean of v' S^-1 v over all samples but the first: 4 if what is assumed fits."""
     A = np.kron([[1, run.period], [0, 1]], np.eye(2))
     Q = factor * np.diag(np.repeat(run.process**2, 2))
