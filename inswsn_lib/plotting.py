@@ -33,7 +33,14 @@ COLOURS = {
 
 
 class Stroke(NamedTuple):
-    """How a method is drawn: its colour, and dashes and gaps in points; none for a full line."""
+    """How a method is drawn: its colour, and dashes and gaps in points; none for a full line.
+
+    Examples
+    --------
+    >>> import inswsn_lib as iw
+    >>> iw.plotting.STROKES["kalman"]
+    Stroke(colour='#0072b2', dashes=())
+    """
 
     colour: str
     dashes: tuple[float, ...] = ()

@@ -17,10 +17,11 @@ from html import escape
 from typing import Any
 
 import numpy as np
+from IPython.display import display
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from inswsn_book import show
+from inswsn_book.show import show_figure
 from inswsn_lib.errors import ParameterError
 from inswsn_lib.plotting import STROKES, figure
 
@@ -185,8 +186,8 @@ class Moving:
             f'hidden><script type="application/json">{text}</script></section>'
         )
         plain = f"{self.title}: it moves on the page of the book."
-        show.display({"text/html": page, "text/plain": plain}, raw=True)
-        show.show_figure(self.still(), name=name, caption=caption, alt=alt)
+        display({"text/html": page, "text/plain": plain}, raw=True)
+        show_figure(self.still(), name=name, caption=caption, alt=alt)
 
 
 def _chart(chart: Chart) -> dict[str, Any]:

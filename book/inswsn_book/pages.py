@@ -212,7 +212,7 @@ def stage_book(project: Project, runs: Sequence[Run], folder: Path) -> list[str]
     for run in runs:
         name, results = project.by_id(run.request.chapter).name, run.results
         # as it is, since it was valid when it was kept, and Sphinx looks again
-        notebook = with_captions(with_pictures(nbformat.from_dict(json.loads(run.notebook))))
+        notebook = with_captions(with_pictures(nbformat.from_dict(json.loads(run.notebook or ""))))
         shown = with_notes(notebook, results, claims_of(claims, results.chapter), templates)
         texts[f"chapters/{name}.ipynb"] = json.dumps(shown, ensure_ascii=False).encode()
     texts |= _redirects(project.root, templates, texts)

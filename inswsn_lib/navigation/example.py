@@ -24,7 +24,14 @@ class ExampleRun:
         The true motion, that by the INS, and that by the network.
     process, measurement : ndarray, (2,)
         Standard deviations of what drifts in a step and of what the network errs, in position (m)
-        and velocity (m/s), fitted to other runs: what a filter is told.
+        and velocity (m/s), fitted to other runs: what a filter assumes.
+
+    Examples
+    --------
+    >>> from inswsn_lib.navigation import example_run
+    >>> run = example_run()
+    >>> (run.ins - run.network).shape, float(run.time[-1].round(1))
+    ((100, 4), 19.8)
     """
 
     period: float
@@ -37,7 +44,7 @@ class ExampleRun:
     @property
     def time(self) -> Array:
         """Seconds since the first sample, (samples,)."""
-        return self.period * np.arange(len(self.truth))
+        return np.asarray(self.period * np.arange(len(self.truth)))
 
 
 def example_run(seed: int = 2012) -> ExampleRun:

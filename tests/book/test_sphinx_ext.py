@@ -50,7 +50,7 @@ def test_the_buttons_that_the_theme_is_asked_for(
     monkeypatch.setattr(Project, "about", lambda _: about)
     monkeypatch.chdir(mini.root)
     mini.ledger.write_text("missing: {}\nclaims: []\n")
-    config: Any = SimpleNamespace(html_theme_options={})
+    config: Any = SimpleNamespace(html_theme_options={}, html_extra_path=[])
     sphinx_ext._configure(SimpleNamespace(srcdir=mini.root / "book"), config)
     asked = config.html_theme_options.get("launch_buttons", {})
     assert [name for name in asked if name.endswith("_url") and asked[name]] == services
