@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from inswsn_lib.checks import Array
 from inswsn_lib.navigation.training_areas import TrainingAreas, noise_sizes, p1_settings
@@ -46,9 +47,20 @@ class ExampleRun:
         """Seconds since the first sample, (samples,)."""
         return np.asarray(self.period * np.arange(len(self.truth)))
 
+    def distance(self, motion: ArrayLike) -> float:
+        """Return how far positions are from the true ones on average, m.
 
-def example_run(seed: int = 2012) -> ExampleRun:
-    """Simulate the running example of the lessons: P1's first area, white errors of the network.
+        Parameters
+        ----------
+        motion : array_like, (samples, 4)
+            Such as `ins` less an estimate of its error.
+        """
+        off = np.asarray(motion) - self.truth
+        return float(np.hypot(off[:, 0], off[:, 1]).mean())
+
+
+def example_run(seed: int = 2012, correlation_time: float = 0.0) -> ExampleRun:
+    """Simulate the running example of the lessons: one vehicle in P1's first area.
 
     It is one run of `TrainingAreas`, whose settings say where each number comes from.
 
@@ -56,6 +68,8 @@ def example_run(seed: int = 2012) -> ExampleRun:
     ----------
     seed : int
         Seed of all random numbers.
+    correlation_time : float
+        Of the errors of the network, s; at 0 they are white.
 
     Examples
     --------
@@ -67,7 +81,9 @@ def example_run(seed: int = 2012) -> ExampleRun:
     >>> bool(np.abs(run.network - run.truth).mean() < 0.2 < np.abs(run.ins - run.truth).mean())
     True
     """
-    areas = TrainingAreas(p1_settings(), seed=seed, runs=1, other_runs=64)
+    areas = TrainingAreas(
+        p1_settings(), seed=seed, correlation_time=correlation_time, runs=1, other_runs=64
+    )
     scene, drawn, noise = areas.scene, areas.drawn, areas.noise["1"]
     motion = scene.path.drive(scene.speed, scene.windows["area1"].times)
     truth = np.hstack([motion.position, motion.velocity])

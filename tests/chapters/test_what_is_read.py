@@ -36,6 +36,7 @@ QUICK: dict[str, dict[str, Value]] = {
     "65": {"tolerance": 0.1},
     "71": {"other_runs": 20},
     "72": {"networks": 2},
+    "91": {"seed": 7},
     "90": {"wsn_position_noise": 0.3},
 }
 
