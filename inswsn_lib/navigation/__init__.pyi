@@ -8,7 +8,12 @@ from .cluster_fusion import (
     planar_rms as planar_rms,
     widen_velocities as widen_velocities,
 )
-from .example import ExampleRun as ExampleRun, example_run as example_run
+from .example import (
+    ExampleDrive as ExampleDrive,
+    ExampleRun as ExampleRun,
+    example_drive as example_drive,
+    example_run as example_run,
+)
 from .filter_contest import (
     CONTESTANTS as CONTESTANTS,
     FilterContest as FilterContest,

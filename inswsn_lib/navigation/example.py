@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from inswsn_lib.checks import Array
 from inswsn_lib.navigation.training_areas import TrainingAreas, noise_sizes, p1_settings
+from inswsn_lib.simulation.ins import inertial_errors
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,6 +58,87 @@ class ExampleRun:
         """
         off = np.asarray(motion) - self.truth
         return float(np.hypot(off[:, 0], off[:, 1]).mean())
+
+
+@dataclass(frozen=True, eq=False)
+class ExampleDrive:
+    """The whole way of that vehicle, ten samples a second, what it feels, and its fixes.
+
+    Attributes
+    ----------
+    period : float
+        Seconds from one sample to the next.
+    position, velocity : ndarray, (samples, 2)
+        The true motion, m and m/s, in x and y.
+    heading : ndarray, (samples,)
+        Of the vehicle, radians from x towards y.
+    ins : ndarray, (samples, 2)
+        The position by the INS, m.
+    fix_times, fixes : ndarray, (n,) and (n, 2)
+        When the network gives a fix, s since the start, and the fix, m.
+    fix_errors : ndarray, (n, 2)
+        What the fixes are off by, m.
+    nodes : ndarray, (m, 2)
+        The nodes of the network in the first area, m.
+
+    Examples
+    --------
+    >>> from inswsn_lib.navigation import example_drive
+    >>> drive = example_drive()
+    >>> drive.position[0].tolist(), len(drive.nodes)
+    ([650.0, 0.0], 961)
+    """
+
+    period: float
+    position: Array
+    velocity: Array
+    heading: Array
+    ins: Array
+    fix_times: Array
+    fixes: Array
+    fix_errors: Array
+    nodes: Array
+
+    @property
+    def time(self) -> Array:
+        """Seconds since the start, (samples,)."""
+        return np.asarray(self.period * np.arange(len(self.position)))
+
+
+def example_drive(seed: int = 2012) -> ExampleDrive:
+    """Simulate the whole way through P1's scene, of which `example_run` is the first area.
+
+    Parameters
+    ----------
+    seed : int
+        Seed of all random numbers.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from inswsn_lib.navigation import example_drive
+    >>> drive = example_drive()
+    >>> bool(np.hypot(*(drive.ins - drive.position).T)[-1] > 10)
+    True
+    """
+    areas = TrainingAreas(p1_settings(), seed=seed, runs=1, other_runs=64)
+    scene, every = areas.scene, 10
+    errors = inertial_errors(scene.motion, scene.inertial, np.random.default_rng(seed), 1)
+    times = [scene.windows[f"area{half}"].times for half in "12"]
+    truths = [scene.path.drive(scene.speed, when).position for when in times]
+    off = np.vstack([areas.drawn["wsn"][half][:, :2, 0] for half in "12"])
+    motion = scene.motion
+    return ExampleDrive(
+        period=every * scene.inertial_interval,
+        position=motion.position[::every],
+        velocity=motion.velocity[::every],
+        heading=motion.heading[::every],
+        ins=(motion.position + errors[:, :2, 0])[::every],
+        fix_times=np.concatenate(times),
+        fixes=np.vstack(truths) + off,
+        fix_errors=off,
+        nodes=scene.nodes["area1"],
+    )
 
 
 def example_run(seed: int = 2012, correlation_time: float = 0.0) -> ExampleRun:

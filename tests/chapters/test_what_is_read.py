@@ -23,6 +23,7 @@ from inswsn_book.results import read_results
 QUICK: dict[str, dict[str, Value]] = {
     "00": {"training_samples": 12, "outage_samples": 12},
     "01": {"systems": 40, "runs": 40, "margin": 0.1},
+    "07": {"seed": 7},
     "lesson-02": {"seed": 7},
     "02": {"runs": 40, "other_runs": 40, "velocity_source": "window"},
     "03": {"runs": 40, "tuning_runs": 4, "networks": 40},
