@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2, norm
+from scipy.special import gammaincinv
 
 from inswsn_book.moving import Moving, Slider
 from inswsn_lib.filters import run_hinfinity
@@ -21,6 +21,10 @@ Filter = Callable[[Array, float], tuple[Array, Array]]
 
 GAINS = np.linspace(0, 1, 41)
 FACTORS = 10.0 ** np.arange(-4, 4.5, 0.5)
+
+
+def _bell(x: Array, middle: float, size: float) -> Array:
+    return np.asarray(np.exp(-(((x - middle) / size) ** 2) / 2) / (size * np.sqrt(2 * np.pi)))
 
 
 def distances(run: ExampleRun, estimates: Array) -> Array:
@@ -144,11 +148,11 @@ def show_bells(measured: float = 0.3, R: float = 0.1**2) -> None:
         K = s**2 / (s**2 + R)
         return K, float(np.sqrt((1 - K) * s**2))
 
-    shown.draw(chart, "ins", "prediction", lambda s: (x, norm.pdf(x, 0, s)), at=52)
-    shown.draw(chart, "network", "fix", (x, norm.pdf(x, measured, R**0.5)), at=100)
+    shown.draw(chart, "ins", "prediction", lambda s: (x, _bell(x, 0, s)), at=52)
+    shown.draw(chart, "network", "fix", (x, _bell(x, measured, R**0.5)), at=100)
     shown.draw(
         chart, "kalman", "blend",
-        lambda s: (x, norm.pdf(x, blend(s)[0] * measured, blend(s)[1])), at=82,
+        lambda s: (x, _bell(x, blend(s)[0] * measured, blend(s)[1])), at=82,
     )  # fmt: skip
     shown.number("kalman", "gain K = M/(M + R)", lambda s: f"{blend(s)[0]:.2f}")
     shown.number("kalman", "blend is sure to", lambda s: f"± {blend(s)[1]:.3f} m")
@@ -211,7 +215,9 @@ def show_told(run: ExampleRun, run_filter: Filter, *, start: float) -> None:
     """Show the error over the factor on Q, and whether the innovations fit what is assumed."""
     y = run.ins - run.network
     error, fit = [], []
-    low, high = chi2.ppf([0.025, 0.975], 4 * (len(y) - 1)) / (len(y) - 1)
+    # of the mean of as many chi-square variables of 4 degrees, 95 %
+    count = len(y) - 1
+    low, high = 2 * gammaincinv(2 * count, [0.025, 0.975]) / count
     for factor in FACTORS:
         estimates, _ = run_filter(y, factor)
         error.append(float(distances(run, estimates).mean()))
