@@ -20,9 +20,9 @@ ASSUMPTIONS = "data/assumptions.yaml"
 
 #: The scenario files below ``data/scenarios``, each of whose numbers has an entry or is a paper's.
 SCENARIOS = ("p1", "p1-inertial", "p1-inertial-all-cells", "p2", "p3")
-#: Chapters from this number on retell a result, or work on a reader's own recording: their
+#: Chapters from this id on teach or retell a result, or work on a reader's own recording: their
 #: parameters stand for nothing that a paper could say.
-RETELLING = "60"
+RETELLING = "07"
 
 Number = float | str | list[float] | list[list[float]]
 
