@@ -103,6 +103,17 @@
     for (const label of labels.slice().reverse()) limit = label.y = Math.min(label.y, limit - GAP);
   }
 
+  /** Labels anywhere in a chart: one that would cover another goes below it. */
+  function moveApart(labels) {
+    labels.sort((a, b) => a.y - b.y);
+    labels.forEach((label, i) => {
+      for (const other of labels.slice(0, i)) {
+        const beside = label.x > other.x + other.wide || other.x > label.x + label.wide;
+        if (!beside && label.y < other.y + GAP) label.y = other.y + GAP;
+      }
+    });
+  }
+
   function draw(svg, chart, values, width, sentence, strokes) {
     const named = chart.series.map((series, i) => ({ ...series, values: values[i] })).filter((series) => series.label);
     const atEnd = chart.equal ? [] : named.filter((series) => series.at < 0);
@@ -115,8 +126,12 @@
       const at = series.at < 0 ? xs.length + series.at : series.at;
       return { ...series, x: frame.x(xs[at]) + 6, y: frame.y(ys[at]) + (atEnd.includes(series) ? 4 : -6) };
     });
-    for (const label of labels) label.x = Math.min(label.x, width - widthOf(label.label) - 2);
+    for (const label of labels) {
+      label.wide = widthOf(label.label);
+      label.x = Math.min(label.x, width - label.wide - 4);
+    }
     spreadOut(labels.filter((_, i) => atEnd.includes(named[i])), frame.box.top + 8, frame.box.bottom);
+    moveApart(labels);
     svg.replaceChildren(
       make("svg:title", { id: `${svg.id}-title` }, chart.title),
       make("svg:desc", { id: `${svg.id}-desc` }, sentence),
