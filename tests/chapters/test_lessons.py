@@ -75,7 +75,7 @@ def test_a_picture_stands_for_every_three_hundred_words(
     shown = [o.get("metadata", {}) for c in notebook["cells"] for o in c.get("outputs", [])]
     figures = sum("inswsn" in found for found in shown)
     assert len(prose(markdown(LESSONS[number])).split()) <= 300 * figures
-    moving = sum('class="moving"' in json.dumps(cell) for cell in notebook["cells"])
+    moving = sum('class=\\"moving\\"' in json.dumps(cell) for cell in notebook["cells"])
     assert moving >= 3
 
 
