@@ -119,9 +119,8 @@ def show_kernels(machine: Machine) -> None:
     shown.draw(answers, "lssvm", "answer", lambda s, n: (x, found[s, n](x[:, None])[:, 0]))
     shown.draw(answers, "network", "", (U[:, 0], Y[:, 0]), style="points")
     alike = shown.chart("How alike u is to each sample", y="k(u, uᵢ)", ylim=(0, 1.25), **axes)
-    for number, at in enumerate(U[:, 0]):
-        label = "" if number else "first sample"
-        shown.draw(alike, "network", label, _bell(x, float(at)), at=42)
+    for at in U[:, 0]:
+        shown.draw(alike, "network", "", _bell(x, float(at)))
     missed = {key: float(abs(answer(U) - Y).mean()) for key, answer in found.items()}
     ahead = {key: float(answer(np.array([[8.0]]))[0, 0]) for key, answer in found.items()}
     shown.number("lssvm", "misses the samples by", lambda s, n: f"{missed[s, n]:.3f}")
@@ -169,7 +168,7 @@ def show_widths(drive: Passage, machine: Machine) -> None:
     lost = shown.chart("In the outage: off from the truth", y="off by (m)", ylim=(0, 30), **axes)
     for chart, of in ((heard, train), (lost, bridged)):
         shown.draw(chart, "lssvm", "", _over_widths(x, of))
-        shown.draw(chart, "lssvm", "here", _at_width(of), style="points", at=0)
+        shown.draw(chart, "truth", "", _at_width(of))
     middle, ins = off((error - y.mean(axis=0))[HEARD:]), off(error[HEARD:])
     for method, label, level in (("published", "mean", middle), ("ins", "INS", ins)):
         shown.draw(lost, method, label, (x, np.full(len(x), level)))
@@ -205,8 +204,8 @@ def _over_widths(
 def _at_width(
     of: Mapping[tuple[float, float], float],
 ) -> Callable[[float, float], tuple[list[float], list[float]]]:
-    """Return the point of that curve at a width."""
-    return lambda s, n: ([float(np.log10(s))], [of[s, n]])
+    """Return a line from nought up to that curve at a width."""
+    return lambda s, n: ([float(np.log10(s))] * 2, [0.0, of[s, n]])
 
 
 def show_rehearsal(drive: Passage, bridge: Bridge) -> None:
@@ -238,7 +237,7 @@ def show_rehearsal(drive: Passage, bridge: Bridge) -> None:
     x = np.log10(widths)
     for chart, of in zip(charts, (rehearsed, bridged), strict=True):
         shown.draw(chart, "lssvm", "", _of_kind(x, widths, of))
-        shown.draw(chart, "lssvm", "here", _of_kind_at(of), style="points", at=0)
+        shown.draw(chart, "truth", "", _of_kind_at(of))
     ins = off(error[HEARD:])
     shown.draw(charts[1], "ins", "INS", (x, np.full(len(x), ins)))
     shown.number("lssvm", "rehearsed", lambda kind, s: f"{rehearsed[kind, s]:.1f} m")
@@ -271,8 +270,8 @@ def _of_kind(
 def _of_kind_at(
     of: Mapping[tuple[str, float], float],
 ) -> Callable[[str, float], tuple[list[float], list[float]]]:
-    """Return the point of that curve at a width."""
-    return lambda kind, s: ([float(np.log10(s))], [of[kind, s]])
+    """Return a line from nought up to that curve at a width."""
+    return lambda kind, s: ([float(np.log10(s))] * 2, [0.0, of[kind, s]])
 
 
 def show_oracle(drive: Passage, machine: Machine) -> None:
