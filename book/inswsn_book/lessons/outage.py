@@ -109,7 +109,7 @@ def show_kernels(machine: Machine) -> None:
     shown = Moving(
         "Width and regularisation on one curve",
         Slider("s", "width σ", widths, 0.2, "{:g}"),
-        Slider("n", "regularisation η", STRENGTHS[:5], 10.0, "{:g}"),
+        Slider("n", "regularisation η", STRENGTHS[:5], 10.0, "{:,.0f}"),
     )
     axes = {"x": "input u", "xlim": (-4, 9)}
     answers = shown.chart("The answer f(u)", y="f(u)", ylim=(-1, 3), **axes)
@@ -127,7 +127,7 @@ def show_kernels(machine: Machine) -> None:
     shown.number("lssvm", "says at u = 8", lambda s, n: f"{ahead[s, n]:.2f}")
     shown.sentence(
         lambda s, n: (
-            f"With the width {s:g} and the regularisation {n:g} the curve misses the samples by "
+            f"With the width {s:g} and the regularisation {n:,.0f} the curve misses the samples by "
             f"{missed[s, n]:.3f} on average, and says {ahead[s, n]:.2f} at u = 8; the mean of the "
             f"samples is {middle:.2f}."
         )
@@ -159,8 +159,8 @@ def show_widths(drive: Passage, machine: Machine) -> None:
             bridged[s, n] = off((error - answers)[HEARD:])
     shown = Moving(
         "Too narrow or too wide",
-        Slider("s", "width of the kernel", _WIDE, 0.1, "{:g} s"),
-        Slider("n", "regularisation η", STRENGTHS, 1e3, "{:g}"),
+        Slider("s", "width of the kernel", _WIDE, 0.1, "{:,g} s"),
+        Slider("n", "regularisation η", STRENGTHS, 1e3, "{:,.0f}"),
     )
     axes = {"x": "width of the kernel (s), as a power of ten", "xlim": (-1.1, 4.1)}
     x = np.log10(_WIDE)
@@ -177,7 +177,7 @@ def show_widths(drive: Passage, machine: Machine) -> None:
     shown.number("published", "the mean of the fixes, held", f"{middle:.1f} m")
     shown.sentence(
         lambda s, n: (
-            f"With the width {s:g} s and the regularisation {n:g} the machine is off by "
+            f"With the width {s:g} s and the regularisation {n:,.0f} the machine is off by "
             f"{train[s, n]:.2f} m where it learned and by {bridged[s, n]:.1f} m in the outage; the "
             f"mean of what it learned is off by {middle:.1f} m."
         )
@@ -187,10 +187,11 @@ def show_widths(drive: Passage, machine: Machine) -> None:
         name="fig-l3-widths",
         caption="The same machine on the same drive. A small error where it learned says nothing "
         "of the outage.",
-        alt=f"Two charts over the width. With η = 1000 the error in training rises from "
+        alt="Two charts over the width. With η = 1000 the error in training rises from "
         f"{train[0.1, 1e3]:.2f} m to {train[1e4, 1e3]:.1f} m. In the outage it is "
         f"{bridged[0.1, 1e3]:.1f} m at 0.1 s, {bridged[3.0, 1e3]:.1f} m at 3 s, "
-        f"{bridged[30.0, 1e3]:.1f} m at 30 s, {bridged[1e4, 1e3]:.1f} m at 10,000 s; the least of all pairs is {bridged[best]:.1f} m.",
+        f"{bridged[30.0, 1e3]:.1f} m at 30 s and {bridged[1e4, 1e3]:.1f} m at 10,000 s; the least "
+        f"of all pairs is {bridged[best]:.1f} m.",
     )
 
 
@@ -227,7 +228,7 @@ def show_rehearsal(drive: Passage, bridge: Bridge) -> None:
     shown = Moving(
         "Rehearse an outage, then meet one",
         Slider("kind", "input", kinds, "motion", "{}"),
-        Slider("s", "width, in deviations of the input", widths, 0.1, "{:.3g}"),
+        Slider("s", "width (deviations)", widths, 0.1, "{:,.3g}"),
     )
     axes = {"x": "width, as a power of ten", "y": "off by (m)", "xlim": (-1.1, 3.1)}
     charts = (
@@ -348,7 +349,7 @@ def show_rivals(
         Slider("b", "lost at", begins, 20.0, "{:g} s"),
         Slider("n", "for", lengths, 10, "{:g} s"),
     )
-    since = PERIOD * np.arange(longest)
+    since: Array = np.asarray(PERIOD * np.arange(longest), dtype=np.float64)
     chart = shown.chart(
         "Distance from the true position", x="time since it was lost (s)", y="off by (m)",
         xlim=(0, 10), ylim=(0, 40),
