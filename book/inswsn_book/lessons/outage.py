@@ -438,7 +438,7 @@ def show_heading(
         shown.number(method, label, _mean_of(of))
     shown.sentence(
         lambda share: (
-            f"With {share:g} times the heading error the filter of four states is off by "
+            f"With the heading error times {share:g} the filter of four states is off by "
             f"{plain[share].mean():.1f} m, that of five by {turning[share].mean():.1f} m, the INS "
             f"alone by {alone[share].mean():.1f} m."
         )
