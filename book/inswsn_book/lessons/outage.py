@@ -69,7 +69,7 @@ def show_bridge(drive: Passage, eta: float, *, start: float) -> None:
     )
     time = {"x": "time (s)", "xlim": (0, 30)}
     learned = shown.chart(
-        "Position error of the INS in y; the network is lost at 20 s", y="error (m)",
+        "Position error of the INS in y", y="error (m)",
         ylim=(-20, 45), **time,
     )  # fmt: skip
     shown.draw(learned, "network", "", (t[:HEARD:4], y[::4, 1]), style="points")
@@ -80,7 +80,7 @@ def show_bridge(drive: Passage, eta: float, *, start: float) -> None:
     shown.draw(distance, "lssvm", "corrected", lambda s: (t, distances(error - said[s])))
     mean = {s: off((error - answers)[HEARD:]) for s, answers in said.items()}
     ins = off(error[HEARD:])
-    shown.number("network", "measured: INS less network", "until 20 s")
+    shown.number("network", "measured", "until 20 s")
     shown.number("ins", "INS alone, in the outage", f"{ins:.1f} m")
     shown.number("lssvm", "corrected, in the outage", lambda s: f"{mean[s]:.1f} m")
     shown.sentence(
@@ -91,8 +91,8 @@ def show_bridge(drive: Passage, eta: float, *, start: float) -> None:
     )
     shown.show(
         name="fig-l3-bridge",
-        caption="Up to 20 s a machine sees what the two instruments measure. From there on it has "
-        "the clock alone, and what it learned.",
+        caption="Up to 20 s a machine sees by how much the two instruments differ, the dots. From "
+        "there on it has the clock alone, and what it learned.",
         alt=f"Two charts over 30 seconds. The error of the INS in y grows to "
         f"{error[:HEARD, 1].max():.0f} m at 20 s and comes back after a turn. With the width "
         f"{start:g} s the learned curve goes on where it was heading: it is off by "
@@ -232,7 +232,7 @@ def show_rehearsal(drive: Passage, bridge: Bridge) -> None:
     )
     axes = {"x": "width, as a power of ten", "y": "off by (m)", "xlim": (-1.1, 3.1)}
     charts = (
-        shown.chart("Rehearsed: the second half from the first", ylim=(0, 30), **axes),
+        shown.chart("The rehearsal", ylim=(0, 30), **axes),
         shown.chart("The outage", ylim=(0, 50), **axes),
     )
     x = np.log10(widths)
@@ -288,9 +288,7 @@ def show_oracle(drive: Passage, machine: Machine) -> None:
         (1, "Position error in y", "m", (-10.0, 20.0)),
         (3, "Velocity error in y", "m/s", (-3.0, 3.0)),
     ):
-        chart = shown.chart(
-            f"{title}; fed in: the true one", y=f"error ({unit})", ylim=ends, **time
-        )
+        chart = shown.chart(title, y=f"error ({unit})", ylim=ends, **time)
         shown.draw(chart, "ins", "true", (t, error[:, i]))
         shown.draw(chart, "lssvm", "answer", _component(t, said, i))
     left = {s: abs(error - answers)[HEARD:].mean(axis=0) for s, answers in said.items()}
@@ -363,7 +361,7 @@ def show_rivals(
         shown.number(method, label, _mean_until(found[method]))
     indicated = inputs["motion"][:, 3]
     turn = shown.chart(
-        "Indicated velocity in y; bold: the outage",
+        "Velocity in y; dots: the outage",
         x="time (s)",
         y="m/s",
         xlim=(0, 30),
@@ -423,7 +421,7 @@ def show_heading(
         Slider("share", "heading error of the INS, as a factor", shares, 1.0, "{:g}"),
     )
     chart = shown.chart(
-        "Distance from the true position in the outage", x="time since it was lost (s)",
+        "Distance from the true position", x="time since it was lost (s)",
         y="off by (m)", xlim=(0, 10), ylim=(0, 40),
     )  # fmt: skip
     since = PERIOD * np.arange(50)
