@@ -177,7 +177,7 @@ def show_widths(drive: Passage, machine: Machine) -> None:
     shown.number("published", "the mean of the fixes, held", f"{middle:.1f} m")
     shown.sentence(
         lambda s, n: (
-            f"With the width {s:g} s and the regularisation {n:,.0f} the machine is off by "
+            f"With the width {s:,g} s and the regularisation {n:,.0f} the machine is off by "
             f"{train[s, n]:.2f} m where it learned and by {bridged[s, n]:.1f} m in the outage; the "
             f"mean of what it learned is off by {middle:.1f} m."
         )
