@@ -15,13 +15,15 @@ from playwright.sync_api import Browser, Locator, Page
 from visiting import PAGES, visit
 
 from inswsn_lib.filters import run_hinfinity, run_kalman
+from inswsn_lib.learning import LSSVMRegressor
 from inswsn_lib.models import ErrorModel
-from inswsn_lib.navigation import example_run
+from inswsn_lib.navigation import BridgedOutages, example_run
 
 pytestmark = pytest.mark.page
 
 LESSONS = [name for name in PAGES if re.match(r"chapters/0\d-", name)]
 BLEND = next(name for name in LESSONS if "/02-" in name)
+OUTAGE = next(name for name in LESSONS if "/03-" in name)
 DESKTOP, PHONE = {"width": 1440, "height": 900}, {"width": 390, "height": 844}
 lessons = pytest.mark.parametrize("name", LESSONS)
 screens = pytest.mark.parametrize("screen", [DESKTOP, PHONE], ids=["desktop", "phone"])
@@ -180,6 +182,40 @@ def test_the_error_over_q_is_that_of_the_kalman_filter(
         move(figure, "q", place)
         shown = figure.locator("dl dd").first.inner_text()
         assert metres(shown) == pytest.approx(distance(run, found[:, :, 0]), abs=0.001)
+
+
+def test_an_outage_is_bridged_by_the_machine_of_that_width(
+    built_site: Path, pages: dict[str, Page]
+) -> None:
+    drive = BridgedOutages(runs=1).judged["1"]
+    clock, y, error = (
+        np.asarray(of)[:, :, 0] for of in (drive.inputs["time"], drive.y, drive.error)
+    )
+    figure = pages[OUTAGE].locator("#fig-l3-bridge-moving")
+    texts = tables(built_site, OUTAGE, "fig-l3-bridge")["sliders"][0]["texts"]
+    for place in (0, 6, len(texts) - 1):
+        machine = LSSVMRegressor(float(texts[place].split()[0]), 1000.0).fit(clock[:100], y[:100])
+        left = (error - machine.predict(clock))[100:]
+        move(figure, "s", place)
+        shown = figure.locator("dl dd").last.inner_text()
+        assert metres(shown) == pytest.approx(np.hypot(*left[:, :2].T).mean(), abs=0.051)
+
+
+def test_a_filter_coasts_through_an_outage_as_that_of_the_library(pages: dict[str, Page]) -> None:
+    run, drive = example_run(), BridgedOutages(runs=1).judged["1"]
+    model = ErrorModel.p1(
+        run.period, process_noise=run.process, measurement_noise=run.measurement
+    )  # fmt: skip
+    figure = pages[OUTAGE].locator("#fig-l3-rivals-moving")
+    for place, first in ((0, 40), (12, 100)):
+        y = drive.y.copy()
+        y[first:] = np.nan
+        found = run_kalman(model, y, initial_covariance=1e6 * np.eye(4))
+        left = (drive.error - found)[first : first + 50, :2, 0]
+        move(figure, "b", place)
+        move(figure, "n", 5)  # for ten seconds
+        shown = figure.locator("dl dd").nth(2).inner_text()
+        assert metres(shown) == pytest.approx(np.hypot(*left.T).mean(), abs=0.051)
 
 
 def test_every_lesson_is_tried() -> None:
