@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inswsn_book.moving import Moving, Slider
-from inswsn_lib.filters import run_hinfinity, run_kalman, steady_error
+from inswsn_lib.filters import predictor_gain, run_hinfinity, run_kalman, steady_error
 from inswsn_lib.lmi import (
     design_filter,
     hinf_norm,
@@ -86,7 +86,7 @@ def show_game(*, kalman: float, hinfinity: float) -> None:
     def add(name: str, label: str, at: int) -> None:
         g = gains[name]
         shown.draw(got, name, label, lambda c, s: (time, out(g, c, s)[:SEEN]), at=at)
-        words = f"{label}: energy out (most {most(g):.2f})"
+        words = f"{label} (at most {most(g):.2f})"
         shown.number(name, words, lambda c, s: f"{ratio(g, c, s):.2f}")
 
     add("kalman", "Kalman", 10)
@@ -306,10 +306,10 @@ def show_votes(cases: Sequence[tuple[Array, Array, Array, float]]) -> None:
     agree = {step: (pair[0] < 0) == (pair[1] < 0) for step, pair in found.items()}
     chart = shown.chart(
         "Each dot is a system", x="before the step (below 0: holds)", y="after the step",
-        xlim=(-0.8, 0.8), ylim=(-0.8, 0.8),
+        xlim=(-1.2, 1.2), ylim=(-1.2, 1.2),
     )  # fmt: skip
-    shown.draw(chart, "truth", "", ([-0.8, 0.8], [0, 0]))
-    shown.draw(chart, "truth", "", ([0, 0], [-0.8, 0.8]))
+    shown.draw(chart, "truth", "", ([-1.2, 1.2], [0, 0]))
+    shown.draw(chart, "truth", "", ([0, 0], [-1.2, 1.2]))
     shown.draw(chart, "hinfinity", "", lambda step: found[step][:, ~lost[step]], style="points")
     shown.draw(chart, "ins", "", lambda step: found[step][:, lost[step]], style="points")
     shown.number("truth", "from, to", lambda step: f"P1 ({STEPS[step - 1]}), ({STEPS[step]})")
@@ -377,32 +377,39 @@ def distance(run: ExampleRun, estimates: Array) -> float:
     return float(np.hypot(*(run.ins - estimates - run.truth)[:, :2].T).mean())
 
 
+def axis_model(run: ExampleRun, factor: float) -> ErrorModel:
+    """Return the model of one of the vehicle's axes, which are alike, by the factor on its Q."""
+    return ErrorModel(
+        A=np.array([[1, run.period], [0, 1]]), B=np.diag(run.process * factor**0.5), C=np.eye(2),
+        D=np.diag(run.measurement), period=run.period,
+    )  # fmt: skip
+
+
 def errors_over_q(run: ExampleRun, margins: Sequence[float]) -> dict[float, list[float]]:
     """Return the mean distance over the assumed Q, by the margin; that of Kalman is at 0."""
     y = (run.ins - run.network)[:, :, None]
     found: dict[float, list[float]] = {margin: [] for margin in (0, *margins)}
     for factor in FACTORS:
-        noise = {
-            "process_noise": run.process * factor**0.5, "measurement_noise": run.measurement
-        }  # fmt: skip
-        both = ErrorModel.p1(run.period, **noise)
+        q, r = factor * run.process**2, run.measurement**2
+        both = ErrorModel.p1(run.period).with_covariances(
+            np.diag(np.repeat(q, 2)), np.diag(np.repeat(r, 2))
+        )
         kf = run_kalman(both, y, initial_covariance=1e6 * np.eye(4))
         found[0].append(distance(run, kf[:, :, 0]))
-        A = np.array([[1, run.period], [0, 1]])
-        one = ErrorModel(  # both axes are alike
-            A=A, B=np.diag(noise["process_noise"]), C=np.eye(2), D=np.diag(run.measurement),
-            period=run.period,
-        )  # fmt: skip
         for margin in margins:
-            gain = np.kron(design_filter(one, margin=margin).gain, np.eye(2))
-            estimates = run_hinfinity((both, gain), y, initial_state=y[0])
+            gain = design_filter(axis_model(run, factor), margin=margin).gain
+            estimates = run_hinfinity((both, np.kron(gain, np.eye(2))), y, initial_state=y[0])
             found[margin].append(distance(run, estimates[:, :, 0]))
     return found
 
 
-def show_vehicle(run: ExampleRun, *, start: float) -> None:
-    """Show the error of the vehicle's position over the assumed Q, by the margin."""
-    margins = sorted({0.01, 0.03, 0.1, 0.3, 1.0, start})
+def show_vehicle(run: ExampleRun, *, start: float) -> dict[str, float]:
+    """Show the error of the vehicle's position over the assumed Q, by the margin.
+
+    Returns the errors (cm) of the Kalman filter and of the filter of a margin, with the matched Q
+    and a hundredth of it, and with the latter their gains on the position.
+    """
+    margins = sorted({0.01, 0.1, 0.3, 1.0, start})
     error = errors_over_q(run, margins)
     fixes = distance(run, run.ins - run.network)
     matched, small = 4, 2  # factors 1 and 1/100
@@ -438,3 +445,11 @@ def show_vehicle(run: ExampleRun, *, start: float) -> None:
         f"with the margin {margins[0]:g} has {error[margins[0]][matched]:.3f} m and "
         f"{error[margins[0]][small]:.3f} m; the fixes {fixes:.3f} m.",
     )
+    poor = axis_model(run, FACTORS[small])
+    gains = {"kalman": predictor_gain(poor), "hinfinity": design_filter(poor, margin=start).gain}
+    off = {
+        f"{name}.{words}": 100 * error[key][place]
+        for name, key in (("kalman", 0.0), ("hinfinity", start))
+        for words, place in (("matched", matched), ("small", small))
+    }
+    return off | {f"{name}.gain": float(gain[0, 0]) for name, gain in gains.items()}
