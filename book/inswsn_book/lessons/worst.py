@@ -123,10 +123,8 @@ def show_response(*, start: float) -> None:
         xlim=(0, 0.5), ylim=(0, 8),
     )  # fmt: skip
     shown.draw(chart, "constant", "", lambda g: (frequency, np.minimum(of[g], 8)))
-    shown.draw(chart, "kalman", "mean", lambda g: ([0.0, 0.5], [mean[g]] * 2), at=1)
-    shown.draw(
-        chart, "hinfinity", "peak", lambda g: ([0.5 * (g > 1)], [peak[g]]), style="points", at=0
-    )
+    shown.draw(chart, "kalman", "mean", lambda g: ([0.0, 0.5], [mean[g]] * 2))
+    shown.draw(chart, "hinfinity", "peak", lambda g: ([0.5 * (g > 1)], [peak[g]]), style="points")
     shown.number("hinfinity", "peak: the worst", lambda g: f"{peak[g]:.2f}")
     shown.number("kalman", "mean: white noise", lambda g: f"{mean[g]:.2f}")
     shown.sentence(
