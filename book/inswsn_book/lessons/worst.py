@@ -170,10 +170,7 @@ def show_two_curves() -> None:
         lambda d: f"{(1 / best[d] ** 2 + d**2) / (1 + d**2):.2f} × least",
     )
     shown.sentence(
-        lambda d: (
-            f"With noise {d:g} times the drift the mean is least at the gain {best[d]:.2f}, the "
-            "worst case at 1."
-        )
+        lambda d: f"Noise / drift {d:g}: least mean at g = {best[d]:.2f}, least worst case at 1."
     )
     shown.show(
         name="fig-l1-curves",
@@ -356,7 +353,7 @@ def show_price(model: ErrorModel, kalman: Array, *, start: float) -> None:
     shown.sentence(
         lambda m: (
             f"With the margin {m:g} the worst-case gain is {exact[m][0]:.2f} and the RMS error "
-            f"{exact[m][1]:.2f}; the Kalman filter has {kf[0]:.2f} and {kf[1]:.2f}."
+            f"{exact[m][1]:.2f}."
         )
     )
     shown.show(
