@@ -1,0 +1,451 @@
+"""The pictures of the lesson on planning for the worst."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inswsn_book.moving import Moving, Slider
+from inswsn_lib.filters import predictor_gain, run_hinfinity, run_kalman, steady_error
+from inswsn_lib.lmi import (
+    design_filter,
+    hinf_norm,
+    largest_singular_value,
+)
+from inswsn_lib.models import ErrorModel
+from inswsn_lib.navigation import ExampleRun
+
+Array = NDArray[np.float64]
+#: Of one random system: the largest eigenvalue of each step of P1's proof
+Votes = dict[str, float]
+
+PUSHED, SEEN = 24, 36  # samples of a disturbance, and of the error that it makes
+GAINS = np.unique(np.append(np.round(np.arange(0.4, 1.36, 0.05), 2), 0.618))
+BOUNDS = np.round(np.arange(1.3, 2.41, 0.05), 2)
+MARGINS = (0.001, 0.01, 0.03, 0.1, 0.2, 0.3, 0.5, 1.0, 3.0, 10.0)
+FACTORS = 10.0 ** np.arange(-4, 5)
+
+
+def scalar(g: float, drift: float = 1.0, noise: float = 1.0) -> tuple[Array, Array]:
+    """Return how the error of a random walk's filter goes on, and how the disturbances enter."""
+    return np.array([[1 - g]]), np.array([[drift, -g * noise]])
+
+
+def errors_of(g: float, w: Array, v: Array) -> Array:
+    """Return the error of the prediction at each sample, from no error on, until it has died."""
+    e = np.zeros(len(w) + 200)
+    for k in range(len(e) - 1):
+        e[k + 1] = (1 - g) * e[k] + (w[k] - g * v[k] if k < len(w) else 0)
+    return e
+
+
+def most(g: float) -> float:
+    """Return the largest ratio of energies that any disturbance of `PUSHED` samples reaches."""
+    each = np.eye(PUSHED)
+    by_drift = np.array([errors_of(g, push, 0 * push) for push in each])
+    by_noise = np.array([errors_of(g, 0 * push, push) for push in each])
+    return float(np.linalg.norm(np.vstack([by_drift, by_noise]), 2) ** 2)
+
+
+def disturbance(cycles: float, share: int) -> tuple[Array, Array]:
+    """Return a burst of energy one: its drift, and its errors of fixes, by their share in %."""
+    k = np.arange(PUSHED)
+    wave = np.sin(np.pi * (k + 0.5) / PUSHED) * np.cos(
+        2 * np.pi * cycles * (k - (PUSHED - 1) / 2) / PUSHED
+    )
+    wave /= np.linalg.norm(wave)
+    part = abs(share) / 100
+    return (1 - part) ** 0.5 * wave, np.sign(share) * part**0.5 * wave
+
+
+def show_game(*, kalman: float, hinfinity: float) -> None:
+    """Show what a disturbance of the reader's does to two filters, and the most that one can."""
+    shown = Moving(
+        "Energy in, energy out",
+        Slider("c", "cycles in 24 samples", [*range(13)], 5, "{:d}"),
+        Slider("s", "energy in the fixes", [*range(-100, 101, 20)], 0, "{:+d} %"),
+    )
+    gains = {"kalman": kalman, "hinfinity": hinfinity}
+
+    @cache
+    def out(g: float, c: int, s: int) -> tuple[float, ...]:
+        return tuple(errors_of(g, *disturbance(c, s)))
+
+    def ratio(g: float, c: int, s: int) -> float:
+        return float(np.sum(np.square(out(g, c, s))))
+
+    time, axes = np.arange(SEEN), {"x": "sample", "xlim": (0, SEEN - 1)}
+    put = shown.chart("You put in (energy 1)", y="push", ylim=(-0.6, 0.6), **axes)
+    shown.draw(put, "ins", "drift", lambda c, s: (time[:PUSHED], disturbance(c, s)[0]), at=12)
+    shown.draw(put, "network", "fixes", lambda c, s: (time[:PUSHED], disturbance(c, s)[1]), at=23)
+    got = shown.chart("You get out", y="error", ylim=(-0.6, 0.6), **axes)
+
+    def add(name: str, label: str, at: int) -> None:
+        g = gains[name]
+        shown.draw(got, name, label, lambda c, s: (time, out(g, c, s)[:SEEN]), at=at)
+        words = f"{label} (at most {most(g):.2f})"
+        shown.number(name, words, lambda c, s: f"{ratio(g, c, s):.2f}")
+
+    add("kalman", "Kalman", 10)
+    add("hinfinity", "H∞", 18)
+    shown.sentence(
+        lambda c, s: (
+            f"With {c} cycles and {s} % of the energy in the fixes the error of the Kalman filter "
+            f"has the energy {ratio(kalman, c, s):.2f}, that of the H-infinity filter "
+            f"{ratio(hinfinity, c, s):.2f}."
+        )
+    )
+    start = {name: ratio(g, 5, 0) for name, g in gains.items()}
+    shown.show(
+        name="fig-l1-game",
+        caption="The energy that you put in is 1. A minus sign means that the fixes err against "
+        "the drift. In brackets: the most that any disturbance of 24 samples can reach.",
+        alt="Two charts. Above, a burst of 24 samples of drift and of errors of fixes. Below, what "
+        f"two filters make of it: the Kalman filter's error has the energy {start['kalman']:.2f} "
+        f"of at most {most(kalman):.2f}, the H-infinity filter's {start['hinfinity']:.2f} of at "
+        f"most {most(hinfinity):.2f}.",
+    )
+
+
+def show_response(*, start: float) -> None:
+    """Show the energy ratio over the frequency by the gain, its mean and its peak."""
+    frequency = np.linspace(0, 0.5, 101)
+    z = np.exp(2j * np.pi * frequency)
+    of = {g: (1 + g**2) / abs(z - 1 + g) ** 2 for g in GAINS}
+    peak = {g: hinf_norm(*scalar(g), np.eye(1)) ** 2 for g in GAINS}
+    mean = {g: (1 + g**2) / (2 * g - g**2) for g in GAINS}
+    shown = Moving("Peak and mean", Slider("g", "gain g", [*GAINS], start, "g = {:.3g}"))
+    chart = shown.chart(
+        "Energy out for each 1 put in", x="frequency (cycles a sample)", y="energy ratio",
+        xlim=(0, 0.5), ylim=(0, 8),
+    )  # fmt: skip
+    shown.draw(chart, "constant", "", lambda g: (frequency, np.minimum(of[g], 8)))
+    shown.draw(chart, "kalman", "mean", lambda g: ([0.0, 0.5], [mean[g]] * 2))
+    shown.draw(chart, "hinfinity", "peak", lambda g: ([0.5 * (g > 1)], [peak[g]]), style="points")
+    shown.number("hinfinity", "peak: the worst", lambda g: f"{peak[g]:.2f}")
+    shown.number("kalman", "mean: white noise", lambda g: f"{mean[g]:.2f}")
+    shown.sentence(
+        lambda g: f"With g = {g:.3g} the peak is {peak[g]:.2f} and the mean {mean[g]:.2f}."
+    )
+    shown.show(
+        name="fig-l1-response",
+        caption="Find the gain with the lowest peak, then the one with the lowest mean.",
+        alt=f"The energy ratio over the frequency for the gain {start:g}: it falls from "
+        f"{of[start][0]:.2f} at the frequency nought to {of[start][-1]:.2f}. Its mean is "
+        f"{mean[start]:.2f}.",
+    )
+
+
+def show_two_curves() -> None:
+    """Show the worst case and the variance over the gain, each as a multiple of its least."""
+    g = np.round(np.arange(0.1, 1.601, 0.02), 2)
+    noises = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0)
+    worst, mean, best = {}, {}, {}
+    for d in noises:
+        above = np.where(g <= 1, g, 2 - g) ** 2
+        worst[d] = (1 + g**2 * d**2) / above
+        mean[d] = (1 + g**2 * d**2) / (2 * g - g**2)
+        best[d] = (-1 + (1 + 4 * d**2) ** 0.5) / (2 * d**2)
+    shown = Moving(
+        "Each filter at its own lowest point",
+        Slider("d", "noise of a fix / drift", [*noises], 0.25, "{:g}"),
+    )
+    chart = shown.chart(
+        "Times the least that is possible", x="gain g", y="times the least", xlim=(0, 1.6),
+        ylim=(0.8, 4),
+    )  # fmt: skip
+    shown.draw(chart, "hinfinity", "worst", lambda d: (g, np.minimum(worst[d] / (1 + d**2), 4)))
+    least = {d: (1 + best[d] ** 2 * d**2) / (2 * best[d] - best[d] ** 2) for d in noises}
+    shown.draw(chart, "kalman", "mean", lambda d: (g, np.minimum(mean[d] / least[d], 4)))
+    shown.draw(chart, "hinfinity", "", ([1.0], [1.0]), style="points")
+    shown.draw(chart, "kalman", "", lambda d: ([best[d]], [1.0]), style="points")
+    shown.number("hinfinity", "least worst case at", "g = 1.00")
+    shown.number("kalman", "least mean at", lambda d: f"g = {best[d]:.2f}")
+    shown.number(
+        "kalman",
+        "its worst case",
+        lambda d: f"{(1 / best[d] ** 2 + d**2) / (1 + d**2):.2f} × least",
+    )
+    shown.sentence(
+        lambda d: f"Noise / drift {d:g}: least mean at g = {best[d]:.2f}, least worst case at 1."
+    )
+    shown.show(
+        name="fig-l1-curves",
+        caption="Worse fixes move the Kalman gain down. The H∞ gain stays at 1.",
+        alt="Two curves over the gain. The worst case is least at the gain 1; the mean, for a "
+        f"noise of a quarter of the drift, at {best[0.25]:.2f}.",
+    )
+
+
+def show_certificate(*, kalman: float, hinfinity: float) -> None:
+    """Show for which P the storage inequality holds, by the bound that is asked for."""
+    P = np.round(np.arange(0.5, 4.001, 0.025), 3)
+
+    def largest(g: float, bound: float, P: Array) -> Array:
+        a, b = scalar(g)
+        both = np.hstack([a, b])
+        matrices = P[:, None, None] * (both.T @ both)
+        matrices[:, 0, 0] += 1 - P
+        matrices[:, 1, 1] -= bound**2
+        matrices[:, 2, 2] -= bound**2
+        return np.asarray(np.linalg.eigvalsh(matrices)[:, -1])
+
+    fine = np.linspace(0.5, 4, 3501)
+
+    @cache
+    def said(g: float, bound: float) -> str:
+        holds = fine[largest(g, bound, fine) < 0]
+        return f"P from {holds[0]:.2f} to {holds[-1]:.2f}" if len(holds) else "no P"
+
+    shown = Moving("Is there a certificate?", Slider("b", "bound γ", [*BOUNDS], 2.4, "γ = {:.2f}"))
+    chart = shown.chart(
+        "Largest eigenvalue of the matrix", x="P", y="below 0: proven", xlim=(0.5, 4),
+        ylim=(-2, 2),
+    )  # fmt: skip
+    shown.draw(chart, "truth", "", ([0.5, 4], [0, 0]))
+
+    def add(name: str, label: str, g: float) -> None:
+        shown.draw(chart, name, label, lambda b: (P, np.clip(largest(g, b, P), -2, 2)))
+        shown.number(name, label, lambda b: said(g, b))
+
+    add("kalman", "Kalman", kalman)
+    add("hinfinity", "H∞", hinfinity)
+    shown.sentence(
+        lambda b: (
+            f"For the bound {b:.2f}, Kalman: {said(kalman, b)}; H-infinity: {said(hinfinity, b)}."
+        )
+    )
+    shown.show(
+        name="fig-l1-certificate",
+        caption="Lower γ until no P is left, first for the Kalman filter, then for the H∞ filter.",
+        alt="The largest eigenvalue over P for two filters. For the bound 2.4 it is below nought "
+        f"for the Kalman filter with {said(kalman, 2.4)}, for the H-infinity filter with "
+        f"{said(hinfinity, 2.4)}.",
+    )
+
+
+def show_peaks(model: ErrorModel, gains: dict[str, Array]) -> None:
+    """Show the frequency response of filters of one axis, with the peak of each."""
+    angles = np.concatenate([[0], np.geomspace(0.005, np.pi, 300)])
+    labels = {"kalman": "Kalman", "hinfinity": "H∞"}
+    shown = Moving("One filter presses its peak down")
+    chart = shown.chart(
+        "Largest gain at each frequency", x="frequency (cycles a sample)", y="gain", xlim=(0, 0.25),
+        ylim=(0, 10),
+    )  # fmt: skip
+    peak = {}
+    for name, gain in gains.items():
+        system = model.A - gain @ model.C, np.hstack([model.B, -gain @ model.D]), model.L
+        response = largest_singular_value(*system, angles)
+        peak[name] = hinf_norm(*system)
+        inside = angles <= np.pi / 2
+        at = 60 if name == "kalman" else -1
+        shown.draw(
+            chart, name, labels[name], (angles[inside] / (2 * np.pi), response[inside]), at=at
+        )
+        shown.number(name, f"{labels[name]}: peak", f"{peak[name]:.2f}")
+    shown.show(
+        name="fig-l1-peaks",
+        caption="The vehicle's axis, fixes of the position alone. The H∞ filter is nearly flat: "
+        "what it takes off the peak comes back at other frequencies.",
+        alt=f"Two responses over the frequency. The Kalman filter's peak is {peak['kalman']:.2f}, "
+        f"the H-infinity filter's {peak['hinfinity']:.2f}.",
+    )
+
+
+#: The steps of P1's proof, by the number of the equation that each comes to
+STEPS = ("2.16", "2.18", "2.19", "2.20", "2.21")
+
+
+def largest_eigenvalues(A: Array, B: Array, P: Array, gamma: float) -> Votes:
+    """Return the largest eigenvalue of the matrix of each step of P1's proof, without jitter."""
+    n, p = B.shape
+    PA, PB, cost, across = P @ A, P @ B, gamma**2 * np.eye(p), A.T @ P @ B
+    theta, both = cost - B.T @ PB, np.hstack([A, B])
+    delta = -P + A.T @ PA + np.eye(n)
+    schur = delta + across @ np.linalg.solve(theta, across.T)
+    none, zero = np.zeros((n, p)), np.zeros((n, n))
+    blocks = {
+        "2.16": [[schur, none], [none.T, -theta]],
+        "2.18": [[delta, across], [across.T, -theta]],
+        "2.20": [[delta, none, PA.T], [none.T, -cost, PB.T], [PA, PB, -P]],
+        "2.21": [
+            [-P, none, PA.T, PA.T, np.eye(n)], [none.T, -cost, PB.T, none.T, none.T],
+            [PA, PB, -P, zero, zero], [PA, none, zero, -P, zero],
+            [np.eye(n), none, zero, zero, -np.eye(n)],
+        ],
+    }  # fmt: skip
+    matrices = {name: np.block(parts) for name, parts in blocks.items()}
+    matrices["2.19"] = np.block([[delta, none], [none.T, -cost]]) + both.T @ P @ both
+    return {
+        name: float(np.linalg.eigvalsh(matrix).max() / np.abs(matrix).max())
+        for name, matrix in matrices.items()
+    }
+
+
+def show_votes(cases: Sequence[tuple[Array, Array, Array, float]]) -> None:
+    """Show on random systems whether both sides of each step of P1's proof agree."""
+    votes = [largest_eigenvalues(*case) for case in cases]
+    shown = Moving(
+        "Which step do the matrices refuse?",
+        Slider("step", "step of the proof", [1, 2, 3, 4], 1, "{:d} of 4"),
+    )
+    # so that both small and large numbers are seen; the sign stays
+    found = {
+        step: np.cbrt([[vote[STEPS[step - 1]], vote[STEPS[step]]] for vote in votes]).T
+        for step in (1, 2, 3, 4)
+    }
+    lost = {step: (pair[0] < 0) & (pair[1] >= 0) for step, pair in found.items()}
+    agree = {step: (pair[0] < 0) == (pair[1] < 0) for step, pair in found.items()}
+    chart = shown.chart(
+        "Each dot is a system", x="before the step (below 0: holds)", y="after the step",
+        xlim=(-1.2, 1.2), ylim=(-1.2, 1.2),
+    )  # fmt: skip
+    shown.draw(chart, "truth", "", ([-1.2, 1.2], [0, 0]))
+    shown.draw(chart, "truth", "", ([0, 0], [-1.2, 1.2]))
+    shown.draw(chart, "hinfinity", "", lambda step: found[step][:, ~lost[step]], style="points")
+    shown.draw(chart, "ins", "", lambda step: found[step][:, lost[step]], style="points")
+    shown.number("truth", "from, to", lambda step: f"P1 ({STEPS[step - 1]}), ({STEPS[step]})")
+    shown.number("hinfinity", "both say the same", lambda step: f"{agree[step].sum():d}")
+    shown.number("ins", "lost by the step", lambda step: f"{lost[step].sum():d}")
+    shown.sentence(
+        lambda step: (
+            f"From P1 ({STEPS[step - 1]}) to ({STEPS[step]}): of {len(votes)} systems "
+            f"{agree[step].sum()} say the same, {lost[step].sum()} are lost."
+        )
+    )
+    shown.show(
+        name="fig-l1-votes",
+        caption="A step that is an equivalence has no dot in the upper left or lower right: "
+        "both inequalities hold or neither. Axes show cube roots.",
+        alt=f"Dots for {len(votes)} random systems, the largest eigenvalue before and after a step "
+        f"of the proof. In the first step {lost[1].sum()} systems are lost, in the second "
+        f"{lost[2].sum()}, in the third {lost[3].sum()}, in the fourth {lost[4].sum()}.",
+    )
+
+
+def both_costs(model: ErrorModel, gain: Array) -> tuple[float, float]:
+    """Return the worst-case gain of a filter, and its RMS error under white noise."""
+    driven = np.hstack([model.B, -gain @ model.D])
+    return hinf_norm(model.A - gain @ model.C, driven, model.L), steady_error(model, gain)
+
+
+def show_price(model: ErrorModel, kalman: Array, *, start: float) -> None:
+    """Show worst case and error under white noise by the margin above the least bound."""
+    margins = sorted({*MARGINS, start})
+    exact = {m: both_costs(model, design_filter(model, margin=m).gain) for m in margins}
+    printed = [both_costs(model, design_filter(model, "printed", margin=m).gain) for m in MARGINS]
+    kf = both_costs(model, kalman)
+    shown = Moving("What a guarantee costs", Slider("m", "margin m", margins, margins[0], "{:g}"))
+    chart = shown.chart(
+        "Two costs", x="worst-case gain", y="RMS error, white noise", xlim=(5, 10), ylim=(2, 8)
+    )
+    shown.draw(chart, "hinfinity", "H∞", [*zip(*exact.values(), strict=True)], at=2)
+    shown.draw(chart, "published", "as P1 prints it", [*zip(*printed, strict=True)], at=0)
+    shown.draw(chart, "kalman", "Kalman", ([kf[0]], [kf[1]]), style="points", at=0)
+    shown.draw(chart, "hinfinity", "", lambda m: ([exact[m][0]], [exact[m][1]]), style="points")
+    shown.number("hinfinity", "worst-case gain", lambda m: f"{exact[m][0]:.2f}")
+    shown.number("hinfinity", "RMS error", lambda m: f"{exact[m][1]:.2f}")
+    shown.number("kalman", "Kalman: worst, RMS", f"{kf[0]:.2f}, {kf[1]:.2f}")
+    shown.sentence(
+        lambda m: (
+            f"With the margin {m:g} the worst-case gain is {exact[m][0]:.2f} and the RMS error "
+            f"{exact[m][1]:.2f}."
+        )
+    )
+    shown.show(
+        name="fig-l1-price",
+        caption="From the least worst case at the left to the Kalman filter at the right. The "
+        "first steps away from the least γ buy the most. The dashed curve ends at "
+        f"{printed[-1][1]:.2f}.",
+        alt=f"The curve falls from a worst case of {exact[margins[0]][0]:.2f} with the RMS error "
+        f"{exact[margins[0]][1]:.2f} to the Kalman filter at {kf[0]:.2f} and {kf[1]:.2f}. The "
+        f"filters of the inequality as printed go from {printed[0][0]:.2f} with "
+        f"{printed[0][1]:.2f} to {printed[-1][0]:.2f} with {printed[-1][1]:.2f}.",
+    )
+
+
+def distance(run: ExampleRun, estimates: Array) -> float:
+    """Return how far the corrected positions are from the true ones on average, m."""
+    return float(np.hypot(*(run.ins - estimates - run.truth)[:, :2].T).mean())
+
+
+def axis_model(run: ExampleRun, factor: float) -> ErrorModel:
+    """Return the model of one of the vehicle's axes, which are alike, by the factor on its Q."""
+    return ErrorModel(
+        A=np.array([[1, run.period], [0, 1]]), B=np.diag(run.process * factor**0.5), C=np.eye(2),
+        D=np.diag(run.measurement), period=run.period,
+    )  # fmt: skip
+
+
+def errors_over_q(run: ExampleRun, margins: Sequence[float]) -> dict[float, list[float]]:
+    """Return the mean distance over the assumed Q, by the margin; that of Kalman is at 0."""
+    y = (run.ins - run.network)[:, :, None]
+    found: dict[float, list[float]] = {margin: [] for margin in (0, *margins)}
+    for factor in FACTORS:
+        q, r = factor * run.process**2, run.measurement**2
+        both = ErrorModel.p1(run.period).with_covariances(
+            np.diag(np.repeat(q, 2)), np.diag(np.repeat(r, 2))
+        )
+        kf = run_kalman(both, y, initial_covariance=1e6 * np.eye(4))
+        found[0].append(distance(run, kf[:, :, 0]))
+        for margin in margins:
+            gain = design_filter(axis_model(run, factor), margin=margin).gain
+            estimates = run_hinfinity((both, np.kron(gain, np.eye(2))), y, initial_state=y[0])
+            found[margin].append(distance(run, estimates[:, :, 0]))
+    return found
+
+
+def show_vehicle(run: ExampleRun, *, start: float) -> dict[str, float]:
+    """Show the error of the vehicle's position over the assumed Q, by the margin.
+
+    Returns the errors (cm) of the Kalman filter and of the filter of a margin, with the matched Q
+    and a hundredth of it, and with the latter their gains on the position.
+    """
+    margins = sorted({0.01, 0.1, 0.3, 1.0, start})
+    error = errors_over_q(run, margins)
+    fixes = distance(run, run.ins - run.network)
+    matched, small = 4, 2  # factors 1 and 1/100
+    shown = Moving("The vehicle", Slider("m", "margin m", margins, margins[0], "{:g}"))
+    chart = shown.chart(
+        "Mean distance against the assumed Q", x="factor on Q, as a power of ten", y="off by (m)",
+        xlim=(-4.2, 4.2), ylim=(0, 0.7),
+    )  # fmt: skip
+    powers = np.log10(FACTORS)
+    shown.draw(chart, "kalman", "Kalman", (powers, np.minimum(error[0], 0.7)), at=0)
+    shown.draw(chart, "network", "fixes", (powers, np.full(len(powers), fixes)), at=7)
+    shown.draw(chart, "hinfinity", "H∞", lambda m: (powers, np.minimum(error[m], 0.7)), at=1)
+
+    def add(words: str, place: int) -> None:
+        shown.number("kalman", f"{words}: Kalman", f"{100 * error[0][place]:.1f} cm")
+        shown.number("hinfinity", f"{words}: H∞", lambda m: f"{100 * error[m][place]:.1f} cm")
+
+    add("Q matched", matched)
+    add("Q/100", small)
+    shown.sentence(
+        lambda m: (
+            f"With the margin {m:g} the H-infinity filter is off by {error[m][matched]:.3f} m with "
+            f"the matched Q, by {error[m][small]:.3f} m with a hundredth of it; the Kalman filter "
+            f"by {error[0][matched]:.3f} m and {error[0][small]:.3f} m."
+        )
+    )
+    shown.show(
+        name="fig-l1-vehicle",
+        caption="Matched, the Kalman filter is ahead. Where the assumed Q is much too small, the "
+        "H∞ filter is, if its margin is small. Find a margin that is good in both places.",
+        alt=f"Mean distance against the assumed Q. The Kalman filter has {error[0][matched]:.3f} m "
+        f"with the matched Q and {error[0][small]:.3f} m with a hundredth; the H-infinity filter "
+        f"with the margin {margins[0]:g} has {error[margins[0]][matched]:.3f} m and "
+        f"{error[margins[0]][small]:.3f} m; the fixes {fixes:.3f} m.",
+    )
+    poor = axis_model(run, FACTORS[small])
+    gains = {"kalman": predictor_gain(poor), "hinfinity": design_filter(poor, margin=start).gain}
+    off = {
+        f"{name}.{words}": 100 * error[key][place]
+        for name, key in (("kalman", 0.0), ("hinfinity", start))
+        for words, place in (("matched", matched), ("small", small))
+    }
+    return off | {f"{name}.gain": float(gain[0, 0]) for name, gain in gains.items()}
