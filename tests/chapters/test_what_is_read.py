@@ -25,11 +25,8 @@ QUICK: dict[str, dict[str, Value]] = {
     "01": {"systems": 40, "runs": 40, "margin": 0.1},
     "07": {"seed": 7},
     "lesson-02": {"seed": 7},
-<<<<<<< HEAD
     "lesson-03": {"seed": 7},
-=======
     "lesson-01": {"seed": 7},
->>>>>>> 062339c7f33e1157b4d6c957659b8bc713a8ef27
     "02": {"runs": 40, "other_runs": 40, "velocity_source": "window"},
     "03": {"runs": 40, "tuning_runs": 4, "networks": 40},
     "04": {"runs": 64, "other_runs": 40, "speed": 6.0, "most_clusters": 8},
