@@ -24,7 +24,7 @@ COMMANDS = re.findall(
 # what makes a command short, and puts what it writes into the folder of the test
 SHORT = {
     "inswsn run 00": "--out out",
-    "inswsn run 02": "-p runs=40 -p other_runs=40 --out out",
+    "inswsn run 02": "--out out",
     "inswsn run 03": "-p runs=40 -p tuning_runs=4 -p networks=40 --out out",
     "inswsn sweep 02": "-p runs=40 -p other_runs=40 --out out",
 }
@@ -56,7 +56,8 @@ def test_the_words_of_a_command_are_taken(command: str, project: Project) -> Non
     _, name, *words = shlex.split(command)
     given = cli.commands[name].make_context(name, words).params
     if name in ("run", "sweep"):
-        chapter, settings = project.find(given["name"]), given["settings"]
+        evidence = given.get("evidence", True)
+        chapter, settings = project.find(given["name"], evidence=evidence), given["settings"]
         schema = chapter_schema(project.root, chapter.id)
         assert gather_parameters(schema, settings, None, project.root / "data")
         assert name == "run" or read_sweep(project, chapter, given["axes"], settings).places

@@ -141,7 +141,7 @@ def run(
     A number stands for the lesson, and with --evidence for its evidence. A run on data of your own
     is not compared; what the chapter reports of them is said.
 
-    For example: inswsn run 02 -p q_scale=0.1 -p runs=200
+    For example: inswsn run 02 -p q_scale=0.1, or inswsn run 02 --evidence -p runs=200
     """
     from inswsn_book.compare import comparison
     from inswsn_book.ledger import LEDGER, claims_of, load_claims
@@ -179,7 +179,6 @@ def run(
 @_jobs
 @click.option("--dask", metavar="ADDRESS", help="Compute on the Dask cluster of this scheduler.")
 @_out
-@_evidence
 @click.option("--fresh", is_flag=True, help="Compute all cells, whatever is kept.")
 @click.pass_obj
 def sweep(
@@ -188,10 +187,9 @@ def sweep(
     name: str,
     axes: tuple[str, ...],
     settings: tuple[str, ...],
-    evidence: bool,
     **how: Any,
 ) -> None:
-    """Run a chapter at each cell of a grid of its parameters.
+    """Run a chapter at each cell of a grid of its parameters; a number stands for the evidence.
 
     For example: inswsn sweep 02 --grid q_scale=0.1,1,10 -p runs=1000
 
@@ -203,7 +201,7 @@ def sweep(
     from inswsn_book.sweep import read_sweep, run_sweep
 
     project = _project(root)
-    wanted = read_sweep(project, project.find(name, evidence=evidence), axes, settings)
+    wanted = read_sweep(project, project.find(name, evidence=True), axes, settings)
     with Progress() as progress:
         lines, failed = run_sweep(project, wanted, progress, **how)
     click.echo("\n".join(lines))
