@@ -141,7 +141,7 @@ def run(
     A number stands for the lesson, and with --evidence for its evidence. A run on data of your own
     is not compared; what the chapter reports of them is said.
 
-    For example: inswsn run 02 -p q_scale=0.1, or inswsn run 02 --evidence -p runs=200
+    For example: inswsn run 02 --evidence -p q_scale=0.1 -p runs=200
     """
     from inswsn_book.compare import comparison
     from inswsn_book.ledger import LEDGER, claims_of, load_claims
