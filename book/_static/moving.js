@@ -94,24 +94,14 @@
   const line = (points, stroke, dashes) =>
     make("svg:polyline", { class: "moving-line", stroke, "stroke-dasharray": dashes.join(" "), points: points.join(" ") });
 
-  /** Labels at the ends of lines, moved apart so that none covers another. */
-  function spreadOut(labels, top, bottom) {
+  /** Labels, moved apart so that none covers another: down, and up again from the lower edge. */
+  function moveApart(labels, top, bottom) {
+    const meet = (a, b) => a.x <= b.x + b.wide && b.x <= a.x + a.wide;
+    const before = (all, i) => all.slice(0, i).filter((other) => meet(all[i], other)).map((other) => other.y);
     labels.sort((a, b) => a.y - b.y);
-    let free = top;
-    for (const label of labels) free = (label.y = Math.max(label.y, free)) + GAP;
-    let limit = bottom + GAP;
-    for (const label of labels.slice().reverse()) limit = label.y = Math.min(label.y, limit - GAP);
-  }
-
-  /** Labels anywhere in a chart: one that would cover another goes below it. */
-  function moveApart(labels) {
-    labels.sort((a, b) => a.y - b.y);
-    labels.forEach((label, i) => {
-      for (const other of labels.slice(0, i)) {
-        const beside = label.x > other.x + other.wide || other.x > label.x + label.wide;
-        if (!beside && label.y < other.y + GAP) label.y = other.y + GAP;
-      }
-    });
+    labels.forEach((label, i) => { label.y = Math.max(label.y, top, ...before(labels, i).map((y) => y + GAP)); });
+    labels.reverse();
+    labels.forEach((label, i) => { label.y = Math.min(label.y, bottom, ...before(labels, i).map((y) => y - GAP)); });
   }
 
   function draw(svg, chart, values, width, sentence, strokes) {
@@ -130,8 +120,7 @@
       label.wide = widthOf(label.label);
       label.x = Math.min(label.x, width - label.wide - 4);
     }
-    spreadOut(labels.filter((_, i) => atEnd.includes(named[i])), frame.box.top + 8, frame.box.bottom);
-    moveApart(labels);
+    moveApart(labels, frame.box.top + 8, frame.box.bottom);
     svg.replaceChildren(
       make("svg:title", { id: `${svg.id}-title` }, chart.title),
       make("svg:desc", { id: `${svg.id}-desc` }, sentence),

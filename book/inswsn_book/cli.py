@@ -182,12 +182,7 @@ def run(
 @click.option("--fresh", is_flag=True, help="Compute all cells, whatever is kept.")
 @click.pass_obj
 def sweep(
-    root: Path | None,
-    /,
-    name: str,
-    axes: tuple[str, ...],
-    settings: tuple[str, ...],
-    **how: Any,
+    root: Path | None, /, name: str, axes: tuple[str, ...], settings: tuple[str, ...], **how: Any
 ) -> None:
     """Run a chapter at each cell of a grid of its parameters; a number stands for the evidence.
 

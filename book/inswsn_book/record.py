@@ -103,12 +103,30 @@ class ChapterRecord:
         _glue(name, quantity.value, quantity=name)  # by which the build finds the cell
         return quantity
 
-    def note(self, name: str, value: float, unit: str, how: str) -> Quantity:
-        """Record a number of a simulation; on other machines it may differ by a thousandth."""
-        tolerance = float(f"{1e-3 * abs(float(value)) + 1e-6:.0e}")  # one digit: it seldom changes
-        return self.quantity(
-            name, float(value), unit, how=how, basis="simulation", tolerance=tolerance
-        )
+    def note(
+        self,
+        name: str,
+        value: float,
+        unit: str,
+        how: str,
+        *,
+        relative: float = 1e-3,
+        absolute: float = 1e-6,
+        kind: str = "runs 95 %",
+        **fields: Any,
+    ) -> Quantity:
+        """Record a number that may differ by a share of it, and a little, on other machines.
+
+        It is one of a simulation, and an interval that of the runs, unless kind and fields, as for
+        `quantity`, say otherwise. The tolerance has one digit, so that a rerun does not list a new
+        one with every new number.
+        """
+        value = float(value)
+        tolerance = float(f"{relative * abs(value) + absolute:.0e}")
+        fields = {"basis": "simulation", "tolerance": tolerance} | fields
+        if fields.get("interval") is not None:
+            fields["interval_kind"] = kind
+        return self.quantity(name, value, unit, how=how, **fields)
 
     def say(self, name: str, text: str) -> None:
         """Make a word known to the text as ``{glue:text}`name```, without recording it."""

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from inswsn_lib.checks import Array
+from inswsn_lib.evaluation import monte_carlo
 from inswsn_lib.navigation.training_areas import TrainingAreas, noise_sizes, p1_settings
 from inswsn_lib.simulation.ins import inertial_errors
 
@@ -48,21 +49,20 @@ class ExampleRun:
         """Seconds since the first sample, (samples,)."""
         return np.asarray(self.period * np.arange(len(self.truth)))
 
-    def distance(self, motion: ArrayLike) -> float:
-        """Return how far positions are from the true ones on average, m.
+    def distances(self, motion: ArrayLike) -> Array:
+        """Return how far positions are from the true ones at each sample, m.
 
         Parameters
         ----------
         motion : array_like, (samples, 4)
             Such as `ins` less an estimate of its error.
         """
-        off = np.asarray(motion) - self.truth
-        return float(np.hypot(off[:, 0], off[:, 1]).mean())
+        return _lengths((np.asarray(motion) - self.truth)[:, :2])
 
 
 @dataclass(frozen=True, eq=False)
 class ExampleDrive:
-    """The whole way of that vehicle, ten samples a second, what it feels, and its fixes.
+    """The whole way of that vehicle, ten samples a second, its INS, and its fixes.
 
     Attributes
     ----------
@@ -104,6 +104,10 @@ class ExampleDrive:
         """Seconds since the start, (samples,)."""
         return np.asarray(self.period * np.arange(len(self.position)))
 
+    def distances(self, positions: ArrayLike) -> Array:
+        """Return how far positions (samples, 2), such as `ins`, are from the true ones, m."""
+        return _lengths(np.asarray(positions) - self.position)
+
 
 def example_drive(seed: int = 2012) -> ExampleDrive:
     """Simulate the whole way through P1's scene, of which `example_run` is the first area.
@@ -122,12 +126,15 @@ def example_drive(seed: int = 2012) -> ExampleDrive:
     True
     """
     areas = TrainingAreas(p1_settings(), seed=seed, runs=1, other_runs=64)
-    scene, every = areas.scene, 10
-    errors = inertial_errors(scene.motion, scene.inertial, np.random.default_rng(seed), 1)
+    scene, motion, every = areas.scene, areas.scene.motion, 10
+
+    def whole_way(rng: np.random.Generator, runs: int) -> dict[str, Array]:
+        return {"ins": inertial_errors(motion, scene.inertial, *rng.spawn(1), runs)}
+
+    errors = monte_carlo(whole_way, 1, seed=seed)["ins"]  # by the same draws as in the areas
     times = [scene.windows[f"area{half}"].times for half in "12"]
     truths = [scene.path.drive(scene.speed, when).position for when in times]
     off = np.vstack([areas.drawn["wsn"][half][:, :2, 0] for half in "12"])
-    motion = scene.motion
     return ExampleDrive(
         period=every * scene.inertial_interval,
         position=motion.position[::every],
@@ -177,3 +184,7 @@ def example_run(seed: int = 2012, correlation_time: float = 0.0) -> ExampleRun:
         process=np.array(noise_sizes(noise.process)),
         measurement=np.array(noise_sizes(noise.measurement)),
     )
+
+
+def _lengths(vectors: Array) -> Array:
+    return np.asarray(np.hypot(vectors[:, 0], vectors[:, 1]))

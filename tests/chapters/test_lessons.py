@@ -84,7 +84,7 @@ def test_it_executes_in_less_than_twenty_seconds(
     number: str, built_site: Path, project: Project
 ) -> None:
     made = executed(project, LESSONS[number]).results.provenance
-    assert made.seconds < 30  # two are executed side by side; alone it is less than 20
+    assert made.seconds < 20
 
 
 @lessons

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy.special import gammaincinv
 
 from inswsn_book.moving import Moving, Slider
+from inswsn_lib.evaluation import normalised_squares
 from inswsn_lib.filters import run_hinfinity
 from inswsn_lib.models import ErrorModel
 from inswsn_lib.navigation import ExampleRun
@@ -27,14 +28,9 @@ def _bell(x: Array, middle: float, size: float) -> Array:
     return np.asarray(np.exp(-(((x - middle) / size) ** 2) / 2) / (size * np.sqrt(2 * np.pi)))
 
 
-def distances(run: ExampleRun, estimates: Array) -> Array:
-    """Return how far the corrected positions are from the true ones, m."""
-    return np.asarray(np.hypot(*(run.ins - estimates - run.truth)[:, :2].T))
-
-
 def centimetres(metres: float) -> str:
-    """Write a distance with two digits that count."""
-    return f"{100 * metres:.1f} cm" if metres < 10 else f"{metres:.0f} m"
+    """Write a distance of less than a metre or so."""
+    return f"{100 * metres:.1f} cm"
 
 
 def by_library(run: ExampleRun, g: float) -> Array:
@@ -60,12 +56,12 @@ def show_map(run: ExampleRun, *, start: float) -> None:
     error = shown.chart(
         "Distance from the true position", x="time (s)", y="off by (m)", xlim=(0, 20), ylim=(0, 0.6)
     )
-    fixes = distances(run, run.ins - run.network)
+    fixes = run.distances(run.network)
     shown.draw(error, "network", "fixes", (run.time, fixes), style="points")
-    shown.draw(error, "constant", "blend", lambda g: (run.time, distances(run, found[g])))
-    ins = distances(run, np.zeros_like(run.ins)).mean()
-    mean = {g: float(distances(run, estimates).mean()) for g, estimates in found.items()}
-    shown.number("ins", "INS alone", centimetres(ins) if ins < 1 else f"{ins:.1f} m")
+    shown.draw(error, "constant", "blend", lambda g: (run.time, run.distances(run.ins - found[g])))
+    ins = run.distances(run.ins).mean()
+    mean = {g: float(run.distances(run.ins - estimates).mean()) for g, estimates in found.items()}
+    shown.number("ins", "INS alone", f"{ins:.1f} m")
     shown.number("network", "fixes alone", centimetres(float(fixes.mean())))
     shown.number("constant", "blend", lambda g: centimetres(mean[g]))
     shown.sentence(
@@ -107,37 +103,37 @@ def show_instruments(run: ExampleRun) -> None:
 
 
 def show_gains(run: ExampleRun, by_gain: ByGain) -> None:
-    """Show the mean distance over the gain, and the bars of which it is made up."""
-    mean = np.array([distances(run, by_gain(float(g))).mean() for g in GAINS])
-    best = GAINS[mean.argmin()]
+    """Show the mean distance over the gain."""
+    mean = np.array([run.distances(run.ins - by_gain(float(g))).mean() for g in GAINS])
+    low = int(mean.argmin())
     shown = Moving(
         "Error against the gain", Slider("g", "gain g", [*GAINS], GAINS[2], "g = {:.3f}")
     )
     chart = shown.chart("Mean distance", x="gain g", y="off by (m)", xlim=(0, 1), ylim=(0, 0.6))
-    shown.draw(chart, "constant", "", (GAINS, np.minimum(mean, 0.6)))
+    seen = np.minimum(mean, 0.6)
+    shown.draw(chart, "ins", "drift gets in", (GAINS[: low + 1], seen[: low + 1]), at=4)
+    shown.draw(chart, "network", "noise gets in", (GAINS[low:], seen[low:]), at=low)
+    at = dict(zip(GAINS, mean, strict=True))
     shown.draw(
-        chart, "constant", "you are here",
-        lambda g: ([g], [min(float(np.interp(g, GAINS, mean)), 0.6)]), style="points", at=0,
-    )  # fmt: skip
-    shown.draw(chart, "ins", "drift gets in", ([0.03], [0.5]), style="points", at=0)
-    shown.draw(chart, "network", "noise gets in", ([0.78], [0.24]), style="points", at=0)
-    shown.number("constant", "off by", lambda g: centimetres(float(np.interp(g, GAINS, mean))))
-    shown.sentence(lambda g: f"With g = {g:.3f} it is off by {np.interp(g, GAINS, mean):.3f} m.")
+        chart, "constant", "you are here", lambda g: ([g], [min(at[g], 0.6)]), style="points", at=0
+    )
+    shown.number("constant", "off by", lambda g: centimetres(at[g]))
+    shown.sentence(lambda g: f"With g = {g:.3f} it is off by {at[g]:.3f} m.")
     shown.show(
         name="fig-l2-gains",
         caption="Left of the lowest point the drift gets in, right of it the noise of the fixes.",
         alt=f"Mean distance against the gain: {mean[1]:.2f} m at {GAINS[1]:.3f}, least "
-        f"{mean.min():.3f} m at {best:.3f}, {mean[-1]:.3f} m at 1.",
+        f"{mean[low]:.3f} m at {GAINS[low]:.3f}, {mean[-1]:.3f} m at 1.",
     )
 
 
-def show_bells(measured: float = 0.3, R: float = 0.1**2) -> None:
+def show_bells(*, start: float = 0.2, measured: float = 0.3, R: float = 0.1**2) -> None:
     """Show a prediction, a fix and their blend as bells, by how sure the prediction is."""
     x = np.linspace(-0.6, 0.8, 141)
     sizes = np.round(np.arange(0.04, 0.41, 0.02), 2)
     shown = Moving(
         "Two bells make a narrower one",
-        Slider("s", "prediction is sure to", [*sizes], 0.2, "± {:.2f} m"),
+        Slider("s", "prediction is sure to", [*sizes], start, "± {:.2f} m"),
     )
     chart = shown.chart(
         "How likely each error is", x="error of the INS (m)", y="per metre", xlim=(-0.6, 0.8),
@@ -162,13 +158,13 @@ def show_bells(measured: float = 0.3, R: float = 0.1**2) -> None:
             f"gain is {blend(s)[0]:.2f}, and the blend is sure to {blend(s)[1]:.3f} m."
         )
     )
-    K, size = blend(0.2)
+    K, size = blend(start)
     shown.show(
         name="fig-l2-bells",
         caption="The blend lies between the two, nearer to the surer one, and is narrower "
         "than both.",
-        alt=f"Three bells: a prediction at 0 with a standard deviation of 0.2 m, a fix at "
-        f"{measured} m with {R**0.5:.1f} m, and their blend at {K * measured:.2f} m with "
+        alt=f"Three bells: a prediction at 0 with a standard deviation of {start:g} m, a "
+        f"fix at {measured} m with {R**0.5:.1f} m, and their blend at {K * measured:.2f} m with "
         f"{size:.3f} m. The gain is {K:.2f}.",
     )
 
@@ -215,12 +211,10 @@ def show_told(run: ExampleRun, run_filter: Filter, *, start: float) -> None:
     """Show the error over the factor on Q, and whether the innovations fit what is assumed."""
     y = run.ins - run.network
     error, fit = [], []
-    # of the mean of as many chi-square variables of 4 degrees, 95 %
-    count = len(y) - 1
-    low, high = 2 * gammaincinv(2 * count, [0.025, 0.975]) / count
+    low, high = nis_interval(len(y) - 1)
     for factor in FACTORS:
         estimates, _ = run_filter(y, factor)
-        error.append(float(distances(run, estimates).mean()))
+        error.append(float(run.distances(run.ins - estimates).mean()))
         fit.append(mean_nis(run, run_filter, y, factor))
     told = dict(zip(FACTORS, zip(error, fit, strict=True), strict=True))
 
@@ -236,7 +230,7 @@ def show_told(run: ExampleRun, run_filter: Filter, *, start: float) -> None:
     )  # fmt: skip
     powers = np.log10(FACTORS)
     shown.draw(chart, "kalman", "Kalman filter", (powers, error), at=3)
-    network = float(distances(run, y).mean())
+    network = float(run.distances(run.network).mean())
     shown.draw(chart, "network", "fixes", (powers, np.full(len(powers), network)), at=13)
     shown.draw(chart, "kalman", "", lambda q: ([np.log10(q)], [told[q][0]]), style="points")
     shown.number("kalman", "off by", lambda q: centimetres(told[q][0]))
@@ -258,17 +252,21 @@ def show_told(run: ExampleRun, run_filter: Filter, *, start: float) -> None:
     )
 
 
+def nis_interval(samples: int) -> tuple[float, float]:
+    """Return what 95 % of the means of as many chi-square variables of 4 degrees lie in."""
+    low, high = 2 * gammaincinv(2 * samples, [0.025, 0.975]) / samples
+    return float(low), float(high)
+
+
 def mean_nis(run: ExampleRun, run_filter: Filter, y: Array, factor: float) -> float:
     """Return the mean of v' S^-1 v over all samples but the first: 4 if what is assumed fits."""
     A = np.kron([[1, run.period], [0, 1]], np.eye(2))
-    Q = factor * np.diag(np.repeat(run.process**2, 2))
-    R = np.diag(np.repeat(run.measurement**2, 2))
+    noise = np.diag(np.repeat(factor * run.process**2 + run.measurement**2, 2))  # Q + R
     estimates, covariances = run_filter(y, factor)
-    total = 0.0
-    for k in range(1, len(y)):
-        v = y[k] - A @ estimates[k - 1]
-        total += v @ np.linalg.solve(A @ covariances[k - 1] @ A.T + Q + R, v)
-    return total / (len(y) - 1)
+    innovations = y[1:] - estimates[:-1] @ A.T
+    return float(
+        normalised_squares(innovations[:, :, None], A @ covariances[:-1] @ A.T + noise).mean()
+    )
 
 
 def show_weights(weights: Callable[[float], Array], *, start: float) -> None:

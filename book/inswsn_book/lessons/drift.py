@@ -29,11 +29,6 @@ def felt(drive: ExampleDrive) -> tuple[Array, Array]:
     return force, np.diff(drive.heading, append=drive.heading[-1]) / drive.period
 
 
-def off(drive: ExampleDrive, positions: Array) -> Array:
-    """Return how far positions are from the true ones, m."""
-    return np.asarray(np.hypot(*(positions - drive.position).T))
-
-
 def show_drive(drive: ExampleDrive) -> None:
     """Show the drive on the map: the true path, the INS, and the fixes of the network."""
     times = [*range(7, 93, 3)]
@@ -50,7 +45,7 @@ def show_drive(drive: ExampleDrive) -> None:
     shown.draw(
         chart, "network", "", lambda t: drive.fixes[drive.fix_times <= t][::4].T, style="points"
     )
-    error, fix = off(drive, drive.ins), float(np.hypot(*drive.fix_errors.T).mean())
+    error, fix = drive.distances(drive.ins), float(np.hypot(*drive.fix_errors.T).mean())
     at = {t: error[int(t / drive.period)] for t in times}
     shown.number("ins", "INS off by", lambda t: f"{at[t]:.1f} m")
     shown.number("network", "fixes off by", f"{fix:.2f} m")
@@ -58,7 +53,7 @@ def show_drive(drive: ExampleDrive) -> None:
         lambda t: f"After {t} s the INS is off by {at[t]:.1f} m; a fix is off by {fix:.2f} m."
     )
     shown.show(
-        name="fig-l0-drive",
+        name="fig-l7-drive",
         caption="Drag the time. The INS sees the whole way and drifts. The network sees two areas "
         "of it, and does not drift.",
         alt=f"A map of 700 by 450 m with the true path, the path by the INS, and fixes in two "
@@ -76,7 +71,9 @@ def show_biases(drive: ExampleDrive, navigate: Navigate) -> None:
     )
     force, rate = felt(drive)
     found = {
-        (g, a): off(drive, navigate(force + a, rate + np.radians(g))) for g in BIASES for a in TILTS
+        (g, a): drive.distances(navigate(force + a, rate + np.radians(g)))
+        for g in BIASES
+        for a in TILTS
     }
     chart = shown.chart("Off by", x="time (s)", y="off by (m)", xlim=(0, 93), ylim=(0, 300))
     shown.draw(chart, "ins", "INS", lambda g, a: (drive.time[::5], found[g, a][::5]), at=12)
@@ -89,7 +86,7 @@ def show_biases(drive: ExampleDrive, navigate: Navigate) -> None:
         )
     )
     shown.show(
-        name="fig-l0-biases",
+        name="fig-l7-biases",
         caption="An error of the accelerometers grows with the square of time from the start. "
         "One of the gyro does nothing on the straight, and comes in with the first turn.",
         alt=f"The error of the INS over 93 s. With a gyro that is off by half a degree a second it "
@@ -118,7 +115,7 @@ def show_fix(nodes: Array, place: Array, locate: Locate, rng: np.random.Generato
         )
     )
     shown.show(
-        name="fig-l0-fix",
+        name="fig-l7-fix",
         caption="Each fix is off in another direction. Many nodes make it better than one range.",
         alt=f"{len(nodes)} nodes around a place, and sixty fixes of it. With ranges off by 0.38 m "
         f"the fixes are off by {mean[0.38]:.2f} m on average.",

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from inswsn_book.moving import Moving, Slider
+from inswsn_book.moving import Chart, Moving, Slider
 from inswsn_lib.learning import LSSVMRegressor
 from inswsn_lib.navigation.bridged_outages import Passage
 
@@ -22,26 +22,8 @@ Bridge = Callable[[Array, Array, float, float], Array]
 #: A filter by hand: measurements, with NaN where there are none, in, estimates out
 Filter = Callable[[Array], Array]
 
-HEARD = 100  # samples before the outage
-PERIOD = 0.2
 WIDTHS = [
-    0.3,
-    0.5,
-    0.7,
-    1.0,
-    1.5,
-    2.0,
-    3.0,
-    4.0,
-    5.0,
-    7.0,
-    10.0,
-    15.0,
-    20.0,
-    30.0,
-    50.0,
-    70.0,
-    100.0,
+    *(0.3, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0, 10.0, 15.0, 20.0, 30.0, 50.0, 70.0, 100.0),
 ]
 _WIDE = [0.1, 0.2, *WIDTHS, 200.0, 500.0, 1e3, 2e3, 5e3, 1e4]
 STRENGTHS = [1.0, 10.0, 100.0, 1e3, 1e4, 1e5, 1e6]
@@ -57,12 +39,22 @@ def off(error: Array) -> float:
     return float(distances(error).mean())
 
 
+def _of(drive: Passage) -> tuple[Array, Array, Array, int]:
+    """Return the clock, the error of the INS, what is measured, and in how many samples it is."""
+    heard = drive.heard
+    return _input(drive, "time")[:, 0], drive.error[:, :, 0], drive.y[:heard, :, 0], heard
+
+
+def _input(drive: Passage, kind: str) -> Array:
+    found = drive.inputs[kind]
+    assert found is not None
+    return found[:, :, 0]
+
+
 def show_bridge(drive: Passage, eta: float, *, start: float) -> None:
     """Show an outage bridged by an LS-SVM on time, by its width."""
-    clock, error, y = drive.inputs["time"], drive.error[:, :, 0], drive.y[:HEARD, :, 0]
-    assert clock is not None
-    t = clock[:, 0, 0]
-    said = {s: LSSVMRegressor(s, eta).fit(t[:HEARD, None], y).predict(t[:, None]) for s in WIDTHS}
+    t, error, y, heard = _of(drive)
+    said = {s: LSSVMRegressor(s, eta).fit(t[:heard, None], y).predict(t[:, None]) for s in WIDTHS}
     shown = Moving(
         "An outage, bridged by what was learned before",
         Slider("s", "width of the kernel", WIDTHS, start, "{:g} s"),
@@ -72,14 +64,14 @@ def show_bridge(drive: Passage, eta: float, *, start: float) -> None:
         "Position error of the INS in y", y="error (m)",
         ylim=(-20, 45), **time,
     )  # fmt: skip
-    shown.draw(learned, "network", "", (t[:HEARD:4], y[::4, 1]), style="points")
+    shown.draw(learned, "network", "", (t[:heard:4], y[::4, 1]), style="points")
     shown.draw(learned, "ins", "true", (t, error[:, 1]))
     shown.draw(learned, "lssvm", "learned", lambda s: (t, said[s][:, 1]))
     distance = shown.chart("Distance from the true position", y="off by (m)", ylim=(0, 45), **time)
     shown.draw(distance, "ins", "INS", (t, distances(error)))
     shown.draw(distance, "lssvm", "corrected", lambda s: (t, distances(error - said[s])))
-    mean = {s: off((error - answers)[HEARD:]) for s, answers in said.items()}
-    ins = off(error[HEARD:])
+    mean = {s: off((error - answers)[heard:]) for s, answers in said.items()}
+    ins = off(error[heard:])
     shown.number("network", "measured", "until 20 s")
     shown.number("ins", "INS alone, in the outage", f"{ins:.1f} m")
     shown.number("lssvm", "corrected, in the outage", lambda s: f"{mean[s]:.1f} m")
@@ -94,7 +86,7 @@ def show_bridge(drive: Passage, eta: float, *, start: float) -> None:
         caption="Up to 20 s a machine sees by how much the two instruments differ, the dots. From "
         "there on it has the clock alone, and what it learned.",
         alt=f"Two charts over 30 seconds. The error of the INS in y grows to "
-        f"{error[:HEARD, 1].max():.0f} m at 20 s and comes back after a turn. With the width "
+        f"{error[:heard, 1].max():.0f} m at 20 s and comes back after a turn. With the width "
         f"{start:g} s the learned curve goes on where it was heading: it is off by "
         f"{mean[start]:.1f} m in the outage, the INS alone by {ins:.1f} m.",
     )
@@ -148,15 +140,13 @@ def _bell(x: Array, at: float) -> Callable[[float], tuple[Array, Array]]:
 
 def show_widths(drive: Passage, machine: Machine) -> None:
     """Show the error in training and in the outage over the width, by the regularisation."""
-    clock, error, y = drive.inputs["time"], drive.error[:, :, 0], drive.y[:HEARD, :, 0]
-    assert clock is not None
-    t = clock[:, :, 0]
+    t, error, y, heard = _of(drive)
     train, bridged = {}, {}
     for n in STRENGTHS:
         for s in _WIDE:
-            answers = machine(t[:HEARD], y, s, n)(t)
-            train[s, n] = off(answers[:HEARD] - y)
-            bridged[s, n] = off((error - answers)[HEARD:])
+            answers = machine(t[:heard, None], y, s, n)(t[:, None])
+            train[s, n] = off(answers[:heard] - y)
+            bridged[s, n] = off((error - answers)[heard:])
     shown = Moving(
         "Too narrow or too wide",
         Slider("s", "width of the kernel", _WIDE, 0.1, "{:,g} s"),
@@ -164,12 +154,16 @@ def show_widths(drive: Passage, machine: Machine) -> None:
     )
     axes = {"x": "width of the kernel (s), as a power of ten", "xlim": (-1.1, 4.1)}
     x = np.log10(_WIDE)
-    heard = shown.chart("While it learns: off from the fixes", y="off by (m)", ylim=(0, 8), **axes)
+    known = shown.chart("While it learns: off from the fixes", y="off by (m)", ylim=(0, 8), **axes)
     lost = shown.chart("In the outage: off from the truth", y="off by (m)", ylim=(0, 30), **axes)
-    for chart, of in ((heard, train), (lost, bridged)):
-        shown.draw(chart, "lssvm", "", _over_widths(x, of))
-        shown.draw(chart, "truth", "", _at_width(of))
-    middle, ins = off((error - y.mean(axis=0))[HEARD:]), off(error[HEARD:])
+
+    def add(chart: Chart, of: Mapping[tuple[float, float], float]) -> None:
+        shown.draw(chart, "lssvm", "", lambda n: (x, [of[s, n] for s in _WIDE]))
+        shown.draw(chart, "truth", "", lambda s, n: _upright(s, of[s, n]))
+
+    add(known, train)
+    add(lost, bridged)
+    middle, ins = off((error - y.mean(axis=0))[heard:]), off(error[heard:])
     for method, label, level in (("published", "mean", middle), ("ins", "INS", ins)):
         shown.draw(lost, method, label, (x, np.full(len(x), level)))
     shown.number("lssvm", "while it learns", lambda s, n: f"{train[s, n]:.2f} m")
@@ -195,36 +189,24 @@ def show_widths(drive: Passage, machine: Machine) -> None:
     )
 
 
-def _over_widths(
-    x: Array, of: Mapping[tuple[float, float], float]
-) -> Callable[[float], tuple[Array, list[float]]]:
-    """Return a curve over the width, by the regularisation."""
-    return lambda n: (x, [of[s, n] for s in _WIDE])
-
-
-def _at_width(
-    of: Mapping[tuple[float, float], float],
-) -> Callable[[float, float], tuple[list[float], list[float]]]:
-    """Return a line from nought up to that curve at a width."""
-    return lambda s, n: ([float(np.log10(s))] * 2, [0.0, of[s, n]])
+def _upright(width: float, level: float) -> tuple[list[float], list[float]]:
+    """Return a line from nought up to a curve at a width."""
+    return [float(np.log10(width))] * 2, [0.0, level]
 
 
 def show_rehearsal(drive: Passage, bridge: Bridge) -> None:
     """Show the error in a rehearsed outage and in the real one over the width, by the input."""
-    error, y = drive.error[:, :, 0], drive.y[:HEARD, :, 0]
-    half, kinds = HEARD // 2, ["time", "motion"]
+    _, error, y, heard = _of(drive)
+    half, kinds = heard // 2, ["time", "motion"]
     widths = [round(float(10**p), 3) for p in np.arange(-1, 3.01, 0.25)]
     rehearsed, bridged = {}, {}
     for kind in kinds:
-        u = drive.inputs[kind]
-        assert u is not None
+        u = _input(drive, kind)
         for s in widths:
-            losses = {
-                n: off(bridge(u[:HEARD, :, 0], y[:half], s, n) - y[half:]) for n in STRENGTHS[::2]
-            }
+            losses = {n: off(bridge(u[:heard], y[:half], s, n) - y[half:]) for n in STRENGTHS[::2]}
             n = min(losses, key=losses.__getitem__)
             rehearsed[kind, s] = losses[n]
-            bridged[kind, s] = off(bridge(u[:, :, 0], y, s, n) - error[HEARD:])
+            bridged[kind, s] = off(bridge(u, y, s, n) - error[heard:])
     shown = Moving(
         "Rehearse an outage, then meet one",
         Slider("kind", "input", kinds, "motion", "{}"),
@@ -236,10 +218,14 @@ def show_rehearsal(drive: Passage, bridge: Bridge) -> None:
         shown.chart("The outage", ylim=(0, 50), **axes),
     )
     x = np.log10(widths)
-    for chart, of in zip(charts, (rehearsed, bridged), strict=True):
-        shown.draw(chart, "lssvm", "", _of_kind(x, widths, of))
-        shown.draw(chart, "truth", "", _of_kind_at(of))
-    ins = off(error[HEARD:])
+
+    def add(chart: Chart, of: Mapping[tuple[str, float], float]) -> None:
+        shown.draw(chart, "lssvm", "", lambda kind: (x, [of[kind, s] for s in widths]))
+        shown.draw(chart, "truth", "", lambda kind, s: _upright(s, of[kind, s]))
+
+    add(charts[0], rehearsed)
+    add(charts[1], bridged)
+    ins = off(error[heard:])
     shown.draw(charts[1], "ins", "INS", (x, np.full(len(x), ins)))
     shown.number("lssvm", "rehearsed", lambda kind, s: f"{rehearsed[kind, s]:.1f} m")
     shown.number("lssvm", "in the outage", lambda kind, s: f"{bridged[kind, s]:.1f} m")
@@ -261,38 +247,23 @@ def show_rehearsal(drive: Passage, bridge: Bridge) -> None:
     )
 
 
-def _of_kind(
-    x: Array, widths: list[float], of: Mapping[tuple[str, float], float]
-) -> Callable[[str], tuple[Array, list[float]]]:
-    """Return a curve over the width, by the input."""
-    return lambda kind: (x, [of[kind, s] for s in widths])
-
-
-def _of_kind_at(
-    of: Mapping[tuple[str, float], float],
-) -> Callable[[str, float], tuple[list[float], list[float]]]:
-    """Return a line from nought up to that curve at a width."""
-    return lambda kind, s: ([float(np.log10(s))] * 2, [0.0, of[kind, s]])
-
-
 def show_oracle(drive: Passage, machine: Machine) -> None:
     """Show what a machine says that is fed with the true error, by its width."""
-    clock, error, y = drive.inputs["time"], drive.error[:, :, 0], drive.y[:HEARD, :, 0]
-    assert clock is not None
-    t = clock[:, 0, 0]
+    t, error, y, heard = _of(drive)
     widths = [1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0, 2000.0, 5000.0]
-    said = {s: machine(error[:HEARD], y, s, 1e3)(error) for s in widths}
+    said = {s: machine(error[:heard], y, s, 1e3)(error) for s in widths}
     shown = Moving("Fed with the answer", Slider("s", "width of the kernel", widths, 1.0, "{:g}"))
     time = {"x": "time (s)", "xlim": (0, 30)}
-    for i, title, unit, ends in (
-        (1, "Position error in y", "m", (-10.0, 20.0)),
-        (3, "Velocity error in y", "m/s", (-3.0, 3.0)),
-    ):
+
+    def add(i: int, title: str, unit: str, ends: tuple[float, float]) -> None:
         chart = shown.chart(title, y=f"error ({unit})", ylim=ends, **time)
         shown.draw(chart, "ins", "true", (t, error[:, i]))
-        shown.draw(chart, "lssvm", "answer", _component(t, said, i))
-    left = {s: abs(error - answers)[HEARD:].mean(axis=0) for s, answers in said.items()}
-    ins = abs(error)[HEARD:].mean(axis=0)
+        shown.draw(chart, "lssvm", "answer", lambda s: (t, said[s][:, i]))
+
+    add(1, "Position error in y", "m", (-10.0, 20.0))
+    add(3, "Velocity error in y", "m/s", (-3.0, 3.0))
+    left = {s: abs(error - answers)[heard:].mean(axis=0) for s, answers in said.items()}
+    ins = abs(error)[heard:].mean(axis=0)
     shown.number("ins", "INS alone, in the outage", f"{ins[1]:.1f} m, {ins[3]:.1f} m/s")
     shown.number("lssvm", "corrected", lambda s: f"{left[s][1]:.1f} m, {left[s][3]:.1f} m/s")
     shown.sentence(
@@ -312,27 +283,24 @@ def show_oracle(drive: Passage, machine: Machine) -> None:
     )
 
 
-def _component(
-    t: Array, said: Mapping[float, Array], i: int
-) -> Callable[[float], tuple[Array, Array]]:
-    """Return one component of the answers over time, by the width."""
-    return lambda s: (t, said[s][:, i])
-
-
 def show_rivals(
     drive: Passage, coast: Filter, rehearse: Callable[..., Any], bridge: Bridge
-) -> None:
-    """Show the distance over outages that begin earlier or later and last longer or shorter."""
-    error, y = drive.error[:, :, 0], drive.y[:HEARD, :, 0]
-    inputs = {
-        kind: u[:, :, 0] for kind in ("time", "motion") if (u := drive.inputs[kind]) is not None
-    }
-    t = inputs["time"][:, 0]
-    begins, longest = [float(b) for b in range(8, 21)], 50
+) -> Callable[[str, float, int], float]:
+    """Show the distance over outages that begin earlier or later and last longer or shorter.
+
+    Returns the mean distance of a method in an outage that begins then and lasts so long.
+    """
+    t, error, y, heard = _of(drive)
+    inputs, period = {kind: _input(drive, kind) for kind in ("time", "motion")}, t[1] - t[0]
+    begins, longest = [float(b) for b in range(8, 21)], len(error) - heard
     lengths = [1, 2, 3, 5, 7, 10]
+
+    def samples(seconds: float) -> int:
+        return round(seconds / period)
+
     found: dict[str, dict[float, Array]] = {m: {} for m in ("ins", "network", "kalman", "lssvm")}
     for b in begins:
-        n = round(b / PERIOD)
+        n = samples(b)
         known, rows = np.vstack([y, np.full((longest, 4), np.nan)]), slice(n, n + longest)
         known[n:] = np.nan
         kind, sigma, eta = rehearse(inputs, y[:n])
@@ -347,7 +315,7 @@ def show_rivals(
         Slider("b", "lost at", begins, 20.0, "{:g} s"),
         Slider("n", "for", lengths, 10, "{:g} s"),
     )
-    since: Array = np.asarray(PERIOD * np.arange(longest), dtype=np.float64)
+    since = period * np.arange(longest)
     chart = shown.chart(
         "Distance from the true position", x="time since it was lost (s)", y="off by (m)",
         xlim=(0, 10), ylim=(0, 40),
@@ -356,22 +324,31 @@ def show_rivals(
         "ins": "INS alone", "network": "last fix held", "kalman": "Kalman, coasting",
         "lssvm": "LS-SVM, rehearsed",
     }  # fmt: skip
+
+    def mean(method: str, b: float, n: int) -> float:
+        return float(found[method][b][: samples(n)].mean())
+
+    def add(method: str, label: str) -> None:
+        of, short = found[method], label.partition(",")[0]
+        shown.draw(chart, method, short, lambda b, n: (since[: samples(n)], of[b][: samples(n)]))
+        shown.number(method, label, lambda b, n: f"{mean(method, b, n):.1f} m")
+
     for method, label in labels.items():
-        shown.draw(chart, method, label.split(",")[0], _until(since, found[method]))
-        shown.number(method, label, _mean_until(found[method]))
+        add(method, label)
     indicated = inputs["motion"][:, 3]
     turn = shown.chart(
-        "Velocity in y; dots: the outage",
-        x="time (s)",
-        y="m/s",
-        xlim=(0, 30),
-        ylim=(0, 8),
+        "Velocity in y; dots: the outage", x="time (s)", y="m/s", xlim=(0, 30), ylim=(0, 8)
     )
     shown.draw(turn, "truth", "", (t, indicated), at=30)
-    shown.draw(turn, "ins", "", lambda b, n: _part(t, indicated, b, n), style="points")
+
+    def lost(b: float, n: int) -> tuple[Array, Array]:
+        rows = slice(samples(b), samples(b + n))
+        return t[rows], indicated[rows]
+
+    shown.draw(turn, "ins", "", lost, style="points")
 
     def say(b: float, n: int) -> str:
-        off_by = {m: found[m][b][: round(n / PERIOD)].mean() for m in found}
+        off_by = {method: mean(method, b, n) for method in found}
         return (
             f"Lost at {b:g} s for {n} s: the INS alone is off by {off_by['ins']:.1f} m on average, "
             f"the last fix held by {off_by['network']:.1f} m, the Kalman filter by "
@@ -386,22 +363,7 @@ def show_rivals(
         alt=f"Two charts. {say(20.0, 2)} {say(20.0, 10)} {say(10.0, 10)} The velocity in y is "
         "steady until 18 s; then comes a turn.",
     )
-
-
-def _until(since: Array, of: Mapping[float, Array]) -> Callable[[float, int], tuple[Array, Array]]:
-    """Return the distances from the beginning of an outage to its end."""
-    return lambda b, n: (since[: round(n / PERIOD)], of[b][: round(n / PERIOD)])
-
-
-def _mean_until(of: Mapping[float, Array]) -> Callable[[float, int], str]:
-    """Return the mean of these in words."""
-    return lambda b, n: f"{of[b][: round(n / PERIOD)].mean():.1f} m"
-
-
-def _part(t: Array, values: Array, begin: float, length: int) -> tuple[Array, Array]:
-    """Return the samples in an outage."""
-    rows = slice(round(begin / PERIOD), round((begin + length) / PERIOD))
-    return t[rows], values[rows]
+    return mean
 
 
 def show_heading(
@@ -411,11 +373,11 @@ def show_heading(
     shares = list(drives)
     plain, turning, alone = {}, {}, {}
     for share, drive in drives.items():
-        error, y, motion = drive.error[:, :, 0], drive.y[:, :, 0], drive.inputs["motion"]
-        assert motion is not None
-        alone[share] = distances(error[HEARD:])
-        plain[share] = distances((error - coast(y))[HEARD:])
-        turning[share] = distances((error - knowing(y, motion[:, 2:, 0])[:, :4])[HEARD:])
+        t, error, _, heard = _of(drive)
+        y, velocity = drive.y[:, :, 0], _input(drive, "motion")[:, 2:]
+        alone[share] = distances(error[heard:])
+        plain[share] = distances((error - coast(y))[heard:])
+        turning[share] = distances((error - knowing(y, velocity)[:, :4])[heard:])
     shown = Moving(
         "What a turn does",
         Slider("share", "heading error of the INS, as a factor", shares, 1.0, "{:g}"),
@@ -424,16 +386,15 @@ def show_heading(
         "Distance from the true position", x="time since it was lost (s)",
         y="off by (m)", xlim=(0, 10), ylim=(0, 40),
     )  # fmt: skip
-    since = PERIOD * np.arange(50)
-    shown.draw(chart, "ins", "INS alone", lambda share: (since, alone[share]), at=8)
-    shown.draw(chart, "kalman", "4 states", lambda share: (since, plain[share]))
-    shown.draw(chart, "coloured", "5 states", lambda share: (since, turning[share]))
-    labels = {
-        "ins": ("INS alone", alone), "kalman": ("Kalman, 4 states", plain),
-        "coloured": ("Kalman, 5 states", turning),
-    }  # fmt: skip
-    for method, (label, of) in labels.items():
-        shown.number(method, label, _mean_of(of))
+    since = t[heard:] - t[heard]
+
+    def add(method: str, label: str, of: Mapping[float, Array], at: int) -> None:
+        shown.draw(chart, method, label, lambda share: (since, of[share]), at=at)
+        shown.number(method, label, lambda share: f"{of[share].mean():.1f} m")
+
+    add("ins", "INS alone", alone, 8)
+    add("kalman", "4 states", plain, -1)
+    add("coloured", "5 states", turning, -1)
     shown.sentence(
         lambda share: (
             f"With the heading error times {share:g} the filter of four states is off by "
@@ -450,8 +411,3 @@ def show_heading(
         f"Without an error of the heading they are off by {plain[0.0].mean():.1f} and "
         f"{turning[0.0].mean():.1f} m.",
     )
-
-
-def _mean_of(of: Mapping[float, Array]) -> Callable[[float], str]:
-    """Return the mean distance in words, by the share."""
-    return lambda share: f"{of[share].mean():.1f} m"

@@ -10,11 +10,7 @@ from numpy.typing import NDArray
 
 from inswsn_book.moving import Moving, Slider
 from inswsn_lib.filters import predictor_gain, run_hinfinity, run_kalman, steady_error
-from inswsn_lib.lmi import (
-    design_filter,
-    hinf_norm,
-    largest_singular_value,
-)
+from inswsn_lib.lmi import design_filter, hinf_norm, largest_singular_value
 from inswsn_lib.models import ErrorModel
 from inswsn_lib.navigation import ExampleRun
 
@@ -286,8 +282,11 @@ def largest_eigenvalues(A: Array, B: Array, P: Array, gamma: float) -> Votes:
     }
 
 
-def show_votes(cases: Sequence[tuple[Array, Array, Array, float]]) -> None:
-    """Show on random systems whether both sides of each step of P1's proof agree."""
+def show_votes(cases: Sequence[tuple[Array, Array, Array, float]]) -> list[int]:
+    """Show on random systems whether both sides of each step of P1's proof agree.
+
+    Returns how many systems each step loses.
+    """
     votes = [largest_eigenvalues(*case) for case in cases]
     shown = Moving(
         "Which step do the matrices refuse?",
@@ -325,6 +324,7 @@ def show_votes(cases: Sequence[tuple[Array, Array, Array, float]]) -> None:
         f"of the proof. In the first step {lost[1].sum()} systems are lost, in the second "
         f"{lost[2].sum()}, in the third {lost[3].sum()}, in the fourth {lost[4].sum()}.",
     )
+    return [int(each.sum()) for each in lost.values()]
 
 
 def both_costs(model: ErrorModel, gain: Array) -> tuple[float, float]:
@@ -333,8 +333,11 @@ def both_costs(model: ErrorModel, gain: Array) -> tuple[float, float]:
     return hinf_norm(model.A - gain @ model.C, driven, model.L), steady_error(model, gain)
 
 
-def show_price(model: ErrorModel, kalman: Array, *, start: float) -> None:
-    """Show worst case and error under white noise by the margin above the least bound."""
+def show_price(model: ErrorModel, kalman: Array, *, start: float) -> tuple[float, float]:
+    """Show worst case and error under white noise by the margin above the least bound.
+
+    Returns the least error of the filters of the printed inequality, and the Kalman filter's.
+    """
     margins = sorted({*MARGINS, start})
     exact = {m: both_costs(model, design_filter(model, margin=m).gain) for m in margins}
     printed = [both_costs(model, design_filter(model, "printed", margin=m).gain) for m in MARGINS]
@@ -366,11 +369,7 @@ def show_price(model: ErrorModel, kalman: Array, *, start: float) -> None:
         f"filters of the inequality as printed go from {printed[0][0]:.2f} with "
         f"{printed[0][1]:.2f} to {printed[-1][0]:.2f} with {printed[-1][1]:.2f}.",
     )
-
-
-def distance(run: ExampleRun, estimates: Array) -> float:
-    """Return how far the corrected positions are from the true ones on average, m."""
-    return float(np.hypot(*(run.ins - estimates - run.truth)[:, :2].T).mean())
+    return min(rms for _, rms in printed), kf[1]
 
 
 def axis_model(run: ExampleRun, factor: float) -> ErrorModel:
@@ -391,11 +390,11 @@ def errors_over_q(run: ExampleRun, margins: Sequence[float]) -> dict[float, list
             np.diag(np.repeat(q, 2)), np.diag(np.repeat(r, 2))
         )
         kf = run_kalman(both, y, initial_covariance=1e6 * np.eye(4))
-        found[0].append(distance(run, kf[:, :, 0]))
+        found[0].append(float(run.distances(run.ins - kf[:, :, 0]).mean()))
         for margin in margins:
             gain = design_filter(axis_model(run, factor), margin=margin).gain
             estimates = run_hinfinity((both, np.kron(gain, np.eye(2))), y, initial_state=y[0])
-            found[margin].append(distance(run, estimates[:, :, 0]))
+            found[margin].append(float(run.distances(run.ins - estimates[:, :, 0]).mean()))
     return found
 
 
@@ -403,11 +402,12 @@ def show_vehicle(run: ExampleRun, *, start: float) -> dict[str, float]:
     """Show the error of the vehicle's position over the assumed Q, by the margin.
 
     Returns the errors (cm) of the Kalman filter and of the filter of a margin, with the matched Q
-    and a hundredth of it, and with the latter their gains on the position.
+    and a hundredth of it, and with the latter their gains on the position, the worst case of the
+    Kalman filter, and the bound of the other.
     """
     margins = sorted({0.01, 0.1, 0.3, 1.0, start})
     error = errors_over_q(run, margins)
-    fixes = distance(run, run.ins - run.network)
+    fixes = float(run.distances(run.network).mean())
     matched, small = 4, 2  # factors 1 and 1/100
     shown = Moving("The vehicle", Slider("m", "margin m", margins, margins[0], "{:g}"))
     chart = shown.chart(
@@ -442,10 +442,12 @@ def show_vehicle(run: ExampleRun, *, start: float) -> dict[str, float]:
         f"{error[margins[0]][small]:.3f} m; the fixes {fixes:.3f} m.",
     )
     poor = axis_model(run, FACTORS[small])
-    gains = {"kalman": predictor_gain(poor), "hinfinity": design_filter(poor, margin=start).gain}
+    design, kalman = design_filter(poor, margin=start), predictor_gain(poor)
+    cases = {"kalman.worst": both_costs(poor, kalman)[0], "hinfinity.bound": design.level}
+    gains = {"kalman": kalman, "hinfinity": design.gain}
     off = {
         f"{name}.{words}": 100 * error[key][place]
         for name, key in (("kalman", 0.0), ("hinfinity", start))
         for words, place in (("matched", matched), ("small", small))
     }
-    return off | {f"{name}.gain": float(gain[0, 0]) for name, gain in gains.items()}
+    return off | cases | {f"{name}.gain": float(gain[0, 0]) for name, gain in gains.items()}
