@@ -129,7 +129,8 @@ def example_drive(seed: int = 2012) -> ExampleDrive:
     scene, motion, every = areas.scene, areas.scene.motion, 10
 
     def whole_way(rng: np.random.Generator, runs: int) -> dict[str, Array]:
-        return {"ins": inertial_errors(motion, scene.inertial, *rng.spawn(1), runs)}
+        (sensors,) = rng.spawn(1)
+        return {"ins": inertial_errors(motion, scene.inertial, sensors, runs)}
 
     errors = monte_carlo(whole_way, 1, seed=seed)["ins"]  # by the same draws as in the areas
     times = [scene.windows[f"area{half}"].times for half in "12"]

@@ -291,7 +291,7 @@ def show_rivals(
     Returns the mean distance of a method in an outage that begins then and lasts so long.
     """
     t, error, y, heard = _of(drive)
-    inputs, period = {kind: _input(drive, kind) for kind in ("time", "motion")}, t[1] - t[0]
+    inputs, period = {kind: _input(drive, kind) for kind in ("time", "motion")}, float(t[1] - t[0])
     begins, longest = [float(b) for b in range(8, 21)], len(error) - heard
     lengths = [1, 2, 3, 5, 7, 10]
 
