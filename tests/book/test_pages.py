@@ -18,6 +18,7 @@ from inswsn_book.pages import (
     stage_book,
     with_captions,
     with_notes,
+    with_pictures,
 )
 from inswsn_book.results import Provenance, Results
 from inswsn_book.runs import Request, Run
@@ -191,6 +192,17 @@ def test_captions_move_to_the_cell() -> None:
     cell["outputs"].append(output("fig-b"))
     with pytest.raises(BuildError, match="shows two figures; a cell shows one"):
         with_captions(notebook)
+
+
+def test_the_still_of_a_figure_that_moves_has_a_cell_of_its_own() -> None:
+    moving = nbformat.v4.new_output("display_data", {"text/html": '<section class="moving">'})
+    still = nbformat.v4.new_output("display_data", metadata={"inswsn": {"name": "fig-a"}})
+    cells = [nbformat.v4.new_code_cell("show()", outputs=[moving, still])]
+    cells.append(nbformat.v4.new_code_cell("x", outputs=[still]))
+    first, picture, other = with_pictures(nbformat.v4.new_notebook(cells=cells)).cells
+    assert (first.source, first.outputs, other.outputs) == ("show()", [moving], [still])
+    assert (picture.outputs, picture.metadata) == ([still], {"tags": ["remove-input"]})
+    assert picture.source  # without a word Sphinx would leave it out
 
 
 # The site ----------------------------------------------------------------------------------------

@@ -6,9 +6,10 @@ import ast
 import math
 
 import pytest
+from conftest import MINI_CHAPTER
 from hypothesis import given, strategies as st
 from inswsn_book.notebooks import read_source
-from inswsn_book.parameters import chapter_schema, read_schema
+from inswsn_book.parameters import chapter_schema, read_schema, source_schema
 from inswsn_book.project import Project
 from papermill import inspect_notebook
 
@@ -155,6 +156,17 @@ def test_a_bad_declaration_is_refused(line: str) -> None:
 def test_a_declaration_without_a_meaning_is_refused() -> None:
     with pytest.raises(InswsnError, match="is not a declaration of the form"):
         read_schema("x: int = 1  # m; any")
+
+
+@pytest.mark.parametrize(
+    "tags", ["[parameters]", "[hide-input, parameters]", '["parameters"]', "[parameters, more]"]
+)
+def test_the_cell_is_found_however_its_tags_are_written(tags: str) -> None:
+    source = MINI_CHAPTER.replace("@BODY@", "").replace(":tags: [parameters]", f":tags: {tags}")
+    assert source_schema(source, "00-mini.md").defaults == {"scale": 2.0}
+    twice = source + f"\n```{{code-cell}} ipython3\n:tags: {tags}\n\n# x\n```\n"
+    with pytest.raises(InswsnError, match="00-mini.md has 2 cells tagged parameters"):
+        source_schema(twice, "00-mini.md")
 
 
 def test_papermill_shows_every_parameter_of_every_chapter(project: Project) -> None:
