@@ -165,7 +165,7 @@ def test_the_cell_is_found_however_its_tags_are_written(tags: str) -> None:
     source = MINI_CHAPTER.replace("@BODY@", "").replace(":tags: [parameters]", f":tags: {tags}")
     assert source_schema(source, "00-mini.md").defaults == {"scale": 2.0}
     twice = source + f"\n```{{code-cell}} ipython3\n:tags: {tags}\n\n# x\n```\n"
-    with pytest.raises(InswsnError, match="00-mini.md has 2 cells tagged parameters"):
+    with pytest.raises(InswsnError, match="has 2 cells tagged parameters"):
         source_schema(twice, "00-mini.md")
 
 
