@@ -112,17 +112,18 @@ class ChapterRecord:
         *,
         relative: float = 1e-3,
         absolute: float = 1e-6,
+        tolerance: float | None = None,
         kind: str = "runs 95 %",
         **fields: Any,
     ) -> Quantity:
         """Record a number that may differ by a share of it, and a little, on other machines.
 
         It is one of a simulation, and an interval that of the runs, unless kind and fields, as for
-        `quantity`, say otherwise. The tolerance has one digit, so that a rerun does not list a new
-        one with every new number.
+        `quantity`, say otherwise. A tolerance that is not given has one digit, so that a rerun does
+        not list a new one with every new number.
         """
         value = float(value)
-        tolerance = float(f"{relative * abs(value) + absolute:.0e}")
+        tolerance = tolerance or float(f"{relative * abs(value) + absolute:.0e}")
         fields = {"basis": "simulation", "tolerance": tolerance} | fields
         if fields.get("interval") is not None:
             fields["interval_kind"] = kind
