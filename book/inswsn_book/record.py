@@ -123,7 +123,8 @@ class ChapterRecord:
         not list a new one with every new number.
         """
         value = float(value)
-        tolerance = tolerance or float(f"{relative * abs(value) + absolute:.0e}")
+        if tolerance is None:
+            tolerance = float(f"{relative * abs(value) + absolute:.0e}")
         fields = {"basis": "simulation", "tolerance": tolerance} | fields
         if fields.get("interval") is not None:
             fields["interval_kind"] = kind

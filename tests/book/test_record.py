@@ -29,6 +29,18 @@ def add(record: ChapterRecord, name: str = "x", value: float = 1.0, **changes: o
     record.quantity(name, value, **BASE | changes)
 
 
+def test_a_note_has_a_tolerance_of_one_digit_by_its_size(record: ChapterRecord) -> None:
+    how = "Computed for a test."
+    plain = record.note("a", 1234.5, "m", how)
+    assert (plain.tolerance, plain.basis, plain.interval_kind) == (1.0, "simulation", None)
+    drawn = record.note("b", np.float64(-2), "m", how, relative=0.1, runs=9, interval=(-3, -1))
+    assert (drawn.tolerance, drawn.runs, drawn.interval_kind) == (0.2, 9, "runs 95 %")
+    other = {"kind": "confidence 95 %", "interval": (0, 1), "basis": "recorded", "tolerance": 0.0}
+    own = record.note("c", 0.0, "m", how, runs=2, **other)
+    assert (own.tolerance, own.basis, own.interval_kind) == (0.0, "recorded", "confidence 95 %")
+    assert record.note("d", 0.0, "m", how, absolute=3e-4).tolerance == 3e-4
+
+
 def test_it_writes_what_it_read_and_found(
     record: ChapterRecord, mini: MiniProject, tmp_path: Path, displayed: list
 ) -> None:
