@@ -55,7 +55,10 @@ STROKES = {
     "kalman": Stroke("#0072b2"),
     "coloured": Stroke("#0072b2", (9, 3)),
     "hinfinity": Stroke("#8f4676"),
+    "federated": Stroke("#0072b2", (2, 3)),
+    "distributed": Stroke("#8f4676", (9, 3)),
     "lssvm": Stroke("#5f4bb6"),
+    "computed": Stroke("#b0187e"),
     "published": Stroke("#4d4d4d", (9, 3)),
 }
 

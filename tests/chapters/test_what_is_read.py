@@ -24,6 +24,7 @@ QUICK: dict[str, dict[str, Value]] = {
     "00": {"training_samples": 12, "outage_samples": 12},
     "01": {"systems": 40, "runs": 40, "margin": 0.1},
     "07": {"seed": 7},
+    "lesson-00": {"about_points": 5.0},
     "lesson-02": {"seed": 7},
     "lesson-03": {"seed": 7},
     "lesson-01": {"seed": 7},

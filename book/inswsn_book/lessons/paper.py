@@ -1,0 +1,314 @@
+"""The pictures of the lesson on reading a paper with a computer."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from inswsn_book.moving import Moving, Slider
+from inswsn_lib.papers import about, admits, bounds, interval
+
+Array = NDArray[np.float64]
+
+OFFSETS = range(-9, 10)
+DIGITS = (1, 2, 3, 4)
+ORDERS = 2000  # random orders of the cells of a column
+POINTS = np.arange(0, 30.5, 0.5)  # what "about" may allow
+GROWTHS = np.round(np.arange(0, 2.05, 0.1), 1)
+TURNS = np.round(np.arange(0, 1.01, 0.05), 2)  # when the velocity error changes its sign
+STARTS = np.arange(-2, 17) / 32  # the position error at the beginning
+PERIODS = np.round(np.arange(0.1, 1.21, 0.05), 2)
+TIME = np.linspace(0, 1, 2001)
+
+
+def rows_met(table: pd.DataFrame, offset: int) -> int:
+    """Count the means of P1's Table 1 that x of a row and y of the row `offset` below give."""
+    other = dict(enumerate(map(interval, table.dry)))
+    pairs = zip(map(interval, table.drx), table.mean_position, strict=True)
+    return sum(
+        admits((x + other.get(row + offset, 0)) / 2, mean) for row, (x, mean) in enumerate(pairs)
+    )
+
+
+def _cells(table: pd.DataFrame) -> tuple[Array, Array, Array]:
+    columns = (table.drx, table.dry, table.mean_position)
+    x, y, mean = (np.array(column, dtype=float) for column in columns)
+    return x, y, mean
+
+
+def _below(y: Array, offset: int) -> Array:
+    rows = np.arange(len(y)) + offset
+    return np.where((rows >= 0) & (rows < len(y)), y[np.clip(rows, 0, len(y) - 1)], 0.0)
+
+
+def show_slip(table: pd.DataFrame) -> None:
+    """Show ten printed means, and those that the cells give by the offset between x and y."""
+    x, y, mean = _cells(table)
+    row = np.arange(1, len(x) + 1)
+    met = {s: rows_met(table, s) for s in OFFSETS}
+    shown = Moving(
+        "Ten means, and where they come from",
+        Slider("s", "y is taken from", [*OFFSETS], -1, "{:+d} rows below"),
+    )
+    chart = shown.chart(
+        "“Mean error” of position (m)", x="row of the table", y="mean", xlim=(0.5, 10.5),
+        ylim=(0.1, 0.45),
+    )  # fmt: skip
+    shown.draw(chart, "published", "printed", (row, mean), at=8)
+    shown.draw(chart, "computed", "", lambda s: (row, (x + _below(y, s)) / 2))
+    shown.draw(chart, "computed", "", lambda s: (row, (x + _below(y, s)) / 2), style="points")
+    shown.number("computed", "rows that agree to the last digit", lambda s: f"{met[s]} of 10")
+    shown.sentence(lambda s: f"With y from {s} rows below, {met[s]} of 10 printed means come out.")
+    shown.show(
+        name="fig-l6-slip",
+        caption="The mean of x in a row and y some rows below, and what is printed as their mean. "
+        "Beyond the table there is nothing, and nothing counts as nought.",
+        alt="Ten printed means over the row, and ten computed ones. With y of the row above "
+        f"{met[-1]} of ten agree, with y of the same row {met[0]}, of the next row {met[1]}.",
+    )
+
+
+@cache
+def _orders(cells: int) -> NDArray[np.int64]:
+    rng = np.random.default_rng(2012)
+    return np.array([rng.permutation(cells + 1)[:cells] for _ in range(ORDERS)])
+
+
+def by_digits(table: pd.DataFrame) -> dict[int, tuple[Array, Array]]:
+    """Return how many rows agree, by offset and in random orders, if digits are struck off.
+
+    In units of the last digit each of x, y and the mean is off by half at most: so x + y - 2 mean
+    is off by two at most.
+    """
+    x, y, mean = _cells(table)
+    found = {}
+    for digits in DIGITS:
+        unit = 10.0**digits
+        X, Y, M = (np.rint(cells * unit + 1e-9) for cells in (x, y, mean))
+        fits = np.array([np.sum(abs(X + _below(Y, s) - 2 * M) <= 2) for s in OFFSETS])
+        dealt = np.append(Y, 0)[_orders(len(Y))]
+        found[digits] = (
+            fits.astype(float),
+            np.sum(abs(X + dealt - 2 * M) <= 2, axis=1).astype(float),
+        )
+    return found
+
+
+def show_digits(table: pd.DataFrame) -> None:
+    """Show how many rows agree by offset and by chance, if fewer digits were printed."""
+    found = by_digits(table)
+    rows = np.arange(11)
+    shares = {
+        d: np.bincount(f[1].astype(int), minlength=11) / ORDERS * 100 for d, f in found.items()
+    }
+    perfect = {d: int(np.sum(f[0] == 10)) for d, f in found.items()}
+    most = {d: int(max(f[1])) for d, f in found.items()}
+    shown = Moving("What the digits are worth", Slider("d", "digits", [*DIGITS], 1, "{:d}"))
+    offsets = shown.chart(
+        "Rows that agree, by offset", x="offset", y="rows", xlim=(-9.6, 9.6), ylim=(0, 10.5)
+    )
+    shown.draw(offsets, "computed", "", lambda d: ([*OFFSETS], found[d][0]), style="bars")
+    chance = shown.chart(
+        f"Rows that agree, in {ORDERS:,} random orders of y", x="rows", y="share (%)",
+        xlim=(-0.6, 10.6), ylim=(0, 100),
+    )  # fmt: skip
+    shown.draw(chance, "published", "", lambda d: (rows, shares[d]), style="bars")
+    shown.number("computed", "offsets with all ten", lambda d: f"{perfect[d]} of 19")
+    shown.number("published", "the luckiest order has", lambda d: f"{most[d]} of 10")
+    shown.sentence(
+        lambda d: (
+            f"With {d} digits {perfect[d]} offsets explain all ten rows, and the luckiest "
+            f"random order explains {most[d]}."
+        )
+    )
+    shown.show(
+        name="fig-l6-digits",
+        caption="Strike digits off all cells. How many are needed until one offset alone explains "
+        "the table, and no random order does?",
+        alt="Two bar charts, by digits kept. Offsets that explain all ten rows: "
+        + ", ".join(f"{n} with {d} digits" for d, n in perfect.items())
+        + ". Most rows that a random order explains: "
+        + ", ".join(f"{n} with {d}" for d, n in most.items())
+        + ".",
+    )
+
+
+def stated(text: str, points: float) -> Any:
+    """Return what a printed percentage stands for: a multiple of 5 is "about"."""
+    return about(text, points) if float(text) % 5 == 0 else interval(text)
+
+
+def ends(reductions: Mapping[str, str], points: float) -> tuple[float, float]:
+    """Return the least and the largest ratio that two percentages allow."""
+    a, b = (bounds(stated(text, points)) for text in reductions.values())
+    low, high = ((100 - a[1]) / (100 - b[0]), (100 - a[0]) / max(100 - b[1], 1e-9))
+    return max(low, 0.0), high
+
+
+def points_needed(reductions: Mapping[str, str]) -> float:
+    """Return how many points "about" must allow for the other filter to be no worse than the INS.
+
+    Beyond 30 points it is infinite.
+    """
+    for points in POINTS:
+        if ends(reductions, points)[0] <= 1 + 1e-9:
+            return float(points)
+    return float("inf")
+
+
+def show_third(results: Mapping[str, Mapping[str, str]], allowed: float) -> None:
+    """Show the error of P2's federated filter over that of the INS, by what "about" allows."""
+    names = {
+        "rx": "position in x",
+        "ry": "position in y",
+        "vx": "velocity in x",
+        "vy": "velocity in y",
+    }
+    top = 8.0
+
+    @cache
+    def band(axis: str) -> tuple[Array, Array, Array]:
+        found = [ends(results[axis], points) for points in POINTS]
+        low, high = np.minimum(found, top).T
+        return POINTS, low, high
+
+    def plain(axis: str) -> float:
+        a, b = (float(text) / 100 for text in results[axis].values())
+        return (1 - a) / (1 - b)
+
+    need = {axis: points_needed(results[axis]) for axis in names}
+    shown = Moving(
+        "Two comparisons imply a third",
+        Slider("axis", "error of", [*names], "rx", "{}"),
+    )
+    chart = shown.chart(
+        "Federated filter over INS alone", x="points that “about” allows", y="ratio of errors",
+        xlim=(0, 30), ylim=(0, top),
+    )  # fmt: skip
+    shown.draw(chart, "federated", "", band, style="band")
+    shown.draw(
+        chart, "federated", "as printed", lambda axis: ([0.0, 30.0], [plain(axis)] * 2), at=0
+    )
+    shown.draw(chart, "ins", "INS alone", ([0.0, 30.0], [1.0, 1.0]))
+    shown.draw(chart, "published", "", ([allowed, allowed], [0.0, top]))
+    shown.number("federated", "ratio as printed", lambda axis: f"{plain(axis):.2f}")
+    shown.number("published", "“about” must allow", lambda axis: f"{need[axis]:g} points")
+    shown.sentence(
+        lambda axis: (
+            f"In the {names[axis]} the federated filter has {plain(axis):.2f} times the "
+            f"error of the INS alone; about must allow {need[axis]:g} points to bring it to one."
+        )
+    )
+    shown.show(
+        name="fig-l6-third",
+        caption="The band holds every ratio that the two percentages of P2 allow. The upright line "
+        "is what the papers' round figures suggest.",
+        alt="The ratio of the errors of the federated filter and of the INS alone, as printed: "
+        + ", ".join(f"{names[axis]} {plain(axis):.2f}" for axis in names)
+        + f". In the velocity in x “about” must allow {need['vx']:g} points to bring it to one.",
+    )
+
+
+def show_growth(*, least: float) -> None:
+    """Show an error that grows as a power of time, its RMS and its maximum."""
+    rms = {a: (2 * a + 1) ** -0.5 for a in GROWTHS}
+    shown = Moving("A maximum and a mean", Slider("a", "growth", [*GROWTHS], 2.0, "t to the {:g}"))
+    chart = shown.chart(
+        "Error, as a share of its maximum", x="time in the outage (share)", y="error",
+        xlim=(0, 1), ylim=(0, 1.05),
+    )  # fmt: skip
+    shown.draw(chart, "kalman", "error", lambda a: (TIME[::40], TIME[::40] ** a), at=25)
+    shown.draw(chart, "kalman", "", lambda a: ([0.0, 1.0], [rms[a]] * 2))
+    shown.draw(chart, "published", "P3 needs this RMS", ([0.0, 1.0], [least] * 2), at=0)
+    shown.number("kalman", "RMS over maximum", lambda a: f"{rms[a]:.2f}")
+    shown.number("published", "P3, outage 4, at least", f"{least:.2f}")
+    shown.sentence(
+        lambda a: f"An error that grows as t to the {a:g} has RMS / maximum {rms[a]:.2f}."
+    )
+    shown.show(
+        name="fig-l6-growth",
+        caption="The line across is the RMS of the curve. Which growth lifts it to what P3 needs?",
+        alt="An error over time that grows as a power of it. RMS over maximum: "
+        + ", ".join(f"{rms[a]:.2f} at t to the {a:g}" for a in (0.0, 0.5, 1.0, 2.0))
+        + f". P3's outage 4 needs {least:.2f}.",
+    )
+
+
+def motion(turn: float, start: float) -> tuple[Array, Array]:
+    """Return the position and velocity error over a window, of a constant acceleration error."""
+    return TIME**2 / 2 - turn * TIME + start, TIME - turn
+
+
+def ratio(turn: float, start: float) -> float:
+    """Return the mean size of the position error over that of the velocity error."""
+    p, v = motion(turn, start)
+    return float(abs(p).mean() / abs(v).mean())
+
+
+def show_motion() -> None:
+    """Show velocity and position error by when the one turns and where the other starts."""
+    shown = Moving(
+        "How small can the position error stay?",
+        Slider("r", "velocity error is nought at", [*TURNS], 0.0, "{:.2f} of the window"),
+        Slider("c", "position error starts at", [*STARTS], 0.0, "{:+.3f}"),
+    )
+    thin = slice(None, None, 50)
+    axes = {"x": "time (share of the window)", "xlim": (0, 1)}
+    upper = shown.chart("Velocity error", y="v", ylim=(-1, 1), **axes)
+    shown.draw(upper, "ins", "", lambda r: (TIME[thin], motion(r, 0)[1][thin]))
+    lower = shown.chart("Position error", y="p", ylim=(-0.5, 1), **axes)
+    shown.draw(lower, "ins", "", lambda r, c: (TIME[thin], motion(r, c)[0][thin]))
+    nought = ([0.0, 1.0], [0.0, 0.0])
+    shown.draw(upper, "published", "", nought)
+    shown.draw(lower, "published", "", nought)
+    shown.number("ins", "mean |p| over mean |v|", lambda r, c: f"{ratio(r, c):.3f}")
+    shown.sentence(
+        lambda r, c: f"Turning at {r:g} and starting at {c:.3f}, the ratio is {ratio(r, c):.3f}."
+    )
+    shown.show(
+        name="fig-l6-motion",
+        caption="Time is counted in windows, so the ratio is too. Get it as low as you can.",
+        alt="A velocity error that rises along a line, and the position error, a parabola. "
+        f"From rest the ratio of their means is {ratio(0, 0):.3f}; if the velocity turns in the "
+        f"middle and the position starts at 3/32, it is {ratio(0.5, 3 / 32):.3f}.",
+    )
+
+
+def periods(pairs: Iterable[tuple[str, str, int]]) -> Array:
+    """Return the longest sampling period that each pair of printed mean errors allows, s."""
+    return np.array([
+        8 * bounds(interval(p))[1] / (samples * bounds(interval(v))[0]) for p, v, samples in pairs
+    ])  # fmt: skip
+
+
+def show_periods(longest: Array, *, matrices: float) -> None:
+    """Show the least position error that the printed velocity errors allow, by the period."""
+    pair, top = np.arange(1, len(longest) + 1), 5.0
+    out = {T: int(np.sum(longest < T)) for T in PERIODS}
+    shown = Moving(
+        "Which period do the tables allow?", Slider("T", "period T", [*PERIODS], 1.0, "{:.2f} s")
+    )
+    chart = shown.chart(
+        "Least possible mean position error", x="pair of cells", y="times the printed one",
+        xlim=(0.5, len(pair) + 0.5), ylim=(0, top),
+    )  # fmt: skip
+    shown.draw(chart, "published", "printed", ([0.5, len(pair) + 0.5], [1.0, 1.0]), at=0)
+    shown.draw(
+        chart, "computed", "", lambda T: (pair, np.minimum(T / longest, top)), style="points"
+    )
+    shown.number("computed", "pairs that are impossible", lambda T: f"{out[T]} of {len(pair)}")
+    shown.number("published", "the matrices print", f"{matrices:g} s")
+    shown.sentence(lambda T: f"With a period of {T:g} s {out[T]} pairs of cells are impossible.")
+    shown.show(
+        name="fig-l6-periods",
+        caption="Dots above the line are impossible: the position error cannot be as small as it "
+        "is printed. Pairs 1 to 4 are of P1 Table 2 (x, y in area 1; x, y in area 2), pairs 5 to 8 "
+        "of P1 Table 3.",
+        alt=f"Eight dots. With a period of 1 s {out[1.0]} lie above what is printed, with 0.2 s "
+        f"{out[0.2]}. The longest period that all allow is {longest.min():.2f} s.",
+    )
