@@ -114,7 +114,7 @@ def show_digits(table: pd.DataFrame) -> None:
     )
     shown.draw(offsets, "computed", "", lambda d: ([*OFFSETS], found[d][0]), style="bars")
     chance = shown.chart(
-        f"Rows that agree, in {ORDERS:,} random orders of y", x="rows", y="share (%)",
+        f"Rows that agree, in {ORDERS:,} shuffles", x="rows", y="share (%)",
         xlim=(-0.6, 10.6), ylim=(0, 100),
     )  # fmt: skip
     shown.draw(chance, "published", "", lambda d: (rows, shares[d]), style="bars")
@@ -122,8 +122,8 @@ def show_digits(table: pd.DataFrame) -> None:
     shown.number("published", "the luckiest order has", lambda d: f"{most[d]} of 10")
     shown.sentence(
         lambda d: (
-            f"With {d} digits {perfect[d]} offsets explain all ten rows, and the luckiest "
-            f"random order explains {most[d]}."
+            f"Digits kept: {d}. Offsets that explain all ten rows: {perfect[d]} of 19. The "
+            f"luckiest random order explains {most[d]} of 10."
         )
     )
     shown.show(
@@ -169,22 +169,22 @@ def show_third(results: Mapping[str, Mapping[str, str]], allowed: float) -> None
         "vx": "velocity in x",
         "vy": "velocity in y",
     }
-    top = 8.0
+    pairs, top = {name: results[axis] for axis, name in names.items()}, 8.0
 
     @cache
     def band(axis: str) -> tuple[Array, Array, Array]:
-        found = [ends(results[axis], points) for points in POINTS]
+        found = [ends(pairs[axis], points) for points in POINTS]
         low, high = np.minimum(found, top).T
         return POINTS, low, high
 
     def plain(axis: str) -> float:
-        a, b = (float(text) / 100 for text in results[axis].values())
+        a, b = (float(text) / 100 for text in pairs[axis].values())
         return (1 - a) / (1 - b)
 
-    need = {axis: points_needed(results[axis]) for axis in names}
+    need = {axis: points_needed(pair) for axis, pair in pairs.items()}
     shown = Moving(
         "Two comparisons imply a third",
-        Slider("axis", "error of", [*names], "rx", "{}"),
+        Slider("axis", "error of", [*pairs], "position in x", "{}"),
     )
     chart = shown.chart(
         "Federated filter over INS alone", x="points that “about” allows", y="ratio of errors",
@@ -200,8 +200,8 @@ def show_third(results: Mapping[str, Mapping[str, str]], allowed: float) -> None
     shown.number("published", "“about” must allow", lambda axis: f"{need[axis]:g} points")
     shown.sentence(
         lambda axis: (
-            f"In the {names[axis]} the federated filter has {plain(axis):.2f} times the "
-            f"error of the INS alone; about must allow {need[axis]:g} points to bring it to one."
+            f"In the {axis} the federated filter has {plain(axis):.2f} times the "
+            f"error of the INS alone; “about” must allow {need[axis]:g} points to bring it to one."
         )
     )
     shown.show(
@@ -209,8 +209,8 @@ def show_third(results: Mapping[str, Mapping[str, str]], allowed: float) -> None
         caption="The band holds every ratio that the two percentages of P2 allow. The upright line "
         "is what the papers' round figures suggest.",
         alt="The ratio of the errors of the federated filter and of the INS alone, as printed: "
-        + ", ".join(f"{names[axis]} {plain(axis):.2f}" for axis in names)
-        + f". In the velocity in x “about” must allow {need['vx']:g} points to bring it to one.",
+        + ", ".join(f"{axis} {plain(axis):.2f}" for axis in pairs)
+        + f". In the velocity in x “about” must allow {need['velocity in x']:g} points for one.",
     )
 
 
@@ -254,7 +254,7 @@ def show_motion() -> None:
     """Show velocity and position error by when the one turns and where the other starts."""
     shown = Moving(
         "How small can the position error stay?",
-        Slider("r", "velocity error is nought at", [*TURNS], 0.0, "{:.2f} of the window"),
+        Slider("r", "velocity error turns at", [*TURNS], 0.0, "{:.2f}"),
         Slider("c", "position error starts at", [*STARTS], 0.0, "{:+.3f}"),
     )
     thin = slice(None, None, 50)
@@ -297,7 +297,7 @@ def show_periods(longest: Array, *, matrices: float) -> None:
         "Least possible mean position error", x="pair of cells", y="times the printed one",
         xlim=(0.5, len(pair) + 0.5), ylim=(0, top),
     )  # fmt: skip
-    shown.draw(chart, "published", "printed", ([0.5, len(pair) + 0.5], [1.0, 1.0]), at=0)
+    shown.draw(chart, "published", "printed", ([0.5, len(pair) + 0.5], [1.0, 1.0]))
     shown.draw(
         chart, "computed", "", lambda T: (pair, np.minimum(T / longest, top)), style="points"
     )
