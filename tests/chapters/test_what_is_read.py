@@ -25,6 +25,7 @@ QUICK: dict[str, dict[str, Value]] = {
     "01": {"systems": 40, "runs": 40, "margin": 0.1},
     "07": {"seed": 7},
     "lesson-00": {"about_points": 5.0},
+    "lesson-06": {"seed": 7},
     "lesson-02": {"seed": 7},
     "lesson-03": {"seed": 7},
     "lesson-01": {"seed": 7},

@@ -1,0 +1,397 @@
+"""The pictures of the lesson on errors that last, simulated and recorded."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from inswsn_book.moving import Moving, Slider
+from inswsn_lib.navigation import ExampleRun
+
+Array = NDArray[np.float64]
+#: What a filter finds at each sample: the state, and its covariance
+Filter = Callable[[ExampleRun, float], tuple[Array, Array]]
+
+LASTING = (0.0, 0.2, 0.5, 1.0, 2.0, 5.0)  # s
+COUNTS = np.arange(1, 101)
+FADING = (0.2, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0, 10.0, 20.0)  # s
+WHITE = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5)
+RECORDINGS = {"room": "inrol/1", "mower": "plaza/2", "robot": "labyrinth/1"}
+METHODS = {
+    "filter on fixes": "loosely coupled, coloured fixes",
+    "filter on ranges": "tightly coupled",
+    "smoother": "smoother",
+}
+BRIDGES = {
+    "P1's LS-SVM": ("lssvm", "P1's LS-SVM"),
+    "stand still": ("network", "stand still at the last fix"),
+    "coast": ("kalman", "coasting filter"),
+}
+
+
+def off(run: ExampleRun, estimate: Array) -> float:
+    """Return the mean distance of the corrected positions from the true ones, cm."""
+    return float(100 * run.distances(run.ins - estimate[:, :4]).mean())
+
+
+def plain(run: ExampleRun, tau: float) -> tuple[Array, Array]:
+    """Return what the Kalman filter finds that assumes white errors of fixes, and its covariances.
+
+    It is that of the lesson on two bad instruments.
+    """
+    A = np.kron([[1, run.period], [0, 1]], np.eye(2))
+    Q, R = (np.diag(np.repeat(size**2, 2)) for size in (run.process, run.measurement))
+    x, M, found = np.zeros(4), 1e6 * np.eye(4), []
+    for measured in run.ins - run.network:
+        K = M @ np.linalg.inv(M + R)
+        x, P = x + K @ (measured - x), M - K @ M
+        found.append((x, P))
+        x, M = A @ x, A @ P @ A.T + Q
+    states, covariances = zip(*found, strict=True)
+    return np.array(states), np.array(covariances)
+
+
+def show_lasting(runs: Mapping[float, ExampleRun], run_filter: Filter) -> None:
+    """Show the errors of fixes and of a filter on them, by how long the former last."""
+    of = {tau: (run, run_filter(run, tau)[0], run.network - run.truth) for tau, run in runs.items()}
+    far = {
+        tau: (off(run, run.ins - run.network), off(run, found))
+        for tau, (run, found, _) in of.items()
+    }
+    shown = Moving(
+        "Errors that last",
+        Slider("t", "errors of fixes last", [*runs], 0.0, "{:g} s"),
+    )
+    time = runs[0.0].time
+    chart = shown.chart("Error in x", x="time (s)", y="m", xlim=(0, 20), ylim=(-0.5, 0.5))
+    shown.draw(chart, "network", "", lambda t: (time, of[t][2][:, 0]), style="points")
+    shown.draw(
+        chart,
+        "kalman",
+        "Kalman filter",
+        lambda t: (time, (of[t][0].ins - of[t][1] - of[t][0].truth)[:, 0]),
+    )
+    shown.number("network", "fixes off by", lambda t: f"{far[t][0]:.1f} cm")
+    shown.number("kalman", "filter off by", lambda t: f"{far[t][1]:.1f} cm")
+    shown.sentence(
+        lambda t: (
+            f"Errors of fixes last {t:g} s: fixes are off by {far[t][0]:.1f} cm, the filter by "
+            f"{far[t][1]:.1f} cm."
+        )
+    )
+    shown.show(
+        name="fig-lr-lasting",
+        caption="Dots are the errors of fixes, of the same size at each place of the slider. The "
+        "line is what is left after the Kalman filter.",
+        alt="Errors in x over twenty seconds. "
+        + "; ".join(
+            f"lasting {t:g} s: fixes {a:.1f} cm off, filter {b:.1f} cm" for t, (a, b) in far.items()
+        )
+        + ".",
+    )
+
+
+def deviation(count: Any, fade: float) -> Any:
+    """Return the standard deviation of a mean of so many errors of size one."""
+    lags = np.arange(1, np.max(count) + 1)
+    return np.array([
+        np.sqrt((n + 2 * np.sum(np.clip(n - lags, 0, None) * fade**lags)) / n**2)
+        for n in np.atleast_1d(count)
+    ])  # fmt: skip
+
+
+def show_means(period: float) -> None:
+    """Show how far a mean of fixes is off by how many there are and how long errors last."""
+    fades = {t: float(np.exp(-period / t)) if t else 0.0 for t in LASTING}
+    found = {t: deviation(COUNTS, fade) for t, fade in fades.items()}
+    worth = {t: float(1 / values[-1] ** 2) for t, values in found.items()}
+    shown = Moving(
+        "What a hundred fixes are worth", Slider("t", "errors last", [*LASTING], 2.0, "{:g} s")
+    )
+    chart = shown.chart(
+        "Error of the mean, one fix = 1", x="fixes in the mean", y="error", xlim=(0, 100),
+        ylim=(0, 1.05),
+    )  # fmt: skip
+    shown.draw(chart, "constant", "independent", (COUNTS, COUNTS**-0.5), at=60)
+    shown.draw(chart, "coloured", "", lambda t: (COUNTS, found[t]))
+    shown.number("coloured", "100 fixes are worth", lambda t: f"{worth[t]:.1f} independent ones")
+    shown.sentence(lambda t: f"If errors last {t:g} s, 100 fixes are worth {worth[t]:.1f}.")
+    shown.show(
+        name="fig-lr-means",
+        caption="A mean of fixes whose errors last hardly improves: they all say the same.",
+        alt="The error of a mean over the number of fixes. A hundred, five a second, are worth "
+        + ", ".join(f"{w:.1f} if errors last {t:g} s" for t, w in worth.items())
+        + ".",
+    )
+
+
+def misfit(lags: Array, seen: Array, tau: float, white: float) -> float:
+    """Return how far, in the mean, a curve that fades is from an autocorrelation, without lag 0."""
+    there = np.isfinite(seen) & (lags > 0)
+    return float(np.abs(seen - (1 - white) * np.exp(-lags / tau))[there].mean())
+
+
+def show_recorded(table: pd.DataFrame) -> None:
+    """Show the recorded autocorrelation of three networks' errors, and a curve to be fitted."""
+    lags = table.index.to_numpy(dtype=float)
+    seen = {name: table[column].to_numpy(dtype=float) for name, column in RECORDINGS.items()}
+    fine = np.linspace(0, 10, 101)
+
+    def kept(r: str) -> tuple[Array, Array]:
+        there = np.isfinite(seen[r])
+        return lags[there], seen[r][there]
+
+    shown = Moving(
+        "How long do these last?",
+        Slider("r", "recording", [*RECORDINGS], "room", "{}"),
+        Slider("t", "fades in", [*FADING], 0.2, "{:g} s"),
+        Slider("w", "of it white", [*WHITE], 0.0, "{:.0%}"),
+    )
+    chart = shown.chart(
+        "Autocorrelation of the errors of fixes", x="lag (s)", y="", xlim=(0, 10), ylim=(-0.5, 1.05)
+    )
+    shown.draw(chart, "network", "", kept, style="points")
+    shown.draw(
+        chart, "coloured", "your curve", lambda t, w: (fine, (1 - w) * np.exp(-fine / t)), at=30
+    )
+    shown.number("coloured", "mean miss", lambda r, t, w: f"{misfit(lags, seen[r], t, w):.3f}")
+    shown.sentence(
+        lambda r, t, w: (
+            f"For the {r}, a curve that fades in {t:g} s, {w:.0%} of it white, misses by "
+            f"{misfit(lags, seen[r], t, w):.3f} in the mean."
+        )
+    )
+    best = {
+        r: min((misfit(lags, s, t, w), t, w) for t in FADING for w in WHITE)
+        for r, s in seen.items()
+    }
+    shown.show(
+        name="fig-lr-recorded",
+        caption="Dots are recorded. Lay your curve through them: how fast it fades, and how much "
+        "of the error is gone at the next fix.",
+        alt="The autocorrelation of recorded errors of fixes over the lag. The nearest curves: "
+        + "; ".join(
+            f"{r}, {t:g} s and {w:.0%} white, which miss by {m:.2f}"
+            for r, (m, t, w) in best.items()
+        )
+        + ".",
+    )
+
+
+def inside(run: ExampleRun, estimate: Array, covariance: Array) -> float:
+    """Return which share of position errors, %, lies within two standard deviations, by axis."""
+    error = (run.ins - estimate[:, :4] - run.truth)[:, :2]
+    sides = 2 * np.sqrt(np.diagonal(covariance, axis1=1, axis2=2)[:, :2])
+    return float(100 * np.mean(abs(error) < sides))
+
+
+def show_honesty(runs: Mapping[float, ExampleRun], plain: Filter, knowing: Filter) -> None:
+    """Show the error of two filters inside the band that each believes in."""
+    lasting = [tau for tau in runs if tau]
+    found = {
+        (name, tau): (*run_filter(runs[tau], tau), runs[tau])
+        for name, run_filter in (("kalman", plain), ("coloured", knowing))
+        for tau in lasting
+    }
+    shown = Moving(
+        "How sure, and how far off", Slider("t", "errors of fixes last", lasting, 2.0, "{:g} s")
+    )
+    titles = {"kalman": "It assumes that errors are white", "coloured": "It knows that they last"}
+
+    def add(name: str) -> None:
+        chart = shown.chart(
+            titles[name], x="time (s)", y="error in x (m)", xlim=(0, 20), ylim=(-0.6, 0.6)
+        )
+
+        def band(t: float) -> tuple[Array, Array, Array]:
+            _, covariance, run = found[name, t]
+            side = 2 * np.sqrt(np.minimum(covariance[:, 0, 0], 1.0))
+            return run.time, np.maximum(-side, -0.6), np.minimum(side, 0.6)
+
+        def line(t: float) -> tuple[Array, Array]:
+            state, _, run = found[name, t]
+            return run.time, (run.ins - state[:, :4] - run.truth)[:, 0]
+
+        shown.draw(chart, name, "", band, style="band")
+        shown.draw(chart, name, "", line)
+        shown.number(
+            name,
+            "in its band" if name == "kalman" else "in its band (knows)",
+            lambda t: f"{inside(found[name, t][2], *found[name, t][:2]):.0f} %",
+        )
+
+    add("kalman")
+    add("coloured")
+
+    def said(t: float) -> str:
+        of = {
+            n: (off(found[n, t][2], found[n, t][0]), inside(found[n, t][2], *found[n, t][:2]))
+            for n in titles
+        }
+        return (
+            f"Errors that last {t:g} s: the filter that assumes white ones is off by "
+            f"{of['kalman'][0]:.1f} cm and in its band {of['kalman'][1]:.0f} % of the time, the one "
+            f"that knows {of['coloured'][0]:.1f} cm and {of['coloured'][1]:.0f} %."
+        )
+
+    shown.sentence(said)
+    shown.show(
+        name="fig-lr-honesty",
+        caption="Bands are two standard deviations, by each filter's own covariance. Errors in x "
+        "and y should be in them 95 % of the time.",
+        alt=said(2.0),
+    )
+
+
+def innovations(run: ExampleRun, states: Array, fade: float) -> Array:
+    """Return what each fix says beyond the prediction, from the second on, in x (m)."""
+    ahead = states[:-1, :4] @ np.kron([[1, run.period], [0, 1]], np.eye(2)).T
+    if states.shape[1] > 4:
+        ahead = ahead + fade * states[:-1, 4:]
+    return np.asarray((run.ins - run.network)[1:, 0] - ahead[:, 0])
+
+
+def alike(series: Array, lags: int = 26) -> Array:
+    """Return the autocorrelation of a series, by lag."""
+    flat = series - series.mean()
+    return np.array([flat[lag:] @ flat[: len(flat) - lag] / (flat @ flat) for lag in range(lags)])
+
+
+def show_innovations(runs: Mapping[float, ExampleRun], knowing: Filter) -> None:
+    """Show the autocorrelation of the innovations of two filters, and the bounds of chance."""
+    lasting = [tau for tau in runs if tau]
+    found = {}
+    for tau in lasting:
+        run = runs[tau]
+        fade = float(np.exp(-run.period / tau))
+        found["kalman", tau] = alike(innovations(run, plain(run, tau)[0], fade))
+        found["coloured", tau] = alike(innovations(run, knowing(run, tau)[0], fade))
+    lags = runs[0.0].period * np.arange(26)
+    chance = 2 / np.sqrt(len(runs[0.0].truth) - 1)
+    shown = Moving(
+        "Is anything left to foretell?", Slider("t", "errors last", lasting, 0.2, "{:g} s")
+    )
+    chart = shown.chart(
+        "Autocorrelation of innovations in x", x="lag (s)", y="", xlim=(0, 5), ylim=(-0.5, 1.05)
+    )
+    shown.draw(chart, "published", "", ([0.0, 5.0], [-chance] * 2, [chance] * 2), style="band")
+    shown.draw(chart, "kalman", "assumes white", lambda t: (lags, found["kalman", t]), at=6)
+    shown.draw(chart, "coloured", "knows", lambda t: (lags, found["coloured", t]), at=2)
+    shown.number("kalman", "neighbours", lambda t: f"{found['kalman', t][1]:.2f}")
+    shown.number("coloured", "neighbours (knows)", lambda t: f"{found['coloured', t][1]:.2f}")
+
+    def said(t: float) -> str:
+        return (
+            f"Errors last {t:g} s: neighbouring innovations correlate by "
+            f"{found['kalman', t][1]:.2f}, by {found['coloured', t][1]:.2f} in the filter that knows."
+        )
+
+    shown.sentence(said)
+    shown.show(
+        name="fig-lr-innovations",
+        caption="The grey band is what chance does to innovations that have nothing in common.",
+        alt=" ".join(map(said, lasting)),
+    )
+
+
+def show_ratios(tables: Mapping[str, pd.DataFrame]) -> None:
+    """Show what three methods do to the position error of a recorded network."""
+    rows: dict[tuple[str, str], Any] = {}
+    for recording, key in RECORDINGS.items():
+        for method, begin in METHODS.items():
+            (name,) = [n for n in tables[key].index if str(n).startswith(begin)]
+            rows[recording, method] = tables[key].loc[name]
+
+    def ratio(recording: str, method: str, of: str = "ratio") -> float:
+        return float(rows[recording, method][f"position_{of}"])
+
+    shown = Moving("On recordings", Slider("r", "recording", [*RECORDINGS], "room", "{}"))
+    chart = shown.chart(
+        "Position error over that of the network", x="ratio", y="", xlim=(0, 1.5), ylim=(0.5, 3.7)
+    )
+    shown.draw(chart, "network", "network", ([1.0, 1.0], [0.5, 3.7]), at=1)
+
+    def add(method: str, stroke: str, at: float) -> None:
+        def ends(r: str) -> tuple[list[float], list[float]]:
+            return [ratio(r, method, "low"), ratio(r, method, "high")], [at, at]
+
+        def said(r: str) -> str:
+            low, high = ends(r)[0]
+            return f"{ratio(r, method):.2f} ({low:.2f} to {high:.2f})"
+
+        shown.draw(chart, stroke, "", ends)
+        shown.draw(chart, stroke, method, lambda r: ([ratio(r, method)], [at]), style="points")
+        shown.number(stroke, method, said)
+
+    for method, stroke, at in zip(
+        METHODS, ("coloured", "kalman", "truth"), (3.0, 2.0, 1.0), strict=True
+    ):
+        add(method, stroke, at)
+
+    def sentence(r: str) -> str:
+        ratios = ", ".join(f"{method} {ratio(r, method):.2f}" for method in METHODS)
+        return f"Position error over the network's, {r}: {ratios}."
+
+    shown.sentence(sentence)
+    shown.show(
+        name="fig-lr-ratios",
+        caption="Recorded, with 95 % intervals by a block bootstrap. The smoother also uses later "
+        "fixes. Left of the line is better than the network.",
+        alt=" ".join(sentence(r) for r in RECORDINGS),
+    )
+
+
+def overtaken(profile: pd.DataFrame) -> float:
+    """Return how long coasting has less error than standing still, from the first second on, s."""
+    time = profile.index.to_numpy(dtype=float)
+    still, coast = (
+        profile[BRIDGES[name][1]].to_numpy(dtype=float) for name in ("stand still", "coast")
+    )
+    return float(time[np.flatnonzero((still < coast) & (time > 1))[0]])
+
+
+def show_bridges(profile: pd.DataFrame) -> None:
+    """Show the error as time passes without fixes, in the room."""
+    time = profile.index.to_numpy(dtype=float)
+    every = [round(float(t), 1) for t in np.arange(1, 10.1, 0.5)]
+    top = 5.0
+
+    def at(name: str, s: float) -> float:
+        return float(np.interp(s, time, profile[BRIDGES[name][1]]))
+
+    shown = Moving("Without fixes", Slider("s", "time without fixes", every, 1.0, "{:g} s"))
+    chart = shown.chart(
+        "RMS position error (m)", x="time without fixes (s)", y="m", xlim=(0, 10), ylim=(0, top)
+    )
+    shown.draw(chart, "published", "", lambda s: ([s, s], [0.0, top]))
+
+    def add(name: str) -> None:
+        method, column = BRIDGES[name]
+        values = np.minimum(profile[column].to_numpy(dtype=float), top)
+        shown.draw(chart, method, name, (time, values), at=len(time) // 3)
+        shown.number(method, name, lambda s: f"{at(name, s):.2f} m")
+
+    for name in BRIDGES:
+        add(name)
+    shown.sentence(
+        lambda s: (
+            f"After {s:g} s without fixes: "
+            + ", ".join(f"{name} {at(name, s):.2f} m" for name in BRIDGES)
+            + "."
+        )
+    )
+    shown.show(
+        name="fig-lr-bridges",
+        caption="Recorded outages in the room, replayed. Who stands still at the last fix computes "
+        "nothing.",
+        alt="RMS position error over the time without fixes. "
+        + "; ".join(
+            f"After {s:g} s: " + ", ".join(f"{name} {at(name, s):.2f} m" for name in BRIDGES)
+            for s in (2.0, 5.0, 10.0)
+        )
+        + ".",
+    )
