@@ -234,8 +234,8 @@ def show_honesty(runs: Mapping[float, ExampleRun], plain: Filter, knowing: Filte
         }
         return (
             f"Errors that last {t:g} s: the filter that assumes white ones is off by "
-            f"{of['kalman'][0]:.1f} cm and in its band {of['kalman'][1]:.0f} % of the time, the one "
-            f"that knows {of['coloured'][0]:.1f} cm and {of['coloured'][1]:.0f} %."
+            f"{of['kalman'][0]:.1f} cm and in its band {of['kalman'][1]:.0f} % of the time, that "
+            f"which knows {of['coloured'][0]:.1f} cm and {of['coloured'][1]:.0f} %."
         )
 
     shown.sentence(said)
@@ -279,15 +279,15 @@ def show_innovations(runs: Mapping[float, ExampleRun], knowing: Filter) -> None:
         "Autocorrelation of innovations in x", x="lag (s)", y="", xlim=(0, 5), ylim=(-0.5, 1.05)
     )
     shown.draw(chart, "published", "", ([0.0, 5.0], [-chance] * 2, [chance] * 2), style="band")
-    shown.draw(chart, "kalman", "assumes white", lambda t: (lags, found["kalman", t]), at=6)
-    shown.draw(chart, "coloured", "knows", lambda t: (lags, found["coloured", t]), at=2)
-    shown.number("kalman", "neighbours", lambda t: f"{found['kalman', t][1]:.2f}")
-    shown.number("coloured", "neighbours (knows)", lambda t: f"{found['coloured', t][1]:.2f}")
+    shown.draw(chart, "kalman", "", lambda t: (lags, found["kalman", t]))
+    shown.draw(chart, "coloured", "", lambda t: (lags, found["coloured", t]))
+    shown.number("kalman", "neighbours, assumes white", lambda t: f"{found['kalman', t][1]:.2f}")
+    shown.number("coloured", "neighbours, knows", lambda t: f"{found['coloured', t][1]:.2f}")
 
     def said(t: float) -> str:
         return (
             f"Errors last {t:g} s: neighbouring innovations correlate by "
-            f"{found['kalman', t][1]:.2f}, by {found['coloured', t][1]:.2f} in the filter that knows."
+            f"{found['kalman', t][1]:.2f}, in the filter that knows {found['coloured', t][1]:.2f}."
         )
 
     shown.sentence(said)
@@ -371,8 +371,9 @@ def show_bridges(profile: pd.DataFrame) -> None:
 
     def add(name: str) -> None:
         method, column = BRIDGES[name]
-        values = np.minimum(profile[column].to_numpy(dtype=float), top)
-        shown.draw(chart, method, name, (time, values), at=len(time) // 3)
+        values = profile[column].to_numpy(dtype=float)
+        drawn = int(np.argmax(values > top)) or len(values)  # as far as the chart goes
+        shown.draw(chart, method, name, (time[:drawn], values[:drawn]))
         shown.number(method, name, lambda s: f"{at(name, s):.2f} m")
 
     for name in BRIDGES:
