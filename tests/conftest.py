@@ -488,19 +488,6 @@ def served(built_site: Path) -> Iterator[str]:
         server.shutdown()
 
 
-@pytest.fixture(scope="session")
-def labs(built_site: Path) -> dict[str, Any]:
-    """What each lab of the built book computes from, by its kind, and the page that it is on."""
-    found = {}
-    for page in sorted((built_site / "chapters").glob("7*.html")):
-        section = BeautifulSoup(page.read_text(encoding="utf-8"), "html.parser").select_one(".lab")
-        assert section is not None, page.name
-        assert section.script is not None, page.name
-        content = json.loads(str(section.script.string))
-        found[str(section["data-lab"])] = content | {"page": f"chapters/{page.name}"}
-    return found
-
-
 # What a cell shows -------------------------------------------------------------------------------
 
 

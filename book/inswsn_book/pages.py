@@ -243,13 +243,13 @@ def _pages(
 def _redirects(root: Path, templates: Environment, texts: Iterable[str]) -> dict[str, bytes]:
     """Return the pages that stand where others were, and lead to where those are."""
     moved, there = root / "book" / "redirects.yaml", {name.partition(".")[0] for name in texts}
-    return {
-        f"moved/{old}.html": templates.get_template("redirect.html")
-        .render(target=posixpath.relpath(f"{new}.html", posixpath.dirname(old)))
-        .encode()
-        for old, new in (read_yaml(moved) if moved.is_file() else {}).items()
-        if new in there
-    }
+    page, found = templates.get_template("redirect.html"), {}
+    for old, new in (read_yaml(moved) if moved.is_file() else {}).items():
+        name, _, place = new.partition("#")
+        if name in there:
+            target = posixpath.relpath(f"{name}.html", posixpath.dirname(old))
+            found[f"moved/{old}.html"] = page.render(target=target, place=place).encode()
+    return found
 
 
 def with_pictures(notebook: Any) -> Any:

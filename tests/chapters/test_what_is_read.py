@@ -39,14 +39,12 @@ QUICK: dict[str, dict[str, Value]] = {
     "63": {"tolerance": 5.0},
     "64": {"tolerance": 0.01},
     "65": {"tolerance": 0.1},
-    "71": {"other_runs": 20},
-    "72": {"networks": 2},
     "91": {"seed": 7},
     "90": {"wsn_position_noise": 0.3},
 }
 
 
-LONG = {"00", "01", "02", "03", "04", "05", "06", "62", "71", "72"}
+LONG = {"00", "01", "02", "03", "04", "05", "06", "62"}
 SPY = """\
 import os, sys
 def _hook(event, args, log=open({log!r}, "w", buffering=1)):

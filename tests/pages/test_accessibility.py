@@ -31,16 +31,16 @@ from inswsn_book.project import Project
 from inswsn_book.runs import book_runs
 from PIL import Image
 from playwright.sync_api import Browser, Page
-from visiting import CHAPTER_00, LAB, OWN_DATA, PAGES, contrast_of, it_is_whole, set_theme, visit
+from visiting import CHAPTER_00, LESSON, OWN_DATA, PAGES, contrast_of, it_is_whole, set_theme, visit
 
 from inswsn_lib.plotting import COLOURS
 
 pytestmark = pytest.mark.page
 
-# What axe looks at daily: the front page, a lab with figures, exercises and code, wide tables,
+# What axe looks at daily: the front page, a lesson with figures, exercises and code, wide tables,
 # references, an index, a form
 ONE_OF_EACH_KIND = {
-    "index.html", LAB, OWN_DATA, "elsewhere.html", "bibliography.html", "py-modindex.html",
+    "index.html", LESSON, OWN_DATA, "elsewhere.html", "bibliography.html", "py-modindex.html",
     "search.html",
 }  # fmt: skip
 # WCAG 2.0 to 2.2, levels A and AA, and axe's own advice, as axe-core names them
@@ -350,7 +350,7 @@ def filtered(colour: np.ndarray) -> np.ndarray:
 
 def test_inks_of_figures_stand_out_in_both_themes(browser: Browser, served: str) -> None:
     """In the dark one by the filter that the style has for figures, as the browser paints it."""
-    page = visit(browser, served, LAB, color_scheme="dark").page
+    page = visit(browser, served, LESSON, color_scheme="dark").page
     filters = page.evaluate(
         """[...document.querySelectorAll(".bd-content img[src$='.svg']")]
           .map((image) => getComputedStyle(image).filter)"""
@@ -426,7 +426,7 @@ def test_the_first_tab_leads_past_the_contents_and_none_to_a_formula(
     ("name", "kinds"),
     [
         (OWN_DATA, {"a", "button", "summary", "pre"}),
-        (LAB, {"a", "button", "summary", "input", "mjx-container"}),
+        (LESSON, {"a", "button", "summary", "input", "mjx-container"}),
     ],
 )
 def test_focus_is_seen_and_nothing_moves(

@@ -7,14 +7,14 @@ import re
 import numpy as np
 import pytest
 from playwright.sync_api import Browser, Page
-from visiting import CHAPTER_00, LAB, OWN_DATA, luminance, visit, weekly_but
+from visiting import CHAPTER_00, LESSON, OWN_DATA, luminance, visit, weekly_but
 
 pytestmark = pytest.mark.page
 
 # one of each kind: text and tables, many figures, the longest list, wide tables, signatures
 PRINTED = weekly_but(
-    {"index.html", LAB, OWN_DATA, "elsewhere.html"},
-    ("index.html", CHAPTER_00, LAB, OWN_DATA, "claims.html", "assumptions.html", "errata.html",
+    {"index.html", LESSON, OWN_DATA, "elsewhere.html"},
+    ("index.html", CHAPTER_00, LESSON, OWN_DATA, "claims.html", "assumptions.html", "errata.html",
      "elsewhere.html"),
 )  # fmt: skip
 # A4 is 210 mm wide, less two margins of 15 mm, at 96 px to the inch

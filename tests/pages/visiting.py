@@ -29,7 +29,7 @@ def listed_pages() -> list[str]:
 
 PAGES = listed_pages()
 CHAPTER_00 = "chapters/evidence/00-the-published-numbers.html"
-LAB = "chapters/71-two-filters-become-one.html"
+LESSON = "chapters/02-blend-two-bad-instruments.html"
 OWN_DATA = "chapters/90-your-own-data.html"
 
 
