@@ -35,6 +35,7 @@ from inswsn_lib.errors import BuildError, InswsnError
 from inswsn_lib.files import read_text, read_yaml
 from inswsn_lib.scenario import load_scenario
 
+_MOVES = r"class=\"moving\""  # in the text of a notebook
 _UNSTAGED = re.compile(r"inswsn_book/|_templates/|pyproject\.toml|redirects\.yaml|(.*/)?\.")
 _HEAD = re.compile(
     r"\*\*You need\*\*\s+(?P<need>.*?)\.\s+\*\*Reading time\*\*\s+(?P<minutes>\d+)\s+minutes?\.",
@@ -88,6 +89,14 @@ def _head_of(chapter: Chapter) -> dict[str, str]:
     return head.groupdict() if head else {"need": "", "minutes": ""}
 
 
+def _lessons(project: Project) -> list[Chapter]:
+    """Return the lessons in the order of reading, which the table of contents has."""
+    toc = read_yaml(project.root / "book" / "_toc.yml")
+    parts = [part for part in toc.get("parts", []) if part["caption"] == "Lessons"]
+    known = {f"chapters/{c.name}": c for c in project.chapters()}
+    return [known[entry["file"]] for part in parts for entry in part["chapters"]]
+
+
 def context(project: Project, results: Sequence[Results]) -> dict[str, Any]:
     """Return what the templates are rendered over."""
     judged = judge(project.root, results)
@@ -102,6 +111,8 @@ def context(project: Project, results: Sequence[Results]) -> dict[str, Any]:
         ],
         "findings": findings,
         "judged": judged,
+        "lessons": _lessons(project),
+        "moving": {},
     }
     published = all(
         found.parameters == chapter_schema(project.root, found.chapter).defaults
@@ -204,6 +215,7 @@ def stage_book(project: Project, runs: Sequence[Run], folder: Path) -> list[str]
     # what the pages and the verdicts need of chapters that are not rendered
     others = [reference_results(project, c.id) for c in project.chapters() if c.id not in here]
     known = context(project, [*rendered, *others])
+    known["moving"] = moving = _moving_figures(runs)
     templates = environment(project.root, folder.parent / "templates")
     texts, problems = _pages(project, templates, known)
     for results in (*rendered, *others):
@@ -215,6 +227,7 @@ def stage_book(project: Project, runs: Sequence[Run], folder: Path) -> list[str]
         notebook = with_captions(with_pictures(nbformat.from_dict(json.loads(run.notebook or ""))))
         shown = with_notes(notebook, results, claims_of(claims, results.chapter), templates)
         texts[f"chapters/{name}.ipynb"] = json.dumps(shown, ensure_ascii=False).encode()
+    texts |= {f"generated/{name}.svg": found["picture"].encode() for name, found in moving.items()}
     texts |= _redirects(project.root, templates, texts)
     for figure in (project.root / "data").glob("*.svg"):
         texts[f"generated/{figure.name}"] = figure.read_bytes()
@@ -249,6 +262,29 @@ def _redirects(root: Path, templates: Environment, texts: Iterable[str]) -> dict
         if name in there:
             target = posixpath.relpath(f"{name}.html", posixpath.dirname(old))
             found[f"moved/{old}.html"] = page.render(target=target, place=place).encode()
+    return found
+
+
+def _moving_figures(runs: Sequence[Run]) -> dict[str, dict[str, str]]:
+    """Return the figures that move, for pages that are no chapters: section, picture and words."""
+    found = {}
+    moving = [run.notebook for run in runs if run.notebook and _MOVES in run.notebook]
+    for cell in [cell for text in moving for cell in json.loads(text)["cells"]]:
+        data = [output.get("data", {}) for output in cell.get("outputs", [])]
+        sections = [
+            page
+            for page in ("".join(d.get("text/html", "")) for d in data)
+            if 'class="moving"' in page
+        ]
+        for output in cell.get("outputs", []):
+            words = output.get("metadata", {}).get("inswsn")
+            if sections and words:
+                picture = "".join(output["data"]["image/svg+xml"])
+                found[words["name"]] = {
+                    "section": sections[0],
+                    "picture": picture,
+                    "alt": words["alt"],
+                }
     return found
 
 
