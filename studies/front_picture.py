@@ -1,7 +1,8 @@
-"""The picture of the front page, the papers' methods over their rivals: `make publish`.
+"""The pictures of the front page and of the README: `make publish`.
 
-Its numbers are those of the reference results. They are kept in data/front.json, for the text of
-the page, and drawn in data/front.svg.
+The papers' methods over their rivals, by the reference results, are kept in data/front.json for the
+text of the front page, and drawn in data/front.svg. The example of the lessons is drawn in
+data/example.svg: what an INS and fixes say of a drive, and a Kalman filter of both.
 """
 
 from __future__ import annotations
@@ -13,16 +14,21 @@ from dataclasses import asdict, dataclass
 from math import exp, log
 from pathlib import Path
 
+import numpy as np
 from inswsn_book.files import write_whole
 from inswsn_book.results import read_results
 from inswsn_book.review import Findings
 from matplotlib import pyplot as plt
+from matplotlib.figure import Figure
 
 from inswsn_lib.files import read_yaml
-from inswsn_lib.plotting import COLOURS, figure
+from inswsn_lib.filters import run_kalman
+from inswsn_lib.models import ErrorModel
+from inswsn_lib.navigation import example_run
+from inswsn_lib.plotting import COLOURS, STROKES, figure
 
 ROOT = Path(__file__).parent.parent
-DATA, PICTURE = "data/front.json", "data/front.svg"
+DATA, PICTURE, EXAMPLE = "data/front.json", "data/front.svg", "data/example.svg"
 
 
 @dataclass(frozen=True)
@@ -91,10 +97,38 @@ def front_svg(rows: Sequence[Contest]) -> str:
     axes.set_yticks(list(places), [row.label for row in rows])
     axes.set_xlabel("error of the paper's method over its rival's")
     fig.legend(loc="outside upper right", ncols=3, fontsize=9, columnspacing=1, handletextpad=0.2)
+    return _svg(fig)
+
+
+def _svg(fig: Figure, **options: str) -> str:
     stream = io.StringIO()
-    fig.savefig(stream, format="svg", metadata={"Date": None, "Creator": None})
+    fig.savefig(stream, format="svg", metadata={"Date": None, "Creator": None}, **options)
     plt.close(fig)
     return stream.getvalue()
+
+
+def example_svg() -> str:
+    """Draw one drive on the map and how far off each is, on white, as SVG."""
+    run = example_run()
+    model = ErrorModel.p1(run.period, process_noise=run.process, measurement_noise=run.measurement)
+    y = (run.ins - run.network)[:, :, None]
+    kalman = run.ins - run_kalman(model, y, initial_covariance=1e6 * np.eye(4))[:, :, 0]
+    fig, (track, error) = figure(1, 2, height=2.2)
+    shown = {"true path": ("truth", run.truth), "INS": ("ins", run.ins)}
+    for label, (method, motion) in shown.items():
+        track.plot(*motion[:, :2].T, color=STROKES[method].colour, label=label)
+    track.set(xlabel="x (m)", ylabel="y (m)", title="An INS drifts by metres", aspect="equal")
+    track.legend()
+    both = {"fixes": ("network", run.network), "Kalman filter": ("kalman", kalman)}
+    for label, (method, motion) in both.items():
+        dots = {"ls": "", "marker": "o", "ms": 3} if method == "network" else {}
+        error.plot(
+            run.time, 100 * run.distances(motion), color=STROKES[method].colour, label=label, **dots
+        )
+    error.set(xlabel="time (s)", ylabel="off by (cm)", title="Fixes scatter; a filter blends both")
+    error.set(ylim=(0, 55))
+    error.legend(loc="upper center", ncols=2)
+    return _svg(fig, facecolor="white")
 
 
 def main() -> None:
@@ -104,6 +138,7 @@ def main() -> None:
     numbers = json.dumps([asdict(row) for row in rows], indent=1, ensure_ascii=False)
     write_whole(ROOT / DATA, numbers + "\n")
     write_whole(ROOT / PICTURE, front_svg(rows))
+    write_whole(ROOT / EXAMPLE, example_svg())
 
 
 if __name__ == "__main__":
