@@ -84,3 +84,22 @@
   window.addEventListener("resize", later);
   document.addEventListener("toggle", later, true); // what was folded had no width
 })();
+
+// A link to a place in a folded section opens it, where the browser does not do so by itself.
+(() => {
+  function reveal() {
+    const place = document.getElementById(decodeURIComponent(location.hash.slice(1)));
+    if (!place) return;
+    const folded = [];
+    // a heading and its labels stand outside of what is folded
+    const own = place.closest("section")?.querySelector(":scope > details.fold");
+    for (let box = own || place.closest("details"); box; box = box.parentElement.closest("details"))
+      if (!box.open) folded.push(box);
+    if (!folded.length) return;
+    for (const box of folded) box.open = true;
+    place.scrollIntoView();
+  }
+  window.addEventListener("hashchange", reveal);
+  if (document.readyState === "loading") document.addEventListener("DOMContentLoaded", reveal);
+  else reveal();
+})();

@@ -83,7 +83,8 @@ def _rewritten(pages: Sequence[Path]) -> list[_Facts]:
 def _rewrite(path: Path) -> _Facts:
     """Rewrite a page; return what a link may name in it, its links, and what is wrong in it."""
     # Sphinx adds the digest of a file that happens to lie there already
-    page, soup = improve(_VERSION.sub("", path.read_text(encoding="utf-8")))
+    text = _VERSION.sub("", path.read_text(encoding="utf-8"))
+    page, soup = improve(text, evidence=path.parent.name == "evidence")
     path.write_text(page, encoding="utf-8", newline="\n")
     tags = soup.find_all()
     names = {str(tag[key]) for key in ("id", "name") for tag in tags if tag.has_attr(key)}
@@ -118,11 +119,12 @@ def _broken(names: Mapping[str, frozenset[str] | None], page: str, link: str) ->
         yield f"{link} leads to no element of {posixpath.basename(path)}."
 
 
-def improve(page: str) -> tuple[str, BeautifulSoup]:
+def improve(page: str, *, evidence: bool = False) -> tuple[str, BeautifulSoup]:
     """Return a page with what was left out, and its tree.
 
     Headers of tables get their scope, tables a name. Links to a heading are named by what they do.
-    Solutions become native disclosures. Of elements that share an id the first keeps it.
+    Solutions become native disclosures, and so do the provenance and the sections of evidence:
+    what it found stands before them. Of elements that share an id the first keeps it.
     """
     # coloured code is most of a page, and nothing in it is changed
     code = _CODE.findall(page)
@@ -132,6 +134,9 @@ def improve(page: str) -> tuple[str, BeautifulSoup]:
         _table(table)
     for solution in soup.select("div.solution.dropdown"):
         _solution(soup, solution)
+    folded = "article.bd-article > section > section" if evidence else "section#provenance"
+    for section in soup.select(folded):
+        _fold(soup, section)
     _names(soup)
     for sidebar in soup.select("#pst-primary-sidebar"):
         sidebar["role"] = "complementary"
@@ -197,6 +202,24 @@ def _solution(soup: BeautifulSoup, solution: Tag) -> None:
         for part in list(title.next_siblings):
             body.append(part)
         title.insert_after(body)
+
+
+def _fold(soup: BeautifulSoup, section: Tag) -> None:
+    """Make a section a native disclosure below its heading; links to what is in it open it."""
+    heading = section.find(_HEADINGS, recursive=False)
+    if not isinstance(heading, Tag):
+        return
+    for link in heading.find_all("a"):
+        link.decompose()  # it would close the section that it leads to
+    fold, summary = soup.new_tag("details", attrs={"class": "fold"}), soup.new_tag("summary")
+    heading.insert_before(fold)
+    rest = list(heading.next_siblings)
+    fold.append(summary)
+    summary.append(heading.extract())
+    body = soup.new_tag("div")
+    fold.append(body)
+    for part in [part for part in rest if part is not fold]:
+        body.append(part)
 
 
 def _names(soup: BeautifulSoup) -> None:
