@@ -103,3 +103,25 @@
   if (document.readyState === "loading") document.addEventListener("DOMContentLoaded", reveal);
   else reveal();
 })();
+
+// One button unfolds all sections of evidence, or folds them again.
+(() => {
+  function start() {
+    const folds = [...document.querySelectorAll("details.fold")];
+    if (folds.length < 3) return;
+    const button = document.createElement("button");
+    button.type = "button";
+    button.className = "fold-all btn btn-sm";
+    const name = () => { button.textContent = folds.every((fold) => fold.open) ? "Fold all" : "Unfold all"; };
+    button.addEventListener("click", () => {
+      const open = !folds.every((fold) => fold.open);
+      for (const fold of folds) fold.open = open;
+      name();
+    });
+    for (const fold of folds) fold.addEventListener("toggle", name);
+    name();
+    folds[0].closest("section").before(button);
+  }
+  if (document.readyState === "loading") document.addEventListener("DOMContentLoaded", start);
+  else start();
+})();

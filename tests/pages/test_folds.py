@@ -1,0 +1,43 @@
+"""Evidence folds its sections below what it found: links open them, a button opens all."""
+
+from __future__ import annotations
+
+import pytest
+from playwright.sync_api import Browser
+from visiting import CHAPTER_00, visit
+
+pytestmark = pytest.mark.page
+
+
+def test_a_link_into_a_folded_section_opens_it_and_the_others_stay(
+    browser: Browser, served: str
+) -> None:
+    for place in ("fig-00-drift", "chapter-00-period"):
+        page = visit(browser, served, f"{CHAPTER_00}#{place}").page
+        page.locator("#fig-00-drift").wait_for(state="visible")
+        assert page.locator("details.fold[open]").count() == 1
+        page.close()
+
+
+def test_all_is_folded_at_first_but_what_it_found(browser: Browser, served: str) -> None:
+    page = visit(browser, served, CHAPTER_00).page
+    folds = page.locator("details.fold")
+    assert folds.count() >= 10
+    assert page.locator("details.fold[open]").count() == 0
+    assert page.locator(".bd-article > section > .admonition").first.is_visible()
+    page.get_by_role("button", name="Unfold all").click()
+    assert page.locator("details.fold[open]").count() == folds.count()
+    page.get_by_role("button", name="Fold all").click()
+    assert page.locator("details.fold[open]").count() == 0
+    page.close()
+
+
+def test_a_heading_of_a_folded_section_is_still_one(browser: Browser, served: str) -> None:
+    """By the keyboard, too: the tab reaches it and Enter opens it."""
+    page = visit(browser, served, CHAPTER_00).page
+    summary = page.locator("details.fold > summary").first
+    assert summary.locator("h2").count() == 1
+    summary.focus()
+    page.keyboard.press("Enter")
+    assert page.locator("details.fold").first.get_attribute("open") is not None
+    page.close()
