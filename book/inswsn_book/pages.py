@@ -23,6 +23,7 @@ from jinja2 import (
 
 import inswsn_lib
 from inswsn_book import files, review
+from inswsn_book.glossary import FirstUses, terms_of
 from inswsn_book.judging import judge
 from inswsn_book.ledger import KINDS, LEDGER, PAPERS, Claim, claims_of, load_claims
 from inswsn_book.notebooks import cell_prefix
@@ -221,10 +222,16 @@ def stage_book(project: Project, runs: Sequence[Run], folder: Path) -> list[str]
     for results in (*rendered, *others):
         texts[f"generated/{results.chapter}.json"] = results_text(results).encode()
     claims = load_claims(project.root / LEDGER)
+    notation = project.root / "book" / "notation.md"
+    terms = terms_of(read_text(notation)) if notation.is_file() else {}
     for run in runs:
         name, results = project.by_id(run.request.chapter).name, run.results
         # as it is, since it was valid when it was kept, and Sphinx looks again
         notebook = with_captions(with_pictures(nbformat.from_dict(json.loads(run.notebook or ""))))
+        uses = FirstUses(terms)
+        for cell in notebook.cells:
+            if cell.cell_type == "markdown":
+                cell.source = uses.link(cell.source)
         shown = with_notes(notebook, results, claims_of(claims, results.chapter), templates)
         texts[f"chapters/{name}.ipynb"] = json.dumps(shown, ensure_ascii=False).encode()
     texts |= {f"generated/{name}.svg": found["picture"].encode() for name, found in moving.items()}
