@@ -38,7 +38,7 @@ def test_a_glossary_is_read_name_by_name() -> None:
         ("prefix, fix-point, INS-only", "prefix, fix-point, INS-only"),
         ("Predicted, then filtered.", "{term}`Predicted <filtered, predicted>`, then filtered."),
         ("`fix` $fix$ [fix](fix) {ref}`a fix` <b>", "`fix` $fix$ [fix](fix) {ref}`a fix` <b>"),
-        ("# fix\n(fix)=\n:name: fix\n* - fix\n| fix |", "# fix\n(fix)=\n:name: fix\n* - fix\n| fix |"),
+        ("# fix\n(fix)=\n:name: fix\n* - fix", "# fix\n(fix)=\n:name: fix\n* - fix"),
         ("```\nfix\n```\nfix", "```\nfix\n```\n{term}`fix <fix>`"),
         ("$$\nfix\n$$\n*fix*", "$$\nfix\n$$\n*{term}`fix <fix>`*"),
         ("::::{x}\n:::\nfix\n::::\nfix", "::::{x}\n:::\nfix\n::::\n{term}`fix <fix>`"),
