@@ -132,6 +132,8 @@ def improve(page: str, *, evidence: bool = False) -> tuple[str, BeautifulSoup]:
     soup = BeautifulSoup(_CODE.sub(lambda _: f"<pre>{next(numbers)}</pre>", page), "html.parser")
     for table in soup.find_all("table"):
         _table(table)
+    for caption in soup.select("figure:has(img[src$='.svg']) > figcaption"):
+        _full_size(soup, caption)
     for solution in soup.select("div.solution.dropdown"):
         _solution(soup, solution)
     folded = "article.bd-article > section > section" if evidence else "section#provenance"
@@ -186,6 +188,15 @@ def _names_what_follows(tag: Tag) -> bool:
         and block.find_parent("table") is None
         and (next(block.stripped_strings, "") == next(tag.stripped_strings, ""))
     )
+
+
+def _full_size(soup: BeautifulSoup, caption: Tag) -> None:
+    """Give a figure a link to its picture, for small screens."""
+    image = caption.parent.find("img") if caption.parent is not None else None
+    if isinstance(image, Tag):
+        link = soup.new_tag("a", attrs={"class": "full-size", "href": str(image["src"])})
+        link.string = "Full size"
+        caption.append(link)
 
 
 def _solution(soup: BeautifulSoup, solution: Tag) -> None:
