@@ -18,7 +18,7 @@ def test_no_figure_is_wider_than_a_phone(browser: Browser, served: str, name: st
     widths = page.evaluate(
         """() => {
           for (const box of document.querySelectorAll("details")) box.open = true;
-          return [...document.querySelectorAll("main :is(figure, figure img, section.moving, section.moving svg)")]
+          return [...document.querySelectorAll("main figure, main figure img, main section.moving")]
             .map((part) => part.getBoundingClientRect()).filter((box) => box.width > 0)
             .map((box) => box.right);
         }"""
