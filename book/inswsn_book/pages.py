@@ -231,7 +231,7 @@ def stage_book(project: Project, runs: Sequence[Run], folder: Path) -> list[str]
         uses = FirstUses(terms)
         for cell in notebook.cells:
             if cell.cell_type == "markdown":
-                cell.source = uses.link(cell.source)
+                cell.source = uses.link("".join(cell.source))
         shown = with_notes(notebook, results, claims_of(claims, results.chapter), templates)
         texts[f"chapters/{name}.ipynb"] = json.dumps(shown, ensure_ascii=False).encode()
     texts |= {f"generated/{name}.svg": found["picture"].encode() for name, found in moving.items()}
