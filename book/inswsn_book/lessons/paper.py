@@ -108,7 +108,7 @@ def show_digits(table: pd.DataFrame) -> None:
     }
     perfect = {d: int(np.sum(f[0] == 10)) for d, f in found.items()}
     most = {d: int(max(f[1])) for d, f in found.items()}
-    shown = Moving("What the digits are worth", Slider("d", "digits", [*DIGITS], 1, "{:d}"))
+    shown = Moving("What the digits are worth", Slider("d", "decimals", [*DIGITS], 1, "{:d}"))
     offsets = shown.chart(
         "Rows that agree, by offset", x="offset", y="rows", xlim=(-9.6, 9.6), ylim=(0, 10.5)
     )
@@ -128,7 +128,7 @@ def show_digits(table: pd.DataFrame) -> None:
     )
     shown.show(
         name="fig-l6-digits",
-        caption="Strike digits off all cells. How many are needed until one offset alone explains "
+        caption="Round all cells. How many decimals are needed until one offset alone explains "
         "the table, and no random order does?",
         alt="Two bar charts, by digits kept. Offsets that explain all ten rows: "
         + ", ".join(f"{n} with {d} digits" for d, n in perfect.items())

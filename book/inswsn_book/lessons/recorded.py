@@ -10,13 +10,17 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from inswsn_book.moving import Moving, Slider
-from inswsn_lib.navigation import ExampleRun
+from inswsn_lib.filters import run_kalman
+from inswsn_lib.models import ErrorModel
+from inswsn_lib.navigation import ExampleRun, TrainingAreas
+from inswsn_lib.navigation.training_areas import p1_settings
 
 Array = NDArray[np.float64]
 #: What a filter finds at each sample: the state, and its covariance
 Filter = Callable[[ExampleRun, float], tuple[Array, Array]]
 
 LASTING = (0.0, 0.2, 0.5, 1.0, 2.0, 5.0)  # s
+MANY = 50  # runs
 COUNTS = np.arange(1, 101)
 FADING = (0.2, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0, 10.0, 20.0)  # s
 WHITE = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5)
@@ -85,8 +89,8 @@ def show_lasting(runs: Mapping[float, ExampleRun], run_filter: Filter) -> None:
     )
     shown.show(
         name="fig-lr-lasting",
-        caption="Dots are the errors of fixes, of the same size at each place of the slider. The "
-        "line is what is left after the Kalman filter.",
+        caption="Dots are errors of fixes, with the same standard deviation at each place of the "
+        "slider. The line is the error of the Kalman filter.",
         alt="Errors in x over twenty seconds. "
         + "; ".join(
             f"lasting {t:g} s: fixes {a:.1f} cm off, filter {b:.1f} cm" for t, (a, b) in far.items()
@@ -135,6 +139,16 @@ def misfit(lags: Array, seen: Array, tau: float, white: float) -> float:
     return float(np.abs(seen - (1 - white) * np.exp(-lags / tau))[there].mean())
 
 
+def nearest(table: pd.DataFrame, recording: str = "room") -> tuple[float, float]:
+    """Return how fast the nearest curve fades, s, and which share of it is white."""
+    lags, seen = (
+        table.index.to_numpy(dtype=float),
+        table[RECORDINGS[recording]].to_numpy(dtype=float),
+    )
+    _, tau, white = min((misfit(lags, seen, t, w), t, w) for t in FADING for w in WHITE)
+    return tau, white
+
+
 def show_recorded(table: pd.DataFrame) -> None:
     """Show the recorded autocorrelation of three networks' errors, and a curve to be fitted."""
     lags = table.index.to_numpy(dtype=float)
@@ -165,20 +179,90 @@ def show_recorded(table: pd.DataFrame) -> None:
             f"{misfit(lags, seen[r], t, w):.3f} in the mean."
         )
     )
-    best = {
-        r: min((misfit(lags, s, t, w), t, w) for t in FADING for w in WHITE)
-        for r, s in seen.items()
-    }
+    best = {r: nearest(table, r) for r in RECORDINGS}
     shown.show(
         name="fig-lr-recorded",
         caption="Dots are recorded. Lay your curve through them: how fast it fades, and how much "
         "of the error is gone at the next fix.",
         alt="The autocorrelation of recorded errors of fixes over the lag. The nearest curves: "
         + "; ".join(
-            f"{r}, {t:g} s and {w:.0%} white, which miss by {m:.2f}"
-            for r, (m, t, w) in best.items()
+            f"{r}, {t:g} s and {w:.0%} white, which miss by {misfit(lags, seen[r], t, w):.2f}"
+            for r, (t, w) in best.items()
         )
         + ".",
+    )
+
+
+def over_many(
+    runs: Mapping[float, ExampleRun], knowing: Filter, seed: int
+) -> dict[tuple[str, float], tuple[float, float]]:
+    """Return position errors over the network's, and shares in the band (%), over `MANY` runs.
+
+    By filter, ``"kalman"`` or ``"coloured"``, and by how long errors last. Covariances are those of
+    the run that is given: they do not depend on what is measured.
+    """
+    found = {}
+    for tau, run in runs.items():
+        areas = TrainingAreas(p1_settings(), seed=seed, correlation_time=tau, runs=MANY)
+        ins, network = (areas.drawn[part]["1"] for part in ("ins", "wsn"))
+        drift, noise = run.process, run.measurement
+        model = ErrorModel.p1(
+            run.period, process_noise=(drift[0], drift[1]), measurement_noise=(noise[0], noise[1])
+        )
+        filters: dict[str, tuple[ErrorModel, Array, Filter]] = {
+            "kalman": (model, np.full(4, 1e6), plain)
+        }
+        if tau:
+            wide = model.with_coloured_noise(tau, white=0.01)
+            start = np.append(np.full(4, 1e6), 0.99 * np.repeat(noise**2, 2))
+            filters["coloured"] = (wide, start, knowing)
+        for name, (assumed, start, by_hand) in filters.items():
+            states = run_kalman(assumed, ins - network, initial_covariance=np.diag(start))
+            error = (ins - states[:, :4])[:, :2]
+            variances = np.diagonal(by_hand(run, tau)[1], axis1=1, axis2=2)[:, :2, None]
+            sizes = [np.linalg.norm(each[:, :2], axis=1).mean() for each in (error, network)]
+            share = 100 * np.mean(error**2 < 4 * variances)
+            found[name, tau] = float(sizes[0] / sizes[1]), float(share)
+    return found
+
+
+def show_many(found: Mapping[tuple[str, float], tuple[float, float]]) -> None:
+    """Show over many runs how far off both filters are and how often they are in their band."""
+    lasting = [tau for name, tau in found if name == "coloured"]
+    shown = Moving("Over many runs", Slider("t", "errors of fixes last", lasting, 0.2, "{:g} s"))
+    labels = {"kalman": "assumes white", "coloured": "knows"}
+
+    def chart(at: int, title: str, unit: str, limit: tuple[float, float], level: float) -> None:
+        here = shown.chart(title, x="errors of fixes last (s)", y=unit, xlim=(0, 5), ylim=limit)
+        shown.draw(here, "published", "", ([0.0, 5.0], [level, level]))
+        shown.draw(here, "published", "", lambda t: ([t, t], [*limit]))
+        for name, label in labels.items():
+            there = [tau for n, tau in found if n == name]
+            shown.draw(here, name, label, (there, [found[name, tau][at] for tau in there]))
+
+    def number(name: str) -> None:
+        shown.number(
+            name, labels[name], lambda t: "{:.2f}, in band {:.0f} %".format(*found[name, t])
+        )
+
+    chart(0, "Position error over that of the fixes", "ratio", (0.4, 1.3), 1.0)
+    chart(1, "Errors in the filter's own band", "%", (0, 105), 95.0)
+    number("kalman")
+    number("coloured")
+
+    def said(t: float) -> str:
+        a, b = found["kalman", t], found["coloured", t]
+        return (
+            f"Errors last {t:g} s: position error over the fixes' {a[0]:.2f}, in its band "
+            f"{a[1]:.0f} %; the filter that knows {b[0]:.2f} and {b[1]:.0f} %."
+        )
+
+    shown.sentence(said)
+    shown.show(
+        name="fig-lr-many",
+        caption=f"{MANY} simulated runs. At which length does the filter that assumes white errors "
+        "become worse than the fixes?",
+        alt=" ".join(map(said, lasting)),
     )
 
 
