@@ -1,6 +1,6 @@
 """The benchmark that others enter: tracks, fixed splits, required baselines, a process of its own.
 
-An entry is a class or a function in a file. It is told of what will come (`Task`), is given what
+An entry is a class or a function in a file. It gets what will come (`Task`), is given what
 sensors said one event after the other, and answers when it is asked where the tag is.
 
 .. code-block:: python

@@ -14,7 +14,7 @@ from inswsn_lib.checks import Array
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """What an entry is told before the first event.
+    """What an entry is given before the first event.
 
     Attributes
     ----------

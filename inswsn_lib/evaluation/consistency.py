@@ -20,7 +20,7 @@ class NoiseFit(NamedTuple):
     Attributes
     ----------
     process : ndarray, (n, n)
-        Q, of what a step of the model leaves over.
+        Q, of the residual of the model in a step.
     measurement : ndarray, (m, m)
         R, of the errors of the measurements.
     initial : ndarray, (n, n)

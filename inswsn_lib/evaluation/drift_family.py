@@ -1,9 +1,9 @@
-r"""What a filter leaves of an INS error that is known by its printed mean errors alone.
+r"""The remaining error of a filter where the INS error is known by printed means alone.
 
 On one axis the error of an uncorrected INS is taken as a polynomial of position, whose derivative
 is the error of velocity, over an area with fixes and the outage after it. Its mean absolute values
 in the two windows are four printed cells. A filter is a linear map from measurements to estimates,
-so what it leaves of such a drift is linear in the numbers of the drift, and the mean absolute
+so the remaining error is linear in the numbers of the drift, and the mean absolute
 errors follow without a simulation.
 """
 
@@ -136,8 +136,8 @@ class DriftFamily:
 class Correction:
     r"""A filter as the linear map from the measurements of an axis to its estimates.
 
-    The measurement is the INS error less that of the network, :math:`y = e - v`, and the error
-    left is :math:`e - Fy = (I - F)\,e + Fv`, over all samples of an area, position and velocity.
+    The measurement is the INS error less that of the network, :math:`y = e - v`, and the remaining
+    error is :math:`e - Fy = (I - F)\,e + Fv`, over all samples of an area, position and velocity.
 
     Attributes
     ----------
@@ -150,7 +150,7 @@ class Correction:
 
     Examples
     --------
-    A correction by three quarters leaves a quarter:
+    After a correction by three quarters a quarter remains:
 
     >>> import numpy as np
     >>> from inswsn_lib.evaluation import Correction, DriftFamily
@@ -250,7 +250,7 @@ class Correction:
         return self.response.reshape(2 * len(self.response), -1)
 
     def _left(self, family: DriftFamily) -> Array:
-        """Return what is left of each number of a drift, (samples - first, 2, degree + 1)."""
+        """Return what remains of each number of a drift, (samples - first, 2, degree + 1)."""
         if len(self.response) != family.samples:
             raise ParameterError("family", family, f"one with {len(self.response)} samples")
         drift = family.basis[: family.samples]
@@ -303,7 +303,7 @@ def fit_drifts(
     family : DriftFamily
     cells : array_like, (4,) or (6,)
         The mean errors of the INS, in the order of `DriftFamily.cells`; with a `correction`, also
-        those in position and velocity that it leaves. Positive.
+        those in position and velocity that remain. Positive.
     starts : array_like, (starts, degree + 1)
         Such as `DriftFamily.draw_starts` gives.
     correction : Correction, optional

@@ -107,7 +107,7 @@ def design_filter(
     Examples
     --------
     The least worst case of a random walk with noises of unit size is :math:`\sqrt 2`, at the gain
-    1. A large margin leaves the Kalman predictor, whose gain is one over the golden ratio:
+    1. A large margin gives the Kalman predictor, whose gain is one over the golden ratio:
 
     >>> import inswsn_lib as iw
     >>> model = iw.ErrorModel(A=[[1]], B=[[1]], C=[[1]], D=[[1]], period=1.0)

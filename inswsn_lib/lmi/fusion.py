@@ -128,8 +128,9 @@ def design_fusion(
 
     Examples
     --------
-    Two clusters with the gain 1 and noises of unit size: half of each leaves the common process
-    noise and half of the variance of the measurements, so that :math:`\gamma = \sqrt{3/2}`:
+    Two clusters with the gain 1 and noises of unit size: with half of each, the common
+    process noise remains and half of the variance of the measurements, so that
+    :math:`\gamma = \sqrt{3/2}`:
 
     >>> import inswsn_lib as iw
     >>> model = iw.ErrorModel(A=[[1]], B=[[1]], C=[[1]], D=[[1]], period=1.0)

@@ -52,7 +52,7 @@ _INERTIAL = (
     "accelerometer_bias", "accelerometer_scale", "gyro_bias", "heading", "velocity", "position",
 )  # fmt: skip
 _TRIALS = 12
-_WORST = 1e6  # a loss that is no more told from a larger one
+_WORST = 1e6  # a loss that is no more told apart from a larger one
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,7 +99,7 @@ class Passage:
         return Passage(self.area, first, self.y[: self.heard], y, inputs, self.time[: self.heard])
 
     def shares(self, left: Array) -> Array:
-        """Return the mean absolute error left in the outage over that of the INS, (4, runs)."""
+        """Return the mean absolute remaining error over that of the INS, (4, runs)."""
         return np.asarray(np.abs(left).mean(axis=0) / np.abs(self.error[self.heard :]).mean(axis=0))
 
     def loss(self, left: Array) -> float:
@@ -108,12 +108,12 @@ class Passage:
         return float((means[0] / means[1]).mean())
 
 
-#: A method: a passage in, what is left of the error of the INS in its outage (steps, 4, runs) out
+#: A method: a passage in, the remaining error of the INS in its outage (steps, 4, runs) out
 Bridge = Callable[[Passage], Array]
 
 
 class Judged(NamedTuple):
-    """How a method was tuned, and the shares that it leaves, one outage after the other."""
+    """How a method was tuned, and its shares of the error, one outage after the other."""
 
     tuning: Tuning[float]
     shares: Array  # (4 for each outage, runs)
@@ -251,7 +251,7 @@ class BridgedOutages:
         return lambda y: run_kalman(model, y, initial_covariance=UNKNOWN)
 
     def coasting_hf(self, area: str, ratio: float, margin: float) -> Callable[[Array], Array]:
-        """Return an H-infinity filter of the exact inequality, told the same, with its margin."""
+        """Return an H-infinity filter of the exact inequality, with the same Q, and its margin."""
         key = area, ratio, margin
         if key not in self._designs:
             self._designs[key] = design_filter(self._assuming(area, ratio), margin=margin)
@@ -307,7 +307,7 @@ class BridgedOutages:
         return WeakKeyDictionary()
 
     def bridge(self, passage: Passage, regressor: Any, kind: str, **options: Any) -> Array:
-        """Return what the hybrid leaves of the error of the INS in the outage, (steps, 4, runs)."""
+        """Return the remaining error of the INS in the outage by the hybrid, (steps, 4, runs)."""
         if passage not in self._filtered:
             self._filtered[passage] = self._published(passage.area, passage.y)
         filtered = self._filtered[passage]
@@ -317,7 +317,7 @@ class BridgedOutages:
         return np.asarray((passage.error - ran.estimates)[passage.heard :])
 
     def coast(self, passage: Passage, ratio: float, margin: float | None = None) -> Array:
-        """Return what a coasting filter leaves in the outage, (steps, 4, runs).
+        """Return the remaining error in the outage by a coasting filter, (steps, 4, runs).
 
         It is the H-infinity filter where a margin is given, else the Kalman filter.
         """
@@ -364,7 +364,7 @@ class BridgedOutages:
     def methods(self, kinds: Iterable[str]) -> dict[tuple[str, str], list[Bridge]]:
         """Return the settings that are tried, by method and kind of input.
 
-        Each takes a passage and returns what is left of the error of the INS in its outage.
+        Each takes a passage and returns the remaining error of the INS in its outage.
         """
         found: dict[tuple[str, str], list[Bridge]] = {}
         for name, (regressor, lasts) in self.fits.items():
@@ -393,14 +393,14 @@ class BridgedOutages:
     def judge(
         self, passages: Iterable[Passage], regressor: Any, kind: str, **options: Any
     ) -> Array:
-        """Return the shares that a regressor leaves, one outage after the other."""
+        """Return a regressor's shares of the error, one outage after the other."""
         return _shares(passages, partial(self.bridge, regressor=regressor, kind=kind, **options))
 
     def scores(self) -> Scores:
         """Return Table 3 with equal terms: each method on the motion, and what needs no input.
 
-        The cells are mean absolute errors over an outage; ``left`` is what is left of the error of
-        the INS, mean over the cells.
+        The cells are mean absolute errors over an outage; ``left`` is the remaining share of the
+        error of the INS, mean over the cells.
         """
         passages = list(self.judged.values())
         compared = self.compare(passages, self.rehearsals, ("motion",))
@@ -447,7 +447,7 @@ def judge_best(
 
 
 def _shares(passages: Iterable[Passage], bridge: Bridge) -> Array:
-    """Return the shares that a method leaves, one outage after the other."""
+    """Return a method's shares of the error, one outage after the other."""
     return np.concatenate([passage.shares(bridge(passage)) for passage in passages])
 
 

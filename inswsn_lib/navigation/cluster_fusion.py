@@ -76,8 +76,8 @@ class ClusterFusion:
     `other_runs` runs of the next seed: an acceleration that is its process noise, m/s^2 (of the
     filter with bias how fast the bias wanders, m/s^2/s^0.5), a factor on the variance of measured
     velocities, and, of H-infinity filters, the weight of a velocity against a position in L and the
-    margin above the least gamma. All are told the same R, the mean covariance of a cluster's
-    measurements; only ``fkf-each-fix`` is told that of each fix, which a constant gain cannot use.
+    margin above the least gamma. All assume the same R, the mean covariance of a cluster's
+    measurements; only ``fkf-each-fix`` is given that of each fix, which a constant gain cannot use.
 
     Attributes
     ----------
@@ -100,7 +100,7 @@ class ClusterFusion:
 
     Examples
     --------
-    Carlson's filter in a fast walk, told of 1 m/s^2, is better than the INS alone in each run:
+    Carlson's filter in a fast walk, with 1 m/s^2 assumed, is better than the INS alone in each run:
 
     >>> from inswsn_lib.navigation import ClusterFusion, planar_rms
     >>> fusion = ClusterFusion(runs=4, speed=6.0)
@@ -163,7 +163,7 @@ class ClusterFusion:
 
     @cached_property
     def covariance(self) -> Array:
-        """The R that filters are told, a cluster's mean at each step, (N, steps, 4, 4)."""
+        """The R that filters assume, a cluster's mean at each step, (N, steps, 4, 4)."""
         steps = len(self.scene.motion.time)
         return np.repeat(self.scene.mean_covariance[:, None], steps, axis=1)
 
@@ -200,7 +200,7 @@ class ClusterFusion:
         interval: int = 1,
         each_fix: bool = False,
     ) -> Estimator:
-        """Return Carlson's federated filter; on demand it is told the covariance of each fix."""
+        """Return Carlson's federated filter; on demand it is given the covariance of each fix."""
         model, known = self._told(acceleration, factor, each_fix=each_fix)
         return lambda y, **options: run_federated(
             model, y, reset=reset, interval=interval, **known, **options
@@ -335,7 +335,7 @@ class ClusterFusion:
     def _told(
         self, acceleration: float, factor: float, *, each_fix: bool = False
     ) -> tuple[ErrorModel, dict[str, Any]]:
-        """Return the model of a cluster, and what Kalman filters are told of the noise."""
+        """Return the model of a cluster, and what Kalman filters assume of the noise."""
         R = self.scene.measurement_covariance if each_fix else self.covariance
         known = widen_velocities(R, factor)
         told = {"measurement_covariance": known, "initial_covariance": self.initial_covariance}

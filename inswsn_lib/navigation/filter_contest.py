@@ -54,7 +54,7 @@ CONTESTANTS = tuple(_SECOND)
 class FilterContest:
     """Filters of P1's scene, each with two numbers that are tuned with the same trials.
 
-    The first number of each is the ratio of the Q that it is told to the one that matches. The
+    The first number of each is the ratio of the Q that it assumes to the one that matches. The
     second is its own: of the Kalman filter a factor on the variance of velocities, of an
     H-infinity filter the margin of its level above the least gamma, of the others what their names
     say. All start from the first measurement, and are judged after that of the step. A factor on R
@@ -67,7 +67,7 @@ class FilterContest:
 
     Examples
     --------
-    Told the truth, the Kalman filter is better than the network that it listens to:
+    If it knows the truth, the Kalman filter is better than the network that it listens to:
 
     >>> from inswsn_lib.navigation import FilterContest, TrainingAreas, relative_loss
     >>> contest = FilterContest(TrainingAreas(runs=4, other_runs=4))
@@ -87,7 +87,7 @@ class FilterContest:
         name : str
             One of `CONTESTANTS`.
         ratio : float
-            Of the Q that it is told to the one that matches.
+            Of the Q that it assumes to the one that matches.
         own : float
             The second number.
         """
@@ -110,7 +110,7 @@ class FilterContest:
         return lambda a, y: run_robust(models[a], y, policy=policy, initial_covariance=UNKNOWN)
 
     def kalman_models(self, ratio: float, factor: float) -> dict[str, ErrorModel]:
-        """Return what the Kalman filter with these two numbers is told, by area."""
+        """Return what the Kalman filter with these two numbers assumes, by area."""
         return {a: _velocities_times(m, factor) for a, m in self.areas.assuming(ratio).items()}
 
     def designs(
@@ -134,7 +134,7 @@ class FilterContest:
         return {name: self.build(name, *search.best) for name, search in self.tunings.items()}
 
     def errors(self, estimate: Estimator, drawn: Mapping[str, ByArea]) -> ByArea:
-        """Return what an estimator leaves of the errors of the INS, by area, (steps, 4, runs)."""
+        """Return the errors of the INS less an estimator's estimates, by area, (steps, 4, runs)."""
         ins, network = drawn["ins"], drawn["wsn"]
         return {a: ins[a] - estimate(a, ins[a] - network[a]) for a in AREAS}
 

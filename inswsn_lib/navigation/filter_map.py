@@ -1,4 +1,4 @@
-"""Where each filter is right: the tuned filters under what they were not told of, by how much."""
+"""Where each filter is right: the tuned filters under what they do not know of, by how much."""
 
 from __future__ import annotations
 
@@ -43,13 +43,13 @@ class FilterMap:
 
     The Kalman filter and the H-infinity filter of the exact inequality are tuned for the scene as
     it is, and changed in nothing. ``hf-least`` is the latter at 1 % above its least gamma, and
-    ``told`` a Kalman filter that is told of what was changed, and how large it is: by states for a
+    ``told`` a Kalman filter that knows what was changed, and how large it is: by states for a
     lasting acceleration or for a coloured error, by the right Q, by the R of late ranges.
     ``network`` are the fixes. Grounds (see `GROUNDS`):
 
     - ``bias``: a constant acceleration error of the INS from the start of an area, any direction;
     - ``correlation``: errors of fixes and velocities correlated over time (`coloured`);
-    - ``assumed-q``: the Q that filters are told, the same for all, over the one that matches;
+    - ``assumed-q``: the Q that filters assume, the same for all, over the one that matches;
     - ``outliers``: ranges that are late, by 3 m on average (exponential);
     - ``adversary``: the share of the energy of the disturbances that is placed where it harms a
       filter most, without end. With white noise of unit variance in the q channels of the model,
@@ -66,7 +66,7 @@ class FilterMap:
 
     Examples
     --------
-    Where there is no bias, a filter that is told so is the tuned one:
+    Where there is no bias, a filter that knows so is the tuned one:
 
     >>> from inswsn_lib.navigation import FilterContest, FilterMap, TrainingAreas
     >>> contest = FilterContest(TrainingAreas(runs=4, other_runs=4))
@@ -126,7 +126,7 @@ class FilterMap:
         return {name: search.best for name, search in self.contest.tunings.items()}
 
     def _told(self, ground: str, size: float) -> Estimator:
-        """Return a Kalman filter that is told of what was changed."""
+        """Return a Kalman filter that knows what was changed."""
         ratio, _ = self._numbers["Kalman"]
         models = self.contest.areas.assuming(ratio)
         if ground == "bias" and size:

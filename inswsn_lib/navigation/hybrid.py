@@ -78,8 +78,8 @@ class HybridNavigator:
         With fewer pairs than this, or than `window` if that is less, the estimate stays that of the
         filter.
     patience : int
-        Steps without measurement, after the last one, that are still the filter's: what a network
-        that is slower than the INS leaves between fixes.
+        Steps without measurement, after the last one, that are still the filter's: the gaps
+        between fixes of a network that is slower than the INS.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Which method leaves least of a drift: by its shape, the length of the outage, and the input.
+"""Which method has the least error: by the drift, the length of the outage, and the input.
 
 The methods are those of `BridgedOutages`, the drifts those of `draw_drift`.
 """
@@ -165,7 +165,7 @@ class LearnerMap:
         return found
 
     def means(self, left: Array) -> Array:
-        """Return mean absolute errors, (drifts, lengths, runs), of what is left in an outage."""
+        """Return mean absolute values, (drifts, lengths, runs), of the errors in an outage."""
         size = np.abs(left[:, :2]).mean(axis=1)
         upto = np.cumsum(size, axis=0) / np.arange(1, len(size) + 1)[:, None]
         ends = [round(length / self.period) - 1 for length in self.lengths]

@@ -29,7 +29,7 @@ Tables = dict[str, pd.DataFrame]
 TIGHT = "tightly coupled, coloured ranges"
 _FORM = 1
 _LAG = 10.0  # s, to which autocorrelations are taken
-# told a tight filter beside the tuned numbers: errors that soon fade
+# what a tight filter may assume beside the tuned numbers: errors that soon fade
 _FADING = (0.02, 0.001, 0.05, 0.05, 0.5, 0.02)
 _BOUND = 0.2  # m
 _CHOICE = 30.0  # s after the start, by which one of the two is chosen
@@ -180,7 +180,7 @@ class RecordedStudy:
         return pd.DataFrame({n: self._tight_row(true + each) for n, each in kinds.items()}).T
 
     def _tight_row(self, distance: Array) -> dict[str, float]:
-        """Return the tight filter over the loose one for these ranges, the likelier of two told."""
+        """Return the tight filter over the loose one for these ranges, by the likelier of two."""
         room = self.room
         heard = replace(room.heard, distance=distance)
         contest = replace(room, recording=replace(room.recording, ranges=heard))

@@ -1,4 +1,4 @@
-"""P1's two training areas as a Monte Carlo: the scene, the noise told, the filters, their errors.
+"""P1's two training areas as a Monte Carlo: the scene, assumed noise, the filters, their errors.
 
 This is what chapter 02 computes over many runs, as a function of the chapter's own parameters.
 """
@@ -52,9 +52,9 @@ def p1_settings() -> dict[str, Setting]:
 
 @dataclass(frozen=True, eq=False)
 class TrainingAreas:
-    r"""P1's scene with its network, what the filters of chapter 02 are told, and their errors.
+    r"""P1's scene with its network, what the filters of chapter 02 assume, and their errors.
 
-    The filters are told one standard deviation for position and one for velocity of Q and of R,
+    The filters assume one standard deviation for position and one for velocity of Q and of R,
     fitted to other runs (`inswsn_lib.evaluation.fit_noise`): they are *matched*.
 
     **What is held when the time is scaled.** The path sample by sample: the speed goes with one
@@ -84,7 +84,7 @@ class TrainingAreas:
     accelerometer_noise, gyro_noise : float
         m/s/s^0.5 and rad/s^0.5.
     inertial_scale, q_scale, time_scale : float
-        Factors on the fitted errors of the INS, on the Q that matched filters are told, and on
+        Factors on the fitted errors of the INS, on the Q that matched filters assume, and on
         periods and times; the speed is divided by the last.
     solver : {"clarabel", "scs"}
         Of the designs; where an answer of SCS is refused, Clarabel is asked.
@@ -160,9 +160,9 @@ class TrainingAreas:
         return errors_by_area(monte_carlo(self.scene.simulate, self.other_runs, self.seed + 1))
 
     def told(self, q_scale: float) -> TrainingAreas:
-        """Return the same runs, with filters that are told another multiple of Q."""
+        """Return the same runs, with filters that assume another multiple of Q."""
         other = replace(self, q_scale=q_scale)
-        # what is drawn does not depend on what filters are told
+        # what is drawn does not depend on what filters assume
         shared = ("scene", "drawn", "others", "noise")
         vars(other).update({name: getattr(self, name) for name in shared})
         return other
@@ -198,17 +198,17 @@ class TrainingAreas:
 
     @cached_property
     def matched(self) -> dict[str, ErrorModel]:
-        """The models that matched filters are told."""
+        """The models that matched filters assume."""
         return self.assuming(self.q_scale)
 
     @cached_property
     def matched_designs(self) -> Designs:
-        """H-infinity filters that are told the noise of `matched`."""
+        """H-infinity filters that assume the noise of `matched`."""
         return self._designs(self.matched)
 
     @cached_property
     def identity_designs(self) -> Designs:
-        """H-infinity filters that are told B = D = I."""
+        """H-infinity filters that assume B = D = I."""
         return self._designs(self.identity)
 
     def _designs(self, models: Mapping[str, ErrorModel]) -> Designs:

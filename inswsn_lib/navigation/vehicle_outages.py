@@ -121,7 +121,7 @@ class VehicleOutages:
 
     @cached_property
     def beliefs(self) -> FilterSettings:
-        """What the filters are told."""
+        """What the filters assume."""
         return FilterSettings.from_settings(self.settings)
 
     @cached_property

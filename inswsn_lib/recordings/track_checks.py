@@ -377,13 +377,13 @@ def _against_reference(
     bound = float(norm.isf(_LOW))
     fits = low <= mean <= high and abs(z) <= bound
     who, says = "copy", "the network is as far from the reference as its noise says"
-    # the innovations do not know the reference: if they are as large as told, it is the reference's
+    # the innovations do not know the reference: if their size is as assumed, it is the reference's
     if mean < _COPIED or z < -bound or (mean < low and sized):
         says = "the reference has the network's noise: it was made from the network"
     elif z > bound or (mean > high and sized):
         who, says = "noise", "the reference has noise of its own, or another rate or run"
     elif not fits:
-        who, says = "size", f"the noise of the network is {np.sqrt(mean):.3g} times what is told"
+        who, says = "size", f"the noise of the network is {np.sqrt(mean):.3g} times what is assumed"
     if low <= mean <= high and not fits:
         mean, low, high = z, -bound, bound
     yield Finding(who, "network and reference", mean, low, high, fits, says)

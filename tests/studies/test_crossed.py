@@ -171,7 +171,7 @@ def test_its_page_names_the_conclusions_that_turn_at_most_points(
 
 
 def test_it_is_as_chapter_03_says(stored: Crossed) -> None:
-    """At most points the coasting filter leaves less than the LS-SVM on the motion."""
+    """At most points the coasting filter has less error than the LS-SVM on the motion."""
     ratio = stored.spreads["03 fair.ls-svm.motion/fair.kalman-filter-coasting.state"]
     assert ratio.below is not None
     assert ratio.below < 0.5
