@@ -117,7 +117,7 @@ def show_drive(drive: Drive, told: FilterSettings) -> dict[str, tuple[Array, Arr
     for part, where in enumerate(("along the road", "across it")):
         chart = shown.chart(
             f"Error {where}", x="time without satellites (s)", y="error (m)", xlim=(0, LENGTH),
-            ylim=(-80, 80),
+            ylim=(-100, 100),
         )  # fmt: skip
         shown.draw(chart, "ins", "INS alone", _curve(t, lambda k, p=part: at("none", k, p)))
         shown.draw(chart, "kalman", "aided", _curve2(t, lambda k, a, p=part: at(a, k, p)))
@@ -182,7 +182,11 @@ def show_wrong_start(navigate: Navigate) -> None:
     tilted = shown.chart("A tilt: gravity gets in", **time)
     shown.draw(tilted, "ins", "INS", lambda s: (t, by_tilt[s]), at=34)
     shown.draw(
-        tilted, "published", "½ g · tilt · t²", lambda s: (t, 9.79 * np.radians(s) * t**2 / 2), at=22
+        tilted,
+        "published",
+        "½ g · tilt · t²",
+        lambda s: (t, 9.79 * np.radians(s) * t**2 / 2),
+        at=22,
     )
     turned_off = shown.chart("A wrong heading: it waits for braking and turns", **time)
     shown.draw(turned_off, "ins", "INS", lambda h: (t, by_heading[h]), at=34)
@@ -216,7 +220,9 @@ def show_constraint(constrain: Constrain) -> None:
     circle = np.eye(2)
     once = constrain(circle, 0.0)
     twice = {q: constrain(once, np.radians(q)) for q in angles}
-    shown = Moving("What a look sideways tells", Slider("q", "the car turns by", angles, 0, "{:d}°"))
+    shown = Moving(
+        "What a look sideways tells", Slider("q", "the car turns by", angles, 0, "{:d}°")
+    )
     chart = shown.chart(
         "Spread of the velocity error", x="east (m/s)", y="north (m/s)", xlim=(-2.3, 2.3),
         ylim=(-1.15, 1.15), equal=True,
@@ -256,7 +262,7 @@ def show_bands(drive: Drive, known: VehicleRun, outage: Outage, starts: Mapping[
         path = (true.position[here] - origin)[:, [1, 0]] * metres(origin)[[1, 0]]
         heading = yaw(true.attitude[here])
         axes = np.stack([along_across(unit, heading) for unit in np.eye(2)], axis=2)
-        for aids in ("none", "constraint"):
+        for aids in ("none", "constraint", "both"):
             p, P = outage(k, AIDS[aids])
             error = along_across(p[:, :2] - path, heading)
             band = np.sqrt(np.einsum("fti,tij,ftj->ft", axes, P[:, :2, :2], axes))
@@ -264,7 +270,7 @@ def show_bands(drive: Drive, known: VehicleRun, outage: Outage, starts: Mapping[
     shown = Moving(
         "The filter by hand, and how sure it is",
         Slider("place", "road", [*starts], next(iter(starts)), "{}"),
-        Slider("a", "aids", ["none", "constraint"], "none", "{}"),
+        Slider("a", "aids", ["none", "constraint", "both"], "none", "{}"),
     )
     for part, where in enumerate(("along the road", "across it")):
         chart = shown.chart(
@@ -306,7 +312,7 @@ def _error(t: Array, found: Found, part: int) -> Callable[[str, str], tuple[Arra
 
 
 def _sure(found: Found, part: int) -> Callable[[str, str], str]:
-    return lambda place, a: f"± {found[place, a][1][part, -1]:.0f} m"
+    return lambda place, a: f"± {found[place, a][1][part, -1]:.1f} m"
 
 
 def show_turns(drive: Drive, by_aids: Mapping[str, tuple[Array, Array]]) -> None:
@@ -407,15 +413,19 @@ def show_learning(drive: Drive, trials: OutageTrials) -> None:
         name="fig-l5-learning",
         caption="Dots: by how much the car was off in outages that were only played, while "
         "satellites were there. The machine takes them for the next outage.",
-        alt=f"Two charts. Lost at {k} s the aided car is off by {rms(off['through'][k][1:]):.1f} m; "
-        f"with what the machine foretells by {rms(off['lssvm'][k][1:]):.1f} m.",
+        alt=f"Two charts. Lost at {k} s the aided car is off by "
+        f"{rms(off['through'][k][1:]):.1f} m; with what the machine foretells by {rms(off['lssvm'][k][1:]):.1f} m.",
     )
 
 
 def show_recorded(trials: RecordedTrials) -> None:
     """Show the outages of the recorded drive, along and across, by what the project keeps."""
     starts, t = [int(k) for k in trials.starts], np.arange(0, 51)
-    methods = {"never": ("ins", "INS alone"), "through": ("kalman", "aided"), "lssvm": ("lssvm", "")}
+    methods = {
+        "never": ("ins", "INS alone"),
+        "through": ("kalman", "aided"),
+        "lssvm": ("lssvm", ""),
+    }
     labels = {"lssvm": "learned"}
     found = {}
     for i, k in enumerate(starts):
