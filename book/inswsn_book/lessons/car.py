@@ -23,6 +23,7 @@ from inswsn_lib.vehicle import (
 )
 
 Array = NDArray[np.float64]
+Integers = NDArray[np.intp]
 #: Positions (m), velocities (m/s) and attitudes after each sample, of a start turned by an angle
 Navigate = Callable[[Array], Array]
 #: The spread of a velocity east and north after the car has looked at its own sideways velocity
@@ -119,12 +120,11 @@ def show_drive(drive: Drive, told: FilterSettings) -> dict[str, tuple[Array, Arr
             f"Error {where}", x="time without satellites (s)", y="error (m)", xlim=(0, LENGTH),
             ylim=(-100, 100),
         )  # fmt: skip
-        shown.draw(chart, "ins", "INS alone", _curve(t, lambda k, p=part: at("none", k, p)))
-        shown.draw(chart, "kalman", "aided", _curve2(t, lambda k, a, p=part: at(a, k, p)))
+        shown.draw(chart, "ins", "INS alone", _curve(t, at, part))
+        shown.draw(chart, "kalman", "aided", _curve2(t, at, part))
     shown.number("truth", "the road turns by", lambda k: f"{bends[2 * starts.index(k)]:.0f}°")
-    for part, where in enumerate(("along", "across")):
-        shown.number("ins", f"INS {where}", _metres(lambda k, p=part: at("none", k, p)))
-        shown.number("kalman", f"aided {where}", _metres2(lambda k, a, p=part: at(a, k, p)))
+    shown.number("ins", "INS along, across", _ends(at))
+    shown.number("kalman", "aided", _ends2(at))
     shown.sentence(
         lambda k, a: (
             f"Lost at {k} s, on a road that turns by {bends[2 * starts.index(k)]:.0f} degrees: "
@@ -145,20 +145,24 @@ def show_drive(drive: Drive, told: FilterSettings) -> dict[str, tuple[Array, Arr
     return by_aids
 
 
-def _curve(t: Array, of: Callable[[int], Array]) -> Callable[[int], tuple[Array, Array]]:
-    return lambda k: (t, of(k)[t])
+#: Errors of an outage by aids, start, and part: along or across
+_At = Callable[[str, int, int], Array]
 
 
-def _curve2(t: Array, of: Callable[[int, str], Array]) -> Callable[[int, str], tuple[Array, Array]]:
-    return lambda k, a: (t, of(k, a)[t])
+def _curve(t: Integers, of: _At, part: int) -> Callable[[int], tuple[Integers, Array]]:
+    return lambda k: (t, of("none", k, part)[t])
 
 
-def _metres(of: Callable[[int], Array]) -> Callable[[int], str]:
-    return lambda k: f"{abs(of(k)[-1]):.0f} m"
+def _curve2(t: Integers, of: _At, part: int) -> Callable[[int, str], tuple[Integers, Array]]:
+    return lambda k, a: (t, of(a, k, part)[t])
 
 
-def _metres2(of: Callable[[int, str], Array]) -> Callable[[int, str], str]:
-    return lambda k, a: f"{abs(of(k, a)[-1]):.1f} m"
+def _ends(of: _At) -> Callable[[int], str]:
+    return lambda k: ", ".join(f"{abs(of('none', k, part)[-1]):.0f} m" for part in (0, 1))
+
+
+def _ends2(of: _At) -> Callable[[int, str], str]:
+    return lambda k, a: ", ".join(f"{abs(of(a, k, part)[-1]):.0f} m" for part in (0, 1))
 
 
 def show_wrong_start(navigate: Navigate) -> None:
@@ -169,7 +173,7 @@ def show_wrong_start(navigate: Navigate) -> None:
     every = (len(right) - 1) // (len(t) - 1)
 
     def off(turn: Sequence[float]) -> Array:
-        return np.hypot(*(navigate(np.radians(turn)) - right)[::every, :2].T)
+        return np.asarray(np.hypot(*(navigate(np.radians(turn)) - right)[::every, :2].T))
 
     by_tilt = {s: off([0.0, s, 0.0]) for s in tilts}
     by_heading = {h: off([0.0, 0.0, h]) for h in headings}
@@ -254,8 +258,8 @@ def show_constraint(constrain: Constrain) -> None:
 
 def show_bands(drive: Drive, known: VehicleRun, outage: Outage, starts: Mapping[str, int]) -> None:
     """Show errors along and across inside the bands of the filter by hand, by place and aids."""
-    assert drive.reference.attitude is not None
     t, true = np.arange(LENGTH + 1), drive.reference
+    assert true.attitude is not None
     found = {}
     for place, k in starts.items():
         here, origin = slice(k, k + LENGTH + 1), known.position[k, :, 0]
@@ -303,11 +307,13 @@ def show_bands(drive: Drive, known: VehicleRun, outage: Outage, starts: Mapping[
 Found = Mapping[tuple[str, str], tuple[Array, Array]]
 
 
-def _band(t: Array, found: Found, part: int) -> Callable[[str, str], tuple[Array, Array, Array]]:
+def _band(
+    t: Integers, found: Found, part: int
+) -> Callable[[str, str], tuple[Integers, Array, Array]]:
     return lambda place, a: (t, -found[place, a][1][part], found[place, a][1][part])
 
 
-def _error(t: Array, found: Found, part: int) -> Callable[[str, str], tuple[Array, Array]]:
+def _error(t: Integers, found: Found, part: int) -> Callable[[str, str], tuple[Integers, Array]]:
     return lambda place, a: (t, found[place, a][0][part])
 
 
@@ -328,6 +334,7 @@ def show_turns(drive: Drive, by_aids: Mapping[str, tuple[Array, Array]]) -> None
         Slider("a", "aids", [*AIDS], "none", "{}"),
     )
     middle, span = (road.max(axis=0) + road.min(axis=0)) / 2, np.ptp(road, axis=0) / 2 + 0.2
+    span[0] = max(span[0], 1.7 * span[1])  # wider than high, or a phone has no room for it
     x, y = ((float(m - s), float(m + s)) for m, s in zip(middle, span, strict=True))
     drawn = shown.chart(
         "The drive", x="east (km)", y="north (km)", xlim=x, ylim=y, equal=True,
@@ -349,7 +356,7 @@ def show_turns(drive: Drive, by_aids: Mapping[str, tuple[Array, Array]]) -> None
     shown.draw(spread, "truth", "", lambda m: ([0, 180], [m, m]))
     straight = bends < 15
 
-    def share(m: int, a: str, which: Array) -> str:
+    def share(m: int, a: str, which: NDArray[np.bool_]) -> str:
         return f"{np.mean(off[a][which] > m):.0%}"
 
     shown.number("kalman", "lost on straight roads", lambda m, a: share(m, a, straight))
@@ -414,7 +421,8 @@ def show_learning(drive: Drive, trials: OutageTrials) -> None:
         caption="Dots: by how much the car was off in outages that were only played, while "
         "satellites were there. The machine takes them for the next outage.",
         alt=f"Two charts. Lost at {k} s the aided car is off by "
-        f"{rms(off['through'][k][1:]):.1f} m; with what the machine foretells by {rms(off['lssvm'][k][1:]):.1f} m.",
+        f"{rms(off['through'][k][1:]):.1f} m; with what the machine foretells by "
+        f"{rms(off['lssvm'][k][1:]):.1f} m.",
     )
 
 
@@ -465,8 +473,8 @@ def show_recorded(trials: RecordedTrials) -> None:
 
 
 def _recorded(
-    t: Array, found: Mapping[tuple[str, int], tuple[Array, Array]], method: str, part: int
-) -> Callable[[int], tuple[Array, Array]]:
+    t: Integers, found: Mapping[tuple[str, int], tuple[Array, Array]], method: str, part: int
+) -> Callable[[int], tuple[Integers, Array]]:
     return lambda k: (t, found[method, k][part][: len(t)])
 
 
