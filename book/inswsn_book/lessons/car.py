@@ -426,8 +426,12 @@ def show_learning(drive: Drive, trials: OutageTrials) -> None:
     )
 
 
-def show_recorded(trials: RecordedTrials) -> None:
-    """Show the outages of the recorded drive, along and across, by what the project keeps."""
+def show_recorded(trials: RecordedTrials) -> tuple[dict[str, tuple[Array, Array]], float]:
+    """Show the outages of the recorded drive, along and across, by what the project keeps.
+
+    Returns the errors of each method at the end of each outage, along and across, m, and the least
+    range of the heading in an outage, degrees.
+    """
     starts, t = [int(k) for k in trials.starts], np.arange(0, 51)
     methods = {
         "never": ("ins", "INS alone"),
@@ -435,13 +439,14 @@ def show_recorded(trials: RecordedTrials) -> None:
         "lssvm": ("lssvm", ""),
     }
     labels = {"lssvm": "learned"}
-    found = {}
+    found, bends = {}, []
     for i, k in enumerate(starts):
         path = trials.reference[k : k + 51]
         step = np.gradient(path, axis=0)
         moving = np.hypot(*step.T) > 1
         heading = np.arctan2(step[:, 0], step[:, 1])
         held = np.maximum.accumulate(np.where(moving, t, 0))  # as the compass holds it
+        bends.append(np.degrees(np.ptp(np.unwrap(heading[held][: LENGTH + 1]))))
         for m in methods:
             found[m, k] = along_across(trials.tracks[m][:, :, i] - path, heading[held])
     shown = Moving("A recorded drive", Slider("k", "satellites are lost at", starts, 120, "{:d} s"))
@@ -470,6 +475,8 @@ def show_recorded(trials: RecordedTrials) -> None:
         f"{off['never', 120]:.1f} m, the aided one by {off['through', 120]:.1f} m, with what was "
         f"learned by {off['lssvm', 120]:.1f} m.",
     )
+    ends = {m: np.array([[part[LENGTH] for part in found[m, k]] for k in starts]) for m in methods}
+    return {m: (ends[m][:, 0], ends[m][:, 1]) for m in methods}, float(min(bends))
 
 
 def _recorded(
