@@ -192,10 +192,10 @@ def show_wrong_start(navigate: Navigate) -> None:
         lambda s: (t, 9.79 * np.radians(s) * t**2 / 2),
         at=22,
     )
-    turned_off = shown.chart("A wrong heading: it waits for braking and turns", **time)
+    turned_off = shown.chart("A wrong heading waits for a turn", **time)
     shown.draw(turned_off, "ins", "INS", lambda h: (t, by_heading[h]), at=34)
-    shown.number("ins", "by the tilt, after 40 s", lambda s: f"{by_tilt[s][-1]:.1f} m")
-    shown.number("ins", "by the heading, after 40 s", lambda h: f"{by_heading[h][-1]:.1f} m")
+    shown.number("ins", "tilt, after 40 s", lambda s: f"{by_tilt[s][-1]:.1f} m")
+    shown.number("ins", "heading, after 40 s", lambda h: f"{by_heading[h][-1]:.1f} m")
     shown.sentence(
         lambda s, h: (
             f"After 40 s a tilt of {s:.2f} degrees has led the INS {by_tilt[s][-1]:.1f} m away, a "
@@ -379,21 +379,23 @@ def show_turns(drive: Drive, by_aids: Mapping[str, tuple[Array, Array]]) -> None
     )
 
 
-def show_learning(drive: Drive, trials: OutageTrials) -> None:
-    """Show what a machine learned in the last window, what it said, and what came."""
+def show_learning(drive: Drive, trials: OutageTrials) -> Array:
+    """Show what a machine learned in the last window, what it said, and what came.
+
+    Returns how far the car was off in the last window of played outages, RMS, m, by outage.
+    """
     starts, window = [int(k) for k in trials.starts], 40
     t, pairs = np.arange(LENGTH + 1), trials.ramps["lssvm"]
     east = metres(drive.reference.position[0])[1]
-    learned, true, said = {}, {}, {}
+    learned, true, said, played = {}, {}, {}, []
     for i, k in enumerate(starts):
         use = (pairs.epoch > k - window) & (pairs.epoch <= k)
         learned[k] = pairs.epoch[use] - k, pairs.difference[use, 0]
+        played.append(rms(np.hypot(*pairs.difference[use].T)))
         here = drive.reference.position[k : k + LENGTH + 1, 1]
         true[k] = (trials.positions["through"][: LENGTH + 1, 1, i, 0] - here) * east
         said[k] = trials.bridges["lssvm"].predicted[: LENGTH + 1, 0, i]
-    shown = Moving(
-        "What the last outage teaches", Slider("k", "lost at", starts, starts[0], "{:d} s")
-    )
+    shown = Moving("What the last outage teaches", Slider("k", "lost at", starts, 220, "{:d} s"))
     axes = {"x": "time (s); satellites are lost at 0", "xlim": (-window, LENGTH)}
     errors = shown.chart("Error of the aided car, east", y="error (m)", ylim=(-60, 60), **axes)
     shown.draw(errors, "network", "", lambda k: learned[k], style="points")
@@ -406,7 +408,7 @@ def show_learning(drive: Drive, trials: OutageTrials) -> None:
     }
     shown.draw(distance, "kalman", "aided", lambda k: (t, off["through"][k]))
     shown.draw(distance, "lssvm", "and learned", lambda k: (t, off["lssvm"][k]))
-    shown.number("network", "what it learned from", "dots")
+    shown.number("network", "played, what it learned from", "dots")
     shown.number("kalman", "aided", lambda k: f"{rms(off['through'][k][1:]):.1f} m")
     shown.number("lssvm", "aided and learned", lambda k: f"{rms(off['lssvm'][k][1:]):.1f} m")
     shown.sentence(
@@ -415,7 +417,7 @@ def show_learning(drive: Drive, trials: OutageTrials) -> None:
             f"square over 40 s), with what was learned by {rms(off['lssvm'][k][1:]):.1f} m."
         )
     )
-    k = starts[0]
+    k = 220
     shown.show(
         name="fig-l5-learning",
         caption="Dots: by how much the car was off in outages that were only played, while "
@@ -424,6 +426,7 @@ def show_learning(drive: Drive, trials: OutageTrials) -> None:
         f"{rms(off['through'][k][1:]):.1f} m; with what the machine foretells by "
         f"{rms(off['lssvm'][k][1:]):.1f} m.",
     )
+    return np.array(played)
 
 
 def show_recorded(trials: RecordedTrials) -> tuple[dict[str, tuple[Array, Array]], float]:
