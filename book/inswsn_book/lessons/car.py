@@ -295,8 +295,8 @@ def show_bands(drive: Drive, known: VehicleRun, outage: Outage, starts: Mapping[
     first = next(iter(starts))
     shown.show(
         name="fig-l5-bands",
-        caption="Two standard deviations to either side, by the cell above. The band looks neither "
-        "at satellites nor at the truth.",
+        caption="The band is two standard deviations to either side, by the filter above. It looks "
+        "neither at satellites nor at the truth.",
         alt=f"Two charts over 40 s. On the first road ({first}) without aids both bands open to "
         f"{found[first, 'none'][1][0, -1]:.0f} m; with the constraint that along the road to "
         f"{found[first, 'constraint'][1][0, -1]:.0f} m, that across to "
@@ -408,7 +408,7 @@ def show_learning(drive: Drive, trials: OutageTrials) -> Array:
     }
     shown.draw(distance, "kalman", "aided", lambda k: (t, off["through"][k]))
     shown.draw(distance, "lssvm", "and learned", lambda k: (t, off["lssvm"][k]))
-    shown.number("network", "played, what it learned from", "dots")
+    shown.number("network", "played outages", "dots")
     shown.number("kalman", "aided", lambda k: f"{rms(off['through'][k][1:]):.1f} m")
     shown.number("lssvm", "aided and learned", lambda k: f"{rms(off['lssvm'][k][1:]):.1f} m")
     shown.sentence(
