@@ -28,6 +28,7 @@ QUICK: dict[str, dict[str, Value]] = {
     "lesson-06": {"seed": 7},
     "lesson-02": {"seed": 7},
     "lesson-03": {"seed": 7},
+    "lesson-05": {"seed": 7},
     "lesson-01": {"seed": 7},
     "02": {"runs": 40, "other_runs": 40, "velocity_source": "window"},
     "03": {"runs": 40, "tuning_runs": 4, "networks": 40},

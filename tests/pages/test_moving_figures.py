@@ -17,13 +17,15 @@ from visiting import PAGES, visit
 from inswsn_lib.filters import run_hinfinity, run_kalman
 from inswsn_lib.learning import LSSVMRegressor
 from inswsn_lib.models import ErrorModel
-from inswsn_lib.navigation import BridgedOutages, example_run
+from inswsn_lib.navigation import BridgedOutages, VehicleOutages, example_run
+from inswsn_lib.vehicle import horizontal_error, run_vehicle_filter
 
 pytestmark = pytest.mark.page
 
 LESSONS = [name for name in PAGES if re.match(r"chapters/0\d-", name)]
 BLEND = next(name for name in LESSONS if "/02-" in name)
 OUTAGE = next(name for name in LESSONS if "/03-" in name)
+CAR = next(name for name in LESSONS if "/05-" in name)
 DESKTOP, PHONE = {"width": 1440, "height": 900}, {"width": 390, "height": 844}
 lessons = pytest.mark.parametrize("name", LESSONS)
 screens = pytest.mark.parametrize("screen", [DESKTOP, PHONE], ids=["desktop", "phone"])
@@ -216,6 +218,20 @@ def test_a_filter_coasts_through_an_outage_as_that_of_the_library(pages: dict[st
         move(figure, "n", 5)  # for ten seconds
         shown = figure.locator("dl dd").nth(2).inner_text()
         assert metres(shown) == pytest.approx(np.hypot(*left.T).mean(), abs=0.051)
+
+
+def test_a_car_is_as_far_off_as_by_the_library(pages: dict[str, Page]) -> None:
+    p3 = VehicleOutages(seed=2012, routes=1, draws=1)
+    drive, figure = p3.drives[0], pages[CAR].locator("#fig-l5-drive-moving")
+    move(figure, "a", 3)  # both aids
+    for place, k in ((0, 100), (67, 1440)):
+        lost = {"outages": [(k + 1, k + 41)], "last": k + 40}
+        run = run_vehicle_filter(drive, p3.beliefs, **lost)
+        move(figure, "k", place)
+        shown = figure.locator("dl dd").last.inner_text()
+        along, across = (metres(part) for part in shown.split(", "))
+        off = horizontal_error(run, drive)[-1, 0]
+        assert np.hypot(along, across) == pytest.approx(off, abs=0.71)  # of whole metres
 
 
 def test_every_lesson_is_tried() -> None:
