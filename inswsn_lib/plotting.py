@@ -54,7 +54,11 @@ STROKES = {
     "constant": Stroke("#8a6d00", (9, 3, 2, 3)),
     "kalman": Stroke("#0072b2"),
     "coloured": Stroke("#0072b2", (9, 3)),
+    "federated": Stroke("#0072b2", (2, 3)),
+    "correlated": Stroke("#0072b2", (9, 3, 2, 3)),
+    "independent": Stroke("#8a6d00"),
     "hinfinity": Stroke("#8f4676"),
+    "distributed": Stroke("#8f4676", (9, 3)),
     "lssvm": Stroke("#5f4bb6"),
     "published": Stroke("#4d4d4d", (9, 3)),
 }
