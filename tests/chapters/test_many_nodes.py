@@ -18,7 +18,7 @@ def walk(drift: float, noise: float = 1.0) -> ErrorModel:
 
 @pytest.mark.parametrize("drift", [0.1, 1.0, 10.0])
 def test_two_clusters_of_a_walk_err_as_the_formula_says(drift: float) -> None:
-    rng, runs = np.random.default_rng(5), 4000
+    rng, runs = np.random.default_rng(5), 20000
     x = np.cumsum(drift**0.5 * rng.standard_normal((60, 1, runs)), axis=0)
     each = [
         x - run_kalman(walk(drift), x + rng.standard_normal(x.shape), initial_covariance=[[1]])
@@ -26,8 +26,8 @@ def test_two_clusters_of_a_walk_err_as_the_formula_says(drift: float) -> None:
     ]
     _, P, C = nodes.settled(drift)
     found = np.cov(each[0][-1, 0], each[1][-1, 0])
-    assert found[0, 0] == pytest.approx(P, rel=0.1)
-    assert found[0, 1] == pytest.approx(C, rel=0.2)
+    assert found[0, 0] == pytest.approx(P, rel=0.05)
+    assert found[0, 1] == pytest.approx(C, abs=4 * P / runs**0.5)
 
 
 def test_with_the_golden_ratio_it_is_what_the_page_says() -> None:

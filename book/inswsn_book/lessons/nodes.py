@@ -74,6 +74,10 @@ def nees_interval(run: ExampleRun, clusters: int) -> tuple[float, float]:
     return nis_interval(round(len(run.truth) * 4 / (4 + 2 * lasting)))
 
 
+def _count(n: int) -> str:
+    return f"{n} cluster" + "s" * (n > 1)
+
+
 def show_band(run: ExampleRun, fixes: Array) -> None:
     """Show the error of the fused velocity in its band, by clusters and factor."""
     numbers = [*range(1, len(fixes) + 1)]
@@ -120,7 +124,7 @@ def show_band(run: ExampleRun, fixes: Array) -> None:
     shown.number("independent", "so it is", light)
     shown.sentence(
         lambda n, f: (
-            f"With {n} clusters and {f:g} times Q the fused velocity is inside its band for "
+            f"With {_count(n)} and {f:g} times Q the fused velocity is inside its band for "
             f"{inside(n, f)}; the mean normalised square is {square(n, f):.1f}: {light(n, f)}."
         )
     )
@@ -296,7 +300,7 @@ def show_many(*, start: float = 1.0) -> None:
     shown.number("kalman", "one filter, all fixes", lambda q, n: f"{least(q, n):.2f}")
     shown.sentence(
         lambda q, n: (
-            f"{n} clusters, drift {q:g}: the mean is believed to be off by {says(q, n):.2f} and is "
+            f"{_count(n)}, drift {q:g}: the mean is believed to be off by {says(q, n):.2f} and is "
             f"off by {true(q, n):.2f}; one filter of all fixes by {least(q, n):.2f}."
         )
     )
@@ -477,7 +481,7 @@ def show_promise() -> None:
     shown.number("distributed", "true", lambda n, d: f"{true(n, d):.2f}")
     shown.sentence(
         lambda n, d: (
-            f"{n} clusters, noise {d:g}: the gain promised is {promised(n, d):.2f}, the true one "
+            f"{_count(n)}, noise {d:g}: the gain promised is {promised(n, d):.2f}, the true one "
             f"{true(n, d):.2f}."
         )
     )
@@ -523,8 +527,8 @@ def show_reductions(
         Slider("d", "distributed assumes", [*ACCELERATIONS["dhf"]], first, "{:g} m/s²"),
     )
     chart = shown.chart(
-        "Error that the distributed filter takes off the federated one",
-        x="1, 2: position in x and y; 3, 4: velocity in x and y", y="%", xlim=(0.4, 4.6),
+        "Taken off the federated filter's error",
+        x="1, 2: position; 3, 4: velocity", y="%", xlim=(0.4, 4.6),
         ylim=(-200, 100),
     )  # fmt: skip
     places = np.arange(1.0, 5.0)
