@@ -174,17 +174,7 @@ def example_run(seed: int = 2012, correlation_time: float = 0.0) -> ExampleRun:
     areas = TrainingAreas(
         p1_settings(), seed=seed, correlation_time=correlation_time, runs=1, other_runs=64
     )
-    scene, drawn, noise = areas.scene, areas.drawn, areas.noise["1"]
-    motion = scene.path.drive(scene.speed, scene.windows["area1"].times)
-    truth = np.hstack([motion.position, motion.velocity])
-    return ExampleRun(
-        period=scene.periods[0],
-        truth=truth,
-        ins=truth + drawn["ins"]["1"][:, :, 0],
-        network=truth + drawn["wsn"]["1"][:, :, 0],
-        process=np.array(noise_sizes(noise.process)),
-        measurement=np.array(noise_sizes(noise.measurement)),
-    )
+    return _first_run(areas)
 
 
 def example_clusters(
@@ -217,7 +207,7 @@ def example_clusters(
     ((3, 100, 4), True)
     """
     areas = TrainingAreas(p1_settings(), seed=seed, runs=clusters, other_runs=64)
-    run, ins = example_run(seed), areas.drawn["ins"]["1"][:, :, 0]
+    run, ins = _first_run(areas), areas.drawn["ins"]["1"][:, :, 0].copy()
     if shuffled:
         A = areas.models["1"].A
         steps = np.random.default_rng(seed).permutation(ins[1:] - ins[:-1] @ A.T)
@@ -225,6 +215,20 @@ def example_clusters(
             ins[k + 1] = A @ ins[k] + step
     fixes = run.truth + np.moveaxis(areas.drawn["wsn"]["1"], 2, 0)
     return replace(run, ins=run.truth + ins, network=fixes[0]), fixes
+
+
+def _first_run(areas: TrainingAreas) -> ExampleRun:
+    scene, drawn, noise = areas.scene, areas.drawn, areas.noise["1"]
+    motion = scene.path.drive(scene.speed, scene.windows["area1"].times)
+    truth = np.hstack([motion.position, motion.velocity])
+    return ExampleRun(
+        period=scene.periods[0],
+        truth=truth,
+        ins=truth + drawn["ins"]["1"][:, :, 0],
+        network=truth + drawn["wsn"]["1"][:, :, 0],
+        process=np.array(noise_sizes(noise.process)),
+        measurement=np.array(noise_sizes(noise.measurement)),
+    )
 
 
 def _lengths(vectors: Array) -> Array:

@@ -143,7 +143,7 @@ SCHEMES = {
     "all fixes": ("fixes", "one Kalman filter", "nothing", "kalman"),
     "as if independent": ("x̂, P", "adds up 1/P", "nothing", "independent"),
     "federated": ("x̂, P, made with N Q", "adds up 1/P", "nothing", "federated"),
-    "federated, reset": ("x̂, P, made with N Q", "adds up 1/P", "fused x̂, N P", "federated"),
+    "with reset": ("x̂, P, made with N Q", "adds up 1/P", "fused x̂, N P", "federated"),
 }
 
 
@@ -174,7 +174,7 @@ def show_flow() -> None:
         return lambda s: between(head, centre if SCHEMES[s][3] == method else head)
 
     def back(head: Point) -> Callable[[str], Any]:
-        return lambda s: between(centre, head if s == "federated, reset" else centre, 1.5)
+        return lambda s: between(centre, head if s == "with reset" else centre, 1.5)
 
     def told(place: int) -> Callable[[str], str]:
         return lambda s: SCHEMES[s][place]
