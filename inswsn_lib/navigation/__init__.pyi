@@ -11,6 +11,7 @@ from .cluster_fusion import (
 from .example import (
     ExampleDrive as ExampleDrive,
     ExampleRun as ExampleRun,
+    example_clusters as example_clusters,
     example_drive as example_drive,
     example_run as example_run,
 )

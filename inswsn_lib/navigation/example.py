@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -174,6 +174,50 @@ def example_run(seed: int = 2012, correlation_time: float = 0.0) -> ExampleRun:
     areas = TrainingAreas(
         p1_settings(), seed=seed, correlation_time=correlation_time, runs=1, other_runs=64
     )
+    return _first_run(areas)
+
+
+def example_clusters(
+    seed: int = 2012, clusters: int = 3, *, shuffled: bool = True
+) -> tuple[ExampleRun, Array]:
+    """Simulate the running example with several clusters of nodes, each with fixes of its own.
+
+    Parameters
+    ----------
+    seed : int
+        Seed of all random numbers.
+    clusters : int
+        Each gives a fix at each sample, as good as those of `example_run`; their errors are
+        independent.
+    shuffled : bool
+        Whether the steps by which the INS drifts come in random order. Then they are white, as
+        filters assume; in their own order they come with the turns.
+
+    Returns
+    -------
+    run : ExampleRun
+        That of `example_run`, but for the order; its network is the first cluster.
+    fixes : ndarray, (clusters, samples, 4)
+
+    Examples
+    --------
+    >>> from inswsn_lib.navigation import example_clusters
+    >>> run, fixes = example_clusters(clusters=3)
+    >>> fixes.shape, bool((fixes[0] == run.network).all())
+    ((3, 100, 4), True)
+    """
+    areas = TrainingAreas(p1_settings(), seed=seed, runs=clusters, other_runs=64)
+    run, ins = _first_run(areas), areas.drawn["ins"]["1"][:, :, 0].copy()
+    if shuffled:
+        A = areas.models["1"].A
+        steps = np.random.default_rng(seed).permutation(ins[1:] - ins[:-1] @ A.T)
+        for k, step in enumerate(steps):
+            ins[k + 1] = A @ ins[k] + step
+    fixes = run.truth + np.moveaxis(areas.drawn["wsn"]["1"], 2, 0)
+    return replace(run, ins=run.truth + ins, network=fixes[0]), fixes
+
+
+def _first_run(areas: TrainingAreas) -> ExampleRun:
     scene, drawn, noise = areas.scene, areas.drawn, areas.noise["1"]
     motion = scene.path.drive(scene.speed, scene.windows["area1"].times)
     truth = np.hstack([motion.position, motion.velocity])

@@ -30,6 +30,7 @@ QUICK: dict[str, dict[str, Value]] = {
     "lesson-03": {"seed": 7},
     "lesson-05": {"seed": 7},
     "lesson-01": {"seed": 7},
+    "lesson-04": {"seed": 7},
     "02": {"runs": 40, "other_runs": 40, "velocity_source": "window"},
     "03": {"runs": 40, "tuning_runs": 4, "networks": 40},
     "04": {"runs": 64, "other_runs": 40, "speed": 6.0, "most_clusters": 8},

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from inswsn_lib.navigation import TrainingAreas, example_drive, example_run
+from inswsn_lib.navigation import TrainingAreas, example_clusters, example_drive, example_run
 from inswsn_lib.navigation.training_areas import p1_settings
 
 
@@ -34,3 +34,27 @@ def test_errors_that_last_hang_together_from_one_fix_to_the_next() -> None:
     white = [correlation(example_run(seed)) for seed in range(4)]
     assert min(lasting) > 0.5  # exp(-0.2 / 2) is 0.9
     assert max(white) < 0.4  # of 99 pairs, 0 +- 0.1
+
+
+def test_clusters_share_the_ins_of_the_run_and_each_has_fixes_of_its_own() -> None:
+    alone, (run, fixes) = example_run(3), example_clusters(3, 4, shuffled=False)
+    assert np.allclose(run.ins, alone.ins, rtol=0, atol=1e-9)
+    assert np.allclose(fixes[0], alone.network, rtol=0, atol=1e-9)
+    errors = (fixes - run.truth)[:, :, 0]
+    off = np.corrcoef(errors)[np.triu_indices(4, 1)]
+    assert np.abs(off).max() < 0.4  # of 100 pairs, 0 +- 0.1
+    assert np.allclose(errors.std(axis=1), alone.measurement[0], rtol=0.3)
+
+
+def test_shuffled_the_steps_are_the_same_ones_in_another_order() -> None:
+    A = np.kron([[1, 0.2], [0, 1]], np.eye(2))
+
+    def steps(shuffled: bool) -> np.ndarray:
+        run, _ = example_clusters(3, 1, shuffled=shuffled)
+        errors = run.ins - run.truth
+        return errors[1:] - errors[:-1] @ A.T
+
+    mixed, own = steps(True), steps(False)
+    order = [np.lexsort(each.round(9).T) for each in (mixed, own)]
+    assert not np.allclose(mixed, own)
+    assert np.allclose(mixed[order[0]], own[order[1]], rtol=0, atol=1e-9)
