@@ -199,7 +199,8 @@ def plain(value: float) -> int | float:
 
 def _glue(name: str, value: float | str, **details: str) -> None:
     display(
-        {_GLUE_TYPE: value if isinstance(value, str) else repr(plain(value))},
+        # a text in quotes, since what is glued is evaluated
+        {_GLUE_TYPE: repr(value if isinstance(value, str) else plain(value))},
         metadata={
             "scrapbook": {"name": name, "mime_prefix": "application/papermill.record/"} | details
         },

@@ -69,7 +69,7 @@ def test_it_writes_what_it_read_and_found(
     # made known to the text, and to the build
     glued = [(data["application/papermill.record/text/plain"], m["scrapbook"]["name"])
              for data, m in displayed]  # fmt: skip
-    assert glued == [("3", "x"), ("1", "y"), ("reproduced", "word")]
+    assert glued == [("3", "x"), ("1", "y"), ("'reproduced'", "word")]
 
 
 @pytest.mark.parametrize(
