@@ -16,7 +16,7 @@ def test_the_first_screen_has_a_figure_that_moves(browser: Browser, served: str)
     box = slider.bounding_box()
     assert box is not None
     assert box["y"] + box["height"] < 900
-    chart = page.locator("section.moving svg").first
+    chart = page.locator("section.moving svg[role=img]").first
     before, said = chart.inner_html(), page.locator("section.moving dd").all_inner_texts()
     slider.press("End")
     assert chart.inner_html() != before

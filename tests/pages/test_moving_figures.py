@@ -97,7 +97,8 @@ def test_a_slider_stays_under_the_pointer_and_in_one_window_with_its_charts(
             before = slider.bounding_box()
             for end in ("Home", "End"):
                 slider.press(end)
-                assert slider.bounding_box() == before
+                # half a pixel is what a browser's scroll anchoring may be off by
+                assert slider.bounding_box() == pytest.approx(before, abs=0.5)
             assert before is not None
             assert screen is PHONE or before["width"] >= 300
         whole = figure.bounding_box()

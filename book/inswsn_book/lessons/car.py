@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import brentq
 
 from inswsn_book.moving import Moving, Slider
 from inswsn_lib.navigation import OutageTrials, RecordedTrials
@@ -135,7 +136,7 @@ def show_drive(drive: Drive, told: FilterSettings) -> dict[str, tuple[Array, Arr
     )
     shown.show(
         name="fig-l5-drive",
-        caption="Both cars begin the outage with what satellites have taught them. Move the outage "
+        caption="Both filters had satellites and their own aids until the outage. Move it "
         "along the drive and change the aids.",
         alt=f"Two charts over 40 s. Lost at 220 s the INS alone is off by "
         f"{abs(at('none', 220, 0)[-1]):.0f} m along the road and "
@@ -370,7 +371,7 @@ def show_turns(drive: Drive, by_aids: Mapping[str, tuple[Array, Array]]) -> None
     )
     shown.show(
         name="fig-l5-turns",
-        caption="Dots on the road: outages after which the car is off by more than this. Below, "
+        caption="Dots on the road: outages after which the car is off by more than that. Below, "
         "every outage. A road is called straight if the heading stays within 15°.",
         alt=f"A map of the drive, and the error over how far the road turns. Without aids "
         f"{share(20, 'none', straight)} of the outages on straight roads end more than 20 m off, "
@@ -490,3 +491,70 @@ def _recorded(
 
 def _size(off: Mapping[tuple[str, int], float], method: str) -> Callable[[int], str]:
     return lambda k: f"{off[method, k]:.1f} m"
+
+
+#: A number of the text: its value, its unit, and how it is made
+Said = dict[str, tuple[float, str, str]]
+
+
+def numbers(
+    drive: Drive,
+    by_aids: Mapping[str, tuple[Array, Array]],
+    navigate: Navigate,
+    plain: VehicleRun,
+    constrain: Constrain,
+) -> Said:
+    """Return what the text says of the simulated drive.
+
+    The filter `plain` has GPS alone, until 113 s.
+    """
+    straight = turned(drive) < 15
+    ends = {aids: [part[-1] for part in both] for aids, both in by_aids.items()}
+    found: Said = {}
+    for name, part, which in (
+        ("along", 0, slice(None)), ("across", 1, slice(None)), ("straight", 0, straight)
+    ):  # fmt: skip
+        ratio = rms(ends["constraint"][part][which]) / rms(ends["none"][part][which])
+        how = "Share that the constraint takes, RMS after 40 s, all outages."
+        found[f"taken.{name}"] = 100 * (1 - ratio), "%", how
+    far = np.hypot(*ends["constraint"]) > 20
+    for name, which in (("straight", straight), ("other", ~straight)):
+        how = "Outages that end more than 20 m off with the constraint."
+        found[f"lost.{name}"] = float(100 * far[which].mean()), "%", how
+    found["alone.across"] = rms(ends["constraint"][1]), "m", "RMS after 40 s, constraint alone."
+    right, off = navigate(np.zeros(3))[40], {}
+    for name, turn in (("tilted", (0.0, 0.05, 0.0)), ("headed", (0.0, 0.0, 2.0))):
+        off[name] = float(np.hypot(*(navigate(np.radians(turn))[40] - right)[:2]))
+        found[name] = off[name], "m", "Of the INS at 153 s, begun with this turn at 113 s."
+    _, C, _, P = in_metres(plain.states[113, 0])
+    tilts = np.array([[0, -_GRAVITY], [_GRAVITY, 0]])  # what a tilt adds to east and north
+    pushed = np.hstack([np.zeros((2, 6)), tilts, np.zeros((2, 1)), C[:2], np.zeros((2, 3))])
+    level = float(np.degrees(np.diag(pushed @ P @ pushed.T)[0] ** 0.5 / _GRAVITY))
+    heading = float(np.degrees(P[8, 8] ** 0.5))
+    costs = {"level": _by_tilt(level), "heading": off["headed"] * heading / 2}
+    for name, value in (("level", level), ("heading", heading)):
+        found[f"sure.{name}"] = value, "deg", "Standard deviation with GPS, at 113 s."
+        found[f"costs.{name}"] = costs[name], "m", "What that leads to 40 s later."
+    found["free.without"] = _by_tilt(0.1), "m", "The formula g tilt t^2 / 2."
+    found["free.with"] = float(14 * np.radians(0.5) * LENGTH), "m", "The formula v psi t."
+    seen = constrain(np.eye(2), 0.0)
+    turn = brentq(lambda q: constrain(seen, q)[1, 1] ** 0.5 - 0.5, 0, np.pi / 2)
+    found["halves"] = float(np.degrees(turn)), "deg", "Turn that halves the velocity error along."
+    found["earth"] = float(np.degrees(7.292e-5 * LENGTH)), "deg", "The turn of the earth in 40 s."
+    return found
+
+
+_GRAVITY = 9.795  # m/s²
+
+
+def _by_tilt(degrees: float) -> float:
+    return float(_GRAVITY * np.radians(degrees) * LENGTH**2 / 2)
+
+
+def recorded_numbers(in_town: Mapping[str, tuple[Array, Array]], least: float) -> Said:
+    """Return what the text says of the recorded drive."""
+    found: Said = {"recorded.least": (least, "deg", "Least range of the heading in an outage.")}
+    for name, what in (("ins", "never"), ("aided", "through")):
+        for part, where in zip(in_town[what], ("along", "across"), strict=True):
+            found[f"recorded.{name}.{where}"] = rms(part), "m", "RMS after 40 s, twelve outages."
+    return found
