@@ -58,7 +58,7 @@ class _Table:
 class Chart:
     """One chart of a moving figure: its axes, and the series in it.
 
-    With `equal` a metre is as long upwards as sideways.
+    With `equal` a metre is as long upwards as sideways. Without a name `y` has no scale: rows.
     """
 
     title: str
@@ -156,6 +156,8 @@ class Moving:
             ax.set(xlim=chart.xlim, ylim=chart.ylim)
             if chart.equal:
                 ax.set_aspect("equal")
+            if not chart.y:
+                ax.set_yticks([])
         return fig
 
     def content(self) -> dict[str, Any]:
@@ -199,8 +201,10 @@ def _chart(chart: Chart) -> dict[str, Any]:
     ]  # fmt: skip
     axes = {
         "x": {"label": chart.x, "ends": chart.xlim, "ticks": _ticks(*chart.xlim)},
-        "y": {"label": chart.y, "ends": chart.ylim, "ticks": _ticks(*chart.ylim)},
-    }
+        "y": {
+            "label": chart.y, "ends": chart.ylim, "ticks": _ticks(*chart.ylim) if chart.y else []
+        },
+    }  # fmt: skip
     return {"title": chart.title, "equal": chart.equal, "series": series} | axes
 
 

@@ -121,7 +121,7 @@ def show_band(run: ExampleRun, fixes: Array) -> None:
     shown.number("independent", "sure to, at the end", sure)
     shown.number("independent", "inside, both axes", inside)
     shown.number("independent", "normalised square", normalised)
-    shown.number("independent", "so it is", light)
+    shown.number("independent", "the light says", light)
     shown.sentence(
         lambda n, f: (
             f"With {_count(n)} and {f:g} times Q the fused velocity is inside its band for "

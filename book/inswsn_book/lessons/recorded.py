@@ -166,7 +166,11 @@ def show_recorded(table: pd.DataFrame) -> None:
         Slider("w", "of it white", [*WHITE], 0.0, "{:.0%}"),
     )
     chart = shown.chart(
-        "Autocorrelation of the errors of fixes", x="lag (s)", y="", xlim=(0, 10), ylim=(-0.5, 1.05)
+        "Autocorrelation of the errors of fixes",
+        x="lag (s)",
+        y="correlation",
+        xlim=(0, 10),
+        ylim=(-0.5, 1.05),
     )
     shown.draw(chart, "network", "", kept, style="points")
     shown.draw(
@@ -360,7 +364,11 @@ def show_innovations(runs: Mapping[float, ExampleRun], knowing: Filter) -> None:
         "Is anything left to foretell?", Slider("t", "errors last", lasting, 0.2, "{:g} s")
     )
     chart = shown.chart(
-        "Autocorrelation of innovations in x", x="lag (s)", y="", xlim=(0, 5), ylim=(-0.5, 1.05)
+        "Autocorrelation of innovations in x",
+        x="lag (s)",
+        y="correlation",
+        xlim=(0, 5),
+        ylim=(-0.5, 1.05),
     )
     shown.draw(chart, "published", "", ([0.0, 5.0], [-chance] * 2, [chance] * 2), style="band")
     shown.draw(chart, "kalman", "", lambda t: (lags, found["kalman", t]))
