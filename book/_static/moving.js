@@ -35,7 +35,7 @@
     const box = { left: 52, right: width - beside - 10, top: 26 };
     const [x, y] = [chart.x.ends, chart.y.ends];
     const across = (box.right - box.left) / (x[1] - x[0]);
-    const tall = chart.equal ? Math.min((y[1] - y[0]) * across, width < 500 ? 220 : 330) : Math.min(190, 0.7 * width);
+    const tall = chart.equal ? Math.min((y[1] - y[0]) * across, width < 500 ? 200 : 330) : Math.min(190, 0.7 * width);
     box.bottom = box.top + tall;
     const up = tall / (y[1] - y[0]);
     const wide = chart.equal ? Math.min(across, up) : across;
