@@ -19,6 +19,7 @@ from matplotlib.transforms import Bbox
 from inswsn_lib.checks import Array
 
 _SIDES = np.array([[0, 1], [0, -1], [1, 0], [-1, 0]])  # above, below, to the right, to the left
+_THIN: dict[Any, tuple[float, float]] = {"|": (0.1, 1), "_": (1, 0.1)}  # parts of a square
 _TOUCH = 1.0  # pixels by which boxes may overlap: those of texts are a little too large
 
 
@@ -52,7 +53,7 @@ def texts_in_the_way(fig: Figure) -> list[str]:
     for i, box in enumerate(boxes):
         low, high = box.get_points()
         near = np.clip(places, low, high)
-        over = (np.abs(places - near) < halves[:, None]).all(axis=1).any()
+        over = (np.abs(places - near) < halves).all(axis=1).any()
         if over or (low < edges[0]).any() or (high > edges[1]).any():
             bad.add(i)
     return [texts[i].get_text() for i in sorted(bad)]
@@ -127,6 +128,7 @@ def label_lines(ax: Axes, **look: Any) -> None:
                 own, clear = (_clearance(t, at, half) for t in (track, others))
                 free = not any(Bbox([at - half, at + half]).overlaps(box) for box in boxes)
                 score = 20 * min(own, 2) + 2 * min(clear, 14) - far / 2 + at[0] / ax.bbox.width
+                score -= 9 * abs(side[0])  # beside it only where there is no other place
                 if inside and free and score > best[0]:
                     best = (score, point, shift)
         _, point, shift = best
@@ -197,17 +199,23 @@ def _box(text: Text) -> Bbox:
 
 
 def _markers(fig: Figure) -> tuple[Array, Array]:
-    """Return where markers are seen, (markers, 2), and half their sizes, pixels."""
-    places, halves = [np.empty((0, 2))], [np.empty(0)]
+    """Return where markers are seen and half their widths and heights, (markers, 2), pixels."""
+    places, halves = [np.empty((0, 2))], [np.empty((0, 2))]
     for ax in fig.axes:
         drawn: list[tuple[Array, Any]] = [
-            (ax.transData.transform(line.get_xydata()), line.get_markersize())
+            (
+                ax.transData.transform(line.get_xydata()),
+                line.get_markersize() * np.array(_THIN.get(line.get_marker(), (1, 1))),
+            )
             for line in ax.lines
             if line.get_marker() not in ("", "None", None, " ") and line.get_visible()
             and line.get_transform() is ax.transData
         ]  # fmt: skip
         drawn += [
-            (ax.transData.transform(found.get_offsets()), np.sqrt(found.get_sizes()).max())
+            (
+                ax.transData.transform(found.get_offsets()),
+                np.sqrt(found.get_sizes()).max() * np.ones(2),
+            )
             for found in ax.collections
             if isinstance(found, PathCollection) and np.size(found.get_offsets())
         ]
@@ -215,5 +223,5 @@ def _markers(fig: Figure) -> tuple[Array, Array]:
             seen = ax.bbox.padded(1)
             inside = ((at >= seen.min) & (at <= seen.max)).all(axis=1)
             places.append(np.asarray(at, dtype=float)[inside])
-            halves.append(np.full(int(inside.sum()), float(size) / 2 * fig.dpi / 72))
+            halves.append(np.tile(size / 2 * fig.dpi / 72, (int(inside.sum()), 1)))
     return np.concatenate(places), np.concatenate(halves)
