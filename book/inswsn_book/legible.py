@@ -13,7 +13,7 @@ from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from matplotlib.text import Text
+from matplotlib.text import Annotation, Text
 from matplotlib.transforms import Bbox
 
 from inswsn_lib.checks import Array
@@ -39,6 +39,20 @@ def legend_of(fig: Figure) -> dict[str, str]:
 
 def texts_in_the_way(fig: Figure) -> list[str]:
     """Return the texts of a figure that lie over a marker or another text, or leave the figure."""
+    return [text.get_text() for text in _in_the_way(fig)]
+
+
+def clear_the_way(fig: Figure, labels: Sequence[Annotation]) -> None:
+    """Move labels that are in the way to another side of their points, where one is free."""
+    for label in labels:
+        places = itertools.product((4, 10, 18), (1, -1), (1, -1))
+        while label in _in_the_way(fig) and (place := next(places, None)):
+            far, up, right = place
+            label.xyann = (right * min(far, 6), up * far)
+            label.set(ha="left" if right > 0 else "right", va="bottom" if up > 0 else "top")
+
+
+def _in_the_way(fig: Figure) -> list[Text]:
     fig.draw_without_rendering()
     texts = _texts(fig)
     boxes = [_box(text) for text in texts]
@@ -56,7 +70,7 @@ def texts_in_the_way(fig: Figure) -> list[str]:
         over = (np.abs(places - near) < halves).all(axis=1).any()
         if over or (low < edges[0]).any() or (high > edges[1]).any():
             bad.add(i)
-    return [texts[i].get_text() for i in sorted(bad)]
+    return [texts[i] for i in sorted(bad)]
 
 
 def place_labels(
