@@ -101,7 +101,9 @@ def place_labels(
                 away = np.abs(taken - middle - offset) - half
                 clear = float(np.maximum(away, 0).max(axis=1).min())
                 inside = ax.bbox.contains(*((middle + offset) * size))
+                apart = np.hypot(*(marks - middle - offset).T)[marks[:, 0] != middle[0]]
                 score = (min(clear, 2.0) if inside else -1) - far / 1000
+                score += min([*apart, 80.0]) / 2000  # so that it is read with no other point
                 if score > best[0]:
                     best = (score, offset, far)
             if best[0] > 1.9:
