@@ -46,7 +46,7 @@ class Stroke(NamedTuple):
     dashes: tuple[float, ...] = ()
 
 
-#: How each method is drawn in every lesson: one colour a method, and what is akin in dashes.
+#: How each method is drawn in the whole book: one colour a method, and what is akin in dashes.
 STROKES = {
     "truth": Stroke("#4d4d4d"),
     "ins": Stroke("#c65200"),
@@ -60,6 +60,9 @@ STROKES = {
     "hinfinity": Stroke("#8f4676"),
     "distributed": Stroke("#8f4676", (9, 3)),
     "lssvm": Stroke("#5f4bb6"),
+    "backprop": Stroke("#a8123e", (5, 2)),
+    "rbf": Stroke("#5d7000"),
+    "smoother": Stroke("#0072b2", (9, 3, 2, 3)),
     "computed": Stroke("#b0187e"),
     "published": Stroke("#4d4d4d", (9, 3)),
 }
@@ -76,6 +79,7 @@ _STYLE: Any = {  # a dict; matplotlib types its keys one by one
     "grid.linewidth": 0.6,
     "grid.alpha": 0.6,
     "legend.frameon": False,
+    "legend.handlelength": 3,  # for the dashes of all strokes
     "lines.linewidth": 1.8,
     "figure.constrained_layout.use": True,
     "figure.facecolor": "none",
@@ -115,6 +119,30 @@ def figure(
     return fig, axes
 
 
+def stroke(method: str, dashes: str | None = None) -> dict[str, Any]:
+    """Return how the line of a method is drawn, as keywords of ``Axes.plot``.
+
+    Parameters
+    ----------
+    method : str
+        One of `STROKES`.
+    dashes : str, optional
+        A line style of matplotlib instead of the method's own, for a variant of it.
+
+    Examples
+    --------
+    >>> import inswsn_lib as iw
+    >>> iw.plotting.stroke("coloured")
+    {'color': '#0072b2', 'ls': (0, (9, 3))}
+    >>> iw.plotting.stroke("kalman", ":")
+    {'color': '#0072b2', 'ls': ':'}
+    """
+    if method not in STROKES:
+        raise ParameterError("method", method, "one of " + ", ".join(STROKES))
+    colour, own = STROKES[method]
+    return {"color": colour, "ls": dashes or ((0, own) if own else "-")}
+
+
 def percent_axis(axes: Axes, which: str = "x") -> None:
     """Write the ticks of an axis, ``"x"`` or ``"y"``, as per cent.
 
@@ -133,7 +161,11 @@ def percent_axis(axes: Axes, which: str = "x") -> None:
 
 
 def draw_scores(
-    frame: pd.DataFrame, axes: Mapping[str, str], headline: str, methods: Mapping[str, str]
+    frame: pd.DataFrame,
+    axes: Mapping[str, str],
+    headline: str,
+    methods: Mapping[str, str],
+    strokes: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> Figure:
     """Draw one column over a grid: a line a method, with the band that holds 95 % of the runs.
 
@@ -148,6 +180,8 @@ def draw_scores(
         The axes in order with their units, the last of numbers; the methods and their words.
     headline : str
         The column.
+    strokes : mapping of str to mapping, optional
+        How the line of a method is drawn, as `stroke` returns it; the others take the next look.
 
     Examples
     --------
@@ -177,7 +211,7 @@ def draw_scores(
     for ax in list(grid.flat)[len(panels) :]:
         ax.remove()
     for number, (ax, (values, part)) in enumerate(zip(grid.flat, panels, strict=False)):
-        _draw_panel(ax, part, along, methods)
+        _draw_panel(ax, part, along, methods, strokes or {})
         ax.set_title(", ".join(_named(n, v, axes[n]) for n, v in zip(others, values, strict=True)))
         if number + across >= len(panels):  # the lowest of its column
             ax.tick_params(labelbottom=True)
@@ -219,12 +253,21 @@ def draw_tracks(tracks: Mapping[str, Array], *, height: float = 4.5) -> Figure:
     return fig
 
 
-def _draw_panel(ax: Axes, part: pd.DataFrame, along: str, methods: Mapping[str, str]) -> None:
-    strokes = itertools.cycle(_STROKES)
-    for (method, label), (name, style) in zip(methods.items(), strokes, strict=False):
-        line, colour = part[part["method"] == method].sort_values(along), COLOURS[name]
-        ax.plot(line[along], line["median"], style, color=colour, marker=".", label=label)
-        ax.fill_between(line[along], line["low"], line["high"], color=colour, alpha=0.15, lw=0)
+def _draw_panel(
+    ax: Axes,
+    part: pd.DataFrame,
+    along: str,
+    methods: Mapping[str, str],
+    strokes: Mapping[str, Mapping[str, Any]],
+) -> None:
+    looks = itertools.cycle(_STROKES)
+    for (method, label), (name, style) in zip(methods.items(), looks, strict=False):
+        line = part[part["method"] == method].sort_values(along)
+        look = {"color": COLOURS[name], "ls": style} | dict(strokes.get(method, {}))
+        ax.plot(line[along], line["median"], marker=".", label=label, **look)
+        ax.fill_between(
+            line[along], line["low"], line["high"], color=look["color"], alpha=0.15, lw=0
+        )
     values = np.unique(part[along])
     if (part["low"] > 0).all():
         ax.set_yscale("log")

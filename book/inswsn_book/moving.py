@@ -19,8 +19,10 @@ from typing import Any
 import numpy as np
 from IPython.display import display
 from matplotlib.figure import Figure
+from matplotlib.text import Annotation
 from matplotlib.ticker import MaxNLocator
 
+from inswsn_book.legible import clear_the_way
 from inswsn_book.show import show_figure
 from inswsn_lib.errors import ParameterError
 from inswsn_lib.plotting import STROKES, figure
@@ -135,6 +137,7 @@ class Moving:
     def still(self) -> Figure:
         """Return the picture where the sliders begin."""
         fig, axes = figure(len(self.charts), height=3.1 * len(self.charts), squeeze=False)
+        labels: list[Annotation] = []
         for chart, ax in zip(self.charts, axes[:, 0], strict=True):
             for method, label, style, at, table in chart.series:
                 x, *y = map(np.asarray, self._at_start(table))
@@ -148,16 +151,17 @@ class Moving:
                     dashes = (0, stroke.dashes) if stroke.dashes else "-"
                     ax.plot(x, y[0], **({"color": stroke.colour, "ls": dashes} | dots))
                 if label:
-                    ax.annotate(
+                    labels += [ax.annotate(
                         label, (x[at], y[0][at]), (4, 4), textcoords="offset points",
                         color=stroke.colour, fontweight="bold",
-                    )  # fmt: skip
+                    )]  # fmt: skip
             ax.set(title=chart.title, xlabel=chart.x, ylabel=chart.y)
             ax.set(xlim=chart.xlim, ylim=chart.ylim)
             if chart.equal:
                 ax.set_aspect("equal")
             if not chart.y:
                 ax.set_yticks([])
+        clear_the_way(fig, labels)
         return fig
 
     def content(self) -> dict[str, Any]:

@@ -9,6 +9,7 @@ from IPython.display import display
 from matplotlib import pyplot as plt
 from matplotlib.figure import Figure
 
+from inswsn_book.legible import least_points, legend_of, texts_in_the_way
 from inswsn_book.parameters import Schema
 from inswsn_lib.errors import ParameterError
 
@@ -62,17 +63,23 @@ def show_figure(fig: Figure, *, name: str, caption: str, alt: str) -> None:
 
     It is the last thing that a cell does. The caption says what to see in it, in MyST Markdown; the
     alternative text what a reader who cannot see it needs: the message and its numbers. Neither may
-    be empty.
+    be empty. What tests hold it to goes along: its legend, the texts that are in the way of
+    something, and the size of the smallest in points.
     """
     for what, text in (("name", name), ("caption", caption), ("alt", alt)):
         if not text.strip():
             raise ParameterError(what, text, "a text that is not empty")
     stream = io.StringIO()
     fig.savefig(stream, format="svg", metadata={"Date": None, "Creator": None})
+    seen = {
+        "legend": legend_of(fig),
+        "in the way": texts_in_the_way(fig),
+        "points": least_points(fig),
+    }
     plt.close(fig)
     # the build moves this metadata to the cell, where the book's renderer looks for it
     display(
         {"image/svg+xml": stream.getvalue(), "text/plain": alt},
-        metadata={"inswsn": {"name": name, "caption": caption, "alt": alt}},
+        metadata={"inswsn": {"name": name, "caption": caption, "alt": alt} | seen},
         raw=True,
     )

@@ -24,7 +24,8 @@ def shown_svg(displayed: list) -> tuple[str, dict]:
 
 def test_a_figure_carries_its_words_and_is_the_same_every_time(displayed: list) -> None:
     svg, words = shown_svg(displayed)
-    assert words == {"name": "fig-x", "caption": "A line.", "alt": "A line from 0 to 50 per cent."}
+    said = {"name": "fig-x", "caption": "A line.", "alt": "A line from 0 to 50 per cent."}
+    assert words == said | {"legend": {}, "in the way": [], "points": 10.5}
     assert svg == shown_svg(displayed)[0]
 
 

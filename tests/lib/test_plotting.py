@@ -12,7 +12,7 @@ from matplotlib import pyplot as plt
 from matplotlib.colors import to_rgb
 
 from inswsn_lib.errors import ParameterError
-from inswsn_lib.plotting import COLOURS, draw_scores, figure, percent_axis
+from inswsn_lib.plotting import COLOURS, STROKES, draw_scores, figure, percent_axis, stroke
 
 METHODS = {"one": "the one", "two": "the other"}
 UNITS = {"size": "m", "told": "1", "word": "1"}
@@ -96,3 +96,26 @@ def test_charts_in_rows_of_which_the_lowest_have_labels(count: int, columns: int
 def test_what_cannot_be_drawn(axes: list[str], values: tuple[Any, ...]) -> None:
     with pytest.raises(ParameterError, match=r"^the (last axis|grid) is"):
         draw(*axes, values=values)
+
+
+def test_a_method_with_a_stroke_of_its_own() -> None:
+    rows = [
+        {
+            "method": m,
+            "column": "error",
+            "unit": "m",
+            "told": t,
+            "median": 2.0,
+            "low": 1.0,
+            "high": 3.0,
+        }
+        for m in METHODS
+        for t in (1.0, 10.0)
+    ]
+    looks = {"two": stroke("coloured")}
+    fig = draw_scores(pd.DataFrame(rows), {"told": "1"}, "error", METHODS, looks)
+    one, two = fig.axes[0].get_lines()
+    assert (one.get_color(), one.get_linestyle()) == (COLOURS["reproduced"], ":")
+    assert (two.get_color(), two.get_linestyle()) == (STROKES["kalman"].colour, "--")
+    with pytest.raises(ParameterError, match="method is 'other'; it may be one of truth, ins"):
+        stroke("other")
