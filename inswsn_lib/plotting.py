@@ -62,7 +62,7 @@ STROKES = {
     "lssvm": Stroke("#5f4bb6"),
     "backprop": Stroke("#a8123e", (5, 2)),
     "rbf": Stroke("#5d7000"),
-    "smoother": Stroke("#0072b2", (9, 3, 2, 3)),
+    "smoother": Stroke("#0072b2", (14, 4)),
     "computed": Stroke("#b0187e"),
     "published": Stroke("#4d4d4d", (9, 3)),
 }

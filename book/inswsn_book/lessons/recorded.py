@@ -420,7 +420,7 @@ def show_ratios(tables: Mapping[str, pd.DataFrame]) -> None:
         shown.number(stroke, method, said)
 
     for method, stroke, at in zip(
-        METHODS, ("coloured", "kalman", "truth"), (3.0, 2.0, 1.0), strict=True
+        METHODS, ("coloured", "kalman", "smoother"), (3.0, 2.0, 1.0), strict=True
     ):
         add(method, stroke, at)
 
