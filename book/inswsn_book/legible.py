@@ -44,7 +44,8 @@ def texts_in_the_way(fig: Figure) -> list[str]:
 
 def clear_the_way(fig: Figure, labels: Sequence[Annotation]) -> None:
     """Move labels that are in the way to another side of their points, where one is free."""
-    for label in [text for text in _in_the_way(fig) if text in labels]:
+    bad = _in_the_way(fig)
+    for label in [label for label in labels if label in bad]:
         places = itertools.product((4, 10, 18), (1, -1), (1, -1))
         while label in _in_the_way(fig) and (place := next(places, None)):
             far, up, right = place
