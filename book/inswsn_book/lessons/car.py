@@ -168,7 +168,7 @@ def _ends2(of: _At) -> Callable[[int, str], str]:
 
 def show_wrong_start(navigate: Navigate) -> None:
     """Show how far off an INS is that begins tilted, or with a wrong heading."""
-    tilts, headings = ([round(i * step, 2) for i in range(11)] for step in (0.05, 0.5))
+    tilts, headings = ([round(i * step, 2) for i in range(6)] for step in (0.1, 1.0))
     right = navigate(np.zeros(3))
     t = np.linspace(0, LENGTH, 41)
     every = (len(right) - 1) // (len(t) - 1)
@@ -180,8 +180,8 @@ def show_wrong_start(navigate: Navigate) -> None:
     by_heading = {h: off([0.0, 0.0, h]) for h in headings}
     shown = Moving(
         "A tilt and a wrong heading",
-        Slider("s", "tilt", tilts, 0.05, "{:.2f}°"),
-        Slider("h", "heading wrong by", headings, 2.0, "{:.1f}°"),
+        Slider("s", "tilt", tilts, 0.1, "{:.1f}°"),
+        Slider("h", "heading wrong by", headings, 2.0, "{:.0f}°"),
     )
     time = {"x": "time (s)", "y": "off by (m)", "xlim": (0, LENGTH), "ylim": (0, 80)}
     tilted = shown.chart("A tilt: gravity gets in", **time)
@@ -199,15 +199,15 @@ def show_wrong_start(navigate: Navigate) -> None:
     shown.number("ins", "heading, after 40 s", lambda h: f"{by_heading[h][-1]:.1f} m")
     shown.sentence(
         lambda s, h: (
-            f"After 40 s a tilt of {s:.2f} degrees has led the INS {by_tilt[s][-1]:.1f} m away, a "
-            f"heading that is wrong by {h:.1f} degrees {by_heading[h][-1]:.1f} m."
+            f"After 40 s a tilt of {s:.1f} degrees has led the INS {by_tilt[s][-1]:.1f} m away, a "
+            f"heading that is wrong by {h:.0f} degrees {by_heading[h][-1]:.1f} m."
         )
     )
     shown.show(
         name="fig-l5-wrong",
         caption="The same sensors, integrated from a right start and from a wrong one. The dashed "
         "line is the formula.",
-        alt=f"Two charts over 40 s. A tilt of 0.05 degrees leads {by_tilt[0.05][-1]:.1f} m away, "
+        alt=f"Two charts over 40 s. A tilt of 0.1 degrees leads {by_tilt[0.1][-1]:.1f} m away, "
         f"as the formula has it. A heading wrong by 2 degrees leads {by_heading[2.0][-1]:.1f} m "
         "away, nothing before the car brakes and turns.",
     )
