@@ -7,7 +7,7 @@ from conftest import WHOLE
 from inswsn_book.judging import judge_claims
 from inswsn_book.project import Project
 from playwright.sync_api import Browser
-from visiting import CHAPTER_00, LESSON, it_is_whole, visit, weekly_but
+from visiting import CHAPTER_00, LESSON, it_is_whole, unfold, visit, weekly_but
 
 pytestmark = pytest.mark.page
 
@@ -78,11 +78,12 @@ def test_a_claim_and_its_cell_lead_to_each_other(
 
 def test_a_chapter_shows_its_figures_tables_and_numbers(browser: Browser, served: str) -> None:
     page = visit(browser, served, CHAPTER_00).page
-    captions = page.locator("figcaption .caption-number").all_inner_texts()
+    captions = page.locator("figcaption .caption-number").all_text_contents()
     first, *others = (int(text.removeprefix("Fig.")) for text in captions)
     assert others == [first + 1, first + 2, first + 3]  # figures are counted through the book
     assert page.locator("table caption .caption-number").count() == 9
     # a number in a sentence is the recorded one, and no name of one is left
+    unfold(page)
     text = page.locator("main").inner_text()
     assert "1,108,800" in text
     assert not any(word in text for word in ("glue", "Quantity(", "<Verdict"))

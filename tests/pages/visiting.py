@@ -86,11 +86,15 @@ def visit(browser: Browser, served: str, name: str, **options: Any) -> Visit:
     return seen
 
 
+def unfold(page: Page) -> None:
+    """Open all that is folded of a page of evidence, and its provenance."""
+    page.evaluate("for (const box of document.querySelectorAll('details.fold')) box.open = true")
+
+
 def it_is_whole(seen: Visit, name: str) -> None:
     """Check that a page comes without an error, all from the site, and says what made it."""
     page = seen.page
-    # what is folded is read, too
-    page.evaluate("for (const box of document.querySelectorAll('details.fold')) box.open = true")
+    unfold(page)
     assert seen.wrong == [], name
     images = page.evaluate("[...document.images].map(i => [i.src, i.naturalWidth > 0, i.alt])")
     assert [source for source, loaded, alt in images if not (loaded and alt.strip())] == [], name
