@@ -32,7 +32,15 @@ from inswsn_book.runs import book_runs
 from PIL import Image
 from playwright.sync_api import Browser, Page
 from visiting import (
-    CHAPTER_00, LESSON, OWN_DATA, PAGES, contrast_of, it_is_whole, set_theme, unfold, visit,
+    CHAPTER_00,
+    LESSON,
+    OWN_DATA,
+    PAGES,
+    contrast_of,
+    it_is_whole,
+    set_theme,
+    unfold,
+    visit,
 )  # fmt: skip
 
 from inswsn_lib.plotting import COLOURS
