@@ -25,7 +25,7 @@ from inswsn_lib.files import read_yaml
 from inswsn_lib.filters import run_kalman
 from inswsn_lib.models import ErrorModel
 from inswsn_lib.navigation import example_run
-from inswsn_lib.plotting import COLOURS, STROKES, figure
+from inswsn_lib.plotting import COLOURS, figure, stroke
 
 ROOT = Path(__file__).parent.parent
 DATA, PICTURE, EXAMPLE = "data/front.json", "data/front.svg", "data/example.svg"
@@ -116,15 +116,13 @@ def example_svg() -> str:
     fig, (track, error) = figure(1, 2, height=2.2)
     shown = {"true path": ("truth", run.truth), "INS": ("ins", run.ins)}
     for label, (method, motion) in shown.items():
-        track.plot(*motion[:, :2].T, color=STROKES[method].colour, label=label)
+        track.plot(*motion[:, :2].T, label=label, **stroke(method))
     track.set(xlabel="x (m)", ylabel="y (m)", title="An INS drifts by metres", aspect="equal")
     track.legend()
     both = {"fixes": ("network", run.network), "Kalman filter": ("kalman", kalman)}
     for label, (method, motion) in both.items():
         dots = {"ls": "", "marker": "o", "ms": 3} if method == "network" else {}
-        error.plot(
-            run.time, 100 * run.distances(motion), color=STROKES[method].colour, label=label, **dots
-        )
+        error.plot(run.time, 100 * run.distances(motion), label=label, **(stroke(method) | dots))
     error.set(xlabel="time (s)", ylabel="off by (cm)", title="Fixes scatter; a filter blends both")
     error.set(ylim=(0, 55))
     error.legend(loc="upper center", ncols=2)

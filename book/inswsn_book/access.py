@@ -209,10 +209,16 @@ def _solution(soup: BeautifulSoup, solution: Tag) -> None:
         title.name = "summary"
         for link in title.find_all("a"):
             link.unwrap()
-        body = soup.new_tag("div", attrs={"class": "solution-body"})
-        for part in list(title.next_siblings):
-            body.append(part)
-        title.insert_after(body)
+        _gather(soup, title, "solution-body")
+
+
+def _gather(soup: BeautifulSoup, title: Tag, name: str) -> Tag:
+    """Put all that follows a title beside it into one box of that class, and return it."""
+    body = soup.new_tag("div", attrs={"class": name})
+    for part in list(title.next_siblings):
+        body.append(part)
+    title.insert_after(body)
+    return body
 
 
 def _fold(soup: BeautifulSoup, section: Tag) -> None:
@@ -222,15 +228,9 @@ def _fold(soup: BeautifulSoup, section: Tag) -> None:
         return
     for link in heading.find_all("a"):
         link.decompose()  # it would close the section that it leads to
-    fold, summary = soup.new_tag("details", attrs={"class": "fold"}), soup.new_tag("summary")
-    heading.insert_before(fold)
-    rest = list(heading.next_siblings)
-    fold.append(summary)
-    summary.append(heading.extract())
-    body = soup.new_tag("div")
-    fold.append(body)
-    for part in [part for part in rest if part is not fold]:
-        body.append(part)
+    body = _gather(soup, heading, "fold-body")
+    summary = heading.wrap(soup.new_tag("summary"))
+    summary.wrap(soup.new_tag("details", attrs={"class": "fold"})).append(body)
 
 
 def _names(soup: BeautifulSoup) -> None:

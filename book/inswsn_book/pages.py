@@ -36,7 +36,7 @@ from inswsn_lib.errors import BuildError, InswsnError
 from inswsn_lib.files import read_text, read_yaml
 from inswsn_lib.scenario import load_scenario
 
-_MOVES = r"class=\"moving\""  # in the text of a notebook
+_MOVES = 'class="moving"'
 _UNSTAGED = re.compile(r"inswsn_book/|_templates/|pyproject\.toml|redirects\.yaml|(.*/)?\.")
 _HEAD = re.compile(
     r"\*\*You need\*\*\s+(?P<need>.*?)\.\s+\*\*Reading time\*\*\s+(?P<minutes>\d+)\s+minutes?\.",
@@ -216,7 +216,9 @@ def stage_book(project: Project, runs: Sequence[Run], folder: Path) -> list[str]
     # what the pages and the verdicts need of chapters that are not rendered
     others = [reference_results(project, c.id) for c in project.chapters() if c.id not in here]
     known = context(project, [*rendered, *others])
-    known["moving"] = moving = _moving_figures(runs)
+    # as they are, since they were valid when they were kept, and Sphinx looks again
+    notebooks = [nbformat.from_dict(json.loads(run.notebook or "")) for run in runs]
+    known["moving"] = moving = _moving_figures(notebooks)
     templates = environment(project.root, folder.parent / "templates")
     texts, problems = _pages(project, templates, known)
     for results in (*rendered, *others):
@@ -224,10 +226,9 @@ def stage_book(project: Project, runs: Sequence[Run], folder: Path) -> list[str]
     claims = load_claims(project.root / LEDGER)
     notation = project.root / "book" / "notation.md"
     terms = terms_of(read_text(notation)) if notation.is_file() else {}
-    for run in runs:
+    for run, notebook in zip(runs, notebooks, strict=True):
         name, results = project.by_id(run.request.chapter).name, run.results
-        # as it is, since it was valid when it was kept, and Sphinx looks again
-        notebook = with_captions(with_pictures(nbformat.from_dict(json.loads(run.notebook or ""))))
+        notebook = with_captions(with_pictures(notebook))  # noqa: PLW2901
         uses = FirstUses(terms)
         for cell in notebook.cells:
             if cell.cell_type == "markdown":
@@ -272,27 +273,22 @@ def _redirects(root: Path, templates: Environment, texts: Iterable[str]) -> dict
     return found
 
 
-def _moving_figures(runs: Sequence[Run]) -> dict[str, dict[str, str]]:
+def _moving_figures(notebooks: Sequence[Any]) -> dict[str, dict[str, str]]:
     """Return the figures that move, for pages that are no chapters: section, picture and words."""
     found = {}
-    moving = [run.notebook for run in runs if run.notebook and _MOVES in run.notebook]
-    for cell in [cell for text in moving for cell in json.loads(text)["cells"]]:
-        data = [output.get("data", {}) for output in cell.get("outputs", [])]
-        sections = [
-            page
-            for page in ("".join(d.get("text/html", "")) for d in data)
-            if 'class="moving"' in page
-        ]
-        for output in cell.get("outputs", []):
-            words = output.get("metadata", {}).get("inswsn")
-            if sections and words:
-                picture = "".join(output["data"]["image/svg+xml"])
-                found[words["name"]] = {
-                    "section": sections[0],
-                    "picture": picture,
-                    "alt": words["alt"],
-                }
+    for outputs in (cell.get("outputs", []) for book in notebooks for cell in book.cells):
+        shown = [o for o in outputs if "inswsn" in o.get("metadata", {})]
+        moving = [html for html in map(_html, outputs) if _MOVES in html]
+        for output, section in zip(shown, moving, strict=False):  # a cell shows one
+            words, picture = output["metadata"]["inswsn"], output["data"]["image/svg+xml"]
+            found[words["name"]] = {
+                "section": section, "picture": "".join(picture), "alt": words["alt"]
+            }  # fmt: skip
     return found
+
+
+def _html(output: Any) -> str:
+    return "".join(output.get("data", {}).get("text/html", ""))
 
 
 def with_pictures(notebook: Any) -> Any:
@@ -301,7 +297,7 @@ def with_pictures(notebook: Any) -> Any:
     for cell in notebook.cells:
         cells.append(cell)
         outputs = cell.get("outputs", [])
-        moves = ['class="moving"' in str(o.get("data", {}).get("text/html")) for o in outputs]
+        moves = [_MOVES in _html(output) for output in outputs]
         if any(moves):
             picture = nbformat.from_dict(
                 cell | {"id": f"{cell['id']}-picture", "source": "# in print"}

@@ -440,7 +440,7 @@ def test_the_first_tab_leads_past_the_contents_and_none_to_a_formula(
     ("name", "kinds"),
     [
         (OWN_DATA, {"a", "button", "summary", "pre"}),
-        (LESSON, {"a", "button", "input", "mjx-container"}),
+        (LESSON, {"a", "button", "summary", "input", "mjx-container"}),
     ],
 )
 def test_focus_is_seen_and_nothing_moves(
@@ -464,7 +464,7 @@ def test_focus_is_seen_and_nothing_moves(
         set_theme(page, theme)
         page.evaluate("document.querySelector('a').focus()")  # from the top on
         reached = set()
-        for _ in range(60):
+        for _ in range(120):
             page.keyboard.press("Tab")
             kind, said, marked = page.evaluate(MARKED)
             if kind == "body":  # after the last one, before the window is left

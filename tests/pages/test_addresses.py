@@ -45,12 +45,18 @@ def test_every_address_of_an_earlier_site_leads_to_its_place(built_site: Path, l
     assert [name for name in ([place] if place else named) if name not in there] == []
 
 
+@pytest.mark.parametrize(
+    ("address", "place"),
+    [
+        ("chapters/00-the-published-numbers.html", "chapter-00"),
+        ("chapters/71-two-filters-become-one.html", "more-drift-assumed"),  # of another page now
+    ],
+)
 def test_a_page_that_moved_takes_its_reader_to_the_same_place(
-    browser: Browser, served: str, built_site: Path
+    browser: Browser, served: str, built_site: Path, address: str, place: str
 ) -> None:
-    address = "chapters/00-the-published-numbers.html"
     page = browser.new_page()
-    page.goto(f"{served}{address}#chapter-00")
-    page.wait_for_url(f"{served}{page_behind(built_site, address)[0]}#chapter-00")
-    assert page.locator("#chapter-00").count() == 1
+    page.goto(f"{served}{address}#chapter-{address[9:11]}")
+    page.wait_for_url(f"{served}{page_behind(built_site, address)[0]}#{place}")
+    assert page.locator(f"#{place}").count() == 1
     page.close()

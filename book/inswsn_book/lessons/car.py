@@ -116,16 +116,22 @@ def show_drive(drive: Drive, told: FilterSettings) -> dict[str, tuple[Array, Arr
     def at(a: str, k: int, part: int) -> Array:
         return np.asarray(by_aids[a][part][:, 2 * starts.index(k)])
 
-    for part, where in enumerate(("along the road", "across it")):
+    def draw(part: int, where: str) -> None:
         chart = shown.chart(
             f"Error {where}", x="time without satellites (s)", y="error (m)", xlim=(0, LENGTH),
             ylim=(-100, 100),
         )  # fmt: skip
-        shown.draw(chart, "ins", "INS alone", _curve(t, at, part))
-        shown.draw(chart, "kalman", "aided", _curve2(t, at, part))
+        shown.draw(chart, "ins", "INS alone", lambda k: (t, at("none", k, part)[t]))
+        shown.draw(chart, "kalman", "aided", lambda k, a: (t, at(a, k, part)[t]))
+
+    def ends(a: str, k: int) -> str:
+        return ", ".join(f"{abs(at(a, k, part)[-1]):.0f} m" for part in (0, 1))
+
+    draw(0, "along the road")
+    draw(1, "across it")
     shown.number("truth", "the road turns by", lambda k: f"{bends[2 * starts.index(k)]:.0f}°")
-    shown.number("ins", "INS along, across", _ends(at))
-    shown.number("kalman", "aided", _ends2(at))
+    shown.number("ins", "INS along, across", lambda k: ends("none", k))
+    shown.number("kalman", "aided", lambda k, a: ends(a, k))
     shown.sentence(
         lambda k, a: (
             f"Lost at {k} s, on a road that turns by {bends[2 * starts.index(k)]:.0f} degrees: "
@@ -147,23 +153,6 @@ def show_drive(drive: Drive, told: FilterSettings) -> dict[str, tuple[Array, Arr
 
 
 #: Errors of an outage by aids, start, and part: along or across
-_At = Callable[[str, int, int], Array]
-
-
-def _curve(t: Integers, of: _At, part: int) -> Callable[[int], tuple[Integers, Array]]:
-    return lambda k: (t, of("none", k, part)[t])
-
-
-def _curve2(t: Integers, of: _At, part: int) -> Callable[[int, str], tuple[Integers, Array]]:
-    return lambda k, a: (t, of(a, k, part)[t])
-
-
-def _ends(of: _At) -> Callable[[int], str]:
-    return lambda k: ", ".join(f"{abs(of('none', k, part)[-1]):.0f} m" for part in (0, 1))
-
-
-def _ends2(of: _At) -> Callable[[int, str], str]:
-    return lambda k, a: ", ".join(f"{abs(of(a, k, part)[-1]):.0f} m" for part in (0, 1))
 
 
 def show_wrong_start(navigate: Navigate) -> None:
@@ -277,15 +266,27 @@ def show_bands(drive: Drive, known: VehicleRun, outage: Outage, starts: Mapping[
         Slider("place", "road", [*starts], next(iter(starts)), "{}"),
         Slider("a", "aids", ["none", "constraint", "both"], "none", "{}"),
     )
-    for part, where in enumerate(("along the road", "across it")):
+
+    def draw(part: int, where: str) -> None:
         chart = shown.chart(
             f"Error {where}", x="time without satellites (s)", y="error (m)", xlim=(0, LENGTH),
             ylim=(-80, 80),
         )  # fmt: skip
-        shown.draw(chart, "kalman", "", _band(t, found, part), style="band")
-        shown.draw(chart, "kalman", "error", _error(t, found, part))
-    for part, where in enumerate(("along", "across")):
-        shown.number("kalman", f"sure to, {where}", _sure(found, part))
+
+        def band(place: str, a: str) -> tuple[Integers, Array, Array]:
+            side = found[place, a][1][part]
+            return t, -side, side
+
+        shown.draw(chart, "kalman", "", band, style="band")
+        shown.draw(chart, "kalman", "error", lambda place, a: (t, found[place, a][0][part]))
+        shown.number(
+            "kalman",
+            f"sure to, {where}",
+            lambda place, a: f"± {found[place, a][1][part, -1]:.1f} m",
+        )
+
+    draw(0, "along the road")
+    draw(1, "across it")
     shown.sentence(
         lambda place, a: (
             f"Road: {place}; aids: {a}. After {LENGTH} s the band is "
@@ -303,23 +304,6 @@ def show_bands(drive: Drive, known: VehicleRun, outage: Outage, starts: Mapping[
         f"{found[first, 'constraint'][1][0, -1]:.0f} m, that across to "
         f"{found[first, 'constraint'][1][1, -1]:.0f} m.",
     )
-
-
-Found = Mapping[tuple[str, str], tuple[Array, Array]]
-
-
-def _band(
-    t: Integers, found: Found, part: int
-) -> Callable[[str, str], tuple[Integers, Array, Array]]:
-    return lambda place, a: (t, -found[place, a][1][part], found[place, a][1][part])
-
-
-def _error(t: Integers, found: Found, part: int) -> Callable[[str, str], tuple[Integers, Array]]:
-    return lambda place, a: (t, found[place, a][0][part])
-
-
-def _sure(found: Found, part: int) -> Callable[[str, str], str]:
-    return lambda place, a: f"± {found[place, a][1][part, -1]:.1f} m"
 
 
 def show_turns(drive: Drive, by_aids: Mapping[str, tuple[Array, Array]]) -> None:
@@ -440,9 +424,8 @@ def show_recorded(trials: RecordedTrials) -> tuple[dict[str, tuple[Array, Array]
     methods = {
         "never": ("ins", "INS alone"),
         "through": ("kalman", "aided"),
-        "lssvm": ("lssvm", ""),
+        "lssvm": ("lssvm", "learned"),
     }
-    labels = {"lssvm": "learned"}
     found, bends = {}, []
     for i, k in enumerate(starts):
         path = trials.reference[k : k + 51]
@@ -454,16 +437,22 @@ def show_recorded(trials: RecordedTrials) -> tuple[dict[str, tuple[Array, Array]
         for m in methods:
             found[m, k] = along_across(trials.tracks[m][:, :, i] - path, heading[held])
     shown = Moving("A recorded drive", Slider("k", "satellites are lost at", starts, 120, "{:d} s"))
-    for part, where in enumerate(("along the road", "across it")):
-        chart = shown.chart(
+    off = {(m, k): rms(np.hypot(*found[m, k])[1:41]) for m, k in found}
+    charts = [
+        shown.chart(
             f"Error {where}", x="time without satellites (s)", y="error (m)", xlim=(0, LENGTH),
             ylim=(-60, 60),
-        )  # fmt: skip
-        for m, (stroke, label) in methods.items():
-            shown.draw(chart, stroke, label or labels[m], _recorded(t[:41], found, m, part))
-    off = {(m, k): rms(np.hypot(*found[m, k])[1:41]) for m, k in found}
+        )
+        for where in ("along the road", "across it")
+    ]  # fmt: skip
+
+    def draw(m: str, stroke: str, label: str) -> None:
+        shown.draw(charts[0], stroke, label, lambda k: (t[:41], found[m, k][0][:41]))
+        shown.draw(charts[1], stroke, label, lambda k: (t[:41], found[m, k][1][:41]))
+        shown.number(stroke, label, lambda k: f"{off[m, k]:.1f} m")
+
     for m, (stroke, label) in methods.items():
-        shown.number(stroke, label or labels[m], _size(off, m))
+        draw(m, stroke, label)
     shown.sentence(
         lambda k: (
             f"Lost at {k} s the INS alone is off by {off['never', k]:.1f} m (root mean square over "
@@ -481,16 +470,6 @@ def show_recorded(trials: RecordedTrials) -> tuple[dict[str, tuple[Array, Array]
     )
     ends = {m: np.array([[part[LENGTH] for part in found[m, k]] for k in starts]) for m in methods}
     return {m: (ends[m][:, 0], ends[m][:, 1]) for m in methods}, float(min(bends))
-
-
-def _recorded(
-    t: Integers, found: Mapping[tuple[str, int], tuple[Array, Array]], method: str, part: int
-) -> Callable[[int], tuple[Integers, Array]]:
-    return lambda k: (t, found[method, k][part][: len(t)])
-
-
-def _size(off: Mapping[tuple[str, int], float], method: str) -> Callable[[int], str]:
-    return lambda k: f"{off[method, k]:.1f} m"
 
 
 #: A number of the text: its value, its unit, and how it is made

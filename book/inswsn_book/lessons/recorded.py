@@ -9,8 +9,10 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from inswsn_book.lessons.dots import show_dots
+from inswsn_book.lessons.nodes import model_of
 from inswsn_book.moving import Moving, Slider
-from inswsn_lib.filters import run_kalman
+from inswsn_lib.filters import design_kalman, run_kalman
 from inswsn_lib.models import ErrorModel
 from inswsn_lib.navigation import ExampleRun, TrainingAreas
 from inswsn_lib.navigation.training_areas import p1_settings
@@ -26,9 +28,9 @@ FADING = (0.2, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0, 10.0, 20.0)  # s
 WHITE = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5)
 RECORDINGS = {"room": "inrol/1", "mower": "plaza/2", "robot": "labyrinth/1"}
 METHODS = {
-    "filter on fixes": "loosely coupled, coloured fixes",
-    "filter on ranges": "tightly coupled",
-    "smoother": "smoother",
+    "filter on fixes": ("coloured", "loosely coupled, coloured fixes"),
+    "filter on ranges": ("kalman", "tightly coupled"),
+    "smoother": ("smoother", "smoother"),
 }
 BRIDGES = {
     "P1's LS-SVM": ("lssvm", "P1's LS-SVM"),
@@ -47,16 +49,10 @@ def plain(run: ExampleRun, tau: float) -> tuple[Array, Array]:
 
     It is that of the lesson on two bad instruments.
     """
-    A = np.kron([[1, run.period], [0, 1]], np.eye(2))
-    Q, R = (np.diag(np.repeat(size**2, 2)) for size in (run.process, run.measurement))
-    x, M, found = np.zeros(4), 1e6 * np.eye(4), []
-    for measured in run.ins - run.network:
-        K = M @ np.linalg.inv(M + R)
-        x, P = x + K @ (measured - x), M - K @ M
-        found.append((x, P))
-        x, M = A @ x, A @ P @ A.T + Q
-    states, covariances = zip(*found, strict=True)
-    return np.array(states), np.array(covariances)
+    y, start = (run.ins - run.network)[:, :, None], 1e6 * np.eye(4)
+    model, heard = model_of(run), np.ones((len(y), 4), bool)
+    design = design_kalman(model, heard, initial_covariance=start)
+    return run_kalman(model, y, initial_covariance=start)[:, :, 0], design.filtered
 
 
 def show_lasting(runs: Mapping[float, ExampleRun], run_filter: Filter) -> None:
@@ -88,7 +84,7 @@ def show_lasting(runs: Mapping[float, ExampleRun], run_filter: Filter) -> None:
         )
     )
     shown.show(
-        name="fig-lr-lasting",
+        name="fig-l6-lasting",
         caption="Dots are errors of fixes, with the same standard deviation at each place of the "
         "slider. The line is the error of the Kalman filter.",
         alt="Errors in x over twenty seconds. "
@@ -125,7 +121,7 @@ def show_means(period: float) -> None:
     shown.number("coloured", "100 fixes are worth", lambda t: f"{worth[t]:.1f} independent ones")
     shown.sentence(lambda t: f"If errors last {t:g} s, 100 fixes are worth {worth[t]:.1f}.")
     shown.show(
-        name="fig-lr-means",
+        name="fig-l6-means",
         caption="A mean of fixes whose errors last hardly improves: they all say the same.",
         alt="The error of a mean over the number of fixes. A hundred, five a second, are worth "
         + ", ".join(f"{w:.1f} if errors last {t:g} s" for t, w in worth.items())
@@ -185,7 +181,7 @@ def show_recorded(table: pd.DataFrame) -> None:
     )
     best = {r: nearest(table, r) for r in RECORDINGS}
     shown.show(
-        name="fig-lr-recorded",
+        name="fig-l6-recorded",
         caption="Dots are recorded. Lay your curve through them: how fast it fades, and how much "
         "of the error is gone at the next fix.",
         alt="The autocorrelation of recorded errors of fixes over the lag. The nearest curves: "
@@ -209,16 +205,13 @@ def over_many(
     for tau, run in runs.items():
         areas = TrainingAreas(p1_settings(), seed=seed, correlation_time=tau, runs=MANY)
         ins, network = (areas.drawn[part]["1"] for part in ("ins", "wsn"))
-        drift, noise = run.process, run.measurement
-        model = ErrorModel.p1(
-            run.period, process_noise=(drift[0], drift[1]), measurement_noise=(noise[0], noise[1])
-        )
+        model = model_of(run)
         filters: dict[str, tuple[ErrorModel, Array, Filter]] = {
             "kalman": (model, np.full(4, 1e6), plain)
         }
         if tau:
             wide = model.with_coloured_noise(tau, white=0.01)
-            start = np.append(np.full(4, 1e6), 0.99 * np.repeat(noise**2, 2))
+            start = np.append(np.full(4, 1e6), 0.99 * np.repeat(run.measurement**2, 2))
             filters["coloured"] = (wide, start, knowing)
         for name, (assumed, start, by_hand) in filters.items():
             states = run_kalman(assumed, ins - network, initial_covariance=np.diag(start))
@@ -263,7 +256,7 @@ def show_many(found: Mapping[tuple[str, float], tuple[float, float]]) -> None:
 
     shown.sentence(said)
     shown.show(
-        name="fig-lr-many",
+        name="fig-l6-many",
         caption=f"{MANY} simulated runs. At which length does the filter that assumes white errors "
         "become worse than the fixes?",
         alt=" ".join(map(said, lasting)),
@@ -328,7 +321,7 @@ def show_honesty(runs: Mapping[float, ExampleRun], plain: Filter, knowing: Filte
 
     shown.sentence(said)
     shown.show(
-        name="fig-lr-honesty",
+        name="fig-l6-honesty",
         caption="Bands are two standard deviations, by each filter's own covariance. Errors in x "
         "and y should be in them 95 % of the time.",
         alt=said(2.0),
@@ -384,7 +377,7 @@ def show_innovations(runs: Mapping[float, ExampleRun], knowing: Filter) -> None:
 
     shown.sentence(said)
     shown.show(
-        name="fig-lr-innovations",
+        name="fig-l6-innovations",
         caption="The grey band is what chance does to innovations that have nothing in common.",
         alt=" ".join(map(said, lasting)),
     )
@@ -392,48 +385,26 @@ def show_innovations(runs: Mapping[float, ExampleRun], knowing: Filter) -> None:
 
 def show_ratios(tables: Mapping[str, pd.DataFrame]) -> None:
     """Show what three methods do to the position error of a recorded network."""
-    rows: dict[tuple[str, str], Any] = {}
-    for recording, key in RECORDINGS.items():
-        for method, begin in METHODS.items():
-            (name,) = [n for n in tables[key].index if str(n).startswith(begin)]
-            rows[recording, method] = tables[key].loc[name]
 
-    def ratio(recording: str, method: str, of: str = "ratio") -> float:
-        return float(rows[recording, method][f"position_{of}"])
+    def number(key: str, begin: str) -> tuple[float, float, float]:
+        (name,) = [n for n in tables[key].index if str(n).startswith(begin)]
+        row = tables[key].loc[name]
+        value, low, high = (float(row[f"position_{of}"]) for of in ("ratio", "low", "high"))
+        return value, low, high
 
-    shown = Moving("On recordings", Slider("r", "recording", [*RECORDINGS], "room", "{}"))
-    chart = shown.chart(
-        "Position error over that of the network", x="ratio", y="", xlim=(0, 1.5), ylim=(0.5, 3.7)
-    )
-    shown.draw(chart, "network", "network", ([1.0, 1.0], [0.5, 3.7]), at=1)
-
-    def add(method: str, stroke: str, at: float) -> None:
-        def ends(r: str) -> tuple[list[float], list[float]]:
-            return [ratio(r, method, "low"), ratio(r, method, "high")], [at, at]
-
-        def said(r: str) -> str:
-            low, high = ends(r)[0]
-            return f"{ratio(r, method):.2f} ({low:.2f} to {high:.2f})"
-
-        shown.draw(chart, stroke, "", ends)
-        shown.draw(chart, stroke, method, lambda r: ([ratio(r, method)], [at]), style="points")
-        shown.number(stroke, method, said)
-
-    for method, stroke, at in zip(
-        METHODS, ("coloured", "kalman", "smoother"), (3.0, 2.0, 1.0), strict=True
-    ):
-        add(method, stroke, at)
-
-    def sentence(r: str) -> str:
-        ratios = ", ".join(f"{method} {ratio(r, method):.2f}" for method in METHODS)
-        return f"Position error over the network's, {r}: {ratios}."
-
-    shown.sentence(sentence)
-    shown.show(
-        name="fig-lr-ratios",
+    show_dots(
+        "Position error over that of the network",
+        "recording",
+        {
+            method: (stroke, {r: number(key, begin) for r, key in RECORDINGS.items()})
+            for method, (stroke, begin) in METHODS.items()
+        },
+        x="ratio",
+        xlim=(0, 1.5),
+        name="fig-l6-ratios",
         caption="Recorded, with 95 % intervals by a block bootstrap. The smoother also uses later "
         "fixes. Left of the line is better than the network.",
-        alt=" ".join(sentence(r) for r in RECORDINGS),
+        line=("network", "network", 1.0),
     )
 
 
@@ -478,7 +449,7 @@ def show_bridges(profile: pd.DataFrame) -> None:
         )
     )
     shown.show(
-        name="fig-lr-bridges",
+        name="fig-l6-bridges",
         caption="Recorded outages in the room, replayed. Who stands still at the last fix computes "
         "nothing.",
         alt="RMS position error over the time without fixes. "
