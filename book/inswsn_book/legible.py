@@ -39,22 +39,24 @@ def legend_of(fig: Figure) -> dict[str, str]:
 
 def texts_in_the_way(fig: Figure) -> list[str]:
     """Return the texts of a figure that lie over a marker or another text, or leave the figure."""
+    fig.draw_without_rendering()
     return [text.get_text() for text in _in_the_way(fig)]
 
 
 def clear_the_way(fig: Figure, labels: Sequence[Annotation]) -> None:
     """Move labels that are in the way to another side of their points, where one is free."""
-    bad = _in_the_way(fig)
-    for label in [label for label in labels if label in bad]:
+    fig.draw_without_rendering()  # once: that takes long, and a label moves nothing else
+    for label in labels:
         places = itertools.product((4, 10, 18), (1, -1), (1, -1))
         while label in _in_the_way(fig) and (place := next(places, None)):
             far, up, right = place
             label.xyann = (right * min(far, 6), up * far)
             label.set(ha="left" if right > 0 else "right", va="bottom" if up > 0 else "top")
+            label.update_positions(None)
 
 
 def _in_the_way(fig: Figure) -> list[Text]:
-    fig.draw_without_rendering()
+    """Return such texts of a figure that is drawn."""
     texts = _texts(fig)
     boxes = [_box(text) for text in texts]
     bad = {
