@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import PathCollection
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import PlaceHolderLayoutEngine
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.text import Annotation, Text
@@ -37,22 +38,30 @@ def legend_of(fig: Figure) -> dict[str, str]:
     return {label: colour for label, handle in labelled if (colour := _colour(handle))}
 
 
+def lay_out(fig: Figure) -> None:
+    """Lay a complete figure out, once and for all: what is looked at is what is saved."""
+    if not isinstance(fig.get_layout_engine(), PlaceHolderLayoutEngine):
+        fig.draw_without_rendering()
+        fig.set_layout_engine("none")
+
+
 def texts_in_the_way(fig: Figure) -> list[str]:
     """Return the texts of a figure that lie over a marker or another text, or leave the figure."""
-    fig.draw_without_rendering()
+    lay_out(fig)
     return [text.get_text() for text in _in_the_way(fig)]
 
 
 def clear_the_way(fig: Figure, labels: Sequence[Annotation]) -> None:
     """Move labels that are in the way to another side of their points, where one is free."""
-    fig.draw_without_rendering()  # once: that takes long, and a label moves nothing else
+    lay_out(fig)
+    renderer = fig.canvas.get_renderer()  # type: ignore[attr-defined]
     for label in labels:
         places = itertools.product((4, 10, 18), (1, -1), (1, -1))
         while label in _in_the_way(fig) and (place := next(places, None)):
             far, up, right = place
             label.xyann = (right * min(far, 6), up * far)
             label.set(ha="left" if right > 0 else "right", va="bottom" if up > 0 else "top")
-            label.update_positions(None)
+            label.update_positions(renderer)
 
 
 def _in_the_way(fig: Figure) -> list[Text]:

@@ -69,13 +69,13 @@ def show_figure(fig: Figure, *, name: str, caption: str, alt: str) -> None:
     for what, text in (("name", name), ("caption", caption), ("alt", alt)):
         if not text.strip():
             raise ParameterError(what, text, "a text that is not empty")
-    stream = io.StringIO()
-    fig.savefig(stream, format="svg", metadata={"Date": None, "Creator": None})
     seen = {
         "legend": legend_of(fig),
         "in the way": texts_in_the_way(fig),
         "points": least_points(fig),
     }
+    stream = io.StringIO()
+    fig.savefig(stream, format="svg", metadata={"Date": None, "Creator": None})
     plt.close(fig)
     # the build moves this metadata to the cell, where the book's renderer looks for it
     display(

@@ -283,7 +283,7 @@ def _advance(
     # of one layout, since numba compiles each anew, and rounds otherwise
     turns, pushes = map(np.ascontiguousarray, drive.increments)
     told = np.ascontiguousarray(drive.measurements)
-    which, begin = np.ascontiguousarray(which), np.ascontiguousarray(begin)
+    which, begin = np.array(which), np.array(begin)  # copies: a view may be read-only, a new type
     states, first, innovations, covariances = choose("vehicle_filter", _epochs)(
         tuple(parts), turns, pushes, drive.period,
         substep_edges(drive.samples_per_epoch, settings.substeps), told,
