@@ -56,7 +56,7 @@ def clear_the_way(fig: Figure, labels: Sequence[Annotation]) -> None:
     lay_out(fig)
     renderer = fig.canvas.get_renderer()  # type: ignore[attr-defined]
     for label in labels:
-        places = itertools.product((4, 10, 18), (1, -1), (1, -1))
+        places = itertools.product((4, 10, 13, 18), (1, -1), (1, -1))
         while label in _in_the_way(fig) and (place := next(places, None)):
             far, up, right = place
             label.xyann = (right * min(far, 6), up * far)

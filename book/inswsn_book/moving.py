@@ -29,6 +29,7 @@ from inswsn_lib.plotting import STROKES, figure
 
 #: How a series may be drawn
 STYLES = ("line", "points", "bars", "band")
+_HEIGHT = 3.1  # inches, of each chart in the still picture
 _DIGITS = 4  # of what is drawn, over the range of its axis
 
 
@@ -136,7 +137,10 @@ class Moving:
 
     def still(self) -> Figure:
         """Return the picture where the sliders begin."""
-        fig, axes = figure(len(self.charts), height=3.1 * len(self.charts), squeeze=False)
+        rows, inch = len(self.charts), 1 / (_HEIGHT * len(self.charts))
+        fig, axes = figure(rows, height=_HEIGHT * rows, squeeze=False, layout="none")
+        # all such figures have the same margins, and a layout takes as long as the rest of drawing
+        fig.subplots_adjust(0.12, 0.55 * inch, 0.96, 1 - 0.32 * inch, hspace=0.43)
         labels: list[Annotation] = []
         for chart, ax in zip(self.charts, axes[:, 0], strict=True):
             for method, label, style, at, table in chart.series:
