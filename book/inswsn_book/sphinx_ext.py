@@ -31,7 +31,7 @@ def _configure(app: Any, config: Any) -> None:
     config.project = config.html_title = about["title"]
     config.author = "; ".join(about["names"])
     config.copyright = about["date-released"][:4]
-    config.html_theme_options["extra_footer"] = FOOTER
+    config.html_theme_options.setdefault("extra_footer", FOOTER)
     config.html_extra_path += ["moved"] if (Path(app.srcdir) / "moved").is_dir() else []
     host = urlsplit(about["repository-code"] or "").netloc
     if host in ("github.com", "gitlab.com"):  # chapters lie here where they do in the repository
@@ -82,6 +82,16 @@ def _outlines(node: nodes.Element, numbered: tuple[type, ...]) -> Iterator[nodes
             copy.document, copy.rawsource = None, ""  # they would be kept
             copy.extend([nodes.Text(child.astext())] if isinstance(child, _NAMES) else inner)
             yield copy
+
+
+def _unlink_words(app: Any, tree: nodes.document) -> None:
+    """Leave the words of a shape, ``(steps, runs)``, words: our types begin with a capital.
+
+    Sphinx 9 takes each for a type, and finds any attribute of that name.
+    """
+    for link in [*tree.findall(addnodes.pending_xref)]:
+        if link["reftype"] == "class" and re.fullmatch("[a-z_]+", link["reftarget"]):
+            link.replace_self(link.children)
 
 
 def _number_outlines(app: Any, env: Any) -> list[str]:
@@ -139,6 +149,7 @@ def setup(app: Any) -> dict[str, bool]:
     # before the handlers that work on what is set here
     app.connect("config-inited", _configure, priority=100)
     app.connect("env-check-consistency", _before_writing)
+    app.connect("doctree-read", _unlink_words)
     app.connect("doctree-read", _keep_outline, priority=900)
     app.connect("env-get-updated", _number_outlines, priority=100)
     app.connect("env-get-updated", _update, priority=900)

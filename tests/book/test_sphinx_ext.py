@@ -16,8 +16,11 @@ from urllib.parse import parse_qs, urlsplit
 import pytest
 from bs4 import BeautifulSoup
 from conftest import REPOSITORY, MiniProject, git
+from docutils import nodes
+from docutils.utils import new_document
 from inswsn_book import sphinx_ext
 from inswsn_book.project import Project
+from sphinx import addnodes
 
 
 @pytest.fixture
@@ -110,6 +113,27 @@ def test_the_comparison_that_the_page_gives_for_colab(
     done = subprocess.run([sys.executable, *words], cwd=root, capture_output=True, text=True,
                           check=True)  # fmt: skip
     assert re.search(r"^0 of [1-9]\d* quantities changed", done.stdout, re.MULTILINE)
+
+
+# The reference of the library ---------------------------------------------------------------------
+
+
+def test_the_words_of_a_shape_are_no_types() -> None:
+    """What Sphinx 9 would link to an attribute of any class that has the name."""
+    asked = [
+        ("class", "runs"),
+        ("class", "Scores"),
+        ("class", "inswsn_lib.Scores"),
+        ("attr", "runs"),
+    ]
+    tree = new_document("api")
+    for kind, target in asked:
+        link = addnodes.pending_xref("", nodes.emphasis("", target), reftype=kind, reftarget=target)
+        tree += nodes.paragraph("", "", link)
+    sphinx_ext._unlink_words(None, tree)
+    left = [(link["reftype"], link["reftarget"]) for link in tree.findall(addnodes.pending_xref)]
+    assert left == asked[1:]
+    assert [words.astext() for words in tree.findall(nodes.emphasis)] == [name for _, name in asked]
 
 
 # Binder ------------------------------------------------------------------------------------------
