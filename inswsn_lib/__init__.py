@@ -5,9 +5,17 @@ a model, a filter, a design, a recording, a learner, a score. `__init__.pyi` lis
 and what each may use, are listed in ``CONTRIBUTING.md``.
 """
 
-from importlib.metadata import version
+from typing import Any
 
 import lazy_loader
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
-__version__ = version("inswsn")
+_imported, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+
+
+def __getattr__(name: str) -> Any:
+    if name != "__version__":
+        return _imported(name)
+    # loads what takes half as long as numpy
+    from importlib.metadata import version  # noqa: PLC0415
+
+    return version("inswsn")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 from contextlib import suppress
@@ -148,6 +149,13 @@ def _refused(what: str, place: Any) -> yaml.MarkedYAMLError:
     return yaml.MarkedYAMLError(problem=what, problem_mark=place.start_mark)
 
 
+def _without_repeats(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    made = dict(pairs)
+    if len(made) < len(pairs):
+        raise ValueError("a key is repeated")
+    return made
+
+
 def read_yaml(path: Path) -> Any:
     """Read a YAML file: mappings, lists, texts (dates too), numbers, truth values and None.
 
@@ -166,6 +174,9 @@ def read_yaml(path: Path) -> Any:
     7
     """
     text = read_text(path)
+    if text.startswith("{"):
+        with suppress(ValueError):  # JSON is YAML too, and is read where there is no PyYAML
+            return json.loads(text, object_pairs_hook=_without_repeats)
     try:
         reader = _Reader(text)
         node = reader.get_single_node()

@@ -6,7 +6,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.stats import chi2
 
 from inswsn_lib.checks import Array, Mask, array, number, whole
 from inswsn_lib.errors import Described, ParameterError
@@ -177,6 +176,8 @@ def mean_bounds(count: int, degrees: int, probability: float = 0.95) -> tuple[fl
     >>> print("{:.2f} {:.2f}".format(*iw.mean_bounds(10_000, 4)))
     3.94 4.06
     """
+    from scipy.stats import chi2  # noqa: PLC0415  # a page of the book has numpy alone
+
     whole("count", count, 1)
     whole("degrees", degrees, 1)
     tail = (1 - number("probability", probability, above=0, below=1)) / 2

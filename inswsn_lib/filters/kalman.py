@@ -165,6 +165,35 @@ def run_kalman(
     return _run(covariances, noise, there, y, x, predicted)[0]
 
 
+def run_design(
+    model: ErrorModel, design: KalmanDesign, measurements: ArrayLike, *, predicted: bool = False
+) -> Array:
+    """Return what `run_kalman` does, by gains that are known.
+
+    Parameters
+    ----------
+    model : ErrorModel
+    design : KalmanDesign
+        From `design_kalman`, for which of these measurements there are.
+    measurements, predicted
+        As in `run_kalman`.
+
+    Examples
+    --------
+    >>> import inswsn_lib as iw
+    >>> from inswsn_lib.filters.kalman import run_design
+    >>> model = iw.ErrorModel(A=[[1]], B=[[1]], C=[[1]], D=[[1]], period=1.0)
+    >>> design = iw.design_kalman(model, [[True], [True]], initial_covariance=[[1]])
+    >>> run_design(model, design, [[[1.0]], [[1.0]]]).ravel().tolist()
+    [0.5, 0.8]
+    """
+    _, y = measured(measurements, len(design.gains), len(model.C), "runs")
+    x = first_state(None, len(model.A), y.shape[2])
+    keeps = np.eye(len(model.A)) - design.gains @ model.C
+    states = _states(model.A, design.gains, keeps, y, x, predicted)
+    return states[:-1] if predicted else states[1:]
+
+
 def stream_kalman(
     model: ErrorModel,
     measurements: Iterable[ArrayLike],
@@ -359,17 +388,25 @@ def _run(
     A, C = covariances.A, covariances.C
     # one gain for all runs
     gains, keeps = np.split(covariances.gains(there[:, :, 0], noise), [len(C)], axis=2)
-    states = np.empty((len(y) + 1, *x.shape))
-    # from one estimate to the next
-    F, G = (A @ keeps, A @ gains) if predicted else (keeps @ A, gains)
-    if len(y) and not predicted:
-        F[0] = keeps[0]
-    c = _contiguous
-    choose("linear_recursion", _recursion)(c(F), c(G), c(x), c(y), states)
+    states = _states(A, gains, keeps, y, x, predicted)
     if predicted:
         return states[:-1], states[-1], covariances
     with np.errstate(over="ignore"):  # perhaps nobody asks for it
         return states[1:], A @ states[-1] if len(y) else x, covariances
+
+
+def _states(A: Array, gains: Array, keeps: Array, y: Array, x: Array, predicted: bool) -> Array:
+    """Return x (n, runs) and the states (steps, n, runs) that follow it, by K and I - K C.
+
+    The last one of predictions is that of the step after the last.
+    """
+    # from one estimate to the next
+    F, G = (A @ keeps, A @ gains) if predicted else (keeps @ A, gains)
+    if len(y) and not predicted:
+        F[0] = keeps[0]
+    states, c = np.empty((len(y) + 1, *x.shape)), _contiguous
+    choose("linear_recursion", _recursion)(c(F), c(G), c(x), c(y), states)
+    return states
 
 
 def _gains(
@@ -387,13 +424,20 @@ def _gains(
         Whether an innovation is, so that there is no gain; here it raises an error.
     """
     after = np.zeros_like(P)
+    known: dict[bytes, tuple[Array, Array, Array]] = {}  # as in `_Covariances.step`
     for k, here in enumerate(there):
-        S = C @ P @ C.T + R
-        if (S.diagonal() > limits).any():
-            return k, P, after, False
-        gain, keep, (after,) = updated(C, P[None], S[None], R, here[None])
-        out[k] = np.hstack([gain[0], keep[0]])
-        P = A @ after @ A.T + Q
+        key = here.tobytes() + P.tobytes()
+        found = known.pop(key, None)
+        if found is None:
+            S = C @ P @ C.T + R
+            if (S.diagonal() > limits).any():
+                return k, P, after, False
+            gain, keep, (after,) = updated(C, P[None], S[None], R, here[None])
+            found = np.hstack([gain[0], keep[0]]), after, A @ after @ A.T + Q
+        known[key] = found
+        if len(known) > _REMEMBERED:
+            del known[next(iter(known))]
+        out[k], after, P = found
     return len(there), P, after, False
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -125,7 +126,7 @@ def example_drive(seed: int = 2012) -> ExampleDrive:
     >>> bool(np.hypot(*(drive.ins - drive.position).T)[-1] > 10)
     True
     """
-    areas = TrainingAreas(p1_settings(), seed=seed, runs=1, other_runs=64)
+    areas = _areas(seed)
     scene, motion, every = areas.scene, areas.scene.motion, 10
 
     def whole_way(rng: np.random.Generator, runs: int) -> dict[str, Array]:
@@ -171,10 +172,7 @@ def example_run(seed: int = 2012, correlation_time: float = 0.0) -> ExampleRun:
     >>> bool(np.abs(run.network - run.truth).mean() < 0.2 < np.abs(run.ins - run.truth).mean())
     True
     """
-    areas = TrainingAreas(
-        p1_settings(), seed=seed, correlation_time=correlation_time, runs=1, other_runs=64
-    )
-    return _first_run(areas)
+    return _first_run(_areas(seed, correlation_time))
 
 
 def example_clusters(
@@ -206,7 +204,7 @@ def example_clusters(
     >>> fixes.shape, bool((fixes[0] == run.network).all())
     ((3, 100, 4), True)
     """
-    areas = TrainingAreas(p1_settings(), seed=seed, runs=clusters, other_runs=64)
+    areas = _areas(seed, runs=clusters)
     run, ins = _first_run(areas), areas.drawn["ins"]["1"][:, :, 0].copy()
     if shuffled:
         A = areas.models["1"].A
@@ -215,6 +213,13 @@ def example_clusters(
             ins[k + 1] = A @ ins[k] + step
     fixes = run.truth + np.moveaxis(areas.drawn["wsn"]["1"], 2, 0)
     return replace(run, ins=run.truth + ins, network=fixes[0]), fixes
+
+
+@lru_cache(8)  # a lesson asks for the same run again and again
+def _areas(seed: int, correlation_time: float = 0.0, runs: int = 1) -> TrainingAreas:
+    return TrainingAreas(
+        p1_settings(), seed=seed, correlation_time=correlation_time, runs=runs, other_runs=64
+    )
 
 
 def _first_run(areas: TrainingAreas) -> ExampleRun:

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import csv
-import warnings
+from collections.abc import Callable
 from dataclasses import dataclass
-from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
 from inswsn_lib.checks import Array
 from inswsn_lib.errors import InswsnError
+from inswsn_lib.recordings import plain_cells
+from inswsn_lib.recordings.cells import Column, Sheet
 
 #: The column of time stamps, s, or dates and times by ISO 8601
 TIME = "time_s"
@@ -56,11 +56,7 @@ class Layout:
 
 _TRACKS = Layout((TIME, *INS, *WSN[:2]), (WSN[2:], REFERENCE), gaps=(*WSN, *REFERENCE))
 _SEPARATORS = ",;\t"
-_NOT_THERE = ["", "nan", "NaN"]
-# Numbers of this size are no lengths, speeds or seconds.
-_LARGEST = 1e15
-_ISO = r"\d{4}-?\d\d-?\d\d[T ]\d\d"
-_PEEK = 1000  # rows that tell the decimal sign
+_Table = dict[str, NDArray[Any]]
 
 
 def read_columns(path: Path) -> dict[str, Array]:
@@ -68,49 +64,59 @@ def read_columns(path: Path) -> dict[str, Array]:
 
     Their entry k is row k + 2 of the file, comments and blank lines not counted.
     """
-    table = read_table(path, _TRACKS)
+    return _with_velocities(read_table(path, _TRACKS))
+
+
+def columns_of(path: Path, data: bytes) -> dict[str, Array]:
+    """Return what `read_columns` does of what is in a file, without pandas.
+
+    The path is named in sentences, and not looked at.
+    """
+    return _with_velocities(_table_of(path, data, _TRACKS, plain_cells.parse))
+
+
+def _with_velocities(table: _Table) -> _Table:
     return dict.fromkeys(WSN[2:], np.full(len(table[TIME]), np.nan)) | table
 
 
-def read_table(path: Path, layout: Layout) -> dict[str, NDArray[Any]]:
+def read_table(path: Path, layout: Layout) -> _Table:
     """Return the columns of a CSV file that a layout names; others are ignored.
 
     Entry k of each is row k + 2 of the file, comments and blank lines not counted. Columns of
     numbers are floats, NaN where a cell is empty; columns of words are strings.
     """
+    from inswsn_lib.recordings import pandas_cells  # noqa: PLC0415  # it is not everywhere
+
     try:
-        data = _without_comments(_as_utf8(path.read_bytes()))
-        head = data[: data.find(b"\n") + 1].decode().strip()
-        separator = max(_SEPARATORS, key=head.count)
-        header = [name.strip() for name in _cells(head, separator)] if data else []
-        places = {name: header.index(name) for name in _wanted(path, header, layout)}
-        _refuse_other_lengths(path, data, separator, len(header))
-        numeric = [place for name, place in places.items() if name not in layout.texts]
-        decimal = _decimal(data, separator, numeric)
-        empty: Any = dict.fromkeys(numeric, _NOT_THERE)  # by their places
-        with warnings.catch_warnings(action="ignore", category=pd.errors.DtypeWarning):
-            table = pd.read_csv(
-                BytesIO(data), sep=separator, decimal=decimal, index_col=False, header=0,
-                names=range(len(header)), usecols=list(places.values()), keep_default_na=False,
-                na_values=empty, skipinitialspace=b" " in data,
-                dtype={places[name]: str for name in layout.texts if name in places},
-            )  # fmt: skip
+        data = path.read_bytes()
     except FileNotFoundError:
         raise InswsnError(f"There is no file {path}.") from None
     except IsADirectoryError:
         raise InswsnError(f"{path} is a folder; it may be a CSV file.") from None
     except OSError as error:
         raise InswsnError(f"{path} cannot be read: {error.strerror}.") from None
+    return _table_of(path, data, layout, pandas_cells.parse)
+
+
+def _table_of(path: Path, data: bytes, layout: Layout, parse: Callable[[Sheet], _Table]) -> _Table:
+    try:
+        data = _without_comments(_as_utf8(data))
+        head = data[: data.find(b"\n") + 1].decode().strip()
+        separator = max(_SEPARATORS, key=head.count)
+        header = [name.strip() for name in _cells(head, separator)] if data else []
+        columns = tuple(
+            Column(
+                name, header.index(name), words=name in layout.texts, gaps=name in layout.gaps,
+                dates=name == TIME,
+            )
+            for name in _wanted(path, header, layout)
+        )  # fmt: skip
+        _refuse_other_lengths(path, data, separator, len(header))
+        return parse(Sheet(path, data, separator, len(header), columns))
     except UnicodeDecodeError:
         raise InswsnError(f"{path} is not a CSV file: it is not UTF-8.") from None
-    except (csv.Error, pd.errors.ParserError) as error:
+    except csv.Error as error:
         raise InswsnError(f"{path} is not a CSV file: {str(error).strip()}.") from None
-    return {
-        name: _texts(table[place])
-        if name in layout.texts
-        else _numbers(path, name, table[place], decimal, name in layout.gaps)
-        for name, place in places.items()
-    }
 
 
 def _as_utf8(data: bytes) -> bytes:
@@ -184,50 +190,3 @@ def _refuse_other_lengths(path: Path, data: bytes, separator: str, cells: int) -
                 f"{path} has {there} cells in row {row + 1}; it may have {cells}, as the header "
                 "has."
             )
-
-
-def _decimal(data: bytes, separator: str, columns: list[int]) -> str:
-    """Return the decimal sign of the first rows: a comma may be one where it does not separate."""
-    if separator == ",":
-        return "."
-    seen = pd.read_csv(
-        BytesIO(data), sep=separator, usecols=columns, nrows=_PEEK, dtype=str, index_col=False,
-        keep_default_na=False,
-    )  # fmt: skip
-    texts = "".join(seen.to_numpy().ravel().tolist())
-    return max(".,", key=texts.count)
-
-
-def _texts(cells: pd.Series) -> NDArray[Any]:
-    return cells.str.strip().to_numpy(dtype=object)
-
-
-def _numbers(path: Path, name: str, cells: pd.Series, decimal: str, gaps: bool) -> Array:
-    """Return cells as floats; refuse words and what is no length, speed or time."""
-    if cells.dtype.kind in "iuf":
-        numbers, none = cells.astype(float), cells.isna()
-        if numbers.abs().max() < _LARGEST:
-            return np.asarray(numbers)
-    else:
-        texts = cells.astype("str").str.strip()
-        none = cells.isna() | texts.str.lower().isin(["", "nan"])
-        numbers = pd.to_numeric(texts, errors="coerce").astype(float)
-        if name == TIME and (iso := _seconds(texts, decimal)).count() > numbers.count():
-            numbers = iso
-    wrong = np.asarray((numbers.isna() & ~none) | (numbers.abs() > _LARGEST))
-    if wrong.any():
-        row = int(np.flatnonzero(wrong)[0])
-        empty = ", or empty where there is no fix" if gaps else ""
-        or_else = ", or a date and time by ISO 8601" if name == TIME else empty
-        raise InswsnError(
-            f"{path} has {str(cells.iloc[row])[:40]!r} in column {name}, row {row + 2}; it may be "
-            f"a finite number below {_LARGEST:.0e}{or_else}."
-        )
-    return np.asarray(numbers)
-
-
-def _seconds(texts: pd.Series, decimal: str) -> pd.Series:
-    """Return dates and times as seconds since 1970, UTC where none is named; else NaN."""
-    dated = texts.where(texts.str.match(_ISO)).str.replace(decimal, ".", regex=False)
-    moments = pd.to_datetime(dated, format="ISO8601", utc=True, errors="coerce")
-    return (moments - pd.Timestamp(0, tz="UTC")) / pd.Timedelta(seconds=1)

@@ -9,8 +9,6 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.integrate import cumulative_trapezoid
-from scipy.interpolate import CubicHermiteSpline
 
 from inswsn_lib.checks import Array
 from inswsn_lib.errors import InswsnError
@@ -136,7 +134,11 @@ def read_recording(path: str | Path, *, resample: bool = False) -> TrackPair:
     (301, 4, 1)
     """
     path = Path(path)
-    table = read_columns(path)
+    return track_pair(path, read_columns(path), resample=resample)
+
+
+def track_pair(path: Path, table: dict[str, Array], *, resample: bool = False) -> TrackPair:
+    """Return what `read_recording` does, of the columns of a file; needs numpy alone."""
     time = table[TIME]
     _check_time(path, time)
     columns = {"ins": INS, "wsn": WSN} | ({"ref": REFERENCE} if REFERENCE[0] in table else {})
@@ -249,7 +251,9 @@ def _way(time: Array, values: Array) -> Array:
     rows = _complete(values)
     way = np.zeros((len(time), 2))
     if rows.size:
-        way[rows] = cumulative_trapezoid(values[rows, 2:], time[rows], axis=0, initial=0)
+        speeds = values[rows, 2:]
+        means = (speeds[1:] + speeds[:-1]) / 2
+        way[rows[1:]] = np.cumsum(np.diff(time[rows])[:, None] * means, axis=0)
     return way
 
 
@@ -320,9 +324,9 @@ def _resampled(time: Array, sources: dict[str, Array]) -> TrackPair:
     grid = time[0] + period * np.arange(int((time[-1] - time[0]) / period + 0.5) + 1)
     inside = np.minimum(grid, time[-1])
     ins = sources["ins"]
-    way = CubicHermiteSpline(time, ins[:, :2], ins[:, 2:])(inside)
-    ins_on_grid = np.hstack([way, _lines(time, ins[:, 2:], inside)])
     before = np.clip(np.searchsorted(time, inside, side="right") - 1, 0, len(steps) - 1)
+    way = _cubics(time, ins, inside, before)
+    ins_on_grid = np.hstack([way, _lines(time, ins[:, 2:], inside)])
     ins_on_grid[steps[before] > _PATIENCE * period] = np.nan  # rows are missing
     place = np.clip(np.round((time - time[0]) / period).astype(int), 0, len(grid) - 1)
     offset = time - grid[place]
@@ -332,6 +336,22 @@ def _resampled(time: Array, sources: dict[str, Array]) -> TrackPair:
         wsn[place[k]] = sources["wsn"][k] + ins_on_grid[place[k]] - ins[k]
     reference = _lines(time, sources["ref"], inside) if "ref" in sources else None
     return TrackPair(grid, period, ins_on_grid, wsn, reference, float(np.std(offset)), True)
+
+
+def _cubics(time: Array, values: Array, at: Array, before: Rows) -> Array:
+    """Return positions (instants, 2) by the cubic polynomials that have the velocities (Hermite).
+
+    Each instant has the row before it.
+    """
+    step = np.diff(time)[before, None]
+    since = (at - time[before])[:, None]
+    s = since / step
+    (begin, end), (v, w) = (
+        (part[before], part[before + 1]) for part in (values[:, :2], values[:, 2:])
+    )
+    slope = (end - begin) / step
+    bent = (3 * slope - 2 * v - w) + s * (v + w - 2 * slope)
+    return np.asarray(begin + since * (v + s * bent))
 
 
 def _lines(time: Array, values: Array, at: Array) -> Array:

@@ -38,3 +38,23 @@ print(*sorted(new - {{*sys.stdlib_module_names}} - {{"inswsn_lib"}}))
         [sys.executable, "-c", script], capture_output=True, text=True, check=True
     )
     assert {*done.stdout.split()} <= LIGHT
+
+
+def test_the_kalman_filter_takes_little_longer_to_import_than_numpy() -> None:
+    """At most half as long again: by the least of seven pairs, in time of the processor."""
+
+    def seconds(code: str) -> float:
+        script = (
+            f"import time\nbegan = time.process_time()\n{code}\nprint(time.process_time() - began)"
+        )
+        done = subprocess.run(
+            [sys.executable, "-c", script], capture_output=True, text=True, check=True
+        )
+        return float(done.stdout)
+
+    pairs = [
+        (seconds("import numpy"), seconds("from inswsn_lib.filters import run_kalman"))
+        for _ in range(7)
+    ]
+    numpy, ours = map(min, zip(*pairs, strict=True))
+    assert ours < 1.5 * numpy
