@@ -7,6 +7,7 @@ numpy, scipy, pandas and matplotlib itself takes ten times the processor time of
 from __future__ import annotations
 
 import gc
+import itertools
 import json
 import os
 import select
@@ -15,7 +16,7 @@ import socket
 import subprocess
 import sys
 import threading
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from importlib import import_module
 from typing import BinaryIO
@@ -23,6 +24,10 @@ from typing import BinaryIO
 _LOADED = (
     "ipykernel.kernelapp", "numpy", "scipy.linalg", "pandas", "matplotlib.pyplot", "pydantic",
 )  # fmt: skip
+
+#: What many chapters load besides: for the later kernels of a build of many
+_OFTEN = ("numba", "scipy.optimize", "scipy.stats", "sklearn.linear_model")
+_MANY = 3  # kernels
 
 
 class Forked:
@@ -114,12 +119,9 @@ def _serve(requests: socket.socket) -> None:
     """Fork a kernel for each request until the other end is closed."""
     # matplotlib reads it as it is loaded; a kernel sets it before
     os.environ["MPLBACKEND"] = "module://matplotlib_inline.backend_inline"
-    for name in _LOADED:
-        import_module(name)
-    gc.collect()
-    gc.freeze()  # what is shared stays shared
+    _load(_LOADED)
     signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # nobody waits for those that end
-    while True:
+    for count in itertools.count(1):
         byte, descriptors, *_ = socket.recv_fds(requests, 1, 2)
         text = bytearray()
         while byte and not text.endswith(b"\n"):
@@ -132,6 +134,15 @@ def _serve(requests: socket.socket) -> None:
             _become_kernel(json.loads(text), *descriptors)
         for descriptor in descriptors:
             os.close(descriptor)
+        if count == _MANY:
+            _load(_OFTEN)
+
+
+def _load(names: Iterable[str]) -> None:
+    for name in names:
+        import_module(name)
+    gc.collect()
+    gc.freeze()  # what is shared stays shared
 
 
 def _become_kernel(request: dict[str, object], log: int, pipe: int) -> None:

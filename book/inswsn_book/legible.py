@@ -55,13 +55,15 @@ def clear_the_way(fig: Figure, labels: Sequence[Annotation]) -> None:
     """Move labels that are in the way to another side of their points, where one is free."""
     lay_out(fig)
     renderer = fig.canvas.get_renderer()  # type: ignore[attr-defined]
+    bad = _in_the_way(fig)
     for label in labels:
         places = itertools.product((4, 10, 13, 18), (1, -1), (1, -1))
-        while label in _in_the_way(fig) and (place := next(places, None)):
+        while label in bad and (place := next(places, None)):
             far, up, right = place
             label.xyann = (right * min(far, 6), up * far)
             label.set(ha="left" if right > 0 else "right", va="bottom" if up > 0 else "top")
             label.update_positions(renderer)
+            bad = _in_the_way(fig)
 
 
 def _in_the_way(fig: Figure) -> list[Text]:

@@ -20,17 +20,23 @@ import numpy as np
 from IPython.display import display
 from matplotlib.figure import Figure
 from matplotlib.text import Annotation
-from matplotlib.ticker import MaxNLocator
 
 from inswsn_book.legible import clear_the_way
 from inswsn_book.show import show_figure
 from inswsn_lib.errors import ParameterError
 from inswsn_lib.plotting import STROKES, figure
 
+#: What takes the name and the content of a figure in place of the notebook, in a page
+_TAKERS: list[Callable[[str, str], None]] = []
 #: How a series may be drawn
 STYLES = ("line", "points", "bars", "band")
 _HEIGHT = 3.1  # inches, of each chart in the still picture
 _DIGITS = 4  # of what is drawn, over the range of its axis
+
+
+def shown_to(taker: Callable[[str, str], None]) -> None:
+    """Have figures given to a function from now on, by name and content as JSON, and not drawn."""
+    _TAKERS[:] = [taker]
 
 
 @dataclass(frozen=True)
@@ -189,6 +195,9 @@ class Moving:
     def show(self, *, name: str, caption: str, alt: str) -> None:
         """Show it, with the still picture that it stands in for, as the last thing of a cell."""
         text = json.dumps(self.content(), allow_nan=False, separators=(",", ":"))
+        for take in _TAKERS:
+            take(name, text)
+            return
         # no "<" in a script element: it could end it, or begin a comment
         text = text.replace("<", "\\u003c")
         page = (
@@ -224,6 +233,10 @@ def _rounded(value: Sequence[Any], spans: Sequence[float]) -> list[list[float]]:
 
 
 def _ticks(low: float, high: float) -> list[tuple[float, str]]:
-    found = MaxNLocator(5, steps=[1, 2, 5, 10]).tick_values(low, high)
-    inside = [float(v) for v in found if low - 1e-9 <= v <= high + 1e-9]
-    return [(round(v, 9), f"{round(v, 9):g}".replace("-", "−")) for v in inside]
+    """Return round numbers inside an axis and their texts, at most five steps apart."""
+    least = (high - low) / 5
+    power = 10.0 ** np.floor(np.log10(least))
+    step = next(k * power for k in (1, 2, 5, 10) if k * power >= least * (1 - 1e-9))
+    first, last = np.ceil(low / step - 1e-9), np.floor(high / step + 1e-9)
+    values = [round(float(k * step), 9) for k in np.arange(first, last + 1)]
+    return [(v, f"{v:g}".replace("-", "−")) for v in values]

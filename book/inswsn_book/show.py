@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import re
 
 import pandas as pd
 from IPython.display import display
@@ -12,6 +13,10 @@ from matplotlib.figure import Figure
 from inswsn_book.legible import least_points, legend_of, texts_in_the_way
 from inswsn_book.parameters import Schema
 from inswsn_lib.errors import ParameterError
+
+_PATH = re.compile(r'(?<= d=")[^"]*')
+_INDENT = re.compile(r"\n\s+")
+_FINE = re.compile(r"(\.\d\d)\d+")
 
 
 def tick(held: bool) -> str:
@@ -77,9 +82,12 @@ def show_figure(fig: Figure, *, name: str, caption: str, alt: str) -> None:
     stream = io.StringIO()
     fig.savefig(stream, format="svg", metadata={"Date": None, "Creator": None})
     plt.close(fig)
+    # a hundredth of a point is nothing to see, nor is an indent
+    drawn = _PATH.sub(lambda path: _FINE.sub(r"\1", path[0]), stream.getvalue())
+    drawn = _INDENT.sub("\n", drawn)
     # the build moves this metadata to the cell, where the book's renderer looks for it
     display(
-        {"image/svg+xml": stream.getvalue(), "text/plain": alt},
+        {"image/svg+xml": drawn, "text/plain": alt},
         metadata={"inswsn": {"name": name, "caption": caption, "alt": alt} | seen},
         raw=True,
     )

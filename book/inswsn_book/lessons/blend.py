@@ -6,7 +6,6 @@ from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import gammaincinv
 
 from inswsn_book.moving import Moving, Slider
 from inswsn_lib.evaluation import normalised_squares
@@ -254,8 +253,26 @@ def show_told(run: ExampleRun, run_filter: Filter, *, start: float) -> None:
 
 def nis_interval(samples: int) -> tuple[float, float]:
     """Return what 95 % of the means of as many chi-square variables of 4 degrees lie in."""
-    low, high = 2 * gammaincinv(2 * samples, [0.025, 0.975]) / samples
-    return float(low), float(high)
+    low, high = (_chi_square(share, 2 * samples) / samples for share in (0.025, 0.975))
+    return low, high
+
+
+def _chi_square(share: float, half: int) -> float:
+    """Return what a share of chi-square variables of an even number of degrees is less than.
+
+    One of 2 m degrees is above x as likely as a Poisson count of mean x / 2 is below m.
+    """
+    k = np.arange(half)
+    factorials = np.cumsum(np.log(np.maximum(k, 1)))  # their logarithms
+
+    def below(mean: float) -> float:
+        return float(1 - np.exp(k * np.log(mean) - mean - factorials).sum())
+
+    low, high = 1e-9, 4.0 * half + 40
+    for _ in range(60):
+        middle = (low + high) / 2
+        low, high = (middle, high) if below(middle) < share else (low, middle)
+    return low + high
 
 
 def mean_nis(run: ExampleRun, run_filter: Filter, y: Array, factor: float) -> float:

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inswsn_book.moving import Chart, Moving, Slider
-from inswsn_lib.learning import LSSVMRegressor
 from inswsn_lib.navigation.bridged_outages import Passage
 
 Array = NDArray[np.float64]
@@ -51,10 +50,19 @@ def _input(drive: Passage, kind: str) -> Array:
     return found[:, :, 0]
 
 
+def _by_time(t: Array, y: Array, sigma: float, eta: float) -> Array:
+    """Return what an LS-SVM on time says at all times, trained on the first."""
+    n = len(y)
+    system, like = np.ones((n + 1, n + 1)), np.exp(-((t[:, None] - t[:n]) ** 2) / (2 * sigma**2))
+    system[0, 0], system[1:, 1:] = 0, like[:n] + np.eye(n) / eta
+    b, *alpha = np.linalg.solve(system, np.vstack([0 * y[:1], y]))
+    return np.asarray(like @ alpha + b)
+
+
 def show_bridge(drive: Passage, eta: float, *, start: float) -> None:
     """Show an outage bridged by an LS-SVM on time, by its width."""
     t, error, y, heard = _of(drive)
-    said = {s: LSSVMRegressor(s, eta).fit(t[:heard, None], y).predict(t[:, None]) for s in WIDTHS}
+    said = {s: _by_time(t, y, s, eta) for s in WIDTHS}
     shown = Moving(
         "An outage, bridged by what was learned before",
         Slider("s", "width of the kernel", WIDTHS, start, "{:g} s"),
