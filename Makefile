@@ -13,6 +13,9 @@ found    = test -n "$(PYTHON)" || { echo "Python 3.11 is needed, and no python w
 FRESH   ?=
 JOBS    ?=
 PORT    ?= 8000
+LIVE    ?=
+show     = echo "The book is at http://127.0.0.1:$(PORT)/ (stop with Ctrl-C)"; \
+    $(RUN) -m http.server --directory _build/html --bind 127.0.0.1 $(PORT) >/dev/null 2>&1
 # processes that run tests; each computes with one thread. One that has no tests left takes half of those that
 # wait for the other: files take too unlike a time to be dealt out whole, and their fixtures cost little twice.
 WORKERS ?= 2
@@ -26,9 +29,8 @@ test: environment ## lint, types, and all tests
 	$(VENV)/bin/lint-imports
 	$(RUN) -m pytest -n $(WORKERS) --dist worksteal
 
-serve: book ## show the built book at http://127.0.0.1:$(PORT)/
-	@echo "The book is at http://127.0.0.1:$(PORT)/ (stop with Ctrl-C)"
-	@$(RUN) -m http.server --directory _build/html --bind 127.0.0.1 $(PORT) >/dev/null 2>&1
+serve: book ## show the built book at http://127.0.0.1:$(PORT)/; with LIVE=1 its cells run on this machine, at an address with a token
+	@$(if $(LIVE),$(RUN) -I -X utf8 -m inswsn_book.live.serve --port $(PORT),$(show))
 
 notebooks: environment ## write the .ipynb twins of the chapters
 	@$(RUN) -I -X utf8 -m inswsn_book.notebooks
@@ -39,6 +41,18 @@ publish: environment ## make the last build's results the reference in data/publ
 
 archive: book ## make one zip of the release that opens offline, in _build
 	@$(RUN) -I -X utf8 -m inswsn_book.archive
+
+pdf: book ## print the book to _build/pdf: lessons and evidence, claims, reference; needs Chromium
+	@$(RUN) -I -X utf8 -m inswsn_book.volumes
+
+# Version 1 of Jupyter Book may decay; the book does not need it. What its page of the library imports is what the
+# lock holds, but for Jupyter Book.
+sphinx: book ## render the built book by the newest Sphinx without Jupyter Book, to _build/sphinx/html; needs the network
+	@$(found); $(PYTHON) -m venv --clear _build/sphinx
+	@_build/sphinx/bin/python -m pip install --quiet --disable-pip-version-check -r .ci/sphinx.in
+	@echo "import site, sys; sys.modules['jupyter_book'] = None; site.addsitedir('$(CURDIR)/$(VENV)/lib/python3.11/site-packages')" > _build/sphinx/lib/python3.11/site-packages/locked.pth
+	@_build/sphinx/bin/python -I -X utf8 -m sphinx -q -W --keep-going -b html -d _build/sphinx/doctrees _build/pages/source _build/sphinx/html
+	@$(RUN) .ci/same_pages.py _build/html _build/sphinx/html
 
 calibrate: environment ## fit the simulated INS to the INS-only cells and write data/scenarios/p1-inertial*.yaml
 	@$(RUN) studies/calibrate_imu.py
@@ -66,6 +80,14 @@ bench: environment ## speed against peers, as ratios; writes data/benchmarks*.ya
 	@$(RUN) benchmarks/vehicle.py
 	@$(RUN) benchmarks/sweep.py
 
+# Where the network has the wheel of numpy that Pyodide's makers built, that is taken; else it is built, which
+# takes clang-16, lld-16, llvm-16 and npm of Debian 12. SOURCE=official or SOURCE=built takes that one alone.
+wasm: environment ## make in _build/live what lets Python run in the reader's page, without a server
+	@$(RUN) -X utf8 .ci/wasm.py $(if $(SOURCE),--source $(SOURCE)) $(if $(JOBS),--jobs $(JOBS))
+
+live: book wasm ## put Python into the built book, so that code cells of lessons run where they are read
+	@$(RUN) -I -X utf8 -m inswsn_book.live.site
+
 mutants: environment ## change the library 200 times a room, and tell how often its tests notice
 	@$(RUN) studies/mutants.py filters lmi learning vehicle
 
@@ -86,7 +108,7 @@ licences: environment ## list the licences of what the locks pin in THIRD-PARTY-
 tag: ## tell whether TAG=v2.0.0 names this version
 	@.ci/release check
 
-assets: archive ## gather the files of a release in _build/release
+assets: archive pdf ## gather the files of a release in _build/release
 	@.ci/release gather
 
 release: ## publish _build/release as release TAG=v1.0.0 on the public host, by its command gh
@@ -121,4 +143,4 @@ help: ## list the targets
 
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
-.PHONY: book test serve notebooks publish archive calibrate studies spoilt elsewhere bench mutants trials licences lock upgrade tag assets release report actionlint audit format environment clean help
+.PHONY: book test serve notebooks publish archive sphinx calibrate studies spoilt elsewhere bench wasm live pdf mutants trials licences lock upgrade tag assets release report actionlint audit format environment clean help

@@ -230,7 +230,7 @@ REPOSITORY = "https://github.com/someone/some-name"
 _TAKEN_OVER = (
     *("_config.yml", "pyproject.toml", "environment.in", "environment.lock"),
     *("environment-torch.lock", "CITATION.cff", "THIRD-PARTY.md", "book/references.bib"),
-    *("book/_static", "book/_templates"),
+    *("book/conf.py", "book/_static", "book/_templates"),
 )
 
 

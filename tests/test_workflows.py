@@ -121,7 +121,7 @@ def test_actionlint_where_there_is_one(root: Path) -> None:
 def test_the_scripts(root: Path) -> None:
     """The lines that workflows run are names of them, or targets of make, see below."""
     scripts = [*(path for path in (root / ".ci").iterdir() if path.suffix == "")]
-    assert len(scripts) == 3
+    assert len(scripts) == 4
     done = lint(own("shellcheck"), *map(str, scripts), str(root / "binder" / "postBuild"))
     assert done.returncode == 0, done.stdout
 
@@ -217,7 +217,8 @@ def test_a_release_checks_before_it_builds_and_builds_before_it_publishes(
     workflows: dict[str, Any],
 ) -> None:
     jobs = workflows["release"]["jobs"]
-    assert runs_of(jobs["build"]) == ["make tag", ".ci/run", "make archive", "make assets"]
+    checked, gathered = ["make tag", "make wasm", ".ci/run"], ["make archive", "make assets"]
+    assert runs_of(jobs["build"]) == [*checked, *gathered, "make live"]
     assert jobs["pages"]["needs"] == "build"
     assert "build" in jobs["release"]["needs"]
     files = {
@@ -238,15 +239,17 @@ def test_the_weekly_jobs_do_not_wait_for_each_other(workflows: dict[str, Any]) -
     assert {name for name, job in jobs.items() if "needs" not in job} == {
         "locked",
         "newest",
+        "plain",
         "audit",
     }
-    assert set(jobs["report"]["needs"]) == {"locked", "newest", "audit"}
+    assert set(jobs["report"]["needs"]) == {"locked", "newest", "plain", "audit"}
     assert all(
         f"needs.{name}.result != 'success'" in jobs["report"]["if"]
         for name in jobs
         if name != "report"
     )
     assert runs_of(jobs["audit"]) == ["make audit"]
+    assert runs_of(jobs["plain"]) == ["make sphinx"]
     assert runs_of(jobs["newest"]) == ["make upgrade", "make book", "make test"]
     # where the tests that are left out daily are made
     assert "INSWSN_TESTS: whole" in yaml.safe_dump(workflows["weekly"])

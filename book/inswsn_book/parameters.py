@@ -195,20 +195,20 @@ def _fits(rule: str, kind: str) -> bool:
     named = rule in (FILE_RULE, FOLDER_RULE, REGRESSOR_RULE)
     if kind == "str" and (named or rule.startswith("one of ")):
         return True
-    return rule == "any" or (kind in ("int", "float") and _ends(rule) is not None)
+    return rule == "any" or (kind in ("int", "float") and ends(rule) is not None)
 
 
 def _obeys(value: Value, rule: str) -> bool:
     if rule.startswith("one of "):
         return value in rule.removeprefix("one of ").split(", ")
-    ends = _ends(rule)
-    if ends is None or isinstance(value, str):  # the run looks for a file, and tries a regressor
+    found = ends(rule)
+    if found is None or isinstance(value, str):  # the run looks for a file, and tries a regressor
         return True
-    low, high, above, below = ends
+    low, high, above, below = found
     return (low < value if above else low <= value) and (value < high if below else value <= high)
 
 
-def _ends(rule: str) -> tuple[float, float, bool, bool] | None:
+def ends(rule: str) -> tuple[float, float, bool, bool] | None:
     """Return the ends of an interval, and whether each of them is outside it; None for no one."""
     match = _INTERVAL.fullmatch(rule)
     try:

@@ -415,7 +415,7 @@ def _execute(
     ):
         notebook = read_source(chapter, prepared.source)
         progress.started(chapter.name, len(notebook.cells) + bool(prepared.parameters))
-        environment = _environment(project, request)
+        environment = environment_of(project, request)
         own = {
             "IPYTHONDIR": str(folder / "ipython"),
             ROOT_VARIABLE: str(root),
@@ -498,7 +498,7 @@ def _shown(executed: Any) -> dict[str, Any]:
     return {"cells": cells, "tables": tables}
 
 
-def _environment(project: Project, request: Request) -> dict[str, str]:
+def environment_of(project: Project, request: Request) -> dict[str, str]:
     """Return the environment of kernels: so many threads, nothing personal or left to chance."""
     threads = ("OMP", "OPENBLAS", "MKL", "NUMBA")
     personal = ("PYTHON", "MATPLOTLIB", "MPL")

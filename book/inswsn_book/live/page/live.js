@@ -1,0 +1,263 @@
+/* Code cells that run where they are read.
+
+   `make live` puts this script into the lessons, with what it knows of their cells: <script id="live">. It loads
+   nothing more before a reader presses Run. Then Python runs in a worker of the page (live-worker.js), or, where
+   `make serve LIVE=1` serves the page, in a kernel on the reader's own machine: there every cell runs. */
+"use strict";
+
+(() => {
+  const SERVE = "python -m http.server --bind 127.0.0.1";
+  const here = new URL(".", document.currentScript.src);
+  const known = JSON.parse(document.getElementById("live").textContent);
+
+  // given by the address once, and kept for the tab: an address would be written down
+  const token = (location.hash.match(/^#token=([\w-]+)$/) || [])[1] || sessionStorage.getItem("inswsn-token");
+  if (location.hash.startsWith("#token=")) {
+    sessionStorage.setItem("inswsn-token", token);
+    history.replaceState(null, "", location.pathname + location.search);
+  }
+
+  function make(name, attributes = {}, ...children) {
+    const node = document.createElement(name);
+    for (const [key, value] of Object.entries(attributes)) if (value !== null) node.setAttribute(key, value);
+    node.append(...children);
+    return node;
+  }
+
+  // ---- what runs Python: each takes a request and tells what comes back to a function
+
+  let worker;
+  const waiting = new Map();
+  let serial = 0;
+
+  function inWorker(request, tell) {
+    worker ??= Object.assign(new Worker(new URL("live-worker.js", here)), {
+      onmessage: ({ data }) => waiting.get(data.id)(data),
+      onerror: (event) => { for (const each of [...waiting.values()]) each({ ended: true, failed: event.message || "Python did not start." }); },
+    });
+    const id = ++serial;
+    return new Promise((resolve, reject) => {
+      waiting.set(id, (said) => {
+        if (!said.ended) return tell(said);
+        waiting.delete(id);
+        return said.failed ? reject(new Error(said.failed)) : resolve(said);
+      });
+      worker.postMessage({ id, ...request });
+    });
+  }
+
+  function stopWorker() {
+    worker?.terminate();
+    worker = undefined;
+    for (const each of [...waiting.values()]) each({ ended: true, failed: "Stopped. The next run starts Python anew." });
+  }
+
+  const ask = (path, content) =>
+    fetch(new URL(path, location.origin), {
+      method: "POST", body: JSON.stringify(content), headers: { Authorization: `token ${token}`, "Content-Type": "application/json" },
+    });
+
+  async function inKernel({ run }, tell) {
+    const answer = await ask("/live/run", { page: location.pathname, ...run });
+    if (!answer.ok) throw new Error(await answer.text());
+    let left = "";
+    const lines = answer.body.pipeThrough(new TextDecoderStream()).getReader();
+    for (let part = await lines.read(); !part.done; part = await lines.read()) {
+      const whole = (left + part.value).split("\n");
+      left = whole.pop();
+      whole.filter(Boolean).map((line) => JSON.parse(line)).forEach(tell);
+    }
+  }
+
+  const inMachine = Boolean(known.kernel);
+  const send = inMachine ? inKernel : inWorker;
+  const stop = () => (inMachine ? ask("/live/stop", { page: location.pathname }) : stopWorker());
+
+  /** A function of the library, for other scripts of the page. */
+  async function call(place, values) {
+    const said = await inWorker({ place, values }, () => {});
+    if (said.error) throw new Error(said.error);
+    return said.value;
+  }
+
+  if (known.files && location.protocol !== "file:") window.inswsnLive = { call };
+
+  // ---- the cells of the page
+
+  let busy = false;
+
+  /** Give a figure that moves another content, where its sliders stand. */
+  function redraw(name, text) {
+    const root = document.getElementById(`${name}-moving`);
+    if (!root) return;
+    const places = Object.fromEntries([...root.querySelectorAll("input")].map((field) => [field.dataset.name, Number(field.value)]));
+    const content = JSON.parse(text);
+    for (const slider of content.sliders) {
+      if (places[slider.name] < slider.texts.length) slider.start = places[slider.name];
+    }
+    root.replaceChildren(make("script", { type: "application/json" }, JSON.stringify(content)));
+    window.inswsnMoving.start(root);
+  }
+
+  const contentOf = (name) => document.getElementById(`${name}-moving`)?.querySelector("script").textContent;
+
+  class Cell {
+    constructor(input, number, about) {
+      Object.assign(this, { input, number, about, runs: inMachine || !about.needs });
+      this.box = input.closest(".cell");
+      this.code = input.querySelector("pre");
+      this.printed = [...this.box.querySelectorAll(".cell_output > .output.stream, .cell_output > .output.text_plain")];
+      this.source = this.code.textContent;
+      this.first = { html: this.code.innerHTML, source: this.source, figures: new Map() };
+      this.last = this.source; // that was run
+      this.status = make("span", { class: "live-status", role: "status" });
+      this.out = make("pre", { class: "live-out", tabindex: "0", "aria-label": `What cell ${number + 1} says` });
+      this.out.hidden = true;
+      this.bar = make("div", { class: "live-bar" });
+      this.code.id ||= `live-cell-${number + 1}`;
+    }
+
+    /** Buttons below the code, or what it would need. */
+    build(cells) {
+      if (this.runs) {
+        // what needs a cell that has changed follows it
+        this.run = this.button("Run", () => request(cells, [this.number], this.source !== this.last));
+        this.halt = this.button("Stop", stop);
+        this.reset = this.button("Reset", () => this.putBack());
+        this.halt.hidden = this.reset.hidden = true;
+        for (const [key, value] of Object.entries({ contenteditable: "plaintext-only", spellcheck: "false", role: "textbox",
+          "aria-multiline": "true", "aria-label": `Code of cell ${this.number + 1}`, tabindex: "0" })) this.code.setAttribute(key, value);
+        this.code.addEventListener("input", () => {
+          this.source = this.code.innerText; // an Enter makes a <br>, which is no text content
+          this.reset.hidden = false;
+        });
+        this.code.addEventListener("keydown", (event) => {
+          if (event.key !== "Enter" || !(event.ctrlKey || event.metaKey || event.shiftKey)) return;
+          event.preventDefault();
+          this.run.click();
+        });
+        this.bar.append(this.run, this.halt, this.reset, this.status);
+      } else {
+        this.bar.append(`Not in the page: it needs ${this.about.needs}. `);
+        const next = cells.slice(this.number + 1).find((cell) => cell.runs);
+        if (next) this.bar.append(make("a", { href: `#${next.code.id}` }, `Cell ${next.number + 1} runs.`));
+        if (cells.find((cell) => !cell.runs) === this) this.bar.append(" On your own machine all do: ", make("code", {}, "make serve LIVE=1"));
+      }
+      this.input.after(this.bar, this.out);
+    }
+
+    button(text, act) {
+      const button = make("button", { type: "button", class: "live-button", "aria-label": `${text} cell ${this.number + 1}` }, text);
+      button.addEventListener("click", act);
+      return button;
+    }
+
+    /** Take what Python says of this cell. */
+    take(said) {
+      if (said.starts) {
+        this.last = this.source;
+        this.status.textContent = said.of > 1 ? `runs, ${said.starts} of ${said.of}` : "runs";
+        return;
+      }
+      for (const [name, text] of said.figures) {
+        if (!this.first.figures.has(name)) this.first.figures.set(name, contentOf(name));
+        redraw(name, text);
+      }
+      this.removeImages();
+      for (const [kind, content, alt] of said.images || []) {
+        this.out.before(make("img", { class: "live-image", alt: alt || "What the cell draws", src: `data:${kind};base64,${content}` }));
+      }
+      this.printed.forEach((node) => { node.hidden = true; });
+      const text = said.text + (said.error || "");
+      this.out.textContent = text;
+      this.out.hidden = !text;
+      this.out.classList.toggle("live-error", Boolean(said.error || said.needs));
+      this.status.textContent = said.needs ? `This needs ${said.needs}, which is not in the page.` : this.tellTime(said);
+      this.reset.hidden = false;
+    }
+
+    /** How long it took, and what it is to be held against if that was long. */
+    tellTime({ seconds, error }) {
+      const took = `${error ? "failed after" : "took"} ${seconds.toFixed(seconds < 1 ? 2 : 1)} s`;
+      if (seconds < 1 || inMachine || error) return took;
+      return `${took}: all its numbers are computed anew, by Python in the page. Where the book was built it took ${this.about.seconds} s.`;
+    }
+
+    removeImages() { this.box.querySelectorAll(".live-image").forEach((node) => node.remove()); }
+
+    putBack() {
+      this.code.innerHTML = this.first.html; // as the book has it
+      this.source = this.first.source;
+      this.printed.forEach((node) => { node.hidden = false; });
+      this.removeImages();
+      for (const [name, text] of this.first.figures) redraw(name, text);
+      this.first.figures.clear();
+      this.out.hidden = true;
+      this.status.textContent = "as in the book";
+      this.reset.hidden = true;
+    }
+  }
+
+  /** A cell of which the page shows nothing, and which others need: what it says stands at the cell that was asked for. */
+  class Unseen {
+    constructor(number, { source }) { Object.assign(this, { number, source, runs: true, run: {}, status: {} }); }
+    build() {}
+  }
+
+  /** Run cells, with those that they need above, or those below that need the first. */
+  async function request(cells, wanted, below = false) {
+    if (busy) return;
+    busy = true;
+    const live = cells.filter((cell) => cell.runs);
+    const first = cells[wanted[0]];
+    live.forEach((cell) => { cell.run.disabled = true; });
+    first.halt.hidden = false;
+    first.status.textContent = worker || inMachine ? "waits" : "Python starts: some 15 MB, once";
+    try {
+      await send({ run: { sources: cells.map((cell) => cell.source), runs: cells.map((cell) => cell.runs), wanted, below } },
+        (said) => (cells[said.cell].box ? cells[said.cell] : first).take(said));
+    } catch (error) {
+      cells.forEach((cell) => { if (/^(runs|waits)/.test(cell.status.textContent)) cell.status.textContent = ""; });
+      first.status.textContent = error.message;
+    } finally {
+      busy = false;
+      live.forEach((cell) => { cell.run.disabled = false; });
+      first.halt.hidden = true;
+    }
+  }
+
+  /** A field for each parameter: when it changes, so does the cell, and what needs it runs. */
+  function addParameters(cells) {
+    const cell = cells.find(({ box }) => box?.classList.contains("tag_parameters"));
+    if (!cell?.runs) return;
+    const fields = known.parameters.map(({ name, value, low, high, whole, meaning }) => {
+      const field = make("input", { type: "number", id: `live-${name}`, value, step: whole ? 1 : "any", min: low, max: high, autocomplete: "off" });
+      field.addEventListener("change", () => {
+        if (!field.reportValidity()) return;
+        const line = new RegExp(`^(${name}\\s*:\\s*\\w+\\s*=\\s*)[^#\\n]*?(\\s*(?:#.*)?)$`, "m");
+        cell.source = cell.source.replace(line, (_, start, end) => start + field.value + end);
+        cell.code.textContent = cell.source;
+        cell.reset.hidden = false;
+        request(cells, [cell.number], true);
+      });
+      cell.reset.addEventListener("click", () => { field.value = value; });
+      return make("div", { class: "live-field" }, make("label", { for: field.id, title: meaning }, name), field);
+    });
+    cell.bar.prepend(...fields);
+  }
+
+  function start() {
+    const inputs = [...document.querySelectorAll(".cell_input")];
+    if (location.protocol === "file:") {
+      const line = make("p", { class: "live-bar" }, "To run the code of this page, serve its folder and open it there: ", make("code", {}, SERVE));
+      inputs[0]?.before(line);
+      return;
+    }
+    const cells = known.cells.map((about, number) => ("source" in about ? new Unseen(number, about) : new Cell(inputs.shift(), number, about)));
+    cells.forEach((cell) => cell.build(cells));
+    addParameters(cells);
+  }
+
+  if (document.readyState === "loading") document.addEventListener("DOMContentLoaded", start);
+  else start();
+})();

@@ -1,0 +1,172 @@
+"""Cells that run one by one, what they need of each other, and what a page is given."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import zipfile
+from io import BytesIO
+
+import pytest
+from hypothesis import given, strategies as st
+from inswsn_book.live.about import about_lesson
+from inswsn_book.live.absent import PACKAGES
+from inswsn_book.live.bundle import archive
+from inswsn_book.live.cells import Lesson, Plan, answer, before, names
+from inswsn_book.live.html import SCRIPTS
+from inswsn_book.live.measured import Measured
+from inswsn_book.live.site import lessons
+from inswsn_book.project import Project
+
+
+@pytest.mark.parametrize(
+    ("source", "needed", "bound"),
+    [
+        ("x = y", {"y"}, {"x"}),
+        ("y = 1\nx = y", set(), {"x", "y"}),
+        ("x = x + 1", {"x"}, {"x"}),
+        ("def f(a): return a + b", {"b"}, {"f"}),
+        ("[k * n for k in range(3)]", {"n"}, set()),
+        ("import numpy as np\nnp.pi", set(), {"np"}),
+        ("for i in things: print(i)", {"things"}, {"i"}),
+        ("class A(B):\n    c = d", {"B", "d"}, {"A"}),
+        ("with f() as g: pass", {"f"}, {"g"}),
+    ],
+)
+def test_names_of_a_cell(source: str, needed: set[str], bound: set[str]) -> None:
+    found, binds = names(source)
+    assert found == needed
+    assert bound <= binds
+
+
+CELLS = ["a = 1", "b = a + 1", "c = 5", "print(b + c)", "a = 10", "print(a)"]
+
+
+def test_what_a_cell_needs_comes_from_the_last_cell_above_it() -> None:
+    assert [before(CELLS, i) for i in range(6)] == [[], [0], [], [0, 1, 2], [], [4]]
+    assert before(["a = 1", "a +"], 1) == []
+
+
+def test_a_cell_runs_with_what_it_needs_and_again_alone() -> None:
+    plan = Plan()
+    assert plan.needed(CELLS, [3]) == [0, 1, 2, 3]
+    for cell in (0, 1, 2, 3):
+        plan.ran(cell, CELLS[cell])
+    assert plan.needed(CELLS, [3]) == [3]
+    changed = ["a = 2", *CELLS[1:]]
+    assert plan.needed(changed, [3]) == [0, 1, 3]
+    plan.ran(0, "a = 2")  # by itself: what needs it is old now
+    assert plan.needed(changed, [3]) == [1, 3]
+    assert plan.below(CELLS, 0) == [1, 3]
+    plan.starts(2)  # and does not end well
+    assert 2 in plan.needed(CELLS, [3])
+
+
+@given(st.lists(st.sampled_from(["x = 1", "x", "y = x", "z = y + x", "1"]), max_size=6))
+def test_a_plan_ends_with_what_is_wanted_and_has_all_that_it_needs(sources: list[str]) -> None:
+    for cell in range(len(sources)):
+        assert Plan().needed(sources, [cell]) == [*before(sources, cell), cell]
+
+
+def told(sources: list[str], wanted: list[int], **more: object) -> list[tuple[int, str]]:
+    asked = {"sources": sources, "wanted": wanted, "runs": [True] * len(sources)} | more
+    found = answer(Lesson(), Plan(), asked)
+    return [(said["cell"], said["text"] or said["error"]) for said in found if "text" in said]
+
+
+def test_a_changed_number_gives_the_changed_answer() -> None:
+    assert told(CELLS, [3])[-1] == (3, "7\n")
+    assert told(["a = 4", *CELLS[1:]], [3])[-1] == (3, "10\n")
+
+
+def test_the_cells_below_follow() -> None:
+    assert [cell for cell, _ in told(CELLS, [0], below=True)] == [0, 1, 2, 3]
+
+
+def test_the_last_value_is_printed_as_a_notebook_does() -> None:
+    assert told(["1 + 1"], [0]) == [(0, "2\n")]
+    assert told(["1 + 1;"], [0]) == [(0, "")]
+    assert told(["None"], [0]) == [(0, "")]
+
+
+def test_an_error_is_shown_as_python_shows_it_and_ends_the_run() -> None:
+    sources = ["def f(x):\n    return 1 / x", "f(0)", "f(1)"]
+    ((cell, _), (failed, error)) = told(sources, [1, 2])
+    assert (cell, failed) == (0, 1)
+    lines = error.splitlines()
+    assert lines[0] == "Traceback (most recent call last):"
+    assert '  File "<cell 2>", line 1, in <module>' in lines
+    assert '  File "<cell 1>", line 2, in f' in lines
+    assert "    return 1 / x" in lines
+    assert lines[-1] == "ZeroDivisionError: division by zero"
+    assert "inswsn_book" not in error
+
+
+def test_an_error_of_grammar_is_shown_too() -> None:
+    ((_, error),) = told(["x ="], [0])
+    assert error.endswith("SyntaxError: invalid syntax\n")
+    assert "x =" in error
+
+
+def blocked(code: str) -> str:
+    script = f"from inswsn_book.live import absent\nabsent.block()\n{code}"
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=False
+    )
+    return done.stdout + done.stderr.strip().rpartition("\n")[2]
+
+
+@pytest.mark.parametrize("name", ["scipy", "cvxpy", "torch", "pydantic", "yaml"])
+def test_an_absent_package_is_imported_but_not_used(name: str) -> None:
+    assert name in PACKAGES
+    assert blocked(f"import {name}\nfrom {name} import thing\nprint(1)") == "1\n"
+    assert blocked(f"from {name}.deep import thing\nthing()").endswith(
+        f"{name} is not in the page."
+    )
+
+
+def test_one_may_inherit_from_what_is_absent() -> None:
+    code = "from sklearn.base import B, C\nclass A(B, C):\n    def __init__(self): self.x = 3\n"
+    assert blocked(f"{code}print(A().x)") == "3\n"
+    assert "not in the page" in blocked("from pydantic import M\nclass A(M): pass\nA()")
+
+
+def test_what_is_loaded_cannot_be_made_absent() -> None:
+    code = "import yaml\nfrom inswsn_book.live import absent\nabsent.block()"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert "yaml is loaded already." in done.stderr
+
+
+def test_the_archive_is_the_same_each_time_and_has_data_that_json_can_read(
+    project: Project,
+) -> None:
+    first = archive(project)
+    assert first == archive(project)
+    assert len(first) < 1_500_000
+    with zipfile.ZipFile(BytesIO(first)) as packed:
+        scenario = json.loads(packed.read("inswsn_lib/data/scenarios/p1.yaml"))
+        assert set(scenario["speed"]) == {"value", "unit", "source", "why"}
+        assert "inswsn_book/runs.py" not in packed.namelist()
+
+
+def test_parameters_become_fields(project: Project) -> None:
+    assert len(lessons(project)) == 8
+    (chapter,) = (each for each in lessons(project) if each.name.startswith("02"))
+    told = about_lesson(chapter, [Measured("", 0.123, "", []), Measured("scipy", 0, "", [])])
+    seed, q_scale = told["parameters"]
+    assert (seed["name"], seed["whole"], seed["low"], seed["high"]) == ("seed", True, 0, 1000000)
+    assert (q_scale["value"], q_scale["low"]) == (1.0, 1e-4)
+    assert told["cells"] == [{"needs": "", "seconds": 0.1}, {"needs": "scipy", "seconds": 0}]
+    assert told["files"]
+    assert not told["kernel"]
+
+
+def test_no_script_of_the_page_writes_html_of_others() -> None:
+    """What a reader types and what Python says is text; only the book's own code is put back."""
+    for name in ("live.js", "live-worker.js"):
+        script = (SCRIPTS / name).read_text(encoding="utf-8")
+        written = [line for line in script.splitlines() if "innerHTML" in line and "=" in line]
+        assert all("this.first" in line or "innerHTML, source" in line for line in written)
+        assert "eval(" not in script
+        assert "http:" not in script

@@ -1,0 +1,332 @@
+"""A reader's own file in the page: what chapter 90 finds, with numpy alone."""
+
+from __future__ import annotations
+
+import json
+import re
+import runpy
+import subprocess
+import sys
+from collections.abc import Callable
+from contextlib import suppress
+from io import StringIO
+from pathlib import Path
+from time import process_time
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given, strategies as st
+from inswsn_book.live import chi_square
+from inswsn_book.live.own_data import FIGURES, MOST, look
+from inswsn_book.parameters import chapter_schema
+from scipy.stats import chi2
+
+import inswsn_lib as iw
+from inswsn_lib.errors import InswsnError, ParameterError
+from inswsn_lib.evaluation import mean_bounds, normalised_squares
+from inswsn_lib.filters.kalman import run_design
+
+if TYPE_CHECKING:
+    from inswsn_book.results import Results
+
+EXAMPLE = iw.data_file("examples/ins-wsn.csv")
+TEXT = EXAMPLE.read_text(encoding="utf-8")
+BLOCKED = (
+    *("scipy", "pandas", "cvxpy", "torch", "pydantic", "yaml", "sklearn", "numba", "matplotlib"),
+    *("clarabel", "highspy", "mpmath", "pooch", "IPython", "papermill", "sphinx", "click"),
+)
+# The example without what is blocked; what it finds goes to the standard output
+ALONE = f"""
+import json, sys
+sys.modules.update(dict.fromkeys({BLOCKED!r}))  # as if they were not there
+from inswsn_book.live.own_data import look
+text, options = json.load(sys.stdin)
+print(json.dumps(look(text, options), allow_nan=False))
+"""
+
+
+@pytest.fixture(scope="module")
+def found() -> dict[str, Any]:
+    return look(TEXT, {"name": "ins-wsn.csv"})
+
+
+def as_numbers(values: list[float | None]) -> np.ndarray:
+    return np.array(values, dtype=float)  # None is NaN
+
+
+# It is what chapter 90 finds ----------------------------------------------------------------------
+
+
+def test_it_is_what_the_library_finds(found: dict[str, Any]) -> None:
+    """By the steps of chapter 90, with scipy, pandas and compiled loops."""
+    data = iw.read_recording(EXAMPLE, resample=True)
+    T, a = data.period, 0.05
+    model = iw.ErrorModel.p1(T, process_noise=(a * T**2 / 2, a * T), measurement_noise=(0.2, 0.1))
+    initial = np.diag([1, 1, 0.01, 0.01])
+    there = ~np.isnan(data.measurements[:, :, 0])
+    design = iw.design_kalman(model, there, initial_covariance=initial)
+    errors = iw.run_kalman(model, data.measurements, initial_covariance=initial)
+    before = iw.run_kalman(model, data.measurements, initial_covariance=initial, predicted=True)
+    clock, corrected = data.time - data.time[0], data.ins - errors[:, :, 0]
+    fixed = ~np.isnan(data.wsn[:, 0])
+    for name, track in (("ins", data.ins), ("corrected", corrected), ("network", data.wsn[fixed])):
+        drawn = np.array([as_numbers(each) for each in found["track"][name]])
+        np.testing.assert_allclose(drawn, track[:, :2].T, atol=1e-6)
+    time, size, sigma = (as_numbers(each) for each in found["size"])
+    np.testing.assert_allclose(time, clock, atol=1e-6)
+    np.testing.assert_allclose(size, np.linalg.norm(errors[:, :2, 0], axis=1), atol=1e-6)
+    stated = np.sqrt(design.filtered[:, [0, 1], [0, 1]].sum(axis=1))
+    np.testing.assert_allclose(sigma, stated, atol=1e-6)
+    innovations = data.measurements - model.C @ before
+    squares = normalised_squares(innovations, design.innovation)[fixed, 0]
+    assert found["nis"]["group"] == 1
+    np.testing.assert_allclose(found["nis"]["time"], clock[fixed], atol=1e-6)
+    np.testing.assert_allclose(found["nis"]["value"], squares / 4, atol=1e-6)
+    assert found["outages"] == [
+        {"begins": pytest.approx(clock[i]), "lasts": pytest.approx((j - i) * T)}
+        for i, j in data.outages
+    ]
+
+
+def test_it_is_what_the_chapter_has_published(
+    found: dict[str, Any], published: dict[str, Results]
+) -> None:
+    results = published["90"]
+    expected = {quantity.name: quantity.value for quantity in results.quantities}
+    ours = {f"nis.{name}": found["mean_nis"][name] for name in ("mean", "low", "high")}
+    ours |= {"nis.lag1": found["white"]["largest"], "recording.steps": found["steps"]}
+    ours |= {"recording.period": found["period"], "recording.outages": len(found["outages"])}
+    for row in found["errors"]:
+        for what in ("position", "velocity"):
+            name = f"rms.{row['track']}.{what}.{row['when']}".lower().replace(" ", "-")
+            ours[name] = row[what]
+    assert {name for name in expected if name.startswith(("nis.", "rms."))} <= set(ours)
+    for name, value in ours.items():
+        assert value == pytest.approx(expected[name], abs=2e-6), name
+
+
+def test_the_file_is_the_one_that_the_chapter_writes(found: dict[str, Any]) -> None:
+    data = iw.read_recording(EXAMPLE, resample=True)
+    table = pd.read_csv(StringIO(found["csv"]))
+    assert list(table) == [
+        "time_s",
+        *(name.replace("ins", "corrected") for name in iw.recordings.INS),
+    ]
+    np.testing.assert_allclose(table["time_s"], data.time, atol=1e-6)
+    track = np.array([as_numbers(each) for each in found["track"]["corrected"]])
+    np.testing.assert_allclose(table.iloc[:, 1:3].to_numpy().T, track, atol=1e-6, equal_nan=True)
+    assert table.to_csv(index=False) == found["csv"]
+
+
+def test_the_figures_are_those_of_the_chapter(root: Path) -> None:
+    schema = chapter_schema(root, "90")
+    for name, (usual, below) in FIGURES.items():
+        assert schema.defaults[name] == usual
+        (declared,) = (each for each in schema.parameters if each.name == name)
+        assert re.search(rf"0, {below}\b", declared.allowed)
+
+
+def test_nothing_but_numpy_is_needed(found: dict[str, Any]) -> None:
+    """Also by plain loops the same is found."""
+    done = subprocess.run(
+        [sys.executable, "-c", ALONE], input=json.dumps([TEXT, {"name": "ins-wsn.csv"}]),
+        capture_output=True, text=True, check=True, timeout=120,
+    )  # fmt: skip
+    alone = json.loads(done.stdout)
+    assert alone["sentences"] == found["sentences"]
+    for one, other in ((alone["track"], found["track"]), (alone["nis"], found["nis"])):
+        for name, values in one.items():
+            np.testing.assert_allclose(
+                np.array(values, dtype=float), np.array(other[name], dtype=float), atol=2e-6
+            )
+
+
+# Other files --------------------------------------------------------------------------------------
+
+
+def table() -> pd.DataFrame:
+    return pd.read_csv(StringIO(TEXT), comment="#")
+
+
+def without(*names: str) -> str:
+    return str(table().drop(columns=list(names)).to_csv(index=False))
+
+
+def test_figures_that_do_not_fit_are_told() -> None:
+    small = look(TEXT, {"wsn_position_noise": 0.05})["sentences"]
+    large = look(TEXT, {"wsn_position_noise": 5, "wsn_velocity_noise": 5})["sentences"]
+    lazy = look(
+        TEXT, {"acceleration_noise": 1e-4, "wsn_velocity_noise": 9, "wsn_position_noise": 9}
+    )
+    assert any("they are too small" in said for said in small)
+    assert any("they are too large" in said for said in large)
+    assert lazy["white"]["largest"] > lazy["white"]["bound"]
+
+
+def test_a_network_without_velocities_and_no_reference() -> None:
+    velocities = ("wsn_vx_mps", "wsn_vy_mps")
+    references = ("ref_x_m", "ref_y_m", "ref_vx_mps", "ref_vy_mps")
+    found = look(without(*velocities, *references), {})
+    assert set(found["white"]["components"]) == {"x", "y"}
+    assert found["errors"] == []
+    assert "The file has no reference, so that the errors are unknown." in found["sentences"]
+    few = table()
+    few.loc[few.index > 0, ["wsn_x_m", "wsn_y_m", *velocities]] = np.nan
+    found = look(few.drop(columns=list(references)).to_csv(index=False), {})
+    assert found["white"]["largest"] is None
+    assert "fixes are too few" in found["sentences"][-2]
+
+
+def test_a_slow_network_has_lags_of_its_own() -> None:
+    slow = table()
+    slow.loc[slow.index % 5 != 0, list(iw.recordings.WSN)] = np.nan
+    found = look(slow.to_csv(index=False), {})
+    assert found["white"]["interval"] == pytest.approx(1.0, abs=0.01)
+    assert found["white"]["largest"] < found["white"]["bound"]
+
+
+def test_the_nis_over_time_is_a_mean_of_some_fixes() -> None:
+    made = table()
+    long = pd.concat([made] * 4, ignore_index=True)
+    long["time_s"] = 0.2 * np.arange(len(long))
+    for name in ("ins_x_m", "wsn_x_m", "ref_x_m"):  # a walk that goes on
+        long[name] += np.repeat(np.arange(4), len(made)) * 5.0
+    found = look(long.to_csv(index=False), {})["nis"]
+    assert found["group"] == 2
+    assert len(found["value"]) <= 400
+    low, high = chi2.ppf([0.025, 0.975], 8) / 8
+    assert low == pytest.approx(found["low"][0], abs=1e-6)
+    assert high == pytest.approx(found["high"][0], abs=1e-6)
+
+
+Change = Callable[[str], str]
+WRONG: list[tuple[str, Change, str]] = [
+    ("empty", lambda text: "", "my.csv is empty; it may be a CSV file with a header."),
+    ("blank", lambda text: "\n\n# nothing\n", "my.csv is empty"),
+    ("no column", lambda text: without("wsn_y_m"), "has no column wsn_y_m; it has time_s"),
+    ("a word", lambda text: text.replace("0.8288", "n/a", 1), "'n/a' in column wsn_x_m, row 6"),
+    ("NaN in the INS", lambda text: text.replace("1.6084", "NaN", 1), "no number in column"),
+    ("time goes back", lambda text: text.replace("\n1.201,", "\n0.9,"), "goes back from 0.998 s"),
+    ("time twice", lambda text: text.replace("\n1.201,", "\n0.998,"), "repeats 0.998 s in row 8"),
+    ("one row", lambda text: "\n".join(text.splitlines()[:4]), "my.csv has 1 rows; it may have 3"),
+    ("huge", lambda text: text.replace("1.6084", "1e300", 1), "'1e300' in column ins_x_m, row 6"),
+    ("infinite", lambda text: text.replace("1.6084", "inf", 1), "'inf' in column ins_x_m, row 6"),
+    ("a short row", lambda text: text + "1,2\n", "my.csv has 2 cells in row 300"),
+    ("other digits", lambda text: text.replace("1.6084", "١", 1), "in column ins_x_m, row 6"),
+    ("grouped digits", lambda text: text.replace("1.6084", "1_6", 1), "'1_6' in column ins_x_m"),
+    ("an open quote", lambda text: text + '"1\n', "my.csv is not a CSV file"),
+    ("no text", lambda text: "\ud800", "my.csv is not a CSV file: it is not UTF-8."),
+    ("too long", lambda text: "1\n" * MOST, f"has {MOST + 1} lines; this page takes {MOST}"),
+    ("a wide gap", lambda text: sparse(), f"spans {2 * MOST} steps; this page takes"),
+]  # fmt: skip
+
+
+def sparse() -> str:
+    """Return a file of half as many rows as there may be steps, with a gap of three times that."""
+    rows = MOST // 2
+    time = np.arange(rows) + np.where(np.arange(rows) < rows // 2, 0, 3 * rows)
+    columns = ["time_s", *iw.recordings.INS, *iw.recordings.WSN[:2]]
+    return str(pd.DataFrame({c: time * (c == "time_s") for c in columns}).to_csv(index=False))
+
+
+@pytest.mark.parametrize(
+    ("change", "said"), [each[1:] for each in WRONG], ids=[w[0] for w in WRONG]
+)
+def test_a_wrong_file_is_refused_in_one_sentence(change: Change, said: str) -> None:
+    with pytest.raises(InswsnError) as caught:
+        look(change(TEXT), {"name": "my.csv"})
+    assert said in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda text: "\ufeff" + text,
+        lambda text: text.replace("\n", "\r\n"),
+        lambda text: text.replace("\n", "\r"),
+        lambda text: text.replace(",", ";"),
+        lambda text: text.replace(",", ";").replace(".", ","),
+        lambda text: text.replace(",", "\t"),
+    ],
+    ids=["BOM", "CRLF", "CR", "semicolons", "decimal commas", "tabs"],
+)
+def test_how_the_file_is_written_does_not_matter(change: Change, found: dict[str, Any]) -> None:
+    assert look(change(TEXT), {"name": "ins-wsn.csv"}) == found
+
+
+def test_figures_that_may_not_be_are_refused() -> None:
+    for value in (0, -1, 1e9, float("nan"), None, "0.2", True):
+        with pytest.raises(ParameterError, match="wsn_position_noise is"):
+            look(TEXT, {"wsn_position_noise": value})
+
+
+@given(
+    st.fixed_dictionaries(
+        {name: st.floats(below * 1e-12, below * 0.99) for name, (_, below) in FIGURES.items()}
+    ),
+    st.lists(
+        st.tuples(st.integers(0, len(TEXT) - 1), st.text(",;.-\n\"e0 aN#", max_size=3)), max_size=3
+    ),
+)  # fmt: skip
+def test_any_figures_and_any_damage_give_json_or_a_sentence(
+    figures: dict[str, float], damages: list[tuple[int, str]]
+) -> None:
+    text = TEXT
+    for place, new in damages:
+        text = text[:place] + new + text[place + 1 :]
+    with suppress(InswsnError):  # whose message is one line
+        json.dumps(look(text, figures), allow_nan=False)
+
+
+def test_as_many_rows_as_it_takes_are_done_in_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
+    """By plain loops, as in a page; without other work it takes about 3 s."""
+    monkeypatch.setenv("INSWSN_PLAIN", "1")
+    time = 0.1 * np.arange(MOST - 2)
+    way = np.column_stack([time, 10 * np.sin(time / 10), np.ones_like(time), np.cos(time / 10)])
+    fixes = np.where((np.arange(len(time)) % 5 == 0)[:, None], way, np.nan)
+    fixes[1000:3000] = np.nan
+    columns = ["time_s", *iw.recordings.INS, *iw.recordings.WSN]
+    made = pd.DataFrame(np.column_stack([time, way, fixes]), columns=columns)
+    text = made.round(4).to_csv(index=False)
+    begun = process_time()
+    found = look(text, {})
+    assert process_time() - begun < 10
+    assert found["steps"] == MOST - 2
+    assert max(len(each) for each in found["track"]["ins"]) <= 1500
+    assert len(json.dumps(found)) < 5e6
+
+
+# What it rests on ---------------------------------------------------------------------------------
+
+
+def test_a_filter_by_gains_that_are_known_is_the_filter() -> None:
+    rng = np.random.default_rng(3)
+    model = iw.ErrorModel.p1(0.2, process_noise=(0.1, 0.2), measurement_noise=(0.3, 0.4))
+    y = rng.normal(size=(50, 4, 3))
+    there = rng.random((50, 4)) < 0.6
+    y[~there] = np.nan
+    initial = np.diag([1e9, 1, 2, 3])
+    design = iw.design_kalman(model, there, initial_covariance=initial)
+    for predicted in (False, True):
+        usual = iw.run_kalman(model, y, initial_covariance=initial, predicted=predicted)
+        ours = run_design(model, design, y, predicted=predicted)
+        np.testing.assert_allclose(ours, usual, rtol=1e-9, atol=1e-9)
+
+
+def test_the_bounds_are_those_of_scipy(root: Path) -> None:
+    degrees = np.unique(np.geomspace(1, 4 * MOST, 20_000).round())
+    low, high = chi_square.bounds(degrees)
+    for level, found in ((0.025, low), (0.975, high)):
+        error = np.abs(found - chi2.ppf(level, degrees) / degrees)
+        assert error.max() < 1e-6
+        assert error[degrees <= 100].max() < 1e-9
+    assert [float(x) for x in chi_square.bounds(792)] == pytest.approx(
+        mean_bounds(792, 1), abs=1e-6
+    )
+    study = runpy.run_path(str(root / "studies" / "chi_square_bounds.py"))
+    made, kept = (json.loads(text) for text in (study["make"](), study["TARGET"].read_text()))
+    assert made.keys() == kept.keys()
+    for name, values in made.items():
+        assert kept[name] == pytest.approx(values)

@@ -1,0 +1,68 @@
+"""The cells of lessons with numpy alone, as in the page: they say what the built page says."""
+
+from __future__ import annotations
+
+import json
+import re
+from html import unescape
+from pathlib import Path
+from typing import Any
+
+import nbformat
+import numpy as np
+import pytest
+from inswsn_book.live.measured import Measured, measure
+from inswsn_book.project import Project
+from test_lessons import LESSONS, executed
+
+#: How many cells of each lesson run: one that no longer does is a loss to the reader
+RUN = {"00": 3, "01": 9, "02": 15, "03": 18, "04": 17, "05": 1, "06": 12, "07": 8}
+_FIGURE = re.compile(r'data-figure="([^"]+)".*?<script type="application/json">(.*?)</script>')
+
+
+def said(outputs: list[Any]) -> tuple[str, dict[str, Any]]:
+    """Return the text of a cell of the built book, and the contents of its figures."""
+    text = "".join(o.text for o in outputs if o.output_type == "stream")
+    pages = [o.data.get("text/html", "") for o in outputs if o.output_type == "display_data"]
+    found = [match for page in pages for match in _FIGURE.findall(page)]
+    return text, {unescape(name): json.loads(content) for name, content in found}
+
+
+def same(here: Any, there: Any) -> bool:
+    """Whether two contents differ by no more than rounding: compiled loops round otherwise."""
+    if isinstance(here, dict):
+        return here.keys() == there.keys() and all(same(here[k], there[k]) for k in here)
+    if isinstance(here, list):
+        return len(here) == len(there) and all(map(same, here, there))
+    if isinstance(here, float | int) and not isinstance(here, bool):
+        return bool(np.isclose(here, there, rtol=1e-3, atol=1e-3))
+    return bool(here == there)
+
+
+@pytest.mark.parametrize("number", LESSONS)
+def test_live_cells_say_what_the_page_says(number: str, built_site: Path, project: Project) -> None:
+    run = executed(project, LESSONS[number])
+    cells = [c for c in nbformat.reads(run.notebook, 4).cells if c.cell_type == "code"]
+    found = measure(project, LESSONS[number].stem)
+    assert len(cells) == len(found)
+    for place, (cell, live) in enumerate(zip(cells, found, strict=True), 1):
+        if not live.needs:
+            text, figures = said(cell.outputs)
+            assert live.text == text, f"cell {place}"
+            drawn = {name: json.loads(content) for name, content in live.figures}
+            assert same(drawn, figures), f"the figure of cell {place}"
+    assert sum(not live.needs for live in found) == RUN[number]
+
+
+def test_what_is_missing_is_named(project: Project, monkeypatch: pytest.MonkeyPatch) -> None:
+    sources = ["import scipy.linalg", "x = scipy.linalg.inv([[1.0]])", "print(x)", "print(1)"]
+    monkeypatch.setattr("inswsn_book.live.measured.sources_of", lambda *_: sources)
+    needs = [each.needs for each in measure(project, "none")]
+    assert needs == ["", "scipy", "scipy", ""]
+
+
+def test_a_measured_cell_has_its_text(project: Project, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("inswsn_book.live.measured.sources_of", lambda *_: ["1 + 1", "1 + 1;"])
+    first, second = measure(project, "none")
+    assert isinstance(first, Measured)
+    assert (first.text, second.text) == ("2\n", "")

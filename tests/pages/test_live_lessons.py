@@ -1,0 +1,257 @@
+"""Lessons whose cells run in the page, in a browser that reaches nothing but this machine."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import threading
+from collections.abc import Iterator
+from functools import partial
+from http.server import ThreadingHTTPServer
+from pathlib import Path
+from typing import Any
+
+import pytest
+from axe_playwright_python.sync_playwright import Axe
+from conftest import _Quiet
+from inswsn_book.live.site import lessons, put_in
+from inswsn_book.project import Project
+from playwright.sync_api import Browser, Locator, Page
+from visiting import LESSON, OWN_DATA, visit
+
+pytestmark = pytest.mark.whole
+MINUTES = 60_000
+PHONE = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True}
+NAMES = [chapter.name for chapter in lessons(Project(Path(__file__).parents[2]))]
+
+
+@pytest.fixture(scope="module")
+def live(
+    project: Project, built_site: Path, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[tuple[str, Path]]:
+    """A site with Python in it, as `make live` makes it, served from this machine alone.
+
+    What `make wasm` makes has to be there: where these tests run, its lack is a failure.
+    """
+    site = tmp_path_factory.mktemp("live") / "html"
+    shutil.copytree(built_site, site)
+    put_in(project, site)
+    handler = partial(_Quiet, directory=str(site))
+    with ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        yield f"http://127.0.0.1:{server.server_address[1]}/", site
+        server.shutdown()
+
+
+def cells_of(page: Page) -> list[tuple[int, Locator]]:
+    """Return the numbers and boxes of the cells that run."""
+    page.evaluate("for (const box of document.querySelectorAll('details')) box.open = true")
+    known = json.loads(page.locator("#live").text_content() or "")
+    boxes = page.locator(".cell:has(> .cell_input)")
+    return [(i, boxes.nth(i)) for i, cell in enumerate(known["cells"]) if not cell["needs"]]
+
+
+def press(box: Locator, minutes: float = 4) -> str:
+    """Run a cell, and return what its status says at the end."""
+    box.get_by_role("button", name="Run", exact=False).click()
+    status = box.locator(".live-status")
+    box.page.wait_for_function(
+        "node => /^(took|failed|This needs|Stopped)/.test(node.textContent)"
+        " && !document.querySelector('.live-button[disabled]')",
+        arg=status.element_handle(), timeout=minutes * MINUTES,
+    )  # fmt: skip
+    return status.inner_text()
+
+
+def write(box: Locator, text: str) -> None:
+    """Have the code of a cell be a text, as if a reader had typed it."""
+    code = box.locator("pre[contenteditable]")
+    code.evaluate("(node, text) => { node.textContent = text }", text)
+    code.dispatch_event("input")
+
+
+def said(box: Locator) -> str:
+    out = box.locator(".live-out")
+    return (out.text_content() or "") if out.is_visible() else ""
+
+
+def figures(page: Page) -> dict[str, Any]:
+    script = """() => Object.fromEntries([...document.querySelectorAll("section.moving")].map(
+        (root) => [root.id, JSON.parse(root.querySelector("script").textContent)]))"""
+    return dict(page.evaluate(script))
+
+
+def close(here: Any, there: Any) -> bool:
+    if isinstance(here, dict):
+        return here.keys() == there.keys() and all(close(here[k], there[k]) for k in here)
+    if isinstance(here, list):
+        return len(here) == len(there) and all(map(close, here, there))
+    if isinstance(here, float | int):
+        return abs(here - there) <= 1e-3 * max(1, abs(there))
+    return bool(here == there)
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("size", [{}, PHONE], ids=["desk", "phone"])
+def test_each_cell_prints_what_the_page_prints(
+    name: str, size: dict[str, Any], live: tuple[str, Path], browser: Browser
+) -> None:
+    seen = visit(browser, live[0], f"chapters/{name}.html", **size)
+    page, drawn = seen.page, figures(seen.page)
+    for number, box in cells_of(page):
+        printed = "".join(box.locator(".cell_output > .output.stream pre").all_text_contents())
+        press(box)
+        assert said(box).strip() == printed.strip(), f"cell {number + 1}"
+        again = press(box)  # at most a second, or it says why not
+        assert float(again.split()[1]) < 1 or "computed anew" in again, f"cell {number + 1}"
+    after = figures(page)
+    assert all(close(after[key]["charts"], drawn[key]["charts"]) for key in drawn)
+    assert seen.wrong == []
+    page.close()
+
+
+def lesson_page(live: tuple[str, Path], browser: Browser, **size: Any) -> Page:
+    return visit(browser, live[0], LESSON, **size).page
+
+
+def test_a_changed_number_gives_the_changed_answer(
+    live: tuple[str, Path], browser: Browser
+) -> None:
+    page = lesson_page(live, browser)
+    _, box = cells_of(page)[-3]  # K = 0.09 / (0.09 + 0.04)
+    code = box.locator("pre[contenteditable]")
+    first = code.text_content() or ""
+    assert "K = 0.09" in first
+    write(box, first.replace("0.04", "0.09"))
+    press(box)
+    assert said(box).startswith("K = 0.500, blend 1.150 m")
+    box.get_by_role("button", name="Reset").click()
+    assert code.text_content() == first
+    assert not said(box)
+    page.close()
+
+
+def test_it_is_typed_and_run_by_the_keyboard(live: tuple[str, Path], browser: Browser) -> None:
+    page = lesson_page(live, browser)
+    _, box = cells_of(page)[-3]
+    box.locator("pre[contenteditable]").focus()
+    page.keyboard.press("Control+End")
+    page.keyboard.type("print(2 +\n 40")
+    page.keyboard.type(")")
+    page.keyboard.press("Control+Enter")
+    box.locator(".live-out", has_text="42").wait_for(timeout=2 * MINUTES)
+    page.keyboard.press("Tab")  # leaves the code
+    assert page.evaluate("document.activeElement.textContent") == "Run"
+    page.close()
+
+
+def test_an_error_is_shown_as_python_shows_it(live: tuple[str, Path], browser: Browser) -> None:
+    page = lesson_page(live, browser)
+    _, box = cells_of(page)[-3]
+    write(box, "1 / 0")
+    assert press(box).startswith("failed")
+    lines = said(box).splitlines()
+    assert lines[0] == "Traceback (most recent call last):"
+    assert lines[-1] == "ZeroDivisionError: division by zero"
+    page.close()
+
+
+def test_a_run_can_be_stopped(live: tuple[str, Path], browser: Browser) -> None:
+    page = lesson_page(live, browser)
+    _, box = cells_of(page)[-3]
+    write(box, "while True: pass")
+    box.get_by_role("button", name="Run").click()
+    box.locator(".live-status", has_text="runs").wait_for(timeout=2 * MINUTES)
+    box.get_by_role("button", name="Stop").click()
+    box.locator(".live-status", has_text="Stopped").wait_for()
+    write(box, "print(6 * 7)")
+    press(box)
+    assert said(box) == "42\n"
+    page.close()
+
+
+def test_a_parameter_runs_what_needs_it(live: tuple[str, Path], browser: Browser) -> None:
+    page = lesson_page(live, browser)
+    before = figures(page)
+    field = page.get_by_label("q_scale")
+    field.fill("5")
+    field.press("Enter")
+    page.wait_for_function("document.querySelector('.live-button[disabled]') === null "
+                           "&& /^took/.test([...document.querySelectorAll('.live-status')].at(-1)"
+                           ".textContent)", timeout=4 * MINUTES)  # fmt: skip
+    after = figures(page)
+    changed = {key for key in after if after[key]["charts"] != before[key]["charts"]}
+    assert "fig-l2-outage-moving" in changed
+    assert "fig-l2-gains-moving" not in changed
+    assert "q_scale: float = 5" in (page.locator("pre[contenteditable]").first.text_content() or "")
+    page.close()
+
+
+def test_what_is_missing_is_said_and_the_next_offered(
+    live: tuple[str, Path], browser: Browser
+) -> None:
+    page = visit(browser, live[0], f"chapters/{NAMES[1]}.html").page
+    bar = page.locator(".live-bar", has_text="it needs cvxpy").first
+    link = bar.get_by_role("link")
+    target = page.locator(link.get_attribute("href") or "")
+    assert target.get_attribute("contenteditable") == "plaintext-only"
+    page.close()
+
+
+def weight(browser: Browser, served: str, name: str) -> tuple[int, list[str]]:
+    """Return the bytes of a page and what it loads, and the addresses."""
+    page = browser.new_page(viewport={"width": 1300, "height": 900})
+    sizes: dict[str, int] = {}
+    page.on("response", lambda r: sizes.update({r.url: len(r.body())}))
+    page.goto(served + name)
+    page.wait_for_load_state("networkidle")
+    page.close()
+    return sum(sizes.values()), [*sizes]
+
+
+def test_nothing_is_loaded_before_the_first_press(live: tuple[str, Path], browser: Browser) -> None:
+    _, addresses = weight(browser, live[0], LESSON)
+    assert not [each for each in addresses if "/live/" in each or "worker" in each]
+
+
+def test_the_first_press_loads_at_most_20_mb(live: tuple[str, Path]) -> None:
+    files = (live[1] / "_static" / "live").iterdir()
+    assert sum(path.stat().st_size for path in files) < 20e6
+
+
+@pytest.mark.parametrize("size", [{}, PHONE], ids=["desk", "phone"])
+@pytest.mark.parametrize("name", [LESSON, OWN_DATA])
+def test_axe_finds_nothing(
+    name: str, size: dict[str, Any], live: tuple[str, Path], browser: Browser
+) -> None:
+    page = visit(browser, live[0], name, **size).page
+    if name == LESSON:
+        press(cells_of(page)[-3][1])
+    found = Axe().run(page)
+    assert found.violations_count == 0, found.generate_report()
+    page.close()
+
+
+def test_from_a_file_it_names_a_server(live: tuple[str, Path], browser: Browser) -> None:
+    page = browser.new_page()
+    page.goto((live[1] / LESSON).as_uri())
+    assert "python -m http.server" in page.locator(".live-bar").inner_text()
+    assert page.get_by_role("button", name="Run cell").count() == 0
+    page.close()
+
+
+def test_what_a_reader_types_reaches_neither_page_nor_other_hosts(
+    live: tuple[str, Path], browser: Browser
+) -> None:
+    seen = visit(browser, live[0], LESSON)
+    _, box = cells_of(seen.page)[-3]
+    write(box, "import js\nprint(hasattr(js, 'document'), '<b>bold</b>')")
+    press(box)
+    assert said(box) == "False <b>bold</b>\n"
+    assert box.locator(".live-out b").count() == 0
+    policy = seen.page.locator("meta[http-equiv=Content-Security-Policy]").get_attribute("content")
+    assert policy is not None
+    assert "connect-src 'self'" in policy
+    blocked = "() => fetch('http://localhost:1/').then(() => 'reached', (error) => error.message)"
+    assert seen.page.evaluate(blocked) != "reached"
+    seen.page.close()
