@@ -49,10 +49,10 @@ _ON_SCREEN = (
 )
 # What the outline is made of: level, title, and the place that has a name. Glyphs of a formula are
 # no text; what a screen reader is told of it is.
-_OUTLINE = """[...document.querySelectorAll(".part, .page h1, .page section[id] > h2")].map((h) => [
+_OUTLINE = """[...document.querySelectorAll(".part, .page h1, .page section > h2[id]")].map((h) => [
   h.matches(".part") ? 0 : Number(h.localName[1]),
   h.textContent.trim().replace(/\\s+/g, " "),
-  (h.closest("section[id]") ?? h).id])"""
+  h.id])"""
 # Makes a formula smaller that is wider than its paragraph: else the whole volume is printed smaller
 _FIT = """() => {
   const blocks = "p, li, dd, dt, td, th, figcaption, caption, div";
@@ -138,6 +138,11 @@ def _article(site: Path, page: str) -> Tag:
         tag.decompose()
     for tag in article.find_all(id=True):
         tag["id"] = f"{tag['id']}@{page}"
+    for section in article.select("section[id]"):  # which may begin at the foot of the sheet before
+        heading = section.find(["h1", "h2", "h3"], recursive=False)
+        if isinstance(heading, Tag) and not heading.has_attr("id"):
+            heading["id"] = str(section["id"])
+            del section["id"]
     article["id"] = f"@{page}"
     for folded in article.select("details:has(.cell_output)"):
         folded["open"] = ""  # what is folded is printed, but for code alone
@@ -194,7 +199,7 @@ def _document(
         for page in pages:
             body.append(f'<div class="page">{part}{articles[page]}</div>')
             part = ""
-            places += [str(section["id"]) for section in articles[page].select("section[id]")]
+            places += [str(h["id"]) for h in articles[page].select("h1[id], h2[id]")]
     links = "".join(f'<a href="#{escape(place)}"></a>' for place in places)
     return f"""<!doctype html>
 <html lang="en" data-theme="light" data-mode="light">
