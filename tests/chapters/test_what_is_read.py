@@ -46,7 +46,9 @@ QUICK: dict[str, dict[str, Value]] = {
 }
 
 
-LONG = {"00", "01", "02", "03", "04", "05", "06", "62"}
+LONG = {"00", "01", "02", "03", "04", "05", "06", "62"} | {
+    f"lesson-0{number}" for number in (1, 3, 4, 5, 6)
+}
 SPY = """\
 import os, sys
 def _hook(event, args, log=open({log!r}, "w", buffering=1)):

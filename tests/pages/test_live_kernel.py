@@ -114,7 +114,7 @@ def moves(page: Page) -> None:
     assert chart.inner_html() != before
 
 
-@pytest.mark.parametrize("name", ["index.html", LESSON, EVIDENCE])
+@pytest.mark.parametrize("name", weekly_but({LESSON}, ["index.html", LESSON, EVIDENCE]))
 def test_a_page_does_all_that_it_does_elsewhere(browser: Browser, live: Served, name: str) -> None:
     """Its policy keeps nothing of it away: figures, formulas, the themes."""
     seen = visit(browser, site_of(live), name)
