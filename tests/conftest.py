@@ -465,6 +465,7 @@ def browser(chromium: str) -> Iterator[Browser]:
     flags = ["--disable-gpu", "--disable-background-networking", "--disable-component-update"]
     # a click would wait for the end of each scroll
     flags += ["--disable-sync", "--disable-smooth-scrolling", "--no-first-run"]
+    flags.append("--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1")  # no other host
     if hasattr(os, "geteuid") and os.geteuid() == 0:
         flags.append("--no-sandbox")  # Chromium has no sandbox for root
     with sync_playwright() as playwright:

@@ -19,7 +19,7 @@ from functools import partial
 from hashlib import sha256
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -27,6 +27,9 @@ import wasm
 from wasm_fetch import LiveError, UnreachableError, checked, download, locked, sha256 as as_npm
 from wasm_module import Module, misfits, read
 from wasm_numpy import compare
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser
 
 NUMPY = {
     "numpy/__init__.py": "version = 2",
@@ -382,10 +385,8 @@ json.dumps({
 
 @pytest.mark.whole
 def test_numpy_computes_in_the_page_as_it_does_here(
-    root: Path, tmp_path: Path, chromium: str, serve: Callable[[Path], str]
+    root: Path, tmp_path: Path, browser: Browser, serve: Callable[[Path], str]
 ) -> None:
-    from playwright.sync_api import sync_playwright
-
     live = root / "_build/live"
     assert (live / "live.json").is_file(), "make live comes first"
     about = json.loads((live / "live.json").read_text())
@@ -395,14 +396,11 @@ def test_numpy_computes_in_the_page_as_it_does_here(
     (tmp_path / "worker.js").write_text(WORKER)
     (tmp_path / "page.html").write_text("<!doctype html><title>A page</title>")
     address, asked = serve(tmp_path), []
-    flags = ["--no-sandbox", "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1"]
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=chromium, args=flags)
-        page = browser.new_page()
-        page.on("request", lambda request: asked.append(request.url))
-        page.goto(f"{address}page.html")
-        there = json.loads(page.evaluate(ASK, [CODE, about["site_packages"]]))
-        browser.close()
+    page = browser.new_page()
+    page.on("request", lambda request: asked.append(request.url))
+    page.goto(f"{address}page.html")
+    there = json.loads(page.evaluate(ASK, [CODE, about["site_packages"]]))
+    page.close()
     assert "error" not in there, there
     code, _, last = CODE.rpartition("json.dumps(")
     known: dict[str, Any] = {}

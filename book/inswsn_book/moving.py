@@ -23,6 +23,7 @@ from matplotlib.text import Annotation
 
 from inswsn_book.legible import clear_the_way
 from inswsn_book.show import show_figure
+from inswsn_lib.checks import Array
 from inswsn_lib.errors import ParameterError
 from inswsn_lib.plotting import STROKES, figure
 
@@ -32,6 +33,7 @@ _TAKERS: list[Callable[[str, str], None]] = []
 STYLES = ("line", "points", "bars", "band")
 _HEIGHT = 3.1  # inches, of each chart in the still picture
 _DIGITS = 4  # of what is drawn, over the range of its axis
+_EXPONENT = 1e16  # from where numbers are written with one
 
 
 def shown_to(taker: Callable[[str, str], None]) -> None:
@@ -228,8 +230,13 @@ def _chart(chart: Chart) -> dict[str, Any]:
 def _rounded(value: Sequence[Any], spans: Sequence[float]) -> list[list[float]]:
     """Return x and what stands over it to a ten-thousandth of the axes."""
     digits = [_DIGITS - int(np.floor(np.log10(span))) for span in spans]
-    x, *others = value
-    return [np.round(x, digits[0]).tolist(), *(np.round(y, digits[1]).tolist() for y in others)]
+    x, *others = (np.asarray(values, dtype=float) for values in value)
+    return [_plain(x.round(digits[0])), *(_plain(y.round(digits[1])) for y in others)]
+
+
+def _plain(values: Array) -> list[float]:
+    """Return numbers as JSON has them in few characters: 2 for 2.0, and 0 for -0.0."""
+    return [int(v) if v.is_integer() and abs(v) < _EXPONENT else v for v in values.tolist()]
 
 
 def _ticks(low: float, high: float) -> list[tuple[float, str]]:
@@ -238,5 +245,6 @@ def _ticks(low: float, high: float) -> list[tuple[float, str]]:
     power = 10.0 ** np.floor(np.log10(least))
     step = next(k * power for k in (1, 2, 5, 10) if k * power >= least * (1 - 1e-9))
     first, last = np.ceil(low / step - 1e-9), np.floor(high / step + 1e-9)
-    values = [round(float(k * step), 9) for k in np.arange(first, last + 1)]
+    # adding zero takes the sign off a zero
+    values = [round(float(k * step), 9) + 0.0 for k in np.arange(first, last + 1)]
     return [(v, f"{v:g}".replace("-", "−")) for v in values]

@@ -165,35 +165,6 @@ def run_kalman(
     return _run(covariances, noise, there, y, x, predicted)[0]
 
 
-def run_design(
-    model: ErrorModel, design: KalmanDesign, measurements: ArrayLike, *, predicted: bool = False
-) -> Array:
-    """Return what `run_kalman` does, by gains that are known.
-
-    Parameters
-    ----------
-    model : ErrorModel
-    design : KalmanDesign
-        From `design_kalman`, for which of these measurements there are.
-    measurements, predicted
-        As in `run_kalman`.
-
-    Examples
-    --------
-    >>> import inswsn_lib as iw
-    >>> from inswsn_lib.filters.kalman import run_design
-    >>> model = iw.ErrorModel(A=[[1]], B=[[1]], C=[[1]], D=[[1]], period=1.0)
-    >>> design = iw.design_kalman(model, [[True], [True]], initial_covariance=[[1]])
-    >>> run_design(model, design, [[[1.0]], [[1.0]]]).ravel().tolist()
-    [0.5, 0.8]
-    """
-    _, y = measured(measurements, len(design.gains), len(model.C), "runs")
-    x = first_state(None, len(model.A), y.shape[2])
-    keeps = np.eye(len(model.A)) - design.gains @ model.C
-    states = _states(model.A, design.gains, keeps, y, x, predicted)
-    return states[:-1] if predicted else states[1:]
-
-
 def stream_kalman(
     model: ErrorModel,
     measurements: Iterable[ArrayLike],

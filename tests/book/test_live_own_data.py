@@ -19,47 +19,55 @@ import pandas as pd
 import pytest
 from hypothesis import given, strategies as st
 from inswsn_book.live import chi_square
-from inswsn_book.live.own_data import FIGURES, MOST, look
+from inswsn_book.live.own_data import FIGURES, MOST, Examined, examine
+from inswsn_book.live.own_page import look
 from inswsn_book.parameters import chapter_schema
 from scipy.stats import chi2
 
 import inswsn_lib as iw
 from inswsn_lib.errors import InswsnError, ParameterError
 from inswsn_lib.evaluation import mean_bounds, normalised_squares
-from inswsn_lib.filters.kalman import run_design
 
 if TYPE_CHECKING:
     from inswsn_book.results import Results
 
 EXAMPLE = iw.data_file("examples/ins-wsn.csv")
 TEXT = EXAMPLE.read_text(encoding="utf-8")
-BLOCKED = (
-    *("scipy", "pandas", "cvxpy", "torch", "pydantic", "yaml", "sklearn", "numba", "matplotlib"),
-    *("clarabel", "highspy", "mpmath", "pooch", "IPython", "papermill", "sphinx", "click"),
-)
-# The example without what is blocked; what it finds goes to the standard output
-ALONE = f"""
+# The example with numpy alone, as in a page; what it finds goes to the standard output
+ALONE = """
 import json, sys
-sys.modules.update(dict.fromkeys({BLOCKED!r}))  # as if they were not there
-from inswsn_book.live.own_data import look
+from inswsn_book.live import absent
+absent.block()
+from inswsn_book.live.own_page import look
 text, options = json.load(sys.stdin)
 print(json.dumps(look(text, options), allow_nan=False))
 """
 
 
 @pytest.fixture(scope="module")
-def found() -> dict[str, Any]:
+def found() -> Examined:
+    return examine(TEXT, {"name": "ins-wsn.csv"})
+
+
+@pytest.fixture(scope="module")
+def shown() -> dict[str, Any]:
     return look(TEXT, {"name": "ins-wsn.csv"})
 
 
-def as_numbers(values: list[float | None]) -> np.ndarray:
-    return np.array(values, dtype=float)  # None is NaN
+def series(chart: dict[str, Any], method: str, style: str = "line") -> np.ndarray:
+    """Return what a chart has of a method: the pieces of its line one after the other."""
+    pieces = [
+        each["values"][0]
+        for each in chart["series"]
+        if (each["method"], each["style"]) == (method, style)
+    ]
+    return np.concatenate([np.array(piece, dtype=float) for piece in pieces], axis=1)
 
 
 # It is what chapter 90 finds ----------------------------------------------------------------------
 
 
-def test_it_is_what_the_library_finds(found: dict[str, Any]) -> None:
+def test_it_is_what_the_library_finds(found: Examined) -> None:
     """By the steps of chapter 90, with scipy, pandas and compiled loops."""
     data = iw.read_recording(EXAMPLE, resample=True)
     T, a = data.period, 0.05
@@ -69,36 +77,71 @@ def test_it_is_what_the_library_finds(found: dict[str, Any]) -> None:
     design = iw.design_kalman(model, there, initial_covariance=initial)
     errors = iw.run_kalman(model, data.measurements, initial_covariance=initial)
     before = iw.run_kalman(model, data.measurements, initial_covariance=initial, predicted=True)
-    clock, corrected = data.time - data.time[0], data.ins - errors[:, :, 0]
-    fixed = ~np.isnan(data.wsn[:, 0])
-    for name, track in (("ins", data.ins), ("corrected", corrected), ("network", data.wsn[fixed])):
-        drawn = np.array([as_numbers(each) for each in found["track"][name]])
-        np.testing.assert_allclose(drawn, track[:, :2].T, atol=1e-6)
-    time, size, sigma = (as_numbers(each) for each in found["size"])
-    np.testing.assert_allclose(time, clock, atol=1e-6)
-    np.testing.assert_allclose(size, np.linalg.norm(errors[:, :2, 0], axis=1), atol=1e-6)
-    stated = np.sqrt(design.filtered[:, [0, 1], [0, 1]].sum(axis=1))
-    np.testing.assert_allclose(sigma, stated, atol=1e-6)
     innovations = data.measurements - model.C @ before
-    squares = normalised_squares(innovations, design.innovation)[fixed, 0]
-    assert found["nis"]["group"] == 1
-    np.testing.assert_allclose(found["nis"]["time"], clock[fixed], atol=1e-6)
-    np.testing.assert_allclose(found["nis"]["value"], squares / 4, atol=1e-6)
-    assert found["outages"] == [
-        {"begins": pytest.approx(clock[i]), "lasts": pytest.approx((j - i) * T)}
-        for i, j in data.outages
-    ]
+    stated = np.sqrt(design.filtered[:, [0, 1], [0, 1]].sum(axis=1))
+    for ours, usual in (
+        (found.data.time, data.time),
+        (found.filtered.corrected, data.ins - errors[:, :, 0]),
+        (found.filtered.innovations, innovations[:, :, 0]),
+        (found.filtered.nis, normalised_squares(innovations, design.innovation)[:, 0]),
+        (found.filtered.sigma, stated),
+    ):
+        np.testing.assert_allclose(ours, usual, rtol=1e-9, atol=1e-9)
+    assert found.data.outages == data.outages
+
+
+def test_what_is_drawn_is_what_is_found(found: Examined, shown: dict[str, Any]) -> None:
+    """To a ten-thousandth of the axes."""
+    data, filtered = found.data, found.filtered
+    track, error, nis, white = shown["figure"]["charts"]
+    clock, fixed = data.time - data.time[0], np.isfinite(data.wsn[:, 0])
+    there = np.isfinite(data.ins[:, 0])
+    far = max(high - low for low, high in (track["x"]["ends"], track["y"]["ends"]))
+    for method, style, values in (
+        ("ins", "line", data.ins[there]),
+        ("kalman", "line", filtered.corrected[there]),
+        ("network", "points", data.wsn[fixed]),
+    ):
+        drawn = series(track, method, style)
+        wanted = (values - data.ins[0])[:, :2].T  # from where the INS begins
+        np.testing.assert_allclose(drawn, wanted, atol=1e-4 * far)
+    size = np.linalg.norm(filtered.errors[:, :2], axis=1)
+    wanted = [clock, np.maximum(size - filtered.sigma, 0), size + filtered.sigma]
+    np.testing.assert_allclose(series(error, "kalman", "band"), wanted, atol=0.01)
+    np.testing.assert_allclose(series(error, "kalman"), [clock, size], atol=0.01)
+    time, value = series(nis, "kalman", "points")
+    seen = fixed & there
+    np.testing.assert_allclose(time, clock[seen], atol=0.01)
+    np.testing.assert_allclose(value, filtered.nis[seen] / 4, atol=0.001)
+    for chart in (error, nis):
+        shades = [each["values"][0] for each in chart["series"] if each["method"] == "published"]
+        assert [shade[0] for shade in shades] == [
+            pytest.approx([clock[i], clock[i] + (j - i) * data.period], abs=0.01)
+            for i, j in data.outages
+        ]
+    assert [each["label"] for each in white["series"][1:]] == [
+        "x", "y", "velocity x", "velocity y",
+    ]  # fmt: skip
+
+
+def test_no_line_is_drawn_over_a_gap(found: Examined, shown: dict[str, Any]) -> None:
+    missing = np.flatnonzero(np.isnan(found.data.ins[:, 0]))
+    (pieces,) = {int((np.diff(missing) > 1).sum()) + 2}
+    lines = [s for s in shown["figure"]["charts"][0]["series"] if s["method"] == "ins"]
+    assert len(lines) == pieces > 1
+    assert [bool(line["label"]) for line in lines] == [False] * (pieces - 1) + [True]
 
 
 def test_it_is_what_the_chapter_has_published(
-    found: dict[str, Any], published: dict[str, Results]
+    found: Examined, published: dict[str, Results]
 ) -> None:
     results = published["90"]
     expected = {quantity.name: quantity.value for quantity in results.quantities}
-    ours = {f"nis.{name}": found["mean_nis"][name] for name in ("mean", "low", "high")}
-    ours |= {"nis.lag1": found["white"]["largest"], "recording.steps": found["steps"]}
-    ours |= {"recording.period": found["period"], "recording.outages": len(found["outages"])}
-    for row in found["errors"]:
+    data = found.data
+    ours = {f"nis.{name}": found.nis[name] for name in ("mean", "low", "high")}
+    ours |= {"nis.lag1": found.white["largest"], "recording.steps": len(data.time)}
+    ours |= {"recording.period": data.period, "recording.outages": len(data.outages)}
+    for row in found.errors:
         for what in ("position", "velocity"):
             name = f"rms.{row['track']}.{what}.{row['when']}".lower().replace(" ", "-")
             ours[name] = row[what]
@@ -107,40 +150,42 @@ def test_it_is_what_the_chapter_has_published(
         assert value == pytest.approx(expected[name], abs=2e-6), name
 
 
-def test_the_file_is_the_one_that_the_chapter_writes(found: dict[str, Any]) -> None:
-    data = iw.read_recording(EXAMPLE, resample=True)
-    table = pd.read_csv(StringIO(found["csv"]))
+def test_the_file_is_the_one_that_the_chapter_writes(
+    found: Examined, shown: dict[str, Any]
+) -> None:
+    table = pd.read_csv(StringIO(shown["csv"]))
     assert list(table) == [
         "time_s",
         *(name.replace("ins", "corrected") for name in iw.recordings.INS),
     ]
-    np.testing.assert_allclose(table["time_s"], data.time, atol=1e-6)
-    track = np.array([as_numbers(each) for each in found["track"]["corrected"]])
-    np.testing.assert_allclose(table.iloc[:, 1:3].to_numpy().T, track, atol=1e-6, equal_nan=True)
-    assert table.to_csv(index=False) == found["csv"]
+    np.testing.assert_allclose(table["time_s"], found.data.time, atol=1e-6)
+    np.testing.assert_allclose(
+        table.iloc[:, 1:].to_numpy(), found.filtered.corrected, atol=1e-6, equal_nan=True
+    )
+    assert table.to_csv(index=False) == shown["csv"]
 
 
 def test_the_figures_are_those_of_the_chapter(root: Path) -> None:
     schema = chapter_schema(root, "90")
-    for name, (usual, below) in FIGURES.items():
-        assert schema.defaults[name] == usual
+    for name, figure in FIGURES.items():
+        assert schema.defaults[name] == figure.usual
         (declared,) = (each for each in schema.parameters if each.name == name)
-        assert re.search(rf"0, {below}\b", declared.allowed)
+        assert re.search(rf"0, {figure.below}\b", declared.allowed)
+        assert declared.unit.replace("^2", "²") == figure.unit
 
 
-def test_nothing_but_numpy_is_needed(found: dict[str, Any]) -> None:
+def test_nothing_but_numpy_is_needed(shown: dict[str, Any]) -> None:
     """Also by plain loops the same is found."""
     done = subprocess.run(
         [sys.executable, "-c", ALONE], input=json.dumps([TEXT, {"name": "ins-wsn.csv"}]),
         capture_output=True, text=True, check=True, timeout=120,
     )  # fmt: skip
     alone = json.loads(done.stdout)
-    assert alone["sentences"] == found["sentences"]
-    for one, other in ((alone["track"], found["track"]), (alone["nis"], found["nis"])):
-        for name, values in one.items():
-            np.testing.assert_allclose(
-                np.array(values, dtype=float), np.array(other[name], dtype=float), atol=2e-6
-            )
+    assert alone["sentences"] == shown["sentences"]
+    assert alone["tables"] == shown["tables"]
+    for one, other in zip(alone["figure"]["charts"], shown["figure"]["charts"], strict=True):
+        for here, there in zip(one["series"], other["series"], strict=True):
+            np.testing.assert_allclose(here["values"][0], there["values"][0], atol=0.01)
 
 
 # Other files --------------------------------------------------------------------------------------
@@ -157,34 +202,38 @@ def without(*names: str) -> str:
 def test_figures_that_do_not_fit_are_told() -> None:
     small = look(TEXT, {"wsn_position_noise": 0.05})["sentences"]
     large = look(TEXT, {"wsn_position_noise": 5, "wsn_velocity_noise": 5})["sentences"]
-    lazy = look(
+    lazy = examine(
         TEXT, {"acceleration_noise": 1e-4, "wsn_velocity_noise": 9, "wsn_position_noise": 9}
     )
     assert any("they are too small" in said for said in small)
     assert any("they are too large" in said for said in large)
-    assert lazy["white"]["largest"] > lazy["white"]["bound"]
+    assert lazy.white["largest"] > lazy.white["bound"]
 
 
 def test_a_network_without_velocities_and_no_reference() -> None:
     velocities = ("wsn_vx_mps", "wsn_vy_mps")
     references = ("ref_x_m", "ref_y_m", "ref_vx_mps", "ref_vy_mps")
-    found = look(without(*velocities, *references), {})
-    assert set(found["white"]["components"]) == {"x", "y"}
-    assert found["errors"] == []
-    assert "The file has no reference, so that the errors are unknown." in found["sentences"]
+    text = without(*velocities, *references)
+    found, shown = examine(text, {}), look(text, {})
+    assert set(found.white["components"]) == {"x", "y"}
+    assert found.errors == []
+    assert "The file has no reference, so that the errors are unknown." in shown["sentences"]
+    assert [table["header"][0] for table in shown["tables"]] == ["begins at (s)"]
     few = table()
     few.loc[few.index > 0, ["wsn_x_m", "wsn_y_m", *velocities]] = np.nan
-    found = look(few.drop(columns=list(references)).to_csv(index=False), {})
-    assert found["white"]["largest"] is None
-    assert "fixes are too few" in found["sentences"][-2]
+    text = few.drop(columns=list(references)).to_csv(index=False)
+    found, shown = examine(text, {}), look(text, {})
+    assert found.white["largest"] is None
+    assert "fixes are too few" in shown["sentences"][-2]
+    assert len(shown["figure"]["charts"]) == 3
 
 
 def test_a_slow_network_has_lags_of_its_own() -> None:
     slow = table()
     slow.loc[slow.index % 5 != 0, list(iw.recordings.WSN)] = np.nan
-    found = look(slow.to_csv(index=False), {})
-    assert found["white"]["interval"] == pytest.approx(1.0, abs=0.01)
-    assert found["white"]["largest"] < found["white"]["bound"]
+    found = examine(slow.to_csv(index=False), {})
+    assert found.white["interval"] == pytest.approx(1.0, abs=0.01)
+    assert found.white["largest"] < found.white["bound"]
 
 
 def test_the_nis_over_time_is_a_mean_of_some_fixes() -> None:
@@ -193,12 +242,11 @@ def test_the_nis_over_time_is_a_mean_of_some_fixes() -> None:
     long["time_s"] = 0.2 * np.arange(len(long))
     for name in ("ins_x_m", "wsn_x_m", "ref_x_m"):  # a walk that goes on
         long[name] += np.repeat(np.arange(4), len(made)) * 5.0
-    found = look(long.to_csv(index=False), {})["nis"]
-    assert found["group"] == 2
-    assert len(found["value"]) <= 400
-    low, high = chi2.ppf([0.025, 0.975], 8) / 8
-    assert low == pytest.approx(found["low"][0], abs=1e-6)
-    assert high == pytest.approx(found["high"][0], abs=1e-6)
+    chart = look(long.to_csv(index=False), {})["figure"]["charts"][2]
+    assert chart["title"] == "NIS of a component, of each 2 fixes"
+    assert series(chart, "kalman", "points").shape[1] <= 400
+    _, low, high = series(chart, "kalman", "band")
+    assert [low[0], high[0]] == pytest.approx(chi2.ppf([0.025, 0.975], 8) / 8, abs=1e-3)
 
 
 Change = Callable[[str], str]
@@ -252,8 +300,8 @@ def test_a_wrong_file_is_refused_in_one_sentence(change: Change, said: str) -> N
     ],
     ids=["BOM", "CRLF", "CR", "semicolons", "decimal commas", "tabs"],
 )
-def test_how_the_file_is_written_does_not_matter(change: Change, found: dict[str, Any]) -> None:
-    assert look(change(TEXT), {"name": "ins-wsn.csv"}) == found
+def test_how_the_file_is_written_does_not_matter(change: Change, shown: dict[str, Any]) -> None:
+    assert look(change(TEXT), {"name": "ins-wsn.csv"}) == shown
 
 
 def test_figures_that_may_not_be_are_refused() -> None:
@@ -264,7 +312,7 @@ def test_figures_that_may_not_be_are_refused() -> None:
 
 @given(
     st.fixed_dictionaries(
-        {name: st.floats(below * 1e-12, below * 0.99) for name, (_, below) in FIGURES.items()}
+        {name: st.floats(of.below * 1e-12, of.below * 0.99) for name, of in FIGURES.items()}
     ),
     st.lists(
         st.tuples(st.integers(0, len(TEXT) - 1), st.text(",;.-\n\"e0 aN#", max_size=3)), max_size=3
@@ -293,26 +341,12 @@ def test_as_many_rows_as_it_takes_are_done_in_seconds(monkeypatch: pytest.Monkey
     begun = process_time()
     found = look(text, {})
     assert process_time() - begun < 10
-    assert found["steps"] == MOST - 2
-    assert max(len(each) for each in found["track"]["ins"]) <= 1500
+    assert f"has {MOST - 2} steps" in found["sentences"][0]
+    assert series(found["figure"]["charts"][0], "ins").shape[1] <= 1500
     assert len(json.dumps(found)) < 5e6
 
 
 # What it rests on ---------------------------------------------------------------------------------
-
-
-def test_a_filter_by_gains_that_are_known_is_the_filter() -> None:
-    rng = np.random.default_rng(3)
-    model = iw.ErrorModel.p1(0.2, process_noise=(0.1, 0.2), measurement_noise=(0.3, 0.4))
-    y = rng.normal(size=(50, 4, 3))
-    there = rng.random((50, 4)) < 0.6
-    y[~there] = np.nan
-    initial = np.diag([1e9, 1, 2, 3])
-    design = iw.design_kalman(model, there, initial_covariance=initial)
-    for predicted in (False, True):
-        usual = iw.run_kalman(model, y, initial_covariance=initial, predicted=predicted)
-        ours = run_design(model, design, y, predicted=predicted)
-        np.testing.assert_allclose(ours, usual, rtol=1e-9, atol=1e-9)
 
 
 def test_the_bounds_are_those_of_scipy(root: Path) -> None:

@@ -14,6 +14,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from http.client import HTTPConnection, HTTPResponse
 from pathlib import Path
@@ -413,7 +414,9 @@ def test_the_least_recently_used_kernel_of_five_is_ended() -> None:
         await kernels.end()
         assert kernels.pages == []
 
-    asyncio.run(takes())
+    # in a thread of its own: in this one the browser of other tests may have a loop that runs
+    with ThreadPoolExecutor(1) as pool:
+        pool.submit(asyncio.run, takes()).result()
 
 
 def test_what_is_printed_has_an_end() -> None:

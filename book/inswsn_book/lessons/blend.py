@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from inswsn_book.live.chi_square import bounds
 from inswsn_book.moving import Moving, Slider
 from inswsn_lib.evaluation import normalised_squares
 from inswsn_lib.filters import run_hinfinity
@@ -253,26 +254,8 @@ def show_told(run: ExampleRun, run_filter: Filter, *, start: float) -> None:
 
 def nis_interval(samples: int) -> tuple[float, float]:
     """Return what 95 % of the means of as many chi-square variables of 4 degrees lie in."""
-    low, high = (_chi_square(share, 2 * samples) / samples for share in (0.025, 0.975))
-    return low, high
-
-
-def _chi_square(share: float, half: int) -> float:
-    """Return what a share of chi-square variables of an even number of degrees is less than.
-
-    One of 2 m degrees is above x as likely as a Poisson count of mean x / 2 is below m.
-    """
-    k = np.arange(half)
-    factorials = np.cumsum(np.log(np.maximum(k, 1)))  # their logarithms
-
-    def below(mean: float) -> float:
-        return float(1 - np.exp(k * np.log(mean) - mean - factorials).sum())
-
-    low, high = 1e-9, 4.0 * half + 40
-    for _ in range(60):
-        middle = (low + high) / 2
-        low, high = (middle, high) if below(middle) < share else (low, middle)
-    return low + high
+    low, high = 4 * np.array(bounds(4 * samples))
+    return float(low), float(high)
 
 
 def mean_nis(run: ExampleRun, run_filter: Filter, y: Array, factor: float) -> float:

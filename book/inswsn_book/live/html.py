@@ -18,6 +18,7 @@ from typing import Any
 #: what lies in ``book/_static`` on every page
 SCRIPTS = Path(__file__).with_name("page")
 _KNOWN = re.compile(r'<script\b[^>]*\bid="live"[^>]*>.*?</script>', re.DOTALL)
+_POLICY = re.compile(r'<meta http-equiv="Content-Security-Policy"[^>]*>')
 #: Types of script elements that are run; others hold data
 _SCRIPTS = ("", "text/javascript", "application/javascript", "module")
 #: What the theme's button for print does; the page of the search reads the pages that have one
@@ -44,9 +45,9 @@ def with_cells(html: str, prefix: str, about: dict[str, Any]) -> str:
 
 
 def with_policy(html: str, policy: str) -> str:
-    """Return a page with a policy in it, since a static server sends none."""
+    """Return a page with a policy in it, and no other, since a static server sends none."""
     meta = f'<meta http-equiv="Content-Security-Policy" content="{policy}"/>'
-    return html.replace("<head>", f"<head>{meta}", 1)
+    return _POLICY.sub("", html).replace("<head>", f"<head>{meta}", 1)
 
 
 def policy_of(html: str) -> str:

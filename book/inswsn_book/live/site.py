@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import shutil
-import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+import click
+
+from inswsn_book.cli import run_command
 from inswsn_book.live.about import about_lesson
 from inswsn_book.live.bundle import archive
 from inswsn_book.live.html import SCRIPTS, policy_of, with_cells, with_policy
 from inswsn_book.live.measured import measure
+from inswsn_book.live.own_data import FIGURES
 from inswsn_book.project import Chapter, Project, find_root
-from inswsn_lib.errors import BuildError, InswsnError
+from inswsn_lib.errors import BuildError
 
 #: The page that takes a reader's own file; its cells are those of the library with all packages
 OWN_DATA = "90-your-own-data"
@@ -43,26 +46,25 @@ def put_in(project: Project, site: Path) -> None:
     (place / "inswsn.zip").write_bytes(archive(project))
     shutil.copy(project.root / "data" / "examples" / "ins-wsn.csv", place.parent)
     shutil.copytree(SCRIPTS, place.parent, dirs_exist_ok=True)
-    own_data = {"files": True, "cells": [], "parameters": []}
-    told = {OWN_DATA: own_data}
+    noise = [{"name": name} | figure._asdict() for name, figure in FIGURES.items()]
+    told = {OWN_DATA: {"files": True, "cells": [], "parameters": [], "noise": noise}}
     for chapter, found in zip(chapters, measured, strict=True):
         told[chapter.name] = about_lesson(chapter, found)
         runs = sum(not cell.needs for cell in found)
-        print(f"{chapter.name}: {runs} of {len(found)} cells run in the page")
+        click.echo(f"{chapter.name}: {runs} of {len(found)} cells run in the page")
     for name, about in told.items():
         path = site / "chapters" / f"{name}.html"
         page = with_cells(path.read_text(encoding="utf-8"), "../", about)
         path.write_text(with_policy(page, policy_of(page)), encoding="utf-8")
 
 
+@click.command()
 def main() -> None:
     """Do it for the checkout."""
-    try:
-        project = Project(find_root())
+    project = Project(find_root())
+    with project.build_lock():
         put_in(project, project.site)
-    except InswsnError as error:
-        sys.exit(str(error))
 
 
 if __name__ == "__main__":
-    main()
+    run_command(main)

@@ -80,7 +80,7 @@
     return said.value;
   }
 
-  if (known.files && location.protocol !== "file:") window.inswsnLive = { call };
+  if (known.files && location.protocol !== "file:") window.inswsnLive = { call, noise: known.noise };
 
   // ---- the cells of the page
 
