@@ -16,5 +16,6 @@ from .tables import (
     AXES as AXES,
     COLUMNS as COLUMNS,
     read_numbers as read_numbers,
+    read_rows as read_rows,
     read_table as read_table,
 )

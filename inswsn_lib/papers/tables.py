@@ -18,14 +18,19 @@ AXES = ("rx", "ry", "vx", "vy")
 COLUMNS = tuple(axis + area for axis in AXES for area in "12")
 
 
-def read_table(path: Path, index: str) -> pd.DataFrame:
-    """Read a printed table from a CSV file; every cell is a text, exactly as printed.
+def read_rows(path: Path, index: str) -> dict[str, dict[str, str]]:
+    """Read the rows of a printed table from a CSV file; every cell is a text, exactly as printed.
 
     Parameters
     ----------
     path : Path
     index : str
         The column that names the rows.
+
+    Returns
+    -------
+    dict
+        The cells of each row by their columns, in printed order.
 
     Raises
     ------
@@ -36,9 +41,8 @@ def read_table(path: Path, index: str) -> pd.DataFrame:
     Examples
     --------
     >>> import inswsn_lib as iw
-    >>> from inswsn_lib.papers import read_table
-    >>> table = read_table(iw.data_file("papers/p1-table2.csv"), index="method")
-    >>> table.loc["HF", "rx1"]
+    >>> from inswsn_lib.papers import read_rows
+    >>> read_rows(iw.data_file("papers/p1-table2.csv"), index="method")["HF"]["rx1"]
     '0.3881'
     """
     try:
@@ -51,18 +55,35 @@ def read_table(path: Path, index: str) -> pd.DataFrame:
         raise InswsnError(f"{path.name} has no column {index!r}; it has {named}.")
     if len(set(header)) < len(header):
         raise InswsnError(f"{path.name} names a column twice; it has {', '.join(header)}.")
+    found = {}
     for row in rows or [[]]:
         if len(row) != len(header):
             raise InswsnError(
                 f"{path.name} has {len(row)} cells in a row ({', '.join(row)}); it may have "
                 f"{len(header)}, as the header has."
             )
-    frame = pd.DataFrame(rows, columns=header, dtype="str")
-    if frame[index].duplicated().any():
+        if "" in row:
+            raise InswsnError(f"{path.name} has a blank cell; every printed cell has a number.")
+        cells = dict(zip(header, row, strict=True))
+        found[cells.pop(index)] = cells
+    if len(found) < len(rows):
         raise InswsnError(f"{path.name} names a row twice in its column {index!r}.")
-    if (frame == "").any(axis=None):
-        raise InswsnError(f"{path.name} has a blank cell; every printed cell has a number.")
-    return frame.set_index(index)
+    return found
+
+
+def read_table(path: Path, index: str) -> pd.DataFrame:
+    """Return what `read_rows` does as a table.
+
+    Examples
+    --------
+    >>> import inswsn_lib as iw
+    >>> from inswsn_lib.papers import read_table
+    >>> table = read_table(iw.data_file("papers/p1-table2.csv"), index="method")
+    >>> table.loc["HF", "rx1"]
+    '0.3881'
+    """
+    rows = read_rows(path, index)
+    return pd.DataFrame.from_dict(rows, orient="index", dtype="str").rename_axis(index)
 
 
 def read_numbers(path: Path) -> dict[str, Any]:

@@ -3,21 +3,26 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 import zipfile
 from io import BytesIO
 
+import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 from inswsn_book.live.about import about_lesson
-from inswsn_book.live.absent import PACKAGES
+from inswsn_book.live.absent import PACKAGES, AbsentError
 from inswsn_book.live.bundle import archive
 from inswsn_book.live.cells import Lesson, Plan, answer, before, names
 from inswsn_book.live.html import SCRIPTS
 from inswsn_book.live.measured import Measured
 from inswsn_book.live.site import lessons
+from inswsn_book.live.unrecorded import ChapterRecord as Unrecorded
 from inswsn_book.project import Project
+from inswsn_book.record import ChapterRecord
+from inswsn_book.results import Results
 
 
 @pytest.mark.parametrize(
@@ -139,7 +144,7 @@ def test_what_is_loaded_cannot_be_made_absent() -> None:
 
 
 def test_the_archive_is_the_same_each_time_and_has_data_that_json_can_read(
-    project: Project,
+    project: Project, published: dict[str, Results]
 ) -> None:
     first = archive(project)
     assert first == archive(project)
@@ -147,7 +152,31 @@ def test_the_archive_is_the_same_each_time_and_has_data_that_json_can_read(
     with zipfile.ZipFile(BytesIO(first)) as packed:
         scenario = json.loads(packed.read("inswsn_lib/data/scenarios/p1.yaml"))
         assert set(scenario["speed"]) == {"value", "unit", "source", "why"}
-        assert "inswsn_book/runs.py" not in packed.namelist()
+        names = packed.namelist()
+        assert "inswsn_book/runs.py" not in names
+        licences = [name for name in names if name.rpartition("/")[2].startswith("LICENSE")]
+        assert len(licences) == 2  # of mpmath and lazy_loader, which others made
+        values = json.loads(packed.read("inswsn_lib/data/published.json"))
+    said = {q.name: q.value for q in published["04"].quantities}
+    assert values["04"] == said
+
+
+def test_a_record_in_the_page_has_what_cells_ask_of_one(
+    project: Project, capsys: pytest.CaptureFixture[str]
+) -> None:
+    asked = set()
+    for chapter in lessons(project):
+        asked |= set(re.findall(r"\brecord\.(\w+)\(", chapter.source.read_text(encoding="utf-8")))
+    assert {"data", "holds", "reference", "say"} <= asked
+    assert all(hasattr(Unrecorded, name) and hasattr(ChapterRecord, name) for name in asked)
+    record = Unrecorded("02", {})
+    assert record.data("papers/p1.yaml").is_file()
+    with pytest.raises(AbsentError, match=r"^data/recorded/none\.json is not in the page\.$"):
+        record.data("recorded/none.json")
+    record.holds("It is so.", condition=True)
+    record.holds("It is so, too.", np.float64(1) > 2)
+    assert capsys.readouterr().out == "No longer true: It is so, too.\n"
+    record.say("x", "y")
 
 
 def test_parameters_become_fields(project: Project) -> None:

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
 from typing import Any
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
 from inswsn_book.moving import Moving, Slider
 from inswsn_lib.papers import about, admits, bounds, interval
 
 Array = NDArray[np.float64]
+Texts = Sequence[str]  # cells of a column, as printed
 
 OFFSETS = range(-9, 10)
 DIGITS = (1, 2, 3, 4)
@@ -26,19 +26,17 @@ PERIODS = np.round(np.arange(0.1, 1.21, 0.05), 2)
 TIME = np.linspace(0, 1, 2001)
 
 
-def rows_met(table: pd.DataFrame, offset: int) -> int:
+def rows_met(x: Texts, y: Texts, mean: Texts, offset: int) -> int:
     """Count the means of P1's Table 1 that x of a row and y of the row `offset` below give."""
-    other = dict(enumerate(map(interval, table.dry)))
-    pairs = zip(map(interval, table.drx), table.mean_position, strict=True)
+    other = dict(enumerate(map(interval, y)))
     return sum(
-        admits((x + other.get(row + offset, 0)) / 2, mean) for row, (x, mean) in enumerate(pairs)
+        admits((interval(cell) + other.get(row + offset, 0)) / 2, printed)
+        for row, (cell, printed) in enumerate(zip(x, mean, strict=True))
     )
 
 
-def _cells(table: pd.DataFrame) -> tuple[Array, Array, Array]:
-    columns = (table.drx, table.dry, table.mean_position)
-    x, y, mean = (np.array(column, dtype=float) for column in columns)
-    return x, y, mean
+def _numbers(*columns: Texts) -> list[Array]:
+    return [np.array(column, dtype=float) for column in columns]
 
 
 def _below(y: Array, offset: int) -> Array:
@@ -46,11 +44,11 @@ def _below(y: Array, offset: int) -> Array:
     return np.where((rows >= 0) & (rows < len(y)), y[np.clip(rows, 0, len(y) - 1)], 0.0)
 
 
-def show_slip(table: pd.DataFrame) -> None:
-    """Show ten printed means, and those that the cells give by the offset between x and y."""
-    x, y, mean = _cells(table)
+def show_slip(xs: Texts, ys: Texts, means: Texts) -> None:
+    """Show ten printed means, and those that x and y give by the offset between them."""
+    met = {s: rows_met(xs, ys, means, s) for s in OFFSETS}
+    x, y, mean = _numbers(xs, ys, means)
     row = np.arange(1, len(x) + 1)
-    met = {s: rows_met(table, s) for s in OFFSETS}
     shown = Moving(
         "Ten means, and where they come from",
         Slider("s", "y is taken from", [*OFFSETS], -1, "{:+d} rows below"),
@@ -79,13 +77,13 @@ def _orders(cells: int) -> NDArray[np.int64]:
     return np.array([rng.permutation(cells + 1)[:cells] for _ in range(ORDERS)])
 
 
-def by_digits(table: pd.DataFrame) -> dict[int, tuple[Array, Array]]:
+def by_digits(xs: Texts, ys: Texts, means: Texts) -> dict[int, tuple[Array, Array]]:
     """Return how many rows agree, by offset and in random orders, if digits are struck off.
 
     In units of the last digit each of x, y and the mean is off by half at most: so x + y - 2 mean
     is off by two at most.
     """
-    x, y, mean = _cells(table)
+    x, y, mean = _numbers(xs, ys, means)
     found = {}
     for digits in DIGITS:
         unit = 10.0**digits
@@ -99,9 +97,9 @@ def by_digits(table: pd.DataFrame) -> dict[int, tuple[Array, Array]]:
     return found
 
 
-def show_digits(table: pd.DataFrame) -> None:
+def show_digits(xs: Texts, ys: Texts, means: Texts) -> None:
     """Show how many rows agree by offset and by chance, if fewer digits were printed."""
-    found = by_digits(table)
+    found = by_digits(xs, ys, means)
     rows = np.arange(11)
     shares = {
         d: np.bincount(f[1].astype(int), minlength=11) / ORDERS * 100 for d, f in found.items()

@@ -23,9 +23,6 @@ PACKAGES = frozenset({
     "torch", "yaml",
 })  # fmt: skip
 
-#: Modules of the book that are of no use there, and what they are called
-MODULES = {"inswsn_book.record": "the record of the build"}
-
 
 class AbsentError(ModuleNotFoundError):
     """Code needs a package that is not in the page; ``name`` says which."""
@@ -66,8 +63,7 @@ class _Module(ModuleType):
     def __getattr__(self, name: str) -> Any:
         if name.startswith("__") and name != "__with_libyaml__":
             raise AttributeError(name)
-        package = MODULES.get(self.__name__, self.__name__.partition(".")[0])
-        return _absent(package)
+        return _absent(self.__name__.partition(".")[0])
 
 
 class _Finder(MetaPathFinder, Loader):
@@ -76,7 +72,7 @@ class _Finder(MetaPathFinder, Loader):
     def find_spec(
         self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
-        if fullname.partition(".")[0] not in PACKAGES and fullname not in MODULES:
+        if fullname.partition(".")[0] not in PACKAGES:
             return None
         return ModuleSpec(fullname, self, is_package=True)
 

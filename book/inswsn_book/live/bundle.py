@@ -6,15 +6,17 @@ import io
 import json
 import zipfile
 from collections.abc import Iterator
-from importlib.metadata import version
-from importlib.util import find_spec
+from importlib.metadata import files, version
 from pathlib import Path
 
 from inswsn_book.project import Project
+from inswsn_book.results import read_results
 from inswsn_lib.files import read_yaml
 
 # of the book's package: what lessons import, what shows it, and this room
 _BOOK = ("__init__.py", "legible.py", "moving.py", "parameters.py", "show.py", "lessons", "live")
+_DATA = ("examples/*.csv", "papers/*.csv", "papers/*.yaml", "scenarios/*.yaml")
+_PACKAGES = ("lazy_loader", "mpmath")  # that others made, of Python alone
 _TIME = (1980, 1, 1, 0, 0, 0)  # of every file, so that the same files make the same archive
 
 
@@ -26,15 +28,22 @@ def contents(project: Project) -> Iterator[tuple[str, bytes]]:
     for name in _BOOK:
         for path in _modules(book / name):
             yield f"inswsn_book/{path.relative_to(book).as_posix()}", path.read_bytes()
-    for path in sorted((project.root / "data" / "scenarios").glob("*.yaml")):
-        text = json.dumps(read_yaml(path), ensure_ascii=False, separators=(",", ":"))
-        yield f"inswsn_lib/data/scenarios/{path.name}", text.encode()
-    for path in sorted((project.root / "data" / "examples").glob("*.csv")):
-        yield f"inswsn_lib/data/examples/{path.name}", path.read_bytes()
-    found = find_spec("lazy_loader")
-    assert found is not None
-    assert found.origin is not None
-    yield "lazy_loader/__init__.py", Path(found.origin).read_bytes()
+    yield "inswsn_book/record.py", (book / "live" / "unrecorded.py").read_bytes()
+    results = [read_results(path) for path in sorted(project.published.glob("[0-9][0-9].json"))]
+    found = {each.chapter: {q.name: q.value for q in each.quantities} for each in results}
+    yield "inswsn_lib/data/published.json", json.dumps(found, separators=(",", ":")).encode()
+    for pattern in _DATA:
+        for path in sorted((project.root / "data").glob(pattern)):
+            content = path.read_bytes()
+            if path.suffix == ".yaml":  # there is no parser of YAML, and JSON is YAML
+                text = json.dumps(read_yaml(path), ensure_ascii=False, separators=(",", ":"))
+                content = text.encode()
+            yield f"inswsn_lib/{path.relative_to(project.root).as_posix()}", content
+    for name in _PACKAGES:
+        for file in sorted(files(name) or ()):
+            licence = file.name.startswith("LICENSE")
+            if licence or (file.suffix == ".py" and "tests" not in file.parts):
+                yield file.as_posix(), file.read_binary()
     said = f"Metadata-Version: 2.1\nName: inswsn\nVersion: {version('inswsn')}\n"
     yield "inswsn.dist-info/METADATA", said.encode()
 

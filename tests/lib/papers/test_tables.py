@@ -7,7 +7,16 @@ from pathlib import Path
 import pytest
 
 from inswsn_lib.errors import InswsnError
-from inswsn_lib.papers import AXES, COLUMNS, read_numbers, read_table
+from inswsn_lib.papers import AXES, COLUMNS, read_numbers, read_rows, read_table
+
+
+def test_rows_are_in_printed_order_and_are_those_of_the_table(root: Path) -> None:
+    path = root / "data" / "papers" / "p1-table2.csv"
+    rows = read_rows(path, index="method")
+    assert list(rows) == ["INS-only", "KF", "HF"]
+    assert list(rows["KF"]) == list(COLUMNS)
+    assert rows == read_table(path, index="method").to_dict("index")
+    assert read_table(path, index="method").index.name == "method"
 
 
 def test_digits_survive(tmp_path: Path) -> None:

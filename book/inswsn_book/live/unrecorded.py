@@ -1,0 +1,52 @@
+"""In the place of `inswsn_book.record`, and by that name, in the page: nothing is built there.
+
+So a record has no use but to say where data are, what other chapters found, and which sentences of
+the page a reader's own numbers make untrue.
+"""
+
+from __future__ import annotations
+
+import json
+from functools import cache
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+from inswsn_book.live.absent import AbsentError
+from inswsn_lib.errors import InswsnError
+from inswsn_lib.files import data_file
+
+
+@cache
+def _published() -> dict[str, dict[str, float]]:
+    """Return values by chapter and name, which ``bundle.py`` puts into the page."""
+    kept = data_file("published.json")
+    return json.loads(kept.read_text(encoding="utf-8"))  # type: ignore[no-any-return]
+
+
+class ChapterRecord:
+    """What cells ask of a record, each as `inswsn_book.record.ChapterRecord` has it."""
+
+    def __init__(self, *_: object, **__: object) -> None:
+        pass
+
+    def data(self, name: str) -> Path:
+        """Return the path of a file, if the page has it."""
+        try:
+            return data_file(name)
+        except InswsnError:
+            raise AbsentError(f"data/{name}") from None
+
+    def reference(self, chapter: str, name: str) -> Any:
+        """Return a number of another chapter, of which the page has the values alone."""
+        return SimpleNamespace(value=_published()[chapter][name])
+
+    def holds(self, sentence: str, condition: object) -> None:
+        """Say it if a sentence of the page does not hold."""
+        if not condition:
+            print(f"No longer true: {sentence}")
+
+    def keep(self, *_: object, **__: object) -> None:
+        """Keep nothing."""
+
+    quantity = note = say = write = keep
