@@ -15,8 +15,10 @@ from inswsn_book.live.measured import Measured, measure
 from inswsn_book.project import Project
 from test_lessons import LESSONS, executed
 
+from inswsn_lib.errors import BuildError
+
 #: How many cells of each lesson run: one that no longer does is a loss to the reader
-RUN = {"00": 3, "01": 9, "02": 15, "03": 18, "04": 17, "05": 1, "06": 12, "07": 8}
+RUN = {"00": 16, "01": 9, "02": 17, "03": 23, "04": 17, "05": 1, "06": 12, "07": 9}
 _FIGURE = re.compile(r'data-figure="([^"]+)".*?<script type="application/json">(.*?)</script>')
 
 
@@ -59,6 +61,14 @@ def test_what_is_missing_is_named(project: Project, monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr("inswsn_book.live.measured.sources_of", lambda *_: sources)
     needs = [each.needs for each in measure(project, "none")]
     assert needs == ["", "scipy", "scipy", ""]
+
+
+def test_what_is_installed_here_is_not_in_the_page(
+    project: Project, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("inswsn_book.live.measured.sources_of", lambda *_: ["import pytest"])
+    with pytest.raises(BuildError, match=r"(?s)Cell 1 of none fails .*No module named 'pytest'"):
+        measure(project, "none")
 
 
 def test_a_measured_cell_has_its_text(project: Project, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -18,9 +18,9 @@ from typing import Any
 
 #: Packages of which the page knows that they are not there
 PACKAGES = frozenset({
-    "IPython", "clarabel", "click", "cvxpy", "dask", "distributed", "jupytext", "matplotlib",
-    "numba", "pandas", "papermill", "pydantic", "pyins", "rich", "scipy", "scs", "sklearn",
-    "torch", "yaml",
+    "IPython", "clarabel", "click", "cvxpy", "dask", "distributed", "highspy", "jupytext",
+    "matplotlib", "numba", "pandas", "papermill", "pooch", "pydantic", "pyins", "rich", "scipy",
+    "scs", "sklearn", "torch", "yaml",
 })  # fmt: skip
 
 
