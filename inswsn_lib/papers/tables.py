@@ -74,6 +74,11 @@ def read_rows(path: Path, index: str) -> dict[str, dict[str, str]]:
 def read_table(path: Path, index: str) -> pd.DataFrame:
     """Return what `read_rows` does as a table.
 
+    Parameters
+    ----------
+    path, index
+        As `read_rows` takes them, which says what is refused.
+
     Examples
     --------
     >>> import inswsn_lib as iw

@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from inswsn_book.live.html import policy_of, with_cells
+from inswsn_book.live.html import policy_of, with_cells, with_policy
 from inswsn_book.live.kernels import BusyError, Kernels
 from inswsn_book.live.said import MOST, Said
 from inswsn_book.live.serve import Served
@@ -183,6 +183,8 @@ def test_a_policy_lets_run_what_stands_in_the_page_alone() -> None:
     assert policy["default-src"] == policy["object-src"] == policy["base-uri"] == "'none'"
     assert policy["connect-src"] == policy["worker-src"] == "'self'"
     assert f"script-src {own} 'unsafe-hashes' {handler};" in policy_of("")
+    html = with_policy(with_policy(HTML, "first"), "second")
+    assert re.findall(r'Policy" content="(\w+)"', html) == ["second"]
 
 
 @pytest.mark.parametrize("path", ["/", f"/{PAGE}", "/x.js", "/none.html", "/none", "/live/run"])

@@ -7,9 +7,10 @@ import shutil
 import threading
 from collections.abc import Iterator
 from functools import partial
+from http import HTTPStatus
 from http.server import ThreadingHTTPServer
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import pytest
 from axe_playwright_python.sync_playwright import Axe
@@ -36,11 +37,22 @@ def live(
     site = tmp_path_factory.mktemp("live") / "html"
     shutil.copytree(built_site, site)
     put_in(project, site)
-    handler = partial(_Quiet, directory=str(site))
+    handler = partial(_Told, directory=str(site))
     with ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
         threading.Thread(target=server.serve_forever, daemon=True).start()
         yield f"http://127.0.0.1:{server.server_address[1]}/", site
         server.shutdown()
+
+
+class _Told(_Quiet):
+    """Remembers what it has sent."""
+
+    sent: ClassVar[list[str]] = []
+
+    def log_request(self, code: int | str = "-", size: int | str = "-") -> None:
+        """Remember an answer that has a body."""
+        if int(code) == HTTPStatus.OK:
+            self.sent.append(self.path)
 
 
 def cells_of(page: Page) -> list[tuple[int, Locator]]:
@@ -221,6 +233,21 @@ def test_nothing_is_loaded_before_the_first_press(live: tuple[str, Path], browse
 def test_the_first_press_loads_at_most_20_mb(live: tuple[str, Path]) -> None:
     files = (live[1] / "_static" / "live").iterdir()
     assert sum(path.stat().st_size for path in files) < 20e6
+
+
+def test_what_one_page_has_loaded_the_next_has(live: tuple[str, Path], browser: Browser) -> None:
+    context = browser.new_context()
+    loaded = []
+    for name in (LESSON, f"chapters/{NAMES[0]}.html"):
+        page = context.new_page()
+        page.goto(live[0] + name)
+        _Told.sent.clear()
+        press(cells_of(page)[0][1])
+        loaded.append([path for path in _Told.sent if "/live/" in path])
+    context.close()
+    first, second = loaded
+    assert len(first) > 5
+    assert second == []
 
 
 @pytest.mark.parametrize("size", [{}, PHONE], ids=["desk", "phone"])

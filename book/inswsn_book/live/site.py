@@ -44,6 +44,7 @@ def put_in(project: Project, site: Path) -> None:
     shutil.rmtree(place, ignore_errors=True)
     shutil.copytree(made, place)
     (place / "inswsn.zip").write_bytes(archive(project))
+    megabytes = round(sum(path.stat().st_size for path in place.iterdir()) / 1e6)
     shutil.copy(project.root / "data" / "examples" / "ins-wsn.csv", place.parent)
     shutil.copytree(SCRIPTS, place.parent, dirs_exist_ok=True)
     noise = [{"name": name} | figure._asdict() for name, figure in FIGURES.items()]
@@ -54,6 +55,7 @@ def put_in(project: Project, site: Path) -> None:
         click.echo(f"{chapter.name}: {runs} of {len(found)} cells run in the page")
     for name, about in told.items():
         path = site / "chapters" / f"{name}.html"
+        about["megabytes"] = megabytes
         page = with_cells(path.read_text(encoding="utf-8"), "../", about)
         path.write_text(with_policy(page, policy_of(page)), encoding="utf-8")
 

@@ -212,7 +212,7 @@
     const first = cells[wanted[0]];
     live.forEach((cell) => { cell.run.disabled = true; });
     first.halt.hidden = false;
-    first.status.textContent = worker || inMachine ? "waits" : "Python starts: some 15 MB, once";
+    first.status.textContent = worker || inMachine ? "waits" : `Python starts: ${known.megabytes} MB, once`;
     try {
       await send({ run: { sources: cells.map((cell) => cell.source), runs: cells.map((cell) => cell.runs), wanted, below } },
         (said) => (cells[said.cell].box ? cells[said.cell] : first).take(said));
