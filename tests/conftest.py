@@ -442,6 +442,16 @@ def files_of(folder: Path) -> dict[str, bytes]:
 # A browser ---------------------------------------------------------------------------------------
 
 
+FLAGS = [
+    *("--disable-gpu", "--disable-background-networking", "--disable-component-update"),
+    # a click would wait for the end of each scroll
+    *("--disable-sync", "--disable-smooth-scrolling", "--no-first-run"),
+    "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1",  # no other host
+    # Chromium has no sandbox for root
+    *(["--no-sandbox"] if hasattr(os, "geteuid") and os.geteuid() == 0 else []),
+]
+
+
 @pytest.fixture(scope="session")
 def chromium() -> str:
     """The path of Debian's Chromium, or a skip that says how to get it.
@@ -462,14 +472,8 @@ def browser(chromium: str) -> Iterator[Browser]:
     """One headless Chromium for all tests of pages."""
     from playwright.sync_api import sync_playwright  # most tests need none
 
-    flags = ["--disable-gpu", "--disable-background-networking", "--disable-component-update"]
-    # a click would wait for the end of each scroll
-    flags += ["--disable-sync", "--disable-smooth-scrolling", "--no-first-run"]
-    flags.append("--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1")  # no other host
-    if hasattr(os, "geteuid") and os.geteuid() == 0:
-        flags.append("--no-sandbox")  # Chromium has no sandbox for root
     with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=chromium, args=flags)
+        browser = playwright.chromium.launch(executable_path=chromium, args=FLAGS)
         yield browser
         browser.close()
 

@@ -14,7 +14,7 @@ from typing import Any, ClassVar
 
 import pytest
 from axe_playwright_python.sync_playwright import Axe
-from conftest import _Quiet
+from conftest import FLAGS, _Quiet
 from inswsn_book.live.site import lessons, put_in
 from inswsn_book.project import Project
 from playwright.sync_api import Browser, Locator, Page
@@ -235,8 +235,13 @@ def test_the_first_press_loads_at_most_20_mb(live: tuple[str, Path]) -> None:
     assert sum(path.stat().st_size for path in files) < 20e6
 
 
-def test_what_one_page_has_loaded_the_next_has(live: tuple[str, Path], browser: Browser) -> None:
-    context = browser.new_context()
+def test_what_one_page_has_loaded_the_next_has(
+    live: tuple[str, Path], browser: Browser, chromium: str, tmp_path: Path
+) -> None:
+    """In a browser that keeps files on disk, as a reader's does."""
+    context = browser.browser_type.launch_persistent_context(
+        tmp_path, executable_path=chromium, args=FLAGS
+    )
     loaded = []
     for name in (LESSON, f"chapters/{NAMES[0]}.html"):
         page = context.new_page()
