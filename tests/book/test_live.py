@@ -8,11 +8,12 @@ import subprocess
 import sys
 import zipfile
 from io import BytesIO
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
-from inswsn_book.live.about import about_lesson
+from inswsn_book.live.about import about_lesson, fields
 from inswsn_book.live.absent import PACKAGES, AbsentError
 from inswsn_book.live.bundle import archive
 from inswsn_book.live.cells import Lesson, Plan, answer, before, names
@@ -20,6 +21,7 @@ from inswsn_book.live.html import SCRIPTS
 from inswsn_book.live.measured import Measured
 from inswsn_book.live.site import lessons
 from inswsn_book.live.unrecorded import ChapterRecord as Unrecorded
+from inswsn_book.parameters import read_schema
 from inswsn_book.project import Project
 from inswsn_book.record import ChapterRecord
 from inswsn_book.results import Results
@@ -64,8 +66,15 @@ def test_a_cell_runs_with_what_it_needs_and_again_alone() -> None:
     plan.ran(0, "a = 2")  # by itself: what needs it is old now
     assert plan.needed(changed, [3]) == [1, 3]
     assert plan.below(CELLS, 0) == [1, 3]
-    plan.starts(2)  # and does not end well
+    for turn in plan.turns({"sources": CELLS, "wanted": [2], "runs": [True] * 6}):
+        assert turn == {"cell": 2, "starts": 1, "of": 1}  # and does not end well
     assert 2 in plan.needed(CELLS, [3])
+
+
+def test_a_cell_that_fails_keeps_from_running_what_needs_it_alone() -> None:
+    sources = ["a = 1 / 0", "b = a", "c = b", "d = 2", "print(d)"]
+    assert [cell for cell, said in told(sources, [2, 4]) if said] == [0, 4]
+    assert [cell for cell, _ in told(["a = 1", *sources[1:]], [2, 4])] == [0, 1, 2, 3, 4]
 
 
 @given(st.lists(st.sampled_from(["x = 1", "x", "y = x", "z = y + x", "1"]), max_size=6))
@@ -95,10 +104,10 @@ def test_the_last_value_is_printed_as_a_notebook_does() -> None:
     assert told(["None"], [0]) == [(0, "")]
 
 
-def test_an_error_is_shown_as_python_shows_it_and_ends_the_run() -> None:
+def test_an_error_is_shown_as_python_shows_it() -> None:
     sources = ["def f(x):\n    return 1 / x", "f(0)", "f(1)"]
-    ((cell, _), (failed, error)) = told(sources, [1, 2])
-    assert (cell, failed) == (0, 1)
+    ((cell, _), (failed, error), after) = told(sources, [1, 2])
+    assert (cell, failed, after) == (0, 1, (2, "1.0\n"))
     lines = error.splitlines()
     assert lines[0] == "Traceback (most recent call last):"
     assert '  File "<cell 2>", line 1, in <module>' in lines
@@ -182,11 +191,13 @@ def test_a_record_in_the_page_has_what_cells_ask_of_one(
 def test_parameters_become_fields(project: Project) -> None:
     assert len(lessons(project)) == 8
     (chapter,) = (each for each in lessons(project) if each.name.startswith("02"))
-    told = about_lesson(chapter, [Measured("", 0.123, "", []), Measured("scipy", 0, "", [])])
+    measured = [Measured("", 0.123, "", []), *[Measured("scipy", 0, "", [])] * 16]
+    told = about_lesson(chapter, measured)
     seed, q_scale = told["parameters"]
     assert (seed["name"], seed["whole"], seed["low"], seed["high"]) == ("seed", True, 0, 1000000)
     assert (q_scale["value"], q_scale["low"]) == (1.0, 1e-4)
-    assert told["cells"] == [{"needs": "", "seconds": 0.1}, {"needs": "scipy", "seconds": 0}]
+    assert told["cells"][0] == {"needs": "", "seconds": 0.1, "before": []}
+    assert told["cells"][1] == {"needs": "scipy", "seconds": 0, "before": [0]}
     assert told["files"]
     assert not told["kernel"]
 
@@ -199,3 +210,18 @@ def test_no_script_of_the_page_writes_html_of_others() -> None:
         assert all("this.first" in line or "innerHTML, source" in line for line in written)
         assert "eval(" not in script
         assert "http:" not in script
+
+
+@pytest.mark.parametrize(
+    ("rule", "limits"),
+    [
+        ("float = 1.0  # 1; in [0, 10)", (0, 10, False, True)),
+        ("float = 1.0  # 1; in (0, inf)", (0, None, True, False)),
+        ("int = 1  # 1; in (0, 10)", (1, 9, False, False)),
+        ("int = 1  # 1; any", (None, None, False, False)),
+    ],
+)
+def test_a_field_has_the_limits_of_its_parameter(rule: str, limits: tuple[Any, ...]) -> None:
+    schema = read_schema(f"# It.\nx: {rule}\n")
+    (field,) = fields(schema.parameters)
+    assert tuple(field[name] for name in ("low", "high", "above", "below")) == limits

@@ -149,15 +149,16 @@ def test_a_page_has_its_cells_and_what_they_may_be_set_to(served: Served) -> Non
     found = re.search(r'<script type="application/json" id="live">(.*?)</script>', page)
     assert found is not None
     about = json.loads(found[1])
-    runs = {"needs": "", "seconds": 0}
-    unseen = runs | {"source": "twice = scale * number"}
-    assert about["cells"] == [runs, runs, unseen, runs]
+    source = "twice = scale * number"
+    needed = [[], [], [0, 1], [0, 1, 2]]
+    runs = [{"needs": "", "seconds": 0, "before": before} for before in needed]
+    assert about["cells"] == [*runs[:2], runs[2] | {"source": source}, runs[3]]
     assert about["kernel"] is True
     assert about["parameters"] == [
-        {"name": "scale", "value": 2.0, "low": 0, "high": 100, "whole": False,
-         "meaning": "What the number is multiplied by."},
-        {"name": "times", "value": 3, "low": 1, "high": None, "whole": True,
-         "meaning": "How often."},
+        {"name": "scale", "value": 2.0, "low": 0, "above": True, "high": 100, "below": False,
+         "whole": False, "meaning": "What the number is multiplied by."},
+        {"name": "times", "value": 3, "low": 1, "above": False, "high": None, "below": False,
+         "whole": True, "meaning": "How often."},
     ]  # fmt: skip
     assert '<script src="../_static/live.js"></script>' in page
     front = ask(served, "/").body.decode()

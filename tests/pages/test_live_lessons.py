@@ -208,9 +208,51 @@ def test_what_is_missing_is_said_and_the_next_offered(
 ) -> None:
     page = visit(browser, live[0], f"chapters/{NAMES[1]}.html").page
     bar = page.locator(".live-bar", has_text="it needs cvxpy").first
-    link = bar.get_by_role("link")
+    link = bar.get_by_role("link", name="To the next that runs.")
     target = page.locator(link.get_attribute("href") or "")
     assert target.get_attribute("contenteditable") == "plaintext-only"
+    page.close()
+
+
+LESS_SURE = ("+ q * Q", "+ 50 * q * Q")  # in the Kalman filter of lesson 02
+
+
+def test_what_is_out_of_date_is_marked_and_what_is_untrue_is_named(
+    live: tuple[str, Path], browser: Browser
+) -> None:
+    page = lesson_page(live, browser)
+    cells = dict(cells_of(page))
+    (number,) = (n for n, box in cells.items() if LESS_SURE[0] in (box.inner_text() or ""))
+    box = cells[number]
+    write(box, (box.locator("pre[contenteditable]").text_content() or "").replace(*LESS_SURE))
+    status = press(box)  # a cell below fails, and what does not need it runs all the same
+    failed = [n for n in cells if "failed" in cells[n].locator(".live-status").inner_text()]
+    assert failed == [number + 1]
+    assert "No longer true: With the right size of Q it is too sure." in status
+    assert "Out of date" not in status
+    box.get_by_role("button", name="Reset").click()
+    told = [cells[n].locator(".live-status").inner_text() for n in cells if n >= number]
+    assert set(told) <= {"as in the book", ""}
+    assert page.locator(".live-out:visible").count() == 0
+    page.close()
+
+
+def test_cells_that_do_not_run_say_whose_numbers_they_show(
+    live: tuple[str, Path], browser: Browser
+) -> None:
+    page = visit(browser, live[0], f"chapters/{NAMES[5]}.html").page
+    bars = page.locator(".live-bar", has_text="not yours")
+    assert bars.count() == 0
+    page.get_by_label("seed").fill("7")
+    page.get_by_label("seed").press("Enter")
+    page.locator(".live-status", has_text="since not in the page").wait_for(timeout=2 * MINUTES)
+    assert bars.count() > 15
+    page.get_by_role("button", name="Reset cell 1").click()
+    assert bars.count() == 0
+    field = page.get_by_label("lateral")
+    field.fill("-1")
+    field.press("Enter")
+    assert not field.evaluate("field => field.validity.valid")
     page.close()
 
 

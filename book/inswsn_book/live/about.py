@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
+from inswsn_book.live.cells import before
 from inswsn_book.live.measured import Measured
 from inswsn_book.parameters import Parameter, ends, notebook_schema, read_myst
 from inswsn_book.project import Chapter
@@ -18,25 +19,29 @@ UNSEEN = "remove-cell"
 def about_chapter(chapter: Chapter) -> dict[str, Any]:
     """Return what its page is told on the reader's own machine: every cell runs.
 
-    A cell that the page does not show comes with its source: others need it.
+    Of each cell it is told which others it needs. One that the page does not show comes with its
+    source.
     """
     notebook = read_myst(read_text(chapter.source), chapter.source.name)
-    cells = [
-        {"needs": "", "seconds": 0} | ({"source": cell.source} if _unseen(cell) else {})
-        for cell in notebook.cells
-        if cell.cell_type == "code"
-    ]
+    cells = [cell for cell in notebook.cells if cell.cell_type == "code"]
+    sources = [cell.source for cell in cells]
     return {
         "kernel": True,
-        "cells": cells,
+        "cells": [
+            {"needs": "", "seconds": 0, "before": before(sources, place)}
+            | ({"source": cell.source} if _unseen(cell) else {})
+            for place, cell in enumerate(cells)
+        ],
         "parameters": fields(notebook_schema(notebook, chapter.source.name).parameters),
     }
 
 
 def about_lesson(chapter: Chapter, measured: Sequence[Measured]) -> dict[str, Any]:
     """Return what its page is told where Python runs in the page: cells run as they did here."""
-    cells = [{"needs": m.needs, "seconds": round(m.seconds, 1)} for m in measured]
-    return about_chapter(chapter) | {"kernel": False, "files": True, "cells": cells}
+    about = about_chapter(chapter)
+    for cell, found in zip(about["cells"], measured, strict=True):
+        cell |= {"needs": found.needs, "seconds": round(found.seconds, 1)}
+    return about | {"kernel": False, "files": True}
 
 
 def _unseen(cell: Any) -> bool:
@@ -47,15 +52,22 @@ def fields(parameters: tuple[Parameter, ...]) -> list[dict[str, Any]]:
     """Return what a field for each parameter that is a number has to know; None for no limit."""
     return [
         {"name": p.name, "value": p.default, "whole": p.kind == "int", "meaning": p.meaning}
-        | dict(zip(("low", "high"), _limits(p), strict=True))
+        | _limits(p)
         for p in parameters
         if p.kind in ("int", "float")
     ]
 
 
-def _limits(parameter: Parameter) -> tuple[float | None, float | None]:
-    """Return the least and the greatest value; of what is no whole number, the open ends too."""
+def _limits(parameter: Parameter) -> dict[str, Any]:
+    """Return the least and the greatest value, and whether it has to be above or below them."""
     low, high, above, below = ends(parameter.rule) or (-math.inf, math.inf, True, True)
     if parameter.kind == "int":
-        low, high = low + above, high - below
-    return (low if math.isfinite(low) else None), (high if math.isfinite(high) else None)
+        low, high, above, below = low + above, high - below, False, False
+    return {
+        **({"low": low, "above": above} if math.isfinite(low) else {"low": None, "above": False}),
+        **(
+            {"high": high, "below": below}
+            if math.isfinite(high)
+            else {"high": None, "below": False}
+        ),
+    }

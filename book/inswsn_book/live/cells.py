@@ -94,9 +94,19 @@ class Plan:
             wanted += self.below(sources, wanted[0])
         return [cell for cell in self.needed(sources, wanted) if asked["runs"][cell]]
 
-    def starts(self, cell: int) -> None:
-        """Take down that a cell starts: until it ends well, it has not run."""
-        self._ran.pop(cell, None)
+    def turns(self, asked: dict[str, Any]) -> Iterator[dict[str, Any]]:
+        """Say of each cell that is to run that it starts; until `ran` is called, it has not run.
+
+        A cell that needs one that did not end well is left out.
+        """
+        cells = self.asked(asked)
+        failed: set[int] = set()
+        for place, cell in enumerate(cells, 1):
+            if failed.isdisjoint(before(asked["sources"], cell)):
+                self._ran.pop(cell, None)
+                yield {"cell": cell, "starts": place, "of": len(cells)}
+            if cell not in self._ran:
+                failed.add(cell)
 
     def ran(self, cell: int, source: str) -> None:
         """Take down that a cell has run to its end."""
@@ -188,15 +198,14 @@ def answer(lesson: Lesson, plan: Plan, asked: dict[str, Any]) -> Iterator[dict[s
         ``sources`` of all cells, ``wanted``, numbers of cells, ``runs``, whether each cell can, and
         ``below`` if the cells below the first wanted that need it are wanted, too.
     """
-    sources, cells = asked["sources"], plan.asked(asked)
-    for place, cell in enumerate(cells):
-        yield {"cell": cell, "starts": place + 1, "of": len(cells)}
-        plan.starts(cell)
-        said = timed(lesson, cell, sources[cell])
+    for turn in plan.turns(asked):
+        yield turn
+        cell = turn["cell"]
+        source = asked["sources"][cell]
+        said = timed(lesson, cell, source)
+        if not (said["needs"] or said["error"]):
+            plan.ran(cell, source)
         yield {"cell": cell, **said}
-        if said["needs"] or said["error"]:
-            return
-        plan.ran(cell, sources[cell])
 
 
 def timed(lesson: Lesson, cell: int, source: str) -> dict[str, Any]:

@@ -56,16 +56,16 @@ class Kernel:
     async def answer(self, asked: dict[str, Any]) -> AsyncIterator[dict[str, Any]]:
         """Run what a page asks for and say what comes of it, as `cells.answer` does."""
         self._stopped = False
-        cells = self._plan.asked(asked)
-        for place, cell in enumerate(cells):
-            yield {"cell": cell, "starts": place + 1, "of": len(cells)}
+        for turn in self._plan.turns(asked):
+            yield turn
+            cell = turn["cell"]
             source = asked["sources"][cell]
-            self._plan.starts(cell)
             said = await self._run(source)
+            if not said["error"]:
+                self._plan.ran(cell, source)
             yield {"cell": cell, **said}
-            if said["error"]:
+            if self._stopped or self.ended:
                 return
-            self._plan.ran(cell, source)
 
     async def stop(self) -> None:
         """Interrupt the cell that runs, or see that the next one does not."""

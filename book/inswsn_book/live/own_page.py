@@ -89,13 +89,15 @@ def _fit_told(found: Examined) -> Iterator[str]:
     mean, low, high = nis["mean"], nis["low"], nis["high"]
     largest, bound = white["largest"], white["bound"]
     yield (
-        f"The mean NIS of {nis['measured']} measured components is {mean:.2f}; 95 % of filters "
-        f"that fit have it between {low:.2f} and {high:.2f}."
+        f"The mean NIS of {nis['measured']} measured components is {mean:.3f}; 95 % of filters "
+        f"that fit have it between {low:.3f} and {high:.3f}."
     )
     _, value, least, most, group = _grouped(found)
     inside = f"{100 * np.mean((least <= value) & (value <= most)):.0f} %"
     what = "fixes" if group == 1 else f"means of {group} fixes"
     yield f"Of the {len(value)} {what} in the chart of the NIS {inside} are in the band for 95 %."
+    if value.max() > _top(value, most):
+        yield "What lies above that chart is drawn at its upper end."
     if largest is not None:
         yield (
             f"The largest autocorrelation of neighbouring innovations is {largest:.2f}, up to "
@@ -114,7 +116,7 @@ def _fit_told(found: Examined) -> Iterator[str]:
         )
     else:
         verdict = "they fit, in size and in whiteness"
-    yield f"The verdict on the noise figures: {verdict}."
+    yield f"The verdict on the noise figures, at 95 %: {verdict}."
 
 
 def _tables(found: Examined) -> Iterator[dict[str, Any]]:
@@ -204,7 +206,7 @@ def _draw_nis(shown: Moving, found: Examined) -> None:
     data = found.data
     time, value, low, high, group = _grouped(found)
     clock = data.time - data.time[0]
-    top = min(4 * float(high.max()), 1.05 * float(max(value.max(), high.max())))
+    top = _top(value, high)
     what = "of each fix" if group == 1 else f"of each {group} fixes"
     chart = shown.chart(
         f"NIS of a component, {what}", x=_CLOCK, y="NIS (1)", xlim=_ends(clock), ylim=(0, top)
@@ -212,6 +214,11 @@ def _draw_nis(shown: Moving, found: Examined) -> None:
     _shade_outages(shown, chart, data)
     shown.draw(chart, "kalman", "", (time, low, high), style="band")
     shown.draw(chart, "kalman", "", (time, value), style="points")
+
+
+def _top(value: Array, high: Array) -> float:
+    """Return where the chart of the NIS ends: one fix far off would make it flat."""
+    return min(4 * float(high.max()), 1.05 * float(max(value.max(), high.max())))
 
 
 def _grouped(found: Examined) -> tuple[Array, Array, Array, Array, int]:

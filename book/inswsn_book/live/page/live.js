@@ -7,6 +7,8 @@
 
 (() => {
   const SERVE = "python -m http.server --bind 127.0.0.1";
+  const HINT = "Code runs where you read it: change a cell and press Run, or Ctrl and Enter. Cells that need it follow, with their figures. "
+    + "Text and tables stay the book's; a sentence that your numbers make untrue is named.";
   const here = new URL(".", document.currentScript.src);
   const known = JSON.parse(document.getElementById("live").textContent);
 
@@ -110,6 +112,7 @@
       this.source = this.code.textContent;
       this.first = { html: this.code.innerHTML, source: this.source, figures: new Map() };
       this.last = this.source; // that was run
+      this.shown = {}; // the sources by which it shows what it shows, of this cell and those it needs, if not the book's
       this.status = make("span", { class: "live-status", role: "status" });
       this.out = make("pre", { class: "live-out", tabindex: "0", "aria-label": `What cell ${number + 1} says` });
       this.out.hidden = true;
@@ -121,15 +124,15 @@
     build(cells) {
       if (this.runs) {
         // what needs a cell that has changed follows it
-        this.run = this.button("Run", () => request(cells, [this.number], this.source !== this.last));
+        this.run = this.button("Run", () => request(cells, this.number, this.source !== this.last));
         this.halt = this.button("Stop", stop);
-        this.reset = this.button("Reset", () => this.putBack());
+        this.reset = this.button("Reset", () => this.putBack(cells));
         this.halt.hidden = this.reset.hidden = true;
         for (const [key, value] of Object.entries({ contenteditable: "plaintext-only", spellcheck: "false", role: "textbox",
           "aria-multiline": "true", "aria-label": `Code of cell ${this.number + 1}`, tabindex: "0" })) this.code.setAttribute(key, value);
         this.code.addEventListener("input", () => {
           this.source = this.code.innerText; // an Enter makes a <br>, which is no text content
-          this.reset.hidden = false;
+          this.isEdited();
         });
         this.code.addEventListener("keydown", (event) => {
           if (event.key !== "Enter" || !(event.ctrlKey || event.metaKey || event.shiftKey)) return;
@@ -138,10 +141,12 @@
         });
         this.bar.append(this.run, this.halt, this.reset, this.status);
       } else {
-        this.bar.append(`Not in the page: it needs ${this.about.needs}. `);
-        const next = cells.slice(this.number + 1).find((cell) => cell.runs);
-        if (next) this.bar.append(make("a", { href: `#${next.code.id}` }, `Cell ${next.number + 1} runs.`));
-        if (cells.find((cell) => !cell.runs) === this) this.bar.append(" On your own machine all do: ", make("code", {}, "make serve LIVE=1"));
+        this.bar.append(`Not in the page: it needs ${this.about.needs}.`, this.status);
+        const next = cells.slice(this.number + 1).find((cell) => cell.runs && cell.box);
+        if (next) this.bar.append(make("a", { href: `#${next.code.id}` }, "To the next that runs."));
+        if (cells.find((cell) => !cell.runs) === this) {
+          this.bar.append(make("a", { href: new URL("../launch.html#in-the-pages", here) }, "On your own machine all cells run."));
+        }
       }
       this.input.after(this.bar, this.out);
     }
@@ -152,8 +157,27 @@
       return button;
     }
 
+    /** Show whether a reader has changed it; what was coloured as code may be another word now. */
+    isEdited() {
+      this.code.classList.toggle("live-edited", this.source !== this.first.source);
+      this.reset.hidden = false;
+    }
+
+    /** This cell and those that it needs. */
+    needed(cells) { return [...this.about.before, this.number].map((i) => cells[i]); }
+
+    /** Whether it shows what another source has made, of itself or of a cell that it needs. */
+    isOld(cells) { return this.needed(cells).some((cell) => cell.last !== (this.shown[cell.number] ?? cell.first.source)); }
+
+    /** Say so if it is. */
+    mark(cells) {
+      const [old, said] = [this.isOld(cells), this.runs ? OLD : OF_THE_BOOK];
+      if (old) this.status.textContent = said;
+      else if (this.status.textContent === said) this.status.textContent = "";
+    }
+
     /** Take what Python says of this cell. */
-    take(said) {
+    take(said, cells) {
       if (said.starts) {
         this.last = this.source;
         this.status.textContent = said.of > 1 ? `runs, ${said.starts} of ${said.of}` : "runs";
@@ -172,6 +196,7 @@
       this.out.textContent = text;
       this.out.hidden = !text;
       this.out.classList.toggle("live-error", Boolean(said.error || said.needs));
+      this.shown = Object.fromEntries(this.needed(cells).map((cell) => [cell.number, cell.last]));
       this.status.textContent = said.needs ? `This needs ${said.needs}, which is not in the page.` : this.tellTime(said);
       this.reset.hidden = false;
     }
@@ -185,39 +210,80 @@
 
     removeImages() { this.box.querySelectorAll(".live-image").forEach((node) => node.remove()); }
 
-    putBack() {
+    /** Put back the code, and what it and the cells that need it show, where nothing else was changed. */
+    putBack(cells) {
       this.code.innerHTML = this.first.html; // as the book has it
-      this.source = this.first.source;
+      this.source = this.last = this.first.source;
+      this.isEdited();
+      const asInBook = (cell) => cell.needed(cells).every(({ last, first }) => last === first.source);
+      const others = seen(cells).filter((cell) => cell === this || Object.keys(cell.shown).length);
+      others.filter(asInBook).forEach((cell) => cell.putBackResults());
+      seen(cells).forEach((cell) => cell.mark(cells));
+    }
+
+    putBackResults() {
       this.printed.forEach((node) => { node.hidden = false; });
       this.removeImages();
       for (const [name, text] of this.first.figures) redraw(name, text);
       this.first.figures.clear();
+      this.shown = {};
       this.out.hidden = true;
       this.status.textContent = "as in the book";
-      this.reset.hidden = true;
+      this.reset.hidden = this.source === this.first.source;
     }
   }
 
   /** A cell of which the page shows nothing, and which others need: what it says stands at the cell that was asked for. */
   class Unseen {
-    constructor(number, { source }) { Object.assign(this, { number, source, runs: true, run: {}, status: {} }); }
+    constructor(number, { source }) {
+      Object.assign(this, { number, source, last: source, first: { source }, runs: true, run: {}, status: { textContent: "" } });
+    }
     build() {}
   }
 
-  /** Run cells, with those that they need above, or those below that need the first. */
-  async function request(cells, wanted, below = false) {
+  const seen = (cells) => cells.filter((cell) => cell.box);
+  const OLD = "out of date: run it";
+  const OF_THE_BOOK = "It shows the book's numbers, not yours.";
+  const UNTRUE = /^No longer true: .*$/gm; // as inswsn_book.live.unrecorded says it
+
+  /** What a reader has to know of other cells, once one has run. */
+  function toldOf(cells, first, untrue) {
+    const old = seen(cells).filter((cell) => cell !== first && cell.isOld(cells));
+    const count = (runs) => old.filter((cell) => cell.runs === runs).length;
+    const some = (n) => (n === 1 ? "1 other cell" : `${n} other cells`);
+    return [
+      ...untrue,
+      ...(count(true) ? [`Out of date: ${some(count(true))}.`] : []),
+      ...(count(false) ? [`By the book's numbers, since not in the page: ${some(count(false))}.`] : []),
+    ].map((said) => ` ${said}`).join("");
+  }
+
+  /** Run a cell with those that it needs above; if it is another now, with those below that need it or are out of date. */
+  async function request(cells, number, below) {
     if (busy) return;
     busy = true;
     const live = cells.filter((cell) => cell.runs);
-    const first = cells[wanted[0]];
+    const [first, untrue] = [cells[number], []];
+    const wanted = [number, ...(below ? seen(live).filter((cell) => cell !== first && cell.isOld(cells)).map((cell) => cell.number) : [])];
     live.forEach((cell) => { cell.run.disabled = true; });
     first.halt.hidden = false;
     first.status.textContent = worker || inMachine ? "waits" : `Python starts: ${known.megabytes} MB, once`;
     try {
       await send({ run: { sources: cells.map((cell) => cell.source), runs: cells.map((cell) => cell.runs), wanted, below } },
-        (said) => (cells[said.cell].box ? cells[said.cell] : first).take(said));
+        (said) => {
+          const cell = cells[said.cell];
+          if (!cell.box) cell.last = cell.source;
+          if (said.text && cell !== first) untrue.push(...(said.text.match(UNTRUE) ?? []));
+          (cell.box ? cell : first).take(said, cells);
+        });
+      seen(cells).forEach((cell) => cell.mark(cells));
+      first.status.textContent += toldOf(cells, first, untrue);
     } catch (error) {
-      cells.forEach((cell) => { if (/^(runs|waits)/.test(cell.status.textContent)) cell.status.textContent = ""; });
+      for (const cell of seen(cells)) {
+        if (!/^(runs|waits)/.test(cell.status.textContent)) continue;
+        cell.status.textContent = "";
+        cell.out.hidden = true; // it is of a run before
+      }
       first.status.textContent = error.message;
     } finally {
       busy = false;
@@ -230,15 +296,17 @@
   function addParameters(cells) {
     const cell = cells.find(({ box }) => box?.classList.contains("tag_parameters"));
     if (!cell?.runs) return;
-    const fields = known.parameters.map(({ name, value, low, high, whole, meaning }) => {
+    const fields = known.parameters.map(({ name, value, low, high, above, below, whole, meaning }) => {
       const field = make("input", { type: "number", id: `live-${name}`, value, step: whole ? 1 : "any", min: low, max: high, autocomplete: "off" });
       field.addEventListener("change", () => {
+        const open = [above && field.value <= low && `above ${low}`, below && field.value >= high && `below ${high}`].find(Boolean);
+        field.setCustomValidity(open ? `Value must be ${open}.` : "");
         if (!field.reportValidity()) return;
         const line = new RegExp(`^(${name}\\s*:\\s*\\w+\\s*=\\s*)[^#\\n]*?(\\s*(?:#.*)?)$`, "m");
         cell.source = cell.source.replace(line, (_, start, end) => start + field.value + end);
         cell.code.textContent = cell.source;
-        cell.reset.hidden = false;
-        request(cells, [cell.number], true);
+        cell.isEdited();
+        request(cells, cell.number, true);
       });
       cell.reset.addEventListener("click", () => { field.value = value; });
       return make("div", { class: "live-field" }, make("label", { for: field.id, title: meaning }, name), field);
@@ -256,6 +324,7 @@
     const cells = known.cells.map((about, number) => ("source" in about ? new Unseen(number, about) : new Cell(inputs.shift(), number, about)));
     cells.forEach((cell) => cell.build(cells));
     addParameters(cells);
+    seen(cells)[0]?.box.before(make("p", { class: "live-bar" }, HINT));
   }
 
   if (document.readyState === "loading") document.addEventListener("DOMContentLoaded", start);
