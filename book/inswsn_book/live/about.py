@@ -63,11 +63,10 @@ def _limits(parameter: Parameter) -> dict[str, Any]:
     low, high, above, below = ends(parameter.rule) or (-math.inf, math.inf, True, True)
     if parameter.kind == "int":
         low, high, above, below = low + above, high - below, False, False
+    lowest, highest = math.isfinite(low), math.isfinite(high)
     return {
-        **({"low": low, "above": above} if math.isfinite(low) else {"low": None, "above": False}),
-        **(
-            {"high": high, "below": below}
-            if math.isfinite(high)
-            else {"high": None, "below": False}
-        ),
+        "low": low if lowest else None,
+        "high": high if highest else None,
+        "above": above and lowest,
+        "below": below and highest,
     }
