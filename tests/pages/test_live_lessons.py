@@ -222,7 +222,7 @@ def test_what_is_out_of_date_is_marked_and_what_is_untrue_is_named(
 ) -> None:
     page = lesson_page(live, browser)
     cells = dict(cells_of(page))
-    (number,) = (n for n, box in cells.items() if LESS_SURE[0] in (box.inner_text() or ""))
+    number = next(n for n, box in cells.items() if LESS_SURE[0] in (box.inner_text() or ""))
     box = cells[number]
     write(box, (box.locator("pre[contenteditable]").text_content() or "").replace(*LESS_SURE))
     status = press(box)  # a cell below fails, and what does not need it runs all the same
