@@ -247,15 +247,17 @@
   const UNTRUE = /^No longer true: .*$/gm; // as inswsn_book.live.unrecorded says it
 
   /** What a reader has to know of other cells, once one has run. */
-  function toldOf(cells, first, untrue) {
+  function toldOf(cells, first, failed, untrue) {
     const old = seen(cells).filter((cell) => cell !== first && cell.isOld(cells));
     const count = (runs) => old.filter((cell) => cell.runs === runs).length;
     const some = (n) => (n === 1 ? "1 other cell" : `${n} other cells`);
-    return [
+    const told = [
+      ...(failed ? [`Failed: ${some(failed)}.`] : []),
       ...untrue,
       ...(count(true) ? [`Out of date: ${some(count(true))}.`] : []),
       ...(count(false) ? [`By the book's numbers, since not in the page: ${some(count(false))}.`] : []),
-    ].map((said) => ` ${said}`).join("");
+    ];
+    return told.length ? [first.status.textContent.replace(/\.?$/, "."), ...told].join(" ") : first.status.textContent;
   }
 
   /** Run a cell with those that it needs above; if it is another now, with those below that need it or are out of date. */
@@ -264,6 +266,7 @@
     busy = true;
     const live = cells.filter((cell) => cell.runs);
     const [first, untrue] = [cells[number], []];
+    let failed = 0;
     const wanted = [number, ...(below ? seen(live).filter((cell) => cell !== first && cell.isOld(cells)).map((cell) => cell.number) : [])];
     live.forEach((cell) => { cell.run.disabled = true; });
     first.halt.hidden = false;
@@ -273,11 +276,12 @@
         (said) => {
           const cell = cells[said.cell];
           if (!cell.box) cell.last = cell.source;
+          if (said.error && cell !== first) failed += 1;
           if (said.text && cell !== first) untrue.push(...(said.text.match(UNTRUE) ?? []));
           (cell.box ? cell : first).take(said, cells);
         });
       seen(cells).forEach((cell) => cell.mark(cells));
-      first.status.textContent += toldOf(cells, first, untrue);
+      first.status.textContent = toldOf(cells, first, failed, untrue);
     } catch (error) {
       for (const cell of seen(cells)) {
         if (!/^(runs|waits)/.test(cell.status.textContent)) continue;
