@@ -316,7 +316,7 @@ def test_cells_run_in_the_kernel_of_their_page(served: Served, small: Project) -
     changed = ["scale = 3.0", *SOURCES[1:]]
     assert [line["cell"] for line in run(served, [0], changed, below=True)] == [0, 0, 2, 2, 3, 3]
 
-    # an error ends it
+    # an error keeps from running what needs the cell
     *_, last = run(served, [1, 3], ["", "number = 1 / 0", *SOURCES[2:]])
     assert last["cell"] == 1
     assert last["error"].startswith("Traceback (most recent call last)")
@@ -333,7 +333,7 @@ print(find_root(), "TOKEN" in str(os.environ))"""
     (*_, last) = run(served, [0], [where, "", "", ""])
     assert last["text"] == f"{small.root} False\n"
 
-    # a cell that records may run again
+    # a cell that records may run again, and says what is untrue
     records = """from inswsn_book.record import ChapterRecord
 record = ChapterRecord("00", {"scale": 2.0, "times": 3, "word": "a"})
 for value in (1, 2):
@@ -341,7 +341,7 @@ for value in (1, 2):
     record.holds("It is so.", value == 2)
 print(record.results()["length"].value, record.results().sentences)"""
     (*_, last) = run(served, [0], [records, "", "", ""])
-    assert (last["error"], last["text"]) == ("", "2.0 {'It is so.': True}\n")
+    assert last["error"] + last["text"] == "No longer true: It is so.\n2.0 {'It is so.': True}\n"
 
     # a figure that moves is handed over, and its still picture is left out
     figure = """from IPython.display import display, HTML

@@ -301,7 +301,11 @@ def show_periods(longest: Array, *, matrices: float) -> None:
     )
     shown.number("computed", "pairs that are impossible", lambda T: f"{out[T]} of {len(pair)}")
     shown.number("published", "the matrices print", f"{matrices:g} s")
-    shown.sentence(lambda T: f"With a period of {T:g} s, {out[T]} of {len(pair)} are impossible.")
+    shown.sentence(
+        lambda T: (
+            f"With a period of {T:g} s, {out[T]} of {len(pair)} pairs of cells are impossible."
+        )
+    )
     shown.show(
         name="fig-l0-periods",
         caption="Dots above the line are impossible: the position error cannot be as small as it "

@@ -1,10 +1,11 @@
-"""A chapter's record that takes a name again: a reader runs a cell as often as they like."""
+"""A chapter's record for cells that run again: it takes names again, and says what is untrue."""
 
 from __future__ import annotations
 
 from typing import Any
 
 from inswsn_book import record
+from inswsn_book.live.unrecorded import name_untrue
 from inswsn_book.record import ChapterRecord
 from inswsn_book.results import Quantity
 
@@ -17,6 +18,7 @@ class _Again(ChapterRecord):
     def holds(self, sentence: str, condition: object) -> None:
         self._sentences.pop(sentence, None)
         super().holds(sentence, condition)
+        name_untrue(sentence, condition)
 
 
 def record_again() -> None:

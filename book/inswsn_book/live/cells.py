@@ -196,7 +196,8 @@ def answer(lesson: Lesson, plan: Plan, asked: dict[str, Any]) -> Iterator[dict[s
     ----------
     asked
         ``sources`` of all cells, ``wanted``, numbers of cells, ``runs``, whether each cell can, and
-        ``below`` if the cells below the first wanted that need it are wanted, too.
+        ``below`` if the cells below the first wanted that need it are wanted, too. What needs a
+        cell that fails is left out.
     """
     for turn in plan.turns(asked):
         yield turn

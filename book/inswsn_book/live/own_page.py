@@ -50,10 +50,13 @@ def look(text: str, options: Mapping[str, Any]) -> dict[str, Any]:
     'my.csv has 301 steps of 0.2000 s; its time stamps are off the grid by 2.1 ms (1 sigma).'
     """
     found = examine(text, options)
+    sentences = [*_told(found)]
+    shown = _figure(found)
+    shown.sentence(lambda: " ".join(sentences))
     return {
         "name": found.name,
-        "sentences": [*_told(found)],
-        "figure": _figure(found).content(),
+        "sentences": sentences,
+        "figure": shown.content(),
         "tables": [*_tables(found)],
         "csv": _corrected(found.data.time, found.filtered.corrected),
     }
@@ -104,9 +107,9 @@ def _fit_told(found: Examined) -> Iterator[str]:
             f"{bound:.2f} by chance."
         )
     if mean > high:
-        verdict = "they are too small, or the model is wrong"
+        verdict = "at 95 % they are too small, or the model is wrong"
     elif mean < low:
-        verdict = "they are too large"
+        verdict = "at 95 % they are too large"
     elif largest is None:
         verdict = "they fit in size; fixes are too few to tell whether innovations are white"
     elif largest > bound:
@@ -116,7 +119,7 @@ def _fit_told(found: Examined) -> Iterator[str]:
         )
     else:
         verdict = "they fit, in size and in whiteness"
-    yield f"The verdict on the noise figures, at 95 %: {verdict}."
+    yield f"The verdict on the noise figures: {verdict}."
 
 
 def _tables(found: Examined) -> Iterator[dict[str, Any]]:
@@ -164,7 +167,6 @@ def _figure(found: Examined) -> Moving:
     _draw_nis(shown, found)
     if found.white["components"]:
         _draw_whiteness(shown, found)
-    shown.sentence(lambda: " ".join(_told(found)))
     return shown
 
 
@@ -205,8 +207,7 @@ def _draw_nis(shown: Moving, found: Examined) -> None:
     """Draw the NIS of a component of each fix, or the mean of some fixes, and its bounds."""
     data = found.data
     time, value, low, high, group = _grouped(found)
-    clock = data.time - data.time[0]
-    top = _top(value, high)
+    clock, top = data.time - data.time[0], _top(value, high)
     what = "of each fix" if group == 1 else f"of each {group} fixes"
     chart = shown.chart(
         f"NIS of a component, {what}", x=_CLOCK, y="NIS (1)", xlim=_ends(clock), ylim=(0, top)

@@ -24,6 +24,12 @@ def _published() -> dict[str, dict[str, float]]:
     return json.loads(kept.read_text(encoding="utf-8"))  # type: ignore[no-any-return]
 
 
+def name_untrue(sentence: str, condition: object) -> None:
+    """Say it if a sentence of the page does not hold; the page looks for these words."""
+    if not condition:
+        print(f"No longer true: {sentence}")
+
+
 class ChapterRecord:
     """What cells ask of a record, each as `inswsn_book.record.ChapterRecord` has it."""
 
@@ -43,8 +49,7 @@ class ChapterRecord:
 
     def holds(self, sentence: str, condition: object) -> None:
         """Say it if a sentence of the page does not hold."""
-        if not condition:
-            print(f"No longer true: {sentence}")
+        name_untrue(sentence, condition)
 
     def keep(self, *_: object, **__: object) -> None:
         """Keep nothing."""

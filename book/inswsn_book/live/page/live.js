@@ -123,8 +123,8 @@
     /** Buttons below the code, or what it would need. */
     build(cells) {
       if (this.runs) {
-        // what needs a cell that has changed follows it
-        this.run = this.button("Run", () => request(cells, this.number, this.source !== this.last));
+        // what needs a cell that has changed, or shows what another source has made, follows it
+        this.run = this.button("Run", () => request(cells, this.number, this.source !== this.last || this.isOld(cells)));
         this.halt = this.button("Stop", stop);
         this.reset = this.button("Reset", () => this.putBack(cells));
         this.halt.hidden = this.reset.hidden = true;
@@ -132,7 +132,7 @@
           "aria-multiline": "true", "aria-label": `Code of cell ${this.number + 1}`, tabindex: "0" })) this.code.setAttribute(key, value);
         this.code.addEventListener("input", () => {
           this.source = this.code.innerText; // an Enter makes a <br>, which is no text content
-          this.isEdited();
+          this.showEdited();
         });
         this.code.addEventListener("keydown", (event) => {
           if (event.key !== "Enter" || !(event.ctrlKey || event.metaKey || event.shiftKey)) return;
@@ -157,10 +157,11 @@
       return button;
     }
 
-    /** Show whether a reader has changed it; what was coloured as code may be another word now. */
-    isEdited() {
-      this.code.classList.toggle("live-edited", this.source !== this.first.source);
-      this.reset.hidden = false;
+    /** Show whether a reader has changed it, or what it shows; what was coloured as code may be another word now. */
+    showEdited() {
+      const edited = this.source !== this.first.source;
+      this.code.classList.toggle("live-edited", edited);
+      this.reset.hidden = !edited && !Object.keys(this.shown).length;
     }
 
     /** This cell and those that it needs. */
@@ -198,7 +199,7 @@
       this.out.classList.toggle("live-error", Boolean(said.error || said.needs));
       this.shown = Object.fromEntries(this.needed(cells).map((cell) => [cell.number, cell.last]));
       this.status.textContent = said.needs ? `This needs ${said.needs}, which is not in the page.` : this.tellTime(said);
-      this.reset.hidden = false;
+      this.showEdited();
     }
 
     /** How long it took, and what it is to be held against if that was long. */
@@ -214,7 +215,7 @@
     putBack(cells) {
       this.code.innerHTML = this.first.html; // as the book has it
       this.source = this.last = this.first.source;
-      this.isEdited();
+      this.showEdited();
       const asInBook = (cell) => cell.needed(cells).every(({ last, first }) => last === first.source);
       const others = seen(cells).filter((cell) => cell === this || Object.keys(cell.shown).length);
       others.filter(asInBook).forEach((cell) => cell.putBackResults());
@@ -229,7 +230,7 @@
       this.shown = {};
       this.out.hidden = true;
       this.status.textContent = "as in the book";
-      this.reset.hidden = this.source === this.first.source;
+      this.showEdited();
     }
   }
 
@@ -266,7 +267,7 @@
     busy = true;
     const live = cells.filter((cell) => cell.runs);
     const [first, untrue] = [cells[number], []];
-    let failed = 0;
+    let [failed, stopped] = [0, ""];
     const wanted = [number, ...(below ? seen(live).filter((cell) => cell !== first && cell.isOld(cells)).map((cell) => cell.number) : [])];
     live.forEach((cell) => { cell.run.disabled = true; });
     first.halt.hidden = false;
@@ -280,20 +281,19 @@
           if (said.text && cell !== first) untrue.push(...(said.text.match(UNTRUE) ?? []));
           (cell.box ? cell : first).take(said, cells);
         });
-      seen(cells).forEach((cell) => cell.mark(cells));
-      first.status.textContent = toldOf(cells, first, failed, untrue);
     } catch (error) {
+      stopped = error.message;
       for (const cell of seen(cells)) {
-        if (!/^(runs|waits)/.test(cell.status.textContent)) continue;
+        if (!/^(runs|waits|Python starts)/.test(cell.status.textContent)) continue;
         cell.status.textContent = "";
         cell.out.hidden = true; // it is of a run before
       }
-      first.status.textContent = error.message;
-    } finally {
-      busy = false;
-      live.forEach((cell) => { cell.run.disabled = false; });
-      first.halt.hidden = true;
     }
+    seen(cells).forEach((cell) => cell.mark(cells));
+    first.status.textContent = stopped || toldOf(cells, first, failed, untrue);
+    busy = false;
+    live.forEach((cell) => { cell.run.disabled = false; });
+    first.halt.hidden = true;
   }
 
   /** A field for each parameter: when it changes, so does the cell, and what needs it runs. */
@@ -309,7 +309,7 @@
         const line = new RegExp(`^(${name}\\s*:\\s*\\w+\\s*=\\s*)[^#\\n]*?(\\s*(?:#.*)?)$`, "m");
         cell.source = cell.source.replace(line, (_, start, end) => start + field.value + end);
         cell.code.textContent = cell.source;
-        cell.isEdited();
+        cell.showEdited();
         request(cells, cell.number, true);
       });
       cell.reset.addEventListener("click", () => { field.value = value; });
