@@ -25,6 +25,7 @@ import yaml
 from scipy.io import savemat
 
 from inswsn_lib import navigation, recordings
+from inswsn_lib.errors import InswsnError
 from inswsn_lib.navigation import RecordedStudy, read_tables
 from inswsn_lib.navigation.recorded_clusters import RecordedClusters
 from inswsn_lib.navigation.recorded_outages import RecordedOutages
@@ -50,7 +51,7 @@ NUMBERS = {
         f"room.loc['loosely coupled, white fixes', 'nees'] / room.loc['{_COLOURED}', 'nees']"},
     7: {f"{of} {end}": f"pairs.loc['smoother', '{of}_{end}']"
         for of in ("position", "velocity") for end in ("ratio", "high")},
-    8: {"share of the smoother's gain": "(1 - room.loc['fixed-lag smoother, 2 s', 'position_ratio'])"
+    8: {"share of gain": "(1 - room.loc['fixed-lag smoother, 2 s', 'position_ratio'])"
         " / (1 - room.loc['smoother', 'position_ratio'])"},
     9: {end: f"tight.loc['in another order', '{end}']" for end in ("ratio", "low", "high")},
     10: {n: f"tight.loc['{n}', 'ratio']" for n in ("as recorded", "in another order")},
@@ -74,8 +75,9 @@ NUMBERS = {
 class Replication(RecordedStudy):
     """Chapter 06 with another room and another field, and the numbers of those that it had."""
 
-    def __init__(self, room: Path, field: Path) -> None:
+    def __init__(self, kept: dict[str, Any], room: Path, field: Path) -> None:
         super().__init__()
+        vars(self)["kept"] = kept
         first, plaza = RecordedStudy(), RecordedStudy().planar["plaza/2"]
         other = RecordedContest(recordings.load("inrol", room), trials=self.trials)
         mower = PlanarContest(
@@ -84,9 +86,12 @@ class Replication(RecordedStudy):
         # what was found on the first recordings stands where a search would put its result
         vars(other)["tuned"], vars(mower)["tuned"] = first.room.tuned, plaza.tuned
         vars(self).update(room=other, planar=first.planar | {"plaza/2": mower})
-        self.known = RecordedClusters(first.room).covariance
-        self.settings = RecordedOutages(first.room).settings
-        self.size = _size(first.room)
+        vars(self).update(
+            known=RecordedClusters(first.room).covariance,
+            settings=RecordedOutages(first.room).settings,
+            size=_size(first.room),
+            refused={},  # what for, by the word that its sentences begin with
+        )
 
     def tables(self) -> dict[str, Any]:
         """Return the tables of the chapter."""
@@ -98,7 +103,22 @@ class Replication(RecordedStudy):
             vars(mine)["covariance"] = self.known * _size(clusters.contest) / self.size
             return filtered(mine)
 
+        def or_refused(of: type, word: str, name: str) -> Any:
+            """Return a patch of a table that is NaN where it is refused, and keeps why."""
+            table = of.table
+
+            def kept(contest: Any) -> Any:
+                try:
+                    return table(contest)
+                except InswsnError as refusal:
+                    self.refused[word] = str(refusal)
+                    return self.kept[name] * np.nan
+
+            return patch.object(of, "table", kept)
+
         with (
+            or_refused(RecordedClusters, "Clusters", "clusters"),
+            or_refused(PlanarContest, "Mower", "plaza/2"),
             patch.object(RecordedClusters, "covariance", self.known),
             patch.object(RecordedClusters, "_filtered", as_in_first),
             patch.object(RecordedOutages, "settings", self.settings),
@@ -164,7 +184,8 @@ def main(root: Path, room: Path, field: Path, plan_commit: str) -> None:
     kept = read_tables(root / "data/recorded/on-recordings.json")[0]
     with TemporaryDirectory() as folder:
         sort_rows(field, Path(folder))
-        tables = Replication(room, Path(folder)).tables()
+        study = Replication(kept, room, Path(folder))
+        tables = study.tables()
     was, before = run_chapter(root, kept)
     now, after = run_chapter(root, tables)
     rows = []
@@ -174,7 +195,11 @@ def main(root: Path, room: Path, field: Path, plan_commit: str) -> None:
         if each["applies_to"] != "neither":
             assert was[sentence], sentence
             row["came_of_it"] = "held" if now[sentence] else "did not hold"
-            row |= {"published": found(before, number), "replicated": found(after, number)}
+            row["published"] = found(before, number)
+            if reason := study.refused.get(sentence.partition(":")[0]):
+                row |= {"came_of_it": "could not be run", "reason": reason}
+            else:
+                row["replicated"] = found(after, number)
         rows.append(row)
     digests = {
         "inrol/2": recordings.load("inrol", room).digests,
