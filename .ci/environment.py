@@ -21,6 +21,8 @@ from pathlib import Path
 from typing import IO, NoReturn
 
 PIP, LOCK, TORCH = ".ci/pip.txt", "environment.lock", "environment-torch.lock"
+#: Below ``.venvs``: what pip fetches and builds, so that nothing is asked of a home folder
+CACHE = "pip"
 #: What the two packages of the checkout are installed by
 PACKAGES = "pyproject.toml", "book/pyproject.toml"
 
@@ -41,7 +43,7 @@ def main() -> None:
             run(*pip(made, *own))
             installed.write_text(wanted)
         point(Path(".venv"), made)
-        for other in set(kept.iterdir()) - {made, kept / "lock"}:
+        for other in set(kept.iterdir()) - {made, kept / "lock", kept / CACHE}:
             remove(other)
 
 
@@ -133,6 +135,7 @@ def stop(number: int, _: object) -> NoReturn:
 
 
 if __name__ == "__main__":
+    os.environ.setdefault("PIP_CACHE_DIR", str(Path(".venvs", CACHE).absolute()))
     for number in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, stop)
     try:

@@ -12,7 +12,7 @@ import subprocess
 import sys
 import threading
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from functools import cache, partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -26,6 +26,9 @@ from hypothesis import settings
 # Before numpy is imported: one thread a process, as when the book is built. Workers that run tests
 # side by side would else have more threads than there are cores.
 os.environ.update({f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL", "NUMBA")})
+
+# compiled kernels, as when the book is built, whatever the size of the work
+os.environ.setdefault("INSWSN_PLAIN", "0")
 
 from inswsn_book.project import Project
 
@@ -150,12 +153,28 @@ def as_in_a_terminal() -> Iterator[None]:
 Done = subprocess.CompletedProcess[str]
 
 
-def run_command(root: Path, *words: str, timeout: float = 600, **options: Any) -> Done:
+def run_command(
+    root: Path, *words: str, timeout: float = 600, before: Sequence[str] = (), **options: Any
+) -> Done:
     """Run ``inswsn`` on a checkout as a process of its own."""
     return subprocess.run(
-        [sys.executable, "-m", "inswsn_book", "--root", str(root), *words],
+        [*before, sys.executable, "-m", "inswsn_book", "--root", str(root), *words],
         check=False, capture_output=True, text=True, timeout=timeout, cwd=root, **options,
     )  # fmt: skip
+
+
+def unprivileged() -> list[str]:
+    """Return the words before a command that has it write only where anybody may.
+
+    Root writes everywhere, so what starts as root goes on as uid 65534, which reads everything.
+    """
+    if os.geteuid() != 0:
+        return []
+    if shutil.which("setpriv") is None:
+        pytest.skip("A test of what cannot be written is not run as root without setpriv.")
+    reads = "+dac_read_search"
+    own = "--reuid=65534", "--regid=65534", "--clear-groups"
+    return ["setpriv", *own, f"--inh-caps={reads}", f"--ambient-caps={reads}"]
 
 
 @pytest.fixture

@@ -42,6 +42,7 @@ from inswsn_book.results import Provenance, Results, read_results
 from inswsn_lib import __version__
 from inswsn_lib.errors import BuildError, InswsnError, ParameterError
 from inswsn_lib.files import DATA_VARIABLE, data_mirror, read_text
+from inswsn_lib.kernels import PLAIN
 
 # Raised when the form of the store, or the way in which chapters are executed, changes.
 _FORM = 8
@@ -509,6 +510,8 @@ def environment_of(project: Project, request: Request) -> dict[str, str]:
         **{f"{name}_NUM_THREADS": str(request.threads) for name in threads},
         **{f"PYTHON{name}": "1" for name in ("UTF8", "SAFEPATH", "NOUSERSITE")},
         "PYTHONHASHSEED": "0",
+        # compiled whatever the size of the work, so that a number hangs on no cache
+        PLAIN: os.environ.get(PLAIN) or "0",
         "PYDEVD_DISABLE_FILE_VALIDATION": "1",
         "MPLCONFIGDIR": str(project.build / "matplotlib"),  # its font cache, and no settings
         # where a reader's own modules lie

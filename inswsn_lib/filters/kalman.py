@@ -30,6 +30,8 @@ _contiguous = np.ascontiguousarray
 #: K, I - K C, P, P+ and C P C' + R
 _Step = tuple[Array, Array, Array, Array, Array]
 _REMEMBERED = 64  # steps whose gains are kept; rounding takes few turns before it repeats itself
+# s that the compiled form saves a step, and a step of each of many runs: see benchmarks/kernels.py
+_SAVED, _SAVED_EACH = 5e-5, 3e-8
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +107,7 @@ def design_kalman(
     """
     there = mask("available", available, ("steps", len(model.C)))
     noise = _Noise.of(model, process_covariance, measurement_covariance, len(there))
-    covariances = _Covariances.start(model, initial_covariance)
+    covariances = _Covariances.start(model, initial_covariance, len(there))
     steps = zip(
         *(covariances.step(here, noise, k) for k, here in enumerate(there[:, None])), strict=True
     )
@@ -160,7 +162,7 @@ def run_kalman(
     """
     there, y = measured(measurements, "steps", len(model.C), "runs")
     noise = _Noise.of(model, process_covariance, measurement_covariance, len(y))
-    covariances = _Covariances.start(model, initial_covariance)
+    covariances = _Covariances.start(model, initial_covariance, len(y))
     x = first_state(initial_state, len(model.A), y.shape[2])
     return _run(covariances, noise, there, y, x, predicted)[0]
 
@@ -267,18 +269,22 @@ class _Covariances:
     there P is carried as a square root.
     """
 
-    def __init__(self, A: Array, C: Array, P: Array, root: Array) -> None:
-        self.A, self.C, self.P = A, C, P
+    def __init__(
+        self, A: Array, C: Array, P: Array, root: Array, steps: float = float("inf")
+    ) -> None:
+        self.A, self.C, self.P, self._saves = A, C, P, _SAVED * steps
         self._root: Array | None = root
         self._before: tuple[Array, Array] | None = None
         # where P comes back to what it was, to the last bit, so does all that follows
         self._known: dict[bytes, tuple[_Step, Array, Array | None]] = {}
 
     @classmethod
-    def start(cls, model: ErrorModel, initial_covariance: ArrayLike) -> Self:
-        """Return the one of all filters before the first measurement, P_0 (n, n)."""
+    def start(
+        cls, model: ErrorModel, initial_covariance: ArrayLike, steps: float = float("inf")
+    ) -> Self:
+        """Return the one of all filters before the first of steps, P_0 (n, n)."""
         P = covariance("initial_covariance", initial_covariance, model.A.shape)[None]
-        return cls(model.A, model.C, P, _root(P))
+        return cls(model.A, model.C, P, _root(P), steps)
 
     @property
     def root(self) -> Array:
@@ -317,7 +323,8 @@ class _Covariances:
 
         The pattern of each step is `there`, (steps, m).
         """
-        (m, n), run, k = self.C.shape, choose("kalman_updates", _gains, "kalman_gains"), 0
+        (m, n), saves, k = self.C.shape, _SAVED * len(there), 0
+        run = choose("kalman_updates", _gains, "kalman_gains", saves=saves)
         found = np.empty((len(there), n, m + n))
         while k < len(there):
             if noise.steady:
@@ -346,7 +353,7 @@ class _Covariances:
             keep = np.eye(len(self.A)) - gain @ self.C
             root = self._moved(root, driving)
         else:
-            gain, keep, after = updated(self.C, self.P, S, R, here)
+            gain, keep, after = updated(self.C, self.P, S, R, here, saves=self._saves)
         return (gain, keep, self.P, after, S), self.A @ after @ self.A.T + Q, root
 
 
@@ -376,7 +383,8 @@ def _states(A: Array, gains: Array, keeps: Array, y: Array, x: Array, predicted:
     if len(y) and not predicted:
         F[0] = keeps[0]
     states, c = np.empty((len(y) + 1, *x.shape)), _contiguous
-    choose("linear_recursion", _recursion)(c(F), c(G), c(x), c(y), states)
+    run = choose("linear_recursion", _recursion, saves=_SAVED_EACH * states[:, 0].size)
+    run(c(F), c(G), c(x), c(y), states)
     return states
 
 
@@ -403,7 +411,7 @@ def _gains(
             S = C @ P @ C.T + R
             if (S.diagonal() > limits).any():
                 return k, P, after, False
-            gain, keep, (after,) = updated(C, P[None], S[None], R, here[None])
+            gain, keep, (after,), _ = _updated(C, P[None], S[None], R[None], here[None])
             found = np.hstack([gain[0], keep[0]]), after, A @ after @ A.T + Q
         known[key] = found
         if len(known) > _REMEMBERED:
@@ -535,12 +543,14 @@ def _updated_root(C: Array, W: Array, noise: Array, there: Mask) -> tuple[Array,
     return gain, root @ np.swapaxes(root, 1, 2), root
 
 
-def updated(C: Array, P: Array, S: Array, R: Array, there: Mask) -> tuple[Array, Array, Array]:
+def updated(
+    C: Array, P: Array, S: Array, R: Array, there: Mask, *, saves: float = float("inf")
+) -> tuple[Array, Array, Array]:
     """Return K, I - K C and P+ (filters, ., .) for what is there (filters, m) of a measurement.
 
-    P, S and R may be one for all filters.
+    P, S and R may be one for all filters. What a kernel `saves` is of all calls together, s.
     """
-    run, c = choose("kalman_updates", _updated), np.ascontiguousarray
+    run, c = choose("kalman_updates", _updated, saves=saves), np.ascontiguousarray
     P, S = (np.broadcast_to(X, (len(there), *X.shape[1:])) for X in (P, S))
     *found, certain = run(c(C), c(P), c(S), c(R if R.ndim == 3 else R[None]), c(there))
     if certain:

@@ -2,38 +2,141 @@
 
 from __future__ import annotations
 
+import atexit
 import os
+import shutil
+import sys
+import tempfile
 from collections.abc import Callable
-from functools import cache
+from functools import cache, partial
 from importlib import import_module
 from importlib.util import find_spec
-from typing import Any, TypeVar, cast
+from pathlib import Path
+from typing import Any, ClassVar, TypeVar, cast
 
-#: Set in the environment, it makes every kernel run as plain numpy
+#: Set in the environment to 1, it makes every kernel run as plain numpy; to 0, compiled, whatever
+#: the size of the work, and without a word. By default the size decides.
 PLAIN = "INSWSN_PLAIN"
 
+# What a compiled kernel must save to be worth it, s: numba is loaded with what it kept on disk in
+# about one, and compiles in about eight (Python 3.11, numba 0.68, one core).
+_LOADED, _COMPILED = 1.0, 8.0
+
 _Kernel = TypeVar("_Kernel", bound=Callable[..., Any])
+_Given = TypeVar("_Given")
 
 
-def choose(name: str, plain: _Kernel, function: str = "") -> _Kernel:
+def choose(
+    name: str, plain: _Kernel, function: str = "", *, saves: float = float("inf")
+) -> _Kernel:
     """Return what runs in place of `plain`: a function of the kernel file `name`.
 
     By default it is the function of that name.
-    It is plain numpy where numba is missing, or where ``INSWSN_PLAIN`` is set. Both take the same
-    arguments, give the same to rounding, and change none of their arguments but one named `out`,
-    which they fill: numpy gets large memory more quickly than numba.
+    It is plain numpy where numba is missing or broken, where ``INSWSN_PLAIN`` is 1, and where the
+    compiled kernel would save less time than it costs: `saves`, in seconds, as it has been measured
+    where this is called. Both take the same arguments, give the same to rounding, and change none
+    of their arguments but one named `out`, which they fill: numpy gets large memory more quickly
+    than numba.
     """
-    if os.environ.get(PLAIN) or not _numba_is_there():
+    asked = os.environ.get(PLAIN, "")
+    always = asked == "0"
+    if not always and (asked or saves < _LOADED):
         return plain
-    return cast(_Kernel, _compiled(name, function or name))
+    found = _compiled(name, function or name)
+    if found is None or not (always or saves >= _COMPILED or _is_kept(found)):
+        return plain
+    return cast(_Kernel, _Lasting(found, plain))
 
 
 @cache
-def _numba_is_there() -> bool:
-    return find_spec("numba") is not None
+def _compiled(name: str, function: str) -> Any:
+    """Return a compiled function, or None where numba is missing or broken."""
+    if find_spec("numba") is None:
+        return None
+    try:
+        _tell_of_compiling()
+        return getattr(import_numba_user(f"inswsn_lib.kernels.{name}"), function)
+    except (ImportError, OSError, RuntimeError):
+        return None
+
+
+class _Lasting:
+    """A compiled function, and plain numpy where what is compiled cannot be written to disk."""
+
+    lost: ClassVar[set[Any]] = set()
+
+    def __init__(self, kernel: Any, plain: Callable[..., Any]) -> None:
+        self.kernel, self._plain = kernel, plain
+
+    def __call__(self, *arguments: Any) -> Any:
+        """Run it."""
+        if self.kernel not in self.lost:
+            try:
+                return self.kernel(*arguments)
+            except OSError:  # of the cache, as on a full disk: no kernel reads or writes
+                self.lost.add(self.kernel)
+        return self._plain(*arguments)
+
+
+def _is_kept(kernel: Any) -> bool:
+    """Tell whether the disk has a compiled function."""
+    own = kernel.py_func
+    pattern = f"{own.__module__.rpartition('.')[2]}.{own.__qualname__}-*.nbi"
+    return any(Path(kernel.stats.cache_path).glob(pattern))
+
+
+def keeping(action: Callable[[], _Given]) -> _Given:
+    """Return what an action gives by which numba finds a place for what it compiles.
+
+    Where none of its own can be written, it is one that goes when this process ends.
+    """
+    try:
+        return action()
+    except RuntimeError:  # "no locator available"
+        import numba  # noqa: PLC0415  # it takes long
+
+        before, numba.config.CACHE_DIR = numba.config.CACHE_DIR, _temporary_folder()
+        try:
+            return action()
+        finally:
+            numba.config.CACHE_DIR = before
+
+
+def import_numba_user(module: str) -> Any:
+    """Import a module whose functions numba compiles and keeps, such as those of pyins.
+
+    Examples
+    --------
+    >>> from inswsn_lib.kernels import import_numba_user
+    >>> import_numba_user("pyins.earth").RATE
+    7.292115e-05
+    """
+    return keeping(partial(import_module, module))
 
 
 @cache
-def _compiled(name: str, function: str) -> Callable[..., Any]:
-    found: Callable[..., Any] = getattr(import_module(f"inswsn_lib.kernels.{name}"), function)
-    return found
+def _temporary_folder() -> str:
+    """Return a folder that goes when this process ends."""
+    folder = tempfile.mkdtemp(prefix="inswsn-")
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    return folder
+
+
+@cache
+def _tell_of_compiling() -> None:
+    """Have the first compilation of this process tell of itself, before it keeps one waiting."""
+    if os.environ.get(PLAIN) == "0":
+        return
+    from numba.core import event  # noqa: PLC0415  # it takes long
+
+    class Teller(event.Listener):  # type: ignore[misc]  # numba has no types
+        """Tells once."""
+
+        def on_start(self, _: Any) -> None:
+            event.unregister("numba:compile", self)
+            print("inswsn_lib compiles a kernel, which takes some seconds.", file=sys.stderr)
+
+        def on_end(self, _: Any) -> None:
+            """Say nothing of the end."""
+
+    event.register("numba:compile", Teller())

@@ -8,12 +8,17 @@ import numba
 @numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
 def linear_recursion(F, G, x, y, out):
     """Fill out with x_k; arguments as in `filters.kalman`."""
-    out[0] = x
+    # by entries: to assign whole rows takes the compiler seconds, for what a wrong shape is told
+    n, runs = x.shape
+    for i in range(n):
+        for r in range(runs):
+            out[0, i, r] = x[i, r]
     for k in range(len(y)):
-        for i in range(len(x)):
+        for i in range(n):
             fresh = _add(F[k, i], out, k, out, i, True)
             if _add(G[k, i], y, k, out, i, fresh):
-                out[k + 1, i] = 0.0
+                for r in range(runs):
+                    out[k + 1, i, r] = 0.0
 
 
 @numba.njit(cache=True, error_model="numpy", fastmath={"contract"})

@@ -56,6 +56,7 @@ class Layout:
 
 _TRACKS = Layout((TIME, *INS, *WSN[:2]), (WSN[2:], REFERENCE), gaps=(*WSN, *REFERENCE))
 _SEPARATORS = ",;\t"
+_SMALL = 500_000  # bytes that are read without pandas in the time in which it is loaded
 _Table = dict[str, NDArray[Any]]
 
 
@@ -85,8 +86,6 @@ def read_table(path: Path, layout: Layout) -> _Table:
     Entry k of each is row k + 2 of the file, comments and blank lines not counted. Columns of
     numbers are floats, NaN where a cell is empty; columns of words are strings.
     """
-    from inswsn_lib.recordings import pandas_cells  # noqa: PLC0415  # it is not everywhere
-
     try:
         data = path.read_bytes()
     except FileNotFoundError:
@@ -95,6 +94,10 @@ def read_table(path: Path, layout: Layout) -> _Table:
         raise InswsnError(f"{path} is a folder; it may be a CSV file.") from None
     except OSError as error:
         raise InswsnError(f"{path} cannot be read: {error.strerror}.") from None
+    if len(data) < _SMALL:
+        return _table_of(path, data, layout, plain_cells.parse)
+    from inswsn_lib.recordings import pandas_cells  # noqa: PLC0415  # it takes long to load
+
     return _table_of(path, data, layout, pandas_cells.parse)
 
 

@@ -10,14 +10,15 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from pyins.strapdown import compute_increments_from_imu
-from pyins.util import ACCEL_COLS, GYRO_COLS
 from scipy.integrate import cumulative_trapezoid
 
 from inswsn_lib.checks import Array
+from inswsn_lib.kernels import import_numba_user
 from inswsn_lib.recordings.files import Source, locate
 from inswsn_lib.recordings.rtklib import LATENCY, read_log, read_solution
 from inswsn_lib.vehicle import RecordedDrive, Track
+
+strapdown, util = map(import_numba_user, ("pyins.strapdown", "pyins.util"))
 
 _IMU, _TAG, _POSITIONS = "imu_1934.csv", "imu_1934.csv.tag", "gnss_1934_sf.pos"
 DRIVE = Source(
@@ -76,8 +77,8 @@ def load_drive(cache: Path | None = None) -> RecordedDrive:
     grid = PERIOD * np.arange(-1.0, round(seconds / PERIOD) + 1)
     integrals = cumulative_trapezoid(sensed, time - start, axis=0, initial=0)
     ends = np.column_stack([np.interp(grid, time - start, x) for x in integrals.T])
-    samples = pd.DataFrame(np.diff(ends, axis=0), grid[1:], [*GYRO_COLS, *ACCEL_COLS])
-    increments = compute_increments_from_imu(samples, "increment").to_numpy()[:, 1:]
+    samples = pd.DataFrame(np.diff(ends, axis=0), grid[1:], [*util.GYRO_COLS, *util.ACCEL_COLS])
+    increments = strapdown.compute_increments_from_imu(samples, "increment").to_numpy()[:, 1:]
     shared = slice(rows[0], rows[-1] + 1)
     return RecordedDrive(
         start=start,

@@ -10,13 +10,15 @@ from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
-from pyins.transform import lla_to_ned
 
 from inswsn_lib.checks import Array, number
 from inswsn_lib.errors import InswsnError
+from inswsn_lib.kernels import import_numba_user
 from inswsn_lib.recordings.files import Place, digests_of, files_of, pick
 from inswsn_lib.recordings.rows import Row, all_lines, lines_of, numbers, reading
 from inswsn_lib.streams import Fixes, Imu, Recording, check_increase
+
+lla_to_ned = import_numba_user("pyins.transform").lla_to_ned
 
 #: From a sample to its arrival in the log (s). The files do not tell it: with this one the IMU's
 #: forward acceleration agrees best with the RTK speed, early in the drive and late. (The author of

@@ -19,9 +19,11 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pyins import earth
 
 from inswsn_lib.checks import Array
+from inswsn_lib.kernels import import_numba_user
+
+earth = import_numba_user("pyins.earth")
 
 #: How many states P3 has
 STATES = 15

@@ -10,11 +10,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from pyins import earth, transform
 from scipy.interpolate import CubicHermiteSpline, CubicSpline
 from scipy.linalg import solve_banded
 
 from inswsn_lib.checks import Array
+from inswsn_lib.kernels import import_numba_user
+
+earth, transform = map(import_numba_user, ("pyins.earth", "pyins.transform"))
 
 _MOST, _CLOSE = 20, 1e-12  # solutions, and rad/s from one to the next
 

@@ -6,13 +6,10 @@ from dataclasses import dataclass, fields, replace
 from typing import Any, Self
 
 import numpy as np
-
-# the compiled loop below pyins' public Integrator, which keeps its data in tables of pandas; a test
-# holds the two together
-from pyins.strapdown import integrate
 from scipy.spatial.transform import Rotation
 
 from inswsn_lib.checks import Array
+from inswsn_lib.kernels import import_numba_user, keeping
 from inswsn_lib.vehicle.error_model import (
     ACCELEROMETER_BIAS,
     ATTITUDE,
@@ -23,7 +20,10 @@ from inswsn_lib.vehicle.error_model import (
     VELOCITY,
 )
 
-integrate.enable_caching()  # pyins would compile it anew in each process, which takes seconds
+# the compiled loop below pyins' public Integrator, which keeps its data in tables of pandas; a test
+# holds the two together
+integrate = import_numba_user("pyins.strapdown").integrate
+keeping(integrate.enable_caching)  # pyins would compile it anew in each process: seconds
 
 _DEGREES = np.array([np.rad2deg(1.0), np.rad2deg(1.0), 1.0])
 # TURN by its entries: as a product with zeros it took as long as a tenth of the integration

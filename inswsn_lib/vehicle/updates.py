@@ -7,9 +7,9 @@ from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
-from pyins import earth
 
 from inswsn_lib.checks import Array, Mask
+from inswsn_lib.kernels import import_numba_user
 from inswsn_lib.vehicle.error_model import (
     POSITION,
     STATES,
@@ -27,6 +27,8 @@ from inswsn_lib.vehicle.error_model import (
 )
 from inswsn_lib.vehicle.settings import FilterSettings
 from inswsn_lib.vehicle.strapdown import VehicleState, integrate_strapdown
+
+earth = import_numba_user("pyins.earth")
 
 Integers = NDArray[np.intp]
 

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import ctypes
 import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
 
 import psutil
 import pytest
-from conftest import Done, MiniProject, build_once, files_of, run_command
+from conftest import Done, MiniProject, build_once, files_of, run_command, unprivileged
 from inswsn_book import running
 from inswsn_book.parameters import read_schema
 from inswsn_book.project import MODULES_VARIABLE
@@ -349,30 +349,22 @@ def test_the_rendering_ends_with_the_command(built: MiniProject, inswsn: Command
     assert "Another page." in (built.site / "index.html").read_text()
 
 
-def without_override() -> None:
-    """Give up root's right to write where the file mode forbids it; others never had it."""
-    drop_from_bounding_set, dac_override, dac_read_search = 24, 1, 2
-    libc = ctypes.CDLL(None, use_errno=True)
-    for capability in (dac_override, dac_read_search):
-        libc.prctl(drop_from_bounding_set, capability, 0, 0, 0)
-
-
 def test_where_nothing_can_be_written(built: MiniProject, inswsn: Command) -> None:
     before = files_of(built.site)
-    built.page("Another page.")
-    folders = [built.build, *(p for p in built.build.rglob("*") if p.is_dir())]
-    for folder in folders:
-        folder.chmod(0o555)
-    try:
-        done = run_command(built.root, "book", preexec_fn=without_override)
-    finally:
-        for folder in folders:
-            folder.chmod(0o755)
-    assert done.returncode == 2, done.stderr
-    sentence = done.stderr.strip().splitlines()[-1]
-    assert sentence.startswith("inswsn: cannot read or write")
-    assert "Permission denied" in sentence
-    it_is_as_before(built, before)
+    with tempfile.TemporaryDirectory() as folder:  # those of pytest are for their owner alone
+        Path(folder).chmod(0o755)
+        there = MiniProject(shutil.copytree(built.root, Path(folder, "mini")))
+        there.page("Another page.")
+        for path in (there.build, *there.build.rglob("*")):
+            path.chmod(0o555 if path.is_dir() else 0o444)
+        done = run_command(there.root, "book", before=unprivileged())
+        for path in (there.build, *(p for p in there.build.rglob("*") if p.is_dir())):
+            path.chmod(0o755)
+        assert done.returncode == 2, done.stderr
+        sentence = done.stderr.strip().splitlines()[-1]
+        assert sentence.startswith("inswsn: cannot read or write")
+        assert "Permission denied" in sentence
+        it_is_as_before(there, before)
     shutil.rmtree(built.build)
     built.build.write_text("in the way")
     done = inswsn(built.root, "book")

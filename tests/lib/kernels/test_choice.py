@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 import inswsn_lib
-from inswsn_lib.kernels import PLAIN, choose
+from inswsn_lib.kernels import PLAIN, choice, choose
 
 ROOM = Path(inswsn_lib.__file__).parent / "kernels"
 KERNELS = sorted(p.stem for p in ROOM.glob("*.py") if p.stem not in ("__init__", "choice"))
@@ -25,10 +25,89 @@ def plain() -> None:
 def test_a_kernel_runs_compiled_unless_plain_is_asked_for(
     name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.delenv(PLAIN, raising=False)
-    assert hasattr(choose(name, plain), "py_func")  # numba's mark
+    for asked in (None, "", "0"):
+        monkeypatch.delenv(PLAIN, raising=False)
+        if asked is not None:
+            monkeypatch.setenv(PLAIN, asked)
+        assert hasattr(choose(name, plain).kernel, "py_func")  # numba's mark
     monkeypatch.setenv(PLAIN, "1")
     assert choose(name, plain) is plain
+
+
+def test_small_work_is_plain_and_what_must_compile_pays_later(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    for kept, pays in ((True, 1.0), (False, 8.0)):
+        monkeypatch.setattr(choice, "_is_kept", lambda _, kept=kept: kept)
+        monkeypatch.delenv(PLAIN, raising=False)
+        assert choose("linear_recursion", plain, saves=0.99 * pays) is plain
+        assert choose("linear_recursion", plain, saves=pays) is not plain
+        monkeypatch.setenv(PLAIN, "0")
+        assert choose("linear_recursion", plain, saves=0.0) is not plain
+
+
+def run(code: str, **variables: str) -> subprocess.CompletedProcess[str]:
+    """Run a script in a process of its own, in which the size of the work decides."""
+    return subprocess.run(
+        [sys.executable, "-c", code], env=os.environ | {PLAIN: ""} | variables, check=False,
+        capture_output=True, text=True,
+    )  # fmt: skip
+
+
+def test_the_first_call_of_a_filter_loads_no_compiler() -> None:
+    """One run of 200 steps, and its design: a hundredth of a second, not six."""
+    done = run(
+        "import sys, numpy as np, inswsn_lib as iw\n"
+        "model = iw.ErrorModel(A=[[1]], B=[[1]], C=[[1]], D=[[1]], period=1.0)\n"
+        "iw.run_kalman(model, np.ones((200, 1, 1)), initial_covariance=[[1]])\n"
+        "iw.design_kalman(model, np.ones((200, 1), bool), initial_covariance=[[1]])\n"
+        "assert not {'numba', 'pandas'} & sys.modules.keys()"
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_what_must_compile_says_so_once(tmp_path: Path) -> None:
+    code = (
+        "import numpy as np\n"
+        "import sys\n"
+        "from inswsn_lib.kernels import choose\n"
+        "for k in range(2):\n"
+        "    out = np.empty((2, 1, 1))\n"
+        "    one = np.ones((1, 1, 1))\n"
+        "    choose('linear_recursion', None)(one, one, one[0], one, out)\n"
+        "print(out.ravel())"
+    )
+    for said in (1, 0):  # the second process finds it kept
+        done = run(code, NUMBA_CACHE_DIR=str(tmp_path))
+        assert (done.returncode, done.stdout) == (0, "[1. 2.]\n"), done.stderr
+        assert done.stderr.count("compiles a kernel") == said == len(done.stderr.splitlines())
+    assert run(code, NUMBA_CACHE_DIR=str(tmp_path / "other"), **{PLAIN: "0"}).stderr == ""
+
+
+def test_a_full_disk_loses_nothing_but_what_would_be_kept(tmp_path: Path) -> None:
+    """Numba compiles, and then cannot write."""
+    done = run(
+        "import numpy as np\n"
+        "from inswsn_lib.kernels import choose\n"
+        "from numba.core.caching import IndexDataCacheFile\n"
+        "def full(*_): raise OSError(28, 'No space left on device')\n"
+        "IndexDataCacheFile.save = full\n"
+        "from inswsn_lib.filters.kalman import _recursion\n"
+        "one, out = np.ones((1, 1, 1)), np.empty((2, 1, 1))\n"
+        "choose('linear_recursion', _recursion)(one, one, one[0], one, out)\n"
+        "print(out.ravel())",
+        NUMBA_CACHE_DIR=str(tmp_path),
+    )
+    assert (done.returncode, done.stdout) == (0, "[1. 2.]\n"), done.stderr
+
+
+def test_a_compiler_that_is_broken_is_as_none() -> None:
+    done = run(
+        "import sys; sys.modules['numba'] = None\n"
+        "from inswsn_lib.kernels import choose\n"
+        "assert choose('linear_recursion', len) is len"
+    )
+    assert done.returncode == 0, done.stderr
 
 
 @pytest.mark.parametrize("name", KERNELS)
@@ -42,15 +121,11 @@ def test_a_kernel_calls_no_other_file(name: str) -> None:
 
 
 def test_without_numba_the_plain_form_runs() -> None:
-    code = (
+    done = run(
         "import sys; sys.modules['numba'] = None\n"
         "import importlib.util as u; found = u.find_spec\n"
         "u.find_spec = lambda name, *a: None if name == 'numba' else found(name, *a)\n"
         "from inswsn_lib.kernels import choose\n"
         "assert choose('any', len) is len"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", code], env=os.environ | {PLAIN: ""}, check=False,
-        capture_output=True, text=True,
-    )  # fmt: skip
     assert done.returncode == 0, done.stderr
