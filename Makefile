@@ -57,10 +57,12 @@ sphinx: book ## render the built book by the newest Sphinx without Jupyter Book,
 calibrate: environment ## fit the simulated INS to the INS-only cells and write data/scenarios/p1-inertial*.yaml
 	@$(RUN) studies/calibrate_imu.py
 
-studies: environment ## run the long studies again: the recorded drive, filters on recordings, fixes by radio, sensitivity to the assumptions, one at a time and crossed
+recorded: environment ## run the studies of recordings again: the drive, filters on recordings, fixes by radio
 	@$(RUN) studies/recorded_drive.py
 	@$(RUN) studies/on_recordings.py
 	@$(RUN) studies/radio_fixes.py
+
+studies: recorded ## the same, and sensitivity to the assumptions, one at a time and crossed
 	@$(RUN) studies/sensitivity.py
 	@$(RUN) studies/crossed.py $(if $(JOBS),--jobs $(JOBS))
 
@@ -143,4 +145,4 @@ help: ## list the targets
 
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
-.PHONY: book test serve notebooks publish archive sphinx calibrate studies spoilt elsewhere bench wasm live pdf mutants trials licences lock upgrade tag assets release report actionlint audit format environment clean help
+.PHONY: book test serve notebooks publish archive sphinx calibrate recorded studies spoilt elsewhere bench wasm live pdf mutants trials licences lock upgrade tag assets release report actionlint audit format environment clean help

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import stat
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,9 @@ from inswsn_lib.errors import InswsnError
 
 #: Set by a user: a local folder with recorded data, ``<owner>__<repo>/<commit>/<path>`` in it.
 DATA_VARIABLE = "INSWSN_DATA"
+
+#: Bytes that a file of recorded data may have, and one of parameters or results
+RECORDED, WRITTEN = 2 * 10**9, 10**8
 
 _PACKAGE = Path(__file__).parent
 
@@ -57,8 +61,50 @@ def data_mirror() -> Path | None:
     return folder if folder.is_dir() else None
 
 
-def read_text(path: Path) -> str:
-    """Read a text file; refuse one that is not there, and one that is not UTF-8.
+def read_bytes(path: Path, most: int = RECORDED) -> bytes:
+    """Read a file that a user may have named.
+
+    Parameters
+    ----------
+    path : Path
+    most : int
+        Bytes that it may have.
+
+    Raises
+    ------
+    InswsnError
+        If it is not there, cannot be read, is no regular file (a device or a pipe may never end),
+        or has more.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from inswsn_lib.files import read_bytes
+    >>> read_bytes(Path("/dev/zero"))
+    Traceback (most recent call last):
+        ...
+    inswsn_lib.errors.InswsnError: /dev/zero is no regular file.
+    """
+    try:
+        kind = path.stat().st_mode
+        if stat.S_ISDIR(kind):
+            raise InswsnError(f"{path} is a folder; it may be a file.")
+        if not stat.S_ISREG(kind):
+            raise InswsnError(f"{path} is no regular file.")
+        with path.open("rb") as stream:
+            data = stream.read(most + 1)
+    except FileNotFoundError:
+        raise InswsnError(f"There is no file {path}.") from None
+    except (OSError, ValueError) as error:  # ValueError: a path with a zero byte
+        said = getattr(error, "strerror", None) or str(error)
+        raise InswsnError(f"{path} cannot be read: {said}.") from None
+    if len(data) > most:
+        raise InswsnError(f"{path} has more than {most // 10**6} MB.")
+    return data
+
+
+def read_text(path: Path, most: int = RECORDED) -> str:
+    """Read a text file, as `read_bytes` does; refuse one that is not UTF-8.
 
     Examples
     --------
@@ -67,9 +113,8 @@ def read_text(path: Path) -> str:
     '# Simulated'
     """
     try:
-        return path.read_text(encoding="utf-8")
-    except FileNotFoundError:
-        raise InswsnError(f"There is no {path}.") from None
+        text = read_bytes(path, most).decode()
+        return text.replace("\r\n", "\n").replace("\r", "\n")
     except UnicodeDecodeError as error:
         line = error.object[: error.start].count(b"\n") + 1
         raise InswsnError(f"{path} is not UTF-8 text: {error.reason} in line {line}.") from None
@@ -173,7 +218,7 @@ def read_yaml(path: Path) -> Any:
     >>> read_yaml(data_file("scenarios/p2.yaml"))["spacing"]["value"]
     7
     """
-    text = read_text(path)
+    text = read_text(path, WRITTEN)
     if text.startswith("{"):
         with suppress(ValueError):  # JSON is YAML too, and is read where there is no PyYAML
             return json.loads(text, object_pairs_hook=_without_repeats)

@@ -331,8 +331,8 @@ def moved_by(pair: Change) -> Moved:
     part, before, after = max(numbers, key=lambda entry: abs((entry[2] or 0) - (entry[1] or 0)))
     distance = None if before is None or after is None else abs(after - before)
     deviation = 0.0 if distance == 0 else None
-    if distance and known.tolerance > 0:
-        deviation = distance / known.tolerance
+    if distance and known.slack > 0:
+        deviation = distance / known.slack
     if pair.beyond_tolerance and deviation is not None and deviation <= 1:
         deviation = None  # not a number has moved, but what it is
     return Moved(
@@ -341,7 +341,7 @@ def moved_by(pair: Change) -> Moved:
         before=before if pair.after else getattr(pair.before, "value", None),
         after=after if pair.before else getattr(pair.after, "value", None),
         part=part,
-        tolerance=known.tolerance,
+        tolerance=known.slack,
         deviation=deviation,
         other=tuple(pair.kind),
     )

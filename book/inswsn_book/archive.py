@@ -76,8 +76,9 @@ def _kept_files(project: Project) -> dict[str, bytes]:
     files = {name: project.root / name for name in tracked.split("\0") if name}
     for path in sorted(project.site.rglob("*")):
         # .buildinfo, the renderer's key and the manifest are notes of the build to itself
-        if path.is_file() and not path.name.startswith((".", MANIFEST)):
-            files[f"site/{path.relative_to(project.site).as_posix()}"] = path
+        name = path.relative_to(project.site).as_posix()
+        if path.is_file() and not name.startswith((".", MANIFEST)):
+            files[f"site/{name}"] = path
     return {name: path.read_bytes() for name, path in files.items()}
 
 

@@ -2,23 +2,27 @@
 
 from __future__ import annotations
 
-import math
+import os
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain, zip_longest
 from pathlib import Path
 
 from inswsn_book.files import write_listed
 from inswsn_book.ledger import Claim
+from inswsn_book.progress import Progress
 from inswsn_book.project import Project
 from inswsn_book.results import Quantity, Results, results_text
-from inswsn_book.runs import book_runs, reference_results
+from inswsn_book.runs import Run, book_runs, reference_results, run_all
 from inswsn_book.verdicts import Judged, verdicts
-from inswsn_lib.errors import InswsnError
+from inswsn_lib.errors import BuildError, InswsnError
+from inswsn_lib.files import DATA_VARIABLE
 
-# What a quantity is, beside its numbers
-_KIND = ("unit", "interval_kind", "runs", "basis", "role")
+# What a quantity is, beside its numbers: a reference that had its tolerance widened would vouch for
+# anything
+_KIND = ("unit", "interval_kind", "runs", "basis", "role", "tolerance", "share")
+_OF_RECORDINGS = ("recorded", "emulation")
 # How quantities of a method of the reader's own begin
 _OWN = "own."
 #: A number as a table shows it
@@ -36,11 +40,7 @@ class Change:
     @property
     def kind(self) -> list[str]:
         """What differs in what the quantity is, a text for each field."""
-        # a reference that had its tolerance widened would vouch for anything; one that is a share
-        # of the value carries the value's rounding
-        old, new = (q.tolerance if q else math.nan for q in (self.before, self.after))
-        same = math.isclose(old, new, rel_tol=1e-3)
-        return self._differing([*_KIND, *([] if same else ["tolerance"])])
+        return self._differing(_KIND)
 
     def moved(self, by: float = 0.0, share: float = 0.0) -> bool:
         """Tell whether it appeared, vanished, became another quantity, or moved by more than that.
@@ -56,12 +56,12 @@ class Change:
     @property
     def beyond_tolerance(self) -> bool:
         """Whether it is more than the tolerance that it states away, or another quantity."""
-        return self.moved(by=self.before.tolerance if self.before else 0.0)
+        return self.moved(by=self.before.slack if self.before else 0.0)
 
     @property
     def beyond_rounding(self) -> bool:
         """Whether it moved by more than another order of the same sums may move it."""
-        return self.moved(by=1e-6 * self.before.tolerance if self.before else 0.0, share=1e-12)
+        return self.moved(by=1e-6 * self.before.slack if self.before else 0.0, share=1e-12)
 
     @property
     def is_rounding(self) -> bool:
@@ -87,7 +87,7 @@ class Change:
         if self.before is None or self.after is None:
             return line
         difference = self.after.value - self.before.value
-        line += f" (change {difference:+.3g}, tolerance {self.before.tolerance:.3g})"
+        line += f" (change {difference:+.3g}, tolerance {self.before.slack:.3g})"
         others = [f for f in Quantity.model_fields if f not in ("name", "value", "unit")]
         return "; ".join([line, *self._differing(others)])
 
@@ -207,6 +207,38 @@ def changes_to_publish(project: Project) -> list[str]:
         lines += _changes(reference_results(project, run.request.chapter), run.results)
     left = [f"! data/published/{p.name} belongs to no chapter, and goes." for p in _left(project)]
     return lines + left
+
+
+def check_kept_studies(
+    project: Project, made: Iterable[Run], progress: Progress, *, fresh: bool = False
+) -> None:
+    """Refuse a kept study of recordings by which a chapter does not find the reference.
+
+    A chapter that was computed on the recordings is run again on what is kept.
+    """
+    kept = [run for run in made if _studies(run)]
+    nowhere = {DATA_VARIABLE: os.devnull}
+    again = [replace(r.request, variables=nowhere) for r in kept if any(_studies(r).values())]
+    kept = [run for run in kept if not any(_studies(run).values())]
+    for run in kept + run_all(project, again, progress, fresh=fresh):
+        chapter = run.request.chapter
+        before = reference_results(project, chapter)
+        far = [
+            f"  {pair}"
+            for pair in pair_quantities(before, run.results)
+            if pair.before and pair.before.basis in _OF_RECORDINGS and pair.beyond_tolerance
+        ]
+        if far:
+            studies = " and ".join(_studies(run))
+            raise BuildError(
+                f"{studies}, a study that is kept, and data/published/{chapter}.json, the "
+                f"reference, disagree:\n" + "\n".join(far) + "\nWhere the recordings are at hand, "
+                "make the study anew by `make recorded`, then the reference by `make publish`."
+            )
+
+
+def _studies(run: Run) -> dict[str, bool]:
+    return run.results.provenance.studies if run.results.provenance else {}
 
 
 def _left(project: Project) -> list[Path]:

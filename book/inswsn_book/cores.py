@@ -91,5 +91,6 @@ def _quantities(scores: Scores) -> Iterator[Quantity]:
             runs=row["runs"],
             basis="simulation",
             how=f"{row['column']}, {scores.methods[row['method']]}: median over runs.",
-            tolerance=float(f"{1e-3 * abs(median) + 1e-6:.0e}"),
+            tolerance=1e-6,
+            share=1e-3,
         )

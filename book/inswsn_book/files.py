@@ -13,12 +13,13 @@ import platform
 import re
 import shutil
 import tempfile
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 from inswsn_lib.errors import InswsnError, ParameterError
+from inswsn_lib.files import WRITTEN, read_bytes
 
 #: The manifest: lists the files of its folder with their digests
 MANIFEST = "SHA256SUMS"
@@ -26,8 +27,14 @@ MANIFEST = "SHA256SUMS"
 _MADE = ".inswsn-run"
 _RESTORE = "restore the folder, such as by git checkout"
 _LISTED = re.compile(r"([0-9a-f]{64})  (.+)\n")
-# What may lie beside what is listed: hidden, or made in an unpacked archive
-_UNLISTED = re.compile(r"(^|/)(\.|_build/|runs/|__pycache__/)")
+# What may lie beside what is listed, at the root of an unpacked archive in which one works
+_UNLISTED = (
+    *("_build", "runs", ".git", ".venv", ".venvs", ".hypothesis", ".DS_Store"),
+    *(".import_linter_cache", ".mypy_cache", ".pytest_cache", ".ruff_cache"),
+)
+# and what Python and numba keep of a module that is listed, and what a killed `write_whole` leaves
+_COMPILED = re.compile(r"(.*/|)__pycache__/([^/.]+)\.[^/]*\.(pyc|nbi|nbc)")
+_LEFT = re.compile(r"\.(.+)\.[a-z0-9_]{8}")
 
 
 def write_whole(path: Path, content: str | bytes) -> None:
@@ -130,7 +137,7 @@ def read_manifest(folder: Path) -> dict[str, set[str]]:
     path, listed = folder / MANIFEST, dict[str, set[str]]()
     if not path.is_file():
         raise InswsnError(f"There is no {path}; {_RESTORE}.")
-    for line in path.read_bytes().decode(errors="replace").splitlines(keepends=True):
+    for line in read_bytes(path, WRITTEN).decode(errors="replace").splitlines(keepends=True):
         if not (entry := _LISTED.fullmatch(line)):
             raise InswsnError(f"{path} is damaged: {line[:80]!r} is no digest and name.")
         listed.setdefault(entry[2], set()).add(entry[1])
@@ -159,26 +166,38 @@ def write_listed(folder: Path, texts: Mapping[str, str]) -> None:
 
 def read_listed(path: Path) -> bytes:
     """Return the content of a file; refuse it if a manifest beside it does not vouch for it."""
-    content, vouched = path.read_bytes(), (path.parent / MANIFEST).exists()
+    content, vouched = read_bytes(path, WRITTEN), (path.parent / MANIFEST).exists()
     digest = hashlib.sha256(content).hexdigest()
     if vouched and digest not in read_manifest(path.parent).get(path.name, ()):
         raise InswsnError(f"{path} is not the one in {MANIFEST} beside it; {_RESTORE}.")
     return content
 
 
-def damages(folder: Path) -> list[str]:
-    """Return what in a folder is not as its manifest says, a phrase each."""
+def damages(folder: Path, *, alone: bool = False) -> list[str]:
+    """Return what in a folder is not as its manifest says, a phrase each.
+
+    What comes to lie beside it where one works in an unpacked archive counts only if what is listed
+    has to be `alone`.
+    """
     try:
         listed, there = read_manifest(folder), _files_below(folder)
     except InswsnError as error:
         return [str(error).rstrip(".")]
     gone, more = sorted(listed.keys() - there), sorted(there - listed.keys())
-    changed = [n for n in sorted(there - {*more}) if file_digest(folder / n) not in listed[n]]
+    known = [(name, folder / name) for name in sorted(there & listed.keys())]
+    changed = [n for n, p in known if not p.is_file() or file_digest(p) not in listed[n]]
     return [
         *(f"{name} is gone" for name in gone),
         *(f"{name} is changed" for name in changed),
-        *(f"{name} is not listed" for name in more if not _UNLISTED.search(name)),
+        *(f"{name} is not listed" for name in more if alone or not _is_beside(name, listed)),
     ]
+
+
+def _is_beside(name: str, listed: Collection[str]) -> bool:
+    if compiled := _COMPILED.fullmatch(name):
+        return f"{compiled[1]}{compiled[2]}.py" in listed
+    left = _LEFT.fullmatch(name)
+    return name.partition("/")[0] in _UNLISTED or (left is not None and left[1] in listed)
 
 
 def check_listed(folder: Path) -> None:
@@ -194,8 +213,8 @@ def few(phrases: Sequence[str]) -> str:
 
 
 def _files_below(folder: Path) -> set[str]:
-    names = {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
-    return names - {MANIFEST}
+    paths = (path for path in folder.rglob("*") if path.is_symlink() or not path.is_dir())
+    return {path.relative_to(folder).as_posix() for path in paths} - {MANIFEST}
 
 
 @contextmanager
@@ -235,13 +254,13 @@ def replace_folder(old: Path, new: Path) -> None:
 
 def check_folder(folder: Path) -> None:
     """Refuse a folder that `made_folder` may not replace or make: told before anything runs."""
+    may_be = "a new or empty folder, or one that holds an earlier run alone, as it was written"
     held = {path.name for path in folder.iterdir()} if folder.is_dir() else set()
-    listed = read_manifest(folder) if {_MADE, MANIFEST} <= held else {}
-    known = {name.partition("/")[0] for name in listed} | ({MANIFEST} if listed else set())
-    if (folder.exists() and not folder.is_dir()) or not held <= known:
-        raise ParameterError(
-            "--out", str(folder), "a new or empty folder, or one that holds an earlier run alone"
-        )
+    if (folder.exists() and not folder.is_dir()) or (held and not {_MADE, MANIFEST} <= held):
+        raise ParameterError("--out", str(folder), may_be)
+    own = [said for said in damages(folder, alone=True) if not said.endswith(" is gone")]
+    if held and own:
+        raise ParameterError("--out", str(folder), f"{may_be}; {few(own)}")
     above = next(path for path in (folder.resolve(), *folder.resolve().parents) if path.exists())
     if not above.is_dir() or not os.access(above, os.W_OK):
         raise ParameterError("--out", str(folder), f"where one can write, and {above} is not")

@@ -18,6 +18,7 @@ from inswsn_book.results import Frozen, Results, read_results
 from inswsn_book.review import READINGS, Readings, load_entries, with_readings
 from inswsn_book.verdicts import VERDICTS, Earlier, Judged, count_verdicts, verdicts
 from inswsn_lib.errors import InswsnError, ParameterError
+from inswsn_lib.files import WRITTEN, read_text
 
 #: The verdicts of each release, below the root of a checkout
 RELEASES = "data/verdicts"
@@ -97,7 +98,7 @@ def verdicts_text(judged: Sequence[Judged]) -> str:
 def read_verdicts(path: Path) -> dict[str, str]:
     """Read the verdicts by id from a file of `verdicts_text`; another file is refused."""
     try:
-        entries = json.loads(path.read_text(encoding="utf-8"))
+        entries = json.loads(read_text(path, WRITTEN))
         if not isinstance(entries, list):
             raise TypeError
         return {str(entry["id"]): str(entry["verdict"]) for entry in entries}

@@ -19,6 +19,7 @@ import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from difflib import get_close_matches
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -100,8 +101,11 @@ class Schema:
         for parameter in self.parameters:
             if parameter.name == name:
                 return parameter
-        names = ", ".join(parameter.name for parameter in self.parameters)
-        raise ParameterError("parameter", name, f"one of {names}" if names else "none: it has none")
+        names = [parameter.name for parameter in self.parameters]
+        may_be = f"one of {', '.join(names)}" if names else "none: it has none"
+        if nearest := get_close_matches(name, names, 1):
+            may_be += f"; the nearest is {nearest[0]}"
+        raise ParameterError("parameter", name, may_be)
 
     @property
     def defaults(self) -> dict[str, Value]:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import ast
 import json
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from IPython import get_ipython
 from IPython.display import display
 from pydantic import ValidationError
 
@@ -44,6 +47,8 @@ class ChapterRecord:
         self._chapter = chapter
         #: The declared parameters of the chapter
         self.schema = chapter_schema(self._root, chapter)
+        for name in _injected():
+            self.schema[name]  # refuses one that is not declared
         missing = [name for name in self.schema.defaults if name not in parameters]
         if missing:
             raise InswsnError(f"Chapter {chapter} keeps no record of its parameter {missing[0]}.")
@@ -52,6 +57,7 @@ class ChapterRecord:
         self._quantities: dict[str, Quantity] = {}
         self._sentences: dict[str, bool] = {}
         self._solvers: dict[str, str] = {}
+        self._studies: dict[str, bool] = {}
 
     def data(self, name: str) -> Path:
         """Return the path of a file and note that this chapter reads it.
@@ -116,19 +122,18 @@ class ChapterRecord:
         kind: str = "runs 95 %",
         **fields: Any,
     ) -> Quantity:
-        """Record a number that may differ by a share of it, and a little, on other machines.
+        """Record a number that may differ by a share of it, or a little, on other machines.
 
         It is one of a simulation, and an interval that of the runs, unless kind and fields, as for
-        `quantity`, say otherwise. A tolerance that is not given has one digit, so that a rerun does
-        not list a new one with every new number.
+        `quantity`, say otherwise. A tolerance that is given stands in the place of both.
         """
-        value = float(value)
-        if tolerance is None:
-            tolerance = float(f"{relative * abs(value) + absolute:.0e}")
-        fields = {"basis": "simulation", "tolerance": tolerance} | fields
+        bounds = {"tolerance": absolute, "share": relative}
+        if tolerance is not None:
+            bounds = {"tolerance": tolerance}
+        fields = {"basis": "simulation"} | bounds | fields
         if fields.get("interval") is not None:
             fields["interval_kind"] = kind
-        return self.quantity(name, value, unit, how=how, **fields)
+        return self.quantity(name, float(value), unit, how=how, **fields)
 
     def say(self, name: str, text: str) -> None:
         """Make a word known to the text as ``{glue:text}`name```, without recording it."""
@@ -152,6 +157,14 @@ class ChapterRecord:
     def solver(self, name: str, status: str) -> None:
         """Record a solver that the chapter called, and the status that it ended with."""
         self._solvers[name] = status
+
+    def study(self, name: str, *, computed: bool) -> None:
+        """Record of a study of recordings, kept in a file of ``data/``, if it was computed here.
+
+        Where not all recordings are at hand it is taken as it is kept. The build holds what is kept
+        against the reference in either case.
+        """
+        self._studies[f"data/{name}"] = computed
 
     def judge(self, prefix: str = "") -> list[Judged]:
         """Judge the claims that this chapter decides by what has been recorded so far.
@@ -187,9 +200,20 @@ class ChapterRecord:
         results, folder = self.results(), results_folder(self._root)
         own = [name for name in sys.modules if name.partition(".")[0] in _PACKAGES]
         facts = machine_facts() | {"executable": sys.executable, "modules": own}
+        facts["studies"] = self._studies
         write_whole(folder / MACHINE, json.dumps(facts))
         write_results(results, folder / f"{self._chapter}.json")
         return results
+
+
+def _injected() -> Iterator[str]:
+    """Yield the names that papermill has set: it puts a cell below that of the parameters."""
+    shell = get_ipython()
+    for cell in shell.user_ns.get("In", ()) if shell else ():
+        if cell.startswith("# Parameters\n"):
+            for statement in ast.parse(cell).body:
+                targets = statement.targets if isinstance(statement, ast.Assign) else []
+                yield from (target.id for target in targets if isinstance(target, ast.Name))
 
 
 def plain(value: float) -> int | float:

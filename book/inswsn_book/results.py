@@ -18,7 +18,7 @@ Finite = Annotated[float, Field(allow_inf_nan=False)]
 IntervalKind = Literal["rounding", "confidence 95 %", "runs 95 %"]
 
 #: The version of the results file that is written
-SCHEMA_VERSION: Literal[3] = 3
+SCHEMA_VERSION: Literal[4] = 4
 
 
 class Frozen(BaseModel):
@@ -45,8 +45,10 @@ class Quantity(Frozen):
     basis: Literal["printed", "algebra", "simulation", "emulation", "recorded"]
     role: Literal["found", "input", "calibrated"] = "found"
     how: Annotated[str, Field(min_length=10)]  # it was obtained, one sentence
-    # how far a fresh build may be from the reference results, absolute, in `unit`
+    # how far a fresh build may be from the reference results, absolute, in `unit`, or as a share of
+    # the reference's value, whichever is more
     tolerance: Annotated[float, Field(ge=0, allow_inf_nan=False)]
+    share: Annotated[float, Field(ge=0, lt=1)] = 0.0
 
     @model_validator(mode="after")
     def _interval_holds_value(self) -> Self:
@@ -55,6 +57,11 @@ class Quantity(Frozen):
         if self.interval is not None and not self.interval[0] <= self.value <= self.interval[1]:
             raise ValueError(f"the interval {self.interval} does not hold the value {self.value}")
         return self
+
+    @property
+    def slack(self) -> float:
+        """How far a fresh build may be from this value, in its unit."""
+        return max(self.tolerance, self.share * abs(self.value))
 
 
 class Provenance(Frozen):
@@ -73,15 +80,18 @@ class Provenance(Frozen):
     cores: Annotated[int, Field(ge=1)]  # that the run could use
     blas: tuple[str, ...]  # the linear algebra libraries, with versions and threads
     packages: dict[str, str]  # that compute, with their versions
+    # studies of recordings by their files in data/: computed in this run, or taken as they are kept
+    studies: dict[str, bool] = {}
 
 
 class Results(Frozen):
     """All that a chapter found in one run.
 
-    Files of older versions are read as well: 1 had no solvers, cells and provenance, 2 no tables.
+    Files of older versions are read as well: 1 had no solvers, cells and provenance, 2 no tables, 3
+    no tolerances that are shares.
     """
 
-    schema_version: Literal[3] = SCHEMA_VERSION
+    schema_version: Literal[4] = SCHEMA_VERSION
     chapter: Annotated[str, Field(pattern=r"^(lesson-)?\d\d$")]
     parameters: dict[Name, bool | int | Finite | str]
     data: dict[str, Digest]  # the files that it read, as `inswsn_book.ledger.data_digest`
@@ -145,7 +155,7 @@ def read_results(path: Path) -> Results:
     text = read_listed(path)
     try:
         content = json.loads(text)
-        if isinstance(content, dict) and content.get("schema_version") in (1, 2):
+        if isinstance(content, dict) and content.get("schema_version") in (1, 2, 3):
             content["schema_version"] = SCHEMA_VERSION
         return Results.model_validate(content)
     except ValidationError as error:

@@ -9,6 +9,7 @@ from pathlib import Path
 import yaml
 
 from inswsn_book import parameters, runs
+from inswsn_book.compare import check_kept_studies
 from inswsn_book.files import (
     check_folder,
     check_listed,
@@ -123,6 +124,7 @@ def build_book(
         check_listed(project.published)
         requests = [runs.Request(chapter.id) for chapter in project.chapters()]
         made = runs.run_all(project, requests, progress, _check, fresh=fresh, jobs=jobs)
+        check_kept_studies(project, made, progress, fresh=fresh)
         render_book(project, made, progress, fresh=fresh)
         for run in made:
             write_results(run.results, project.results / f"{run.request.chapter}.json")

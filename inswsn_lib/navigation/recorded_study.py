@@ -17,6 +17,7 @@ from inswsn_lib import recordings
 from inswsn_lib.calibration import calibrate
 from inswsn_lib.checks import Array
 from inswsn_lib.errors import InswsnError
+from inswsn_lib.files import WRITTEN, read_text
 from inswsn_lib.navigation.recorded_clusters import RecordedClusters
 from inswsn_lib.navigation.recorded_outages import RecordedOutages
 from inswsn_lib.recordings import FixesContest, PlanarContest, RecordedContest
@@ -295,7 +296,7 @@ def read_tables(path: Path) -> tuple[Tables, dict[str, Any]]:
     0.1
     """
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = json.loads(read_text(path, WRITTEN))
         if content["form"] != _FORM:
             raise ValueError(content["form"])
         tables = {name: pd.DataFrame(**each) for name, each in content["tables"].items()}

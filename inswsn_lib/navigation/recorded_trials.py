@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from inswsn_lib.checks import Array
 from inswsn_lib.errors import InswsnError
+from inswsn_lib.files import WRITTEN, read_text
 from inswsn_lib.navigation.trials import as_starts, run_outages
 from inswsn_lib.navigation.vehicle_hybrid import VehicleHybrid
 from inswsn_lib.vehicle import (
@@ -81,7 +82,7 @@ def read_trials(path: Path) -> tuple[RecordedTrials, dict[str, Any]]:
     ([120, 150, 180], (51, 12, 4), 4)
     """
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = json.loads(read_text(path, WRITTEN))
         if content["form"] != _FORM:
             raise ValueError(content["form"])
         for name in ("errors", "tracks"):

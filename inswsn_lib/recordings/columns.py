@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from inswsn_lib.checks import Array
 from inswsn_lib.errors import InswsnError
+from inswsn_lib.files import read_bytes
 from inswsn_lib.recordings import plain_cells
 from inswsn_lib.recordings.cells import Column, Sheet
 
@@ -86,14 +87,7 @@ def read_table(path: Path, layout: Layout) -> _Table:
     Entry k of each is row k + 2 of the file, comments and blank lines not counted. Columns of
     numbers are floats, NaN where a cell is empty; columns of words are strings.
     """
-    try:
-        data = path.read_bytes()
-    except FileNotFoundError:
-        raise InswsnError(f"There is no file {path}.") from None
-    except IsADirectoryError:
-        raise InswsnError(f"{path} is a folder; it may be a CSV file.") from None
-    except OSError as error:
-        raise InswsnError(f"{path} cannot be read: {error.strerror}.") from None
+    data = read_bytes(path)
     if len(data) < _SMALL:
         return _table_of(path, data, layout, plain_cells.parse)
     from inswsn_lib.recordings import pandas_cells  # noqa: PLC0415  # it takes long to load

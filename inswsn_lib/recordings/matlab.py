@@ -15,6 +15,7 @@ import numpy as np
 
 from inswsn_lib.checks import Array
 from inswsn_lib.errors import InswsnError
+from inswsn_lib.files import read_bytes
 from inswsn_lib.recordings.rows import reading
 
 #: The type and the bytes of each element
@@ -31,7 +32,7 @@ _LARGEST = 10**8  # bytes of an element when it is unpacked
 def read_tables(path: Path) -> dict[str, Array]:
     """Return the matrices of real numbers in a MATLAB file, by their names."""
     with reading(path):
-        data = path.read_bytes()
+        data = read_bytes(path)
         order = {b"IM": "<", b"MI": ">"}.get(data[_HEAD - 2 : _HEAD], "")
         if not order:
             raise InswsnError("it is no MATLAB file of level 5.")

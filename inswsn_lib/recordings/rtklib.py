@@ -13,6 +13,7 @@ import numpy as np
 
 from inswsn_lib.checks import Array, number
 from inswsn_lib.errors import InswsnError
+from inswsn_lib.files import read_bytes
 from inswsn_lib.kernels import import_numba_user
 from inswsn_lib.recordings.files import Place, digests_of, files_of, pick
 from inswsn_lib.recordings.rows import Row, all_lines, lines_of, numbers, reading
@@ -111,7 +112,7 @@ def read_log(path: Path, tag: Path, latency: float) -> tuple[Array, Array, Array
     lines = all_lines(path)
     values = numbers(path, [(n, line.split(",")) for n, line in lines[1:-1]], 7)
     with reading(tag):
-        data = tag.read_bytes()
+        data = read_bytes(tag)
         if not data.startswith(_WORD) or len(data) < _RECORDS:
             raise InswsnError("it is no time tag of RTKLIB.")
         if (len(data) - _RECORDS) % 8:

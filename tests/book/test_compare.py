@@ -11,6 +11,7 @@ from conftest import Done, MiniProject, files_of
 from inswsn_book.compare import (
     Change,
     changes_to_publish,
+    check_kept_studies,
     compare_conditions,
     comparison,
     flipped_verdicts,
@@ -19,9 +20,12 @@ from inswsn_book.compare import (
 )
 from inswsn_book.files import write_listed
 from inswsn_book.ledger import Claim, QuantityCheck
+from inswsn_book.progress import Quiet
 from inswsn_book.project import Project
 from inswsn_book.results import Quantity, Results, read_results, write_results
-from inswsn_book.runs import Request, Run, keep
+from inswsn_book.runs import Request, Run, keep, run
+
+from inswsn_lib.errors import BuildError
 
 BASE: dict[str, Any] = {
     "value": 1.0, "unit": "m", "basis": "printed", "how": "For a test.", "tolerance": 0.1,
@@ -68,7 +72,7 @@ def test_every_change_is_named_and_only_those() -> None:
         ({"role": "input"}, True),
         ({"tolerance": 1e9}, True),
         ({"tolerance": 0.11}, True),
-        ({"tolerance": 0.1 * (1 + 1e-12)}, False),
+        ({"share": 0.11}, True),
     ],
 )
 def test_what_is_beyond_tolerance(changes: dict[str, Any], beyond: bool) -> None:
@@ -77,6 +81,15 @@ def test_what_is_beyond_tolerance(changes: dict[str, Any], beyond: bool) -> None
     assert change.beyond_tolerance is beyond
     (field, *_) = changes
     assert field in str(change) or field == "unit"
+
+
+def test_a_share_is_one_of_the_reference_and_the_same_for_every_value() -> None:
+    """A number that moves by less than it may is no change of its tolerance."""
+    before, fields = quantity("x", 16.923, tolerance=0.01, share=0.02), {"tolerance": 0.01}
+    for value, beyond in ((17.178, False), (17.26, False), (17.27, True)):
+        after = quantity("x", value, share=0.02, **fields)
+        assert Change("x", before, after).beyond_tolerance is beyond
+    assert Change("x", before, quantity("x", 16.923, share=0.03, **fields)).beyond_tolerance
 
 
 def claim(name: str) -> Claim:
@@ -150,6 +163,33 @@ def test_a_fresh_build_is_within_tolerance_of_the_reference(
         pytest.fail("\n".join([said, *due]), pytrace=False)
 
 
+@pytest.mark.parametrize("at_hand", [True, False])
+def test_a_kept_study_that_is_not_the_reference_is_refused_wherever_it_is_built(
+    mini: MiniProject, at_hand: bool
+) -> None:
+    """With the recordings at hand and without: the sentence names both, and what mends it."""
+
+    def build(by_kept: float) -> Run:
+        mini.chapter(
+            "import os\n"
+            f"computed = {at_hand} and os.environ.get('INSWSN_DATA') != os.devnull\n"
+            "record.study('recorded/kept.json', computed=computed)\n"
+            f"record.quantity('found', 1.0 if computed else {by_kept}, 'm', how='For a test.',\n"
+            "                basis='recorded', tolerance=0.0, share=0.02)"
+        )
+        return run(mini, Request("00"), Quiet())
+
+    made = build(1.01)
+    found = (quantity("found", 1.0, basis="recorded", tolerance=0.0, share=0.02),)
+    mini.publish(made.results.model_copy(update={"quantities": found}))
+    check_kept_studies(mini, [made], Quiet())
+    with pytest.raises(BuildError) as refused:
+        check_kept_studies(mini, [build(1.03)], Quiet())
+    for part in ("data/recorded/kept.json", "data/published/00.json", "1 m -> 1.03 m",
+                 "make recorded", "make publish"):  # fmt: skip
+        assert part in str(refused.value)
+
+
 def build(mini: MiniProject, made: Results) -> None:
     """Put results into the store as the book's run of the chapter."""
     keep(mini, Request("00"), Run(Request("00"), made, "{}\n"))
@@ -167,7 +207,7 @@ def test_only_publish_changes_the_reference(mini: MiniProject, inswsn: Callable[
     write_results(results(x=9.0), mini.results / "00.json")
     assert inswsn(mini.root, "publish").stdout == ""
     # a reference of another schema is shown as all new, and replaced
-    other = reference.read_text().replace('version": 3', 'version": 9')
+    other = reference.read_text().replace('version": 4', 'version": 9')
     write_listed(mini.published, {"00.json": other})
     assert "! 00 x: absent -> 1 m\n" in inswsn(mini.root, "publish").stdout
     mini.publish(results().model_copy(update={"chapter": "07"}))
@@ -222,7 +262,7 @@ def test_a_chapter_is_published_if_more_than_its_rounding_has_changed(
 def test_compare_reads_files_of_older_forms(mini: MiniProject, inswsn: Callable[..., Done]) -> None:
     write_results(results(x=1.0), mini.root / "new.json")
     text = (
-        (mini.root / "new.json").read_text().replace('"schema_version": 3', '"schema_version": 1')
+        (mini.root / "new.json").read_text().replace('"schema_version": 4', '"schema_version": 1')
     )
     (mini.root / "old.json").write_text(text)
     done = inswsn(mini.root, "compare", "old.json", "new.json")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import runpy
 import shutil
 import subprocess
@@ -159,6 +160,8 @@ def test_a_manifest_is_what_sha256sum_writes(tmp_path: Path) -> None:
     assert damages(tmp_path) == []
     write_whole(tmp_path / ".DS_Store", "of the system")  # hidden: nobody reads it
     assert damages(tmp_path) == []
+    write_whole(tmp_path / ".b.txt.a1b2c3d_", "what a killed write leaves")
+    assert damages(tmp_path) == []
     write_whole(tmp_path / "b.txt", "other")
     write_whole(tmp_path / "c.txt", "new")
     (tmp_path / "below" / "a b.txt").unlink()
@@ -169,6 +172,21 @@ def test_a_manifest_is_what_sha256sum_writes(tmp_path: Path) -> None:
     with pytest.raises(InswsnError, match=r"b\.txt is changed; c\.txt is not listed; restore the"):
         check_listed(tmp_path)
     check_listed(tmp_path / "none")  # there is nothing yet
+
+
+def test_what_may_lie_beside_what_is_listed_is_a_closed_list_at_the_root(tmp_path: Path) -> None:
+    write_listed(tmp_path, {"index.html": "page"})
+    write_whole(tmp_path / "lib" / "one.py", "x = 1")
+    seal_folder(tmp_path)
+    beside = ["_build/x", "runs/mine/x", ".venv/x", ".git/x", "lib/__pycache__/one.cpython-311.pyc"]
+    for name in (*beside, "lib/__pycache__/one.run-7.py311.nbi"):
+        write_whole(tmp_path / name, "made while one works here")
+    assert damages(tmp_path) == []
+    others = [".hidden", "lib/.hidden", "lib/__pycache__/two.cpython-311.pyc", "site/_build/x.html",
+              "site/__pycache__/x.html", "site/runs/x.html"]  # fmt: skip
+    for name in others:
+        write_whole(tmp_path / name, "of nobody")
+    assert damages(tmp_path) == [f"{name} is not listed" for name in sorted(others)]
 
 
 @pytest.mark.parametrize("writes", range(5))
@@ -248,6 +266,24 @@ def test_no_folder_but_an_earlier_run_is_replaced(tmp_path: Path) -> None:
         with pytest.raises(ParameterError, match="one that holds an earlier run alone"):
             check_folder(other)
         shutil.rmtree(other)
+    # not with what has been edited, put or linked there
+    for name in ("second.txt", ".inswsn-run", "note.txt", ".ipynb_checkpoints/second.txt"):
+        before = files_of(out).get(name)
+        write_whole(out / name, "mine")
+        word = "not listed" if before is None else "changed"
+        with pytest.raises(ParameterError, match=rf"{re.escape(name)} is {word}"):
+            check_folder(out)
+        assert (out / name).read_text() == "mine"
+        if before is None:
+            (out / name).unlink()
+        else:
+            (out / name).write_bytes(before)
+    (out / "mine").symlink_to(neighbour)
+    with pytest.raises(ParameterError, match="mine is not listed"):
+        check_folder(out)
+    (out / "mine").unlink()
+    (out / "second.txt").unlink()  # nothing is lost with what the reader has removed
+    check_folder(out)
     # not with anything else in it, and no file
     write_whole(out / "note.txt", "mine")
     for path in (out, neighbour):

@@ -118,7 +118,11 @@ def test_texts(name: str, text: str, value: object) -> None:
         ("form", "other", "form is 'other'; it may be one of exact, printed."),
         ("draw", 1, "draw is 1; it may be true or false."),
         ("learner", 3, "learner is 3; it may be package.module:name of a scikit-learn regressor."),
-        ("wdith", 1.0, f"parameter is 'wdith'; it may be one of {', '.join(NAMES)}."),
+        (
+            "wdith",
+            1.0,
+            f"parameter is 'wdith'; it may be one of {', '.join(NAMES)}; the nearest is width.",
+        ),
     ],
 )
 def test_a_refusal_is_one_sentence(name: str, value: object, sentence: str) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -10,6 +12,7 @@ import pytest
 from conftest import MINI_LEDGER, MiniProject
 from inswsn_book.files import file_digest
 from inswsn_book.ledger import data_digest
+from inswsn_book.notebooks import notebook_text, read_source
 from inswsn_book.project import RESULTS_VARIABLE
 from inswsn_book.record import ChapterRecord
 from inswsn_book.results import Quantity, Results, read_results
@@ -29,16 +32,17 @@ def add(record: ChapterRecord, name: str = "x", value: float = 1.0, **changes: o
     record.quantity(name, value, **BASE | changes)
 
 
-def test_a_note_has_a_tolerance_of_one_digit_by_its_size(record: ChapterRecord) -> None:
+def test_a_note_has_a_tolerance_that_is_a_share_of_it(record: ChapterRecord) -> None:
     how = "Computed for a test."
     plain = record.note("a", 1234.5, "m", how)
-    assert (plain.tolerance, plain.basis, plain.interval_kind) == (1.0, "simulation", None)
+    assert (plain.tolerance, plain.share, plain.slack) == (1e-6, 1e-3, pytest.approx(1.2345))
+    assert (plain.basis, plain.interval_kind) == ("simulation", None)
     drawn = record.note("b", np.float64(-2), "m", how, relative=0.1, runs=9, interval=(-3, -1))
-    assert (drawn.tolerance, drawn.runs, drawn.interval_kind) == (0.2, 9, "runs 95 %")
+    assert (drawn.slack, drawn.runs, drawn.interval_kind) == (0.2, 9, "runs 95 %")
     other = {"kind": "confidence 95 %", "interval": (0, 1), "basis": "recorded", "tolerance": 0.0}
     own = record.note("c", 0.0, "m", how, runs=2, **other)
-    assert (own.tolerance, own.basis, own.interval_kind) == (0.0, "recorded", "confidence 95 %")
-    assert record.note("d", 0.0, "m", how, absolute=3e-4).tolerance == 3e-4
+    assert (own.slack, own.basis, own.interval_kind) == (0.0, "recorded", "confidence 95 %")
+    assert record.note("d", 0.0, "m", how, absolute=3e-4).slack == 3e-4
 
 
 def test_it_writes_what_it_read_and_found(
@@ -104,6 +108,24 @@ def test_plain_papermill_is_held_to_the_declaration(
 ) -> None:
     with pytest.raises(InswsnError, match=said):
         ChapterRecord("00", parameters=parameters, root=mini.root)
+
+
+@pytest.mark.parametrize(("name", "status"), [("scal", 1), ("scale", 0)])
+def test_papermill_sets_no_name_that_the_chapter_does_not_declare(
+    mini: MiniProject, tmp_path: Path, name: str, status: int
+) -> None:
+    """Papermill itself warns, and goes on with the published numbers."""
+    (chapter,) = mini.chapters()
+    twin = tmp_path / "mini.ipynb"
+    twin.write_text(notebook_text(read_source(chapter)), encoding="utf-8")
+    done = subprocess.run(
+        [sys.executable, "-m", "papermill", str(twin), str(twin.with_name("x")), "-p", name, "3"],
+        cwd=mini.root, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == status, done.stderr
+    said = "parameter is 'scal'; it may be one of scale; the nearest is scale."
+    assert (said in done.stderr) is (status == 1)
+    assert (mini.results / "00.json").exists() is (status == 0)
 
 
 def test_a_reference_quantity_is_noted_by_what_is_said_of_it(

@@ -132,7 +132,7 @@ def test_the_chapter_that_the_page_names_and_what_the_page_shows(
     # the reference results of the page are what the lines give by themselves
     found = read_results(project.published / f"{number}.json").quantities
     for value in left[number]:
-        assert any(abs(value - q.value) <= q.tolerance for q in found), value
+        assert any(abs(value - q.value) <= q.slack for q in found), value
 
 
 def test_61_counted_with_a_pencil(left: dict[str, list[float]]) -> None:
