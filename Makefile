@@ -87,8 +87,8 @@ bench: environment ## speed against peers, as ratios; writes data/benchmarks*.ya
 wasm: environment ## make in _build/live what lets Python run in the reader's page, without a server
 	@$(RUN) -X utf8 .ci/wasm.py $(if $(SOURCE),--source $(SOURCE)) $(if $(JOBS),--jobs $(JOBS))
 
-live: book wasm ## put Python into the built book, so that code cells of lessons run where they are read
-	@$(RUN) -I -X utf8 -m inswsn_book.live.site
+live: wasm ## build the book with Python in it, now and from now on, so that code cells of lessons run where they are read (OFF=1: no longer)
+	@$(RUN) -I -X utf8 -m inswsn_book.live $(if $(OFF),--off)
 
 mutants: environment ## change the library 200 times a room, and tell how often its tests notice
 	@$(RUN) studies/mutants.py filters lmi learning vehicle

@@ -93,6 +93,7 @@ class Project:
         self.build = root / "_build"  # everything that is made and not kept
         self.site = self.build / "html"  # the rendered book
         self.store = self.build / "store"  # runs of chapters
+        self.live = self.build / "live-is-on"  # there while Python is put into the site
         self.results = root / "results"  # of the last build
         self.published = root / "data" / "published"  # the reference results
         self.locks = root / "environment.lock", root / "environment-torch.lock"

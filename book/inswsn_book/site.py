@@ -82,6 +82,10 @@ def render_book(
         raise RenderingError("Something changed while the book was rendered; build it again.")
     with files.temporary_folder(project.build) as folder:
         site = _copied(project, kept / "html", folder / "site")
+        if project.live.exists():
+            from inswsn_book.live.site import put_in  # noqa: PLC0415  # takes long
+
+            put_in(project, site, progress)
         files.write_whole(site / _KEY_FILE, key)
         files.seal_folder(site)
         files.replace_folder(project.site, site)
@@ -180,6 +184,9 @@ def _site_key(project: Project, runs: Sequence[Run]) -> str:
     # docstrings and signatures are on the page of the library
     code = [files.tree_digest(p.parent, code_files(p)) for p in project.libraries]
     facts = [_base_key(project), files.tree_digest(root, kept), *code, footer(project)]
+    if project.live.exists():
+        python = [path for path in (project.build / "live").rglob("*") if path.is_file()]
+        facts.append(files.tree_digest(project.build, python))
     facts += [files.text_digest(run.notebook or "") for run in runs]
     facts += [files.text_digest(run.results.model_dump_json()) for run in runs]
     return files.text_digest("\n".join(facts))

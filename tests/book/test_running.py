@@ -15,6 +15,8 @@ import psutil
 import pytest
 from conftest import Done, MiniProject, build_once, files_of, run_command, unprivileged
 from inswsn_book import running
+from inswsn_book.files import damages, write_whole
+from inswsn_book.live.__main__ import main as live
 from inswsn_book.parameters import read_schema
 from inswsn_book.project import MODULES_VARIABLE
 from inswsn_book.results import read_results
@@ -347,6 +349,25 @@ def test_the_rendering_ends_with_the_command(built: MiniProject, inswsn: Command
     assert inswsn(built.root, "book").returncode == 0
     assert list(built.build.glob(".inswsn-*")) == []
     assert "Another page." in (built.site / "index.html").read_text()
+
+
+def test_a_live_book_stays_live(built: MiniProject, inswsn: Command) -> None:
+    """What `make live` switches on is kept by each build, sealed, until it is switched off."""
+    page = built.site / "chapters" / "00-mini.html"
+    failed = inswsn(built.root, command=live)
+    assert (failed.returncode, "make wasm makes it" in failed.stderr) == (1, True)
+    assert built.site.is_dir()
+    write_whole(built.root / "data" / "examples" / "ins-wsn.csv", "")
+    write_whole(built.build / "live" / "python.js", "// stands for Python")
+    for text in ("The first.", "The second."):
+        built.page(text)
+        assert inswsn(built.root, "book").returncode == 0
+        assert "live.js" in page.read_text()
+        assert (built.site / "_static/live/python.js").is_file()
+        assert "unchanged" in inswsn(built.root, "book").stderr.splitlines()[-1]
+        assert damages(built.site) == []
+    assert inswsn(built.root, "--off", command=live).returncode == 0
+    assert "live.js" not in page.read_text()
 
 
 def test_where_nothing_can_be_written(built: MiniProject, inswsn: Command) -> None:

@@ -16,6 +16,7 @@ import pytest
 from axe_playwright_python.sync_playwright import Axe
 from conftest import FLAGS, _Quiet
 from inswsn_book.live.site import lessons, put_in
+from inswsn_book.progress import Quiet
 from inswsn_book.project import Project
 from playwright.sync_api import Browser, Locator, Page
 from visiting import LESSON, OWN_DATA, visit
@@ -36,7 +37,7 @@ def live(
     """
     site = tmp_path_factory.mktemp("live") / "html"
     shutil.copytree(built_site, site)
-    put_in(project, site)
+    put_in(project, site, Quiet())
     handler = partial(_Told, directory=str(site))
     with ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
         threading.Thread(target=server.serve_forever, daemon=True).start()

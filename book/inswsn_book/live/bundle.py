@@ -22,9 +22,9 @@ _TIME = (1980, 1, 1, 0, 0, 0)  # of every file, so that the same files make the 
 
 def contents(project: Project) -> Iterator[tuple[str, bytes]]:
     """Give the files by the names that they have there."""
-    for path in _modules(project.root / "inswsn_lib"):
-        yield path.relative_to(project.root).as_posix(), path.read_bytes()
-    book = project.root / "book" / "inswsn_book"
+    library, book = project.libraries
+    for path in _modules(library):
+        yield path.relative_to(library.parent).as_posix(), path.read_bytes()
     for name in _BOOK:
         for path in _modules(book / name):
             yield f"inswsn_book/{path.relative_to(book).as_posix()}", path.read_bytes()
