@@ -96,7 +96,7 @@ class RecordedStudy:
 
     def tables(self) -> Tables:
         """Return everything, by the names of the sections of chapter 06."""
-        clusters = RecordedClusters(self.room)
+        clusters, outages = RecordedClusters(self.room), RecordedOutages(self.room)
         found = {
             "errors": self._errors(),
             "bias": self._biases(),
@@ -104,8 +104,8 @@ class RecordedStudy:
             "smoother": self._smoother(),
             "tight": self._tight(),
             "clusters": clusters.table(),
-            "facts": self._facts(clusters),
-            **_of_outages("inrol/1", RecordedOutages(self.room)),
+            "facts": self._facts(clusters, outages),
+            **_of_outages("inrol/1", outages),
             "autocorrelation": self._autocorrelations(),
         }
         found |= {name: contest.table() for name, contest in self.planar.items()}
@@ -216,9 +216,12 @@ class RecordedStudy:
             )
         return pd.DataFrame(columns)
 
-    def _facts(self, clusters: RecordedClusters) -> pd.DataFrame:
+    def _facts(self, clusters: RecordedClusters, outages: RecordedOutages) -> pd.DataFrame:
         """Return single numbers by name."""
         room = self.room
+        # what the learners' INS, which is never corrected, is off by when an outage begins
+        astray = (room.difference.ins - room.truth)[outages.starts, :2]
+        begun = np.linalg.norm(astray, axis=1)
         fixes = np.asarray(np.isfinite(room.fixes.position).all(axis=1))
         x, y = clusters.correlation
         facts = {
@@ -228,6 +231,8 @@ class RecordedStudy:
             "room judged": int(room.judged.sum()),
             "room split": room.split - float(room.fixes.time[0]),
             "room attitude jumps": _jumps(room.recording),
+            "outages ins least": float(begun.min()),
+            "outages ins most": float(begun.max()),
             "clusters correlation x": x,
             "clusters correlation y": y,
             "trials": self.trials,
