@@ -6,6 +6,7 @@ import warnings
 from dataclasses import replace
 from typing import Any
 
+import mpmath
 import numpy as np
 import pytest
 from filterpy.kalman import KalmanFilter
@@ -139,6 +140,33 @@ def test_the_steady_state_is_that_of_the_riccati_equation() -> None:
     assert design.predicted[-1] == pytest.approx(P, rel=1e-9, abs=1e-12)
     assert predictor_gain(model) == pytest.approx(model.A @ design.gains[-1], abs=1e-9)
     assert predictor_gain(walk()).item() == pytest.approx((5**0.5 - 1) / 2)
+
+
+def gain_by_50_digits(model: ErrorModel) -> np.ndarray:
+    """Return the steady gain by doubling: each turn takes twice the steps of the recursion of P."""
+    with mpmath.workdps(50):
+        A, B, C, D = (mpmath.matrix(X.tolist()) for X in (model.A, model.B, model.C, model.D))
+        F, G, P, R = A.T, C.T * (D * D.T) ** -1 * C, B * B.T, D * D.T
+        for _ in range(40):
+            W = (mpmath.eye(P.rows) + G * P) ** -1
+            F, G, P = F * W * F, G + F * W * G * F.T, P + F.T * P * W * F
+        S = C * P * C.T + R
+        gain = A * P * C.T * S**-1
+        assert mpmath.norm(A * P * A.T + B * B.T - gain * S * gain.T - P) < 1e-30 * mpmath.norm(P)
+        return np.array(gain.tolist(), float)
+
+
+@pytest.mark.parametrize("size", [1.0, 10.0])
+@pytest.mark.parametrize("seen", [[1, 1, 1], [1, 2, 3]])
+def test_the_steady_gain_where_one_output_hardly_tells_two_modes_apart(
+    size: float, seen: list[int]
+) -> None:
+    """Unscaled it was up to 3.6 times its size off, or said to be none."""
+    T = np.array([[1, 1, 0], [0, 1, 1], [1, 0, 2]])
+    A = T @ np.diag([1, -1, -1.00000008]) @ np.linalg.inv(T)
+    model = ErrorModel(A=A, B=size * np.eye(3), C=[seen], D=[[1]], period=1.0)
+    exact = gain_by_50_digits(model)
+    assert predictor_gain(model) == pytest.approx(exact, abs=1e-4 * np.abs(exact).max())
 
 
 def test_without_noise_in_the_measurement_it_follows_the_measurement() -> None:
