@@ -34,7 +34,7 @@ def array(name: str, value: ArrayLike, *shapes: Shape, gaps: bool = False) -> Ar
     *shapes : tuple of int or str
         Such as ``("steps", 4, "runs")``.
     gaps : bool
-        Whether NaN may stand where a number is missing.
+        Whether NaN may stand where a number is missing. What a masked array hides is NaN.
 
     Raises
     ------
@@ -238,15 +238,48 @@ def one_of(name: str, value: Any, names: tuple[str, ...]) -> None:
         raise ParameterError(name, value, "one of " + ", ".join(f'"{each}"' for each in names))
 
 
+def unmasked(value: Any) -> Any:
+    """Return a value, with NaN for the numbers that masked arrays hide, also those in a list.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from inswsn_lib.checks import unmasked
+    >>> unmasked([[1, 2], np.ma.masked_equal([3, 4], 4)]).tolist()
+    [[1.0, 2.0], [3.0, nan]]
+    """
+    hidden = _hidden(value)
+    return value if hidden is False else np.where(hidden, np.nan, np.asarray(value))
+
+
+def _hidden(value: Any) -> Any:
+    """Return which entries masked arrays hide; False if there are no such arrays."""
+    if isinstance(value, np.ma.MaskedArray):
+        return np.ma.getmaskarray(value)
+    # a list of a million numbers is told by its types
+    nests = isinstance(value, list | tuple) and any(
+        issubclass(kind, list | tuple | np.ma.MaskedArray) for kind in set(map(type, value))
+    )
+    parts = [_hidden(each) for each in value] if nests else []
+    if all(part is False for part in parts):
+        return False
+    pairs = zip(parts, value, strict=True)
+    return np.array([np.broadcast_to(part, np.shape(each)) for part, each in pairs])
+
+
 def _of_kind(name: str, value: ArrayLike, kinds: str, may_be: str) -> NDArray[Any]:
     """Return an array of one of some kinds of dtype."""
     try:
-        found = np.asarray(value)
+        found, hidden = np.asarray(value), _hidden(value)
     except (TypeError, ValueError):  # rows of unequal length
         raise ParameterError(name, Described("no array"), may_be) from None
     if found.dtype.kind not in kinds:
         raise ParameterError(name, Described(f"{found.dtype} of shape {found.shape}"), may_be)
-    return found
+    if hidden is False or not hidden.any():
+        return found
+    if "f" not in kinds:  # only numbers can be NaN
+        raise ParameterError(name, Described("masked in part"), may_be)
+    return np.where(hidden, np.nan, found)
 
 
 def _told(shapes: tuple[Shape, ...]) -> str:

@@ -14,8 +14,8 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from inswsn_lib.checks import Array, array, one_of
-from inswsn_lib.errors import InswsnError, ParameterError
+from inswsn_lib.checks import Array, array, one_of, unmasked
+from inswsn_lib.errors import Described, InswsnError, ParameterError
 
 Whole = NDArray[np.int64]
 
@@ -30,7 +30,10 @@ class Stream:
         """Check that every array has a row for each time stamp, and that these increase."""
         object.__setattr__(self, "time", array("time", self.time, ("rows",)))
         check_increase(type(self).__name__, self.time, repeats=isinstance(self, Ranges))
-        for name, value in self._columns():
+        for name, value in list(self._columns()):
+            if np.ma.is_masked(value) and value.dtype.kind != "f":  # what cannot be NaN
+                raise ParameterError(name, Described("masked in part"), "complete")
+            object.__setattr__(self, name, unmasked(value))
             if len(value) != len(self.time):
                 raise ParameterError(name, len(value), f"of {len(self.time)} rows, as time is")
 

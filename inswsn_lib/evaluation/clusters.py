@@ -132,6 +132,8 @@ def _weighted_medians(rising: Array, times: NDArray[np.intp]) -> Array:
 def _clustered(values: ArrayLike, clusters: ArrayLike) -> tuple[Array, NDArray[np.intp], int]:
     """Return values, the number of the cluster of each, and how many there are."""
     given, labels = array("values", values, ("n",)), np.asarray(clusters)
+    if np.ma.is_masked(clusters):
+        raise ParameterError("clusters", Described("masked in part"), "one for each value")
     if labels.shape != given.shape:
         raise ParameterError("clusters", Described(f"of shape {labels.shape}"), f"{given.shape}")
     names, which = np.unique(labels, return_inverse=True)

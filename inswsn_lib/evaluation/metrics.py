@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from inswsn_lib.checks import Array
+from inswsn_lib.checks import Array, unmasked
 from inswsn_lib.errors import Described, ParameterError
 
 _FEWEST_RUNS = 40
@@ -19,7 +19,7 @@ def mean_absolute_error(errors: ArrayLike) -> Array:
     Parameters
     ----------
     errors : array_like, (steps, components, runs)
-        Steps that are NaN are left out.
+        Steps that are NaN, or masked, are left out.
 
     Returns
     -------
@@ -31,7 +31,7 @@ def mean_absolute_error(errors: ArrayLike) -> Array:
     >>> iw.mean_absolute_error([[[3.0]], [[-4.0]], [[float("nan")]]]).tolist()
     [[3.5]]
     """
-    return np.asarray(np.nanmean(np.abs(np.asarray(errors, dtype=float)), axis=0))
+    return np.asarray(np.nanmean(np.abs(np.asarray(unmasked(errors), dtype=float)), axis=0))
 
 
 def root_mean_square_error(errors: ArrayLike) -> Array:
@@ -45,7 +45,9 @@ def root_mean_square_error(errors: ArrayLike) -> Array:
     >>> iw.root_mean_square_error([[[1.0]], [[-7.0]]]).tolist()
     [[5.0]]
     """
-    return np.asarray(np.sqrt(np.nanmean(np.square(np.asarray(errors, dtype=float)), axis=0)))
+    return np.asarray(
+        np.sqrt(np.nanmean(np.square(np.asarray(unmasked(errors), dtype=float)), axis=0))
+    )
 
 
 def largest_error(errors: ArrayLike) -> Array:
@@ -57,7 +59,7 @@ def largest_error(errors: ArrayLike) -> Array:
     >>> largest_error([[[3.0]], [[-4.0]], [[float("nan")]]]).tolist()
     [[4.0]]
     """
-    return np.asarray(np.nanmax(np.abs(np.asarray(errors, dtype=float)), axis=0))
+    return np.asarray(np.nanmax(np.abs(np.asarray(unmasked(errors), dtype=float)), axis=0))
 
 
 class Spread(NamedTuple):
@@ -79,7 +81,7 @@ def spread(values: ArrayLike) -> Spread:
     >>> [float(x[0].round(6)) for x in iw.spread([range(41)])]  # one component, 41 runs
     [20.0, 1.0, 39.0]
     """
-    given = np.asarray(values, dtype=float)
+    given = np.asarray(unmasked(values), dtype=float)
     if given.ndim != 2 or given.shape[1] < _FEWEST_RUNS:
         may_be = f"(components, {_FEWEST_RUNS} or more runs)"
         raise ParameterError("values", Described(f"of shape {given.shape}"), may_be)

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from sklearn.base import BaseEstimator, MultiOutputMixin, RegressorMixin, clone
 from sklearn.utils.validation import check_is_fitted, validate_data
 
-from inswsn_lib.checks import Array
+from inswsn_lib.checks import Array, unmasked
 
 Scaling = Literal["range", "standard", "none"]
 
@@ -84,6 +84,7 @@ class Regressor(MultiOutputMixin, RegressorMixin, BaseEstimator, ABC):  # type: 
         if plain:
             self.n_features_in_ = X.shape[1]
         else:
+            X, y = unmasked(X), unmasked(y)
             X, y = validate_data(self, X, y, multi_output=True, y_numeric=True, dtype=np.float64)
             y = np.asarray(y, dtype=np.float64)
         self._flat = y.ndim == 1
@@ -93,7 +94,7 @@ class Regressor(MultiOutputMixin, RegressorMixin, BaseEstimator, ABC):  # type: 
         """Return inputs as an array (n, inputs), as many as the estimator was fitted with."""
         if not self._is_plain(X) or X.shape[1] != getattr(self, "n_features_in_", None):
             check_is_fitted(self)
-            X = validate_data(self, X, reset=False, dtype=np.float64)
+            X = validate_data(self, unmasked(X), reset=False, dtype=np.float64)
         return X  # type: ignore[no-any-return]
 
     def _shaped(self, outputs: Array) -> Array:

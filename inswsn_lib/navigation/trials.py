@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from sklearn.linear_model import LinearRegression
 
-from inswsn_lib.checks import Array, one_of, whole
+from inswsn_lib.checks import Array, one_of, unmasked, whole
 from inswsn_lib.errors import Described, ParameterError
 from inswsn_lib.learning import HoldRegressor, RBFNetworkRegressor, SelectedLSSVM
 from inswsn_lib.navigation.vehicle_hybrid import Bridge, Ramps, VehicleHybrid
@@ -188,7 +188,7 @@ def _lean(run: VehicleRun) -> VehicleRun:
 
 def as_starts(starts: ArrayLike) -> NDArray[np.intp]:
     """Return epochs at which outages begin, (outages,); refuse what is no whole number."""
-    begin = np.atleast_1d(np.asarray(starts))
+    begin = np.atleast_1d(np.asarray(unmasked(starts)))
     if begin.dtype.kind not in "iu" or begin.ndim != 1 or not begin.size:
         raise ParameterError(
             "starts",

@@ -104,11 +104,13 @@ class Drive:
                 "time", Described("uneven"), "even, with a whole number of IMU samples a step"
             )
         samples = (epochs - 1) * self.samples_per_epoch
-        for name in ("rotation_increments", "velocity_increments"):
-            array(name, getattr(self, name), (samples, 3, runs))
-        for name in ("gps_position", "gps_velocity"):
-            array(name, getattr(self, name), (epochs, 3, runs), gaps=True)
-        array("compass", self.compass, (epochs, runs), gaps=True)
+        imu, gps = (samples, 3, runs), (epochs, 3, runs)
+        for name, shape in (
+            ("rotation_increments", imu), ("velocity_increments", imu), ("gps_position", gps),
+            ("gps_velocity", gps), ("compass", (epochs, runs)),
+        ):  # fmt: skip
+            found = array(name, getattr(self, name), shape, gaps=shape is not imu)
+            object.__setattr__(self, name, found)
         for place in self.places:
             if not 0 <= place.start < epochs:
                 raise ParameterError("places", place, f"one that starts at 0 to {epochs - 1}")

@@ -1,0 +1,119 @@
+"""What a masked array of numpy hides is missing: as NaN where that may stand, else refused."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+import inswsn_lib as iw
+from inswsn_lib.evaluation import cluster_mean, largest_error
+from inswsn_lib.navigation.trials import as_starts
+from inswsn_lib.simulation import coloured
+from inswsn_lib.streams import Fixes, Ranges
+
+MODEL = iw.ErrorModel.p1(0.2, process_noise=(0.05, 0.1), measurement_noise=(0.2, 0.3))
+EYE, RNG = np.eye(4), np.random.default_rng(7)
+GAIN = (MODEL, 0.4 * EYE)
+HEARD = [(True, False), (False, True), (True, True)]
+HALVES = {each: EYE * np.reshape(each, (2, 1, 1)) / sum(each) for each in HEARD}
+SWITCHED = {
+    each: (
+        iw.ErrorModel(A=MODEL.A, B=EYE, C=np.vstack([EYE] * sum(each)), D=np.eye(4 * sum(each)),
+                      period=0.2),
+        np.hstack([0.4 * EYE] * sum(each)),
+    )
+    for each in HEARD
+}  # fmt: skip
+VALUES = RNG.integers(-9, 9, size=(2, 12, 4, 3))
+HIDDEN = RNG.random((2, 12, 1, 3)) < 0.3
+HIDDEN = HIDDEN | (RNG.random(VALUES.shape) < 0.1)
+NOISE: dict[str, Any] = {"initial_covariance": EYE}
+CLUSTERS: dict[str, Any] = NOISE | {"measurement_covariance": [EYE, 2 * EYE]}
+#: Of two clusters
+FILTERS: dict[str, Callable[[Any], Any]] = {
+    "kalman": lambda y: iw.run_kalman(MODEL, y[0], **NOISE),
+    "stream": lambda y: np.concatenate(
+        list(iw.stream_kalman(MODEL, [y[0][:5], y[0][5:]], **NOISE))
+    ),
+    "hinfinity": lambda y: iw.run_hinfinity(GAIN, y[0]),
+    "robust": lambda y: iw.run_robust(MODEL, y[0], policy=iw.huber(1.5), **NOISE),
+    "schmidt": lambda y: iw.run_schmidt(MODEL, y[0], considered=1, **NOISE),
+    "federated": lambda y: iw.run_federated(MODEL, y, **CLUSTERS),
+    "fused locals": lambda y: iw.run_fused_locals(MODEL, y, **CLUSTERS),
+    "distributed": lambda y: iw.run_distributed([GAIN] * 2, y, weights=HALVES),
+    "switched": lambda y: iw.run_switched(SWITCHED, y),
+    "hybrid": lambda y: iw.HybridNavigator(
+        lambda z: iw.run_kalman(MODEL, z, **NOISE), iw.HoldRegressor(), feedback=True, least=1
+    ).run(y[0]).estimates,
+    "noise": lambda y: np.stack(iw.fit_noise(EYE, np.ones((12, 4, 3)), y[0])),
+    "squares": lambda y: iw.normalised_squares(y[0], EYE),
+    "mean": lambda y: iw.mean_absolute_error(y[0]),
+    "root mean square": lambda y: iw.root_mean_square_error(y[0]),
+    "largest": lambda y: largest_error(y[0]),
+    "spread": lambda y: iw.spread(np.ma.reshape(y[0][:10], (2, -1))),
+    "patterns": lambda y: np.array(sorted(iw.patterns_of(y)), float),
+    "coloured": lambda y: coloured(y[0], 0.2, 1.0),
+    "slope": lambda y: iw.slope_velocity(Fixes(np.arange(12.0), y[0][:, :2, 0] * 1.0)).velocity,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", FILTERS)
+@pytest.mark.parametrize("kind", [int, float])
+def test_what_is_masked_is_missing(name: str, kind: type) -> None:
+    missing = np.where(HIDDEN, np.nan, VALUES)
+    given = VALUES.astype(kind) if kind is int else np.where(HIDDEN, 1e9, VALUES)
+    masked = np.ma.masked_array(given, HIDDEN)
+    run = FILTERS[name]
+    expected = run(missing)
+    np.testing.assert_array_equal(run(masked), expected)
+    np.testing.assert_array_equal(run([*masked]), expected)  # a list of the clusters
+    shown = run(np.ma.masked_array(VALUES, False))
+    np.testing.assert_array_equal(shown, run(VALUES))
+    assert not np.array_equal(shown, expected, equal_nan=True)
+
+
+THIRD = np.ma.masked_array([0, 1, 2], [False, False, True])
+FEW = np.ma.masked_array(EYE, EYE == 1)
+REFUSED: dict[str, tuple[str, Callable[[], Any]]] = {
+    "available": (
+        "available is masked in part; it may be bools (steps, 4).",
+        lambda: iw.design_kalman(MODEL, FEW == 1, **NOISE),
+    ),
+    "lost": (
+        "lost is masked in part; it may be bools (2, 12, 3).",
+        lambda: iw.run_federated(
+            MODEL, 1.0 * VALUES, lost=np.ma.masked_array(HIDDEN[:, :, 0], True), **CLUSTERS
+        ),
+    ),
+    "initial_covariance": (
+        "initial_covariance is not finite; it may be finite numbers (4, 4).",
+        lambda: iw.run_kalman(MODEL, VALUES[0], initial_covariance=FEW),
+    ),
+    "A": (
+        "A is not finite; it may be finite numbers (n, n).",
+        lambda: iw.ErrorModel(A=FEW, B=EYE, C=EYE, D=EYE, period=1.0),
+    ),
+    "anchor": (
+        "anchor is masked in part; it may be complete.",
+        lambda: Ranges(np.arange(3.0), THIRD, np.ones(3), np.zeros((3, 2)), tuple("abc")),
+    ),
+    "starts": ("starts is float64 of shape (3,); ", lambda: as_starts(THIRD)),
+    "clusters": (
+        "clusters is masked in part; it may be one for each value.",
+        lambda: cluster_mean([1, 2, 3], THIRD),
+    ),
+    "inputs": ("Input X contains NaN", lambda: iw.HoldRegressor().fit(FEW, EYE)),
+    "targets": ("Input y contains NaN", lambda: iw.HoldRegressor().fit(EYE, FEW)),
+    "asked": ("Input X contains NaN", lambda: iw.HoldRegressor().fit(EYE, EYE).predict(FEW)),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_what_must_be_complete_may_not_be_masked(name: str) -> None:
+    said, call = REFUSED[name]
+    with pytest.raises(ValueError, match=r"contains NaN|masked|finite|float64") as raised:
+        call()
+    assert str(raised.value).startswith(said)
