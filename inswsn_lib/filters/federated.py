@@ -177,7 +177,7 @@ def federated_covariance(
     y = np.where(heard.T[:, :, None, None], np.zeros((m, 1)), np.nan)
     predicted = options.pop("predicted", False)
     fused = _fused(_Given.of(model, y, np.zeros((n, 1)), **options), gone, predicted)
-    return np.stack([inverses(each.Y)[..., 0] for each in fused])
+    return np.array([inverses(each.Y)[..., 0] for each in fused]).reshape(-1, n, n)
 
 
 def _shares(sharing: ArrayLike | None, clusters: int, reset: str) -> Array:

@@ -108,10 +108,12 @@ def design_kalman(
     there = mask("available", available, ("steps", len(model.C)))
     noise = _Noise.of(model, process_covariance, measurement_covariance, len(there))
     covariances = _Covariances.start(model, initial_covariance, len(there))
-    steps = zip(
-        *(covariances.step(here, noise, k) for k, here in enumerate(there[:, None])), strict=True
+    steps = [covariances.step(here, noise, k) for k, here in enumerate(there[:, None])]
+    m, n = model.C.shape
+    gains, _, *others = (
+        np.array([step[i] for step in steps]).reshape(len(steps), *shape)
+        for i, shape in enumerate([(n, m), (n, n), (n, n), (n, n), (m, m)])
     )
-    gains, _, *others = (np.array(each)[:, 0] for each in steps)
     return KalmanDesign(gains, *others)
 
 

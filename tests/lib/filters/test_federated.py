@@ -268,6 +268,10 @@ def test_no_runs_and_no_steps(shape: tuple[int, ...]) -> None:
                           measurement_covariance=np.stack([np.eye(4)] * 2),
                           initial_covariance=np.eye(4))  # fmt: skip
     assert found.shape == shape[1:]
+    available = np.ones((shape[1], 2), bool)
+    claimed = federated_covariance(ErrorModel.p1(0.2), available, initial_covariance=np.eye(4),
+                                   measurement_covariance=np.stack([np.eye(4)] * 2))  # fmt: skip
+    assert claimed.shape == (shape[1], 4, 4)
 
 
 @pytest.mark.parametrize(

@@ -178,6 +178,11 @@ def test_without_noise_in_the_measurement_it_follows_the_measurement() -> None:
 def test_no_runs_no_steps_and_sums_that_overflow() -> None:
     for shape in ((0, 4, 3), (5, 4, 0)):
         assert run_kalman(MODEL, np.zeros(shape), initial_covariance=np.eye(4)).shape == shape
+    two = replace(MODEL, C=np.eye(2, 4), D=np.eye(2))
+    design = design_kalman(two, np.ones((0, 2), bool), initial_covariance=np.eye(4))
+    assert design.gains.shape == (0, 4, 2)
+    assert design.predicted.shape == design.filtered.shape == (0, 4, 4)
+    assert design.innovation.shape == (0, 2, 2)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         large = np.full((2, 4, 3), 1e308)
