@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -11,7 +14,7 @@ from scipy.linalg.lapack import dposv, dpstrf
 from scipy.spatial.distance import cdist
 
 from inswsn_lib.checks import Array, number, one_of, whole
-from inswsn_lib.errors import ParameterError
+from inswsn_lib.errors import Described, ParameterError
 from inswsn_lib.learning.base import Regressor
 
 Kernel = Literal["rbf", "linear", "polynomial"]
@@ -19,6 +22,7 @@ KERNELS: tuple[Kernel, ...] = ("rbf", "linear", "polynomial")
 _ROWS = 128  # of a kernel that are computed at a time, so that they stay in a cache
 _CANDIDATES = 64  # for the next pivots, whose rows are computed at once
 _CHECKED = 1000  # equations of a machine of low rank, evenly spaced, whose residual is told
+_SMALL = 2**30  # bytes that are taken without asking
 _NOTHING = 1e-12  # share of the largest diagonal entry below which what is left is rounding
 
 
@@ -78,6 +82,35 @@ def squared_distances(X: Array, Z: Array) -> Array:
     return found
 
 
+@contextmanager
+def room_for(rows: int, columns: int) -> Iterator[None]:
+    """Refuse samples X whose kernels (rows, columns) have no room in memory.
+
+    It is told beforehand: a system may grant more than it has, and end the process later.
+    """
+    takes = 8 * rows * columns
+    got = Described(f"of {rows:,} rows, whose kernels take {takes / 1e9:.3g} GB of memory")
+    may_be = "of fewer rows, or learnt by LSSVMRegressor with a smaller rank=, such as rank=1000"
+    if takes > _SMALL and takes > _free_memory():
+        raise ParameterError("X", got, may_be)
+    try:
+        yield
+    except MemoryError:
+        raise ParameterError("X", got, may_be) from None
+
+
+def _free_memory() -> float:
+    """Return how much memory can be had, bytes; infinite where the system does not tell."""
+    found = float("inf")
+    with suppress(OSError, ValueError, IndexError):
+        told = Path("/proc/meminfo").read_text().split("MemAvailable:")[1]
+        found = 1024.0 * int(told.split()[0])
+    with suppress(OSError, ValueError):  # of a container, unless it is "max"
+        limit, used = (Path(f"/sys/fs/cgroup/memory.{x}").read_text() for x in ("max", "current"))
+        found = min(found, float(int(limit) - int(used)))
+    return found
+
+
 @dataclass(eq=False, repr=False)
 class LSSVMRegressor(Regressor):
     r"""Least-squares support vector machine for regression (P1 3.1-3.9).
@@ -106,7 +139,7 @@ class LSSVMRegressor(Regressor):
     rank : int, optional
         At most so many samples, the pivots, carry a kernel. Default: all, which takes
         :math:`n^3/3` operations and :math:`8 n^2` bytes; with a rank r it takes :math:`2 r^2 n`
-        and :math:`8 r n`.
+        and :math:`8 r n`. More than there is memory is refused.
 
     Attributes
     ----------
@@ -177,8 +210,14 @@ class LSSVMRegressor(Regressor):
         one_of("kernel", self.kernel, KERNELS)
         whole("degree", self.degree, 1)
         if self.rank is not None:
-            self._fit_pivots(X, Y, whole("rank", self.rank, 1, len(X)))
-            return
+            rank = whole("rank", self.rank, 1, len(X))
+            with room_for(len(X), rank):
+                self._fit_pivots(X, Y, rank)
+        else:
+            with room_for(len(X), len(X)):
+                self._fit_all(X, Y)
+
+    def _fit_all(self, X: Array, Y: Array) -> None:
         n = len(X)
         H = np.empty((n, n))
         for first in range(0, n, _ROWS):  # what is above the diagonal is not read

@@ -10,12 +10,19 @@ from numpy.typing import ArrayLike
 from inswsn_lib.checks import Array, array, matrices, number, one_of, whole
 from inswsn_lib.errors import Described, ParameterError
 from inswsn_lib.learning.base import Regressor
-from inswsn_lib.learning.lssvm import KERNELS, Kernel, LSSVMRegressor, kernel_matrix
+from inswsn_lib.learning.lssvm import (
+    KERNELS,
+    Kernel,
+    LSSVMRegressor,
+    kernel_matrix,
+    room_for,
+)
 
 #: Candidates of `SelectedLSSVM`, for inputs of unit deviation
 SIGMAS = tuple(float(s) for s in np.geomspace(0.125, 64.0, 10))
 ETAS = tuple(float(e) for e in np.geomspace(1e-2, 1e2, 9))
 _ENTRIES = 2**16  # of kernels that are decomposed together: so many stay in a cache
+_COPIES = 6  # of a kernel that its decomposition takes
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +95,8 @@ def select_lssvm(
     Raises
     ------
     ParameterError
-        If an argument is something else, or leaves no sample to train or to score.
+        If an argument is something else, leaves no sample to train or to score, or takes more
+        memory than there is.
 
     Examples
     --------
@@ -124,7 +132,9 @@ def select_lssvm(
 
     if trained_on is None:
         parts = -(-len(widths) * len(inputs) ** 2 // _ENTRIES)
-        residuals = [left_out(some) for some in np.array_split(widths, min(parts, len(widths)))]
+        some = np.array_split(widths, min(parts, len(widths)))
+        with room_for(len(inputs), _COPIES * len(inputs)):
+            residuals = [left_out(each) for each in some]
     else:
         residuals = [ahead(float(sigma))[None] for sigma in widths]
     by_output = np.concatenate([np.abs(some).mean(axis=2) for some in residuals])

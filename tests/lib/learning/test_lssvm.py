@@ -11,7 +11,7 @@ from sklearn.kernel_ridge import KernelRidge
 from sklearn.metrics.pairwise import polynomial_kernel, rbf_kernel
 
 from inswsn_lib.errors import ParameterError
-from inswsn_lib.learning import LSSVMRegressor, kernel_matrix
+from inswsn_lib.learning import LSSVMRegressor, SelectedLSSVM, kernel_matrix, lssvm
 
 KERNELS = ["rbf", "linear", "polynomial"]
 
@@ -117,6 +117,38 @@ def test_a_parameter_that_cannot_be_is_refused(parameters: dict[str, Any]) -> No
     *_, (name, value) = parameters.items()
     with pytest.raises(ParameterError, match=f"{name} is {value!r}"):
         LSSVMRegressor(**parameters).fit([[0.0], [1.0]], [0.0, 1.0])
+
+
+MANY = 10**7  # rows whose kernels are 800 TB: more than a process can address
+
+
+@pytest.mark.parametrize(
+    ("machine", "rows", "free", "size"),
+    [
+        (LSSVMRegressor(), 10**5, 79e9, "80 GB"),
+        (LSSVMRegressor(), MANY, np.inf, "8e+05 GB"),  # the allocation fails
+        (LSSVMRegressor(rank=MANY), MANY, np.inf, "8e+05 GB"),
+        (SelectedLSSVM(), 10**5, 479e9, "480 GB"),
+        (SelectedLSSVM((1.0,), (1.0,)), MANY, np.inf, "4.8e+06 GB"),
+    ],
+)
+def test_more_rows_than_memory_are_refused_with_a_way_out(
+    machine: Any, rows: int, free: float, size: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(lssvm, "_free_memory", lambda: free)
+    X = np.linspace(0.0, 1.0, rows)[:, None]
+    with pytest.raises(ParameterError) as raised:
+        machine.fit(X, X[:, 0])
+    assert str(raised.value) == (
+        f"X is of {rows:,} rows, whose kernels take {size} of memory; it may be of fewer rows, or "
+        "learnt by LSSVMRegressor with a smaller rank=, such as rank=1000."
+    )
+
+
+def test_memory_that_can_be_had_is_told_by_the_system() -> None:
+    psutil = pytest.importorskip("psutil")
+    free = lssvm._free_memory()
+    assert free == np.inf or 0 < free <= psutil.virtual_memory().total
 
 
 @pytest.mark.parametrize("kernel", KERNELS)
