@@ -1,4 +1,4 @@
-"""Back-propagation networks, many seeds or data sets at once, trained as in 2011 or today."""
+"""Back-propagation networks, many seeds or data sets at once, trained as in 2011."""
 
 from __future__ import annotations
 
@@ -6,19 +6,18 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, Literal, NamedTuple, Self
+from typing import Any, Literal, NamedTuple, Self, get_args
 
 import numpy as np
 import torch
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import minimize
 
 from inswsn_lib.checks import Array, number, one_of, whole
 from inswsn_lib.errors import Described, ParameterError
 from inswsn_lib.kernels import choose
 from inswsn_lib.learning.base import Regressor, Scale, Scaling
 
-Trainer = Literal["levenberg-marquardt", "gradient-descent", "l-bfgs"]
+Trainer = Literal["levenberg-marquardt", "gradient-descent"]
 #: The next weights and state of networks, and which of them are done
 _Stepped = tuple[torch.Tensor, torch.Tensor, torch.Tensor]
 
@@ -41,9 +40,9 @@ class BackpropRegressor(Regressor):
     ----------
     hidden : int
         Neurons of the hidden layer.
-    trainer : {"levenberg-marquardt", "gradient-descent", "l-bfgs"}
-        Damped Gauss-Newton steps, the standard of 2011's toolboxes; plain gradient descent with
-        momentum; or scipy's L-BFGS.
+    trainer : {"levenberg-marquardt", "gradient-descent"}
+        Damped Gauss-Newton steps, the standard of 2011's toolboxes, or plain gradient descent with
+        momentum.
     epochs : int
         The most steps.
     learning_rate, momentum : float
@@ -176,10 +175,8 @@ class BackpropRegressor(Regressor):
         number("weight_decay", self.weight_decay, least=0)
         number("momentum", self.momentum, least=0, below=1)
         number("validation_share", self.validation_share, least=0, below=1)
-        one_of("trainer", self.trainer, ("levenberg-marquardt", "gradient-descent", "l-bfgs"))
+        one_of("trainer", self.trainer, get_args(Trainer))
         one_of("scaling", self.scaling, ("range", "standard", "none"))
-        if self.trainer == "l-bfgs" and self.validation_share:
-            raise ParameterError("validation_share", self.validation_share, 'with "l-bfgs", 0')
 
 
 class _Layers(NamedTuple):
@@ -282,9 +279,7 @@ def _train(copies: Sequence[BackpropRegressor], samples: Sequence[tuple[Array, A
     decay, epochs, patience = float(first.weight_decay), int(first.epochs), int(first.patience)
     work, weights = _Work.on(X, Y, trains, start, decay), torch.from_numpy(start)
     with _one_thread():
-        if first.trainer == "l-bfgs":
-            weights, steps = _l_bfgs(work, weights, epochs)
-        elif first.trainer == "gradient-descent":
+        if first.trainer == "gradient-descent":
             descend = partial(_descend, first.learning_rate, first.momentum)
             moving, still = weights.clone().requires_grad_(), torch.zeros_like(weights)
             weights, steps = _repeat(descend, work, moving, still, epochs, patience)
@@ -434,26 +429,6 @@ def _normal_equations(work: _Work, weights: torch.Tensor) -> tuple[torch.Tensor,
     )
     unit = torch.eye(normal.shape[-1], dtype=normal.dtype)
     return normal + work.decay * unit, slope + work.decay * weights
-
-
-def _l_bfgs(work: _Work, start: torch.Tensor, epochs: int) -> tuple[torch.Tensor, torch.Tensor]:
-    """Minimise each network's loss with scipy's L-BFGS."""
-    found, steps = start.clone(), torch.zeros(len(start), dtype=torch.int64)
-    for i, first in enumerate(start):
-        alone = work.of(torch.tensor([i]))
-
-        def loss(flat: Array, alone: _Work = alone) -> tuple[float, Array]:
-            weights = torch.from_numpy(flat[None].copy()).requires_grad_()
-            squares = alone.squares(weights)
-            value = float(alone.losses(weights, squares).detach())
-            return value, alone.gradients(weights, squares)[0].numpy()
-
-        result = minimize(
-            loss, first.numpy(), jac=True, method="L-BFGS-B",
-            options={"maxiter": epochs, "maxfun": 4 * epochs, "ftol": 1e-15, "gtol": _FLAT},
-        )  # fmt: skip
-        found[i], steps[i] = torch.from_numpy(result.x), result.nit
-    return found, steps
 
 
 @contextmanager

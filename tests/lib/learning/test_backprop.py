@@ -17,7 +17,7 @@ from inswsn_lib.errors import ParameterError
 from inswsn_lib.learning import BackpropRegressor
 from inswsn_lib.learning.backprop import _Layers, _normal_equations, _Work
 
-TRAINERS: list[Any] = ["levenberg-marquardt", "gradient-descent", "l-bfgs"]
+TRAINERS: list[Any] = ["levenberg-marquardt", "gradient-descent"]
 
 
 def data(seed: int, n: int = 40, outputs: int = 2) -> tuple[np.ndarray, np.ndarray]:
@@ -79,7 +79,7 @@ def by_hand(
 @settings(max_examples=25)
 @given(
     st.integers(0, 10**6), st.integers(1, 3), st.integers(1, 4), st.integers(1, 3),
-    st.sampled_from([0.0, 0.03]), st.sampled_from([0.0, 0.4]), st.sampled_from(TRAINERS[:2]),
+    st.sampled_from([0.0, 0.03]), st.sampled_from([0.0, 0.4]), st.sampled_from(TRAINERS),
 )  # fmt: skip
 def test_it_trains_as_by_hand(
     seed: int, inputs: int, hidden: int, outputs: int, decay: float, held: float, trainer: Any
@@ -98,7 +98,7 @@ def test_it_trains_as_by_hand(
         assert machine.losses_[i] == pytest.approx(loss, rel=1e-5)
 
 
-@pytest.mark.parametrize("trainer", TRAINERS[:2])
+@pytest.mark.parametrize("trainer", TRAINERS)
 def test_a_network_that_is_done_stays_as_it_is_while_others_go_on(trainer: Any) -> None:
     """Targets of zero and a decay: all weights go to zero soon, and the other goes on."""
     (X, hard), easy = data(13), np.zeros((40, 2))
@@ -156,16 +156,15 @@ def test_a_share_is_held_back_and_one_sample_is_left_to_train(share: float, held
     assert held in (0, 19) or len(np.unique(trains, axis=0)) == 3
 
 
-@pytest.mark.filterwarnings("error")  # scipy's, of options that another method does not have
 def test_the_trainers_agree_on_the_optimum() -> None:
-    """The best of six starts of a small problem with weight decay, by three ways."""
+    """The best of six starts of a small problem with weight decay, by two ways."""
     X, y = data(7, n=25)
     found = []
-    for trainer, epochs in zip(TRAINERS, (300, 6000, 2000), strict=True):
+    for trainer, epochs in zip(TRAINERS, (300, 6000), strict=True):
         machine = BackpropRegressor(2, trainer, epochs, 0.1, 0.9, weight_decay=0.02, networks=6)
         machine.fit(X, y)
         found.append(np.min(machine.losses_ + 0.02 * np.sum(machine.weights_**2, axis=1)))
-    assert found == pytest.approx([found[0]] * 3, rel=1e-6)
+    assert found == pytest.approx([found[0]] * 2, rel=1e-6)
 
 
 @pytest.mark.parametrize("scaling", ["range", "standard"])
@@ -215,8 +214,7 @@ def test_it_repeats_itself_bit_for_bit_whatever_the_threads(trainer: Any) -> Non
 def test_many_networks_and_data_sets_at_once_are_each_trained_as_alone(trainer: Any) -> None:
     sets, scale = [data(seed) for seed in range(20, 23)], [1.0, 10.0, 0.1]
     Xs, ys = [X for X, _ in sets], [s * y for s, (_, y) in zip(scale, sets, strict=True)]
-    held = 0.0 if trainer == "l-bfgs" else 0.25
-    machine = BackpropRegressor(4, trainer, 12, networks=2, random_state=5, validation_share=held)
+    machine = BackpropRegressor(4, trainer, 12, networks=2, random_state=5, validation_share=0.25)
     together = machine.fit_many(Xs, ys)
     assert not hasattr(machine, "weights_")
     for i, (X, y) in enumerate(zip(Xs, ys, strict=True)):
@@ -293,8 +291,7 @@ def fit_many(machine: BackpropRegressor) -> Any:
         {"hidden": 0}, {"hidden": 2.0}, {"epochs": 0}, {"patience": 0}, {"networks": 0},
         {"random_state": -1}, {"random_state": None}, {"learning_rate": 0.0}, {"momentum": 1.0},
         {"momentum": -0.1}, {"weight_decay": -1e-9}, {"validation_share": 1.0},
-        {"validation_share": -0.1}, {"trainer": "adam"}, {"scaling": "log"},
-        {"trainer": "l-bfgs", "validation_share": 0.2},
+        {"validation_share": -0.1}, {"trainer": "l-bfgs"}, {"scaling": "log"},
     ],
 )  # fmt: skip
 def test_a_parameter_that_cannot_be_is_refused(

@@ -35,7 +35,6 @@ ESTIMATORS = {
     "selected": SelectedLSSVM((1.0, 2.0), (1.0, 10.0)),
     "rbf network": RBFNetworkRegressor(max_neurons=20),
     "levenberg-marquardt": BackpropRegressor(epochs=60),
-    "l-bfgs": BackpropRegressor(trainer="l-bfgs", epochs=60),
     "gradient-descent": BackpropRegressor(
         trainer="gradient-descent", learning_rate=0.1, momentum=0.9, epochs=60
     ),
