@@ -137,7 +137,7 @@ def run_kalman(
     model : ErrorModel
         A, C, and by default Q = B B' and R = D D'.
     measurements : array_like, (steps, m, runs)
-        y; NaN where a component is missing. Where all are, the filter predicts.
+        y; NaN, or masked, where a component is missing. Where all are, the filter predicts.
     initial_covariance, process_covariance, measurement_covariance
         As in `design_kalman`.
     initial_state : array_like, (n,) or (n, runs), optional

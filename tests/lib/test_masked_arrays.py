@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -73,6 +74,15 @@ def test_what_is_masked_is_missing(name: str, kind: type) -> None:
     shown = run(np.ma.masked_array(VALUES, False))
     np.testing.assert_array_equal(shown, run(VALUES))
     assert not np.array_equal(shown, expected, equal_nan=True)
+
+
+def test_what_is_masked_of_a_drive_is_missing() -> None:
+    v, zero, imu = np.array([[0, 10, 0]] * 3), np.zeros((3, 3)), np.zeros((20, 3))
+    recorded = iw.RecordedDrive(0.0, np.arange(3.0), 0.1, imu, imu, zero, v, None)  # type: ignore[arg-type]
+    drive = iw.emulate_sensors(recorded, runs=2, seed=0)
+    hidden = np.array([[False, False], [True, False], [False, False]])
+    held = replace(drive, compass=np.ma.masked_array(drive.compass, hidden))
+    assert np.array_equal(np.isnan(held.measurements[:, :, 0]), hidden)
 
 
 THIRD = np.ma.masked_array([0, 1, 2], [False, False, True])
