@@ -79,6 +79,7 @@ bench: environment ## speed against peers, as ratios; writes data/benchmarks*.ya
 	@_build/bench/bin/python benchmarks/throughput.py
 	@$(RUN) benchmarks/growth.py
 	@$(RUN) benchmarks/fusion.py
+	@$(RUN) benchmarks/kernels.py
 	@$(RUN) benchmarks/vehicle.py
 	@$(RUN) benchmarks/sweep.py
 

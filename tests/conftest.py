@@ -56,6 +56,12 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         if not WHOLE and item.get_closest_marker("whole"):
             item.add_marker(skip)
+        for name in {name for mark in item.iter_markers("recorded") for name in mark.args}:
+            from made_folders import is_at_hand  # loads the readers of recordings
+
+            if not is_at_hand(name):
+                reason = f"INSWSN_DATA names no mirror with {name}"
+                item.add_marker(pytest.mark.skip(reason=reason))
 
 
 # The checkout, its results and its book ----------------------------------------------------------

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import inspect
+import io
 import os
 import re
 import signal
 import subprocess
 import sys
+import tarfile
 import time
 import tomllib
 from collections.abc import Iterable, Iterator
@@ -87,6 +89,12 @@ def build_editable(folder, settings=None, metadata=None):
 """
 
 
+BUILD = """
+def build_wheel(folder, settings=None, metadata=None):
+    return write_wheel(folder, "small", 3, "print(3)")
+"""
+
+
 class Checkout:
     """A folder in which ``make environment`` needs no network."""
 
@@ -110,16 +118,31 @@ class Checkout:
         (self.folder / "environment.lock").write_text(pin)
         return wheel
 
-    def start(self) -> subprocess.Popen[str]:
+    def lock_source(self) -> None:
+        """Lock a package that pip has to build, as it has to build filterpy."""
+        build = inspect.getsource(write_wheel) + BUILD
+        with tarfile.open(self.folder / "small-3.tar.gz", "w:gz") as source:
+            for name, text in (
+                ("pyproject.toml", PROJECT), ("backend.py", build),
+                ("PKG-INFO", "Metadata-Version: 2.1\nName: small\nVersion: 3\n"),
+            ):  # fmt: skip
+                entry = tarfile.TarInfo(f"small-3/{name}")
+                entry.size = len(text)
+                source.addfile(entry, io.BytesIO(text.encode()))
+        path = self.folder / "small-3.tar.gz"
+        pin = f"small @ {path.as_uri()} --hash=sha256:{sha256(path.read_bytes()).hexdigest()}\n"
+        (self.folder / "environment.lock").write_text(pin)
+
+    def start(self, **variables: str) -> subprocess.Popen[str]:
         kept = {name: v for name, v in os.environ.items() if not name.startswith(("MAKE", "PIP_"))}
         return subprocess.Popen(
             ["make", "environment", f"PYTHON={sys.executable}"], cwd=self.folder, text=True,
-            env=kept | {"PIP_NO_INDEX": "1", "PIP_CONFIG_FILE": os.devnull},
+            env=kept | {"PIP_NO_INDEX": "1", "PIP_CONFIG_FILE": os.devnull} | variables,
             stdout=subprocess.PIPE, stderr=subprocess.STDOUT, start_new_session=True,
         )  # fmt: skip
 
-    def make(self) -> tuple[int, str]:
-        started = self.start()
+    def make(self, **variables: str) -> tuple[int, str]:
+        started = self.start(**variables)
         said = started.communicate(timeout=120)[0]
         return started.returncode, said
 
@@ -149,14 +172,23 @@ def test_an_environment_is_made_anew_for_another_content_of_the_lock_alone(
     assert status != 0
     assert ".venv is as it was" in said
     assert checkout.installed() == "1"
-    assert {path.name for path in checkout.made.iterdir()} == {
+    assert {path.name for path in checkout.made.iterdir()} - {"pip"} == {
         "lock", (checkout.folder / ".venv").resolve().name,
     }  # fmt: skip
     checkout.lock(2)
     status, said = checkout.make()
     assert status == 0, said
     assert checkout.installed() == "2"
-    assert len(list(checkout.made.iterdir())) == 2, "the old one is gone"
+    assert len({p.name for p in checkout.made.iterdir()} - {"pip"}) == 2, "the old one is gone"
+
+
+def test_it_is_made_without_a_home_folder(checkout: Checkout) -> None:
+    """What pip fetches and builds is kept in the checkout."""
+    checkout.lock_source()
+    status, said = checkout.make(HOME=os.devnull, XDG_CACHE_HOME="")
+    assert status == 0, said
+    assert checkout.installed() == "3"
+    assert (checkout.made / "pip").is_dir()
 
 
 def test_two_at_once_wait_for_each_other(checkout: Checkout) -> None:
@@ -185,4 +217,4 @@ def test_one_that_is_stopped_leaves_the_folder_of_an_earlier_version(checkout: C
     assert status == 0, said
     assert checkout.installed() == "1"
     assert (checkout.folder / ".venv").is_symlink()
-    assert len(list(checkout.made.iterdir())) == 2
+    assert len({p.name for p in checkout.made.iterdir()} - {"pip"}) == 2

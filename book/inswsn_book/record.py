@@ -139,6 +139,16 @@ class ChapterRecord:
         """Make a word known to the text as ``{glue:text}`name```, without recording it."""
         _glue(name, str(text))
 
+    def crossed(self, chapter: str, name: str, form: str = ".0f", short: str = "") -> None:
+        """Make known as ``crossed.NAME`` where a number lies if all assumptions vary at once.
+
+        That is the range of 95 % of the points of the crossed study, such as ``57 to 112``. A name
+        may be made known by a short one.
+        """
+        spreads = json.loads(self.data("crossed.json").read_text(encoding="utf-8"))["spreads"]
+        low, *_, high = (max(end, 0.0) for end in spreads[f"{chapter} {name}"]["quantiles"])
+        self.say(f"crossed.{short or name}", f"{low:{form}} to {high:{form}}")
+
     def holds(self, sentence: str, condition: object) -> None:
         """Bind a sentence of the page, or its gist, to the condition that makes it true.
 

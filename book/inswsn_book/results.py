@@ -48,7 +48,7 @@ class Quantity(Frozen):
     # how far a fresh build may be from the reference results, absolute, in `unit`, or as a share of
     # the reference's value, whichever is more
     tolerance: Annotated[float, Field(ge=0, allow_inf_nan=False)]
-    share: Annotated[float, Field(ge=0, lt=1)] = 0.0
+    share: Annotated[float, Field(ge=0, le=1)] = 0.0
 
     @model_validator(mode="after")
     def _interval_holds_value(self) -> Self:

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import hashlib
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
+from inswsn_book.compare import check_kept_studies, pair_quantities
+from inswsn_book.progress import Quiet
+from inswsn_book.project import Project
 from inswsn_book.results import Results, read_results
+from inswsn_book.runs import Request, run_all
+from made_folders import needs
 
 from inswsn_lib import recordings
 from inswsn_lib.errors import InswsnError
@@ -34,6 +40,21 @@ def test_the_kept_results_say_what_they_came_from(root: Path) -> None:
     assert len(facts["commit"]) == 40
 
 
+@pytest.mark.long
+@needs(*KNOWN)
+def test_what_the_recordings_give_is_what_is_kept_and_published(project: Project) -> None:
+    """Evidence 05 and 06 are executed on the recordings, and again on what is kept of them."""
+    made = run_all(project, [Request("05"), Request("06")], Quiet())
+    check_kept_studies(project, made, Quiet())
+    for run in made:
+        assert run.results.provenance is not None
+        assert all(run.results.provenance.studies.values())
+        assert all(run.results.sentences.values())
+        reference = read_results(project.published / f"{run.request.chapter}.json")
+        far = [str(p) for p in pair_quantities(reference, run.results) if p.beyond_tolerance]
+        assert far == []
+
+
 def test_what_is_published_is_what_is_kept(results: Results, kept: Tables) -> None:
     room = kept["inrol/1"]
     pairs = {
@@ -48,6 +69,24 @@ def test_what_is_published_is_what_is_kept(results: Results, kept: Tables) -> No
         assert results[name].value == pytest.approx(float(value), rel=0.02), name
         assert results[name].basis == "recorded"
     assert all(results.sentences.values())
+
+
+def test_the_replication_is_as_it_was_committed_and_as_it_is_told(
+    root: Path, results: Results
+) -> None:
+    """The plan was committed as 8b878d2, before it was run, and the outcome below it as 137ff3d."""
+    content = (root / "data/recorded/replication.yaml").read_bytes()
+    plan, outcome = content.split(b"outcome:\n")
+    digests = [hashlib.sha256(part).hexdigest()[:16] for part in (plan, content)]
+    assert digests == ["a945dd708467a409", "ad9fd909bd06f586"]
+    told = {
+        "held": "held", "failed": "did not hold", "refused": "could not be run",
+        "left-out": "not applicable",
+    }  # fmt: skip
+    for name, words in told.items():
+        count = outcome.count(f"came_of_it: {words}\n".encode())
+        assert results[f"replication.{name}"].value == count
+    assert results["replication.sentences"].value == plan.count(b"- number:") == 20
 
 
 def test_with_white_errors_the_curve_is_that_of_chapter_02(root: Path, results: Results) -> None:

@@ -20,13 +20,19 @@ HALF = np.sqrt(0.5)
 MOMENT = 1756402240
 
 
-def needs(name: str) -> pytest.MarkDecorator:
-    """Return what skips a test where the files of a recording are not."""
-    source = KNOWN[name].source
+def needs(*names: str) -> pytest.MarkDecorator:
+    """Return the mark of a test that asks for recorded data: `pytest -m recorded` runs these.
+
+    It is skipped where the files are not.
+    """
+    return pytest.mark.recorded(*names)
+
+
+def is_at_hand(name: str) -> bool:
+    """Tell whether the mirror that is named has the files of a recording."""
+    source, mirror = KNOWN[name].source, os.environ.get(DATA_VARIABLE)
     place = Path(source.repository.replace("/", "__"), source.commit, source.folder)
-    mirror = os.environ.get(DATA_VARIABLE)
-    there = mirror is not None and (Path(mirror) / place).is_dir()
-    return pytest.mark.skipif(not there, reason=f"{DATA_VARIABLE} names no mirror with {name}")
+    return bool(mirror) and (Path(str(mirror)) / place).is_dir()
 
 
 def write(path: Path, rows: Iterable[object], head: str = "") -> None:

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import radio_fixes as study
+from made_folders import needs
 
 from inswsn_lib.errors import InswsnError
-from inswsn_lib.files import data_mirror
 
 
 def made(offset: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -51,12 +51,8 @@ def test_a_wrong_mirror_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPat
         study.recording()
 
 
-def test_the_kept_numbers_are_those_of_the_recording(
-    root: Path,
-) -> None:
-    mirror = data_mirror()
-    if mirror is None or not (mirror / f"{study.OWNER}__{study.NAME}").is_dir():
-        pytest.skip("INSWSN_DATA names no folder with this recording.")
+@needs("inrol/1")
+def test_the_kept_numbers_are_those_of_the_recording(root: Path) -> None:
     files = study.recording()
     kept = json.loads((root / "data/recorded/uwb-fixes.json").read_text(encoding="utf-8"))
     found = study.measure(*(files[name] for name in study.DIGESTS))

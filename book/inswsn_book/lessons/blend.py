@@ -95,7 +95,7 @@ def show_instruments(run: ExampleRun) -> None:
     shown.show(
         name="fig-l2-instruments",
         caption="The same 20 seconds, the same axis; mind the two scales. The error of the INS is "
-        "a smooth curve that a rule can follow. That of the fixes is new each time.",
+        "a smooth curve that a rule can follow. That of these simulated fixes is new each time.",
         alt=f"Two charts over 20 seconds. The error of the INS in x runs smoothly from "
         f"{ins[0]:.1f} to {ins[-1]:.1f} m; that of the fixes jumps between {network.min():.2f} and "
         f"{network.max():.2f} m.",

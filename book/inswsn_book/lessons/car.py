@@ -476,6 +476,14 @@ def show_recorded(trials: RecordedTrials) -> tuple[dict[str, tuple[Array, Array]
 Said = dict[str, tuple[float, str, str]]
 
 
+def _alike(run: VehicleRun, k: int) -> float:
+    """Return the correlation of the errors of tilt and bias, as accelerations along the car."""
+    _, C, _, P = in_metres(run.states[k, 0])
+    tilt, bias = np.zeros((2, 15))
+    tilt[6:9], bias[9:12] = np.cross(C[:, 0], [0, 0, _GRAVITY]), C[:, 0] @ C
+    return float(tilt @ P @ bias / np.sqrt(tilt @ P @ tilt * (bias @ P @ bias)))
+
+
 def numbers(
     drive: Drive,
     by_aids: Mapping[str, tuple[Array, Array]],
@@ -511,6 +519,9 @@ def numbers(
     level = float(np.degrees(np.diag(pushed @ P @ pushed.T)[0] ** 0.5 / _GRAVITY))
     heading = float(np.degrees(P[8, 8] ** 0.5))
     costs = {"level": _by_tilt(level), "heading": off["headed"] * heading / 2}
+    for name, k in (("early", 30), ("late", 113)):
+        how = f"Correlation of what tilt and accelerometer bias add along the car, at {k} s."
+        found[f"alike.{name}"] = _alike(plain, k), "1", how
     for name, value in (("level", level), ("heading", heading)):
         found[f"sure.{name}"] = value, "deg", "Standard deviation with GPS, at 113 s."
         found[f"costs.{name}"] = costs[name], "m", "What that leads to 40 s later."

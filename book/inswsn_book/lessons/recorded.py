@@ -402,8 +402,9 @@ def show_ratios(tables: Mapping[str, pd.DataFrame]) -> None:
         x="ratio",
         xlim=(0, 1.5),
         name="fig-l6-ratios",
-        caption="Recorded, with 95 % intervals by a block bootstrap. The smoother also uses later "
-        "fixes. Left of the line is better than the network.",
+        caption="Three recordings, one each, with 95 % intervals of other stretches of the same "
+        "recording. The smoother also uses later fixes. Left of the line is better than the "
+        "network.",
         line=("network", "network", 1.0),
     )
 
@@ -450,8 +451,8 @@ def show_bridges(profile: pd.DataFrame) -> None:
     )
     shown.show(
         name="fig-l6-bridges",
-        caption="Recorded outages in the room, replayed. Who stands still at the last fix computes "
-        "nothing.",
+        caption="Outages in the room, replayed on one recording. Who stands still at the last fix "
+        "computes nothing.",
         alt="RMS position error over the time without fixes. "
         + "; ".join(
             f"After {s:g} s: " + ", ".join(f"{name} {at(name, s):.2f} m" for name in BRIDGES)

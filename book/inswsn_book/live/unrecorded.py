@@ -54,4 +54,4 @@ class ChapterRecord:
     def keep(self, *_: object, **__: object) -> None:
         """Keep nothing."""
 
-    quantity = note = say = study = write = keep
+    quantity = note = say = study = crossed = write = keep

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import logging
-import os
 import struct
 from dataclasses import replace
 from pathlib import Path
@@ -15,6 +14,7 @@ import pooch
 import pytest
 import requests
 from inswsn_book.files import file_digest
+from made_folders import needs
 from numpy.typing import NDArray
 
 from inswsn_lib.errors import InswsnError
@@ -106,9 +106,7 @@ def test_the_imu_is_on_the_clock_of_rtk_forward_right_down(made: RecordedDrive) 
 
 # --- the original files ---
 
-needs_recording = pytest.mark.skipif(
-    not os.environ.get(DATA_VARIABLE), reason=f"{DATA_VARIABLE} names no mirror of the recording"
-)
+needs_recording = needs("rtklib/drive-0708")
 #: SHA-256 of what the first reader made of the files, and sizes
 DIGESTS = {
     "time": ("88d1f7f2d8be0aeb6509c04de3220f25", (546,)),
