@@ -43,15 +43,20 @@ class Change:
         return self._differing(_KIND)
 
     def moved(self, by: float = 0.0, share: float = 0.0) -> bool:
-        """Tell whether it appeared, vanished, became another quantity, or moved by more than that.
+        """Tell whether it appeared, vanished, became another quantity, or moved by more."""
+        return bool(self.kind) or self.apart(by, share)
+
+    def apart(self, by: float = 0.0, share: float = 0.0) -> bool:
+        """Tell whether its numbers are farther apart than that, or one of them is not there.
 
         The ends of its interval may move as its value may.
         """
-        if self.before is None or self.after is None or self.kind:
+        if self.before is None or self.after is None:
             return True
         old = (self.before.value, *(self.before.interval or ()))
         new = (self.after.value, *(self.after.interval or ()))
-        return not all(abs(b - a) <= by + share * abs(a) for a, b in zip(old, new, strict=True))
+        near = [abs(b - a) <= by + share * abs(a) for a, b in zip(old, new, strict=False)]
+        return not (all(near) and len(old) == len(new))
 
     @property
     def beyond_tolerance(self) -> bool:
@@ -226,7 +231,7 @@ def check_kept_studies(
         far = [
             f"  {pair}"
             for pair in pair_quantities(before, run.results)
-            if pair.before and pair.before.basis in _OF_RECORDINGS and pair.beyond_tolerance
+            if pair.before and pair.before.basis in _OF_RECORDINGS and pair.apart(pair.before.slack)
         ]
         if far:
             studies = " and ".join(_studies(run))
