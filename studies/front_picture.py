@@ -37,7 +37,7 @@ class Contest:
 
     label: str  # the method over its rival, and what is compared
     printed: float | None  # None if the paper prints no such comparison
-    rebuilt: float  # as the book finds it when both are treated alike
+    rebuilt: float  # as the book finds it; in the rows of P1 and P2 both are treated alike
     recorded: float | None = None
 
 
@@ -84,7 +84,7 @@ def front_svg(rows: Sequence[Contest]) -> str:
             axes.plot(ends, [place, place], "-", color="#bbbbbb", lw=1, zorder=1)
     for field, label, marker, colour in (
         ("printed", "as printed", "o", "published"),
-        ("rebuilt", "on equal terms", "s", "rebuilt"),
+        ("rebuilt", "rebuilt", "s", "rebuilt"),
         ("recorded", "recorded data", "D", "reproduced"),
     ):
         values = [getattr(row, field) for row in rows]  # one that is None is not drawn
