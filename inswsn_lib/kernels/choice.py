@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import atexit
 import os
-import shutil
 import sys
-import tempfile
 from collections.abc import Callable
 from functools import cache, partial
 from importlib import import_module
@@ -117,6 +114,11 @@ def import_numba_user(module: str) -> Any:
 @cache
 def _temporary_folder() -> str:
     """Return a folder that goes when this process ends."""
+    # few need them, and they load a third as many modules as all of the filter
+    import atexit  # noqa: PLC0415
+    import shutil  # noqa: PLC0415
+    import tempfile  # noqa: PLC0415
+
     folder = tempfile.mkdtemp(prefix="inswsn-")
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
     return folder

@@ -121,7 +121,7 @@ def ask(
     own = {"Authorization": f"token {served.token}", "Content-Type": "application/json"}
     own |= {"Origin": f"http://{served.hosts[0]}", "Host": served.hosts[0]}
     given = own | {name.replace("_", "-"): value for name, value in headers.items()}
-    connection = HTTPConnection("127.0.0.1", port_of(served), timeout=60)
+    connection = HTTPConnection("127.0.0.1", port_of(served), timeout=600)
     content = body if isinstance(body, bytes | None) else json.dumps(body).encode()
     connection.putrequest(method or ("GET" if body is None else "POST"), path, skip_host=True)
     for name, value in given.items():
@@ -391,7 +391,7 @@ HTML("<b>bold</b>")"""
     assert served.kernels.pages == []
 
 
-def wait_for(held: Any, seconds: float = 30) -> None:
+def wait_for(held: Any, seconds: float = 600) -> None:
     end = time.monotonic() + seconds
     while not held():
         assert time.monotonic() < end

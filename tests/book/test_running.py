@@ -294,7 +294,7 @@ def start_slow_build(project: MiniProject) -> tuple[subprocess.Popen[str], list[
         [sys.executable, "-m", "inswsn_book", "--root", str(project.root), "book"],
         stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True, start_new_session=True,
     )  # fmt: skip
-    assert waited(60, lambda: marker.is_file() and marker.read_text()), "it did not start"
+    assert waited(600, lambda: marker.is_file() and marker.read_text()), "it did not start"
     return process, [int(word) for word in marker.read_text().split()]
 
 
@@ -314,11 +314,11 @@ def test_a_build_that_is_ended_leaves_nothing_that_stays(
     process, others = start_slow_build(built)
     meanwhile = inswsn(built.root, "book")
     process.send_signal(number)
-    _, said = process.communicate(timeout=60)
+    _, said = process.communicate(timeout=600)
     assert meanwhile.returncode == 2
     assert meanwhile.stderr.startswith(f"inswsn: Another build of {built.root} is running")
     for pid in others:
-        assert waited(15, lambda pid=pid: not psutil.pid_exists(pid)), "it was left running"
+        assert waited(300, lambda pid=pid: not psutil.pid_exists(pid)), "it was left running"
     if how != "SIGKILL":
         assert process.returncode == 128 + number, said
         assert said.strip().endswith("inswsn: stopped.")
@@ -341,11 +341,11 @@ def test_the_rendering_ends_with_the_command(built: MiniProject, inswsn: Command
         words = [" ".join(child.cmdline()) for child in command.children(recursive=True)]
         return any("jupyter_book" in said for said in words)
 
-    assert waited(60, rendering), "it did not render"
+    assert waited(600, rendering), "it did not render"
     others = command.children(recursive=True)
     process.send_signal(getattr(signal, how))
     process.wait(30)
-    assert psutil.wait_procs(others, timeout=10)[1] == []
+    assert psutil.wait_procs(others, timeout=300)[1] == []
     assert inswsn(built.root, "book").returncode == 0
     assert list(built.build.glob(".inswsn-*")) == []
     assert "Another page." in (built.site / "index.html").read_text()

@@ -349,7 +349,7 @@ def test_runs_go_side_by_side_and_a_failure_stops_all_or_not(mini: MiniProject) 
     """Each of two waits for the other's mark: one after the other, neither would end."""
     mini.chapter(
         "import pathlib, time\n"
-        f"here, end = pathlib.Path({str(mini.root)!r}), time.monotonic() + 60\n"
+        f"here, end = pathlib.Path({str(mini.root)!r}), time.monotonic() + 600\n"
         "(here / f'mark-{scale}').touch()\n"
         "while not (here / f'mark-{7 - scale}').exists():\n"
         "    assert time.monotonic() < end\n"

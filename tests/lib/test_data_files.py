@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
+from inswsn_book.judging import read_verdicts
+from inswsn_book.results import read_results
 
+import inswsn_lib as iw
 from inswsn_lib.errors import InswsnError
-from inswsn_lib.files import DATA_VARIABLE, data_file, data_mirror, read_yaml
+from inswsn_lib.files import DATA_VARIABLE, data_file, data_mirror, read_bytes, read_yaml
+from inswsn_lib.navigation import read_tables, read_trials
 
 
 def test_a_file_of_the_checkout(root: Path) -> None:
@@ -47,5 +52,24 @@ def test_numbers_dates_and_keys_of_yaml(tmp_path: Path) -> None:
     path.write_bytes(b"a: 1\n\xff")
     with pytest.raises(InswsnError, match=r"a\.yaml is not UTF-8 text: .* in line 2\.$"):
         read_yaml(path)
-    with pytest.raises(InswsnError, match=r"^There is no .*absent\.yaml\.$"):
+    with pytest.raises(InswsnError, match=r"^There is no file .*absent\.yaml\.$"):
         read_yaml(tmp_path / "absent.yaml")
+
+
+def test_a_file_that_a_user_names_is_regular_and_of_bounded_size(tmp_path: Path) -> None:
+    """A device or a pipe may never end, and a file be larger than memory."""
+    path, pipe = tmp_path / "a.csv", tmp_path / "pipe"
+    path.write_bytes(b"x" * 3_000_001)
+    assert len(read_bytes(path)) == 3_000_001
+    os.mkfifo(pipe)
+    for wrong, said in (
+        (path, "has more than 3 MB"), (pipe, "is no regular file"), (tmp_path, "is a folder"),
+        (Path("/dev/zero"), "is no regular file"), (path / "below", "cannot be read"),
+    ):  # fmt: skip
+        with pytest.raises(InswsnError, match=said):
+            read_bytes(wrong, 3_000_000)
+    for read in (iw.read_recording, read_verdicts, read_results, read_tables, read_trials):
+        with pytest.raises(InswsnError, match="pipe|/dev/zero"):
+            read(pipe)
+        with pytest.raises(InswsnError, match="pipe|/dev/zero"):
+            read(Path("/dev/zero"))

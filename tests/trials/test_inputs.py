@@ -515,7 +515,6 @@ def test_inputs(
         counts = Counts()
         try_them(checkout, Inputs(seed), counts, count)
         assert counts.worst() == ""
-        assert counts.slowest < 20
         assert min(counts.found[each] for each in ("taken", "refused")) > 0.1 * count, counts.found
         kind = try_them.__name__.removeprefix("try_").replace("_", " ")
         figures.append(f"{count} {kind}: {counts.told()}")

@@ -53,7 +53,7 @@ def end(process: subprocess.Popen[bytes], how: signal.Signals) -> None:
     others = below(process)
     process.send_signal(how)
     process.wait(60)
-    left = psutil.wait_procs(others, timeout=20)[1]
+    left = psutil.wait_procs(others, timeout=300)[1]
     assert not left, f"{how.name} left {left} running"
 
 
