@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from pathlib import Path
 
 import pytest
@@ -69,7 +70,6 @@ def test_a_file_that_a_user_names_is_regular_and_of_bounded_size(tmp_path: Path)
         with pytest.raises(InswsnError, match=said):
             read_bytes(wrong, 3_000_000)
     for read in (iw.read_recording, read_verdicts, read_results, read_tables, read_trials):
-        with pytest.raises(InswsnError, match="pipe|/dev/zero"):
-            read(pipe)
-        with pytest.raises(InswsnError, match="pipe|/dev/zero"):
-            read(Path("/dev/zero"))
+        for endless in (pipe, Path("/dev/zero")):
+            with pytest.raises(InswsnError, match=re.escape(str(endless))):
+                read(endless)
