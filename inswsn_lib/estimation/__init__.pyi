@@ -1,4 +1,4 @@
-from .alignment import align as align, is_at_rest as is_at_rest, level as level
+from .alignment import align as align, level as level
 from .error_state import (
     ErrorStateFilter as ErrorStateFilter,
     Innovation as Innovation,

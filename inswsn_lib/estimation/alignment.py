@@ -29,27 +29,6 @@ WIDE = (1000.0, 30.0, 2.0, 0.3, 0.02)
 #: A heading is told if its standard deviation is below this, degrees
 LARGEST_HEADING = 20.0
 _HEADINGS, _PASSES = 4, 6
-# At rest the rate and the force are steadier than this, rad/s and m/s^2
-_STILL = (0.02, 0.2)
-
-
-def is_at_rest(imu: Imu) -> bool:
-    """Tell whether an IMU stands still, by how little its rate and its specific force change.
-
-    A steady motion looks the same: nothing but another sensor can tell.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from inswsn_lib.estimation import is_at_rest
-    >>> from inswsn_lib.streams import Imu
-    >>> force = np.tile([0.0, 0.0, 9.8], (50, 1))
-    >>> is_at_rest(Imu(np.arange(50) / 100, np.zeros((50, 3)), force))
-    True
-    """
-    spread = (imu.rate.std(axis=0).max(), imu.force.std(axis=0).max())
-    size = np.abs(imu.rate.mean(axis=0)).max()
-    return bool(spread[0] < _STILL[0] and spread[1] < _STILL[1] and size < _STILL[0])
 
 
 def level(imu: Imu, heading: float = 0.0) -> Array:

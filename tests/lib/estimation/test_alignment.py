@@ -16,7 +16,6 @@ from inswsn_lib.estimation import (
     PositionFixes,
     RangesToAnchors,
     align,
-    is_at_rest,
     level,
 )
 from inswsn_lib.estimation.mechanization import GRAVITY
@@ -39,14 +38,6 @@ def test_a_body_at_rest_is_levelled(seed: int, heading: float) -> None:
     ahead = found[:, 0]
     if np.hypot(*ahead[:2]) > 0.5:
         assert np.arctan2(ahead[1], ahead[0]) == pytest.approx(heading, abs=1e-6)
-
-
-def test_rest_is_told_from_motion() -> None:
-    rng = np.random.default_rng(1)
-    t = np.arange(0, 2, 0.01)
-    noise = 0.003 * rng.standard_normal((len(t), 3)), 0.05 * rng.standard_normal((len(t), 3))
-    assert is_at_rest(Imu(t, noise[0], noise[1] + [0.0, 0.0, GRAVITY]))
-    assert not is_at_rest(imu_of(Path(), 2.0))
 
 
 @pytest.fixture(scope="module")
