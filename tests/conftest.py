@@ -44,6 +44,8 @@ settings.load_profile("inswsn")
 
 ROOT = Path(__file__).resolve().parents[1]
 WHOLE = os.environ.get("INSWSN_TESTS") == "whole"
+#: How long a page may take for what a test waits for, ms; a busy machine has time enough
+PATIENCE = 60_000
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -482,23 +484,29 @@ def chromium() -> str:
     """The path of Debian's Chromium, or a skip that says how to get it.
 
     The one without windows if it is there: the same engine, and a page takes a quarter less time.
+    INSWSN_BROWSER names another one.
     """
-    path = shutil.which("chromium-headless-shell") or shutil.which("chromium")
-    if path is None:
-        sentence = "Page tests need Debian's Chromium: apt-get install chromium-headless-shell."
-        if os.environ.get("INSWSN_REQUIRE_BROWSER"):
-            pytest.fail(sentence)
-        pytest.skip(sentence)
-    return path
+    named = os.environ.get("INSWSN_BROWSER")
+    if named and shutil.which(named) is None:
+        pytest.fail(f"INSWSN_BROWSER is {named}; it may be the name or the path of a Chromium.")
+    for name in [named] if named else ["chromium-headless-shell", "chromium"]:
+        if path := shutil.which(name):
+            return path
+    sentence = "Page tests need Debian's Chromium: apt-get install chromium-headless-shell."
+    if os.environ.get("INSWSN_REQUIRE_BROWSER"):
+        pytest.fail(sentence)
+    pytest.skip(sentence)
 
 
 @pytest.fixture(scope="session")
 def browser(chromium: str) -> Iterator[Browser]:
     """One headless Chromium for all tests of pages."""
-    from playwright.sync_api import sync_playwright  # most tests need none
+    from playwright.sync_api import expect, sync_playwright  # most tests need none
 
+    expect.set_options(timeout=PATIENCE)
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=chromium, args=FLAGS)
+        browser.on("context", lambda context: context.set_default_timeout(PATIENCE))
         yield browser
         browser.close()
 

@@ -39,6 +39,7 @@ from visiting import (
     contrast_of,
     it_is_whole,
     set_theme,
+    settled,
     unfold,
     visit,
 )  # fmt: skip
@@ -176,7 +177,7 @@ def test_a_page(browser: Browser, served: str, name: str) -> None:
     # a change of theme fades, and a colour on its way is none of the page's
     seen = visit(browser, served, name, color_scheme="light", reduced_motion="reduce")
     it_is_whole(seen, name)
-    assert seen.page.evaluate(WIDTH) <= 1300, name
+    assert settled(seen.page).evaluate(WIDTH) <= 1300, name
     if WHOLE or name in ONE_OF_EACH_KIND:
         text_is_read_without_sideways_scrolling(seen.page, name)
         axe_finds_nothing(seen.page, name)
@@ -196,9 +197,11 @@ def text_is_read_without_sideways_scrolling(page: Page, name: str) -> None:
         })"""
     )
     page.wait_for_function("document.documentElement.dataset.measured === '320'")
+    settled(page)
     assert page.evaluate(WIDTH) <= 320, name
     assert page.evaluate(TEXT_OUTSIDE) == [], name
     page.add_style_tag(content=SPACED).evaluate("(style) => style.classList.add('spaced')")
+    settled(page)
     assert page.evaluate(CLIPPED) == [], name
     assert page.evaluate(TEXT_OUTSIDE) == [], f"{name}, spaced out"
     assert page.evaluate(WIDTH) <= 320, f"{name}, spaced out"
@@ -208,8 +211,8 @@ def axe_finds_nothing(page: Page, name: str) -> None:
     page.evaluate(AS_IT_WAS)
     page.evaluate(axe_script())
     for theme, width, rules in SCREENS:
-        set_theme(page, theme)
         page.set_viewport_size({"width": width, "height": 900})
+        set_theme(page, theme)
         page.wait_for_function(REACHABLE)
         assert page.evaluate(WIDTH) <= width, f"{name}, {theme}"
         for options in rules:
@@ -399,6 +402,7 @@ def test_text_marks_and_figures_stand_out_in_both_themes(browser: Browser, serve
         # the ink of a figure, as it is painted: its darkest or lightest pixel against its ground
         figure = pages[0].locator("main figure img").first
         figure.scroll_into_view_if_needed()
+        settled(pages[0])
         pixels = np.asarray(Image.open(BytesIO(figure.screenshot())).convert("L"), dtype=float)
         paper = np.median(pixels)
         assert (paper > 200) == (theme == "light")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 from playwright.sync_api import Browser
-from visiting import CHAPTER_00, PAGES, visit, weekly_but
+from visiting import CHAPTER_00, PAGES, boxes, settled, visit, weekly_but
 
 pytestmark = pytest.mark.page
 CHAPTERS = [name for name in PAGES if name.startswith("chapters/")]
@@ -15,15 +15,10 @@ LESSONS = {name for name in CHAPTERS if name.startswith("chapters/0")}
 def test_no_figure_is_wider_than_a_phone(browser: Browser, served: str, name: str) -> None:
     options = {"width": 390, "height": 844}
     page = visit(browser, served, name, viewport=options).page
-    widths = page.evaluate(
-        """() => {
-          for (const box of document.querySelectorAll("details")) box.open = true;
-          return [...document.querySelectorAll("main figure, main figure img, main section.moving")]
-            .map((part) => part.getBoundingClientRect()).filter((box) => box.width > 0)
-            .map((box) => box.right);
-        }"""
-    )
-    assert max(widths, default=0) <= options["width"]
+    page.evaluate("for (const box of document.querySelectorAll('details')) box.open = true")
+    settled(page)
+    parts = page.locator("main figure, main figure img, main section.moving")
+    assert max((box["right"] for box in boxes(parts)), default=0) <= options["width"]
     for link in page.locator("figure a.full-size").all():
         assert str(link.get_attribute("href")).endswith(".svg")
     page.close()

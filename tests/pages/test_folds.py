@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from playwright.sync_api import Browser
+from playwright.sync_api import Browser, expect
 from visiting import CHAPTER_00, visit
 
 pytestmark = pytest.mark.page
@@ -39,5 +39,5 @@ def test_a_heading_of_a_folded_section_is_still_one(browser: Browser, served: st
     assert summary.locator("h2").count() == 1
     summary.focus()
     page.keyboard.press("Enter")
-    assert page.locator("details.fold").first.get_attribute("open") is not None
+    expect(page.locator("details.fold").first).to_have_attribute("open", "")
     page.close()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 from playwright.sync_api import Browser
-from visiting import PAGES, visit
+from visiting import PAGES, boxes, settled, visit
 
 pytestmark = pytest.mark.page
 FILTERS = ("which-kalman", "which-lasting", "which-worst")
@@ -13,9 +13,9 @@ FILTERS = ("which-kalman", "which-lasting", "which-worst")
 def test_the_first_screen_has_a_figure_that_moves(browser: Browser, served: str) -> None:
     page = visit(browser, served, "index.html", viewport={"width": 1440, "height": 900}).page
     slider = page.locator("section.moving input[type=range]")
-    box = slider.bounding_box()
-    assert box is not None
-    assert box["y"] + box["height"] < 900
+    settled(page)
+    (box,) = boxes(slider)
+    assert box["bottom"] < 900
     chart = page.locator("section.moving svg[role=img]").first
     before, said = chart.inner_html(), page.locator("section.moving dd").all_inner_texts()
     slider.press("End")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -60,18 +61,26 @@ def took(page: Page, cell: int) -> None:
     expect(status).to_contain_text("took", timeout=LONG)
 
 
+def begins(page: Page, flag: Path) -> None:
+    """Wait until a cell has written a file: what it prints is shown at its end."""
+    end = time.monotonic() + LONG / 1000
+    while not flag.exists():
+        assert time.monotonic() < end
+        page.wait_for_timeout(50)
+
+
 def test_cells_run_on_this_machine_with_all_that_is_installed(
-    browser: Browser, live: Served
+    browser: Browser, live: Served, tmp_path: Path
 ) -> None:
     seen = opened(browser, live, LESSON)
     run(seen.page, 2, "import cvxpy, scipy, torch\nprint(6 * 7, torch.ones(2).sum())")
     says(seen.page, 2, "42 tensor(2.)")
     run(seen.page, 2, "1 / 0")
     says(seen.page, 2, "ZeroDivisionError: division by zero")
-    run(seen.page, 2, "import time\nprint('begun')\ntime.sleep(600)")
-    page = seen.page
+    page, flag = seen.page, tmp_path / "begun"
+    run(page, 2, f"open({str(flag)!r}, 'w').close()\nimport time\ntime.sleep(600)")
     expect(page.locator(".live-status").filter(has_text="runs")).to_have_count(1, timeout=LONG)
-    page.wait_for_timeout(500)
+    begins(page, flag)
     page.get_by_role("button", name="Stop cell 2", exact=True).click()
     says(page, 2, "KeyboardInterrupt")
     run(page, 2, "%matplotlib inline\nfrom matplotlib import pyplot\npyplot.plot([1, 2]);")

@@ -14,12 +14,12 @@ from typing import Any, ClassVar
 
 import pytest
 from axe_playwright_python.sync_playwright import Axe
-from conftest import FLAGS, _Quiet
+from conftest import FLAGS, PATIENCE, _Quiet
 from inswsn_book.live.site import lessons, put_in
 from inswsn_book.progress import Quiet
 from inswsn_book.project import Project
 from playwright.sync_api import Browser, Locator, Page
-from visiting import LESSON, OWN_DATA, visit
+from visiting import LESSON, OWN_DATA, settled, visit
 
 pytestmark = pytest.mark.whole
 MINUTES = 60_000
@@ -285,6 +285,7 @@ def test_what_one_page_has_loaded_the_next_has(
     context = browser.browser_type.launch_persistent_context(
         tmp_path, executable_path=chromium, args=FLAGS
     )
+    context.set_default_timeout(PATIENCE)
     loaded = []
     for name in (LESSON, f"chapters/{NAMES[0]}.html"):
         page = context.new_page()
@@ -306,7 +307,7 @@ def test_axe_finds_nothing(
     page = visit(browser, live[0], name, **size).page
     if name == LESSON:
         press(cells_of(page)[-3][1])
-    found = Axe().run(page)
+    found = Axe().run(settled(page))
     assert found.violations_count == 0, found.generate_report()
     page.close()
 

@@ -20,7 +20,7 @@ from inswsn_book.live.own_data import FIGURES
 from inswsn_book.live.own_page import look
 from playwright.sync_api import Browser, Locator, Page, Route, expect
 from test_accessibility import BY_COLOUR, OTHERS, RUN_AXE, axe_script
-from visiting import OWN_DATA
+from visiting import OWN_DATA, boxes, settled
 
 from inswsn_lib.errors import InswsnError
 
@@ -208,18 +208,18 @@ def test_it_fits_a_phone_and_any_theme(page: Page) -> None:
     expect(results(page)).to_be_visible()
     for width in (1300, 390, 320):
         page.set_viewport_size({"width": width, "height": 844})
-        page.wait_for_timeout(100)
+        settled(page)
         assert page.evaluate("document.documentElement.scrollWidth") <= width
         for chart in results(page).get_by_role("img").all():
-            outer = chart.bounding_box()
-            assert outer is not None
-            for text in chart.locator("text").all():
-                box = text.bounding_box()
-                assert box is not None
-                assert outer["x"] - 1 <= box["x"]
-                assert box["x"] + box["width"] <= min(outer["x"] + outer["width"], width) + 1
+            (outer,) = boxes(chart)
+            texts = boxes(chart.locator("text"))
+            assert len(texts) == chart.locator("text").count()
+            for box in texts:
+                assert outer["left"] - 1 <= box["left"]
+                assert box["right"] <= min(outer["right"], width) + 1
     for colours in ("light", "dark"):
         page.evaluate("(theme) => { document.documentElement.dataset.theme = theme; }", colours)
+        settled(page)
         for options in (OTHERS, BY_COLOUR):
             assert page.evaluate(RUN_AXE, options) == [], colours
 

@@ -7,7 +7,7 @@ import re
 import numpy as np
 import pytest
 from playwright.sync_api import Browser, Page
-from visiting import CHAPTER_00, LESSON, OWN_DATA, luminance, visit, weekly_but
+from visiting import CHAPTER_00, LESSON, OWN_DATA, luminance, settled, visit, weekly_but
 
 pytestmark = pytest.mark.page
 
@@ -77,7 +77,7 @@ def on_paper(browser: Browser, served: str, name: str) -> Page:
     size = {"width": PAPER, "height": 1000}
     page = visit(browser, served, name, viewport=size, color_scheme="light").page
     page.emulate_media(media="print")
-    return page
+    return settled(page)
 
 
 @pytest.mark.parametrize("name", PRINTED)
@@ -94,6 +94,7 @@ def test_a_page_on_paper(browser: Browser, served: str, name: str) -> None:
     black_on_white(page)
     page.emulate_media(media="print", color_scheme="dark")
     page.wait_for_function("document.documentElement.dataset.theme === 'dark'")
+    settled(page)
     black_on_white(page)
     page.close()
 

@@ -7,7 +7,7 @@ from conftest import WHOLE
 from inswsn_book.judging import judge_claims
 from inswsn_book.project import Project
 from playwright.sync_api import Browser
-from visiting import CHAPTER_00, LESSON, it_is_whole, unfold, visit, weekly_but
+from visiting import CHAPTER_00, LESSON, it_is_whole, settled, unfold, visit, weekly_but
 
 pytestmark = pytest.mark.page
 
@@ -18,6 +18,7 @@ def test_a_page_that_is_opened_dark_and_narrow(browser: Browser, served: str, na
     seen = visit(browser, served, name, color_scheme="dark", viewport=size)
     it_is_whole(seen, name)
     assert seen.page.evaluate("document.documentElement.dataset.theme") == "dark"
+    settled(seen.page)
     assert seen.page.evaluate("document.documentElement.scrollWidth") <= 360, name
     seen.page.close()
 

@@ -13,10 +13,50 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import pytest
-from conftest import ROOT
-from playwright.sync_api import Browser, Page, Request
+from conftest import PATIENCE, ROOT
+from playwright.sync_api import Browser, Locator, Page, Request
 
-_SECONDS = 60
+#: A page that has not changed for so long is at rest, ms: its scripts put off by 350 ms at most
+#: what follows a change, and timers of a page end in order
+REST = 400
+
+# Waits until a page has its size, fonts and images, and nothing moves or fades; returns "", or what
+# keeps it from rest. Frames are counted, too: on a busy machine one may last longer than the rest.
+AT_REST = """async ([width, height, rest, patience]) => {
+  const pause = (ms) => new Promise((done) => setTimeout(done, ms));
+  const frame = () => new Promise((done) => requestAnimationFrame(() => done(true)));
+  const runs = (change) => change.playState === "running"
+    && change.effect.getComputedTiming().endTime !== Infinity;
+  const places = () => JSON.stringify([document.body, ...document.querySelectorAll(
+      "main, main :is(section, p, pre, figure, img, svg, text, table, details, input)")]
+    .map((part) => part.getBoundingClientRect()));
+  const lacks = () => {
+    if (!matchMedia(`(width: ${width}px) and (height: ${height}px)`).matches)
+      return `the window is ${innerWidth} px by ${innerHeight} px`;
+    if (document.fonts.status !== "loaded") return "a font is on its way";
+    const image = [...document.images].find((image) => !image.complete);
+    if (image) return `${image.src} is on its way`;
+    const change = document.getAnimations().find(runs);
+    const name = change?.transitionProperty ?? change?.animationName;
+    return change ? `${name} of ${change.effect.target.className} changes` : "";
+  };
+  let [before, same, since, why] = ["", 0, 0, ""];
+  for (const end = performance.now() + patience; performance.now() < end; ) {
+    if (!await Promise.race([frame(), pause(1000)])) { why = "nothing is painted"; continue; }
+    await pause(20);
+    const now = places();
+    const lack = lacks() || (now === before ? "" : "boxes move");
+    before = now;
+    same = lack ? 0 : same + 1;
+    why = lack || why;
+    if (same < 3) since = performance.now();
+    else if (performance.now() - since >= rest) {
+      await Promise.allSettled([...document.images].map((image) => image.decode()));
+      return "";
+    }
+  }
+  return why;
+}"""
 
 
 def listed_pages() -> list[str]:
@@ -78,12 +118,27 @@ def visit(browser: Browser, served: str, name: str, **options: Any) -> Visit:
     page.goto(served + name)
     page.evaluate("() => document.fonts.ready.then(() => window.MathJax?.startup?.promise)")
     # a network that is idle for half a second, as Playwright has it, takes that on each page
-    end = time.monotonic() + _SECONDS
+    end = time.monotonic() + PATIENCE / 1000
     while under_way:
         left = [request.url for request in under_way]
         assert time.monotonic() < end, f"{name} waits for {left}"
         page.wait_for_timeout(20)
     return seen
+
+
+def settled(page: Page) -> Page:
+    """Wait until nothing of a page moves, so that what is measured on it stays true; return it."""
+    size = page.viewport_size
+    assert size is not None
+    why = page.evaluate(AT_REST, [size["width"], size["height"], REST, PATIENCE])
+    assert why == "", f"{page.url} does not come to rest: {why}"
+    return page
+
+
+def boxes(found: Locator) -> list[dict[str, float]]:
+    """Return the boxes of all that is found and takes room, read at one moment."""
+    script = "(all) => all.map((each) => each.getBoundingClientRect().toJSON())"
+    return [box for box in found.evaluate_all(script) if box["width"] > 0]
 
 
 def unfold(page: Page) -> None:
@@ -127,3 +182,4 @@ def set_theme(page: Page, theme: str) -> None:
     """Ask for the light or the dark theme, as the reader's system does."""
     page.emulate_media(color_scheme=theme)
     page.wait_for_function(f"document.documentElement.dataset.theme === '{theme}'")
+    settled(page)  # a change of theme fades
