@@ -87,17 +87,17 @@ def read_bytes(path: Path, most: int = RECORDED) -> bytes:
     """
     try:
         kind = path.stat().st_mode
-        if stat.S_ISDIR(kind):
-            raise InswsnError(f"{path} is a folder; it may be a file.")
-        if not stat.S_ISREG(kind):
-            raise InswsnError(f"{path} is no regular file.")
-        with path.open("rb") as stream:
-            data = stream.read(most + 1)
+        if stat.S_ISREG(kind):
+            with path.open("rb") as stream:
+                data = stream.read(most + 1)
     except FileNotFoundError:
         raise InswsnError(f"There is no file {path}.") from None
     except (OSError, ValueError) as error:  # ValueError: a path with a zero byte
         said = getattr(error, "strerror", None) or str(error)
         raise InswsnError(f"{path} cannot be read: {said}.") from None
+    if not stat.S_ISREG(kind):
+        word = "a folder; it may be a file" if stat.S_ISDIR(kind) else "no regular file"
+        raise InswsnError(f"{path} is {word}.")
     if len(data) > most:
         raise InswsnError(f"{path} has more than {most // 10**6} MB.")
     return data
