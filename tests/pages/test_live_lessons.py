@@ -37,7 +37,8 @@ def live(
     """
     site = tmp_path_factory.mktemp("live") / "html"
     shutil.copytree(built_site, site)
-    put_in(project, site, Quiet())
+    if not project.live.exists():  # else the book has been built so
+        put_in(project, site, Quiet())
     handler = partial(_Told, directory=str(site))
     with ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
         threading.Thread(target=server.serve_forever, daemon=True).start()
