@@ -143,7 +143,7 @@ class Checkout:
 
     def make(self, **variables: str) -> tuple[int, str]:
         started = self.start(**variables)
-        said = started.communicate(timeout=120)[0]
+        said = started.communicate(timeout=600)[0]
         return started.returncode, said
 
     def installed(self) -> str:
@@ -193,7 +193,7 @@ def test_it_is_made_without_a_home_folder(checkout: Checkout) -> None:
 
 def test_two_at_once_wait_for_each_other(checkout: Checkout) -> None:
     both = [checkout.start(), checkout.start()]
-    said = "".join(started.communicate(timeout=120)[0] for started in both)
+    said = "".join(started.communicate(timeout=600)[0] for started in both)
     assert [started.returncode for started in both] == [0, 0], said
     assert said.count("Installing the locked environment") == 1
     assert said.count("Waiting for another make") == 1
@@ -208,9 +208,10 @@ def test_one_that_is_stopped_leaves_the_folder_of_an_earlier_version(checkout: C
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGKILL):
         started = checkout.start()
         while not list(checkout.made.glob("*/bin/python")):
+            assert started.poll() is None
             time.sleep(0.01)
         os.killpg(started.pid, number)
-        started.communicate(timeout=120)
+        started.communicate(timeout=600)
         assert started.returncode != 0
         assert old.read_text() == "of before"
     status, said = checkout.make()

@@ -49,7 +49,7 @@
     };
   }
 
-  function axesOf(chart, frame) {
+  function axesOf(chart, frame, width) {
     const { box } = frame;
     const parts = [];
     for (const [value, text] of chart.y.ticks) {
@@ -67,8 +67,10 @@
       );
     }
     const middle = (box.top + box.bottom) / 2;
+    const room = width - 4 - widthOf(chart.title);  // a title that is wider than its picture is drawn together
+    const fitted = room < 0 ? { textLength: width - 4, lengthAdjust: "spacingAndGlyphs" } : {};
     parts.push(
-      make("svg:text", { class: "moving-title", x: box.left, y: 15 }, chart.title),
+      make("svg:text", { class: "moving-title", x: Math.max(0, Math.min(box.left, room)), y: 15, ...fitted }, chart.title),
       make("svg:text", { x: (box.left + box.right) / 2, y: box.bottom + 35, "text-anchor": "middle" }, chart.x.label),
       make("svg:text", { x: 12, y: middle, transform: `rotate(-90 12 ${middle})`, "text-anchor": "middle" }, chart.y.label),
     );
@@ -124,7 +126,7 @@
     svg.replaceChildren(
       make("svg:title", { id: `${svg.id}-title` }, chart.title),
       make("svg:desc", { id: `${svg.id}-desc` }, sentence),
-      ...axesOf(chart, frame),
+      ...axesOf(chart, frame, width),
       ...chart.series.flatMap((series, i) => seriesOf(series, values[i], frame, strokes[series.method])),
       ...labels.map(({ method, label, x, y }) => make("svg:text", { class: "moving-label", fill: strokes[method][0], x, y }, label)),
     );

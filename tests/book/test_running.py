@@ -344,7 +344,7 @@ def test_the_rendering_ends_with_the_command(built: MiniProject, inswsn: Command
     assert waited(600, rendering), "it did not render"
     others = command.children(recursive=True)
     process.send_signal(getattr(signal, how))
-    process.wait(30)
+    process.wait(600)
     assert psutil.wait_procs(others, timeout=300)[1] == []
     assert inswsn(built.root, "book").returncode == 0
     assert list(built.build.glob(".inswsn-*")) == []

@@ -25,9 +25,9 @@ def serving(project: Project) -> Iterator[Served]:
         target=loop.run_until_complete, args=[serve(project, 0, stop, tell)], daemon=True
     )
     thread.start()
-    assert ready.wait(30)
+    assert ready.wait(600)
     yield begun[0]
     loop.call_soon_threadsafe(stop.set)
-    thread.join(30)
+    thread.join(600)
     assert not thread.is_alive()
     loop.close()

@@ -29,7 +29,7 @@ Answering = Callable[..., list[Answer | None]]
 def answers(tmp_path: Path) -> Answering:
     """Write an entry whose method `step` has a body, and return its answers."""
 
-    def made(body: str, timeout: float = 30.0, head: str = "", **numbers: float):  # type: ignore[no-untyped-def]
+    def made(body: str, timeout: float = 300.0, head: str = "", **numbers: float):  # type: ignore[no-untyped-def]
         text = (
             "from inswsn_lib.benchmark import Answer\n\n"
             f"{head}\n"
