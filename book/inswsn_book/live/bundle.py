@@ -29,7 +29,7 @@ def contents(project: Project) -> Iterator[tuple[str, bytes]]:
         for path in _modules(book / name):
             yield f"inswsn_book/{path.relative_to(book).as_posix()}", path.read_bytes()
     yield "inswsn_book/record.py", (book / "live" / "unrecorded.py").read_bytes()
-    results = [read_results(path) for path in sorted(project.published.glob("[0-9][0-9].json"))]
+    results = [read_results(path) for path in sorted(project.published.glob("*.json"))]
     found = {each.chapter: {q.name: q.value for q in each.quantities} for each in results}
     yield "inswsn_lib/data/published.json", json.dumps(found, separators=(",", ":")).encode()
     for pattern in _DATA:
