@@ -20,7 +20,7 @@ class InswsnError(ValueError):
     ...     read_yaml(Path("absent.yaml"))
     ... except InswsnError as error:
     ...     print(error)
-    There is no absent.yaml.
+    There is no file absent.yaml.
     """
 
     def __init__(self, said: str) -> None:

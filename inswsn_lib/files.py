@@ -86,10 +86,11 @@ def read_bytes(path: Path, most: int = RECORDED) -> bytes:
     inswsn_lib.errors.InswsnError: /dev/zero is no regular file.
     """
     try:
-        kind = path.stat().st_mode
+        found = path.stat()
+        kind, size = found.st_mode, found.st_size
         if stat.S_ISREG(kind):
-            with path.open("rb") as stream:
-                data = stream.read(most + 1)
+            with path.open("rb") as stream:  # which takes the memory of all that it is asked for
+                data = stream.read(min(max(size, 1 << 16), most) + 1)
     except FileNotFoundError:
         raise InswsnError(f"There is no file {path}.") from None
     except (OSError, ValueError) as error:  # ValueError: a path with a zero byte

@@ -136,7 +136,9 @@ class Imports:
 
     def _homes_of(self, named: Named) -> set[str]:
         """Return the modules of ours that names lead to."""
-        below = (f"{package}.{word}" for package in named.packages for word in named.words)
+        # "__main__" is the word for a script, and no module that is asked for
+        words = {*named.words} - {"__main__"}
+        below = (f"{package}.{word}" for package in named.packages for word in words)
         strings = {name for name in (*named.words, *below) if name in self._modules}
         return strings | {home for wanted in named.wanted if (home := self._home(wanted))}
 

@@ -86,6 +86,12 @@ def keeping(action: Callable[[], _Given]) -> _Given:
     """Return what an action gives by which numba finds a place for what it compiles.
 
     Where none of its own can be written, it is one that goes when this process ends.
+
+    Examples
+    --------
+    >>> from inswsn_lib.kernels import keeping
+    >>> keeping(lambda: "what is decorated by numba.njit(cache=True)")
+    'what is decorated by numba.njit(cache=True)'
     """
     try:
         return action()

@@ -62,11 +62,15 @@ def test_every_chapter_is_looked_at(project: Project) -> None:
     assert {chapter.id for chapter in project.chapters()} == {*QUICK}
 
 
+#: What a chapter calls with the name of a file that it reads, and of a study that it may compute
+RECORDING = "record.data", "record.study"
+
+
 def unrecorded(code: str, data: Path) -> list[str]:
     """Return what in the code of a chapter may read a file below data/ without recording it."""
     tree = ast.parse(code)
     calls = (node for node in ast.walk(tree) if isinstance(node, ast.Call))
-    recorded = {id(a) for c in calls if ast.unparse(c.func) == "record.data" for a in c.args}
+    recorded = {id(a) for c in calls if ast.unparse(c.func) in RECORDING for a in c.args}
     found = []
     for node in ast.walk(tree):
         if isinstance(node, ast.Constant) and isinstance(node.value, str):
