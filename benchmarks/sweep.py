@@ -1,4 +1,4 @@
-"""What a sweep costs over the calls that it makes: `inswsn sweep` of chapter 02 on one worker.
+"""What a sweep costs over the calls that it makes: `inswsn sweep` of the evidence on P1's training areas on one worker.
 
 Four values at 1,000 runs each, by the command, as a process of its own with all that it starts and
 writes, and by four calls of the core in this process: half of them before it and half after, so
@@ -41,7 +41,7 @@ def by_command() -> tuple[float, float, pd.DataFrame]:
     """Return the time of the sweep by clock and processor, s, and its table."""
     with tempfile.TemporaryDirectory() as name:
         grid = "q_scale=" + ",".join(map(str, VALUES))
-        command = [sys.executable, "-m", "inswsn_book", "--root", str(ROOT), "sweep", "02"]
+        command = [sys.executable, "-m", "inswsn_book", "--root", str(ROOT), "sweep", "p1-training"]
         options = ["--grid", grid, "-p", f"runs={RUNS}", "--jobs", "1", "--fresh", "--out", name]
         clock, before = time.perf_counter(), os.times()
         subprocess.run([*command, *options], check=True, stdout=subprocess.DEVNULL)

@@ -86,7 +86,7 @@ def filters() -> list[Row]:
     work = f"Kalman filter, {RUNS} runs of {STEPS} steps ({1000 * mine:.0f} ms)"
     rows = [
         row(
-            "02", work,
+            "p1-training", work,
             f"filterpy, one object a run, time of {LOOPED} runs scaled up; theirs over ours",
             looped / mine, 2500,
         ),
@@ -95,19 +95,19 @@ def filters() -> list[Row]:
         theirs = peer(MODEL, y)
         # what is compiled is, before it is timed; dynamax adds 1e-9 to what it inverts
         assert np.allclose(ours, theirs(), atol=1e-6)
-        rows.append(row("02", work, f"{name}; theirs over ours", best_of(theirs, 3) / mine, 4))
+        rows.append(row("p1-training", work, f"{name}; theirs over ours", best_of(theirs, 3) / mine, 4))
     return [
         *rows,
         row(
-            "02", work, f"a copy of its measurements ({1000 * best_of(y.copy):.0f} ms); ours over "
+            "p1-training", work, f"a copy of its measurements ({1000 * best_of(y.copy):.0f} ms); ours over "
             "that", mine / best_of(y.copy),
         ),
         row(
-            "02", work, f"drawing its random numbers ({1000 * random:.0f} ms); ours over that",
+            "p1-training", work, f"drawing its random numbers ({1000 * random:.0f} ms); ours over that",
             mine / random, 1.5, more_is_better=False,
         ),
         row(
-            "02",
+            "p1-training",
             f"the same, each run without a tenth of its fixes of its own ({1000 * missing:.0f} ms)",
             "complete data; ours over ours", missing / mine, 10, more_is_better=False,
         ),
@@ -139,7 +139,7 @@ def designs() -> list[Row]:
         filter_design.solve = asked
     return [
         row(
-            "02", f"H-infinity design with its certificate ({1000 * np.median(whole):.0f} ms)",
+            "p1-training", f"H-infinity design with its certificate ({1000 * np.median(whole):.0f} ms)",
             "the time that Clarabel itself reports; ours over that",
             float(np.median(ratios)), 1.2, more_is_better=False,
         )
@@ -164,8 +164,8 @@ def training(n: int) -> list[Row]:
     ridges = best_of(lambda: ridge.fit(X, y), repeats)
     work = f"LS-SVM on {n} samples, 4 outputs ({1000 * mine:.3g} ms)"
     rows = [
-        row("03", work, "the bordered system by numpy's solve; theirs over ours", numpys / mine),
-        row("03", work, "KernelRidge, which has no bias; theirs over ours", ridges / mine),
+        row("p1-outages", work, "the bordered system by numpy's solve; theirs over ours", numpys / mine),
+        row("p1-outages", work, "KernelRidge, which has no bias; theirs over ours", ridges / mine),
     ]
     if n < 5000:
         return rows
@@ -174,7 +174,7 @@ def training(n: int) -> list[Row]:
     limit = n**3 / 3 / rate
     against = f"n^3/3 operations at the rate of a product of matrices ({1000 * limit:.0f} ms)"
     against += "; ours over that"
-    return [*rows, row("03", work, against, mine / limit, 1.3, more_is_better=False)]
+    return [*rows, row("p1-outages", work, against, mine / limit, 1.3, more_is_better=False)]
 
 
 def selection() -> Row:
@@ -194,7 +194,7 @@ def selection() -> Row:
     mine = best_of(lambda: select_lssvm(X, y, sigmas, etas))
     work = f"leave-one-out of 400 pairs on 100 samples ({1000 * mine:.0f} ms)"
     against = "GridSearchCV, time of 4 pairs scaled up; theirs over ours"
-    return row("03", work, against, theirs / mine, 100)
+    return row("p1-outages", work, against, theirs / mine, 100)
 
 
 def by_numpy(X: np.ndarray, y: np.ndarray) -> np.ndarray:

@@ -236,7 +236,7 @@ def refit(epoch: float) -> Row:
     taken = least(lambda: machine.fit(X, y), 20)
     trials = machine.selection_.errors.size
     return row(
-        "05",
+        "p3-vehicle",
         f"one refit of the LS-SVM, 40 samples, 4 inputs, 2 outputs, {trials} candidate pairs "
         f"({1000 * taken:.3g} ms)",
         f"one epoch of the filter, one run ({1000 * epoch:.2g} ms); ours over that",
@@ -263,19 +263,19 @@ def main() -> None:
     peer = f"pyins' run_feedback_filter, time_step 0.1 s ({taken:.0f} s); theirs over ours"
     drove = f"{DURATION // 60} minutes at {1 / PERIOD:.0f} Hz"
     rows = [
-        row("05", f"vehicle filter, {drove}, one run ({single:.2g} s)", peer, taken / single, 10),
-        row("05", f"the same with steps of 0.1 s ({tenth:.2g} s)", peer, taken / tenth, 10),
+        row("p3-vehicle", f"vehicle filter, {drove}, one run ({single:.2g} s)", peer, taken / single, 10),
+        row("p3-vehicle", f"the same with steps of 0.1 s ({tenth:.2g} s)", peer, taken / tenth, 10),
         row(
-            "05", f"the same, {RUNS} runs at once ({together:.2g} s)",
+            "p3-vehicle", f"the same, {RUNS} runs at once ({together:.2g} s)",
             f"{peer}, times {RUNS}", RUNS * taken / together,
         ),
         refit(single / (len(alone.time) - 1)),
         row(
-            "05", f"the filter, {drove}, {MANY} runs ({many:.3g} s)",
+            "p3-vehicle", f"the filter, {drove}, {MANY} runs ({many:.3g} s)",
             f"{peer}, times {MANY}", MANY * taken / many, 2000,
         ),
         row(
-            "05", f"the same with steps of 0.1 s ({many_fine:.3g} s)",
+            "p3-vehicle", f"the same with steps of 0.1 s ({many_fine:.3g} s)",
             f"{peer}, times {MANY}", MANY * taken / many_fine, 2000,
         ),
     ]  # fmt: skip

@@ -37,10 +37,10 @@ class BuildError(RuntimeError):
     Examples
     --------
     >>> from inswsn_lib.errors import BuildError
-    >>> raise BuildError("chapters/00-the-published-numbers.md: a sentence does not hold.")
+    >>> raise BuildError("chapters/printed-numbers.md: a sentence does not hold.")
     Traceback (most recent call last):
         ...
-    inswsn_lib.errors.BuildError: chapters/00-the-published-numbers.md: a sentence does not hold.
+    inswsn_lib.errors.BuildError: chapters/printed-numbers.md: a sentence does not hold.
     """
 
 

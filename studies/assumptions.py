@@ -22,7 +22,7 @@ ASSUMPTIONS = "data/assumptions.yaml"
 SCENARIOS = ("p1", "p1-inertial", "p1-inertial-all-cells", "p2", "p3")
 #: Chapters from this id on teach or retell a result, or work on a reader's own recording: their
 #: parameters stand for nothing that a paper could say.
-RETELLING = "07"
+RETELLING = "lesson-1"
 
 Number = float | str | list[float] | list[list[float]]
 

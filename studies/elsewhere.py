@@ -1,6 +1,6 @@
 """Whether other surroundings give the same results, by reruns of every chapter: `make elsewhere`.
 
-    python studies/elsewhere.py [--variant threads-2] [--only 02] [--jobs 2]
+    python studies/elsewhere.py [--variant threads-2] [--only p1-training] [--jobs 2]
 
 Executes the chapters again with one thing of their surroundings changed and holds what they find
 against data/published. What comes of it is kept in data/elsewhere.json, from which the book's page
@@ -10,7 +10,7 @@ ended are in the store and are not made again.
 
 Cells that are not asked for stay as they were stored. What a build of the same chapters by another
 Python or on another machine has found needs no run here: give the folder of its results files, such
-as 01.json, as --results FOLDER. A second Python builds in a clone of its own:
+as p1-lmi.json, as --results FOLDER. A second Python builds in a clone of its own:
 
     python3.13 -m venv .venv
     .venv/bin/python -m pip install --require-hashes -r environment.lock
@@ -406,7 +406,7 @@ def file_results(project: Project, folder: Path, chapters: list[Chapter], progre
             cells.append(compared(project, found[0], chapter, found[1]))
             progress.say(line_of(cells[-1], chapter))
     if not cells:
-        raise ParameterError("--results", folder, "a folder with results files, such as 01.json")
+        raise ParameterError("--results", folder, "a folder with results files, such as p1-lmi.json")
     keep(project, cells)
 
 

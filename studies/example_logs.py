@@ -1,6 +1,6 @@
 """Make the raw logs that come with the project, of a simulated walk: data/examples/raw-walk.
 
-Chapter 90 reports on them, and shows what files of a reader's own must look like.
+The page on your own data reports on them, and shows what files of a reader's own must look like.
 """
 
 from __future__ import annotations

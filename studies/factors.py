@@ -30,16 +30,16 @@ Point = Mapping[str, float]
 Level = dict[str, Any]
 
 #: The chapters that are crossed: each has a function of a point in `points`
-CROSSED = ("01", "02", "03", "04")
+CROSSED = ("p1-lmi", "p1-training", "p1-outages", "p2-fusion")
 #: Why the others are not
 ELSEWHERE = {
-    "00": "Chapter 00 computes no run: it counts printed claims.",
-    "05": "A drive of chapter 05 takes longer than a point of any other chapter, too long for "
+    "printed-numbers": "The evidence on the printed numbers computes no run: it counts printed claims.",
+    "p3-vehicle": "A drive of the evidence on P3's vehicle takes longer than a point of any other chapter, too long for "
     "thousands of them. Its assumptions are changed one at a time alone.",
 }
 #: Why a single alternative is not a factor, by its id or by that of its entry
 LEFT_OUT = {
-    "P1-M-L": "It is set by an edit of the text of chapter 01, which no parameter holds.",
+    "P1-M-L": "It is set by an edit of the text of the evidence on P1's LMI, which no parameter holds.",
     "P1-M-bp": "It is of the network alone, whose training takes too long; no result here rests "
     "on it.",
 }
@@ -214,7 +214,7 @@ def _is_number(value: Any) -> bool:
 def _seeds(assumptions: Assumptions, values: Level) -> Iterable[Factor]:
     """Return the seeds as factors: what they do is what chance does."""
     for entry in assumptions.assumptions:
-        chapters = [c for c in CROSSED if c in entry.seeds and c != "01"]  # no chance in 01
+        chapters = [c for c in CROSSED if c in entry.seeds and c != "p1-lmi"]  # no chance there
         if chapters:
             seeds = assumptions.reduced[chapters[0]].seeds
             keys = [f"{chapter}.seed" for chapter in chapters]

@@ -52,24 +52,24 @@ def contests(root: Path, findings: Findings) -> list[Contest]:
         return exp(sum(log(1 - p / 100) for p in per_cent) / len(per_cent))
 
     bridged = [
-        q.value for q in findings.results["00"].quantities if q.name.startswith("table3.reduction.")
+        q.value for q in findings.results["printed-numbers"].quantities if q.name.startswith("table3.reduction.")
     ]
     average = float(p3["average_improvement_at_least"])
     return [
-        Contest("P1: HF over KF,\nposition", 1 / value("02", "headline.published-ratio"),
-                value("02", "fair.hf-exact-lmi.position", "fair.kalman.position"),
-                value("02", "lasting.recorded.hf-tuned-for-white",
+        Contest("P1: HF over KF,\nposition", 1 / value("p1-training", "headline.published-ratio"),
+                value("p1-training", "fair.hf-exact-lmi.position", "fair.kalman.position"),
+                value("p1-training", "lasting.recorded.hf-tuned-for-white",
                       "lasting.recorded.kalman-tuned-for-white")),
         Contest("P1: LS-SVM over BP,\noutages", left(bridged),
-                value("03", "fair.geometric.ls-svm-motion", "fair.geometric.bp-motion")),
+                value("p1-outages", "fair.geometric.ls-svm-motion", "fair.geometric.bp-motion")),
         Contest("P2: DHF over FKF,\nposition", left([float(p2[c]["vs_fkf"]) for c in ("rx", "ry")]),
-                value("04", "fair.dhf-over-fkf.position")),
+                value("p2-fusion", "fair.dhf-over-fkf.position")),
         Contest("P2: DHF over FKF,\nvelocity", left([float(p2[c]["vs_fkf"]) for c in ("vx", "vy")]),
-                value("04", "fair.dhf-over-fkf.velocity")),
-        Contest("P3: proposed over KF", 1 - average / 100, value("05", "factor.lssvm-never"),
-                value("05", "recorded.factor.lssvm", "recorded.factor.never")),
-        Contest("P3: of that,\nthe LS-SVM", None, value("05", "methods.lssvm"),
-                value("05", "recorded.factor.lssvm")),
+                value("p2-fusion", "fair.dhf-over-fkf.velocity")),
+        Contest("P3: proposed over KF", 1 - average / 100, value("p3-vehicle", "factor.lssvm-never"),
+                value("p3-vehicle", "recorded.factor.lssvm", "recorded.factor.never")),
+        Contest("P3: of that,\nthe LS-SVM", None, value("p3-vehicle", "methods.lssvm"),
+                value("p3-vehicle", "recorded.factor.lssvm")),
     ]  # fmt: skip
 
 

@@ -39,11 +39,11 @@ Starts = Mapping[str, Sequence[float]]
 #: Numbers of a filter to what they cost
 Loss = Callable[..., float]
 
-#: Runs of a point. In 02 and 03 a draw takes its time whatever their number is.
+#: Runs of a point. In p1-training and p1-outages a draw takes its time whatever their number is.
 RUNS: dict[str, dict[str, int]] = {
-    "02": {"runs": 40, "other_runs": 40},
-    "03": {"runs": 40, "tuning_runs": 4},
-    "04": {"runs": 8, "other_runs": 8},
+    "p1-training": {"runs": 40, "other_runs": 40},
+    "p1-outages": {"runs": 40, "tuning_runs": 4},
+    "p2-fusion": {"runs": 8, "other_runs": 8},
 }
 #: The most trials that a filter has at a point, and in the published scene
 TRIALS, TRIALS_AT_START = 5, 48
@@ -72,11 +72,11 @@ def outputs_at(crossing: Crossing, starts: Starts, chapter: str, point: Point) -
     """Return the headlines of a chapter at a point; none where it cannot be had."""
     changes = crossing.changes(chapter, point)
     compute: dict[str, Callable[[], Outputs]] = {
-        "01": lambda: inequality(**_parameters("01", changes)),
-        "02": lambda: areas(core_at(crossing, TrainingAreas(**RUNS["02"]), "02", changes), starts),
-        "03": lambda: outages(core_at(crossing, BridgedOutages(**RUNS["03"]), "03", changes)),
-        "04": lambda: clusters(
-            core_at(crossing, ClusterFusion(**RUNS["04"]), "04", changes), starts
+        "p1-lmi": lambda: inequality(**_parameters("p1-lmi", changes)),
+        "p1-training": lambda: areas(core_at(crossing, TrainingAreas(**RUNS["p1-training"]), "p1-training", changes), starts),
+        "p1-outages": lambda: outages(core_at(crossing, BridgedOutages(**RUNS["p1-outages"]), "p1-outages", changes)),
+        "p2-fusion": lambda: clusters(
+            core_at(crossing, ClusterFusion(**RUNS["p2-fusion"]), "p2-fusion", changes), starts
         ),
     }
     try:
@@ -109,7 +109,7 @@ def _parameters(chapter: str, changes: Level) -> dict[str, Any]:
     return {k.removeprefix(start): v for k, v in changes.items() if k.startswith(start)}
 
 
-# Chapter 01 --------------------------------------------------------------------------------------
+# The evidence on P1's LMI --------------------------------------------------------------------------------------
 
 
 def inequality(
@@ -142,13 +142,13 @@ def _gain_and_error(model: ErrorModel, gain: Array) -> tuple[float, float]:
     return hinf_norm(model.A - gain @ model.C, driven, model.L), steady_error(model, gain)
 
 
-# Chapter 02 --------------------------------------------------------------------------------------
+# The evidence on P1's training areas --------------------------------------------------------------------------------------
 
 
 def areas(core: TrainingAreas, starts: Starts) -> Outputs:
     """Return what Kalman filters have of the error of the published filter, and tuned HF over KF.
 
-    The tuned ones are searched as in chapter 04, see `clusters`.
+    The tuned ones are searched as in the evidence on P2's fusion, see `clusters`.
     """
 
     def cells(method: str) -> float:
@@ -171,7 +171,7 @@ def areas(core: TrainingAreas, starts: Starts) -> Outputs:
 
 
 def area_loss(contest: FilterContest, name: str) -> Loss:
-    """Return what chapter 02 tunes a filter by."""
+    """Return what the evidence on P1's training areas tunes a filter by."""
     drawn = contest.areas.others
 
     def loss(*numbers: float) -> float:
@@ -184,7 +184,7 @@ def area_loss(contest: FilterContest, name: str) -> Loss:
     return loss
 
 
-# Chapter 03 --------------------------------------------------------------------------------------
+# The evidence on P1's outages --------------------------------------------------------------------------------------
 
 
 def outages(core: BridgedOutages) -> Outputs:
@@ -203,7 +203,7 @@ def outages(core: BridgedOutages) -> Outputs:
     }
 
 
-# Chapter 04 --------------------------------------------------------------------------------------
+# The evidence on P2's fusion --------------------------------------------------------------------------------------
 
 
 def clusters(core: ClusterFusion, starts: Starts) -> Outputs:
@@ -226,7 +226,7 @@ def clusters(core: ClusterFusion, starts: Starts) -> Outputs:
 
 
 def cluster_loss(core: ClusterFusion, name: str) -> Loss:
-    """Return what chapter 04 tunes a filter by: the geometric mean of both RMS errors."""
+    """Return what the evidence on P2's fusion tunes a filter by: the geometric mean of both RMS errors."""
     ins = core.tuning["ins"]
     y = np.asarray(ins[None] - core.tuning["wsn"])
 
@@ -249,8 +249,8 @@ def _made(core: ClusterFusion, name: str) -> Callable[..., Any]:
 
 def published_starts() -> dict[str, list[float]]:
     """Return all numbers of the filters tuned in the published scenes."""
-    contest = FilterContest(TrainingAreas(**RUNS["02"]))
-    fusion = ClusterFusion(**RUNS["04"])
+    contest = FilterContest(TrainingAreas(**RUNS["p1-training"]))
+    fusion = ClusterFusion(**RUNS["p2-fusion"])
     searches = [(area_loss(contest, n), n, b, _AREA_STEPS) for n, b in _AREAS.items()]
     searches += [(cluster_loss(fusion, n), n, b, _CLUSTER_STEPS) for n, b in _CLUSTERS.items()]
     return {

@@ -23,13 +23,13 @@ COMMANDS = re.findall(
 )
 # what makes a command short, and puts what it writes into the folder of the test
 SHORT = {
-    "inswsn run 00": "--out out",
-    "inswsn run 02": "--out out",
-    "inswsn run 03": "-p runs=40 -p tuning_runs=4 -p networks=40 --out out",
-    "inswsn sweep 02": "-p runs=40 -p other_runs=40 --out out",
+    "inswsn run printed-numbers": "--out out",
+    "inswsn run 2": "--out out",
+    "inswsn run p1-outages": "-p runs=40 -p tuning_runs=4 -p networks=40 --out out",
+    "inswsn sweep p1-training": "-p runs=40 -p other_runs=40 --out out",
 }
 # they take a quarter of a minute and more, even so
-LONG = ("inswsn run 02", "inswsn run 03", "papermill chapters")
+LONG = ("inswsn run 2", "inswsn run p1-outages", "papermill chapters")
 
 
 def started(command: str, starts: tuple[str, ...]) -> str | None:

@@ -21,9 +21,6 @@ from inswsn_lib.errors import BuildError, InswsnError, ParameterError
 _PATH = click.Path(path_type=Path)
 _FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
 _FOLDER = click.Path(exists=True, file_okay=False, path_type=Path)
-_evidence = click.option(
-    "--evidence", is_flag=True, help="Take the evidence of that number, not the lesson."
-)
 _settings = click.option(
     "-p", "settings", multiple=True, metavar="NAME=VALUE", help="Set a parameter."
 )
@@ -111,7 +108,7 @@ def chapters(root: Path | None) -> None:
 
     project = _project(root)
     for chapter in project.chapters():
-        click.echo(f"{chapter.id}  {chapter.source.stem[3:]}")
+        click.echo(f"{chapter.number or chapter.id:4} {chapter.source.stem}".rstrip())
         for parameter in chapter_schema(project.root, chapter.id).parameters:
             unit = "" if parameter.unit == "1" else f" {parameter.unit}"
             click.echo(f"    {parameter.name} = {parameter.default}{unit}; {parameter.allowed}")
@@ -124,7 +121,6 @@ def chapters(root: Path | None) -> None:
 @click.option("-f", "file", type=_FILE, help="A YAML file of parameters; -p overrides it.")
 @_out
 @click.option("--html", is_flag=True, help="Render the chapter's page of this run, too.")
-@_evidence
 @click.option("--fresh", is_flag=True, help="Execute it, even if the same has been run before.")
 @click.pass_obj
 def run(
@@ -133,15 +129,14 @@ def run(
     name: str,
     settings: tuple[str, ...],
     file: Path | None,
-    evidence: bool,
     **how: Any,
 ) -> None:
     """Execute a chapter with other parameters and compare it with the published run.
 
-    A number stands for the lesson, and with --evidence for its evidence. A run on data of your own
-    is not compared; what the chapter reports of them is said.
+    `inswsn chapters` lists the names. A run on data of your own is not compared; what the chapter
+    reports of them is printed.
 
-    For example: inswsn run 02 --evidence -p q_scale=0.1 -p runs=200
+    For example: inswsn run p1-training -p q_scale=0.1 -p runs=200
     """
     from inswsn_book.compare import comparison
     from inswsn_book.ledger import LEDGER, claims_of, load_claims
@@ -151,7 +146,7 @@ def run(
     from inswsn_book.runs import reference_results
 
     project = _project(root)
-    number = project.find(name, evidence=evidence).id
+    number = project.find(name).id
     schema = chapter_schema(project.root, number)
     values = gather_parameters(schema, settings, file, project.root / "data")
     with Progress() as progress:
@@ -184,9 +179,9 @@ def run(
 def sweep(
     root: Path | None, /, name: str, axes: tuple[str, ...], settings: tuple[str, ...], **how: Any
 ) -> None:
-    """Run a chapter at each cell of a grid of its parameters; a number stands for the evidence.
+    """Run a chapter at each cell of a grid of its parameters.
 
-    For example: inswsn sweep 02 --grid q_scale=0.1,1,10 -p runs=1000
+    For example: inswsn sweep p1-training --grid q_scale=0.1,1,10 -p runs=1000
 
     Of a chapter that has a core, the function that it computes its runs by, that is called in each
     cell; of another one the notebook is executed. What is finished is kept, whatever ends the
@@ -196,7 +191,7 @@ def sweep(
     from inswsn_book.sweep import read_sweep, run_sweep
 
     project = _project(root)
-    wanted = read_sweep(project, project.find(name, evidence=True), axes, settings)
+    wanted = read_sweep(project, project.find(name), axes, settings)
     with Progress() as progress:
         lines, failed = run_sweep(project, wanted, progress, **how)
     click.echo("\n".join(lines))
@@ -214,7 +209,7 @@ def sweep(
 def compare(root: Path | None, before: Path, after: Path) -> None:
     """Compare two results files of one chapter.
 
-    For example: inswsn compare data/published/02.json results/02.json
+    For example: inswsn compare data/published/p1-training.json results/p1-training.json
     """
     from inswsn_book.compare import comparison
     from inswsn_book.ledger import LEDGER, claims_of, load_claims
@@ -306,7 +301,7 @@ def verify(root: Path | None, path: Path | None, names: tuple[str, ...]) -> None
     from inswsn_book.verifying import verify as checks
 
     folder, differing = path.resolve() if path else _project(root).root, 0
-    numbers = [_project(folder).find(name, evidence=True).id for name in names]
+    numbers = [_project(folder).find(name).id for name in names]
     with Progress() as progress:
         for what, differences in checks(folder, numbers, progress):
             click.echo(f"{'differs' if differences else 'good':8} {what}")

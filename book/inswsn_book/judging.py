@@ -66,7 +66,7 @@ def judge_claims(
         if word not in words[name]:
             raise ParameterError(f"--{name}", word, "one of " + ", ".join(words[name]))
     folders = [project.published] if folder is None else [project.published, folder]
-    paths = {path.name: path for each in folders for path in each.glob("[0-9][0-9].json")}
+    paths = {path.name: path for each in folders for path in each.glob("[!l]*.json")}
     check_listed(project.published)
     judged = judge(project.root, map(read_results, paths.values()))
     for name, word in asked.items():

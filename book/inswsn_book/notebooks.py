@@ -17,7 +17,7 @@ def read_source(chapter: Chapter, source: str | None = None) -> Any:
     """Read a chapter's source, or the one that is given, as a notebook without outputs.
 
     One that is none is refused. The id of a cell is the chapter's id and the cell's place, for
-    example ``ch00-003`` or ``lesson-02-003``.
+    example ``printed-numbers-003`` or ``lesson-2-003``.
     """
     import nbformat  # noqa: PLC0415  # takes half a second
 
@@ -36,7 +36,7 @@ def read_source(chapter: Chapter, source: str | None = None) -> Any:
 
 def cell_prefix(chapter: str) -> str:
     """Return what the ids of a chapter's cells begin with."""
-    return chapter if chapter.startswith("lesson") else f"ch{chapter}"
+    return f"ch{chapter}" if chapter.isdigit() else chapter
 
 
 def read_notebook(text: str) -> Any:

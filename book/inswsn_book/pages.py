@@ -37,7 +37,7 @@ from inswsn_lib.files import read_text, read_yaml
 from inswsn_lib.scenario import load_scenario
 
 _MOVES = 'class="moving"'
-_UNSTAGED = re.compile(r"inswsn_book/|_templates/|pyproject\.toml|redirects\.yaml|(.*/)?\.")
+_UNSTAGED = re.compile(r"inswsn_book/|_templates/|pyproject\.toml|renamed\.yaml|(.*/)?\.")
 _HEAD = re.compile(
     r"\*\*You need\*\*\s+(?P<need>.*?)\.\s+\*\*Reading time\*\*\s+(?P<minutes>\d+)\s+minutes?\.",
     re.DOTALL,
@@ -90,14 +90,6 @@ def _head_of(chapter: Chapter) -> dict[str, str]:
     return head.groupdict() if head else {"need": "", "minutes": ""}
 
 
-def _lessons(project: Project) -> list[Chapter]:
-    """Return the lessons in the order of reading, which the table of contents has."""
-    toc = read_yaml(project.root / "book" / "_toc.yml")
-    parts = [part for part in toc.get("parts", []) if part["caption"] == "Lessons"]
-    known = {f"chapters/{c.name}": c for c in project.chapters()}
-    return [known[entry["file"]] for part in parts for entry in part["chapters"]]
-
-
 def context(project: Project, results: Sequence[Results]) -> dict[str, Any]:
     """Return what the templates are rendered over."""
     judged = judge(project.root, results)
@@ -112,7 +104,7 @@ def context(project: Project, results: Sequence[Results]) -> dict[str, Any]:
         ],
         "findings": findings,
         "judged": judged,
-        "lessons": _lessons(project),
+        "lessons": [c for c in project.chapters() if c.lesson],
         "moving": {},
     }
     published = all(
@@ -236,7 +228,7 @@ def stage_book(project: Project, runs: Sequence[Run], folder: Path) -> list[str]
         shown = with_notes(notebook, results, claims_of(claims, results.chapter), templates)
         texts[f"chapters/{name}.ipynb"] = json.dumps(shown, ensure_ascii=False).encode()
     texts |= {f"generated/{name}.svg": found["picture"].encode() for name, found in moving.items()}
-    texts |= _redirects(project.root, templates, texts)
+    texts |= _redirects(project, templates, texts)
     for figure in (project.root / "data").glob("*.svg"):
         texts[f"generated/{figure.name}"] = figure.read_bytes()
     files.fill_folder(folder, texts)
@@ -261,15 +253,23 @@ def _pages(
     return texts, problems
 
 
-def _redirects(root: Path, templates: Environment, texts: Iterable[str]) -> dict[str, bytes]:
-    """Return the pages that stand where others were, and lead to where those are."""
-    moved, there = root / "book" / "redirects.yaml", {name.partition(".")[0] for name in texts}
+def _redirects(
+    project: Project, templates: Environment, texts: Iterable[str]
+) -> dict[str, bytes]:
+    """Return pages at old addresses, which lead to the new ones, each place to its own."""
+    there = {name.partition(".")[0] for name in texts}
+    ids = {f"chapters/{c.name}": c.id for c in project.chapters()}
     page, found = templates.get_template("redirect.html"), {}
-    for old, new in (read_yaml(moved) if moved.is_file() else {}).items():
+    for old, new in project.renamed()["pages"].items():
         name, _, place = new.partition("#")
         if name in there:
-            target = posixpath.relpath(f"{name}.html", posixpath.dirname(old))
-            found[f"moved/{old}.html"] = page.render(target=target, place=place).encode()
+            words = {
+                "target": posixpath.relpath(f"{name}.html", posixpath.dirname(old)),
+                "place": place,
+                "number": posixpath.basename(old)[:2],
+                "now": ids.get(name, ""),
+            }
+            found[f"moved/{old}.html"] = page.render(words).encode()
     return found
 
 

@@ -120,8 +120,8 @@ class Schema:
 def chapter_schema(root: Path, identity: str) -> Schema:
     """Read the parameters of a chapter from its source."""
     folder, number = root / "chapters", identity.removeprefix("lesson-")
-    lesson, evidence = folder.glob(f"{number}-*.md"), folder.glob(f"evidence/{number}-*.md")
-    sources = [*lesson] if number != identity else [*evidence, *lesson]
+    name = f"{number}-*.md" if number.isdigit() else f"{identity}.md"
+    sources = [*folder.glob(f"evidence/{name}"), *folder.glob(name)]
     if not sources:
         raise InswsnError(f"There is no chapter {identity} in {folder}.")
     return source_schema(read_text(sources[0]), sources[0].name)

@@ -6,7 +6,6 @@ import os
 import re
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
 from threading import Lock
 from typing import Any
@@ -17,7 +16,7 @@ import inswsn_lib
 from inswsn_book.files import Memory
 from inswsn_book.imports import Imports, code_files
 from inswsn_lib.errors import InswsnError, ParameterError
-from inswsn_lib.files import read_yaml
+from inswsn_lib.files import read_text, read_yaml
 
 #: Set by the executor, so that a chapter finds the project from any working folder.
 ROOT_VARIABLE = "INSWSN_ROOT"
@@ -31,7 +30,7 @@ _MARKERS = ("_config.yml", "environment.lock", "chapters", "data")
 EXECUTING = tuple(
     f"inswsn_book.{name}" for name in ("cores", "execution", "forking", "notebooks", "runs")
 )
-_CHAPTER_NAME = re.compile(r"^(evidence/)?\d\d-[a-z0-9]+(-[a-z0-9]+)*$")
+_CHAPTER_NAME = re.compile(r"^(\d-|evidence/)?[a-z0-9]+(-[a-z0-9]+)*$")
 
 
 def is_checkout(folder: Path) -> bool:
@@ -59,25 +58,26 @@ def results_folder(root: Path) -> Path:
 
 @dataclass(frozen=True)
 class Chapter:
-    """A chapter: its path below ``chapters`` without suffix, its MyST notebook, and its id.
-
-    The id is its number; that of a lesson for which there is evidence is ``lesson-`` and the
-    number, which is then the id of the evidence.
-    """
+    """A chapter: its path below ``chapters`` without suffix, and its MyST notebook."""
 
     name: str
     source: Path
-    id: str
 
     @property
     def number(self) -> str:
-        """The two digits that its file's name begins with."""
-        return self.source.name[:2]
+        """The digits that the name of its file begins with: of a lesson one, of others two."""
+        first = self.source.stem.partition("-")[0]
+        return first if first.isdigit() else ""
+
+    @property
+    def id(self) -> str:
+        """``lesson-`` and the number of a lesson; of another chapter its number or its name."""
+        return f"lesson-{self.number}" if self.lesson else self.number or self.source.stem
 
     @property
     def lesson(self) -> bool:
-        """Whether it is a lesson for which there is evidence."""
-        return self.id != self.number
+        """Whether it is one of the lessons, which count from 1 in the order of reading."""
+        return len(self.number) == 1 and self.name == self.source.stem
 
     @property
     def twin(self) -> Path:
@@ -134,30 +134,34 @@ class Project:
         return imports.digest(science | (imports.modules & {*EXECUTING}))
 
     def chapters(self) -> list[Chapter]:
-        """Return the chapters in the order of their numbers, a lesson before its evidence.
-
-        A number is used once in each of the two folders.
-        """
-        folder = self.root / "chapters"
+        """Return the chapters: the lessons, then the others as the table of contents has them."""
+        folder, toc = self.root / "chapters", self.root / "book" / "_toc.yml"
+        listed = re.findall(r"file: *chapters/(\S+)", read_text(toc) if toc.is_file() else "")
         sources = [*folder.glob("[!.]*.md"), *folder.glob("evidence/[!.]*.md")]
-        sources.sort(key=lambda path: (path.name[:2], len(path.parts), path.name))
-        proved = {path.name[:2] for path in sources if path.parent != folder}
-        chapters = []
-        for path in sources:
-            name, number = path.relative_to(folder).with_suffix("").as_posix(), path.name[:2]
-            lesson = path.parent == folder and number in proved
-            chapters.append(Chapter(name, path, f"lesson-{number}" if lesson else number))
+        names = {path.relative_to(folder).with_suffix("").as_posix(): path for path in sources}
+        chapters = [Chapter(name, path) for name, path in names.items()]
+        places = {name: place for place, name in enumerate(listed)}
+        last = len(listed)
+        chapters.sort(key=lambda c: (not c.lesson, places.get(c.name, last), c.name))
         if not chapters:
             raise InswsnError(f"There is no chapter in {folder}.")
+        used = set[str]()
         for chapter in chapters:
             if not _CHAPTER_NAME.match(chapter.name):
                 raise InswsnError(
-                    f"chapters/{chapter.name}.md does not fit NN-words.md, lower case with dashes."
+                    f"chapters/{chapter.name}.md does not fit N-words.md, words.md or "
+                    "evidence/words.md, lower case with dashes."
                 )
-        for first, second in pairwise(chapters):
-            if first.id == second.id:
-                raise InswsnError(f"The chapter number {first.number} is used twice.")
+            if chapter.id in used:
+                raise InswsnError(f"The chapter name {chapter.id} is used twice.")
+            used.add(chapter.id)
         return chapters
+
+    def renamed(self) -> dict[str, dict[str, str]]:
+        """Return what `book/renamed.yaml` says: ``chapters`` and ``pages``, from old to new."""
+        path = self.root / "book" / "renamed.yaml"
+        found = read_yaml(path) if path.is_file() else {}
+        return {"chapters": {}, "pages": {}, **found}
 
     def by_id(self, identity: str) -> Chapter:
         """Return the chapter of an id."""
@@ -166,18 +170,20 @@ class Project:
             raise ParameterError("chapter", identity, "one of " + ", ".join(known))
         return known[identity]
 
-    def find(self, word: str, *, evidence: bool = False) -> Chapter:
-        """Return the chapter of a number such as ``"02"`` or ``"2"``, or of a whole name or id.
+    def find(self, word: str) -> Chapter:
+        """Return the chapter of a name such as ``"p1-training"``, or of a number such as ``"2"``.
 
-        A number stands for the lesson if there is one, unless evidence is asked for.
+        A name of an earlier release is refused, with what it is now.
         """
         chapters = self.chapters()
-        for chapter in reversed(chapters) if evidence else chapters:
-            names = (chapter.name, chapter.source.stem, chapter.id)
-            if word in names or word in (chapter.number, str(int(chapter.number))):
+        for chapter in chapters:
+            if word and word in (chapter.name, chapter.source.stem, chapter.id, chapter.number):
                 return chapter
-        numbers = sorted({chapter.number for chapter in chapters})
-        raise ParameterError("NAME", word, "one of " + ", ".join(numbers))
+        known = [c.number or c.id for c in chapters]
+        former = self.renamed()["chapters"]
+        now = [former[old] for old in (f"lesson-{word}", word) if old in former]
+        expected = f"{' or '.join(now)}, as it is called now" * bool(now)
+        raise ParameterError("NAME", word, expected or "one of " + ", ".join(known))
 
     def build_lock(self) -> AbstractContextManager[object]:
         """Hold the lock of the checkout's build; refuse if another build holds it."""

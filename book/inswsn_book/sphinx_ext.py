@@ -95,6 +95,7 @@ def _unlink_words(app: Any, tree: nodes.document) -> None:
 
 
 def _number_outlines(app: Any, env: Any) -> list[str]:
+    env.toc_fignumbers = getattr(env, "inswsn_counted", {})  # what Sphinx counted last time
     env.get_doctree = lambda name: env.inswsn_outlines[name]
     return []
 
@@ -116,9 +117,19 @@ def _whole_name(app: Any, env: Any, node: Any, words: Any) -> None:
         node["reftarget"] = docname_join(node["refdoc"], node["reftarget"])
 
 
+def _of_page(kinds: dict[str, dict[str, Any]]) -> dict[str, dict[str, tuple[int]]]:
+    """Return the numbers of figures, tables and the like of a page, counted within the page."""
+    return {
+        kind: {name: (place,) for place, name in enumerate(names, 1)}
+        for kind, names in kinds.items()
+    }
+
+
 def _update(app: Any, env: Any) -> list[str]:
     """Return the pages to be written: all of them, once what they may name of others differs."""
     del env.get_doctree  # once all is numbered
+    env.inswsn_counted = env.toc_fignumbers
+    env.toc_fignumbers = {page: _of_page(kinds) for page, kinds in env.toc_fignumbers.items()}
     domain, titles = env.get_domain("std"), {k: v.astext() for k, v in env.titles.items()}
     named = [domain.labels, domain.anonlabels, env.get_domain("math").equations, titles]
     named += [env.toc_secnumbers, env.toc_fignumbers]

@@ -47,7 +47,7 @@ def verify(
     site = folder / "site" if archived else project.site
     if site.exists():
         try:
-            kept = sorted((folder / "results").glob("[0-9][0-9].json"))
+            kept = sorted((folder / "results").glob("[!l]*.json"))
             found = [read_results(path) for path in kept]
             if not archived:
                 require_current_site(project, made := book_runs(project))

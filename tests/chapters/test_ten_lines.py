@@ -35,11 +35,11 @@ LEAVES = {
 # are the pages' own tolerances, stated and justified there.
 T1 = "table1.position.rows-own table1.position.rows-shifted table1.selected.position-rank"
 NAMED: dict[str, tuple[str, str, dict[str, float]]] = {
-    "61": ("00", T1, {"abs": 0.0}),
-    "62": ("01", "cost.position.exact cost.position.printed", {"rel": 0.003}),
-    "63": ("02", "headline.kf-share", {"abs": 3.0}),
-    "64": ("04", "theorem.free-identity theorem.true-identity", {"rel": 0.001}),
-    "65": ("05", "methods.lssvm", {"abs": 0.15}),
+    "61": ("printed-numbers", T1, {"abs": 0.0}),
+    "62": ("p1-lmi", "cost.position.exact cost.position.printed", {"rel": 0.003}),
+    "63": ("p1-training", "headline.kf-share", {"abs": 3.0}),
+    "64": ("p2-fusion", "theorem.free-identity theorem.true-identity", {"rel": 0.001}),
+    "65": ("p3-vehicle", "methods.lssvm", {"abs": 0.15}),
 }
 
 

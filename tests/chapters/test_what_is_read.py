@@ -21,32 +21,32 @@ from inswsn_book.results import read_results
 
 # parameters with which a chapter is quick, and which are not those of the published run
 QUICK: dict[str, dict[str, Value]] = {
-    "00": {"training_samples": 12, "outage_samples": 12},
-    "01": {"systems": 40, "runs": 40, "margin": 0.1},
-    "07": {"seed": 7},
-    "lesson-00": {"about_points": 5.0},
-    "lesson-06": {"seed": 7},
-    "lesson-02": {"seed": 7},
-    "lesson-03": {"seed": 7},
-    "lesson-05": {"seed": 7},
-    "lesson-01": {"seed": 7},
-    "lesson-04": {"seed": 7},
-    "02": {"runs": 40, "other_runs": 40, "velocity_source": "window"},
-    "03": {"runs": 40, "tuning_runs": 4, "networks": 40},
-    "04": {"runs": 64, "other_runs": 40, "speed": 6.0, "most_clusters": 8},
-    "05": {"routes": 5, "draws": 2, "sweep_draws": 2, "recorded_draws": 2},
-    "06": {"trials": 2, "runs": 8},
+    "printed-numbers": {"training_samples": 12, "outage_samples": 12},
+    "p1-lmi": {"systems": 40, "runs": 40, "margin": 0.1},
+    "lesson-1": {"seed": 7},
+    "lesson-7": {"about_points": 5.0},
+    "lesson-8": {"seed": 7},
+    "lesson-2": {"seed": 7},
+    "lesson-4": {"seed": 7},
+    "lesson-6": {"seed": 7},
+    "lesson-3": {"seed": 7},
+    "lesson-5": {"seed": 7},
+    "p1-training": {"runs": 40, "other_runs": 40, "velocity_source": "window"},
+    "p1-outages": {"runs": 40, "tuning_runs": 4, "networks": 40},
+    "p2-fusion": {"runs": 64, "other_runs": 40, "speed": 6.0, "most_clusters": 8},
+    "p3-vehicle": {"routes": 5, "draws": 2, "sweep_draws": 2, "recorded_draws": 2},
+    "recorded-data": {"trials": 2, "runs": 8},
     "61": {"tolerance": 1.0},
     "62": {"tolerance": 0.01},
     "63": {"tolerance": 5.0},
     "64": {"tolerance": 0.01},
     "65": {"tolerance": 0.1},
-    "91": {"seed": 7},
-    "90": {"wsn_position_noise": 0.3},
+    "which-filter": {"seed": 7},
+    "your-own-data": {"wsn_position_noise": 0.3},
 }
 
 
-LONG = {"00", "01", "02", "03", "04", "05", "06", "62"} | {
+LONG = {"printed-numbers", "p1-lmi", "p1-training", "p1-outages", "p2-fusion", "p3-vehicle", "recorded-data", "62"} | {
     f"lesson-0{number}" for number in (1, 3, 4, 5, 6)
 }
 SPY = """\

@@ -12,9 +12,9 @@ pytestmark = pytest.mark.page
 def test_a_link_into_a_folded_section_opens_it_and_the_others_stay(
     browser: Browser, served: str
 ) -> None:
-    for place in ("fig-00-drift", "chapter-00-period"):
+    for place in ("fig-printed-numbers-drift", "printed-numbers-period"):
         page = visit(browser, served, f"{CHAPTER_00}#{place}").page
-        page.locator("#fig-00-drift").wait_for(state="visible")
+        page.locator("#fig-printed-numbers-drift").wait_for(state="visible")
         assert page.locator("details.fold[open]").count() == 1
         page.close()
 

@@ -18,7 +18,7 @@ from visiting import LESSON, OWN_DATA, Visit, unfold, visit, weekly_but
 pytestmark = pytest.mark.page
 
 TEN_LINES = "chapters/evidence/61-the-column-that-slipped.html"
-EVIDENCE = "chapters/evidence/02-kalman-against-h-infinity.html"
+EVIDENCE = "chapters/evidence/p1-training.html"
 LONG = 120_000  # ms, for a kernel that starts on a busy machine, and what it imports
 
 

@@ -216,7 +216,7 @@ def test_what_is_missing_is_said_and_the_next_offered(
     page.close()
 
 
-LESS_SURE = ("+ q * Q", "+ 50 * q * Q")  # in the Kalman filter of lesson 02
+LESS_SURE = ("+ q * Q", "+ 50 * q * Q")  # in the Kalman filter of lesson 2
 
 
 def test_what_is_out_of_date_is_marked_and_what_is_untrue_is_named(

@@ -221,8 +221,8 @@ def test_an_outage_is_bridged_by_the_machine_of_that_width(
     clock, y, error = (
         np.asarray(of)[:, :, 0] for of in (drive.inputs["time"], drive.y, drive.error)
     )
-    figure = lesson(OUTAGE).locator("#fig-l3-bridge-moving")
-    texts = tables(built_site, OUTAGE, "fig-l3-bridge")["sliders"][0]["texts"]
+    figure = lesson(OUTAGE).locator("#fig-l4-bridge-moving")
+    texts = tables(built_site, OUTAGE, "fig-l4-bridge")["sliders"][0]["texts"]
     for place in (0, 6, len(texts) - 1):
         machine = LSSVMRegressor(float(texts[place].split()[0]), 1000.0).fit(clock[:100], y[:100])
         left = (error - machine.predict(clock))[100:]
@@ -236,7 +236,7 @@ def test_a_filter_coasts_through_an_outage_as_that_of_the_library(lesson: Lesson
     model = ErrorModel.p1(
         run.period, process_noise=run.process, measurement_noise=run.measurement
     )  # fmt: skip
-    figure = lesson(OUTAGE).locator("#fig-l3-rivals-moving")
+    figure = lesson(OUTAGE).locator("#fig-l4-rivals-moving")
     for place, first in ((0, 40), (12, 100)):
         y = drive.y.copy()
         y[first:] = np.nan
@@ -250,7 +250,7 @@ def test_a_filter_coasts_through_an_outage_as_that_of_the_library(lesson: Lesson
 
 def test_a_car_is_as_far_off_as_by_the_library(lesson: Lesson) -> None:
     p3 = VehicleOutages(seed=2012, routes=1, draws=1)
-    drive, figure = p3.drives[0], lesson(CAR).locator("#fig-l5-drive-moving")
+    drive, figure = p3.drives[0], lesson(CAR).locator("#fig-l6-drive-moving")
     move(figure, "a", 3)  # both aids
     for place, k in ((0, 100), (67, 1440)):
         lost = {"outages": [(k + 1, k + 41)], "last": k + 40}

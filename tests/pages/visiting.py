@@ -68,9 +68,9 @@ def listed_pages() -> list[str]:
 
 
 PAGES = listed_pages()
-CHAPTER_00 = "chapters/evidence/00-the-published-numbers.html"
-LESSON = "chapters/02-blend-two-bad-instruments.html"
-OWN_DATA = "chapters/90-your-own-data.html"
+CHAPTER_00 = "chapters/evidence/printed-numbers.html"
+LESSON = "chapters/2-blend-two-bad-instruments.html"
+OWN_DATA = "chapters/your-own-data.html"
 
 
 def weekly_but(daily: Iterable[str], names: Iterable[str] = PAGES) -> list[Any]:

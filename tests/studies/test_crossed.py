@@ -98,7 +98,7 @@ def test_the_strongest_are_the_first() -> None:
 
 
 def test_a_distribution_tells_on_which_side_it_lies(project: Project) -> None:
-    headline = load_assumptions(project.root).headline("02", "headline.kf-share")
+    headline = load_assumptions(project.root).headline("p1-training", "headline.kf-share")
     found = spread_of(headline, np.array([50.0, 80.0, 90.0, 120.0, np.nan]), 60.0, 40.0)
     assert (found.below, found.failed, found.quantiles[2]) == (0.75, 1, 85.0)
     assert column([{"x": 1.0}, {}], "x").tolist() == pytest.approx([1.0, np.nan], nan_ok=True)
@@ -108,14 +108,14 @@ def test_points_that_were_computed_are_not_computed_again(
     tmp_path: Path, crossing: Crossing
 ) -> None:
     """A line that was cut off when the study was stopped is left out."""
-    names = [factor.name for factor in crossing.of_chapter("01")]
-    kept = [["starts", {"Kalman": [1.0, 1.0]}, 5.0], ["01 0.1 0.2 0.3 0.4", {"x": 7.0}, 2.0]]
+    names = [factor.name for factor in crossing.of_chapter("p1-lmi")]
+    kept = [["starts", {"Kalman": [1.0, 1.0]}, 5.0], ["p1-lmi 0.1 0.2 0.3 0.4", {"x": 7.0}, 2.0]]
     lines = "".join(json.dumps(line) + "\n" for line in kept)
-    (tmp_path / "cache").write_text(lines + '["01 0.5', encoding="utf-8")
+    (tmp_path / "cache").write_text(lines + '["p1-lmi 0.5', encoding="utf-8")
     lab = Lab(tmp_path, crossing, tmp_path / "cache", jobs=1)
     assert lab.starts == {"Kalman": [1.0, 1.0]}
     point = dict(zip(names, (0.1, 0.2, 0.3, 0.4), strict=True))
-    assert lab.compute("01", [point, point]) == [{"x": 7.0}] * 2
+    assert lab.compute("p1-lmi", [point, point]) == [{"x": 7.0}] * 2
     assert lab.seconds == 7.0
 
 
@@ -172,7 +172,7 @@ def test_its_page_names_the_conclusions_that_turn_at_most_points(
 
 def test_it_is_as_chapter_03_says(stored: Crossed) -> None:
     """At most points the coasting filter has less error than the LS-SVM on the motion."""
-    ratio = stored.spreads["03 fair.ls-svm.motion/fair.kalman-filter-coasting.state"]
+    ratio = stored.spreads["p1-outages fair.ls-svm.motion/fair.kalman-filter-coasting.state"]
     assert ratio.below is not None
     assert ratio.below < 0.5
 

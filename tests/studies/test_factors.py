@@ -14,7 +14,7 @@ from points import RUNS, core_at, inequality
 
 from inswsn_lib.navigation import BridgedOutages, ClusterFusion, TrainingAreas
 
-CORES = {"02": TrainingAreas, "03": BridgedOutages, "04": ClusterFusion}
+CORES = {"p1-training": TrainingAreas, "p1-outages": BridgedOutages, "p2-fusion": ClusterFusion}
 
 
 @pytest.fixture(scope="module")
@@ -79,7 +79,7 @@ def test_a_core_at_the_chosen_point_is_that_of_the_chapter(
 
 def test_every_parameter_that_is_varied_is_one_of_the_core(crossing: Crossing) -> None:
     known = {chapter: {f.name for f in fields(core)} for chapter, core in CORES.items()}
-    known["01"] = set(signature(inequality).parameters)
+    known["p1-lmi"] = set(signature(inequality).parameters)
     for factor in crossing.factors:
         for key in factor.levels[0]:
             home, name = key.split(".", 1)
@@ -89,20 +89,20 @@ def test_every_parameter_that_is_varied_is_one_of_the_core(crossing: Crossing) -
 def test_an_end_is_the_alternative_and_two_shifts_add(crossing: Crossing) -> None:
     """The values of data/assumptions.yaml; the number of samples stays whole."""
     at = dict(crossing.chosen())
-    early = crossing.changes("03", at | {"P1-M-place": 1.0})
+    early = crossing.changes("p1-outages", at | {"P1-M-place": 1.0})
     assert (early["p1.lead"], early["p1.between"]) == pytest.approx((8.0, 23.3))
-    both = crossing.changes("03", at | {"P1-M-place": 1.0, "P1-M-outage": 1.0})
+    both = crossing.changes("p1-outages", at | {"P1-M-place": 1.0, "P1-M-outage": 1.0})
     assert both["p1.between"] == pytest.approx(23.3 + 18.86 - 13.86)
     assert both["p1.outage_samples"] == 25
-    assert crossing.changes("03", at | {"P1-M-outage": 0.51})["p1.outage_samples"] == 37
-    ends = [crossing.changes("01", at | {"P1-M-B": place}) for place in (0.0, 1.0)]
-    assert [end["01.process_noise"] for end in ends] == pytest.approx([0.3, 3.0])
+    assert crossing.changes("p1-outages", at | {"P1-M-outage": 0.51})["p1.outage_samples"] == 37
+    ends = [crossing.changes("p1-lmi", at | {"P1-M-B": place}) for place in (0.0, 1.0)]
+    assert [end["p1-lmi.process_noise"] for end in ends] == pytest.approx([0.3, 3.0])
 
 
 def test_words_have_equal_parts(crossing: Crossing) -> None:
     places = (0.0, 0.33, 0.333333, 0.66, 0.666667, 1.0)
     found = [
-        crossing.changes("04", crossing.chosen() | {"P2-M-wsnv": place})["04.velocity_source"]
+        crossing.changes("p2-fusion", crossing.chosen() | {"P2-M-wsnv": place})["p2-fusion.velocity_source"]
         for place in places
     ]
     assert found == ["window"] * 2 + ["sensor"] * 2 + ["difference"] * 2
@@ -110,6 +110,6 @@ def test_words_have_equal_parts(crossing: Crossing) -> None:
 
 def test_a_setting_that_a_core_has_as_a_field_is_set_there(crossing: Crossing) -> None:
     """The core would else put the value of its field in the place of it."""
-    changes = crossing.changes("02", crossing.chosen() | {"P1-M-wsnr/outliers": 1.0})
-    core = core_at(crossing, TrainingAreas(**RUNS["02"]), "02", changes)
+    changes = crossing.changes("p1-training", crossing.chosen() | {"P1-M-wsnr/outliers": 1.0})
+    core = core_at(crossing, TrainingAreas(**RUNS["p1-training"]), "p1-training", changes)
     assert core.settings["outlier"].value == 0.02

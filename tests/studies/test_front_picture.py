@@ -39,25 +39,25 @@ def test_the_rebuilt_and_recorded_sides_by_hand(root: Path, drawn: list[Contest]
         kept = json.loads((root / "data/published" / f"{chapter}.json").read_text(encoding="utf-8"))
         return float(next(q["value"] for q in kept["quantities"] if q["name"] == name))
 
-    position = [value("02", f"fair.{n}.position") for n in ("hf-exact-lmi", "kalman")]
-    learners = [value("03", f"fair.geometric.{n}-motion") for n in ("ls-svm", "bp")]
+    position = [value("p1-training", f"fair.{n}.position") for n in ("hf-exact-lmi", "kalman")]
+    learners = [value("p1-outages", f"fair.geometric.{n}-motion") for n in ("ls-svm", "bp")]
     assert [row.rebuilt for row in drawn] == pytest.approx(
         [
             position[0] / position[1],
             learners[0] / learners[1],
-            value("04", "fair.dhf-over-fkf.position"),
-            value("04", "fair.dhf-over-fkf.velocity"),
-            value("05", "factor.lssvm-never"),
-            value("05", "methods.lssvm"),
+            value("p2-fusion", "fair.dhf-over-fkf.position"),
+            value("p2-fusion", "fair.dhf-over-fkf.velocity"),
+            value("p3-vehicle", "factor.lssvm-never"),
+            value("p3-vehicle", "methods.lssvm"),
         ]
     )
-    recorded = value("05", "recorded.factor.lssvm")
-    radio = [value("02", f"lasting.recorded.{n}-tuned-for-white") for n in ("hf", "kalman")]
+    recorded = value("p3-vehicle", "recorded.factor.lssvm")
+    radio = [value("p1-training", f"lasting.recorded.{n}-tuned-for-white") for n in ("hf", "kalman")]
     assert [row.recorded for row in drawn] == pytest.approx(
         [
             radio[0] / radio[1],
             *[None] * 3,
-            recorded / value("05", "recorded.factor.never"),
+            recorded / value("p3-vehicle", "recorded.factor.never"),
             recorded,
         ]
     )

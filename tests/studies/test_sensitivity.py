@@ -33,7 +33,7 @@ from inswsn_lib.errors import InswsnError
 from inswsn_lib.files import read_yaml
 
 QUICK = 60.0  # seconds that a run may have taken in the study
-NOT_REDUCED = ("00", "01")  # chapters whose headlines have no chance in them
+NOT_REDUCED = ("printed-numbers", "p1-lmi")  # chapters whose headlines have no chance in them
 ASSUMED = Assumptions.model_validate(SMALL)
 
 
@@ -57,7 +57,7 @@ def test_a_change_is_the_overlay_of_a_request(project: Project, assumptions: Ass
         assert request.parameters == cells[name].parameters
         return dict(request.overlay)
 
-    source, made = project.by_id("02").source, overlay("P1-M-path/corner02")
+    source, made = project.by_id("p1-training").source, overlay("P1-M-path/corner02")
     assert set(made) == {path("p1"), f"chapters/evidence/{source.name}"}
     changed = yaml.safe_load(made[path("p1")])
     assert changed["waypoints"]["value"] == [[650, 0], [150, 200], [130, 400]]
@@ -79,9 +79,9 @@ def test_a_change_is_the_overlay_of_a_request(project: Project, assumptions: Ass
 
     (text,) = overlay("P1-M-L/positions01").values()
     assert text.count("L=np.eye(2, 4)") == 2
-    assert "L=np.eye(2, 4)" not in project.by_id("01").source.read_text()
+    assert "L=np.eye(2, 4)" not in project.by_id("p1-lmi").source.read_text()
     with pytest.raises(InswsnError, match="has no section 'No such section'"):
-        request_of(project, Cell("baseline", "01", skips=("No such section",)))
+        request_of(project, Cell("baseline", "p1-lmi", skips=("No such section",)))
 
 
 def test_the_cells_of_one_entry() -> None:
@@ -96,12 +96,12 @@ def test_the_cells_of_one_entry() -> None:
 def test_what_came_of_a_cell_is_its_headlines_and_verdicts(mini: MiniProject) -> None:
     """The claim says 42; a headline that is not recorded is left out."""
     for value, verdict in ((42.0, "adds up in print"), (63.0, "contradicted by the paper itself")):
-        cell = Cell("P1-M-scale/three", "00", {"scale": value / 21})
+        cell = Cell("P1-M-scale/three", "printed-numbers", {"scale": value / 21})
         twice = Quantity(
             name="twice", value=value, unit="m", how="For a test.", basis="printed", tolerance=0
         )
         found = Results(
-            chapter="00", parameters={}, data={}, quantities=(twice,), sentences={"So.": False}
+            chapter="printed-numbers", parameters={}, data={}, quantities=(twice,), sentences={"So.": False}
         )
         request = request_of(mini, cell)
         made = run_of(mini, cell, ASSUMED.headlines, engine.Run(request, found))
@@ -112,9 +112,9 @@ def test_what_came_of_a_cell_is_its_headlines_and_verdicts(mini: MiniProject) ->
 
 def test_a_run_that_fails_is_a_result(mini: MiniProject) -> None:
     failure = ChapterError(
-        f"Chapter 00 failed:\n\x1b[31mThe design\x1b[0m of {mini.root}/data/x has no solution.\n"
+        f"The evidence on the printed numbers failed:\n\x1b[31mThe design\x1b[0m of {mini.root}/data/x has no solution.\n"
     )
-    found = run_of(mini, Cell("baseline", "00"), ASSUMED.headlines, failure)
+    found = run_of(mini, Cell("baseline", "printed-numbers"), ASSUMED.headlines, failure)
     assert (found.failed, found.headlines) == ("The design of data/x has no solution.", {})
 
 

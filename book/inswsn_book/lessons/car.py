@@ -141,7 +141,7 @@ def show_drive(drive: Drive, told: FilterSettings) -> dict[str, tuple[Array, Arr
         )
     )
     shown.show(
-        name="fig-l5-drive",
+        name="fig-l6-drive",
         caption="Both filters had satellites and their own aids until the outage. Move it "
         "along the drive and change the aids.",
         alt=f"Two charts over 40 s. Lost at 220 s the INS alone is off by "
@@ -193,7 +193,7 @@ def show_wrong_start(navigate: Navigate) -> None:
         )
     )
     shown.show(
-        name="fig-l5-wrong",
+        name="fig-l6-wrong",
         caption="The same sensors, integrated from a right start and from a wrong one. The dashed "
         "line is the formula.",
         alt=f"Two charts over 40 s. A tilt of 0.1 degrees leads {by_tilt[0.1][-1]:.1f} m away, "
@@ -237,7 +237,7 @@ def show_constraint(constrain: Constrain) -> None:
         )
     )
     shown.show(
-        name="fig-l5-constraint",
+        name="fig-l6-constraint",
         caption="One standard deviation of the velocity error. The car goes north and looks "
         "sideways, then turns and looks again.",
         alt=f"A circle of 1 m/s, and an ellipse that is {size(once):.2f} m/s long to the north and "
@@ -296,7 +296,7 @@ def show_bands(drive: Drive, known: VehicleRun, outage: Outage, starts: Mapping[
     )
     first = next(iter(starts))
     shown.show(
-        name="fig-l5-bands",
+        name="fig-l6-bands",
         caption="The band is two standard deviations to either side, by the filter above. It looks "
         "neither at satellites nor at the truth.",
         alt=f"Two charts over 40 s. On the first road ({first}) without aids both bands open to "
@@ -354,7 +354,7 @@ def show_turns(drive: Drive, by_aids: Mapping[str, tuple[Array, Array]]) -> None
         )
     )
     shown.show(
-        name="fig-l5-turns",
+        name="fig-l6-turns",
         caption="Dots on the road: outages after which the car is off by more than that. Below, "
         "every outage. A road is called straight if the heading stays within 15°.",
         alt=f"A map of the drive, and the error over how far the road turns. Without aids "
@@ -404,7 +404,7 @@ def show_learning(drive: Drive, trials: OutageTrials) -> Array:
     )
     k = 220
     shown.show(
-        name="fig-l5-learning",
+        name="fig-l6-learning",
         caption="Dots: by how much the car was off in outages that were only played, while "
         "satellites were there. The machine takes them for the next outage.",
         alt=f"Two charts. Lost at {k} s the aided car is off by "
@@ -461,7 +461,7 @@ def show_recorded(trials: RecordedTrials) -> tuple[dict[str, tuple[Array, Array]
         )
     )
     shown.show(
-        name="fig-l5-recorded",
+        name="fig-l6-recorded",
         caption="The accelerometers and gyros are recorded, and so is the road; the fixes and the "
         "compass are made from the road by adding noise.",
         alt=f"Two charts over 40 s of a recorded drive. Lost at 120 s the INS alone is off by "

@@ -53,7 +53,7 @@ def show_drive(drive: ExampleDrive) -> None:
         lambda t: f"After {t} s the INS is off by {at[t]:.1f} m; a fix is off by {fix:.2f} m."
     )
     shown.show(
-        name="fig-l7-drive",
+        name="fig-l1-drive",
         caption="Drag the time. The INS sees the whole way and drifts. The network sees two areas "
         "of it, and does not drift.",
         alt=f"A map of 700 by 450 m with the true path, the path by the INS, and fixes in two "
@@ -86,7 +86,7 @@ def show_biases(drive: ExampleDrive, navigate: Navigate) -> None:
         )
     )
     shown.show(
-        name="fig-l7-biases",
+        name="fig-l1-biases",
         caption="An error of the accelerometers grows with the square of time from the start. "
         "One of the gyro does nothing on the straight, and comes in with the first turn.",
         alt=f"The error of the INS over 93 s. With a gyro that is off by half a degree a second it "
@@ -115,7 +115,7 @@ def show_fix(nodes: Array, place: Array, locate: Locate, rng: np.random.Generato
         )
     )
     shown.show(
-        name="fig-l7-fix",
+        name="fig-l1-fix",
         caption="Each fix is off in another direction. Many nodes make it better than one range.",
         alt=f"{len(nodes)} nodes around a place, and sixty fixes of it. With ranges off by 0.38 m "
         f"the fixes are off by {mean[0.38]:.2f} m on average.",

@@ -129,7 +129,7 @@ def show_band(run: ExampleRun, fixes: Array) -> None:
         )
     )
     shown.show(
-        name="fig-l4-band",
+        name="fig-l5-band",
         caption="The mean of all clusters, and the band of two standard deviations that it has if "
         "their errors have nothing to do with one another.",
         alt="The error of the velocity in x over 20 seconds in a band. With one cluster it is "
@@ -195,7 +195,7 @@ def show_flow() -> None:
         )
     )
     shown.show(
-        name="fig-l4-flow",
+        name="fig-l5-flow",
         caption="Clusters A, B and C of nodes, with a head each. The INS of the vehicle goes to "
         "all heads: that is what their filters share.",
         alt="A map of nodes in three clusters. Lines lead from the INS of the vehicle to the head "
@@ -256,7 +256,7 @@ def show_cloud(*, start: float = 0.1, points: int = 250) -> None:
         )
     )
     shown.show(
-        name="fig-l4-cloud",
+        name="fig-l5-cloud",
         caption="Each point is a run: the error of one cluster against that of the other. The "
         "less the INS drifts, the longer the filters remember, and the more alike they err.",
         alt="A cloud of points along a rising ellipse. With a drift of "
@@ -305,7 +305,7 @@ def show_many(*, start: float = 1.0) -> None:
         )
     )
     shown.show(
-        name="fig-l4-many",
+        name="fig-l5-many",
         caption="Believed: one over the root of the number. True: it stops at what the clusters "
         "have in common.",
         alt=f"Three curves over the number of clusters, drift {start:g}. With {MOST} the mean is "
@@ -374,7 +374,7 @@ def show_factor(*, drift: float = 0.1) -> None:
     )
     says, true = with_factor(1, 3, drift, reset=True)
     shown.show(
-        name="fig-l4-factor",
+        name="fig-l5-factor",
         caption=f"Drift {drift:g}. The curves cross at the lowest point of one of them.",
         alt=f"Two curves over the factor, three clusters with reset. At 1 the fusion believes "
         f"{says:.2f} and is off by {true:.2f}; at 3 both are {least[3]:.2f}.",
@@ -439,7 +439,7 @@ def show_weights() -> None:
         )
     )
     shown.show(
-        name="fig-l4-weights",
+        name="fig-l5-weights",
         caption="Left of 1 both clusters have a share. Drag the correlation until the weight of A "
         "passes 1: then B is subtracted.",
         alt="An ellipse of the joint error of two clusters, and the size of their blend over the "
@@ -486,7 +486,7 @@ def show_promise() -> None:
         )
     )
     shown.show(
-        name="fig-l4-promise",
+        name="fig-l5-promise",
         caption="Clusters alike, each with a filter of gain 1. The promise falls without end; the "
         "truth stops at 1, where the drift is.",
         alt=f"Two curves over the number of clusters, noise 1. With three the promise is "
@@ -554,7 +554,7 @@ def show_reductions(
         )
     )
     shown.show(
-        name="fig-l4-reductions",
+        name="fig-l5-reductions",
         caption="Bars: P2's scene here; below 0 the federated filter is better. Dashes: P2's "
         "own numbers.",
         alt="Bars of the reduction in four components, and what P2 prints. Both filters at "

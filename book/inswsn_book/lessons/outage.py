@@ -90,7 +90,7 @@ def show_bridge(drive: Passage, eta: float, *, start: float) -> None:
         )
     )
     shown.show(
-        name="fig-l3-bridge",
+        name="fig-l4-bridge",
         caption="Up to 20 s a machine sees by how much the two instruments differ, the dots. From "
         "there on it has the clock alone, and what it learned.",
         alt=f"Two charts over 30 seconds. The error of the INS in y grows to "
@@ -133,7 +133,7 @@ def show_kernels(machine: Machine) -> None:
         )
     )
     shown.show(
-        name="fig-l3-kernels",
+        name="fig-l4-kernels",
         caption="Five samples. Below, their kernels; above, the answer, a sum of these with "
         "weights, and a constant.",
         alt=f"Two charts. With the width 0.2 the answer has a peak or a dip at each of five "
@@ -186,7 +186,7 @@ def show_widths(drive: Passage, machine: Machine) -> None:
     )
     best = min(bridged, key=bridged.__getitem__)
     shown.show(
-        name="fig-l3-widths",
+        name="fig-l4-widths",
         caption="The same machine on the same drive. A small error where it learned says nothing "
         "of the outage.",
         alt="Two charts over the width. With η = 1000 the error in training rises from "
@@ -247,7 +247,7 @@ def show_rehearsal(drive: Passage, bridge: Bridge) -> None:
     )
     best = min(rehearsed, key=rehearsed.__getitem__)
     shown.show(
-        name="fig-l3-rehearsal",
+        name="fig-l4-rehearsal",
         caption="At each width the regularisation is the one that rehearses best. What is known "
         "before the outage stands above, what comes of it below.",
         alt=f"Two charts over the width. The least rehearsed error, {rehearsed[best]:.1f} m on "
@@ -282,7 +282,7 @@ def show_oracle(drive: Passage, machine: Machine) -> None:
         )
     )
     shown.show(
-        name="fig-l3-oracle",
+        name="fig-l4-oracle",
         caption="The input is the true error of the INS, in training and in the outage, as P1 has "
         "it. Subtract the input itself, and nothing remains.",
         alt=f"Two charts over 30 seconds. With the width 1000 the answer in position follows the "
@@ -365,7 +365,7 @@ def show_rivals(
 
     shown.sentence(say)
     shown.show(
-        name="fig-l3-rivals",
+        name="fig-l4-rivals",
         caption="Move the outage to before the turn, and into it. The LS-SVM is rehearsed anew for "
         "each.",
         alt=f"Two charts. {say(20.0, 2)} {say(20.0, 10)} {say(10.0, 10)} The velocity in y is "
@@ -411,7 +411,7 @@ def show_heading(
         )
     )
     shown.show(
-        name="fig-l3-heading",
+        name="fig-l4-heading",
         caption="Take the error of the heading away, and the Kalman filter of four states bridges "
         "the turn, too. One state more, and it need not be taken away.",
         alt=f"Over ten seconds of outage the filter of four states is off by "

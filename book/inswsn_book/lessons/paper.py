@@ -63,7 +63,7 @@ def show_slip(xs: Texts, ys: Texts, means: Texts) -> None:
     shown.number("computed", "rows that agree to the last digit", lambda s: f"{met[s]} of 10")
     shown.sentence(lambda s: f"With y from {s} rows below, {met[s]} of 10 printed means come out.")
     shown.show(
-        name="fig-l0-slip",
+        name="fig-l7-slip",
         caption="The mean of x in a row and y some rows below, and what is printed as their mean. "
         "Beyond the table there is nothing, and nothing counts as nought.",
         alt="Ten printed means over the row, and ten computed ones. With y of the row above "
@@ -125,7 +125,7 @@ def show_digits(xs: Texts, ys: Texts, means: Texts) -> None:
         )
     )
     shown.show(
-        name="fig-l0-digits",
+        name="fig-l7-digits",
         caption="Round all cells. How many decimals are needed until one offset alone explains "
         "the table, and no random order does?",
         alt="Two bar charts, by digits kept. Offsets that explain all ten rows: "
@@ -203,7 +203,7 @@ def show_third(results: Mapping[str, Mapping[str, str]], allowed: float) -> None
         )
     )
     shown.show(
-        name="fig-l0-third",
+        name="fig-l7-third",
         caption="The band holds every ratio that the two percentages of P2 allow. The upright line "
         "is what the papers' round figures suggest.",
         alt="The ratio of the errors of the federated filter and of the INS alone, as printed: "
@@ -229,7 +229,7 @@ def show_growth(*, least: float) -> None:
         lambda a: f"An error that grows as t to the {a:g} has RMS / maximum {rms[a]:.2f}."
     )
     shown.show(
-        name="fig-l0-growth",
+        name="fig-l7-growth",
         caption="The line across is the RMS of the curve. Which growth lifts it to what P3 needs?",
         alt="An error over time that grows as a power of it. RMS over maximum: "
         + ", ".join(f"{rms[a]:.2f} at t to the {a:g}" for a in (0.0, 0.5, 1.0, 2.0))
@@ -269,7 +269,7 @@ def show_motion() -> None:
         lambda r, c: f"Turning at {r:g} and starting at {c:.3f}, the ratio is {ratio(r, c):.3f}."
     )
     shown.show(
-        name="fig-l0-motion",
+        name="fig-l7-motion",
         caption="Time is counted in windows, so the ratio is too. Get it as low as you can.",
         alt="A velocity error that rises along a line, and the position error, a parabola. "
         f"From rest the ratio of their means is {ratio(0, 0):.3f}; if the velocity turns in the "
@@ -307,7 +307,7 @@ def show_periods(longest: Array, *, matrices: float) -> None:
         )
     )
     shown.show(
-        name="fig-l0-periods",
+        name="fig-l7-periods",
         caption="Dots above the line are impossible: the position error cannot be as small as it "
         "is printed. Pairs 1 to 4 are of P1 Table 2 (x, y in area 1; x, y in area 2), pairs 5 to 8 "
         "of P1 Table 3.",

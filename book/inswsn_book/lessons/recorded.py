@@ -84,7 +84,7 @@ def show_lasting(runs: Mapping[float, ExampleRun], run_filter: Filter) -> None:
         )
     )
     shown.show(
-        name="fig-l6-lasting",
+        name="fig-l8-lasting",
         caption="Dots are errors of fixes, with the same standard deviation at each place of the "
         "slider. The line is the error of the Kalman filter.",
         alt="Errors in x over twenty seconds. "
@@ -121,7 +121,7 @@ def show_means(period: float) -> None:
     shown.number("coloured", "100 fixes are worth", lambda t: f"{worth[t]:.1f} independent ones")
     shown.sentence(lambda t: f"If errors last {t:g} s, 100 fixes are worth {worth[t]:.1f}.")
     shown.show(
-        name="fig-l6-means",
+        name="fig-l8-means",
         caption="A mean of fixes whose errors last hardly improves: they all say the same.",
         alt="The error of a mean over the number of fixes. A hundred, five a second, are worth "
         + ", ".join(f"{w:.1f} if errors last {t:g} s" for t, w in worth.items())
@@ -181,7 +181,7 @@ def show_recorded(table: pd.DataFrame) -> None:
     )
     best = {r: nearest(table, r) for r in RECORDINGS}
     shown.show(
-        name="fig-l6-recorded",
+        name="fig-l8-recorded",
         caption="Dots are recorded. Lay your curve through them: how fast it fades, and how much "
         "of the error is gone at the next fix.",
         alt="The autocorrelation of recorded errors of fixes over the lag. The nearest curves: "
@@ -256,7 +256,7 @@ def show_many(found: Mapping[tuple[str, float], tuple[float, float]]) -> None:
 
     shown.sentence(said)
     shown.show(
-        name="fig-l6-many",
+        name="fig-l8-many",
         caption=f"{MANY} simulated runs. At which length does the filter that assumes white errors "
         "become worse than the fixes?",
         alt=" ".join(map(said, lasting)),
@@ -321,7 +321,7 @@ def show_honesty(runs: Mapping[float, ExampleRun], plain: Filter, knowing: Filte
 
     shown.sentence(said)
     shown.show(
-        name="fig-l6-honesty",
+        name="fig-l8-honesty",
         caption="Bands are two standard deviations, by each filter's own covariance. Errors in x "
         "and y should be in them 95 % of the time.",
         alt=said(2.0),
@@ -377,7 +377,7 @@ def show_innovations(runs: Mapping[float, ExampleRun], knowing: Filter) -> None:
 
     shown.sentence(said)
     shown.show(
-        name="fig-l6-innovations",
+        name="fig-l8-innovations",
         caption="The grey band is what chance does to innovations that have nothing in common.",
         alt=" ".join(map(said, lasting)),
     )
@@ -401,7 +401,7 @@ def show_ratios(tables: Mapping[str, pd.DataFrame]) -> None:
         },
         x="ratio",
         xlim=(0, 1.5),
-        name="fig-l6-ratios",
+        name="fig-l8-ratios",
         caption="Three recordings, one each, with 95 % intervals of other stretches of the same "
         "recording. The smoother also uses later fixes. Left of the line is better than the "
         "network.",
@@ -450,7 +450,7 @@ def show_bridges(profile: pd.DataFrame) -> None:
         )
     )
     shown.show(
-        name="fig-l6-bridges",
+        name="fig-l8-bridges",
         caption="Outages in the room, replayed on one recording. Who stands still at the last fix "
         "computes nothing.",
         alt="RMS position error over the time without fixes. "

@@ -96,7 +96,7 @@ def show_game(*, kalman: float, hinfinity: float) -> None:
     )
     start = {name: ratio(g, 5, 0) for name, g in gains.items()}
     shown.show(
-        name="fig-l1-game",
+        name="fig-l3-game",
         caption="The energy that you put in is 1. A minus sign means that the fixes err against "
         "the drift. In brackets: the most that any disturbance of 24 samples can reach.",
         alt="Two charts. Above, a burst of 24 samples of drift and of errors of fixes. Below, what "
@@ -127,7 +127,7 @@ def show_response(*, start: float) -> None:
         lambda g: f"With g = {g:.3g} the peak is {peak[g]:.2f} and the mean {mean[g]:.2f}."
     )
     shown.show(
-        name="fig-l1-response",
+        name="fig-l3-response",
         caption="Find the gain with the lowest peak, then the one with the lowest mean.",
         alt=f"The energy ratio over the frequency for the gain {start:g}: it falls from "
         f"{of[start][0]:.2f} at the frequency nought to {of[start][-1]:.2f}. Its mean is "
@@ -169,7 +169,7 @@ def show_two_curves() -> None:
         lambda d: f"Noise / drift {d:g}: least mean at g = {best[d]:.2f}, least worst case at 1."
     )
     shown.show(
-        name="fig-l1-curves",
+        name="fig-l3-curves",
         caption="Worse fixes move the Kalman gain down. The H∞ gain stays at 1.",
         alt="Two curves over the gain. The worst case is least at the gain 1; the mean, for a "
         f"noise of a quarter of the drift, at {best[0.25]:.2f}.",
@@ -215,7 +215,7 @@ def show_certificate(*, kalman: float, hinfinity: float) -> None:
         )
     )
     shown.show(
-        name="fig-l1-certificate",
+        name="fig-l3-certificate",
         caption="Lower γ until no P is left, first for the Kalman filter, then for the H∞ filter.",
         alt="The largest eigenvalue over P for two filters. For the bound 2.4 it is below nought "
         f"for the Kalman filter with {said(kalman, 2.4)}, for the H-infinity filter with "
@@ -244,7 +244,7 @@ def show_peaks(model: ErrorModel, gains: dict[str, Array]) -> None:
         )
         shown.number(name, f"{labels[name]}: peak", f"{peak[name]:.2f}")
     shown.show(
-        name="fig-l1-peaks",
+        name="fig-l3-peaks",
         caption="The vehicle's axis, fixes of the position alone. The H∞ filter is nearly flat: "
         "what it takes off the peak comes back at other frequencies.",
         alt=f"Two responses over the frequency. The Kalman filter's peak is {peak['kalman']:.2f}, "
@@ -317,7 +317,7 @@ def show_votes(cases: Sequence[tuple[Array, Array, Array, float]]) -> list[int]:
         )
     )
     shown.show(
-        name="fig-l1-votes",
+        name="fig-l3-votes",
         caption="A step that is an equivalence has no dot in the upper left or lower right: "
         "both inequalities hold or neither. Axes show cube roots.",
         alt=f"Dots for {len(votes)} random systems, the largest eigenvalue before and after a step "
@@ -360,7 +360,7 @@ def show_price(model: ErrorModel, kalman: Array, *, start: float) -> tuple[float
         )
     )
     shown.show(
-        name="fig-l1-price",
+        name="fig-l3-price",
         caption="From the least worst case at the left to the Kalman filter at the right. The "
         "first steps away from the least γ buy the most. The dashed curve ends at "
         f"{printed[-1][1]:.2f}.",
@@ -434,7 +434,7 @@ def show_vehicle(run: ExampleRun, *, start: float) -> dict[str, float]:
         )
     )
     shown.show(
-        name="fig-l1-vehicle",
+        name="fig-l3-vehicle",
         caption="Matched, the Kalman filter is ahead. Where the assumed Q is much too small, the "
         "H∞ filter is, if its margin is small. Find a margin that is good in both places.",
         alt=f"Mean distance against the assumed Q. The Kalman filter has {error[0][matched]:.3f} m "

@@ -1,7 +1,7 @@
-"""Chapter 90 on a reader's own file, in the page: what is read, filtered and found.
+"""The page on your own data on a reader's own file, in the page: what is read, filtered and found.
 
 It needs numpy alone and computes by the functions of the library that the chapter calls. What asks
-for more, `inswsn_lib.recordings.check_recording`, is left to ``inswsn run 90``. What the page shows
+for more, `inswsn_lib.recordings.check_recording`, is left to ``inswsn run your-own-data``. What the page shows
 of it is in ``own_page.py``.
 """
 
@@ -25,7 +25,7 @@ from inswsn_lib.recordings.ins_wsn import TrackPair, track_pair
 
 
 class Figure(NamedTuple):
-    """A figure of the filter: what chapter 90 assumes, what it may be below, all above 0."""
+    """A figure of the filter: what the page on your own data assumes, what it may be below, all above 0."""
 
     usual: float
     below: float
@@ -83,12 +83,12 @@ class Examined:
 
 
 def examine(text: str, options: Mapping[str, Any]) -> Examined:
-    """Filter a recording as chapter 90 does.
+    """Filter a recording as the page on your own data does.
 
     Parameters
     ----------
     text : str
-        What is in the CSV file, of the form of chapter 90.
+        What is in the CSV file, of the form of the page on your own data.
     options : mapping
         ``name``, of the file, and figures of the filter, as in `FIGURES`.
 
@@ -119,7 +119,7 @@ def examine(text: str, options: Mapping[str, Any]) -> Examined:
 
 def _read(name: str, text: str) -> TrackPair:
     """Return the recording in a text; refuse one that would keep the page busy for minutes."""
-    instead = f"this page takes {MOST} at most, and inswsn run 90 -p recording={name} any number"
+    instead = f"this page takes {MOST} at most, and inswsn run your-own-data -p recording={name} any number"
     lines = 1 + max(text.count("\n"), text.count("\r"))
     if lines > MOST:
         raise InswsnError(f"{name} has {lines} lines; {instead}.")
@@ -132,7 +132,7 @@ def _read(name: str, text: str) -> TrackPair:
 
 
 def _filtered(name: str, data: TrackPair, figures: Mapping[str, float]) -> Filtered:
-    """Run the filter as chapter 90 does."""
+    """Run the filter as the page on your own data does."""
     driven = figures["acceleration_noise"] * data.period
     model = ErrorModel.p1(
         data.period,

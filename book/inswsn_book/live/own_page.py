@@ -1,4 +1,4 @@
-"""What the page of chapter 90 shows of a reader's own file: words, charts, tables, and a file.
+"""What the page of the page on your own data shows of a reader's own file: words, charts, tables, and a file.
 
 So its charts are drawn as all others are (``moving.py``), and the script of the page words nothing.
 """
@@ -87,7 +87,7 @@ def _outages_told(data: TrackPair) -> str:
 
 
 def _fit_told(found: Examined) -> Iterator[str]:
-    """Say what the innovations tell of the noise figures, in the words of chapter 90."""
+    """Say what the innovations tell of the noise figures, in the words of the page on your own data."""
     nis, white = found.nis, found.white
     mean, low, high = nis["mean"], nis["low"], nis["high"]
     largest, bound = white["largest"], white["bound"]
@@ -149,7 +149,7 @@ def _number(value: float | None) -> str:
 
 
 def _corrected(time: Array, corrected: Array) -> str:
-    """Return the corrected track as the CSV file that chapter 90 writes."""
+    """Return the corrected track as the CSV file that the page on your own data writes."""
     header = [TIME, *(name.replace("ins_", "corrected_") for name in INS)]
     table = np.column_stack([time, corrected]).round(6).tolist()
     rows = [",".join("" if x != x else repr(x) for x in row) for row in table]  # noqa: PLR0124

@@ -18,7 +18,7 @@ from inswsn_book.runs import Request, request_key
 from inswsn_lib.errors import BuildError
 
 #: The page that takes a reader's own file; its cells are those of the library with all packages
-OWN_DATA = "90-your-own-data"
+OWN_DATA = "your-own-data"
 
 
 def lessons(project: Project) -> list[Chapter]:

@@ -1,4 +1,4 @@
-"""The core of chapter 04: what the chapter published, and filters whose answers are known."""
+"""The core of the evidence on P2's fusion: what the chapter published, and filters whose answers are known."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def chosen() -> ClusterFusion:
 
 @pytest.mark.long
 def test_it_computes_what_the_chapter_published_with_the_same_trials_for_all(root: Path) -> None:
-    published = read_results(root / "data" / "published" / "04.json")
+    published = read_results(root / "data" / "published" / "p2-fusion.json")
     there = ClusterFusion()
     found = there.scores()
     assert found.runs == published.parameters["runs"]

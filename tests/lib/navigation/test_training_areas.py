@@ -1,4 +1,4 @@
-"""The core of chapter 02: what the chapter published, and limits known on paper."""
+"""The core of the evidence on P1's training areas: what the chapter published, and limits known on paper."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def areas(**values: Any) -> TrainingAreas:
 
 @pytest.mark.long
 def test_it_computes_what_the_chapter_published(root: Path) -> None:
-    published = read_results(root / "data" / "published" / "02.json")
+    published = read_results(root / "data" / "published" / "p1-training.json")
     found = TrainingAreas().scores()
     assert found.runs == published.parameters["runs"]
     for method in found.methods:

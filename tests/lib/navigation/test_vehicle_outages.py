@@ -1,4 +1,4 @@
-"""The core of chapter 05: what the chapter published, and methods whose errors are known."""
+"""The core of the evidence on P3's vehicle: what the chapter published, and methods whose errors are known."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def outages() -> VehicleOutages:
 
 @pytest.mark.whole
 def test_it_computes_what_the_chapter_published(root: Path) -> None:
-    published = read_results(root / "data" / "published" / "05.json")
+    published = read_results(root / "data" / "published" / "p3-vehicle.json")
     found = VehicleOutages().scores()
     ratios = {f"methods.{method}": (method, "through") for method in found.methods}
     ratios["factor.through-never"] = ("through", "never")

@@ -441,6 +441,6 @@ def test_time_stamps_rounded_to_milliseconds(path: Path, rate: int, gap: int) ->
 def test_the_example_is_what_its_script_makes_and_its_chapter_is_told(root: Path) -> None:
     study = runpy.run_path(str(root / "studies" / "example_recording.py"))
     assert study["make"]() == (root / "data/examples/ins-wsn.csv").read_text(encoding="utf-8")
-    told = chapter_schema(root, "90").defaults
+    told = chapter_schema(root, "your-own-data").defaults
     assert (told["wsn_position_noise"], told["wsn_velocity_noise"]) == study["FIX_NOISE"]
     assert told["acceleration_noise"] == study["ACCELERATION_NOISE"]

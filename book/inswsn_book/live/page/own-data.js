@@ -1,4 +1,4 @@
-/* A reader's own recording on the page of chapter 90: drop a CSV file, see what the filter finds.
+/* A reader's own recording on the page of the page on your own data: drop a CSV file, see what the filter finds.
 
    The page has an empty <section id="own-data" hidden data-example="…">. Where Python runs in the
    page, by window.inswsnLive, this script fills and shows it. The file is read here and given to
@@ -132,7 +132,7 @@
 
     root.append(
       make("h2", { id: "own-data-heading" }, "Your file in this page"),
-      make("p", {}, "Python runs in this page and filters your recording as this chapter does. The file does not leave your machine. That it fits the form is checked here; delays, frames and outliers are looked for by inswsn run 90 alone."),
+      make("p", {}, "Python runs in this page and filters your recording as this chapter does. The file does not leave your machine. That it fits the form is checked here; delays, frames and outliers are looked for by inswsn run your-own-data alone."),
       drop,
       make("details", {}, make("summary", {}, "Noise figures of the filter (standard deviations)"),
         make("div", { class: "own-data-figures" }, ...fields.map(({ field }) => field), again)),
