@@ -1,4 +1,4 @@
-"""What a sweep costs over the calls that it makes: `inswsn sweep` of the evidence on P1's training areas on one worker.
+"""What a sweep costs over the calls that it makes: `inswsn sweep p1-training` on one worker.
 
 Four values at 1,000 runs each, by the command, as a process of its own with all that it starts and
 writes, and by four calls of the core in this process: half of them before it and half after, so

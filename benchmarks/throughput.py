@@ -95,15 +95,19 @@ def filters() -> list[Row]:
         theirs = peer(MODEL, y)
         # what is compiled is, before it is timed; dynamax adds 1e-9 to what it inverts
         assert np.allclose(ours, theirs(), atol=1e-6)
-        rows.append(row("p1-training", work, f"{name}; theirs over ours", best_of(theirs, 3) / mine, 4))
+        rows.append(
+            row("p1-training", work, f"{name}; theirs over ours", best_of(theirs, 3) / mine, 4)
+        )
     return [
         *rows,
         row(
-            "p1-training", work, f"a copy of its measurements ({1000 * best_of(y.copy):.0f} ms); ours over "
+            "p1-training", work,
+            f"a copy of its measurements ({1000 * best_of(y.copy):.0f} ms); ours over "
             "that", mine / best_of(y.copy),
         ),
         row(
-            "p1-training", work, f"drawing its random numbers ({1000 * random:.0f} ms); ours over that",
+            "p1-training", work,
+            f"drawing its random numbers ({1000 * random:.0f} ms); ours over that",
             mine / random, 1.5, more_is_better=False,
         ),
         row(
@@ -139,7 +143,8 @@ def designs() -> list[Row]:
         filter_design.solve = asked
     return [
         row(
-            "p1-training", f"H-infinity design with its certificate ({1000 * np.median(whole):.0f} ms)",
+            "p1-training",
+            f"H-infinity design with its certificate ({1000 * np.median(whole):.0f} ms)",
             "the time that Clarabel itself reports; ours over that",
             float(np.median(ratios)), 1.2, more_is_better=False,
         )
@@ -164,7 +169,12 @@ def training(n: int) -> list[Row]:
     ridges = best_of(lambda: ridge.fit(X, y), repeats)
     work = f"LS-SVM on {n} samples, 4 outputs ({1000 * mine:.3g} ms)"
     rows = [
-        row("p1-outages", work, "the bordered system by numpy's solve; theirs over ours", numpys / mine),
+        row(
+            "p1-outages",
+            work,
+            "the bordered system by numpy's solve; theirs over ours",
+            numpys / mine,
+        ),
         row("p1-outages", work, "KernelRidge, which has no bias; theirs over ours", ridges / mine),
     ]
     if n < 5000:

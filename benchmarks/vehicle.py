@@ -263,7 +263,7 @@ def main() -> None:
     peer = f"pyins' run_feedback_filter, time_step 0.1 s ({taken:.0f} s); theirs over ours"
     drove = f"{DURATION // 60} minutes at {1 / PERIOD:.0f} Hz"
     rows = [
-        row("p3-vehicle", f"vehicle filter, {drove}, one run ({single:.2g} s)", peer, taken / single, 10),
+        row("p3-vehicle", f"filter, {drove}, one run ({single:.2g} s)", peer, taken / single, 10),
         row("p3-vehicle", f"the same with steps of 0.1 s ({tenth:.2g} s)", peer, taken / tenth, 10),
         row(
             "p3-vehicle", f"the same, {RUNS} runs at once ({together:.2g} s)",

@@ -11,7 +11,7 @@ from typing import Annotated
 from inswsn_book.parameters import Schema, Value, chapter_schema
 from inswsn_book.project import Project
 from inswsn_book.results import Frozen, Name, Results
-from inswsn_book.review import Chapter, Findings, Line, Paper, Pointer, load_entries
+from inswsn_book.review import Findings, Line, Paper, Pointer, load_entries
 from pydantic import Field
 
 from inswsn_lib.scenario import Setting, load_scenario
@@ -57,7 +57,7 @@ class Chosen(Frozen):
 
     scenario: str | None = None
     setting: str | None = None
-    chapter: Chapter | None = None
+    chapter: Name | None = None
     parameter: str | None = None
     text: Line | None = None
 
@@ -65,7 +65,7 @@ class Chosen(Frozen):
 class Edit(Frozen):
     """A passage of a chapter's source that is replaced; `old` stands there exactly once."""
 
-    chapter: Chapter
+    chapter: Name
     old: Annotated[str, Field(min_length=10)]
     new: str
 
@@ -76,11 +76,11 @@ class Alternative(Frozen):
     id: Annotated[str, Field(pattern=r"^[a-z0-9]+(-[a-z0-9]+)*$")]
     set: Annotated[str, Field(min_length=1, pattern=r"^[^\n]+$")]
     why: Line
-    chapters: Annotated[tuple[Chapter, ...], Field(min_length=1)]
+    chapters: Annotated[tuple[Name, ...], Field(min_length=1)]
     values: dict[str, dict[str, Number]] = {}  # by scenario and setting
     factors: dict[str, dict[str, float]] = {}
     files: dict[str, str] = {}  # another scenario file in the place of one
-    parameters: dict[Chapter, dict[str, Value]] = {}
+    parameters: dict[Name, dict[str, Value]] = {}
     edits: tuple[Edit, ...] = ()
 
 
@@ -106,15 +106,15 @@ class Assumption(Frozen):
     varied: Line | None = None  # why no rerun varies it, or what does
     alternatives: Annotated[tuple[Alternative, ...], Field(max_length=2)] = ()
     within: tuple[Within, ...] = ()
-    seeds: tuple[Chapter, ...] = ()  # of the entry on chance: whose other seeds are alternatives
+    seeds: tuple[Name, ...] = ()  # of the entry on chance: whose other seeds are alternatives
 
 
 class Assumptions(Frozen):
     """What ``data/assumptions.yaml`` holds; `printed` says why a parameter is no assumption."""
 
     headlines: Annotated[tuple[Headline, ...], Field(min_length=1)]
-    reduced: dict[Chapter, Reduced]
-    printed: dict[Chapter, dict[str, Line]]
+    reduced: dict[Name, Reduced]
+    printed: dict[Name, dict[str, Line]]
     assumptions: Annotated[tuple[Assumption, ...], Field(min_length=1)]
 
     def of_chapter(self, chapter: str) -> list[Headline]:

@@ -37,7 +37,7 @@ from inswsn_book.parameters import Value, chapter_schema
 from inswsn_book.progress import Quiet
 from inswsn_book.project import Chapter, Project
 from inswsn_book.provenance import machine_facts, repository_state
-from inswsn_book.results import Frozen, Quantity, Results, read_results
+from inswsn_book.results import Frozen, Name, Quantity, Results, read_results
 from inswsn_book.runs import (
     Outcome,
     Request,
@@ -95,7 +95,7 @@ class Cell(Frozen):
     """What came of one chapter in one variant."""
 
     variant: Annotated[str, Field(pattern=r"^(python-\d+\.\d+|[a-z]+(-[a-z0-9]+)*)$")]
-    chapter: Annotated[str, Field(pattern=r"^\d\d$")]
+    chapter: Name
     compared: int = 0  # quantities
     identical: int = 0  # those that are the same to the last bit, interval and all
     beyond: tuple[Moved, ...] = ()  # their tolerance
@@ -406,7 +406,9 @@ def file_results(project: Project, folder: Path, chapters: list[Chapter], progre
             cells.append(compared(project, found[0], chapter, found[1]))
             progress.say(line_of(cells[-1], chapter))
     if not cells:
-        raise ParameterError("--results", folder, "a folder with results files, such as p1-lmi.json")
+        raise ParameterError(
+            "--results", folder, "a folder with results files, such as p1-lmi.json"
+        )
     keep(project, cells)
 
 

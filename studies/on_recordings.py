@@ -1,6 +1,6 @@
-"""Run the filters on the recordings of the evidence on recorded data and keep what comes out: `make studies`.
+"""Run the filters on the recordings of recorded-data and keep what comes out: `make studies`.
 
-The evidence on recorded data runs the same on each build where all recordings can be had. Where not, it shows what
+Evidence recorded-data runs the same where all recordings are there; else it shows what
 this script kept in data/recorded/on-recordings.json, and says so. The recordings are fetched, or
 come from the mirror that INSWSN_DATA names.
 """

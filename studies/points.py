@@ -73,8 +73,12 @@ def outputs_at(crossing: Crossing, starts: Starts, chapter: str, point: Point) -
     changes = crossing.changes(chapter, point)
     compute: dict[str, Callable[[], Outputs]] = {
         "p1-lmi": lambda: inequality(**_parameters("p1-lmi", changes)),
-        "p1-training": lambda: areas(core_at(crossing, TrainingAreas(**RUNS["p1-training"]), "p1-training", changes), starts),
-        "p1-outages": lambda: outages(core_at(crossing, BridgedOutages(**RUNS["p1-outages"]), "p1-outages", changes)),
+        "p1-training": lambda: areas(
+            core_at(crossing, TrainingAreas(**RUNS["p1-training"]), "p1-training", changes), starts
+        ),
+        "p1-outages": lambda: outages(
+            core_at(crossing, BridgedOutages(**RUNS["p1-outages"]), "p1-outages", changes)
+        ),
         "p2-fusion": lambda: clusters(
             core_at(crossing, ClusterFusion(**RUNS["p2-fusion"]), "p2-fusion", changes), starts
         ),
@@ -109,7 +113,7 @@ def _parameters(chapter: str, changes: Level) -> dict[str, Any]:
     return {k.removeprefix(start): v for k, v in changes.items() if k.startswith(start)}
 
 
-# The evidence on P1's LMI --------------------------------------------------------------------------------------
+# p1-lmi -------------------------------------------------------------------------------------------
 
 
 def inequality(
@@ -142,13 +146,13 @@ def _gain_and_error(model: ErrorModel, gain: Array) -> tuple[float, float]:
     return hinf_norm(model.A - gain @ model.C, driven, model.L), steady_error(model, gain)
 
 
-# The evidence on P1's training areas --------------------------------------------------------------------------------------
+# p1-training --------------------------------------------------------------------------------------
 
 
 def areas(core: TrainingAreas, starts: Starts) -> Outputs:
     """Return what Kalman filters have of the error of the published filter, and tuned HF over KF.
 
-    The tuned ones are searched as in the evidence on P2's fusion, see `clusters`.
+    The tuned ones are searched as in evidence p2-fusion, see `clusters`.
     """
 
     def cells(method: str) -> float:
@@ -171,7 +175,7 @@ def areas(core: TrainingAreas, starts: Starts) -> Outputs:
 
 
 def area_loss(contest: FilterContest, name: str) -> Loss:
-    """Return what the evidence on P1's training areas tunes a filter by."""
+    """Return what evidence p1-training tunes a filter by."""
     drawn = contest.areas.others
 
     def loss(*numbers: float) -> float:
@@ -184,7 +188,7 @@ def area_loss(contest: FilterContest, name: str) -> Loss:
     return loss
 
 
-# The evidence on P1's outages --------------------------------------------------------------------------------------
+# p1-outages ---------------------------------------------------------------------------------------
 
 
 def outages(core: BridgedOutages) -> Outputs:
@@ -203,7 +207,7 @@ def outages(core: BridgedOutages) -> Outputs:
     }
 
 
-# The evidence on P2's fusion --------------------------------------------------------------------------------------
+# p2-fusion ----------------------------------------------------------------------------------------
 
 
 def clusters(core: ClusterFusion, starts: Starts) -> Outputs:
@@ -226,7 +230,7 @@ def clusters(core: ClusterFusion, starts: Starts) -> Outputs:
 
 
 def cluster_loss(core: ClusterFusion, name: str) -> Loss:
-    """Return what the evidence on P2's fusion tunes a filter by: the geometric mean of both RMS errors."""
+    """Return what evidence p2-fusion tunes a filter by: the geometric mean of both RMS errors."""
     ins = core.tuning["ins"]
     y = np.asarray(ins[None] - core.tuning["wsn"])
 

@@ -1,6 +1,6 @@
 """Run P3's methods through the outages of the recorded drive and keep it: `make studies`.
 
-The evidence on P3's vehicle runs the same on each build where the recording can be had. Where it cannot, the chapter
+Evidence p3-vehicle runs the same on each build where the recording is there; else it
 shows what this script kept in data/recorded/p3-drive.json, and says so. The recording is fetched,
 or comes from the mirror that INSWSN_DATA names.
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
 from inswsn_book.parameters import Value
-from inswsn_book.results import Digest, Finite, Frozen, first_problem
+from inswsn_book.results import Digest, Finite, Frozen, Name, first_problem
 from pydantic import Field, ValidationError
 
 from inswsn_lib.errors import InswsnError
@@ -27,7 +27,7 @@ class Run(Frozen):
     """What came of a run."""
 
     id: Annotated[str, Field(pattern=r"^(baseline|seed-\d+|P[123]-M-[A-Za-z0-9]+/[a-z0-9-]+)$")]
-    chapter: Annotated[str, Field(pattern=r"^\d\d$")]
+    chapter: Name
     parameters: dict[str, Value]  # that differ from the published run
     headlines: dict[str, Finite] = {}  # by key; without those that it did not record
     verdicts: dict[str, str] = {}  # by the ids of the claims that the chapter decides

@@ -108,7 +108,7 @@ def chapters(root: Path | None) -> None:
 
     project = _project(root)
     for chapter in project.chapters():
-        click.echo(f"{chapter.number or chapter.id:4} {chapter.source.stem}".rstrip())
+        click.echo(chapter.source.stem)
         for parameter in chapter_schema(project.root, chapter.id).parameters:
             unit = "" if parameter.unit == "1" else f" {parameter.unit}"
             click.echo(f"    {parameter.name} = {parameter.default}{unit}; {parameter.allowed}")

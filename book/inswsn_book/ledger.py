@@ -58,7 +58,7 @@ _TOLERANCE = re.compile(
 class QuantityCheck(Frozen):
     """The quantity of a chapter that decides a claim."""
 
-    chapter: Annotated[str, Field(pattern=r"^\d\d$")]
+    chapter: Name
     quantity: Name
 
 

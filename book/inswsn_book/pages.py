@@ -31,7 +31,7 @@ from inswsn_book.parameters import chapter_schema
 from inswsn_book.project import Chapter, Project
 from inswsn_book.results import Results, results_text
 from inswsn_book.runs import Run, code_of, reference_results
-from inswsn_book.verdicts import Verdict, count_verdicts
+from inswsn_book.verdicts import OUTCOMES, Verdict, count_verdicts
 from inswsn_lib.errors import BuildError, InswsnError
 from inswsn_lib.files import read_text, read_yaml
 from inswsn_lib.scenario import load_scenario
@@ -39,7 +39,8 @@ from inswsn_lib.scenario import load_scenario
 _MOVES = 'class="moving"'
 _UNSTAGED = re.compile(r"inswsn_book/|_templates/|pyproject\.toml|renamed\.yaml|(.*/)?\.")
 _HEAD = re.compile(
-    r"\*\*You need\*\*\s+(?P<need>.*?)\.\s+\*\*Reading time\*\*\s+(?P<minutes>\d+)\s+minutes?\.",
+    r"\*\*You need\*\*\s+(?P<need>.*?)\.\s+\*\*(?:Aft.*?)?"
+    r"Reading time\*\*\s+(?P<minutes>\d+)\s+minutes?\.",
     re.DOTALL,
 )
 
@@ -70,6 +71,7 @@ def environment(root: Path, compiled: Path | None = None) -> Environment:
     }
     made.globals |= {
         "all_verdicts": tuple(Verdict),
+        "outcomes": OUTCOMES,
         "claim_link": review.claim_link,
         "count_verdicts": count_verdicts,
         "judged_anew": review.judged_anew,
@@ -104,7 +106,6 @@ def context(project: Project, results: Sequence[Results]) -> dict[str, Any]:
         ],
         "findings": findings,
         "judged": judged,
-        "lessons": [c for c in project.chapters() if c.lesson],
         "moving": {},
     }
     published = all(
@@ -253,9 +254,7 @@ def _pages(
     return texts, problems
 
 
-def _redirects(
-    project: Project, templates: Environment, texts: Iterable[str]
-) -> dict[str, bytes]:
+def _redirects(project: Project, templates: Environment, texts: Iterable[str]) -> dict[str, bytes]:
     """Return pages at old addresses, which lead to the new ones, each place to its own."""
     there = {name.partition(".")[0] for name in texts}
     ids = {f"chapters/{c.name}": c.id for c in project.chapters()}

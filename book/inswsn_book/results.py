@@ -92,7 +92,7 @@ class Results(Frozen):
     """
 
     schema_version: Literal[4] = SCHEMA_VERSION
-    chapter: Annotated[str, Field(pattern=r"^(lesson-)?\d\d$")]
+    chapter: Name
     parameters: dict[Name, bool | int | Finite | str]
     data: dict[str, Digest]  # the files that it read, as `inswsn_book.ledger.data_digest`
     quantities: tuple[Quantity, ...]  # in the order in which they were recorded

@@ -1,7 +1,7 @@
 """What is written by hand on the papers and rests on results: errata, and rival readings.
 
 ``data/errata.yaml`` and ``data/readings.yaml`` hold texts. A text points at numbers as a claim
-does, by chapter and quantity: in placeholders such as ``{p1-lmi:cost.position.percent:.0f}``, and in
+does, by chapter and quantity: in placeholders such as ``{01:cost.position.percent:.0f}``, and in
 the evidence on which it rests. A published build whose results do not bear the evidence out is
 refused. What may be wrong beyond the form of the files, such as an id used twice, the tests find.
 """
@@ -26,20 +26,19 @@ from inswsn_lib.files import read_yaml
 ERRATA = "data/errata.yaml"
 READINGS = "data/readings.yaml"
 
-# {p1-lmi:cost.position.percent:.0f} and {claim:P1-P-T}; a role, {ref}`...`, has no colon or a backtick
-_PLACEHOLDER = re.compile(r"\{(\w+):([\w.-]+)(@low|@high)?(?::([^{}`]*))?\}(?!`)")
+# {01:cost.position.percent:.0f} and {claim:P1-P-T}; a role, {ref}`...`, has no colon or a backtick
+_PLACEHOLDER = re.compile(r"\{([\w-]+):([\w.-]+)(@low|@high)?(?::([^{}`]*))?\}(?!`)")
 
 #: A text of one or more paragraphs in MyST Markdown, with placeholders
 Prose = Annotated[str, Field(min_length=3)]
 Line = Annotated[str, Field(min_length=3, pattern=r"^[^\n]+$")]
 Paper = Literal["P1", "P2", "P3"]
-Chapter = Annotated[str, Field(pattern=r"^(lesson-)?\d\d$")]
 
 
 class Pointer(Frozen):
     """The one way to name a number: a quantity of a chapter, or its ratio to another one."""
 
-    chapter: Chapter
+    chapter: Name
     quantity: Name
     over: Name | None = None
 
@@ -50,7 +49,7 @@ class Pointer(Frozen):
 class Sentence(Frozen):
     """A sentence that a chapter binds to a condition; it must hold."""
 
-    chapter: Chapter
+    chapter: Name
     sentence: Line
 
 
@@ -149,8 +148,8 @@ class Findings:
     def fill(self, text: str) -> str:
         """Put numbers and verdicts in the place of placeholders.
 
-        They are ``{p1-lmi:name:.2f}`` for a number, ``{p1-lmi:name@low:.2f}`` and ``@high`` for the ends of
-        its interval, ``{p1-lmi:name:.0%}`` for a share in per cent, and ``{claim:P1-P-T}`` for a claim
+        They are ``{01:name:.2f}`` for a number, ``{01:name@low:.2f}`` and ``@high`` for the ends of
+        its interval, ``{01:name:.0%}`` for a share in per cent, and ``{claim:P1-P-T}`` for a claim
         with its verdict. A number is marked by its placeholder, for `inswsn verify`.
         """
         return _PLACEHOLDER.sub(self._filled, text.strip())

@@ -20,6 +20,10 @@ _ROUNDING = 1e-6
 Ends = tuple[float, float]
 
 
+#: What a reader asks first of a claim; each verdict belongs to one of them
+OUTCOMES = ("holds", "does not hold", "cannot be decided")
+
+
 class Verdict(StrEnum):
     """What became of a claim; whether that rests on an assumption is told by `Judged.words`."""
 
@@ -42,9 +46,13 @@ class Verdict(StrEnum):
     @property
     def holds(self) -> bool:
         """Whether what the paper says holds."""
-        return self in (
-            Verdict.REPRODUCED, Verdict.ADDS_UP, Verdict.IDENTITY, Verdict.LIKE_OURS,
-        )  # fmt: skip
+        return self.outcome == OUTCOMES[0]
+
+    @property
+    def outcome(self) -> str:
+        """Which of the three `OUTCOMES` it belongs to."""
+        place = list(Verdict).index(self)
+        return OUTCOMES[0 if place < 4 else 1 if place < 6 else 2]
 
 
 # What stands behind a verdict that rests on an assumption of ours, be it positive or negative

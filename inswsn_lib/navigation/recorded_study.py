@@ -1,4 +1,4 @@
-"""All that the evidence on recorded data tells of recordings, as tables that can be kept."""
+"""All that evidence recorded-data tells of recordings, as tables that can be kept."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ class RecordedStudy:
         }
 
     def tables(self) -> Tables:
-        """Return everything, by the names of the sections of the evidence on recorded data."""
+        """Return everything, by the names of the sections of evidence recorded-data."""
         clusters, outages = RecordedClusters(self.room), RecordedOutages(self.room)
         found = {
             "errors": self._errors(),

@@ -1,6 +1,6 @@
 """P3's outages as a Monte Carlo: simulated drives, the filters, the learners, their errors.
 
-This is what the evidence on P3's vehicle compares over many drives, as a function of the chapter's own parameters.
+This is what evidence p3-vehicle compares over many drives, as a function of the chapter's own parameters.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ def p3_settings() -> dict[str, Setting]:
 
 @dataclass(frozen=True, eq=False)
 class VehicleOutages:
-    """P3's simulated drives, and every method of the evidence on P3's vehicle through each of their outages.
+    """P3's simulated drives, and every method of evidence p3-vehicle through each of their outages.
 
     Each of the eight places of a route has an outage of 50 s, of which the first 40 s are the
     shorter one. The learners correct the filter that is aided through the outage, but for

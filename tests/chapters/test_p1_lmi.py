@@ -1,4 +1,4 @@
-"""The evidence on P1's LMI: its results against closed forms and numbers worked out with other programs."""
+"""Evidence p1-lmi: its results against closed forms and numbers worked out with other programs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The evidence on P1's outages: its results against closed forms, another route and the printed cells."""
+"""Evidence p1-outages: its results against closed forms, another route and the printed cells."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The evidence on P1's training areas: its results against closed forms and the printed cells."""
+"""Evidence p1-training: its results against closed forms and the printed cells."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The evidence on P2's fusion: its results against closed forms, loops written out, and the printed percentages.
+"""Evidence p2-fusion: results against closed forms, loops written out, and printed percentages.
 
 What a sentence of the chapter says of results is bound to them in the chapter itself.
 """

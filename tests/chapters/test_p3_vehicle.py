@@ -1,4 +1,4 @@
-"""The evidence on P3's vehicle: its results against other code, closed forms, and what is stored of the recording."""
+"""Evidence p3-vehicle: results against other code, closed forms, and what is stored."""
 
 from __future__ import annotations
 
@@ -51,9 +51,7 @@ def results(built_site: Path, project: Project) -> Results:
 @pytest.fixture(scope="module")
 def page(built_site: Path) -> str:
     """What the page says, without its tags."""
-    source = (built_site / "chapters" / "evidence" / "p3-vehicle.html").read_text(
-        encoding="utf-8"
-    )
+    source = (built_site / "chapters" / "evidence" / "p3-vehicle.html").read_text(encoding="utf-8")
     return " ".join(html.unescape(re.sub(r"<[^>]+>", "", source)).split())
 
 

@@ -1,4 +1,4 @@
-"""The evidence on the printed numbers: its results against numbers worked out by hand, and what it reads."""
+"""Evidence printed-numbers: its results against numbers worked out by hand, and what it reads."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The evidence on recorded data: what is published is what is kept, and its pieces where their answer is known."""
+"""Evidence recorded-data: what is published is what is kept, and pieces with known answers."""
 
 from __future__ import annotations
 

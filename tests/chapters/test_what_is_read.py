@@ -46,9 +46,16 @@ QUICK: dict[str, dict[str, Value]] = {
 }
 
 
-LONG = {"printed-numbers", "p1-lmi", "p1-training", "p1-outages", "p2-fusion", "p3-vehicle", "recorded-data", "62"} | {
-    f"lesson-0{number}" for number in (1, 3, 4, 5, 6)
-}
+LONG = {
+    "printed-numbers",
+    "p1-lmi",
+    "p1-training",
+    "p1-outages",
+    "p2-fusion",
+    "p3-vehicle",
+    "recorded-data",
+    "62",
+} | {f"lesson-0{number}" for number in (1, 3, 4, 5, 6)}
 SPY = """\
 import os, sys
 def _hook(event, args, log=open({log!r}, "w", buffering=1)):

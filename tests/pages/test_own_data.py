@@ -1,4 +1,4 @@
-"""A reader's own recording on the page of the page on your own data, with the library in the place of Pyodide.
+"""A reader's own recording on its page, with the library in the place of Pyodide.
 
 The section of the chapter stands on a page of its own, so that the book need not be built.
 """
@@ -31,7 +31,7 @@ EXAMPLE = ROOT / "data" / "examples" / "ins-wsn.csv"
 CHAPTER = (ROOT / "chapters" / "your-own-data.md").read_text(encoding="utf-8")
 STATIC = ROOT / "book" / "_static"
 PAGE = """<!doctype html>
-<html lang="en" data-theme="light"><head><meta charset="utf-8"><title>The page on your own data</title>
+<html lang="en" data-theme="light"><head><meta charset="utf-8"><title>Your own data</title>
 <meta name="viewport" content="width=device-width">
 <link rel="stylesheet" href="../_static/pydata-sphinx-theme.css">
 <link rel="stylesheet" href="../_static/inswsn.css">

@@ -102,7 +102,9 @@ def test_an_end_is_the_alternative_and_two_shifts_add(crossing: Crossing) -> Non
 def test_words_have_equal_parts(crossing: Crossing) -> None:
     places = (0.0, 0.33, 0.333333, 0.66, 0.666667, 1.0)
     found = [
-        crossing.changes("p2-fusion", crossing.chosen() | {"P2-M-wsnv": place})["p2-fusion.velocity_source"]
+        crossing.changes("p2-fusion", crossing.chosen() | {"P2-M-wsnv": place})[
+            "p2-fusion.velocity_source"
+        ]
         for place in places
     ]
     assert found == ["window"] * 2 + ["sensor"] * 2 + ["difference"] * 2

@@ -52,7 +52,9 @@ def test_the_rebuilt_and_recorded_sides_by_hand(root: Path, drawn: list[Contest]
         ]
     )
     recorded = value("p3-vehicle", "recorded.factor.lssvm")
-    radio = [value("p1-training", f"lasting.recorded.{n}-tuned-for-white") for n in ("hf", "kalman")]
+    radio = [
+        value("p1-training", f"lasting.recorded.{n}-tuned-for-white") for n in ("hf", "kalman")
+    ]
     assert [row.recorded for row in drawn] == pytest.approx(
         [
             radio[0] / radio[1],

@@ -101,7 +101,11 @@ def test_what_came_of_a_cell_is_its_headlines_and_verdicts(mini: MiniProject) ->
             name="twice", value=value, unit="m", how="For a test.", basis="printed", tolerance=0
         )
         found = Results(
-            chapter="printed-numbers", parameters={}, data={}, quantities=(twice,), sentences={"So.": False}
+            chapter="printed-numbers",
+            parameters={},
+            data={},
+            quantities=(twice,),
+            sentences={"So.": False},
         )
         request = request_of(mini, cell)
         made = run_of(mini, cell, ASSUMED.headlines, engine.Run(request, found))
@@ -112,7 +116,7 @@ def test_what_came_of_a_cell_is_its_headlines_and_verdicts(mini: MiniProject) ->
 
 def test_a_run_that_fails_is_a_result(mini: MiniProject) -> None:
     failure = ChapterError(
-        f"The evidence on the printed numbers failed:\n\x1b[31mThe design\x1b[0m of {mini.root}/data/x has no solution.\n"
+        f"Chapter 00 failed:\n\x1b[31mThe design\x1b[0m of {mini.root}/data/x has no solution.\n"
     )
     found = run_of(mini, Cell("baseline", "printed-numbers"), ASSUMED.headlines, failure)
     assert (found.failed, found.headlines) == ("The design of data/x has no solution.", {})

@@ -1,8 +1,8 @@
 """The page on your own data on a reader's own file, in the page: what is read, filtered and found.
 
 It needs numpy alone and computes by the functions of the library that the chapter calls. What asks
-for more, `inswsn_lib.recordings.check_recording`, is left to ``inswsn run your-own-data``. What the page shows
-of it is in ``own_page.py``.
+for more, `inswsn_lib.recordings.check_recording`, is left to ``inswsn run
+your-own-data``. What the page shows of it is in ``own_page.py``.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from inswsn_lib.recordings.ins_wsn import TrackPair, track_pair
 
 
 class Figure(NamedTuple):
-    """A figure of the filter: what the page on your own data assumes, what it may be below, all above 0."""
+    """A figure of the filter: what the page assumes, what it may be below, all above 0."""
 
     usual: float
     below: float
@@ -119,7 +119,9 @@ def examine(text: str, options: Mapping[str, Any]) -> Examined:
 
 def _read(name: str, text: str) -> TrackPair:
     """Return the recording in a text; refuse one that would keep the page busy for minutes."""
-    instead = f"this page takes {MOST} at most, and inswsn run your-own-data -p recording={name} any number"
+    instead = (
+        f"this page takes at most {MOST}, inswsn run your-own-data -p recording={name} any number"
+    )
     lines = 1 + max(text.count("\n"), text.count("\r"))
     if lines > MOST:
         raise InswsnError(f"{name} has {lines} lines; {instead}.")

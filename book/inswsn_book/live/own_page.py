@@ -1,4 +1,4 @@
-"""What the page of the page on your own data shows of a reader's own file: words, charts, tables, and a file.
+"""What the page on your own data shows of a reader's own file: words, charts, tables, and a file.
 
 So its charts are drawn as all others are (``moving.py``), and the script of the page words nothing.
 """
@@ -87,7 +87,7 @@ def _outages_told(data: TrackPair) -> str:
 
 
 def _fit_told(found: Examined) -> Iterator[str]:
-    """Say what the innovations tell of the noise figures, in the words of the page on your own data."""
+    """Say what the innovations tell of the noise figures, in the words of the page."""
     nis, white = found.nis, found.white
     mean, low, high = nis["mean"], nis["low"], nis["high"]
     largest, bound = white["largest"], white["bound"]

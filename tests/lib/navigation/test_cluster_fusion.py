@@ -1,4 +1,4 @@
-"""The core of the evidence on P2's fusion: what the chapter published, and filters whose answers are known."""
+"""The core of p2-fusion: what the chapter published, and filters whose answers are known."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The core of the evidence on P1's training areas: what the chapter published, and limits known on paper."""
+"""The core of evidence p1-training: what the chapter published, and limits known on paper."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The core of the evidence on P3's vehicle: what the chapter published, and methods whose errors are known."""
+"""The core of p3-vehicle: what the chapter published, and methods whose errors are known."""
 
 from __future__ import annotations
 
