@@ -89,7 +89,7 @@ _STYLE: Any = {  # a dict; matplotlib types its keys one by one
     "svg.hashsalt": "inswsn",
 }
 
-# In this order a method takes the next colour and style: as evidence p1-training draws network, Kalman filter
+# In this order a method takes the next colour and style: as p1-training draws network, Kalman
 # and H-infinity filters. Lines that are not solid can be told apart without colours.
 _STROKES = (
     *(("reproduced", ":"), ("rival", "-"), ("rebuilt", "-"), ("rebuilt", "--")),

@@ -2,8 +2,9 @@
 
 Evidence p1-training puts the errors of these fixes, in their order, into P1's scene, and
 shows how accurate radio can be. A tag was carried by hand among eight surveyed anchors in a room,
-and motion capture tells where it was. Each fix uses the ranges of one interval of 0.2 s alone, P1's period: least squares in three
-dimensions from the middle of the anchors, nothing filtered and nothing rejected.
+and motion capture tells where it was. Each fix uses the ranges of one interval of 0.2 s alone, P1's
+period: least squares in three dimensions from the middle of the anchors, nothing filtered and
+nothing rejected.
 
 The recording is fetched, or comes from the mirror that INSWSN_DATA names; it is not kept here.
 """

@@ -179,11 +179,11 @@ class Project:
         for chapter in chapters:
             if word and word in (chapter.name, chapter.source.stem, chapter.id, chapter.number):
                 return chapter
-        known = [c.number or c.id for c in chapters]
         former = self.renamed()["chapters"]
-        now = [former[old] for old in (f"lesson-{word}", word) if old in former]
-        expected = f"{' or '.join(now)}, as it is called now" * bool(now)
-        raise ParameterError("NAME", word, expected or "one of " + ", ".join(known))
+        if now := [former[old] for old in (f"lesson-{word}", word) if old in former]:
+            raise InswsnError(f"{word} is called {' or '.join(now)} now.")
+        known = ", ".join(chapter.number or chapter.id for chapter in chapters)
+        raise ParameterError("NAME", word, f"one of {known}")
 
     def build_lock(self) -> AbstractContextManager[object]:
         """Hold the lock of the checkout's build; refuse if another build holds it."""

@@ -1,6 +1,6 @@
 """P1's two outages as a Monte Carlo: learners that stand in for the filter, tuned by rehearsal.
 
-This is what evidence p1-outages computes over many runs, as a function of the chapter's own parameters.
+This is what evidence p1-outages computes over many runs, a function of its parameters.
 """
 
 from __future__ import annotations

@@ -1,7 +1,6 @@
 """P2's clusters as a Monte Carlo: the scene, the filters tuned alike, their errors.
 
-This is what evidence p2-fusion compares on equal terms over many runs, as a function of the chapter's own
-parameters.
+This is what evidence p2-fusion compares on equal terms, a function of its parameters.
 """
 
 from __future__ import annotations
@@ -70,7 +69,7 @@ def p2_settings() -> dict[str, Setting]:
 
 @dataclass(frozen=True, eq=False)
 class ClusterFusion:
-    """P2's scene with its clusters, the filters of evidence p2-fusion tuned alike, and their errors.
+    """P2's scene with its clusters, the filters of p2-fusion tuned alike, and their errors.
 
     Every filter gives its estimate before the measurement of the step. Its numbers are tuned on
     `other_runs` runs of the next seed: an acceleration that is its process noise, m/s^2 (of the

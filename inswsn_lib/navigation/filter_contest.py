@@ -1,6 +1,6 @@
 """Filters on equal terms: two numbers each, the same trials, tuned on the same runs.
 
-This is what evidence p1-training compares, and what its map of where each filter is right is made of.
+This is what evidence p1-training compares, and what its map of where each filter is right shows.
 """
 
 from __future__ import annotations

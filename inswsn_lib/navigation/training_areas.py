@@ -1,6 +1,6 @@
 """P1's two training areas as a Monte Carlo: the scene, assumed noise, the filters, their errors.
 
-This is what evidence p1-training computes over many runs, as a function of the chapter's own parameters.
+This is what evidence p1-training computes over many runs, a function of its parameters.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ def p1_settings() -> dict[str, Setting]:
 
 @dataclass(frozen=True, eq=False)
 class TrainingAreas:
-    r"""P1's scene with its network, what the filters of evidence p1-training assume, and their errors.
+    r"""P1's scene with its network, what the filters of p1-training assume, and their errors.
 
     The filters assume one standard deviation for position and one for velocity of Q and of R,
     fitted to other runs (`inswsn_lib.evaluation.fit_noise`): they are *matched*.

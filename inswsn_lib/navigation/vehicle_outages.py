@@ -1,6 +1,6 @@
 """P3's outages as a Monte Carlo: simulated drives, the filters, the learners, their errors.
 
-This is what evidence p3-vehicle compares over many drives, as a function of the chapter's own parameters.
+This is what evidence p3-vehicle compares over many drives, a function of its parameters.
 """
 
 from __future__ import annotations

@@ -28,38 +28,46 @@ def test_the_root_is_found_from_below_or_named(
     assert find_root() == root
 
 
-def test_chapters_come_in_order_and_are_found_by_number_and_name(mini: MiniProject) -> None:
-    for name in ("10-ten", "02-two"):
-        (mini.root / "chapters" / f"{name}.md").write_text("# x\n")
-    assert [chapter.number for chapter in mini.chapters()] == ["00", "02", "10"]
-    assert [mini.find(word).name for word in ("2", "02", "02-two")] == ["02-two"] * 3
-
-
-def test_a_lesson_comes_before_its_evidence_and_a_number_stands_for_the_lesson(
+def test_lessons_come_first_and_each_chapter_is_found_by_number_and_name(
     mini: MiniProject,
 ) -> None:
-    for path in (mini.source.parent / "evidence" / "02-proof.md", mini.source.with_name("02-a.md")):
-        path.parent.mkdir(exist_ok=True)
-        path.write_text(MINI_CHAPTER.replace("@BODY@", "").replace("scale", path.stem[3:]))
+    folder = mini.source.parent
+    for name in ("2-two", "1-one", "evidence/p1-proof", "words"):
+        (folder / name).parent.mkdir(exist_ok=True)
+        (folder / f"{name}.md").write_text(
+            MINI_CHAPTER.replace("@BODY@", "").replace("scale", name[-3:])
+        )
+    (mini.root / "book" / "renamed.yaml").write_text(
+        'chapters: {lesson-05: lesson-2, "05": p1-proof}\n'
+    )
     names = {chapter.id: chapter.name for chapter in mini.chapters()}
-    assert list(names.items()) == [
-        ("00", "00-mini"), ("lesson-02", "02-a"), ("02", "evidence/02-proof")
+    assert list(names.items())[:3] == [
+        ("lesson-1", "1-one"), ("lesson-2", "2-two"), ("00", "00-mini")
     ]  # fmt: skip
-    for word in ("2", "02", "02-a", "lesson-02"):
-        assert mini.find(word).id == "lesson-02"
-    assert [mini.find(word).id for word in ("02-proof", "evidence/02-proof")] == ["02", "02"]
-    assert [mini.find(word, evidence=True).id for word in ("2", "02", "0")] == ["02", "02", "00"]
-    assert [mini.by_id(name).name for name in names] == [*names.values()]
-    declared = [[*chapter_schema(mini.root, name).defaults] for name in names]
-    assert [chapter.lesson for chapter in mini.chapters()] == [False, True, False]
-    assert [names[0] for names in declared] == ["scale", "a", "proof"]
+    assert {"p1-proof": "evidence/p1-proof", "words": "words"}.items() <= names.items()
+    assert [chapter.lesson for chapter in mini.chapters()][:3] == [True, True, False]
+    for word in ("2", "2-two", "lesson-2"):
+        assert mini.find(word).id == "lesson-2"
+    assert mini.find("p1-proof") == mini.find("evidence/p1-proof") == mini.by_id("p1-proof")
+    declared = [[*chapter_schema(mini.root, name).defaults][0] for name in names]
+    assert sorted(declared) == ["one", "oof", "rds", "scale", "two"]
+    with pytest.raises(InswsnError, match=r"^05 is called lesson-2 or p1-proof now\.$"):
+        mini.find("05")
+
+
+def test_each_old_name_of_a_chapter_has_a_new_one(project: Project) -> None:
+    renamed, now = project.renamed(), {chapter.id for chapter in project.chapters()}
+    assert set(renamed["chapters"].values()) <= now
+    old = {f"lesson-0{n}" for n in range(7)} | {f"0{n}" for n in range(8)} | {"90", "91"}
+    assert set(renamed["chapters"]) == old
+    assert not old & now
 
 
 @pytest.mark.parametrize(
     ("name", "sentence"),
     [
-        ("Zero.md", "does not fit NN-words.md"),
-        ("00-again.md", "The chapter number 00 is used twice"),
+        ("Zero.md", "does not fit N-words.md"),
+        ("00-again.md", "The chapter name 00 is used twice"),
         (None, "There is no chapter in"),
     ],
 )
