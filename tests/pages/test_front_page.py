@@ -1,4 +1,4 @@
-"""The front page: a figure that moves on its first screen, and code two clicks away."""
+"""The front page: what the book is, a figure that moves, and code two clicks away."""
 
 from __future__ import annotations
 
@@ -10,12 +10,26 @@ pytestmark = pytest.mark.page
 FILTERS = ("which-kalman", "which-lasting", "which-worst")
 
 
-def test_the_first_screen_has_a_figure_that_moves(browser: Browser, served: str) -> None:
+def test_the_first_screen_says_what_the_book_is(browser: Browser, served: str) -> None:
+    """In 120 words at most, beside the picture, each result by name; the slider comes second."""
+    page = visit(browser, served, "index.html", viewport={"width": 1440, "height": 900}).page
+    settled(page)
+    first = page.locator(".front-first")
+    assert len(first.inner_text().split()) <= 120
+    for name in ("LMI", "Kalman against H-infinity", "LS-SVM", "Federated", "car"):
+        assert name in first.inner_text()
+    assert first.get_by_role("link", name="lesson").count() == 5
+    assert first.get_by_role("link", name="evidence").count() == 5
+    (text,), (picture,) = boxes(first), boxes(page.locator("img[src*='front']"))
+    assert max(text["bottom"], picture["bottom"]) < 900
+    (slider,) = boxes(page.locator("section.moving input[type=range]"))
+    assert slider["top"] > max(text["bottom"], picture["bottom"])
+    page.close()
+
+
+def test_the_figure_of_the_front_page_moves(browser: Browser, served: str) -> None:
     page = visit(browser, served, "index.html", viewport={"width": 1440, "height": 900}).page
     slider = page.locator("section.moving input[type=range]")
-    settled(page)
-    (box,) = boxes(slider)
-    assert box["bottom"] < 900
     chart = page.locator("section.moving svg[role=img]").first
     before, said = chart.inner_html(), page.locator("section.moving dd").all_inner_texts()
     slider.press("End")
