@@ -166,19 +166,20 @@ def test_the_archive_is_the_same_each_time_and_has_data_that_json_can_read(
         licences = [name for name in names if name.rpartition("/")[2].startswith("LICENSE")]
         assert len(licences) == 2  # of mpmath and lazy_loader, which others made
         values = json.loads(packed.read("inswsn_lib/data/published.json"))
-    said = {q.name: q.value for q in published["04"].quantities}
-    assert values["04"] == said
+    said = {q.name: q.value for q in published["p2-fusion"].quantities}
+    assert values["p2-fusion"] == said
 
 
 def test_a_record_in_the_page_has_what_cells_ask_of_one(
     project: Project, capsys: pytest.CaptureFixture[str]
 ) -> None:
     asked = set()
-    for chapter in lessons(project):
-        asked |= set(re.findall(r"\brecord\.(\w+)\(", chapter.source.read_text(encoding="utf-8")))
+    paths = [chapter.source for chapter in lessons(project)]
+    for path in (*paths, *(project.libraries[1] / "lessons").glob("*.py")):
+        asked |= set(re.findall(r"\brecord\.(\w+)\(", path.read_text(encoding="utf-8")))
     assert {"data", "holds", "reference", "say"} <= asked
     assert all(hasattr(Unrecorded, name) and hasattr(ChapterRecord, name) for name in asked)
-    record = Unrecorded("02", {})
+    record = Unrecorded("lesson-2", {})
     assert record.data("papers/p1.yaml").is_file()
     with pytest.raises(AbsentError, match=r"^data/recorded/none\.json is not in the page\.$"):
         record.data("recorded/none.json")
@@ -190,7 +191,7 @@ def test_a_record_in_the_page_has_what_cells_ask_of_one(
 
 def test_parameters_become_fields(project: Project) -> None:
     assert len(lessons(project)) == 8
-    (chapter,) = (each for each in lessons(project) if each.name.startswith("02"))
+    (chapter,) = (each for each in lessons(project) if each.id == "lesson-2")
     measured = [Measured("", 0.123, "", []), *[Measured("scipy", 0, "", [])] * 16]
     told = about_lesson(chapter, measured)
     seed, q_scale = told["parameters"]
