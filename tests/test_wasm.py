@@ -230,7 +230,7 @@ def test_the_lock_pins_the_sources_that_are_built(root: Path) -> None:
 
 def test_an_address_without_a_host_is_given_up_at_once() -> None:
     with pytest.raises(UnreachableError, match=r"^It cannot be fetched \("):
-        download("http://127.0.0.1:9/it", as_npm("printed-numbers"), "It")
+        download("http://127.0.0.1:9/it", as_npm("00"), "It")
 
 
 def test_without_the_commands_one_sentence_says_what_to_install(root: Path, tmp_path: Path) -> None:

@@ -268,7 +268,7 @@ def data_digest(root: Path, name: str) -> str | None:
     """Return the SHA-256 of a file that a chapter reads, or of the part of it that it reads.
 
     A name is a path, or ``data/claims#NN`` for the claims that chapter NN decides, or
-    ``data/published/NN.json#name`` for one quantity of the reference results.
+    ``data/published/NAME.json#name`` for one quantity of the reference results.
     """
     path, _, part = name.partition("#")
     if not part:

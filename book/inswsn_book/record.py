@@ -203,7 +203,7 @@ class ChapterRecord:
         )
 
     def write(self) -> Results:
-        """Write the results file ``NN.json``, whole or not at all, and return what it holds.
+        """Write the results file ``NAME.json``, whole or not at all, and return what it holds.
 
         What the chapter was computed with goes beside it, for the executor.
         """

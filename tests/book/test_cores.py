@@ -13,10 +13,10 @@ from inswsn_lib.errors import InswsnError
 
 #: Parameters that change other sections of a chapter only
 OTHER_SECTIONS = {
-    "02": set(),
-    "03": {"networks"},
-    "04": {"fading_length", "most_clusters"},
-    "05": {"sweep_draws", "recorded_draws"},
+    "p1-training": set(),
+    "p1-outages": {"networks"},
+    "p2-fusion": {"fading_length", "most_clusters"},
+    "p3-vehicle": {"sweep_draws", "recorded_draws"},
 }
 
 

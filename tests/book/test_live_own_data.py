@@ -134,7 +134,7 @@ def test_no_line_is_drawn_over_a_gap(found: Examined, shown: dict[str, Any]) -> 
 def test_it_is_what_the_chapter_has_published(
     found: Examined, published: dict[str, Results]
 ) -> None:
-    results = published["90"]
+    results = published["your-own-data"]
     expected = {quantity.name: quantity.value for quantity in results.quantities}
     data = found.data
     ours = {f"nis.{name}": found.nis[name] for name in ("mean", "low", "high")}
@@ -165,7 +165,7 @@ def test_the_file_is_the_one_that_the_chapter_writes(
 
 
 def test_the_figures_are_those_of_the_chapter(root: Path) -> None:
-    schema = chapter_schema(root, "90")
+    schema = chapter_schema(root, "your-own-data")
     for name, figure in FIGURES.items():
         assert schema.defaults[name] == figure.usual
         (declared,) = (each for each in schema.parameters if each.name == name)

@@ -51,14 +51,14 @@ def cluster() -> Iterator[Callable[[int], str]]:
 
 def test_a_grid_goes_through_its_last_axis_fastest(project: Project) -> None:
     axes = ["q_scale=0.1,1", "seed=1,2"]
-    sweep = read_sweep(project, project.by_id("02"), axes, ["runs=64"])
+    sweep = read_sweep(project, project.by_id("p1-training"), axes, ["runs=64"])
     assert sweep.core == "inswsn_lib.navigation:TrainingAreas"
     assert sweep.places[1] == {"q_scale": 0.1, "seed": 2}
     assert [request.parameters["seed"] for request in sweep.requests] == [1, 2, 1, 2]
     assert all(r.core and r.parameters["runs"] == 64 for r in sweep.requests)
 
 
-@pytest.mark.parametrize("number", ["01", "02", "61", "90"])
+@pytest.mark.parametrize("number", ["p1-lmi", "p1-training", "61", "your-own-data"])
 def test_a_sweep_takes_what_a_run_takes(project: Project, number: str) -> None:
     chapter = project.by_id(number)
     for parameter in chapter_schema(project.root, number).parameters:

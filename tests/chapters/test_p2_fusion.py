@@ -237,10 +237,10 @@ def test_no_fusion_beats_the_best_filter_of_all_measurements(
 
 def test_weights_with_one_ins_are_nearly_those_of_the_informations(results: Results) -> None:
     """Of 4 : 1 : 1/4; with own noise the process noise evens them out."""
-    for d, share in (("p3-vehicle", 4), ("1", 1), ("2", 0.25)):
+    for d, share in (("05", 4), ("1", 1), ("2", 0.25)):
         found = results[f"theorem.weight-common-{d}"].value
         assert found == pytest.approx(share / 5.25, abs=0.01)
-    own = [results[f"theorem.weight-own-{d}"].value for d in ("p3-vehicle", "1", "2")]
+    own = [results[f"theorem.weight-own-{d}"].value for d in ("05", "1", "2")]
     assert sum(own) == pytest.approx(1, abs=1e-6)
     assert 0.65 > own[0] > own[1] > own[2] > 0
 

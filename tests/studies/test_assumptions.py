@@ -99,14 +99,14 @@ def test_what_an_entry_names_and_is_nowhere_is_found(
     project: Project, content: dict[str, Any]
 ) -> None:
     entry(content, "P1-M-path")["chosen"].append({"scenario": "p1", "setting": "sped"})
-    entry(content, "P1-M-B")["chosen"].append({"chapter": "01", "parameter": "noise"})
+    entry(content, "P1-M-B")["chosen"].append({"chapter": "p1-lmi", "parameter": "noise"})
     entry(content, "P1-M-L")["alternatives"][0]["edits"][0]["old"] = "nobody wrote this passage"
-    content["printed"]["01"]["margin"] = "It is printed."
+    content["printed"]["p1-lmi"]["margin"] = "It is printed."
     assert sorted(problems(project, content)) == [
-        "P1-M-B: chapter 01 has no parameter noise.",
-        "P1-M-L/positions: the passage that it replaces does not stand in chapter 01 exactly once.",
+        "P1-M-B: chapter p1-lmi has no parameter noise.",
+        "P1-M-L/positions: the passage that it replaces does not stand in chapter p1-lmi exactly once.",
         "P1-M-path: the scenario p1 has no setting sped.",
-        "The parameter margin of chapter 01 has an entry and a reason for having none.",
+        "The parameter margin of chapter p1-lmi has an entry and a reason for having none.",
     ]
 
 

@@ -218,10 +218,10 @@ def test_a_design_is_asked_of_scs(
     """Live, in the shortest chapter that designs a filter."""
     monkeypatch.setattr(project, "store", tmp_path)
     (variant,) = (v for v in variants() if v.id == "scs")
-    request = variant.request(project, project.by_id("01"))
+    request = variant.request(project, project.by_id("p1-lmi"))
     assert request is not None
     done = run(project, request, Quiet())
-    found = compared(project, variant, project.by_id("01"), done.results)
+    found = compared(project, variant, project.by_id("p1-lmi"), done.results)
     assert any("scs" in name for name in found.solvers)
     assert found.flipped == ()
 

@@ -96,12 +96,12 @@ def test_the_cells_of_one_entry() -> None:
 def test_what_came_of_a_cell_is_its_headlines_and_verdicts(mini: MiniProject) -> None:
     """The claim says 42; a headline that is not recorded is left out."""
     for value, verdict in ((42.0, "adds up in print"), (63.0, "contradicted by the paper itself")):
-        cell = Cell("P1-M-scale/three", "printed-numbers", {"scale": value / 21})
+        cell = Cell("P1-M-scale/three", "00", {"scale": value / 21})
         twice = Quantity(
             name="twice", value=value, unit="m", how="For a test.", basis="printed", tolerance=0
         )
         found = Results(
-            chapter="printed-numbers",
+            chapter="00",
             parameters={},
             data={},
             quantities=(twice,),
@@ -118,7 +118,7 @@ def test_a_run_that_fails_is_a_result(mini: MiniProject) -> None:
     failure = ChapterError(
         f"Chapter 00 failed:\n\x1b[31mThe design\x1b[0m of {mini.root}/data/x has no solution.\n"
     )
-    found = run_of(mini, Cell("baseline", "printed-numbers"), ASSUMED.headlines, failure)
+    found = run_of(mini, Cell("baseline", "00"), ASSUMED.headlines, failure)
     assert (found.failed, found.headlines) == ("The design of data/x has no solution.", {})
 
 

@@ -272,7 +272,7 @@ def readers(project: Project) -> dict[str, tuple[str, list[str], Callable[[Path]
     root, data = project.root, project.root / "data"
     published = [read_results(path) for path in sorted(project.published.glob("*.json"))]
     claims = load_claims(data / "claims")
-    schema = chapter_schema(root, "02")
+    schema = chapter_schema(root, "p1-training")
     inertial = load_scenario(data / "scenarios/p1-inertial.yaml")
 
     def texts(*names: str) -> list[str]:
@@ -336,7 +336,7 @@ def readers(project: Project) -> dict[str, tuple[str, list[str], Callable[[Path]
         "recorded trials": ("a.json", texts("recorded/p3-drive.json"), read_trials),
         "kept studies": ("a.json", texts("recorded/uwb-fixes.json"), read_json),
         "citations": ("CITATION.cff", [(root / "CITATION.cff").read_text("utf-8")], citation),
-        "chapters": ("00-a.md", sources, lambda path: read_source(Chapter("00-a", path, "00"))),
+        "chapters": ("00-a.md", sources, lambda path: read_source(Chapter("00-a", path))),
     }  # fmt: skip
 
 
