@@ -20,7 +20,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FormatStrFormatter, LogLocator, PercentFormatter
 
 from inswsn_lib.checks import Array
-from inswsn_lib.errors import Described, ParameterError
+from inswsn_lib.errors import ParameterError
 
 #: The colours, by what they stand for in every chapter.
 COLOURS = {
@@ -197,12 +197,11 @@ def draw_scores(
     """
     *others, along = axes or [""]
     if along not in frame or frame[along].dtype.kind not in "if" or frame[along].nunique() < 2:
-        raise ParameterError("the last axis", along, "a parameter of at least two numbers")
+        raise ParameterError("the last axis", along, "a parameter with at least two numbers")
     shown = frame[(frame["column"] == headline) & frame["method"].isin(list(methods))]
     panels = list(shown.groupby(others, sort=False)) if others else [((), shown)]
     if len(panels) > _MOST_PANELS:
-        charts = Described(f"one of {len(panels)} charts")
-        raise ParameterError("the grid", charts, f"one of {_MOST_PANELS}, for a figure")
+        raise ParameterError("a figure", len(panels), f"of at most {_MOST_PANELS} charts")
     across = len(panels) if len(panels) < 4 else 2 if len(panels) == 4 else 3
     down = -(-len(panels) // across)
     fig, grid = figure(

@@ -52,7 +52,7 @@ class Setting:
         for name in ("unit", "why"):
             text = getattr(self, name)
             if not isinstance(text, str) or not text:
-                raise ParameterError(name, text, "a text that is not empty")
+                raise ParameterError(name, text, "text that is not empty")
         one_of("source", self.source, SOURCES)
 
 
@@ -189,9 +189,9 @@ def _checked(name: str, value: Any, hint: Any, least: Any = None, most: Any = No
     elif least is not None:
         numbers = array(name, value, _shape(hint))
         if (numbers < least).any() or (numbers > most).any():
-            raise ParameterError(name, value, f"numbers from {least:g} to {most:g}")
+            raise ParameterError(name, value, f"numbers between {least:g} and {most:g}")
         if hint == Range and value[0] > value[1]:
-            raise ParameterError(name, value, "two numbers in order")
+            raise ParameterError(name, value, "two numbers in ascending order")
     return _frozen(value)
 
 

@@ -32,7 +32,7 @@ class Stream:
         check_increase(type(self).__name__, self.time, repeats=isinstance(self, Ranges))
         for name, value in list(self._columns()):
             if np.ma.is_masked(value) and value.dtype.kind != "f":  # what cannot be NaN
-                raise ParameterError(name, Described("masked in part"), "complete")
+                raise ParameterError(name, Described("partly masked"), "complete")
             object.__setattr__(self, name, unmasked(value))
             if len(value) != len(self.time):
                 raise ParameterError(name, len(value), f"of {len(self.time)} rows, as time is")

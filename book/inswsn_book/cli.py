@@ -16,7 +16,7 @@ import click
 
 from inswsn_book.project import Project, find_root, is_checkout
 from inswsn_lib import __version__
-from inswsn_lib.errors import BuildError, InswsnError, ParameterError
+from inswsn_lib.errors import BuildError, Described, InswsnError, ParameterError
 
 _PATH = click.Path(path_type=Path)
 _FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
@@ -43,7 +43,7 @@ def cli(context: click.Context, root: Path | None) -> None:
 def _project(root: Path | None) -> Project:
     # found when a command runs, so that its help needs no checkout
     if root is not None and not is_checkout(root):
-        raise InswsnError(f"--root is {str(root)!r}; it may be the folder of a checkout of inswsn.")
+        raise InswsnError(f"--root must be the folder of a checkout of inswsn, not {str(root)!r}.")
     project = Project(root.resolve() if root else find_root())
     library = project.libraries[0]
     own = project.root / library.name
@@ -256,9 +256,8 @@ def claims(
     from inswsn_book.compare import differing
 
     if against is not None and (as_json or any(wanted.values())):
-        raise ParameterError(
-            "--against", str(against), "given without --paper, --kind, --verdict and --json"
-        )
+        alone = "given without --paper, --kind, --verdict and --json"
+        raise ParameterError("--against", Described("with them"), alone)
     selected = judging.judge_claims(_project(root), results, **wanted)
     if against is not None:
         now = {entry.claim.id: entry.words for entry in selected}

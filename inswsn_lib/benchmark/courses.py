@@ -130,8 +130,8 @@ def track_courses(
     >>> track_courses("marathon")
     Traceback (most recent call last):
         ...
-    inswsn_lib.errors.ParameterError: track is 'marathon'; it may be one of "network", "outage-2", \
-"outage-5", "outage-10", "outage-20", "two-clusters", "vehicle".
+    inswsn_lib.errors.ParameterError: track must be one of "network", "outage-2", "outage-5", \
+"outage-10", "outage-20", "two-clusters", "vehicle", not 'marathon'.
     """
     one_of("track", track, tuple(TRACKS))
     if folder is not None:

@@ -191,7 +191,7 @@ def run(
     >>> benchmark.run("filters.py:Mine", track="network")
     Traceback (most recent call last):
         ...
-    inswsn_lib.errors.ParameterError: entry is 'filters.py:Mine'; it may be in a file that there is.
+    inswsn_lib.errors.ParameterError: entry must be in a file that exists, not 'filters.py:Mine'.
     """
     found = compare(
         [entry], track, trials=trials, seed=seed, folder=folder, timeout=timeout, say=say
@@ -217,7 +217,7 @@ def compare(
     >>> benchmark.compare(trials=0)
     Traceback (most recent call last):
         ...
-    inswsn_lib.errors.ParameterError: trials is 0; it may be a whole number, 1 or more.
+    inswsn_lib.errors.ParameterError: trials must be a whole number of at least 1, not 0.
     """
     whole("trials", trials, 1)
     whole("seed", seed)

@@ -137,7 +137,7 @@ def _check(
     estimate: Sequence[str], block: float, reach: float, limits: Mapping[str, float]
 ) -> None:
     if isinstance(estimate, str) or not estimate or len(set(estimate)) < len(estimate):
-        raise ParameterError("estimate", estimate, "some names, none of them twice")
+        raise ParameterError("estimate", estimate, "one or more names, none of them twice")
     for each in estimate:
         one_of("estimate", each, UNKNOWNS)
     number("block", block, above=0)

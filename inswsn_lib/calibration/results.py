@@ -101,8 +101,8 @@ class Calibration:
         source = replace(source, time=source.time - late)
         if isinstance(source, Ranges):
             if len(source.anchors) != len(state.bias):
-                got = Described(f"with {len(source.anchors)} anchors")
-                raise ParameterError("recording", got, f"one with {len(state.bias)}")
+                got = Described(f"one with {len(source.anchors)}")
+                raise ParameterError("recording", got, f"one with {len(state.bias)} anchors")
             k = source.anchor
             right = (source.distance - state.bias[k]) / (1 + state.scale[k])
             source = replace(source, distance=right)

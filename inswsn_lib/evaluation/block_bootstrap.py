@@ -82,7 +82,7 @@ def ratio_draws(
     whole("block", block, 1)
     count = len(mine) // block
     if count < _FEWEST:
-        raise ParameterError("block", block, f"{len(mine) // _FEWEST} of {len(mine)} rows or fewer")
+        raise ParameterError("block", block, f"at most {len(mine) // _FEWEST} for {len(mine)} rows")
     begins = np.random.default_rng(seed).integers(len(mine), size=(draws, count))
     ours, other = (_sums(values, begins, block) for values in (mine, theirs))
     return np.sqrt(ours / np.where(other > 0, other, np.nan))

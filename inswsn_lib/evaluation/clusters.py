@@ -133,10 +133,11 @@ def _clustered(values: ArrayLike, clusters: ArrayLike) -> tuple[Array, NDArray[n
     """Return values, the number of the cluster of each, and how many there are."""
     given, labels = array("values", values, ("n",)), np.asarray(clusters)
     if np.ma.is_masked(clusters):
-        raise ParameterError("clusters", Described("masked in part"), "one for each value")
+        raise ParameterError("clusters", Described("partly masked"), "given for each value")
     if labels.shape != given.shape:
-        raise ParameterError("clusters", Described(f"of shape {labels.shape}"), f"{given.shape}")
+        got = Described(f"of shape {labels.shape}")
+        raise ParameterError("clusters", got, f"of shape {given.shape}")
     names, which = np.unique(labels, return_inverse=True)
     if len(names) < _FEWEST:
-        raise ParameterError("clusters", clusters, f"of {_FEWEST} kinds or more")
+        raise ParameterError("clusters", clusters, f"of at least {_FEWEST} kinds")
     return given, which, len(names)

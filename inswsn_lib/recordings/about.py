@@ -23,7 +23,7 @@ def read_about(path: Path) -> dict[str, Any]:
     with reading(path):
         said = read_yaml(path)
         if said is not None and not isinstance(said, dict):
-            raise InswsnError("it is no mapping; it may have lines such as 'name: my walk'.")
+            raise InswsnError("it is not a mapping; it must have lines such as 'name: my walk'.")
         return dict(_attribute(key, value) for key, value in (said or {}).items())
 
 
@@ -32,9 +32,9 @@ def _attribute(key: Any, value: Any) -> tuple[str, Any]:
         return _VECTORS[key], array(key, value, (3,))
     if key not in _WORDS:
         known = ", ".join((*_WORDS, *_VECTORS))
-        raise InswsnError(f"the key {key!r} is not known; it may be one of {known}.")
+        raise InswsnError(f"the key {key!r} is not known; it must be one of {known}.")
     if not isinstance(value, str):
-        raise ParameterError(key, value, "a text")
+        raise ParameterError(key, value, "text")
     return key, value
 
 

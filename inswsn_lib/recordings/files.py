@@ -112,7 +112,7 @@ def pick(files: Mapping[str, Path], pattern: str) -> Path:
         return files[fitting[0]]
     where = f" in {next(iter(files.values())).parent}" if files else ""
     if fitting:
-        raise InswsnError(f"There are {', '.join(fitting)}{where}; there may be one {pattern}.")
+        raise InswsnError(f"There are {', '.join(fitting)}{where}; there must be one {pattern}.")
     raise InswsnError(f"There is no file {pattern}{where}.")
 
 

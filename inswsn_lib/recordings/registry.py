@@ -149,7 +149,7 @@ def load(name: str, folder: str | Path | None = None, cache: Path | None = None)
     [[1.0, 2.0], [1.0, 3.0]]
     """
     if folder is None and name in tuple(READERS):
-        raise ParameterError("folder", None, f"one with files of the kind {name}")
+        raise ParameterError("folder", None, f"a folder with files of the kind {name}")
     one_of("name", name, (*KNOWN, *([] if folder is None else READERS)))
     kind = name.partition("/")[0]
     if folder is not None:

@@ -76,7 +76,7 @@ def check_recording(
     network and reference: 1.0 s
     """
     if model.A.shape != (4, 4) or len(model.C) not in {2, 4}:
-        got = Described(f"of {len(model.A)} states and {len(model.C)} measured components")
+        got = Described(f"of {len(model.A)} and {len(model.C)}")
         raise ParameterError("model", got, "of 4 states and 2 or 4 measured components")
     positive_definite("D D' of the model", model.measurement_covariance)
     P0 = covariance("initial_covariance", initial_covariance, (4, 4))

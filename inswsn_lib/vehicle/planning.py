@@ -52,7 +52,7 @@ def plan_route(settings: Mapping[str, Setting], route: int = 0) -> Route:
     """
     limits = from_settings(RouteLimits, settings)
     if limits.duration != int(limits.duration):
-        raise ParameterError("duration", limits.duration, "whole seconds")
+        raise ParameterError("duration", limits.duration, "a whole number of seconds")
     rng = np.random.default_rng(whole("route", route))
     course, waves = float(rng.uniform(-np.pi, np.pi)), _waves(limits, rng)
     driver = _Driver(limits, rng)

@@ -96,7 +96,7 @@ class FilterSettings:
         known = isinstance(self.extra, tuple) and set(self.extra) <= set(EXTRA_STATES)
         if not known or len(set(self.extra)) < len(self.extra):
             raise ParameterError(
-                "extra", self.extra, f"a tuple of some of {', '.join(EXTRA_STATES)}, each once"
+                "extra", self.extra, f"a tuple of any of {', '.join(EXTRA_STATES)}, each once"
             )
         whole("substeps", self.substeps, 1)
         for each in fields(self):
