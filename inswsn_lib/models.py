@@ -87,7 +87,7 @@ class ErrorModel:
         return self.D @ self.D.T
 
     def contracted(self, factor: float) -> Self:
-        """Return the model with a transition that forgets: A is multiplied by a factor.
+        """Return the model with a transition that forgets: A times a factor.
 
         P1's A has the eigenvalue 1, so that a velocity error never dies and a filter that does not
         know the jitter has no finite gain over all time. A factor below 1 repairs that.

@@ -167,7 +167,7 @@ def draw_scores(
     methods: Mapping[str, str],
     strokes: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> Figure:
-    """Draw one column over a grid: a line a method, with the band that holds 95 % of the runs.
+    """Draw one column over a grid: a line per method, with the band that holds 95 % of the runs.
 
     The last axis of the grid runs along the charts; each combination of values of the others has a
     chart of its own.
@@ -222,7 +222,7 @@ def draw_scores(
 
 
 def draw_tracks(tracks: Mapping[str, Array], *, height: float = 4.5) -> Figure:
-    """Draw tracks on a plane with equal scales, a line each.
+    """Draw tracks on a plane with equal scales, one line each.
 
     Parameters
     ----------

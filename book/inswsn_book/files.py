@@ -139,7 +139,7 @@ def read_manifest(folder: Path) -> dict[str, set[str]]:
         raise InswsnError(f"There is no {path}; {_RESTORE}.")
     for line in read_bytes(path, WRITTEN).decode(errors="replace").splitlines(keepends=True):
         if not (entry := _LISTED.fullmatch(line)):
-            raise InswsnError(f"{path} is damaged: {line[:80]!r} is no digest and name.")
+            raise InswsnError(f"{path} is damaged: {line[:80]!r} is not a digest and a name.")
         listed.setdefault(entry[2], set()).add(entry[1])
     return listed
 

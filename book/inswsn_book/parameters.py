@@ -187,7 +187,7 @@ def read_schema(cell: str) -> Schema:
         try:
             value = ast.literal_eval(default)
         except (ValueError, TypeError, SyntaxError, MemoryError, RecursionError):
-            raise InswsnError(f"The default of {name} is no literal.") from None
+            raise InswsnError(f"The default of {name} is not a literal.") from None
         draft = Parameter(name, kind, value, unit, rule, " ".join(meaning))
         parameters[name] = replace(draft, default=draft.check(value))
         meaning = []

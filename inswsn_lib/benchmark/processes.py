@@ -200,7 +200,7 @@ class EntryProcess:
                 n = 2 if velocity is None else 4
                 P = covariance("covariance", P, (2, 2), (n, n))
         except ParameterError as error:
-            raise EntryError(f"{self.entry.shown} answered what it may not: {error}") from None
+            raise EntryError(f"{self.entry.shown} gave an invalid answer: {error}") from None
         return Answer(position, velocity, P)
 
 

@@ -35,7 +35,7 @@ def calibrate(
     reach: float = 5.0,
     limits: Mapping[str, float] | None = None,
 ) -> Calibration:
-    r"""Return the unknowns of a set-up that fit best, all at once, or refuse those it cannot tell.
+    r"""Return the unknowns of a set-up that fit best, all at once; refuse those it cannot estimate.
 
     A range of anchor k that is stamped t is, with the reference's position p and attitude A,
 

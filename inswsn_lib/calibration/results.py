@@ -1,4 +1,4 @@
-"""What a calibration found, and recordings with it made good."""
+"""What a calibration found, and recordings corrected by it."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ class Calibration:
         return np.column_stack([self.values - half, self.values + half])
 
     def apply(self, recording: Recording) -> Recording:
-        """Return a recording with all of this made good.
+        """Return a recording with all of this corrected.
 
         Stamps of the source are by the reference's clock, the reference is in the frame of anchors
         or fixes, the lever arm is the one found, and ranges are free of bias and scale.

@@ -16,7 +16,7 @@ def block_ratio(
     squares: ArrayLike, others: ArrayLike, block: int, *, level: float = 0.95, draws: int = 2000,
     seed: int = 0,
 ) -> tuple[float, float, float]:  # fmt: skip
-    r"""Return a ratio of RMS errors of two methods on the same rows, and an interval of it.
+    r"""Return the ratio of two methods' RMS errors on the same rows, and an interval for it.
 
     The circular block bootstrap (Politis and Romano 1992): blocks of neighbouring rows are drawn
     with replacement, the same for both methods, and the ratio

@@ -1,4 +1,4 @@
-"""Constant-gain filters in the clusters of a network, and a centre that weighs what they say.
+"""Constant-gain filters in the clusters of a network, and a centre that weighs their estimates.
 
 As P2 prints it, the weights are constant. A cluster that does not hear the blind node then goes on
 without measurements, and, since A is not stable, takes the fused estimate with it. The hand-overs

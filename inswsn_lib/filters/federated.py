@@ -1,4 +1,4 @@
-r"""Carlson's federated filter: one local filter a cluster, and a centre that adds informations.
+r"""Carlson's federated filter: one local filter per cluster, and a centre that adds information.
 
 All filters estimate the same state, so that their errors share the first error and the process
 noise. Carlson (1990), "Federated square root filter for decentralized parallel processes", IEEE

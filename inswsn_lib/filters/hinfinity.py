@@ -92,7 +92,7 @@ def run_switched(
     initial_state: ArrayLike | None = None,
     predicted: bool = False,
 ) -> Array:
-    r"""Run a filter of the measurements of all clusters, with a gain for each pattern of them.
+    r"""Run a filter on the measurements of all clusters, with a gain for each pattern of them.
 
     With C and y stacked over the clusters that hear the node at step k,
 

@@ -88,7 +88,7 @@ def solve_present(there: Mask, S: Array, right: Array) -> Array:
 
 
 def certain_innovation() -> ParameterError:
-    """Return the error that tells that an innovation has no variance."""
+    """Return the error for an innovation that has no variance."""
     got = Described("such that an innovation has no variance")
     return ParameterError("measurement_covariance", got, "positive definite")
 

@@ -153,7 +153,7 @@ def design_fusion(
 
 
 def check_options(noise: Noise, structure: Structure, margin: float) -> None:
-    """Refuse what `design_fusion` does not take as its noise, structure or margin."""
+    """Refuse a noise, structure or margin that `design_fusion` does not accept."""
     one_of("noise", noise, NOISES)
     one_of("structure", structure, ("full", "block"))
     number("margin", margin, above=0, most=LARGEST_MARGIN)

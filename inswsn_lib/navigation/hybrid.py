@@ -218,7 +218,7 @@ class HybridNavigator:
 
 
 def observable_inputs(time: ArrayLike, ins: ArrayLike) -> dict[str, Array]:
-    r"""Return inputs for a regressor that a system has in an outage, each (steps, inputs, runs).
+    r"""Return the inputs that a regressor has in an outage, each (steps, inputs, runs).
 
     Parameters
     ----------

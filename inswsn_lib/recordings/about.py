@@ -1,4 +1,4 @@
-"""What a folder says of a recording as a whole, in ``recording.yaml``."""
+"""What a folder says about a recording as a whole, in ``recording.yaml``."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def _attribute(key: Any, value: Any) -> tuple[str, Any]:
 
 
 def write_about(recording: Recording, path: Path) -> None:
-    """Write what a recording says of itself beside its streams.
+    """Write what a recording says about itself beside its streams.
 
     Parameters
     ----------

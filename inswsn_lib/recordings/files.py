@@ -29,7 +29,7 @@ _TIMEOUT = (10.0, 30.0)  # s: to connect, and between two pieces of an answer
 
 
 class RecordingUnavailableError(InswsnError):
-    """The files of a recording cannot be had: no network, and no local mirror that has them."""
+    """The files of a recording are unavailable: no network, and no local mirror that has them."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Reading a recording of an INS and a sensor network from a CSV file, and refusing a wrong one."""
+"""Reading a recording of an INS and a sensor network from a CSV file; faulty ones are refused."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rows of numbers in the files of others, and what is said of files that are spoilt."""
+"""Rows of numbers in other people's files, and the errors for spoilt files."""
 
 from __future__ import annotations
 

@@ -114,7 +114,7 @@ def read_log(path: Path, tag: Path, latency: float) -> tuple[Array, Array, Array
     with reading(tag):
         data = read_bytes(tag)
         if not data.startswith(_WORD) or len(data) < _RECORDS:
-            raise InswsnError("it is no time tag of RTKLIB.")
+            raise InswsnError("it is not an RTKLIB time tag.")
         if (len(data) - _RECORDS) % 8:
             raise InswsnError("it ends within a record.")
         start = float(np.frombuffer(data, "<u4", 1, _SECONDS)[0])

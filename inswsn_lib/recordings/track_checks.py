@@ -43,7 +43,7 @@ _KINDS = 300  # kinds of misfit, and lags of their own, that are tried at once
 def check_recording(
     data: TrackPair, model: ErrorModel, *, initial_covariance: ArrayLike
 ) -> list[Finding]:
-    """Return what each check of a recording found, those first that tell most of the cause.
+    """Return what each check of a recording found, those that reveal most about the cause first.
 
     The innovations of the filter are white, of the size that the filter says, and without steps
     that stand out, if model and recording fit. A network that is late, or in another frame, leaves

@@ -1,4 +1,4 @@
-"""A drive: what the sensors of a car told, and what is known of the truth."""
+"""A drive: what the sensors of a car measured, and what is known of the truth."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from inswsn_lib.errors import Described, ParameterError
 
 @dataclass(frozen=True, eq=False)
 class Reference:
-    """Where the car was; a recording does not know the last three.
+    """Where the car was; a recording lacks the last three.
 
     Attributes
     ----------

@@ -25,7 +25,7 @@ _WAVES = 5
 
 @dataclass(frozen=True)
 class RouteLimits:
-    """What a driver keeps to, by the settings of these names; a pair is a range to draw from."""
+    """The limits of a driver, from the settings of these names; a pair is a range to draw from."""
 
     duration: float = between(1200, 1800)  # whole seconds
     standstill_at_start: float = between(0, 60)  # s

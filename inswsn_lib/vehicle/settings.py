@@ -105,7 +105,7 @@ class FilterSettings:
 
     @classmethod
     def from_settings(cls, settings: Mapping[str, scenario.Setting], **changes: Any) -> Self:
-        """Take the settings of a scenario whose names begin with ``filter_``, but for changes."""
+        """Take the settings of a scenario whose names begin with ``filter_``, with changes."""
         begin = "filter_"
         told = {n.removeprefix(begin): s for n, s in settings.items() if n.startswith(begin)}
         default = {f.name: f.default for f in fields(cls) if f.default is not MISSING}

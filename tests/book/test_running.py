@@ -203,7 +203,7 @@ BY_HAND = [
     (TOC, "claims", "chapters/01-gone", "lists chapters/01-gone, and there is no such chapter"),
     (TOC, "format: jb-book", "format: [", "_toc.yml is not YAML"),
     ("_config.yml", "\n", "\n[", "_config.yml is not YAML"),
-    ("CITATION.cff", "\ntitle:", "\nt:", "CITATION.cff is no citation file: it lacks 'title'"),
+    ("CITATION.cff", "\ntitle:", "\nt:", "CITATION.cff is not a citation file: it lacks 'title'"),
     (LEDGER, "digits,", "digits, verdict: reproduced,", "P1-M-twice: verdict: Extra inputs are"),
     (LEDGER, "quantity: twice", "quantity: thrice", "thrice, which chapter 00 does not record"),
 ]

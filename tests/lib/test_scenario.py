@@ -108,7 +108,7 @@ def test_a_value_of_another_form_or_out_of_range(name: str, value: Any, must_be:
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("- 1", "is no scenario"),
+        ("- 1", "is not a scenario"),
         ("speed: {value: 1, unit: m/s, source: guessed, why: so}", "speed: source"),
         ("speed: {value: 1, unit: '', source: paper, why: so}", "speed: unit"),
         ("speed: {value: 1, unit: m/s, source: paper, why: 2}", "speed: why"),

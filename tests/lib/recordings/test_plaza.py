@@ -127,7 +127,7 @@ def test_tables_are_read_as_scipy_reads_them(tmp_path: Path, packed: bool) -> No
 @pytest.mark.parametrize(
     ("content", "said"),
     [
-        (b"MATLAB 4.2", r"some.mat: it is no MATLAB file of level 5\."),
+        (b"MATLAB 4.2", r"some.mat: it is not a MATLAB file of level 5\."),
         (
             b" " * 126 + b"IM" + b"\x0f\0\0\0\x04\0\0\0abcd",
             r"what it has packed cannot be unpacked",

@@ -102,7 +102,7 @@ def test_spoilt_files_are_refused(tmp_path: Path, name: str, old: str, new: str,
 @pytest.mark.parametrize(
     ("name", "content", "said"),
     [
-        ("imu_1.csv.tag", b"TIME", r"imu_1.csv.tag: it is no time tag of RTKLIB\."),
+        ("imu_1.csv.tag", b"TIME", r"imu_1.csv.tag: it is not an RTKLIB time tag\."),
         ("imu_1.csv.tag", b"TIMETAG RTKLIB".ljust(83, b"\0"), r"tag: it ends within a record\."),
         ("imu_1.csv.tag", b"TIMETAG RTKLIB".ljust(76, b"\0"), r"tag: it ends before imu_1.csv doe"),
         ("imu_1.csv", b"1\n0,0,1,0,0,0,5\n2\n", r"imu_1.csv: one row is too few"),
