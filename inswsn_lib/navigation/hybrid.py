@@ -282,6 +282,6 @@ def _fit_many(regressor: Any, Xs: list[Array], ys: list[Array], numbers: list[in
 def _checked(machine: Any, predicted: Any, shape: tuple[int, ...]) -> Array:
     found = np.asarray(predicted, dtype=float)
     if found.size != math.prod(shape) or not np.isfinite(found).all():
-        told = f"{type(machine).__name__}, which predicts {found.shape}, or NaN or infinity"
-        raise ParameterError("regressor", Described(told), f"one that predicts finite {shape}")
+        got = Described(f"{type(machine).__name__}, which predicts {found.shape} or not finite")
+        raise ParameterError("regressor", got, f"one that predicts finite numbers, {shape}")
     return found.reshape(shape)

@@ -65,7 +65,7 @@ def test_a_file_that_a_user_names_is_regular_and_of_bounded_size(tmp_path: Path)
     os.mkfifo(pipe)
     for wrong, said in (
         (path, "has more than 3 MB"), (pipe, r"^[^:]*pipe is not a regular file\.$"),
-        (Path("/dev/zero"), "^/dev/zero is no regular"), (path / "below", "cannot be read"),
+        (Path("/dev/zero"), "^/dev/zero is not a regular"), (path / "below", "cannot be read"),
         (tmp_path, "is a folder"),
     ):  # fmt: skip
         with pytest.raises(InswsnError, match=said):

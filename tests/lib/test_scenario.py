@@ -113,8 +113,8 @@ def test_a_value_of_another_form_or_out_of_range(name: str, value: Any, must_be:
         ("speed: {value: 1, unit: '', source: paper, why: so}", "speed: unit"),
         ("speed: {value: 1, unit: m/s, source: paper, why: 2}", "speed: why"),
         ("speed: {value: [1, [2]], unit: m/s, source: paper, why: so}", "speed: value"),
-        ("speed: {value: 1, unit: m/s, source: paper}", "speed has to have"),
-        ("speed: 1", "speed has to have"),
+        ("speed: {value: 1, unit: m/s, source: paper}", "speed must have"),
+        ("speed: 1", "speed must have"),
     ],
 )
 def test_a_file_that_is_not_complete(tmp_path: Path, text: str, said: str) -> None:

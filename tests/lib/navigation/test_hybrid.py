@@ -289,7 +289,7 @@ HEARD, OUTAGE, CLOCK = np.zeros((5, 4, 1)), noise(1, 15, 1, (12, 15)), np.zeros(
             "what filter returns .* not NaN or infinite",
         ),
         ({"regressor": Odd()}, OUTAGE, CLOCK, r"regressor .* not Odd, which predicts \(3,\)"),
-        ({"regressor": Odd("nan")}, OUTAGE, CLOCK, r"Odd, which predicts \(3, 4\), or what is not"),
+        ({"regressor": Odd("nan")}, OUTAGE, CLOCK, r"Odd, which predicts \(3, 4\) or not fin"),
         ({"regressor": Odd("fit")}, OUTAGE, CLOCK, "Odd, whose fit fails: ValueError: no such"),
     ],
 )
