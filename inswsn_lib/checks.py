@@ -1,8 +1,7 @@
-"""What the library asks of its arguments, at the edge and once.
+"""Checks of arguments, made once, where a user calls the library.
 
-A function that a user calls passes its arguments through one of these; what is refused is told in
-one sentence that names the parameter, what it was, and what it may be. Functions inside do not ask
-again.
+A function that a user calls passes its arguments through one of these. A refusal is one sentence
+that names the parameter, what it must be, and what it is. Functions inside do not check again.
 """
 
 from __future__ import annotations
@@ -46,20 +45,20 @@ def array(name: str, value: ArrayLike, *shapes: Shape, gaps: bool = False) -> Ar
     >>> from inswsn_lib.checks import array
     >>> array("gain", [[1, 2]], ("n", 2)).tolist()
     [[1.0, 2.0]]
-    >>> array("gain", [1, 2], ("n", 2))
+    >>> array("G", [1, 2], ("n", 2))
     Traceback (most recent call last):
         ...
-    inswsn_lib.errors.ParameterError: gain is of shape (2,); it may be finite numbers (n, 2).
+    inswsn_lib.errors.ParameterError: G must be finite numbers of shape (n, 2), not of shape (2,).
     """
-    may_be = f"finite numbers {_told(shapes)}{', NaN where missing' if gaps else ''}"
-    found = _of_kind(name, value, "biuf", may_be)
+    must_be = f"finite numbers{' (or NaN where missing)' if gaps else ''} {_told(shapes)}"
+    found = _of_kind(name, value, "biuf", must_be)
     if not any(_fits(found.shape, shape) for shape in shapes):
-        raise ParameterError(name, Described(f"of shape {found.shape}"), may_be)
+        raise ParameterError(name, Described(f"of shape {found.shape}"), must_be)
     numbers = found.astype(float, copy=False)
     with np.errstate(over="ignore", invalid="ignore"):
         finite = bool(np.isfinite(numbers.sum()))  # quicker than to look at each
     if not finite and (np.isinf(numbers) if gaps else ~np.isfinite(numbers)).any():
-        raise ParameterError(name, Described("infinite" if gaps else "not finite"), may_be)
+        raise ParameterError(name, Described("infinite" if gaps else "NaN or infinite"), must_be)
     return numbers
 
 
@@ -83,7 +82,7 @@ def matrices(**named: tuple[ArrayLike, str]) -> list[Array]:
     >>> matrices(A=([[1.0]], "nn"), B=([[1.0], [2.0]], "np"))
     Traceback (most recent call last):
         ...
-    inswsn_lib.errors.ParameterError: B is of shape (2, 1); it may be finite numbers (1, p).
+    inswsn_lib.errors.ParameterError: B must be finite numbers of shape (1, p), not of shape (2, 1).
     """
     sizes: dict[str, int] = {}
     found = []
@@ -92,9 +91,8 @@ def matrices(**named: tuple[ArrayLike, str]) -> list[Array]:
         matrix = array(name, value, shape)
         sizes |= dict(zip(letters, matrix.shape, strict=True))
         if not matrix.size or matrix.shape != tuple(sizes[letter] for letter in letters):
-            raise ParameterError(
-                name, Described(f"of shape {matrix.shape}"), f"({', '.join(letters)})"
-            )
+            wanted = f"non-empty and of shape ({', '.join(letters)})"
+            raise ParameterError(name, Described(f"of shape {matrix.shape}"), wanted)
         found.append(matrix)
     return found
 
@@ -122,14 +120,14 @@ def covariance(name: str, value: ArrayLike, *shapes: Shape, definite: bool = Fal
     >>> covariance("R", [[1, 2], [2, 1]], (2, 2))
     Traceback (most recent call last):
         ...
-    inswsn_lib.errors.ParameterError: R is not positive semidefinite; it may be a covariance.
+    inswsn_lib.errors.ParameterError: R must be a covariance, not one with a negative eigenvalue.
     """
     found = array(name, value, *shapes)
     slack = _ROUNDING * np.abs(found).max(axis=(-2, -1), initial=0.0)
     if (np.abs(found - np.swapaxes(found, -1, -2)) > slack[..., None, None]).any():
-        raise ParameterError(name, Described("not symmetric"), "a covariance")
+        raise ParameterError(name, Described("asymmetric"), "a covariance")
     if found.size and (np.linalg.eigvalsh(found).min(axis=-1) < -slack).any():
-        raise ParameterError(name, Described("not positive semidefinite"), "a covariance")
+        raise ParameterError(name, Described("one with a negative eigenvalue"), "a covariance")
     return positive_definite(name, found) if definite else found
 
 
@@ -144,10 +142,10 @@ def positive_definite(name: str, value: Array) -> Array:
 
 def mask(name: str, value: ArrayLike, *shapes: Shape) -> Mask:
     """Return an array of bools of one of some shapes."""
-    may_be = f"bools {_told(shapes)}"
-    found = _of_kind(name, value, "b", may_be)
+    must_be = f"booleans {_told(shapes)}"
+    found = _of_kind(name, value, "b", must_be)
     if not any(_fits(found.shape, shape) for shape in shapes):
-        raise ParameterError(name, Described(f"of shape {found.shape}"), may_be)
+        raise ParameterError(name, Described(f"of shape {found.shape}"), must_be)
     return found
 
 
@@ -181,7 +179,7 @@ def number(
     >>> number("margin", 0, above=0, most=1e9)
     Traceback (most recent call last):
         ...
-    inswsn_lib.errors.ParameterError: margin is 0; it may be a number above 0, at most 1e+09.
+    inswsn_lib.errors.ParameterError: margin must be a number above 0 and at most 1e+09, not 0.
     """
     found = math.nan
     if isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool):
@@ -197,10 +195,11 @@ def number(
         and (most is None or found <= most)
     )
     if not fits:
-        bounds = {"above": above, "at least": least, "below": below, "at most": most}
-        words = ", ".join(
-            f"{word} {bound:g}" for word, bound in bounds.items() if bound is not None
-        )
+        bounds = {"above": above, "of at least": least, "below": below, "at most": most}
+        words = " and ".join(f"{word} {b:g}" for word, b in bounds.items() if b is not None)
+        if least is not None and most is not None:
+            words = f"between {least:g} and {most:g}"
+        words = f"of {words}" if words.startswith("at") else words
         raise ParameterError(name, value, f"a number {words}" if words else "a finite number")
     return found
 
@@ -214,17 +213,17 @@ def whole(name: str, value: Any, least: int = 0, most: int | None = None) -> int
     >>> whole("runs", 0, 1)
     Traceback (most recent call last):
         ...
-    inswsn_lib.errors.ParameterError: runs is 0; it may be a whole number, 1 or more.
+    inswsn_lib.errors.ParameterError: runs must be a whole number of at least 1, not 0.
     """
     fits = isinstance(value, int | np.integer) and not isinstance(value, bool) and value >= least
     if not fits or (most is not None and value > most):
-        bounds = f"{least} or more" if most is None else f"from {least} to {most}"
-        raise ParameterError(name, value, f"a whole number, {bounds}")
+        bounds = f"of at least {least}" if most is None else f"between {least} and {most}"
+        raise ParameterError(name, value, f"a whole number {bounds}")
     return int(value)
 
 
 def one_of(name: str, value: Any, names: tuple[str, ...]) -> None:
-    """Refuse a value that is none of some names.
+    """Refuse a value that is not one of some names.
 
     Examples
     --------
@@ -232,7 +231,7 @@ def one_of(name: str, value: Any, names: tuple[str, ...]) -> None:
     >>> one_of("noise", "white", ("common", "independent"))
     Traceback (most recent call last):
         ...
-    inswsn_lib.errors.ParameterError: noise is 'white'; it may be one of "common", "independent".
+    inswsn_lib.errors.ParameterError: noise must be one of "common", "independent", not 'white'.
     """
     if not isinstance(value, str) or value not in names:
         raise ParameterError(name, value, "one of " + ", ".join(f'"{each}"' for each in names))
@@ -267,23 +266,23 @@ def _hidden(value: Any) -> Any:
     return np.array([np.broadcast_to(part, np.shape(each)) for part, each in pairs])
 
 
-def _of_kind(name: str, value: ArrayLike, kinds: str, may_be: str) -> NDArray[Any]:
+def _of_kind(name: str, value: ArrayLike, kinds: str, must_be: str) -> NDArray[Any]:
     """Return an array of one of some kinds of dtype."""
     try:
         found, hidden = np.asarray(value), _hidden(value)
-    except (TypeError, ValueError):  # rows of unequal length
-        raise ParameterError(name, Described("no array"), may_be) from None
+    except (TypeError, ValueError):
+        raise ParameterError(name, Described("rows of unequal length"), must_be) from None
     if found.dtype.kind not in kinds:
-        raise ParameterError(name, Described(f"{found.dtype} of shape {found.shape}"), may_be)
+        raise ParameterError(name, Described(f"{found.dtype} of shape {found.shape}"), must_be)
     if hidden is False or not hidden.any():
         return found
     if "f" not in kinds:  # only numbers can be NaN
-        raise ParameterError(name, Described("masked in part"), may_be)
+        raise ParameterError(name, Described("partly masked"), must_be)
     return np.where(hidden, np.nan, found)
 
 
 def _told(shapes: tuple[Shape, ...]) -> str:
-    return " or ".join(f"({', '.join(map(str, s))}{',' * (len(s) == 1)})" for s in shapes)
+    return f"of shape {' or '.join(str(s).replace(chr(39), '') for s in shapes)}"
 
 
 def _fits(found: tuple[int, ...], shape: Shape) -> bool:

@@ -1,9 +1,9 @@
-"""The errors that a user can cause, each one sentence long."""
+"""The errors that a user can cause; each is one sentence long."""
 
 from __future__ import annotations
 
-# characters of a value that a sentence repeats, and of a sentence
-_LONGEST, _LONGEST_SENTENCE = 200, 1000
+# characters of a value that a sentence repeats, of what is expected, and of a sentence
+_LONGEST, _LONGEST_EXPECTED, _LONGEST_SENTENCE = 200, 600, 1000
 
 
 class InswsnError(ValueError):
@@ -45,23 +45,23 @@ class BuildError(RuntimeError):
 
 
 class Described(str):
-    """What stands in a sentence for a value that is too long for it, such as "of shape (2, 3)"."""
+    """Words that describe a value too long for a sentence, such as "of shape (2, 3)"."""
 
     __slots__ = ()
     __repr__ = str.__str__
 
 
 class ParameterError(InswsnError):
-    """A parameter has a value it may not have.
+    """A parameter has a value that is not allowed.
 
     Parameters
     ----------
     name : str
         The parameter.
     got : object
-        What it was: the value itself, or what describes it.
+        What it is: the value itself, or words that describe it.
     expected : str
-        What it may be, as the end of the sentence "it may be ...".
+        What it must be, as in the sentence "gamma must be ...".
 
     Examples
     --------
@@ -69,18 +69,18 @@ class ParameterError(InswsnError):
     >>> raise ParameterError("gamma", -1.0, "positive")
     Traceback (most recent call last):
         ...
-    inswsn_lib.errors.ParameterError: gamma is -1.0; it may be positive.
+    inswsn_lib.errors.ParameterError: gamma must be positive, not -1.0.
     """
 
     def __init__(self, name: str, got: object, expected: str) -> None:
-        super().__init__(f"{name} is {_short(got)}; it may be {expected}.")
+        super().__init__(f"{name} must be {_cut(expected, _LONGEST_EXPECTED)}, not {_short(got)}.")
         self.name = name
         self.got = got
         self.expected = expected
 
 
 def _short(value: object) -> str:
-    """Return what stands for a value in a sentence: its repr, cut where nobody reads on."""
+    """Return how a sentence shows a value: its repr, cut where nobody reads on."""
     try:
         text = repr(value)
     except ValueError:  # a whole number of thousands of digits

@@ -83,7 +83,7 @@ def read_bytes(path: Path, most: int = RECORDED) -> bytes:
     >>> read_bytes(Path("/dev/zero"))
     Traceback (most recent call last):
         ...
-    inswsn_lib.errors.InswsnError: /dev/zero is no regular file.
+    inswsn_lib.errors.InswsnError: /dev/zero is not a regular file.
     """
     try:
         found = path.stat()
@@ -97,7 +97,7 @@ def read_bytes(path: Path, most: int = RECORDED) -> bytes:
         said = getattr(error, "strerror", None) or str(error)
         raise InswsnError(f"{path} cannot be read: {said}.") from None
     if not stat.S_ISREG(kind):
-        word = "a folder; it may be a file" if stat.S_ISDIR(kind) else "no regular file"
+        word = "a folder, not a file" if stat.S_ISDIR(kind) else "not a regular file"
         raise InswsnError(f"{path} is {word}.")
     if len(data) > most:
         raise InswsnError(f"{path} has more than {most // 10**6} MB.")

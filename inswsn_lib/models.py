@@ -87,7 +87,7 @@ class ErrorModel:
         return self.D @ self.D.T
 
     def contracted(self, factor: float) -> Self:
-        """Return the model with a transition that forgets: A is multiplied by a factor.
+        """Return the model with a transition that forgets: A times a factor.
 
         P1's A has the eigenvalue 1, so that a velocity error never dies and a filter that does not
         know the jitter has no finite gain over all time. A factor below 1 repairs that.
@@ -195,9 +195,9 @@ class ErrorModel:
             for name, value in (("correlation_time", correlation_time), ("white", white))
         )
         if time.min() < 0:
-            raise ParameterError("correlation_time", correlation_time, "0 or more, s")
+            raise ParameterError("correlation_time", correlation_time, "at least 0 s")
         if share.min() <= 0 or share.max() > 1:
-            raise ParameterError("white", white, "above 0, at most 1")
+            raise ParameterError("white", white, "above 0 and at most 1")
         lasting = np.exp(-self.period / np.maximum(time, 1e-300))
         return replace(
             self,
@@ -311,7 +311,7 @@ def _twice(name: str, pair: ArrayLike) -> Array:
     """Return the diagonal matrix of a deviation of positions and one of velocities, in x and y."""
     deviations = array(name, pair, (2,))
     if deviations.min() < 0:
-        raise ParameterError(name, pair, "two numbers that are not negative, in m and m/s")
+        raise ParameterError(name, pair, "two non-negative numbers, in m and m/s")
     return np.diag(np.repeat(deviations, 2))
 
 

@@ -20,7 +20,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FormatStrFormatter, LogLocator, PercentFormatter
 
 from inswsn_lib.checks import Array
-from inswsn_lib.errors import Described, ParameterError
+from inswsn_lib.errors import ParameterError
 
 #: The colours, by what they stand for in every chapter.
 COLOURS = {
@@ -167,7 +167,7 @@ def draw_scores(
     methods: Mapping[str, str],
     strokes: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> Figure:
-    """Draw one column over a grid: a line a method, with the band that holds 95 % of the runs.
+    """Draw one column over a grid: a line per method, with the band that holds 95 % of the runs.
 
     The last axis of the grid runs along the charts; each combination of values of the others has a
     chart of its own.
@@ -197,12 +197,11 @@ def draw_scores(
     """
     *others, along = axes or [""]
     if along not in frame or frame[along].dtype.kind not in "if" or frame[along].nunique() < 2:
-        raise ParameterError("the last axis", along, "a parameter of at least two numbers")
+        raise ParameterError("the last axis", along, "a parameter with at least two numbers")
     shown = frame[(frame["column"] == headline) & frame["method"].isin(list(methods))]
     panels = list(shown.groupby(others, sort=False)) if others else [((), shown)]
     if len(panels) > _MOST_PANELS:
-        charts = Described(f"one of {len(panels)} charts")
-        raise ParameterError("the grid", charts, f"one of {_MOST_PANELS}, for a figure")
+        raise ParameterError("a figure", len(panels), f"of at most {_MOST_PANELS} charts")
     across = len(panels) if len(panels) < 4 else 2 if len(panels) == 4 else 3
     down = -(-len(panels) // across)
     fig, grid = figure(
@@ -223,7 +222,7 @@ def draw_scores(
 
 
 def draw_tracks(tracks: Mapping[str, Array], *, height: float = 4.5) -> Figure:
-    """Draw tracks on a plane with equal scales, a line each.
+    """Draw tracks on a plane with equal scales, one line each.
 
     Parameters
     ----------

@@ -52,7 +52,7 @@ class Setting:
         for name in ("unit", "why"):
             text = getattr(self, name)
             if not isinstance(text, str) or not text:
-                raise ParameterError(name, text, "a text that is not empty")
+                raise ParameterError(name, text, "text that is not empty")
         one_of("source", self.source, SOURCES)
 
 
@@ -75,11 +75,11 @@ def load_scenario(path: Path) -> dict[str, Setting]:
     """
     content = read_yaml(path)
     if not isinstance(content, dict):
-        raise InswsnError(f"{path} is no scenario: it holds no names.")
+        raise InswsnError(f"{path} is not a scenario: it holds no names.")
     settings = {}
     for name, entry in content.items():
         if not isinstance(entry, dict) or set(entry) != {each.name for each in fields(Setting)}:
-            raise InswsnError(f"{path}: {name} has to have value, unit, source and why.")
+            raise InswsnError(f"{path}: {name} must have value, unit, source and why.")
         try:
             settings[str(name)] = Setting(**entry)
         except ParameterError as error:
@@ -88,7 +88,7 @@ def load_scenario(path: Path) -> dict[str, Setting]:
 
 
 def with_values(settings: Mapping[str, Setting], /, **values: Any) -> dict[str, Setting]:
-    """Return settings of which some have other values; those that change become ``assumed``.
+    """Return settings with some values changed; those that change become ``assumed``.
 
     Parameters
     ----------
@@ -135,7 +135,7 @@ def between(least: float, most: float, default: Any = MISSING) -> Any:
 
 
 def from_settings(kind: Callable[..., T], settings: Mapping[str, Setting], **values: Any) -> T:
-    """Return the dataclass that the settings of its fields make; other settings do not matter.
+    """Return a dataclass filled from the settings of its fields; other settings are ignored.
 
     Parameters
     ----------
@@ -189,9 +189,9 @@ def _checked(name: str, value: Any, hint: Any, least: Any = None, most: Any = No
     elif least is not None:
         numbers = array(name, value, _shape(hint))
         if (numbers < least).any() or (numbers > most).any():
-            raise ParameterError(name, value, f"numbers from {least:g} to {most:g}")
+            raise ParameterError(name, value, f"numbers between {least:g} and {most:g}")
         if hint == Range and value[0] > value[1]:
-            raise ParameterError(name, value, "two numbers in order")
+            raise ParameterError(name, value, "two numbers in ascending order")
     return _frozen(value)
 
 

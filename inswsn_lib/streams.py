@@ -32,7 +32,7 @@ class Stream:
         check_increase(type(self).__name__, self.time, repeats=isinstance(self, Ranges))
         for name, value in list(self._columns()):
             if np.ma.is_masked(value) and value.dtype.kind != "f":  # what cannot be NaN
-                raise ParameterError(name, Described("masked in part"), "complete")
+                raise ParameterError(name, Described("partly masked"), "complete")
             object.__setattr__(self, name, unmasked(value))
             if len(value) != len(self.time):
                 raise ParameterError(name, len(value), f"of {len(self.time)} rows, as time is")
@@ -55,7 +55,7 @@ class Stream:
 
 @dataclass(frozen=True, eq=False)
 class Imu(Stream):
-    """What an inertial measurement unit says.
+    """What an inertial measurement unit measures.
 
     Attributes
     ----------
@@ -73,7 +73,7 @@ class Imu(Stream):
 
 @dataclass(frozen=True, eq=False)
 class Odometry(Stream):
-    """What wheels say, and where there is one a gyroscope that turns with them.
+    """What wheels measure, and a gyroscope that turns with them, if there is one.
 
     Attributes
     ----------
@@ -202,7 +202,7 @@ class Recording:
 
     @property
     def streams(self) -> dict[str, Stream]:
-        """Those that there are, by their names."""
+        """The streams that there are, by name."""
         found = {name: getattr(self, name) for name in STREAMS}
         return {name: stream for name, stream in found.items() if stream is not None}
 

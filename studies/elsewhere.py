@@ -363,8 +363,8 @@ def asked_for(names: list[str]) -> list[Variant]:
     found = variants()
     wrong = [name for name in names if name not in {variant.id for variant in found}]
     if wrong:
-        may_be = "one of " + ", ".join(variant.id for variant in found)
-        raise ParameterError("--variant", wrong[0], may_be)
+        must_be = "one of " + ", ".join(variant.id for variant in found)
+        raise ParameterError("--variant", wrong[0], must_be)
     return [variant for variant in found if not names or variant.id in names]
 
 

@@ -488,7 +488,7 @@ def chromium() -> str:
     """
     named = os.environ.get("INSWSN_BROWSER")
     if named and shutil.which(named) is None:
-        pytest.fail(f"INSWSN_BROWSER is {named}; it may be the name or the path of a Chromium.")
+        pytest.fail(f"INSWSN_BROWSER must be the name or the path of a Chromium, not {named}.")
     for name in [named] if named else ["chromium-headless-shell", "chromium"]:
         if path := shutil.which(name):
             return path

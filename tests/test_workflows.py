@@ -166,7 +166,7 @@ def test_a_tag_that_is_not_the_version_is_refused(
         assert workflows["release"]["on"] == {"push": {"tags": ["v*"]}}
         return
     assert done.returncode == 2
-    assert f"TAG is '{tag}'; it may be v" in done.stderr
+    assert f", not '{tag}'." in done.stderr
     assert not (root / "owned").exists()
 
 

@@ -1,6 +1,6 @@
-"""The ``inswsn`` command: what a user asks for, and how a mistake is told.
+"""The ``inswsn`` command: what a user asks for, and how mistakes are reported.
 
-What computes is imported where it is called, so that a mistake is told at once.
+Code that computes is imported where it is called, so that a mistake is reported at once.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import click
 
 from inswsn_book.project import Project, find_root, is_checkout
 from inswsn_lib import __version__
-from inswsn_lib.errors import BuildError, InswsnError, ParameterError
+from inswsn_lib.errors import BuildError, Described, InswsnError, ParameterError
 
 _PATH = click.Path(path_type=Path)
 _FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
@@ -25,12 +25,12 @@ _settings = click.option(
     "-p", "settings", multiple=True, metavar="NAME=VALUE", help="Set a parameter."
 )
 _out = click.option("--out", type=_PATH, help="The folder to write. Default: one in runs/.")
-_jobs = click.option("--jobs", type=click.IntRange(min=1), help="Processes. Default: one a core.")
+_jobs = click.option("--jobs", type=click.IntRange(min=1), help="Processes. Default: one per core.")
 
 
 @click.group()
 @click.version_option(__version__, prog_name="inswsn")
-@click.option("--root", type=_PATH, help="The checkout. Default: looked for upward from here.")
+@click.option("--root", type=_PATH, help="The checkout. Default: searched for from here upward.")
 @click.pass_context
 def cli(context: click.Context, root: Path | None) -> None:
     """Rebuild three papers on integrated navigation, chapter by chapter."""
@@ -40,7 +40,7 @@ def cli(context: click.Context, root: Path | None) -> None:
 def _project(root: Path | None) -> Project:
     # found when a command runs, so that its help needs no checkout
     if root is not None and not is_checkout(root):
-        raise InswsnError(f"--root is {str(root)!r}; it may be the folder of a checkout of inswsn.")
+        raise InswsnError(f"--root must be the folder of a checkout of inswsn, not {str(root)!r}.")
     project = Project(root.resolve() if root else find_root())
     library = project.libraries[0]
     own = project.root / library.name
@@ -72,14 +72,14 @@ def book(root: Path | None, fresh: bool, jobs: int | None) -> None:
 
 @cli.command()
 @click.argument("entry", required=False)
-@click.option("--track", default="network", show_default=True, help="What is asked of the entry.")
+@click.option("--track", default="network", show_default=True, help="The task of the entry.")
 @click.option(
-    "--trials", type=click.IntRange(min=1), default=24, show_default=True, help="Of each search."
+    "--trials", type=click.IntRange(min=1), default=24, show_default=True, help="Trials per search."
 )
 @click.option("--keep", is_flag=True, help="Keep the rows in data/leaderboard.json.")
 @click.pass_obj
 def benchmark(root: Path | None, entry: str | None, track: str, trials: int, keep: bool) -> None:
-    """Judge an entry, a class in a file, against baselines; without one, the baselines.
+    """Judge an entry, a class in a file, against the baselines, or only the baselines.
 
     For example: inswsn benchmark mine.py:Mine --track outage-5
     """
@@ -120,8 +120,8 @@ def chapters(root: Path | None) -> None:
 @_settings
 @click.option("-f", "file", type=_FILE, help="A YAML file of parameters; -p overrides it.")
 @_out
-@click.option("--html", is_flag=True, help="Render the chapter's page of this run, too.")
-@click.option("--fresh", is_flag=True, help="Execute it, even if the same has been run before.")
+@click.option("--html", is_flag=True, help="Also render the chapter's page for this run.")
+@click.option("--fresh", is_flag=True, help="Execute it even if the same run is kept.")
 @click.pass_obj
 def run(
     root: Path | None,
@@ -134,7 +134,7 @@ def run(
     """Execute a chapter with other parameters and compare it with the published run.
 
     `inswsn chapters` lists the names. A run on data of your own is not compared; what the chapter
-    reports of them is printed.
+    reports about them is printed.
 
     For example: inswsn run p1-training -p q_scale=0.1 -p runs=200
     """
@@ -168,13 +168,13 @@ def run(
     multiple=True,
     required=True,
     metavar="NAME=VALUE,VALUE,...",
-    help="An axis: a parameter, and the values that it goes through. One for each axis.",
+    help="A parameter and the values that it takes. Give one --grid for each parameter.",
 )
 @_settings
 @_jobs
 @click.option("--dask", metavar="ADDRESS", help="Compute on the Dask cluster of this scheduler.")
 @_out
-@click.option("--fresh", is_flag=True, help="Compute all cells, whatever is kept.")
+@click.option("--fresh", is_flag=True, help="Ignore what is kept: compute all cells.")
 @click.pass_obj
 def sweep(
     root: Path | None, /, name: str, axes: tuple[str, ...], settings: tuple[str, ...], **how: Any
@@ -183,9 +183,9 @@ def sweep(
 
     For example: inswsn sweep p1-training --grid q_scale=0.1,1,10 -p runs=1000
 
-    Of a chapter that has a core, the function that it computes its runs by, that is called in each
-    cell; of another one the notebook is executed. What is finished is kept, whatever ends the
-    command, and the same command goes on from there; it also tries failed cells again.
+    If a chapter has a core, the function that computes its runs, each cell calls that; otherwise
+    each cell executes the notebook. Finished cells are kept however the command ends, and the same
+    command goes on from there; it also tries failed cells again.
     """
     from inswsn_book.progress import Progress
     from inswsn_book.sweep import read_sweep, run_sweep
@@ -231,9 +231,9 @@ def compare(root: Path | None, before: Path, after: Path) -> None:
 @click.option(
     "--verdict", help="Only claims with this verdict, such as 'not reproduced', assumed or not."
 )
-@click.option("--json", "as_json", is_flag=True, help="A list of objects, for a program.")
-@click.option("--results", type=_FOLDER, help="Results files that go before data/published.")
-@click.option("--against", type=_FILE, help="Tell what differs from what --json wrote before.")
+@click.option("--json", "as_json", is_flag=True, help="Print a list of objects, for a program.")
+@click.option("--results", type=_FOLDER, help="Results files to use before data/published.")
+@click.option("--against", type=_FILE, help="Show what differs from earlier output of --json.")
 @click.pass_obj
 def claims(
     root: Path | None,
@@ -251,9 +251,8 @@ def claims(
     from inswsn_book.compare import differing
 
     if against is not None and (as_json or any(wanted.values())):
-        raise ParameterError(
-            "--against", str(against), "given without --paper, --kind, --verdict and --json"
-        )
+        alone = "given without --paper, --kind, --verdict and --json"
+        raise ParameterError("--against", Described("with them"), alone)
     selected = judging.judge_claims(_project(root), results, **wanted)
     if against is not None:
         now = {entry.claim.id: entry.words for entry in selected}
@@ -286,7 +285,7 @@ def publish(root: Path | None, check: bool) -> None:
 @cli.command()
 @click.argument("path", type=_FOLDER, required=False)
 @click.option(
-    "--execute", "names", multiple=True, metavar="NAME", help="A chapter to execute anew."
+    "--execute", "names", multiple=True, metavar="NAME", help="A chapter to execute again."
 )
 @click.pass_obj
 def verify(root: Path | None, path: Path | None, names: tuple[str, ...]) -> None:
@@ -294,8 +293,8 @@ def verify(root: Path | None, path: Path | None, names: tuple[str, ...]) -> None
 
     For example: inswsn verify --execute 62
 
-    Files are held against their digests, numbers on the pages against the results, and chapters
-    that are executed anew against the reference results, within their tolerances.
+    Files are checked against their digests, numbers on the pages against the results, and chapters
+    that are executed again against the reference results, within their tolerances.
     """
     from inswsn_book.progress import Progress
     from inswsn_book.verifying import verify as checks
@@ -309,7 +308,7 @@ def verify(root: Path | None, path: Path | None, names: tuple[str, ...]) -> None
                 click.echo(f"         {line}")
             differing += bool(differences)
     if differing:
-        raise BuildError(f"{differing} of the checks found what differs.")
+        raise BuildError(f"{differing} of the checks found differences.")
 
 
 def _stop(number: int, _: object) -> None:

@@ -139,7 +139,7 @@ def read_manifest(folder: Path) -> dict[str, set[str]]:
         raise InswsnError(f"There is no {path}; {_RESTORE}.")
     for line in read_bytes(path, WRITTEN).decode(errors="replace").splitlines(keepends=True):
         if not (entry := _LISTED.fullmatch(line)):
-            raise InswsnError(f"{path} is damaged: {line[:80]!r} is no digest and name.")
+            raise InswsnError(f"{path} is damaged: {line[:80]!r} is not a digest and a name.")
         listed.setdefault(entry[2], set()).add(entry[1])
     return listed
 
@@ -254,16 +254,16 @@ def replace_folder(old: Path, new: Path) -> None:
 
 def check_folder(folder: Path) -> None:
     """Refuse a folder that `made_folder` may not replace or make: told before anything runs."""
-    may_be = "a new or empty folder, or one that holds an earlier run alone, as it was written"
+    must_be = "a new or empty folder, or one that holds only an unchanged earlier run"
     held = {path.name for path in folder.iterdir()} if folder.is_dir() else set()
     if (folder.exists() and not folder.is_dir()) or (held and not {_MADE, MANIFEST} <= held):
-        raise ParameterError("--out", str(folder), may_be)
+        raise ParameterError("--out", str(folder), must_be)
     own = [said for said in damages(folder, alone=True) if not said.endswith(" is gone")]
     if held and own:
-        raise ParameterError("--out", str(folder), f"{may_be}; {few(own)}")
+        raise ParameterError("--out", str(folder), f"{must_be} ({few(own)})")
     above = next(path for path in (folder.resolve(), *folder.resolve().parents) if path.exists())
     if not above.is_dir() or not os.access(above, os.W_OK):
-        raise ParameterError("--out", str(folder), f"where one can write, and {above} is not")
+        raise ParameterError("--out", str(folder), f"somewhere writable ({above} is not)")
 
 
 @contextmanager

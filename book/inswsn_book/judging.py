@@ -104,5 +104,5 @@ def read_verdicts(path: Path) -> dict[str, str]:
         return {str(entry["id"]): str(entry["verdict"]) for entry in entries}
     except (ValueError, TypeError, KeyError, RecursionError):
         raise InswsnError(
-            f"{path} holds no verdicts; it may be a file written by inswsn claims --json."
+            f"{path} holds no verdicts; it must be a file written by inswsn claims --json."
         ) from None

@@ -110,7 +110,7 @@ class Claim(Frozen):
         parts = _TOLERANCE.fullmatch(tolerance)
         if parts is None:
             raise ValueError(
-                f"{tolerance!r} is no tolerance; it may be digits, drawn, within 0.5, within 10 %, "
+                f"{tolerance!r} is not a tolerance; one is digits, drawn, within 0.5, within 10 %, "
                 "within a parameter, at least 8, at most 1, or exactly 8"
             )
         if not isinstance(self.value, str):
@@ -163,7 +163,7 @@ class Claim(Frozen):
             if isinstance(size, bool) or not isinstance(size, int | float) or size < 0:
                 raise InswsnError(
                     f"The tolerance of claim {self.id} is the parameter {name} of chapter "
-                    f"{self.chapter}, which is {size!r}; it may be a number that is not negative."
+                    f"{self.chapter}, which is {size!r}; it must be a number that is not negative."
                 )
             half = Decimal(str(size))
         else:  # digits or drawn: half a unit of the last digit printed

@@ -59,16 +59,16 @@ class Parameter:
 
     @property
     def allowed(self) -> str:
-        """What it may be, as the end of the sentence "it may be ..."."""
+        """What it must be, as in the sentence "scale must be ..."."""
         kind = _KINDS[self.kind]
         if self.rule == "any":
-            return f"any {kind.removeprefix('a ')}" if self.kind != "bool" else kind
+            return "a finite number" if self.kind == "float" else kind
         if self.rule == FILE_RULE:
             return "the path of a file, or the name of one below data/"
         if self.rule == FOLDER_RULE:
             return "the path of a folder, or the name of one below data/"
         if self.rule == REGRESSOR_RULE:
-            return "package.module:name of a scikit-learn regressor"
+            return "the package.module:name of a scikit-learn regressor"
         return self.rule if self.rule.startswith("one of ") else f"{kind} {self.rule}"
 
     def check(self, value: object) -> Value:
@@ -102,10 +102,10 @@ class Schema:
             if parameter.name == name:
                 return parameter
         names = [parameter.name for parameter in self.parameters]
-        may_be = f"one of {', '.join(names)}" if names else "none: it has none"
+        must_be = f"one of {', '.join(names) or 'those of the chapter, which has none'}"
         if nearest := get_close_matches(name, names, 1):
-            may_be += f"; the nearest is {nearest[0]}"
-        raise ParameterError("parameter", name, may_be)
+            must_be += f" (the nearest is {nearest[0]})"
+        raise ParameterError("parameter", name, must_be)
 
     @property
     def defaults(self) -> dict[str, Value]:
@@ -180,14 +180,14 @@ def read_schema(cell: str) -> Schema:
             raise InswsnError(f"The parameter {name} is declared twice.")
         if not _fits(rule, kind):
             raise InswsnError(
-                f"The rule of {name} is {rule!r}; it may be any, 'one of' words, 'a file', "
+                f"The rule of {name} is {rule!r}; it must be any, 'one of' words, 'a file', "
                 "'a folder' or 'a regressor' for a str, or an interval for a number, such as "
                 "in [0, 10)."
             )
         try:
             value = ast.literal_eval(default)
         except (ValueError, TypeError, SyntaxError, MemoryError, RecursionError):
-            raise InswsnError(f"The default of {name} is no literal.") from None
+            raise InswsnError(f"The default of {name} is not a literal.") from None
         draft = Parameter(name, kind, value, unit, rule, " ".join(meaning))
         parameters[name] = replace(draft, default=draft.check(value))
         meaning = []

@@ -109,13 +109,13 @@ class Project:
         said = read_yaml(path)
         for field in ("title", "abstract", "version", "date-released", "authors", "license"):
             if not isinstance(said, dict) or field not in said:
-                raise InswsnError(f"{path} is no citation file: it lacks '{field}'.")
+                raise InswsnError(f"{path} is not a citation file: it lacks '{field}'.")
         try:
             names = [
                 a.get("name") or f"{a['family-names']}, {a['given-names']}" for a in said["authors"]
             ]
         except (KeyError, TypeError, AttributeError):
-            raise InswsnError(f"{path} is no citation file: it lacks names of authors.") from None
+            raise InswsnError(f"{path} is not a citation file: it lacks authors' names.") from None
         return {"doi": None, "repository-code": None, **said, "names": names}
 
     def imports(self) -> Imports:

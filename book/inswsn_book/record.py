@@ -158,7 +158,7 @@ class ChapterRecord:
         # also numpy's truth value; a number or a text would always vouch for the sentence
         if type(condition).__name__ not in ("bool", "bool_"):
             raise InswsnError(
-                f"The condition of {sentence!r} is {condition!r}; it may be true or false."
+                f"The condition of {sentence!r} is {condition!r}; it must be true or false."
             )
         if sentence in self._sentences:
             raise InswsnError(f"The sentence {sentence!r} is bound already.")

@@ -24,7 +24,7 @@ from inswsn_book.progress import Progress
 from inswsn_book.project import Project
 from inswsn_book.results import Results, write_results
 from inswsn_book.site import check_pages, render_book, render_run
-from inswsn_lib.errors import InswsnError, ParameterError
+from inswsn_lib.errors import Described, InswsnError, ParameterError
 from inswsn_lib.files import read_yaml
 
 #: What a chapter may write for a reader with data of their own
@@ -52,9 +52,9 @@ def gather_parameters(
     for setting in settings:
         name, equals, text = setting.partition("=")
         if not equals:
-            raise ParameterError("-p", setting, "name=value")
+            raise ParameterError("-p", setting, "of the form name=value")
         if name in seen:
-            raise ParameterError("-p", setting, f"given once: {name} is set twice")
+            raise ParameterError("-p", Described("twice"), f"given only once for {name}")
         seen.add(name)
         values[name] = schema[name].read(text)
     return {name: _found(schema[name], value, data) for name, value in values.items()}
@@ -75,7 +75,7 @@ def _found(parameter: Parameter, value: Value, data: Path) -> Value:
     if kinds[parameter.rule](data / path):
         return path.as_posix()
     what = parameter.rule.removeprefix("a ")
-    raise ParameterError(parameter.name, value, f"{parameter.allowed}, and there is no such {what}")
+    raise ParameterError(parameter.name, value, f"{parameter.allowed} (there is no such {what})")
 
 
 def run_chapter(

@@ -30,7 +30,7 @@ def show_parameters(schema: Schema, *, name: str) -> None:
         (f"`{p.name}`", p.meaning, "–" if p.kind == "str" else p.unit, f"{p.default}", p.allowed)
         for p in schema.parameters
     ]
-    columns = ["parameter", "what it is", "unit", "published run", "it may be"]
+    columns = ["parameter", "what it is", "unit", "published run", "allowed values"]
     frame = pd.DataFrame(rows, columns=columns).set_index("parameter")
     show_table(frame, name=name, caption="The parameters of this chapter.")
 
@@ -73,7 +73,7 @@ def show_figure(fig: Figure, *, name: str, caption: str, alt: str) -> None:
     """
     for what, text in (("name", name), ("caption", caption), ("alt", alt)):
         if not text.strip():
-            raise ParameterError(what, text, "a text that is not empty")
+            raise ParameterError(what, text, "text that is not blank")
     seen = {
         "legend": legend_of(fig),
         "in the way": texts_in_the_way(fig),

@@ -78,21 +78,21 @@ def read_sweep(
     for axis in axes:
         name, equals, text = axis.partition("=")
         if not equals or name in found:
-            raise ParameterError("--grid", axis, "name=value,value,..., once for each name")
+            raise ParameterError("--grid", axis, "name=value,value,..., given once for each name")
         values = [
             gather_parameters(schema, (f"{name}={part}",), None, data)[name]
             for part in text.split(",")
         ]
         if len(set(values)) < len(values):
-            raise ParameterError("--grid", axis, "a list without repetitions")
+            raise ParameterError("--grid", axis, "a list without repeated values")
         found[name] = tuple(values)
     chosen = gather_parameters(schema, settings, None, data)
     for name in chosen:
         if name in found:
-            raise ParameterError("-p", f"{name}={chosen[name]}", f"left out: --grid varies {name}")
+            raise ParameterError("-p", f"{name}={chosen[name]}", "left out if --grid varies it")
     count = math.prod(map(len, found.values()))
     if count > MOST_CELLS:
-        raise ParameterError("--grid", f"of {count} cells", f"of {MOST_CELLS} cells at most")
+        raise ParameterError("--grid", count, f"of at most {MOST_CELLS} cells")
     core = core_name(read_text(chapter.source))
     return Sweep(chapter, schema, core, found, chosen)
 
@@ -114,7 +114,7 @@ def run_sweep(
     worker that would find other numbers, and a scheduler that goes away, end the sweep.
     """
     if dask is not None and jobs is not None:
-        raise ParameterError("--jobs", jobs, "left out: the cluster of --dask has its own workers")
+        raise ParameterError("--jobs", jobs, "left out if --dask is given, which has workers")
     wanted = json.dumps([sweep.axes, sweep.settings])
     name = f"{sweep.chapter.source.stem}-sweep-{text_digest(wanted)[:8]}"
     folder = out or project.root / "runs" / name

@@ -223,7 +223,7 @@ def verdicts(claims: Iterable[Claim], results: Iterable[Results]) -> list[Judged
     by_chapter: dict[str, Results] = {}
     for result in results:
         if by_chapter.setdefault(result.chapter, result) is not result:
-            raise InswsnError(f"There are two results of chapter {result.chapter}; one may judge.")
+            raise InswsnError(f"There are two results of chapter {result.chapter}, not one.")
     return [_judge(claim, by_chapter) for claim in claims]
 
 

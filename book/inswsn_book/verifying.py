@@ -39,7 +39,7 @@ def verify(
     if archived:
         yield "the folder: its digests", damages(folder)
     elif not is_checkout(folder):
-        raise ParameterError("PATH", str(folder), f"a checkout, or a folder with {MANIFEST}")
+        raise ParameterError("PATH", str(folder), f"a checkout or a folder with {MANIFEST}")
     if not is_checkout(folder):
         return
     project = Project(folder)

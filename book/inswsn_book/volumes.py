@@ -133,7 +133,7 @@ def _article(site: Path, page: str) -> Tag:
     soup = BeautifulSoup(path.read_text(encoding="utf-8"), "html.parser")
     article = soup.select_one("article.bd-article")
     if article is None:
-        raise InswsnError(f"{path} is no page of the book.")
+        raise InswsnError(f"{path} is not a page of the book.")
     for tag in article.select(_ON_SCREEN):
         tag.decompose()
     for tag in article.find_all(id=True):

@@ -1,4 +1,4 @@
-"""The benchmark that others enter: tracks, fixed splits, required baselines, a process of its own.
+"""The benchmark that others enter: tracks, fixed splits, required baselines, a separate process.
 
 An entry is a class or a function in a file. It gets what will come (`Task`), is given what
 sensors said one event after the other, and answers when it is asked where the tag is.

@@ -1,4 +1,4 @@
-"""Baselines that every entry is held against; they enter as any other does."""
+"""Baselines that every entry is compared with; they enter as any other entry does."""
 
 from __future__ import annotations
 
@@ -295,7 +295,7 @@ def fixes_of(times: list[float], places: list[Array]) -> Fixes:
 
 
 def answer_of(running: est.ErrorStateFilter, lever_arm: Array) -> Answer:
-    """Return what a filter says of the tag.
+    """Return a filter's estimate of the tag.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Tracks: which recordings an entry goes through, what it is given of them, where it is judged."""
+"""Tracks: the recordings an entry runs on, what it is given of them, and where it is judged."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ class Course:
 
     @property
     def asked(self) -> Array:
-        """When there is a question, s."""
+        """The times of the questions, s."""
         return np.array([event.time for event in self.events if event.kind == "ask"])
 
     @property
@@ -110,7 +110,7 @@ class Course:
 def track_courses(
     track: str, folder: str | Path | None = None
 ) -> tuple[list[Course], tuple[str, ...]]:
-    """Return the courses of a track, and a sentence for each recording that cannot be had.
+    """Return the courses of a track, and a sentence for each recording that is unavailable.
 
     Parameters
     ----------
@@ -130,8 +130,8 @@ def track_courses(
     >>> track_courses("marathon")
     Traceback (most recent call last):
         ...
-    inswsn_lib.errors.ParameterError: track is 'marathon'; it may be one of "network", "outage-2", \
-"outage-5", "outage-10", "outage-20", "two-clusters", "vehicle".
+    inswsn_lib.errors.ParameterError: track must be one of "network", "outage-2", "outage-5", \
+"outage-10", "outage-20", "two-clusters", "vehicle", not 'marathon'.
     """
     one_of("track", track, tuple(TRACKS))
     if folder is not None:
@@ -196,7 +196,7 @@ def make_course(recording: Recording, track: Track) -> Course:
 
 
 def place_outages(begin: float, end: float, track: Track) -> list[tuple[float, float]]:
-    """Return where something is withheld: always the same places.
+    """Return where data are withheld: always the same places.
 
     Parameters
     ----------
@@ -266,7 +266,7 @@ def _given(recording: Recording, track: Track, period: float) -> tuple[list[Even
         events = _events("range", ranges.time, ranges.distance[:, None], ranges.anchor)
         return events, Task((), d, period, anchors=ranges.anchors, names=ranges.names)
     if (len(ranges.anchors), d) != (8, 3):
-        raise InswsnError(f"Two clusters take 8 anchors in space, which {recording.name} has not.")
+        raise InswsnError(f"Two clusters in space need 8 anchors; {recording.name} has too few.")
     events = []
     for number, members in enumerate(CLUSTERS):
         own = np.isin(ranges.anchor, members)

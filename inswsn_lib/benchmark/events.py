@@ -59,7 +59,7 @@ class Task:
 
 
 class Event(NamedTuple):
-    """What a sensor said, or a question.
+    """A sensor's reading, or a question.
 
     Attributes
     ----------

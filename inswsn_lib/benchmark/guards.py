@@ -1,4 +1,4 @@
-"""What keeps an entry from what it may not know: another frame and clock, and changed data."""
+"""Guards against cheating: another frame and clock, and changed data."""
 
 from __future__ import annotations
 

@@ -59,7 +59,7 @@ def find_entry(entry: str | Callable[..., Any]) -> EntryName:
     if place.endswith(".py"):
         file = Path(place).resolve()
         if not file.is_file():
-            raise ParameterError("entry", given, "in a file that there is")
+            raise ParameterError("entry", given, "in a file that exists")
         shown = f"{file.name}:{attribute}"
         return EntryName(shown, file.parent, "", file, attribute)
     spec = None
@@ -77,7 +77,7 @@ def _name_of(entry: Callable[..., Any]) -> str:
         file = inspect.getsourcefile(entry)
     name = getattr(entry, "__qualname__", "<locals>")
     if file is None or "<" in name or not Path(file).is_file():
-        raise ParameterError("entry", entry, "a class or function at the head of a file")
+        raise ParameterError("entry", entry, "a class or function at the top level of a file")
     module = entry.__module__
     known = module != "__main__" and module in sys.modules and "." in module
     return f"{module if known else file}:{name}"
@@ -200,7 +200,7 @@ class EntryProcess:
                 n = 2 if velocity is None else 4
                 P = covariance("covariance", P, (2, 2), (n, n))
         except ParameterError as error:
-            raise EntryError(f"{self.entry.shown} answered what it may not: {error}") from None
+            raise EntryError(f"{self.entry.shown} gave an invalid answer: {error}") from None
         return Answer(position, velocity, P)
 
 

@@ -35,7 +35,7 @@ Say = Callable[[str], None]
 
 @dataclass(frozen=True, eq=False)
 class Scored:
-    """What became of an entry in one recording.
+    """The result of an entry on one recording.
 
     Attributes
     ----------
@@ -61,7 +61,7 @@ class Scored:
 
 @dataclass(frozen=True, eq=False)
 class Result:
-    """What became of an entry in a track.
+    """The result of an entry on a track.
 
     Attributes
     ----------
@@ -111,7 +111,7 @@ class Result:
 
     @property
     def consistency(self) -> str:
-        """Whether its covariance tells its errors."""
+        """Whether its covariance matches its errors."""
         values = [each.errors.nees for each in self.judged]
         if np.isnan(values).any():
             return "no covariance"
@@ -191,7 +191,7 @@ def run(
     >>> benchmark.run("filters.py:Mine", track="network")
     Traceback (most recent call last):
         ...
-    inswsn_lib.errors.ParameterError: entry is 'filters.py:Mine'; it may be in a file that there is.
+    inswsn_lib.errors.ParameterError: entry must be in a file that exists, not 'filters.py:Mine'.
     """
     found = compare(
         [entry], track, trials=trials, seed=seed, folder=folder, timeout=timeout, say=say
@@ -217,7 +217,7 @@ def compare(
     >>> benchmark.compare(trials=0)
     Traceback (most recent call last):
         ...
-    inswsn_lib.errors.ParameterError: trials is 0; it may be a whole number, 1 or more.
+    inswsn_lib.errors.ParameterError: trials must be a whole number of at least 1, not 0.
     """
     whole("trials", trials, 1)
     whole("seed", seed)
@@ -295,7 +295,7 @@ def _judge(name: EntryName, course: Course, trials: int, seed: int, timeout: flo
             after = differs - events[0].time
             raise EntryError(
                 f"{name.shown} is not causal: data after it changed its answer "
-                f"{after:.6g} s after the begin of {course.name}."
+                f"{after:.6g} s after the start of {course.name}."
             )
     else:
         answers_to(events)
@@ -317,7 +317,7 @@ def _errors(
         if answer is None:
             after = course.asked[k] - course.events[0].time
             raise EntryError(
-                f"{name.shown} gave no answer {after:.6g} s after the begin of {course.name}; "
+                f"{name.shown} gave no answer {after:.6g} s after the start of {course.name}; "
                 f"questions after {course.task.warm_up:.6g} s must be answered."
             )
         told.append(disguise.answer(answer))

@@ -1,4 +1,4 @@
-"""The process in which an entry runs: it is sent lines of JSON, and answers each by one.
+"""The process in which an entry runs: it reads lines of JSON, and answers each with one.
 
 Started by `processes` as ``python -m inswsn_lib.benchmark.worker``. What the entry prints goes to
 the standard error.
@@ -104,7 +104,7 @@ class Worker:
 def _from_file(file: str) -> ModuleType:
     spec = importlib.util.spec_from_file_location(f"entry_{Path(file).stem}", file)
     if spec is None or spec.loader is None:
-        raise ImportError(f"{file} is no Python file")
+        raise ImportError(f"{file} is not a Python file")
     module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module
     spec.loader.exec_module(module)

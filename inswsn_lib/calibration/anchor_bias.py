@@ -1,4 +1,4 @@
-"""What each anchor's ranges have too much, told by ranges alone: they should meet in one point."""
+"""The bias of each anchor's ranges, from ranges alone: they should meet in one point."""
 
 from __future__ import annotations
 
@@ -124,7 +124,7 @@ class _Meeting:
         if len(starts) < FEWEST:
             raise InswsnError(
                 f"The bias by anchor cannot be told: positions come from {len(starts)} blocks of "
-                f"time, and {FEWEST} are the least."
+                f"time, and {FEWEST} are needed."
             )
         equations = self.equations(fit, fit.weight**3)
         information, gradient = (np.add.reduceat(x, starts, axis=0) for x in equations)

@@ -1,4 +1,4 @@
-"""The uncertainty of what is fitted to errors that hang together in time: whole blocks left out."""
+"""The uncertainty of fits to errors correlated over time, by leaving out whole blocks."""
 
 from __future__ import annotations
 

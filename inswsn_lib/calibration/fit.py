@@ -35,7 +35,7 @@ def calibrate(
     reach: float = 5.0,
     limits: Mapping[str, float] | None = None,
 ) -> Calibration:
-    r"""Return the unknowns of a set-up that fit best, all at once, or refuse those it cannot tell.
+    r"""Return the unknowns of a set-up that fit best, all at once; refuse those it cannot estimate.
 
     A range of anchor k that is stamped t is, with the reference's position p and attitude A,
 
@@ -137,7 +137,7 @@ def _check(
     estimate: Sequence[str], block: float, reach: float, limits: Mapping[str, float]
 ) -> None:
     if isinstance(estimate, str) or not estimate or len(set(estimate)) < len(estimate):
-        raise ParameterError("estimate", estimate, "some names, none of them twice")
+        raise ParameterError("estimate", estimate, "one or more names, none of them twice")
     for each in estimate:
         one_of("estimate", each, UNKNOWNS)
     number("block", block, above=0)

@@ -1,4 +1,4 @@
-"""How late an IMU's stamps are by the clock of a reference or of fixes, and how it is mounted."""
+"""How late an IMU's stamps are on the clock of a reference or of fixes, and how it is mounted."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ def imu_clock(
     block: float = 5.0,
     reach: float = 1.0,
 ) -> ImuClock:
-    r"""Return how late the IMU's stamps are, from turns that it feels and others see.
+    r"""Return how late the IMU's stamps are, from turns that it and another sensor measure.
 
     With the mean rate :math:`\bar\omega(t)` of the gyro over a window and that of the reference's
     attitude, :math:`\log(A(t - h/2)^{-1} A(t + h/2)) / h` in axes of the body,
@@ -173,7 +173,7 @@ def _matched(felt: Felt, told: Told, block: float, reach: float) -> ImuClock | N
         raise InswsnError("The IMU and what it is compared with share too little time.")
     starts = block_starts(turned.time, block)
     if len(starts) < FEWEST:
-        raise InswsnError(f"The IMU is compared in {len(starts)} blocks of time; {FEWEST} are few.")
+        raise InswsnError(f"The IMU is compared in {len(starts)} blocks; {FEWEST} are needed.")
     state = turned.start(clocks)
     size = np.array([CLOCK_LIMIT, *[TURN_LIMIT] * turned.turns, *[_RATE] * turned.width])
     # a row for each axis: blocks are of times

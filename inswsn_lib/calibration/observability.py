@@ -1,4 +1,4 @@
-"""Which unknowns a recording can tell, and why it cannot tell the others."""
+"""Which unknowns a recording can determine, and why it cannot determine the others."""
 
 from __future__ import annotations
 

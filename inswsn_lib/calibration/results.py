@@ -1,4 +1,4 @@
-"""What a calibration found, and recordings with it made good."""
+"""What a calibration found, and recordings corrected by it."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ class Calibration:
         return np.column_stack([self.values - half, self.values + half])
 
     def apply(self, recording: Recording) -> Recording:
-        """Return a recording with all of this made good.
+        """Return a recording with all of this corrected.
 
         Stamps of the source are by the reference's clock, the reference is in the frame of anchors
         or fixes, the lever arm is the one found, and ranges are free of bias and scale.
@@ -101,8 +101,8 @@ class Calibration:
         source = replace(source, time=source.time - late)
         if isinstance(source, Ranges):
             if len(source.anchors) != len(state.bias):
-                got = Described(f"with {len(source.anchors)} anchors")
-                raise ParameterError("recording", got, f"one with {len(state.bias)}")
+                got = Described(f"one with {len(source.anchors)}")
+                raise ParameterError("recording", got, f"one with {len(state.bias)} anchors")
             k = source.anchor
             right = (source.distance - state.bias[k]) / (1 + state.scale[k])
             source = replace(source, distance=right)

@@ -110,7 +110,7 @@ def _by_course(time: Array, velocity: Array, window: float | None, slowest: floa
         kept = kept & (np.hypot(v[:, 0], v[:, 1]) >= slowest)
         ends.append(np.arctan2(v[:, 1], v[:, 0]))
     if not kept.any():
-        raise InswsnError(f"It never moves at {slowest:g} m/s, so there is no course.")
+        raise InswsnError(f"It never moves at {slowest:g} m/s, so it has no course.")
     change = np.angle(np.exp(1j * (ends[1] - ends[0])))
     return Told("course", middle[kept], (change[kept] / h)[:, None], h)
 

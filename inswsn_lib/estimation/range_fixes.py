@@ -74,7 +74,7 @@ def multilaterate_track(
     Raises
     ------
     InswsnError
-        If there is no range, or a parameter is not what it may be (`ParameterError`).
+        If there is no range, or a parameter is not what it must be (`ParameterError`).
 
     Examples
     --------
@@ -125,7 +125,7 @@ def _dimensions(ranges: Ranges, height: float | None) -> tuple[int, float | None
     if height is None:
         return d, None
     if d == 2:
-        raise ParameterError("height", height, "given only with anchors in three dimensions")
+        raise ParameterError("height", height, "left out for anchors in two dimensions")
     return 2, number("height", height)
 
 

@@ -1,4 +1,4 @@
-"""Errors: what they can and cannot be, how large they are, and whether a filter knows it."""
+"""Errors: what they can and cannot be, how large they are, and whether a filter knows."""
 
 import lazy_loader
 

@@ -16,7 +16,7 @@ def block_ratio(
     squares: ArrayLike, others: ArrayLike, block: int, *, level: float = 0.95, draws: int = 2000,
     seed: int = 0,
 ) -> tuple[float, float, float]:  # fmt: skip
-    r"""Return a ratio of RMS errors of two methods on the same rows, and an interval of it.
+    r"""Return the ratio of two methods' RMS errors on the same rows, and an interval for it.
 
     The circular block bootstrap (Politis and Romano 1992): blocks of neighbouring rows are drawn
     with replacement, the same for both methods, and the ratio
@@ -82,7 +82,7 @@ def ratio_draws(
     whole("block", block, 1)
     count = len(mine) // block
     if count < _FEWEST:
-        raise ParameterError("block", block, f"{len(mine) // _FEWEST} of {len(mine)} rows or fewer")
+        raise ParameterError("block", block, f"at most {len(mine) // _FEWEST} for {len(mine)} rows")
     begins = np.random.default_rng(seed).integers(len(mine), size=(draws, count))
     ours, other = (_sums(values, begins, block) for values in (mine, theirs))
     return np.sqrt(ours / np.where(other > 0, other, np.nan))

@@ -1,4 +1,4 @@
-"""Intervals of means and medians over clusters, which cover though the clusters are few."""
+"""Intervals of means and medians over clusters, with correct coverage even for few clusters."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _MOST_SKEW = 1.5  # what is found beyond it rests on a single value
 def cluster_mean(
     values: ArrayLike, clusters: ArrayLike, *, level: float = 0.95
 ) -> tuple[float, float, float]:
-    r"""Return the mean of values and an interval of it that knows of clusters.
+    r"""Return the mean of values and an interval for it that allows for clusters.
 
     Values of one cluster, such as outages at one place, are not independent. With the sum of a
     cluster :math:`s_c`, its count :math:`n_c` and the mean m of all values, the G numbers
@@ -81,7 +81,7 @@ def _bent(quantile: float, skewness: float, n: int) -> float:
 def cluster_median(
     values: ArrayLike, clusters: ArrayLike, *, seed: int, resamples: int = 2000
 ) -> tuple[float, float, float]:
-    r"""Return the median of values and a 95 % interval of it that knows of clusters.
+    r"""Return the median of values and a 95 % interval for it that allows for clusters.
 
     The bootstrap draws whole clusters with replacement (Davison and Hinkley 1997, Section 3.8).
     Its 2.5 % and 97.5 % quantiles are moved away from the median by
@@ -133,10 +133,11 @@ def _clustered(values: ArrayLike, clusters: ArrayLike) -> tuple[Array, NDArray[n
     """Return values, the number of the cluster of each, and how many there are."""
     given, labels = array("values", values, ("n",)), np.asarray(clusters)
     if np.ma.is_masked(clusters):
-        raise ParameterError("clusters", Described("masked in part"), "one for each value")
+        raise ParameterError("clusters", Described("partly masked"), "given for each value")
     if labels.shape != given.shape:
-        raise ParameterError("clusters", Described(f"of shape {labels.shape}"), f"{given.shape}")
+        got = Described(f"of shape {labels.shape}")
+        raise ParameterError("clusters", got, f"of shape {given.shape}")
     names, which = np.unique(labels, return_inverse=True)
     if len(names) < _FEWEST:
-        raise ParameterError("clusters", clusters, f"of {_FEWEST} kinds or more")
+        raise ParameterError("clusters", clusters, f"of at least {_FEWEST} kinds")
     return given, which, len(names)

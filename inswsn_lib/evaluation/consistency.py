@@ -71,13 +71,13 @@ def fit_noise(A: ArrayLike, states: ArrayLike, measurement_errors: ArrayLike) ->
     x = array("states", states, ("steps", "n", "runs"))
     steps, n, runs = x.shape
     if steps < 2 or not x.size:
-        raise ParameterError("states", Described(f"of shape {x.shape}"), "two steps or more")
+        raise ParameterError("states", Described(f"of shape {x.shape}"), "two or more steps long")
     transition = array("A", A, (n, n))
     v = array("measurement_errors", measurement_errors, (steps, "m", runs), gaps=True)
     columns = np.moveaxis(v, 1, 0).reshape(v.shape[1], -1)
     columns = columns[:, ~np.isnan(columns).any(axis=0)]
     if columns.shape[1] == 0:
-        raise ParameterError("measurement_errors", Described("never complete"), "so at some step")
+        raise ParameterError("measurement_errors", Described("at none"), "complete at some step")
     left = np.moveaxis(x[1:] - transition @ x[:-1], 1, 0).reshape(n, -1)
     return NoiseFit(_moment(left), _moment(columns), _moment(x[0]))
 
@@ -146,7 +146,7 @@ def _factors(covariances: Array) -> Array:
     try:
         return np.asarray(np.linalg.cholesky(covariances))
     except np.linalg.LinAlgError:
-        given = Described("not positive definite")
+        given = Described("singular or indefinite")
         raise ParameterError("covariances", given, "positive definite") from None
 
 

@@ -168,7 +168,7 @@ class Correction:
         steps = len(array("response", self.response, ("samples", 2, "samples", 2)))
         array("response", self.response, (steps, 2, steps, 2))
         if array("noise", self.noise, (2,)).min() < 0:
-            raise ParameterError("noise", self.noise, "two numbers of 0 or more")
+            raise ParameterError("noise", self.noise, "two numbers of at least 0")
         whole("first", self.first, 0, steps - 1)
 
     @classmethod
@@ -205,7 +205,7 @@ class Correction:
         off = max(np.abs(answer[:, _Y_AXIS]).max(), np.abs(response @ weights - together).max())
         if off > _LINEAR * max(1.0, np.abs(answer).max()):
             raise ParameterError(
-                "estimate", Described(f"{off:.1e} off"), "linear, with one axis apart from another"
+                "estimate", Described(f"off by {off:.1e}"), "linear, with the axes independent"
             )
         return cls(response.reshape(samples, 2, samples, 2), noise, first)
 

@@ -83,7 +83,7 @@ def spread(values: ArrayLike) -> Spread:
     """
     given = np.asarray(unmasked(values), dtype=float)
     if given.ndim != 2 or given.shape[1] < _FEWEST_RUNS:
-        may_be = f"(components, {_FEWEST_RUNS} or more runs)"
-        raise ParameterError("values", Described(f"of shape {given.shape}"), may_be)
+        must_be = f"of shape (components, {_FEWEST_RUNS} or more runs)"
+        raise ParameterError("values", Described(f"of shape {given.shape}"), must_be)
     low, median, high = np.quantile(given, [0.025, 0.5, 0.975], axis=1)
     return Spread(median, low, high)

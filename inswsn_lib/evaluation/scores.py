@@ -39,7 +39,7 @@ class Leader(NamedTuple):
 
 @dataclass(frozen=True)
 class Scores:
-    """What a Monte Carlo comes to: one number for each run, method and column.
+    """The outcome of a Monte Carlo: one number for each run, method and column.
 
     Attributes
     ----------

@@ -137,7 +137,7 @@ def search_pattern(
         tried[place] = float(loss(*numbers(place)))
         if math.isnan(tried[place]) or (len(tried) == 1 and math.isinf(tried[place])):
             given = Described(f"{tried[place]} at {numbers(place)}")
-            raise ParameterError("loss", given, "a number, finite at the start")
+            raise ParameterError("loss", given, "a number, and finite at the start")
 
     attempt((0,) * len(origin))
     settled = False

@@ -1,4 +1,4 @@
-"""Constant-gain filters in the clusters of a network, and a centre that weighs what they say.
+"""Constant-gain filters in the clusters of a network, and a centre that weighs their estimates.
 
 As P2 prints it, the weights are constant. A cluster that does not hear the blind node then goes on
 without measurements, and, since A is not stable, takes the fused estimate with it. The hand-overs
@@ -116,7 +116,7 @@ def run_distributed(
     """
     one_of("handover", handover, get_args(Handover))
     if (handover == "fading") != (margins is not None):
-        raise ParameterError("margins", margins, 'given for the handover "fading", and only for it')
+        raise ParameterError("margins", margins, 'given if, and only if, handover is "fading"')
     A, C, gains = _locals(designs)
     there, y = measured(measurements, len(C), "steps", C.shape[1], "runs")
     hearing = np.any(there, axis=2)
@@ -240,7 +240,7 @@ class _Links:
         clusters, steps, _, runs = measurements.shape
         delays = np.broadcast_to(array("delay", delay, (), (clusters,)), clusters)
         if ((delays < 0) | (delays % 1 != 0)).any():
-            raise ParameterError("delay", delay, "whole numbers of steps, 0 or more")
+            raise ParameterError("delay", delay, "whole numbers of at least 0")
         self._delays = [int(each) for each in delays]
         self.at_once = lost is None and not any(self._delays)
         gone = np.zeros((clusters, steps, 1), dtype=bool)
@@ -283,7 +283,7 @@ def _known(hearing: Mask, margins: ArrayLike | None, links: _Links) -> tuple[Mas
         return hearing, None
     given = array("margins", margins, (clusters, steps), (clusters, steps, "runs"))
     if ((given < 0) | (given > 1)).any():
-        raise ParameterError("margins", Described("outside [0, 1]"), "from 0 to 1")
+        raise ParameterError("margins", Described("outside that range"), "between 0 and 1")
     factors = np.take_along_axis(given if given.ndim == 3 else given[..., None], sent, axis=1)
     inside = hearing & (factors > 0)
     edge = ~inside.any(axis=0)  # all that hear the node are at the edge of their coverage
@@ -312,8 +312,9 @@ def _checked_weights(pattern: Pattern, weights: ArrayLike, clusters: int, n: int
     off = np.abs(M.sum(axis=0) - np.eye(n)).max()
     deaf = ~np.array(as_pattern("weights", pattern, clusters))
     if off > _ROUNDING * max(1.0, np.abs(M).max()) or M[deaf].any():
-        got = Described(f"of another sum for {pattern}, or not zero for a cluster not in it")
-        raise ParameterError("weights", got, "of sum I, zero for those that do not hear the node")
+        got = Described(f"those for {pattern}")
+        wanted = "of sum I, and zero for clusters that do not hear the node"
+        raise ParameterError("weights", got, wanted)
     return M
 
 

@@ -1,4 +1,4 @@
-r"""Carlson's federated filter: one local filter a cluster, and a centre that adds informations.
+r"""Carlson's federated filter: one local filter per cluster, and a centre that adds information.
 
 All filters estimate the same state, so that their errors share the first error and the process
 noise. Carlson (1990), "Federated square root filter for decentralized parallel processes", IEEE
@@ -187,8 +187,8 @@ def _shares(sharing: ArrayLike | None, clusters: int, reset: str) -> Array:
         return np.append(np.full(clusters, (1 - masters) / clusters), masters)
     shares = array("sharing", sharing, (clusters + 1,))
     if shares.min() < 0 or abs(shares.sum() - 1) > _ROUNDING or shares[-1] < masters:
-        may_be = 'not negative, of sum 1, and all for the master where reset is "zero"'
-        raise ParameterError("sharing", sharing, may_be)
+        must_be = 'non-negative, of sum 1, and all for the master if reset is "zero"'
+        raise ParameterError("sharing", sharing, must_be)
     return np.asarray(shares / shares.sum())
 
 

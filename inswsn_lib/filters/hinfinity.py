@@ -92,7 +92,7 @@ def run_switched(
     initial_state: ArrayLike | None = None,
     predicted: bool = False,
 ) -> Array:
-    r"""Run a filter of the measurements of all clusters, with a gain for each pattern of them.
+    r"""Run a filter on the measurements of all clusters, with a gain for each pattern of them.
 
     With C and y stacked over the clusters that hear the node at step k,
 
@@ -167,7 +167,7 @@ def _run(
 def empty_predictions(A: Array, start: Array, steps: int, predicted: bool) -> Array:
     """Return room for predictions (steps + 1, n, runs), of which the first is the start."""
     if not predicted and np.linalg.matrix_rank(A) < len(A):
-        raise ParameterError("predicted", predicted, "true, since A cannot be inverted")
+        raise ParameterError("predicted", predicted, "True, since A cannot be inverted")
     states = np.empty((steps + 1, *start.shape))
     states[0] = start
     return states
@@ -183,7 +183,7 @@ def model_and_gain(name: str, design: Design) -> tuple[ErrorModel, Array]:
     if isinstance(design, FilterDesign):
         return design.model, design.gain
     if not (isinstance(design, tuple) and len(design) == 2 and isinstance(design[0], ErrorModel)):
-        got = Described(f"with {type(design).__name__}")
+        got = Described(f"of {type(design).__name__}")
         raise ParameterError(name, got, "made of designs, or of models with gains")
     model, gain = design
     return model, array("gain", gain, model.C.shape[::-1])
@@ -193,5 +193,5 @@ def common_transition(models: Iterable[ErrorModel]) -> Array:
     """Return the transition that all models have."""
     A = np.stack([model.A for model in models])
     if (A[0] != A).any():
-        raise ParameterError("designs", Described("of different A"), "of the same A")
+        raise ParameterError("designs", Described("of different ones"), "of models with the same A")
     return np.asarray(A[0])

@@ -88,8 +88,8 @@ def solve_present(there: Mask, S: Array, right: Array) -> Array:
 
 
 def certain_innovation() -> ParameterError:
-    """Return the error that tells that an innovation has no variance."""
-    got = Described("such that an innovation is certain")
+    """Return the error for an innovation that has no variance."""
+    got = Described("such that an innovation has no variance")
     return ParameterError("measurement_covariance", got, "positive definite")
 
 
@@ -97,8 +97,8 @@ def occurring(there: Mask) -> tuple[Mask, NDArray[np.intp]]:
     """Return the patterns (patterns, parts) in a mask (parts, ...), and which is where (...)."""
     parts = len(there)
     if parts > _MOST_PARTS:
-        got = Described(f"of {parts} clusters, or components of a cluster")
-        raise ParameterError("measurements", got, f"of {_MOST_PARTS} at most")
+        must_be = f"of at most {_MOST_PARTS} clusters, or components of a cluster"
+        raise ParameterError("measurements", parts, must_be)
     bits = 1 << np.arange(parts, dtype=np.int64)
     codes = np.tensordot(bits, there, axes=1)
     found = np.unique(codes)
@@ -116,8 +116,8 @@ def by_pattern(
     wanted = [(place, tuple(row)) for place, row in enumerate(occur.tolist()) if any(row)]
     for _, pattern in wanted:
         if pattern not in known:
-            got = Described(f"without the pattern {pattern}")
-            raise ParameterError(name, got, "complete for all that occur")
+            got = Described(f"without {pattern}")
+            raise ParameterError(name, got, "given for every pattern that occurs")
     return [(place, pattern, known[pattern]) for place, pattern in wanted]
 
 

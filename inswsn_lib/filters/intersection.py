@@ -80,7 +80,7 @@ def intersect(
         shared = shared and omega.ndim == 1
         omega = omega.reshape(clusters, -1)
         if omega.min(initial=0) < 0 or (np.abs(omega.sum(axis=0) - 1) > _ROUNDING).any():
-            raise ParameterError("weights", weights, "not negative, of sum 1")
+            raise ParameterError("weights", weights, "non-negative and of sum 1")
     elif weights == "trace" and shared:
         omega = _least_trace(Y[..., 0])[:, None]
     else:

@@ -612,7 +612,7 @@ def predictor_gain(model: ErrorModel) -> Array:
         gain = _gain(scaled, solve_discrete_are(A.T, C.T, scaled.process_covariance, R))
         radius = np.abs(np.linalg.eigvals(A - gain @ C)).max()
     if not radius < 1 - _ROUNDING:
-        got = Described("without a steady state")
+        got = Described("one without a steady state")
         raise ParameterError("model", got, "one whose Riccati equation has a stable solution")
     # a step of Newton's method, for what a small process noise loses in the units
     gain = _gain(scaled, _error_covariance(scaled, gain))

@@ -1,4 +1,4 @@
-"""Schmidt's filter: it knows of states that it does not estimate."""
+"""Schmidt's filter, which allows for states that it does not estimate."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def run_schmidt(
     initial_covariance: ArrayLike,
     predicted: bool = False,
 ) -> Array:
-    r"""Run a Kalman filter that considers its last states and does not estimate them.
+    r"""Run a Kalman filter that considers its last states without estimating them.
 
     Their uncertainty and their correlation with the others shape the gain; their estimate stays
     zero. The gain is that of the Kalman filter with the rows of these states set to zero, and the

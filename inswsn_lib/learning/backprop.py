@@ -123,12 +123,12 @@ class BackpropRegressor(Regressor):
         numbers = range(len(Xs)) if numbers is None else numbers
         if not len(Xs) == len(ys) == len(numbers):
             told = Described(f"{len(Xs)}, {len(ys)} and {len(numbers)}")
-            raise ParameterError("how many Xs, ys and numbers there are", told, "one number")
+            raise ParameterError("Xs, ys and numbers", told, "of the same length")
         copies = [replace(self, random_state=self.random_state + i) for i in numbers]
         samples = [copy._samples(X, y) for copy, X, y in zip(copies, Xs, ys, strict=True)]
         shapes = {(X.shape, Y.shape) for X, Y in samples}
         if len(shapes) > 1:
-            raise ParameterError("the shape of Xs and ys", sorted(shapes), "the same for all")
+            raise ParameterError("the shapes of Xs and ys", sorted(shapes), "the same for all")
         if copies:
             _train(copies, samples)
         return copies

@@ -1,4 +1,4 @@
-"""What the regressors of this room have in common, the simplest of them, and units of data."""
+"""The base of the regressors, the simplest of them, and the scaling of data."""
 
 from __future__ import annotations
 

@@ -90,13 +90,13 @@ def room_for(rows: int, columns: int) -> Iterator[None]:
     """
     takes = 8 * rows * columns
     got = Described(f"of {rows:,} rows, whose kernels take {takes / 1e9:.3g} GB of memory")
-    may_be = "of fewer rows, or learnt by LSSVMRegressor with a smaller rank=, such as rank=1000"
+    must_be = "of fewer rows, or LSSVMRegressor given a smaller rank=, such as rank=1000"
     if takes > _SMALL and takes > _free_memory():
-        raise ParameterError("X", got, may_be)
+        raise ParameterError("X", got, must_be)
     try:
         yield
     except MemoryError:
-        raise ParameterError("X", got, may_be) from None
+        raise ParameterError("X", got, must_be) from None
 
 
 def _free_memory() -> float:
@@ -292,8 +292,8 @@ class LSSVMRegressor(Regressor):
         # in the order that LAPACK overwrites, which takes the lower triangle for the upper one
         _, solved, failed = dposv(H.T, right, overwrite_a=True, overwrite_b=True)
         if failed:
-            may_be = "smaller for such a kernel: K + I/eta is singular to rounding"
-            raise ParameterError("eta", self.eta, may_be)
+            must_be = "smaller for such a kernel, since K + I/eta is singular to rounding"
+            raise ParameterError("eta", self.eta, must_be)
         return np.asarray(solved)
 
     def _predict(self, X: Array) -> Array:

@@ -19,10 +19,10 @@ from inswsn_lib.errors import ParameterError
 
 #: Names the folder in which a reader's own modules are looked for; by default the working folder.
 MODULES_VARIABLE = "INSWSN_MODULES"
-#: What such a parameter may be
+#: What such a parameter must be
 ALLOWED = (
-    "package.module:name of a scikit-learn regressor: a class or a function, called without "
-    "arguments, or an instance, such as a pipeline"
+    "the package.module:name of a scikit-learn regressor: a class or function called without "
+    "arguments, or an instance such as a pipeline"
 )
 
 _FORM = re.compile(r"([A-Za-z_]\w*(?:\.[A-Za-z_]\w*)*):([A-Za-z_]\w*)")
@@ -90,7 +90,7 @@ def load_regressor(name: str, text: str, *, seed: int = 0) -> Any:
             raise ValueError(f"of 5 samples it predicts {out.shape}, or what is not finite")
     except (Exception, SystemExit) as error:  # a script may end with sys.exit
         told = f"{type(error).__name__}: {error}".splitlines()[0][:160]
-        raise ParameterError(name, text, f"{ALLOWED}; {doing} fails: {told}") from None
+        raise ParameterError(name, text, f"{ALLOWED} ({doing} fails: {told})") from None
     return machine
 
 

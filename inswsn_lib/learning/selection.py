@@ -118,7 +118,7 @@ def select_lssvm(
     if trained_on is not None:
         whole("trained_on", trained_on, 1, len(inputs) - 1)
     elif len(inputs) < 2:
-        raise ParameterError("X", Described("1 sample"), "2 samples or more to leave one out")
+        raise ParameterError("X", Described("1 sample"), "at least 2 samples to leave one out")
 
     def ahead(sigma: float) -> Array:
         first, rest = slice(trained_on), slice(trained_on, None)

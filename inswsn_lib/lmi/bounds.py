@@ -1,4 +1,4 @@
-"""What a least level cannot be below, whatever a solver has said."""
+"""Lower bounds on a least level, whatever a solver has said."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a design holds: its gain or its weights, its bound, and its certificate."""
+"""Designs: the gain or the weights, the bound, and the certificate."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class InfeasibleDesignError(InswsnError):
 
 @dataclass(frozen=True)
 class Certificate:
-    """What vouches for a filter, computed without the solver.
+    """Evidence for a filter, computed without the solver.
 
     Norm and bounds are gains, in the unit of L x for noise of one unit. The eigenvalues are those
     in the units of the design, in which a Kalman predictor's error has the covariance I.
@@ -143,7 +143,7 @@ class FilterDesign:
 
 @dataclass(frozen=True)
 class FusionCertificate:
-    """What vouches for the weights of a fusion, computed without the solver.
+    """Evidence for the weights of a fusion, computed without the solver.
 
     Attributes
     ----------

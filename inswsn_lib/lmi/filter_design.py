@@ -120,7 +120,7 @@ def design_filter(
     solvers = in_order(solver)
     for name in "BL":
         if not getattr(model, name).any():
-            raise ParameterError(name, Described("zero"), "a matrix that is not zero")
+            raise ParameterError(name, Described("zero"), "a nonzero matrix")
     # the first units work nearly always; where a solver fails, others of the same problem help
     return first_that_passes(
         partial(_designed, model, form, margin, *attempt, by)

@@ -153,7 +153,7 @@ def design_fusion(
 
 
 def check_options(noise: Noise, structure: Structure, margin: float) -> None:
-    """Refuse what `design_fusion` does not take as its noise, structure or margin."""
+    """Refuse a noise, structure or margin that `design_fusion` does not accept."""
     one_of("noise", noise, NOISES)
     one_of("structure", structure, ("full", "block"))
     number("margin", margin, above=0, most=LARGEST_MARGIN)
@@ -655,18 +655,18 @@ def _largest_of_arrow(blocks: Array, arms: Array, tip: Array) -> float:
 
 def _checked_designs(designs: Sequence[FilterDesign]) -> tuple[FilterDesign, ...]:
     """Return the designs as a tuple; refuse those that cannot be fused."""
-    may_be = "one or more designs of `design_filter`, without jitter, with the same A, B and L"
+    must_be = "one or more designs of `design_filter` without jitter, with the same A, B and L"
     if not (isinstance(designs, Sequence) and all(isinstance(d, FilterDesign) for d in designs)):
-        raise ParameterError("designs", designs, may_be)
+        raise ParameterError("designs", designs, must_be)
     models = [design.model for design in designs]
     if not models:
-        raise ParameterError("designs", Described("empty"), may_be)
+        raise ParameterError("designs", Described("empty"), must_be)
     if any(model.E.any() for model in models):
-        raise ParameterError("designs", Described("for a model with jitter"), may_be)
+        raise ParameterError("designs", Described("for a model with jitter"), must_be)
     for name in "ABL":
         first, *others = (getattr(model, name) for model in models)
         if not all(np.array_equal(first, other) for other in others):
-            raise ParameterError("designs", Described(f"for models that differ in {name}"), may_be)
+            raise ParameterError("designs", Described(f"for models that differ in {name}"), must_be)
     return tuple(designs)
 
 

@@ -131,7 +131,7 @@ def riccati_gamma(model: ErrorModel, relative: float = 1e-8) -> float:
     """
     number("relative", relative, least=1e-14, below=1)
     if not model.L.any() or not model.B.any():
-        raise ParameterError("B, L", Described("zero"), "matrices that are not zero")
+        raise ParameterError("B and L", Described("zero"), "nonzero matrices")
     units = Units.of(model)
     scaled = _checked(units.scaled(model))
     # the Kalman predictor, in its units
@@ -193,7 +193,7 @@ def _hides_growth(model: ErrorModel) -> bool:
 def _checked(model: ErrorModel) -> ErrorModel:
     """Return a model in `Units`, in which ranks can be told; refuse one without the equation."""
     if model.E.any():
-        raise ParameterError("E", Described("not zero"), "zero: the equation knows no jitter")
+        raise ParameterError("E", Described("nonzero"), "zero, since the equation has no jitter")
     if np.linalg.matrix_rank(model.D) < len(model.D):
         raise ParameterError("D", Described("such that D D' is singular"), "of full row rank")
     n = len(model.A)
@@ -201,7 +201,7 @@ def _checked(model: ErrorModel) -> ErrorModel:
         driven = np.hstack([model.A - mode * np.eye(n), model.B])
         if abs(abs(mode) - 1) < _ON_CIRCLE and np.linalg.matrix_rank(driven) < n:
             raise ParameterError(
-                "B", Described("such that a mode on the unit circle has no noise"),
-                "one that drives it",
+                "B", Described("one that leaves a mode without noise"),
+                "one that drives every mode on the unit circle",
             )  # fmt: skip
     return model

@@ -1,4 +1,4 @@
-"""The one place where a convex problem is given to a solver, and what it says made a sentence.
+"""The one place where a convex problem goes to a solver and its status becomes a sentence.
 
 Clarabel is an interior-point method. SCS is a first-order method: another kind of algorithm, slower
 and less accurate, there to check the first. Either's answer counts only if it passes a certificate

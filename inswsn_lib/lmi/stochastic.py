@@ -115,7 +115,7 @@ def stochastic_gain(
         low, low * (1 + relative), relative, _DOUBLINGS,
     )  # fmt: skip
     if gain == np.inf:
-        raise ParameterError("A, E", Described("too near instability"), "farther from it")
+        raise ParameterError("A and E", Described("so near it"), "farther from instability")
     return gain * size
 
 
@@ -170,7 +170,7 @@ def finite_horizon_gain(
         low, max(low, _NOTHING), relative, _DOUBLINGS_FROM_NOTHING,
     )  # fmt: skip
     if gain == np.inf:
-        raise ParameterError("steps", steps, "so few that the gain is a number")
+        raise ParameterError("steps", steps, "few enough for the gain to be finite")
     return gain * size
 
 

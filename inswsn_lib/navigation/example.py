@@ -16,7 +16,7 @@ from inswsn_lib.simulation.ins import inertial_errors
 
 @dataclass(frozen=True, eq=False)
 class ExampleRun:
-    """What an INS and a network of nodes say of one vehicle, and where it was.
+    """What an INS and a network of nodes measure of one vehicle, and where it was.
 
     Rows are samples. Columns are position x, y (m) and velocity x, y (m/s).
 

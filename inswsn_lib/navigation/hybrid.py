@@ -143,7 +143,7 @@ class HybridNavigator:
         steps, _, runs = y.shape
         if inputs is None:
             if not self.feedback:
-                raise ParameterError("inputs", None, "given, unless feedback is true")
+                raise ParameterError("inputs", None, "given unless feedback is true")
             inputs = np.empty((steps, 0))
         u = array("inputs", inputs, (steps, "inputs"), (steps, "inputs", runs), gaps=True)
         if u.ndim == 2:
@@ -186,7 +186,7 @@ class HybridNavigator:
             X = np.concatenate([X, known[rows - 1]], axis=1)
         if not np.isfinite(Y).all() or not np.isfinite(X).all():
             raise ParameterError(
-                "what filter returns", Described("not finite"), "finite where it trains"
+                "what filter returns", Described("NaN or infinite"), "finite where it trains"
             )
         scaling: Scaling = "standard" if self.scaled else "none"
         X_scale, Y_scale = Scale.of(X, scaling), Scale.of(Y, scaling)
@@ -218,7 +218,7 @@ class HybridNavigator:
 
 
 def observable_inputs(time: ArrayLike, ins: ArrayLike) -> dict[str, Array]:
-    r"""Return inputs for a regressor that a system has in an outage, each (steps, inputs, runs).
+    r"""Return the inputs that a regressor has in an outage, each (steps, inputs, runs).
 
     Parameters
     ----------
@@ -253,7 +253,7 @@ def observable_inputs(time: ArrayLike, ins: ArrayLike) -> dict[str, Array]:
     x = array("ins", ins, ("steps", 4, "runs"), gaps=True)
     t = array("time", time, (len(x),))
     if not (np.diff(t) > 0).all():
-        raise ParameterError("time", Described("not in order"), "increasing")
+        raise ParameterError("time", Described("out of order"), "increasing")
     clock = np.repeat((t - t[0])[:, None, None], x.shape[2], axis=2)
     change = np.diff(x[:, 2:], axis=0) / np.diff(t)[:, None, None]
     acceleration = np.concatenate([np.full_like(x[:1, 2:], np.nan), change])
@@ -275,13 +275,13 @@ def _fit_many(regressor: Any, Xs: list[Array], ys: list[Array], numbers: list[in
         return [deepcopy(blank).fit(X, y) for X, y in zip(Xs, ys, strict=True)]
     except Exception as error:
         told = f"{type(regressor).__name__}, whose fit fails: {type(error).__name__}: {error}"
-        may_be = f"one that trains on inputs {Xs[0].shape} and targets {ys[0].shape}"
-        raise ParameterError("regressor", Described(told), may_be) from error
+        must_be = f"one that trains on inputs {Xs[0].shape} and targets {ys[0].shape}"
+        raise ParameterError("regressor", Described(told), must_be) from error
 
 
 def _checked(machine: Any, predicted: Any, shape: tuple[int, ...]) -> Array:
     found = np.asarray(predicted, dtype=float)
     if found.size != math.prod(shape) or not np.isfinite(found).all():
-        told = f"{type(machine).__name__}, which predicts {found.shape}, or what is not finite"
-        raise ParameterError("regressor", Described(told), f"one that predicts {shape}, all finite")
+        got = Described(f"{type(machine).__name__}, which predicts {found.shape} or not finite")
+        raise ParameterError("regressor", got, f"one that predicts finite numbers, {shape}")
     return found.reshape(shape)

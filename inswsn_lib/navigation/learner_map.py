@@ -100,7 +100,7 @@ class LearnerMap:
         for length in self.lengths:
             number("lengths", length, least=self.period)
         if not self.lengths or list(self.lengths) != sorted(self.lengths):
-            raise ParameterError("lengths", self.lengths, "one or more numbers, increasing")
+            raise ParameterError("lengths", self.lengths, "one or more increasing numbers")
 
     @property
     def period(self) -> float:

@@ -135,9 +135,8 @@ def run_outages(
     hybrids, begin = hybrids or {}, as_starts(starts)
     for name, hybrid in hybrids.items():
         if name in FILTERS or hybrid.settings != settings:
-            raise ParameterError(
-                "hybrids", name, f"not one of {', '.join(FILTERS)}, and of the filters' settings"
-            )
+            must_be = f"named other than {', '.join(FILTERS)} and have the filters' settings"
+            raise ParameterError("hybrids", name, must_be)
     for name in filters:
         one_of("filters", name, FILTERS)
     needed = {name != "never" for name in filters} | {h.aiding for h in hybrids.values()}
@@ -193,7 +192,7 @@ def as_starts(starts: ArrayLike) -> NDArray[np.intp]:
         raise ParameterError(
             "starts",
             Described(f"{begin.dtype} of shape {begin.shape}"),
-            "whole numbers, (outages,)",
+            "whole numbers of shape (outages,)",
         )
     return begin.astype(np.intp)
 

@@ -189,10 +189,10 @@ class VehicleHybrid:
         one_of("frame", self.frame, ("navigation", "body"))
         if self.past and (self.anchored or self.restart == "aligned"):
             raise ParameterError(
-                "past", self.past, "0 where ramps are aligned or predictions anchored"
+                "past", self.past, "0 if ramps are aligned or predictions anchored"
             )
         if not self.motion and not self.timed:
-            raise ParameterError("timed", self.timed, "true where motion is no input")
+            raise ParameterError("timed", self.timed, "True if motion is no input")
         for machine in (self.regressor, *self.rivals):
             if not all(hasattr(machine, name) for name in ("fit", "predict", "get_params")):
                 raise ParameterError("regressor", machine, "a scikit-learn regressor")
@@ -226,9 +226,8 @@ class VehicleHybrid:
             first = np.arange(self.phase, int(begin.max()), pace)
         first = first[(first >= 0) & (first < last)]
         if begin.max() > last or not len(first):
-            raise ParameterError(
-                "starts", begin.tolist(), f"within the run, with {self.tau} epochs before one"
-            )
+            must_be = f"within the run, with {self.tau} or more epochs before the last"
+            raise ParameterError("starts", begin.tolist(), must_be)
         # where the run ends, the simulated outage that is under way ends with it
         lengths = np.minimum(self.tau, last - first)
         parts = [
@@ -345,7 +344,7 @@ class VehicleHybrid:
         rows = np.flatnonzero(chosen)
         rows = rows[np.argsort(pairs.epoch[rows], kind="stable")]
         if len(rows) < 2:
-            raise ParameterError("starts", start, "one with two or more pairs before it")
+            raise ParameterError("starts", start, "epochs with two or more pairs before them")
         X = self.inputs(pairs.motion[rows], pairs.elapsed[rows])
         return Machine.fit(regressor, X, pairs.difference[rows], self.scaled)
 

@@ -92,7 +92,7 @@ def span(low: float, high: float) -> Interval:
     (-1.0, 1.0)
     """
     if not low <= high:
-        raise ParameterError("low", low, f"a number of at most high, {high}")
+        raise ParameterError("low", low, f"at most high, {high}")
     return iv.mpf([low, high])
 
 

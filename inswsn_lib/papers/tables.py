@@ -59,8 +59,8 @@ def read_rows(path: Path, index: str) -> dict[str, dict[str, str]]:
     for row in rows or [[]]:
         if len(row) != len(header):
             raise InswsnError(
-                f"{path.name} has {len(row)} cells in a row ({', '.join(row)}); it may have "
-                f"{len(header)}, as the header has."
+                f"{path.name} has {len(row)} cells in a row ({', '.join(row)}); there must be "
+                f"{len(header)}, as in the header."
             )
         if "" in row:
             raise InswsnError(f"{path.name} has a blank cell; every printed cell has a number.")

@@ -1,4 +1,4 @@
-"""Recordings: a CSV of your own, and recorded data that are fetched once by their digests."""
+"""Recordings: your own CSV files, and recorded data that are fetched once, by digest."""
 
 import lazy_loader
 

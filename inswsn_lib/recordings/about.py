@@ -1,4 +1,4 @@
-"""What a folder says of a recording as a whole, in ``recording.yaml``."""
+"""What a folder says about a recording as a whole, in ``recording.yaml``."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def read_about(path: Path) -> dict[str, Any]:
     with reading(path):
         said = read_yaml(path)
         if said is not None and not isinstance(said, dict):
-            raise InswsnError("it is no mapping; it may have lines such as 'name: my walk'.")
+            raise InswsnError("it is not a mapping; it must have lines such as 'name: my walk'.")
         return dict(_attribute(key, value) for key, value in (said or {}).items())
 
 
@@ -32,14 +32,14 @@ def _attribute(key: Any, value: Any) -> tuple[str, Any]:
         return _VECTORS[key], array(key, value, (3,))
     if key not in _WORDS:
         known = ", ".join((*_WORDS, *_VECTORS))
-        raise InswsnError(f"the key {key!r} is not known; it may be one of {known}.")
+        raise InswsnError(f"the key {key!r} is not known; it must be one of {known}.")
     if not isinstance(value, str):
-        raise ParameterError(key, value, "a text")
+        raise ParameterError(key, value, "text")
     return key, value
 
 
 def write_about(recording: Recording, path: Path) -> None:
-    """Write what a recording says of itself beside its streams.
+    """Write what a recording says about itself beside its streams.
 
     Parameters
     ----------

@@ -47,6 +47,6 @@ def refused(path: Path, column: Column, cell: str, row: int) -> InswsnError:
     empty = ", or empty where there is no fix" if column.gaps else ""
     or_else = ", or a date and time by ISO 8601" if column.dates else empty
     return InswsnError(
-        f"{path} has {cell[:40]!r} in column {column.name}, row {row + 2}; it may be a finite "
+        f"{path} has {cell[:40]!r} in column {column.name}, row {row + 2}; it must be a finite "
         f"number below {LARGEST:.0e}{or_else}."
     )

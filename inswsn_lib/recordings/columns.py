@@ -151,7 +151,7 @@ def _cells(line: str, separator: str) -> list[str]:
 def _wanted(path: Path, header: list[str], layout: Layout) -> list[str]:
     """Return the columns to read; refuse a header without those that must be there."""
     if not header:
-        raise InswsnError(f"{path} is empty; it may be a CSV file with a header.")
+        raise InswsnError(f"{path} is empty; it must be a CSV file with a header.")
     for name in layout.names:
         if header.count(name) > 1:
             raise InswsnError(f"{path} has the column {name} more than once.")
@@ -163,8 +163,8 @@ def _wanted(path: Path, header: list[str], layout: Layout) -> list[str]:
         some = [name for name in together if name in header]
         if some and len(some) < len(together):
             raise InswsnError(
-                f"{path} has of the columns {', '.join(together)} only {', '.join(some)}; it may "
-                "have all of them, or none."
+                f"{path} has only {', '.join(some)} of the columns {', '.join(together)}; it "
+                "must have all of them, or none."
             )
     return [name for name in layout.names if name in header]
 
@@ -184,6 +184,6 @@ def _refuse_other_lengths(path: Path, data: bytes, separator: str, cells: int) -
         there = len(_cells(data[begin : int(ends[row])].decode(), separator))
         if there != cells:
             raise InswsnError(
-                f"{path} has {there} cells in row {row + 1}; it may have {cells}, as the header "
-                "has."
+                f"{path} has {there} cells in row {row + 1}; there must be {cells}, as in the "
+                "header."
             )

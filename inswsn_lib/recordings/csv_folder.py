@@ -111,7 +111,7 @@ def read_csv_folder(place: Place) -> Recording:
     if not any(len(stream) for stream in streams.values()):
         where = next(iter(files.values())).parent if files else place
         raise InswsnError(
-            f"{where} has no rows of a recording; it may have "
+            f"{where} has no rows of a recording; it must have one of "
             f"{', '.join(f'{what}.csv' for what in _READERS)}."
         )
     about = read_about(used[ABOUT]) if ABOUT in used else {}
@@ -132,7 +132,7 @@ def _table(path: Path, layout: Layout) -> Table:
             if name not in layout.gaps and empty.any():
                 raise InswsnError(
                     f"an empty cell is in column {name}, row {int(np.argmax(empty)) + _FIRST}; it "
-                    f"may hold a {'word' if name in layout.texts else 'number'}."
+                    f"must hold a {'word' if name in layout.texts else 'number'}."
                 )
         if TIME in table:
             repeats = path.name == "ranges.csv"
@@ -159,14 +159,14 @@ def _imu(table: Table, _: Table) -> Imu:
         row = int(np.argmax(largest > _MOST_RATE))
         raise InswsnError(
             f"the rate in columns {', '.join(_RATE)} is {largest[row]:.4g} in row {row + _FIRST}; "
-            "it seems to be in degrees a second, and may be in rad/s."
+            "it seems to be in degrees a second, but must be in rad/s."
         )
     usual = float(np.median(np.linalg.norm(parts["force"], axis=1))) if len(largest) else 0.0
     in_g = _IN_G[0] <= usual <= _IN_G[1]
     if in_g or usual > _MOST_FORCE:
         raise InswsnError(
             f"the force in columns {', '.join(_FORCE)} has a median size of {usual:.4g}; it seems "
-            f"to be in {'g' if in_g else 'mg or cm/s^2'}, and may be in m/s^2."
+            f"to be in {'g' if in_g else 'mg or cm/s^2'}, but must be in m/s^2."
         )
     return Imu(**parts)
 
@@ -192,7 +192,7 @@ def _fixes(table: Table, _: Table) -> Fixes:
         if wrong.any():
             row = int(np.argmax(wrong))
             raise InswsnError(
-                f"{parts['good'][row]:g} is in column good, row {row + _FIRST}; it may be 0 or 1."
+                f"{parts['good'][row]:g} is in column good, row {row + _FIRST}; it must be 0 or 1."
             )
         parts["good"] = parts["good"] == 1
     return Fixes(**parts)

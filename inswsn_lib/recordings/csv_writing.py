@@ -54,7 +54,7 @@ def write_csv(recording: Recording, folder: str | Path) -> None:
         tables["ranges.csv"]["anchor"] = np.array(names, dtype=object)[recording.ranges.anchor]
         tables[ANCHORS] = {"anchor": names} | _spread(PLACE, recording.ranges.anchors)
     if taken := [name for name in (*LAYOUTS, ABOUT) if (folder / name).exists()]:
-        raise InswsnError(f"{folder} has {', '.join(taken)} already; it may be a new folder.")
+        raise InswsnError(f"{folder} has {', '.join(taken)} already; it must be a new folder.")
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for name, columns in tables.items():

@@ -1,4 +1,4 @@
-"""What a method says of a recording at the times of fixes, and how good that is."""
+"""A method's estimates at the times of fixes, and how good they are."""
 
 from __future__ import annotations
 

@@ -29,7 +29,7 @@ _TIMEOUT = (10.0, 30.0)  # s: to connect, and between two pieces of an answer
 
 
 class RecordingUnavailableError(InswsnError):
-    """The files of a recording cannot be had: no network, and no local mirror that has them."""
+    """The files of a recording are unavailable: no network, and no local mirror that has them."""
 
 
 @dataclass(frozen=True)
@@ -112,7 +112,7 @@ def pick(files: Mapping[str, Path], pattern: str) -> Path:
         return files[fitting[0]]
     where = f" in {next(iter(files.values())).parent}" if files else ""
     if fitting:
-        raise InswsnError(f"There are {', '.join(fitting)}{where}; there may be one {pattern}.")
+        raise InswsnError(f"There are {', '.join(fitting)}{where}; there must be one {pattern}.")
     raise InswsnError(f"There is no file {pattern}{where}.")
 
 

@@ -1,4 +1,4 @@
-"""Whether a filter is consistent: its innovations white and as large as it says, its errors too."""
+"""Whether a filter is consistent: innovations white and as large as it says, and its errors too."""
 
 from __future__ import annotations
 

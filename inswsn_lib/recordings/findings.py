@@ -1,4 +1,4 @@
-"""What a check of a recording found, and a sentence of all that was found."""
+"""What a check of a recording found, and a sentence that sums up all findings."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Reading a recording of an INS and a sensor network from a CSV file, and refusing a wrong one."""
+"""Reading a recording of an INS and a sensor network from a CSV file; faulty ones are refused."""
 
 from __future__ import annotations
 
@@ -151,7 +151,7 @@ def track_pair(path: Path, table: dict[str, Array], *, resample: bool = False) -
 
 def _check_time(path: Path, time: Array) -> None:
     if time.size < 3:
-        raise InswsnError(f"{path} has {time.size} rows; it may have 3 or more.")
+        raise InswsnError(f"{path} has {time.size} rows; it must have at least 3.")
     if np.isnan(time).any():
         raise InswsnError(f"{path} has no time stamp in row {int(np.isnan(time).argmax()) + 2}.")
     steps = np.diff(time)

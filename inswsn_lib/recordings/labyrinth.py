@@ -45,7 +45,7 @@ def read_labyrinth(place: Place) -> Recording:
             word, *cells = text.split()
             if word not in _COLUMNS:
                 raise InswsnError(
-                    f"{path} has {word[:40]!r} in line {line}; it may be {', '.join(_COLUMNS)}."
+                    f"{path} has {word[:40]!r} in line {line}; it must be {' or '.join(_COLUMNS)}."
                 )
             rows[word].append((line, cells))
     with reading(paths[1]):
@@ -55,7 +55,7 @@ def read_labyrinth(place: Place) -> Recording:
         heard, driven = (numbers(paths[0], rows[w], _COLUMNS[w]) for w in ("range2", "odom2diff"))
         first, second, half = driven[:, 1], driven[:, 2], driven[:, 4]
         if (half <= 0).any():
-            raise InswsnError(f"the distance of the wheels is {half.min():g}; it may be positive.")
+            raise InswsnError(f"the distance of the wheels is {half.min():g}; it must be positive.")
         return Recording(
             "labyrinth",
             odometry=Odometry(
@@ -79,6 +79,6 @@ def _ranges(heard: Array) -> Ranges:
         row = int(np.argmax(moved))
         raise InswsnError(
             f"the module {modules[which[row]]:g} is elsewhere in range {row + 1} than before; it "
-            "may stay in its place."
+            "must stay in its place."
         )
     return Ranges(heard[:, 0], which, heard[:, 1], anchors, names_of(modules))

@@ -35,7 +35,7 @@ def read_tables(path: Path) -> dict[str, Array]:
         data = read_bytes(path)
         order = {b"IM": "<", b"MI": ">"}.get(data[_HEAD - 2 : _HEAD], "")
         if not order:
-            raise InswsnError("it is no MATLAB file of level 5.")
+            raise InswsnError("it is not a MATLAB file of level 5.")
         return dict(_matrices(_unpacked(_elements(data[_HEAD:], order), order), order))
 
 

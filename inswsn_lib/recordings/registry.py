@@ -1,4 +1,4 @@
-"""The recordings that are known by name, and the kinds whose files are read from any folder."""
+"""The recordings known by name, and the kinds whose files are read from any folder."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ READERS: dict[str, Callable[[Place], Recording]] = {
 
 @dataclass(frozen=True)
 class Known:
-    """A recording that is known: where it is, its licence, and how many coordinates it has."""
+    """A known recording: where it is, its licence, and how many coordinates it has."""
 
     source: Source
     licence: str
@@ -104,7 +104,7 @@ KNOWN = {
 
 
 def names() -> tuple[str, ...]:
-    """Return the names of the recordings that are known.
+    """Return the names of the known recordings.
 
     Examples
     --------
@@ -116,7 +116,7 @@ def names() -> tuple[str, ...]:
 
 
 def load(name: str, folder: str | Path | None = None, cache: Path | None = None) -> Recording:
-    r"""Return a recording that is known, or one of the same kind from a folder.
+    r"""Return a known recording, or one of the same kind from a folder.
 
     The files of one that is known are fetched once, or come from a local mirror, and are held
     against their digests. A folder is read as it is; digests of what was read are kept. The latency
@@ -149,7 +149,7 @@ def load(name: str, folder: str | Path | None = None, cache: Path | None = None)
     [[1.0, 2.0], [1.0, 3.0]]
     """
     if folder is None and name in tuple(READERS):
-        raise ParameterError("folder", None, f"one with files of the kind {name}")
+        raise ParameterError("folder", None, f"a folder with files of the kind {name}")
     one_of("name", name, (*KNOWN, *([] if folder is None else READERS)))
     kind = name.partition("/")[0]
     if folder is not None:

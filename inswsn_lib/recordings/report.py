@@ -1,4 +1,4 @@
-"""What a reader is told of a recording: its set-up, a filter tuned on it, and how good that is."""
+"""A report on a recording: its set-up, a filter tuned on it, and how good that filter is."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ _SCORES = (
 
 @dataclass(frozen=True, eq=False)
 class Report:
-    """What is told of a recording.
+    """A report on a recording.
 
     Attributes
     ----------
@@ -82,7 +82,7 @@ class Report:
 
 
 def report(recording: Recording, *, alignment: float = _ALIGNMENT, trials: int = TRIALS) -> Report:
-    """Check a recording, correct its motion by its network, and tell how good that is.
+    """Check a recording, correct its motion by its network, and report how good that is.
 
     Stamps are taken as they are. Ranges beside an IMU are made into fixes; beside odometry they are
     taken one by one. The start is found from the data, without the reference. The few numbers of

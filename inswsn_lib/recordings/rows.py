@@ -1,4 +1,4 @@
-"""Rows of numbers in the files of others, and what is said of files that are spoilt."""
+"""Rows of numbers in other people's files, and the errors for spoilt files."""
 
 from __future__ import annotations
 
@@ -73,12 +73,12 @@ def numbers(path: Path, rows: Sequence[Row], columns: int) -> Array:
     for line, cells in rows:
         if len(cells) != columns:
             raise InswsnError(
-                f"{path} has {len(cells)} cells in line {line}; it may have {columns}."
+                f"{path} has {len(cells)} cells in line {line}; there must be {columns}."
             )
         for cell in cells:
             if not _is_number(cell):
                 raise InswsnError(
-                    f"{path} has {cell[:40]!r} in line {line}; it may be a finite number below "
+                    f"{path} has {cell[:40]!r} in line {line}; it must be a finite number below "
                     f"{_LARGEST:.0e}."
                 )
     raise InswsnError(f"{path} has no rows of {columns} numbers.")
@@ -117,7 +117,7 @@ def places_of(
     for row, each in enumerate(wanted, start=first):
         if each not in places:
             raise InswsnError(
-                f"the anchor is {_name(each)} in row {row}; it may be one of "
+                f"the anchor is {_name(each)} in row {row}; it must be one of "
                 f"{', '.join(map(_name, known))[:200]}."
             )
         found.append(places[each])
@@ -147,7 +147,7 @@ def unit_quaternions(value: Array, first: int = 1) -> Array:
     if (off > _UNIT).any():
         row = int(np.argmax(off > _UNIT))
         raise InswsnError(
-            f"the quaternion in row {row + first} is {length[row]:.6g} long; it may be of unit "
+            f"the quaternion in row {row + first} is {length[row]:.6g} long; it must be of unit "
             "length."
         )
     # those that are already are kept to the last bit

@@ -114,7 +114,7 @@ def read_log(path: Path, tag: Path, latency: float) -> tuple[Array, Array, Array
     with reading(tag):
         data = read_bytes(tag)
         if not data.startswith(_WORD) or len(data) < _RECORDS:
-            raise InswsnError("it is no time tag of RTKLIB.")
+            raise InswsnError("it is not an RTKLIB time tag.")
         if (len(data) - _RECORDS) % 8:
             raise InswsnError("it ends within a record.")
         start = float(np.frombuffer(data, "<u4", 1, _SECONDS)[0])
@@ -130,7 +130,7 @@ def read_log(path: Path, tag: Path, latency: float) -> tuple[Array, Array, Array
     with reading(path):
         check_increase("the device's time", device, first=2)
         if len(device) < 2:
-            raise InswsnError("one row makes no line through arrivals; it may have more.")
+            raise InswsnError("one row is too few for a line through arrivals.")
     middle = device.mean()
     slope, offset = np.polyfit(device - middle, arrival, 1)
     time = start + (offset + slope * (device - middle)) - latency
@@ -145,7 +145,7 @@ def read_solution(path: Path) -> tuple[Array, Array]:
     split = [(n, line.split()) for n, line in lines_of(path)]
     rows = [(n, cells) for n, cells in split if not cells[0].startswith("%")]
     if others := [n for n, cells in split if cells[:2] in (["%", "UTC"], ["%", "JST"])]:
-        raise InswsnError(f"{path} has {split[others[0] - 1][1][1]} in its head; it may be GPST.")
+        raise InswsnError(f"{path} has {split[others[0] - 1][1][1]} in its head; it must be GPST.")
     columns = max(len(rows[0][1]) if rows else 0, 2 + _POSITION)
     values = numbers(path, [(n, ["0", "0", *cells[2:]]) for n, cells in rows], columns)[:, 2:]
     if (np.abs(values[:, :2]) > (90, 360)).any():
@@ -160,6 +160,6 @@ def _moment(path: Path, row: Row) -> float:
         if _MOMENT.fullmatch(said):
             return float(np.datetime64(said.replace("/", "-"), "us").astype(float) / 1e6)
     raise InswsnError(
-        f"{path} has {said[:40]!r} in line {line}; it may be a date and time, such as "
+        f"{path} has {said[:40]!r} in line {line}; it must be a date and time, such as "
         "2025/07/08 19:34:18.499."
     )

@@ -1,4 +1,4 @@
-"""Whether the streams of a recording go together, before a filter runs on them."""
+"""Whether the streams of a recording fit together, before a filter runs on them."""
 
 from __future__ import annotations
 

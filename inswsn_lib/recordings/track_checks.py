@@ -43,7 +43,7 @@ _KINDS = 300  # kinds of misfit, and lags of their own, that are tried at once
 def check_recording(
     data: TrackPair, model: ErrorModel, *, initial_covariance: ArrayLike
 ) -> list[Finding]:
-    """Return what each check of a recording found, those first that tell most of the cause.
+    """Return what each check of a recording found, those that reveal most about the cause first.
 
     The innovations of the filter are white, of the size that the filter says, and without steps
     that stand out, if model and recording fit. A network that is late, or in another frame, leaves
@@ -76,7 +76,7 @@ def check_recording(
     network and reference: 1.0 s
     """
     if model.A.shape != (4, 4) or len(model.C) not in {2, 4}:
-        got = Described(f"of {len(model.A)} states and {len(model.C)} measured components")
+        got = Described(f"of {len(model.A)} and {len(model.C)}")
         raise ParameterError("model", got, "of 4 states and 2 or 4 measured components")
     positive_definite("D D' of the model", model.measurement_covariance)
     P0 = covariance("initial_covariance", initial_covariance, (4, 4))

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from inswsn_lib.checks import Array, Mask, array, number, whole
-from inswsn_lib.errors import Described, ParameterError
+from inswsn_lib.errors import ParameterError
 from inswsn_lib.scenario import ANY, NOT_NEGATIVE, POSITIVE, Pair, between
 from inswsn_lib.simulation.disturbances import coloured
 from inswsn_lib.simulation.ins import InertialErrors, inertial_errors
@@ -91,8 +91,7 @@ class ClusterScene:
         for c in range(len(self.clusters)):
             count = int((labels == c).sum())
             if count < LEAST:
-                given = Described(f"such that one has {count} nodes")
-                raise ParameterError("clusters", given, f"of {LEAST} nodes or more")
+                raise ParameterError("clusters", count, f"of at least {LEAST} nodes each")
         return labels
 
     @cached_property

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from inswsn_lib.checks import Array, Mask, array
-from inswsn_lib.errors import Described, ParameterError
+from inswsn_lib.errors import ParameterError
 from inswsn_lib.kernels import choose
 
 #: Ranges that a fix takes
@@ -64,8 +64,7 @@ def _places(
 ) -> tuple[list[Array], list[Array]]:
     """Return the nodes and the ranges of each place; refuse those that do not fit together."""
     if len(nodes) != len(ranges):
-        given = Described(f"of {len(ranges)} places")
-        raise ParameterError("ranges", given, f"of {len(nodes)}, as the nodes")
+        raise ParameterError("ranges", len(ranges), f"of {len(nodes)} places, as nodes are")
     at = [array("nodes", each, ("heard", 2)) for each in nodes]
     runs: int | str = "runs"
     measured = []
@@ -221,5 +220,5 @@ def position_covariances(nodes: Array, heard: Mask, positions: Array, noise: flo
     on_a_line |= counts.sum(axis=1) < 2
     if on_a_line.any():
         given = nodes[counts[on_a_line.argmax()]].tolist()
-        raise ParameterError("nodes", given, "on more than one line with the position")
+        raise ParameterError("nodes", given, "on more than one line through the position")
     return np.asarray(noise**2 * np.linalg.inv(information))

@@ -53,7 +53,7 @@ def node_grid(corner: ArrayLike, size: tuple[float, float], spacing: float) -> A
     """
     width, height = (side / number("spacing", spacing, above=0) + 1 for side in size)
     if not width * height < 100_000:
-        raise ParameterError("spacing", spacing, "so large that there are fewer than 100,000 nodes")
+        raise ParameterError("spacing", spacing, "large enough for fewer than 100,000 nodes")
     x, y = (np.arange(0, length + spacing / 1e6, spacing) for length in size)
     grid = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
     return np.asarray(grid + array("corner", corner, (2,)))

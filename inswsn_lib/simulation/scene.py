@@ -142,7 +142,7 @@ class Scene:
         Its middle is that of the path, or as near to that as the edges of the scene allow.
         """
         if min(self.size) < max(self.area_sizes):
-            raise ParameterError("size", self.size, "two numbers, none below a side of an area")
+            raise ParameterError("size", self.size, "two numbers, neither below a side of an area")
         found = {}
         for name, size in zip(("area1", "area2"), self.area_sizes, strict=True):
             inside = self.path.drive(self.speed, self.windows[name].times).position

@@ -41,7 +41,7 @@ def count_hops(nodes: ArrayLike, reach: float) -> Array:
     number("reach", reach, least=0)
     hops = shortest_path(cdist(places, places) <= reach * (1 + _SLACK), unweighted=True)
     if not np.isfinite(hops).all():
-        raise ParameterError("reach", reach, "so large that every node can be reached by hops")
+        raise ParameterError("reach", reach, "large enough for every node to be reached by hops")
     return np.asarray(hops)
 
 

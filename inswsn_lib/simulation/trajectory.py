@@ -82,14 +82,14 @@ class Path:
         points = array("waypoints", waypoints, ("points", 2))
         number("radius", radius, above=0)
         if len(points) < 2:
-            raise ParameterError("waypoints", waypoints, "two points or more")
+            raise ParameterError("waypoints", waypoints, "at least two points")
         sides = np.diff(points, axis=0)
         headings = np.arctan2(sides[:, 1], sides[:, 0])
         turns = (np.diff(headings) + np.pi) % (2 * np.pi) - np.pi
         cut = np.concatenate([[0.0], radius * np.tan(np.abs(turns) / 2), [0.0]])
         straight = np.hypot(*sides.T) - cut[:-1] - cut[1:]
         if (straight < 0).any():
-            raise ParameterError("radius", radius, "so small that the arcs fit between the corners")
+            raise ParameterError("radius", radius, "small enough for arcs to fit between corners")
         lengths, curvatures = [straight[0]], [0.0]
         for turn, leg in zip(turns, straight[1:], strict=True):
             lengths += [radius * abs(turn), leg]

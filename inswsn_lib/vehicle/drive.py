@@ -1,4 +1,4 @@
-"""A drive: what the sensors of a car told, and what is known of the truth."""
+"""A drive: what the sensors of a car measured, and what is known of the truth."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from inswsn_lib.errors import Described, ParameterError
 
 @dataclass(frozen=True, eq=False)
 class Reference:
-    """Where the car was; a recording does not know the last three.
+    """Where the car was; a recording lacks the last three.
 
     Attributes
     ----------
@@ -97,11 +97,11 @@ class Drive:
     def __post_init__(self) -> None:
         epochs, runs = len(self.time), self.compass.shape[-1]
         if epochs < 2:
-            raise ParameterError("time", Described(f"{epochs} epochs long"), "two or more")
+            raise ParameterError("time", epochs, "at least two epochs long")
         even = np.allclose(np.diff(self.time), self.interval, rtol=0, atol=1e-6 * self.interval)
         if not even or abs(self.interval / self.period - self.samples_per_epoch) > 1e-6:
             raise ParameterError(
-                "time", Described("uneven"), "even, with a whole number of IMU samples a step"
+                "time", Described("uneven"), "even, with a whole number of IMU samples per step"
             )
         samples = (epochs - 1) * self.samples_per_epoch
         imu, gps = (samples, 3, runs), (epochs, 3, runs)
@@ -113,7 +113,7 @@ class Drive:
             object.__setattr__(self, name, found)
         for place in self.places:
             if not 0 <= place.start < epochs:
-                raise ParameterError("places", place, f"one that starts at 0 to {epochs - 1}")
+                raise ParameterError("places", place, f"such that each starts at 0 to {epochs - 1}")
 
     @property
     def interval(self) -> float:

@@ -176,7 +176,7 @@ def replay(
     fits = begin.dtype.kind in "iu" and shaped and begin.min() >= 0 and begin.max() <= last
     if not fits:
         raise ParameterError(
-            "starts", begin.tolist(), f"epochs up to {last}, one a branch or one for each run"
+            "starts", begin.tolist(), f"epochs up to {last}, one per branch or one for each run"
         )
     begin = np.broadcast_to(begin.reshape(len(begin), -1), (len(begin), runs))
     numbers = np.broadcast_to(np.arange(runs), begin.shape).ravel()
@@ -212,7 +212,7 @@ def align(drive: Drive, settings: FilterSettings) -> VehicleState:
     position, heading = drive.gps_position[0].T, drive.compass[0]
     if np.isnan(position).any() or np.isnan(heading).any():
         raise ParameterError(
-            "drive", Described("without GPS or compass at epoch 0"), "one that has both"
+            "drive", Described("one without"), "one with GPS and compass at epoch 0"
         )
     velocity, pushed = _moving(drive, settings)
     P = settings.initial_covariance(position)
@@ -241,8 +241,8 @@ def _moving(drive: Drive, settings: FilterSettings) -> tuple[Array, Array]:
         return still, still
     if np.isnan(drive.gps_velocity[:2]).any():
         raise ParameterError(
-            "drive", Described("moving at epoch 0, and without GPS velocity at epoch 0 or 1"),
-            "one that has both",
+            "drive", Described("one that moves at epoch 0 without it"),
+            "one with GPS velocity at epochs 0 and 1",
         )  # fmt: skip
     return first.copy(), (second - first) / drive.interval
 
@@ -277,7 +277,7 @@ def _advance(
     """Go on from a start for as many epochs as `heard` and `sensed` tell of."""
     whole("substeps", settings.substeps, 1, drive.samples_per_epoch)
     if "gps" in settings.extra and settings.gps_time < drive.interval:
-        raise ParameterError("gps_time", settings.gps_time, f"{drive.interval} or more")
+        raise ParameterError("gps_time", settings.gps_time, f"at least {drive.interval}")
     begun = state.corrected() if feedback else state
     parts = [np.ascontiguousarray(getattr(begun, f.name), dtype=float) for f in fields(begun)]
     # of one layout, since numba compiles each anew, and rounds otherwise

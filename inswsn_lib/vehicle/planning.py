@@ -25,7 +25,7 @@ _WAVES = 5
 
 @dataclass(frozen=True)
 class RouteLimits:
-    """What a driver keeps to, by the settings of these names; a pair is a range to draw from."""
+    """The limits of a driver, from the settings of these names; a pair is a range to draw from."""
 
     duration: float = between(1200, 1800)  # whole seconds
     standstill_at_start: float = between(0, 60)  # s
@@ -52,7 +52,7 @@ def plan_route(settings: Mapping[str, Setting], route: int = 0) -> Route:
     """
     limits = from_settings(RouteLimits, settings)
     if limits.duration != int(limits.duration):
-        raise ParameterError("duration", limits.duration, "whole seconds")
+        raise ParameterError("duration", limits.duration, "a whole number of seconds")
     rng = np.random.default_rng(whole("route", route))
     course, waves = float(rng.uniform(-np.pi, np.pi)), _waves(limits, rng)
     driver = _Driver(limits, rng)

@@ -141,7 +141,7 @@ def emulate_sensors(
 
 
 def estimate_mounting(run: VehicleRun, until: int, *, slowest: float = 5.0) -> Array:
-    r"""Return rotations from the IMU's axes to the vehicle's, by where it moves, (runs, 3, 3).
+    r"""Return rotations from the IMU's axes to the vehicle's, from its motion, (runs, 3, 3).
 
     A vehicle moves forward: its velocity in the IMU's axes, :math:`C_n^b v`, points along the
     vehicle's forward axis. Sums over epochs weigh each with its speed; side slip in turns to the

@@ -121,7 +121,7 @@ class Route:
         t = np.asarray(time, dtype=float)
         if not ((t >= 0) & (t <= self.duration + ROUNDING)).all():
             raise ParameterError(
-                "time", Described("outside the drive"), f"from 0 to {self.duration:g} s"
+                "time", Described("outside the drive"), f"between 0 and {self.duration:g} s"
             )
         spans, speeds, accelerations, rates = (np.array(x) for x in zip(*self.pieces, strict=True))
         (a0, a1), (w0, w1) = accelerations.T, rates.T

@@ -96,7 +96,7 @@ class FilterSettings:
         known = isinstance(self.extra, tuple) and set(self.extra) <= set(EXTRA_STATES)
         if not known or len(set(self.extra)) < len(self.extra):
             raise ParameterError(
-                "extra", self.extra, f"a tuple of some of {', '.join(EXTRA_STATES)}, each once"
+                "extra", self.extra, f"a tuple of any of {', '.join(EXTRA_STATES)}, each once"
             )
         whole("substeps", self.substeps, 1)
         for each in fields(self):
@@ -105,7 +105,7 @@ class FilterSettings:
 
     @classmethod
     def from_settings(cls, settings: Mapping[str, scenario.Setting], **changes: Any) -> Self:
-        """Take the settings of a scenario whose names begin with ``filter_``, but for changes."""
+        """Take the settings of a scenario whose names begin with ``filter_``, with changes."""
         begin = "filter_"
         told = {n.removeprefix(begin): s for n, s in settings.items() if n.startswith(begin)}
         default = {f.name: f.default for f in fields(cls) if f.default is not MISSING}

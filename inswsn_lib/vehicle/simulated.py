@@ -152,7 +152,7 @@ def true_motion(settings: Mapping[str, Setting], route: int | Route = 0) -> Trut
         raise ParameterError(
             "imu_period and aiding_period",
             (model.imu_period, model.aiding_period),
-            "such that whole samples fill an epoch, and whole epochs a second",
+            "such that whole samples fill an epoch and whole epochs fill a second",
         )
     second, each = round(second), round(each)
     epochs = round(planned.duration * second) + 1

@@ -64,7 +64,7 @@ def test_what_may_not_be_archived_is_refused(
     released: MiniProject, inswsn: Callable[..., Done]
 ) -> None:
     done = inswsn(released.root, "--output", "mini.tar", command=main)
-    assert "--output is 'mini.tar'; it may be a file that ends in .zip." in done.stderr
+    assert "--output must be a file that ends in .zip, not 'mini.tar'." in done.stderr
     released.page("A third page.")
     done = inswsn(released.root, command=main)
     assert (done.returncode, done.stdout) == (2, "")

@@ -263,7 +263,7 @@ def test_no_folder_but_an_earlier_run_is_replaced(tmp_path: Path) -> None:
     # a folder of somebody else's with such a manifest is none, nor one with a manifest alone
     for content in ({"data.csv": "mine"}, {}):
         write_listed(other := tmp_path / f"other-{len(content)}", content)
-        with pytest.raises(ParameterError, match="one that holds an earlier run alone"):
+        with pytest.raises(ParameterError, match="one that holds only an unchanged earlier run"):
             check_folder(other)
         shutil.rmtree(other)
     # not with what has been edited, put or linked there
@@ -287,8 +287,8 @@ def test_no_folder_but_an_earlier_run_is_replaced(tmp_path: Path) -> None:
     # not with anything else in it, and no file
     write_whole(out / "note.txt", "mine")
     for path in (out, neighbour):
-        with pytest.raises(ParameterError, match="one that holds an earlier run alone"):
+        with pytest.raises(ParameterError, match="one that holds only an unchanged earlier run"):
             check_folder(path)
-    with pytest.raises(ParameterError, match=r"where one can write, and .* is not"):
+    with pytest.raises(ParameterError, match=r"must be somewhere writable \(.* is not\)"):
         check_folder(neighbour / "below")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["keep", "keep.old"]

@@ -250,14 +250,14 @@ def test_the_nis_over_time_is_a_mean_of_some_fixes() -> None:
 
 Change = Callable[[str], str]
 WRONG: list[tuple[str, Change, str]] = [
-    ("empty", lambda text: "", "my.csv is empty; it may be a CSV file with a header."),
+    ("empty", lambda text: "", "my.csv is empty; it must be a CSV file with a header."),
     ("blank", lambda text: "\n\n# nothing\n", "my.csv is empty"),
     ("no column", lambda text: without("wsn_y_m"), "has no column wsn_y_m; it has time_s"),
     ("a word", lambda text: text.replace("0.8288", "n/a", 1), "'n/a' in column wsn_x_m, row 6"),
     ("NaN in the INS", lambda text: text.replace("1.6084", "NaN", 1), "no number in column"),
     ("time goes back", lambda text: text.replace("\n1.201,", "\n0.9,"), "goes back from 0.998 s"),
     ("time twice", lambda text: text.replace("\n1.201,", "\n0.998,"), "repeats 0.998 s in row 8"),
-    ("one row", lambda text: "\n".join(text.splitlines()[:4]), "my.csv has 1 rows; it may have 3"),
+    ("one row", lambda text: "\n".join(text.splitlines()[:4]), "my.csv has 1 rows; it must"),
     ("huge", lambda text: text.replace("1.6084", "1e300", 1), "'1e300' in column ins_x_m, row 6"),
     ("infinite", lambda text: text.replace("1.6084", "inf", 1), "'inf' in column ins_x_m, row 6"),
     ("a short row", lambda text: text + "1,2\n", "my.csv has 2 cells in row 300"),
@@ -305,7 +305,7 @@ def test_how_the_file_is_written_does_not_matter(change: Change, shown: dict[str
 
 def test_figures_that_may_not_be_are_refused() -> None:
     for value in (0, -1, 1e9, float("nan"), None, "0.2", True):
-        with pytest.raises(ParameterError, match="wsn_position_noise is"):
+        with pytest.raises(ParameterError, match="wsn_position_noise must be"):
             look(TEXT, {"wsn_position_noise": value})
 
 

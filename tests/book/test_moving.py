@@ -67,9 +67,9 @@ def test_it_is_a_hidden_section_and_a_figure(moving: Moving, displayed: list) ->
 def test_what_may_not_be_is_refused(moving: Moving) -> None:
     chart: Chart = moving.charts[0]
     for method, style, what, said in (
-        ("other", "line", (X, X), "method is 'other'; it may be one of truth, ins"),
-        ("ins", "pie", (X, X), "style is 'pie'; it may be one of line, points"),
-        ("ins", "line", lambda c: (X, c), "slider is 'c'; it may be one of a, b"),
+        ("other", "line", (X, X), "method must be one of truth, ins"),
+        ("ins", "pie", (X, X), "style must be one of line, points"),
+        ("ins", "line", lambda c: (X, c), "slider must be one of a, b"),
     ):
         with pytest.raises(ParameterError, match=said):
             moving.draw(chart, method, "", what, style=style)

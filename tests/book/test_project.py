@@ -102,7 +102,7 @@ def test_a_citation_that_lacks_a_field_is_refused(mini: MiniProject, field: str)
     del said[field]
     path.write_text(yaml.safe_dump(said), encoding="utf-8")
     with pytest.raises(
-        InswsnError, match=rf"CITATION\.cff is no citation file: it lacks '{field}'"
+        InswsnError, match=rf"CITATION\.cff is not a citation file: it lacks '{field}'"
     ):
         mini.about()
 

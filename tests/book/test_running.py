@@ -65,11 +65,11 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         ("scale: [", [], "is not YAML"),
         ("- scale", [], "is not a list of parameters"),
         ("7: 1", [], "is not a list of parameters"),
-        ("scale: '3'", [], "scale is '3'"),
-        ("scale: true", [], "scale is True"),
-        ("other: 1", [], "parameter is 'other'"),
+        ("scale: '3'", [], "scale must be a number in (0, 100], not '3'"),
+        ("scale: true", [], "scale must be a number in (0, 100], not True"),
+        ("other: 1", [], "parameter must be one of "),
         ("", ["name=none.csv"], "there is no such file"),
-        ("", ["learner=nonsense"], "learner is 'nonsense'; it may be package.module:name"),
+        ("", ["learner=nonsense"], "learner must be the package.module:name"),
         ("learner: sklearn.linear_model:Nobody\n", [], "has no attribute 'Nobody'"),
     ],
 )
@@ -158,7 +158,7 @@ def test_a_run_that_fails_writes_nothing(
     )
     done = inswsn(built.root, "run", "00", "-p", "scale=60")
     assert (done.returncode, done.stdout, "Traceback" in done.stderr) == (2, "", False)
-    assert done.stderr.splitlines()[-1] == "inswsn: scale is 60.0; it may be at most 50 here."
+    assert done.stderr.splitlines()[-1] == "inswsn: scale must be at most 50 here, not 60.0."
     assert list((built.root / "runs").iterdir()) == []
 
 
@@ -203,7 +203,7 @@ BY_HAND = [
     (TOC, "claims", "chapters/01-gone", "lists chapters/01-gone, and there is no such chapter"),
     (TOC, "format: jb-book", "format: [", "_toc.yml is not YAML"),
     ("_config.yml", "\n", "\n[", "_config.yml is not YAML"),
-    ("CITATION.cff", "\ntitle:", "\nt:", "CITATION.cff is no citation file: it lacks 'title'"),
+    ("CITATION.cff", "\ntitle:", "\nt:", "CITATION.cff is not a citation file: it lacks 'title'"),
     (LEDGER, "digits,", "digits, verdict: reproduced,", "P1-M-twice: verdict: Extra inputs are"),
     (LEDGER, "quantity: twice", "quantity: thrice", "thrice, which chapter 00 does not record"),
 ]

@@ -51,7 +51,7 @@ def test_what_is_in_order(built: MiniProject, archive: Path, inswsn: Callable[..
     assert (done.returncode, "good     the folder: its digests" in done.stdout) == (0, True)
     done = inswsn(built.root, "verify", "book")
     assert done.returncode == 2
-    assert "book'; it may be a checkout, or a folder with SHA256SUMS." in done.stderr
+    assert "PATH must be a checkout or a folder with SHA256SUMS, not " in done.stderr
 
 
 def test_a_chapter_is_executed_anew(built: MiniProject, inswsn: Callable[..., Done]) -> None:

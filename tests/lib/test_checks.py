@@ -14,59 +14,62 @@ from inswsn_lib import checks
 from inswsn_lib.errors import ParameterError
 
 NAN, INF = float("nan"), float("inf")
+NUMBERS = "must be finite numbers"
 REFUSED: dict[str, Callable[[], Any]] = {
-    "x is of shape (1, 1); it may be finite numbers (n,).": lambda: checks.array(
-        "x", [[1]], ("n",)
-    ),
-    "x is of shape (2,); it may be finite numbers (3,) or (n, 2).": lambda: checks.array(
+    f"x {NUMBERS} of shape (n,), not of shape (1, 1).": lambda: checks.array("x", [[1]], ("n",)),
+    f"x {NUMBERS} of shape (3,) or (n, 2), not of shape (2,).": lambda: checks.array(
         "x", [1, 2], (3,), ("n", 2)
     ),
-    "x is <U4 of shape (); it may be finite numbers ().": lambda: checks.array("x", "word", ()),
-    "x is complex128 of shape (1,); it may be finite numbers (n,).": lambda: checks.array(
+    f"x {NUMBERS} of shape (), not <U4 of shape ().": lambda: checks.array("x", "word", ()),
+    f"x {NUMBERS} of shape (n,), not complex128 of shape (1,).": lambda: checks.array(
         "x", [1j], ("n",)
     ),
-    "x is no array; it may be finite numbers (n, n).": lambda: checks.array(
+    f"x {NUMBERS} of shape (n, n), not rows of unequal length.": lambda: checks.array(
         "x", [[1], [1, 2]], ("n", "n")
     ),
-    "x is not finite; it may be finite numbers (n,).": lambda: checks.array("x", [NAN], ("n",)),
-    "x is infinite; it may be finite numbers (n,), NaN where missing.": lambda: checks.array(
+    f"x {NUMBERS} of shape (n,), not NaN or infinite.": lambda: checks.array("x", [NAN], ("n",)),
+    f"x {NUMBERS} (or NaN where missing) of shape (n,), not infinite.": lambda: checks.array(
         "x", [NAN, INF], ("n",), gaps=True
     ),
-    "A is of shape (1, 2); it may be (n, n).": lambda: checks.matrices(A=([[1, 2]], "nn")),
-    "A is of shape (0, 0); it may be (n, n).": lambda: checks.matrices(A=(np.ones((0, 0)), "nn")),
-    "B is of shape (3, 3); it may be finite numbers (2, p).": lambda: checks.matrices(
+    **{
+        f"A must be non-empty and of shape (n, n), not of shape {np.shape(A)}.": (
+            lambda A=A: checks.matrices(A=(A, "nn"))
+        )
+        for A in ([[1, 2]], np.ones((0, 0)))
+    },
+    f"B {NUMBERS} of shape (2, p), not of shape (3, 3).": lambda: checks.matrices(
         A=(np.eye(2), "nn"), B=(np.eye(3), "np")
     ),
-    "P is not symmetric; it may be a covariance.": lambda: checks.covariance(
+    "P must be a covariance, not asymmetric.": lambda: checks.covariance(
         "P", [[1, 1], [0, 1]], (2, 2)
     ),
-    "P is not positive semidefinite; it may be a covariance.": lambda: checks.covariance(
+    "P must be a covariance, not one with a negative eigenvalue.": lambda: checks.covariance(
         "P", [[-1e-30]], (1, 1)
     ),
-    "P is singular; it may be positive definite.": lambda: checks.covariance(
+    "P must be positive definite, not singular.": lambda: checks.covariance(
         "P", [[0]], (1, 1), definite=True
     ),
-    "lost is int64 of shape (2,); it may be bools (2,) or (n, 1).": lambda: checks.mask(
+    "lost must be booleans of shape (2,) or (n, 1), not int64 of shape (2,).": lambda: checks.mask(
         "lost", [0, 1], (2,), ("n", 1)
     ),
-    "lost is of shape (1,); it may be bools (2,).": lambda: checks.mask("lost", [True], (2,)),
-    "x is 0; it may be a number above 0.": lambda: checks.number("x", 0, above=0),
-    "x is 1.0; it may be a number at least 0, below 1.": lambda: checks.number(
+    "m must be booleans of shape (2,), not of shape (1,).": lambda: checks.mask("m", [True], (2,)),
+    "x must be a number above 0, not 0.": lambda: checks.number("x", 0, above=0),
+    "x must be a number of at least 0 and below 1, not 1.0.": lambda: checks.number(
         "x", 1.0, least=0, below=1
     ),
-    "x is -1; it may be a number at least 0.": lambda: checks.number("x", -1, least=0),
-    "x is 2; it may be a number at most 1.": lambda: checks.number("x", 2, most=1),
-    "x is nan; it may be a finite number.": lambda: checks.number("x", NAN),
-    "x is True; it may be a finite number.": lambda: checks.number("x", True),
-    "x is 1j; it may be a finite number.": lambda: checks.number("x", 1j),
-    "x is inf; it may be a finite number.": lambda: checks.number("x", float("inf")),
-    f"x is {str(10**400)[:200]}…; it may be a finite number.": lambda: checks.number("x", 10**400),
-    "n is 1.0; it may be a whole number, 0 or more.": lambda: checks.whole("n", 1.0),
-    "n is True; it may be a whole number, 0 or more.": lambda: checks.whole("n", True),
-    "n is 0; it may be a whole number, 1 or more.": lambda: checks.whole("n", 0, 1),
-    "n is 9; it may be a whole number, from 1 to 8.": lambda: checks.whole("n", 9, 1, 8),
-    'rule is \'c\'; it may be one of "a", "b".': lambda: checks.one_of("rule", "c", ("a", "b")),
-    'rule is 1; it may be one of "a", "b".': lambda: checks.one_of("rule", 1, ("a", "b")),
+    "x must be a number of at least 0, not -1.": lambda: checks.number("x", -1, least=0),
+    "x must be a number of at most 1, not 2.": lambda: checks.number("x", 2, most=1),
+    "x must be a finite number, not nan.": lambda: checks.number("x", NAN),
+    "x must be a finite number, not True.": lambda: checks.number("x", True),
+    "x must be a finite number, not 1j.": lambda: checks.number("x", 1j),
+    "x must be a finite number, not inf.": lambda: checks.number("x", float("inf")),
+    f"x must be a finite number, not {str(10**400)[:200]}….": lambda: checks.number("x", 10**400),
+    "n must be a whole number of at least 0, not 1.0.": lambda: checks.whole("n", 1.0),
+    "n must be a whole number of at least 0, not True.": lambda: checks.whole("n", True),
+    "n must be a whole number of at least 1, not 0.": lambda: checks.whole("n", 0, 1),
+    "n must be a whole number between 1 and 8, not 9.": lambda: checks.whole("n", 9, 1, 8),
+    'rule must be one of "a", "b", not \'c\'.': lambda: checks.one_of("rule", "c", ("a", "b")),
+    'rule must be one of "a", "b", not 1.': lambda: checks.one_of("rule", 1, ("a", "b")),
 }
 
 
@@ -78,9 +81,9 @@ def test_what_does_not_fit_is_refused(said: str) -> None:
 
 
 def test_each_of_several_covariances_is_looked_at() -> None:
-    with pytest.raises(ParameterError, match="P is not positive semidefinite"):
+    with pytest.raises(ParameterError, match=r"P .* not one with a negative eigenvalue"):
         checks.covariance("P", [np.eye(2), -np.eye(2)], ("k", 2, 2))
-    with pytest.raises(ParameterError, match="not symmetric"):  # by its own size
+    with pytest.raises(ParameterError, match="asymmetric"):  # by its own size
         checks.covariance("P", [1e12 * np.eye(2), [[1, 1e-3], [0, 1]]], ("k", 2, 2))
 
 

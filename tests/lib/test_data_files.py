@@ -64,8 +64,8 @@ def test_a_file_that_a_user_names_is_regular_and_of_bounded_size(tmp_path: Path)
     assert len(read_bytes(path)) == 3_000_001
     os.mkfifo(pipe)
     for wrong, said in (
-        (path, "has more than 3 MB"), (pipe, r"^[^:]*pipe is no regular file\.$"),
-        (Path("/dev/zero"), "^/dev/zero is no regular"), (path / "below", "cannot be read"),
+        (path, "has more than 3 MB"), (pipe, r"^[^:]*pipe is not a regular file\.$"),
+        (Path("/dev/zero"), "^/dev/zero is not a regular"), (path / "below", "cannot be read"),
         (tmp_path, "is a folder"),
     ):  # fmt: skip
         with pytest.raises(InswsnError, match=said):

@@ -89,30 +89,30 @@ THIRD = np.ma.masked_array([0, 1, 2], [False, False, True])
 FEW = np.ma.masked_array(EYE, EYE == 1)
 REFUSED: dict[str, tuple[str, Callable[[], Any]]] = {
     "available": (
-        "available is masked in part; it may be bools (steps, 4).",
+        "available must be booleans of shape (steps, 4), not partly masked.",
         lambda: iw.design_kalman(MODEL, FEW == 1, **NOISE),
     ),
     "lost": (
-        "lost is masked in part; it may be bools (2, 12, 3).",
+        "lost must be booleans of shape (2, 12, 3), not partly masked.",
         lambda: iw.run_federated(
             MODEL, 1.0 * VALUES, lost=np.ma.masked_array(HIDDEN[:, :, 0], True), **CLUSTERS
         ),
     ),
     "initial_covariance": (
-        "initial_covariance is not finite; it may be finite numbers (4, 4).",
+        "initial_covariance must be finite numbers of shape (4, 4), not NaN or infinite.",
         lambda: iw.run_kalman(MODEL, VALUES[0], initial_covariance=FEW),
     ),
     "A": (
-        "A is not finite; it may be finite numbers (n, n).",
+        "A must be finite numbers of shape (n, n), not NaN or infinite.",
         lambda: iw.ErrorModel(A=FEW, B=EYE, C=EYE, D=EYE, period=1.0),
     ),
     "anchor": (
-        "anchor is masked in part; it may be complete.",
+        "anchor must be complete, not partly masked.",
         lambda: Ranges(np.arange(3.0), THIRD, np.ones(3), np.zeros((3, 2)), tuple("abc")),
     ),
-    "starts": ("starts is float64 of shape (3,); ", lambda: as_starts(THIRD)),
+    "starts": ("starts must be whole numbers of shape (outages,)", lambda: as_starts(THIRD)),
     "clusters": (
-        "clusters is masked in part; it may be one for each value.",
+        "clusters must be given for each value, not partly masked.",
         lambda: cluster_mean([1, 2, 3], THIRD),
     ),
     "inputs": ("Input X contains NaN", lambda: iw.HoldRegressor().fit(FEW, EYE)),

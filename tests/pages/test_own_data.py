@@ -152,13 +152,13 @@ def test_the_download_is_what_python_gives(page: Page) -> None:
 def test_a_wrong_file_is_told_in_a_sentence_and_the_next_is_shown(page: Page) -> None:
     text = EXAMPLE.read_text(encoding="utf-8")
     drop(page, "", "empty.csv")
-    say(page, "empty.csv is empty; it may be a CSV file with a header.")
+    say(page, "empty.csv is empty; it must be a CSV file with a header.")
     drop(page, text)
     expect(results(page)).to_be_visible()
     expect(page.get_by_role("alert")).to_have_text("")
     drop(page, text.replace("0.8288", "<img src=x onerror=alert(1)>"), "<b>.csv")
     said = (
-        "<b>.csv has '<img src=x onerror=alert(1)>' in column wsn_x_m, row 6; it may be a finite "
+        "<b>.csv has '<img src=x onerror=alert(1)>' in column wsn_x_m, row 6; it must be a finite "
     )
     say(page, f"{said}number below 1e+15, or empty where there is no fix.")
     assert page.locator("#own-data :is(img, b)").count() == 0
@@ -186,7 +186,7 @@ def test_the_keyboard_does_it_all(page: Page) -> None:
         page.keyboard.press("Tab")
     page.keyboard.press("Enter")
     expect(page.get_by_role("alert")).to_contain_text("wsn_position_noise is 0")
-    say(page, "wsn_position_noise is 0; it may be a number above 0, below 1000.")
+    say(page, "wsn_position_noise must be a number above 0 and below 1000, not 0.")
 
 
 def test_other_figures_are_taken(page: Page) -> None:
@@ -198,7 +198,7 @@ def test_other_figures_are_taken(page: Page) -> None:
     expect(results(page)).to_contain_text("they are too small, or the model is wrong")
     page.get_by_label("Noise of network positions").fill("")
     page.get_by_role("button", name="Compute again").click()
-    expect(page.get_by_role("alert")).to_contain_text("wsn_position_noise is None; it may be")
+    expect(page.get_by_role("alert")).to_contain_text("wsn_position_noise must be")
 
 
 def test_it_fits_a_phone_and_any_theme(page: Page) -> None:

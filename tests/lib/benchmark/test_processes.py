@@ -124,10 +124,10 @@ def test_files_beside_the_entry_are_read(answers: Answering, tmp_path: Path) -> 
         ("return 1 / 0", r"failed: ZeroDivisionError: division by zero \(line 8 of mine.py\)"),
         ("raise SystemExit(3)", "failed: SystemExit: 3"),
         ("import os; os._exit(3)", "has ended with status 3"),
-        ("return Answer([float('nan'), 0])", "may not: position is not finite"),
-        ("return Answer([1, 2, 3])", "may not: position is of shape"),
-        ("return Answer([1, 2], [1])", "may not: velocity is of shape"),
-        ("return Answer([1, 2], covariance=[[1, 2], [2, 1]])", "not positive semidefinite"),
+        ("return Answer([float('nan'), 0])", "invalid answer: position .* not NaN or inf"),
+        ("return Answer([1, 2, 3])", "invalid answer: position .* not of shape"),
+        ("return Answer([1, 2], [1])", "invalid answer: velocity .* not of shape"),
+        ("return Answer([1, 2], covariance=[[1, 2], [2, 1]])", "not one with a negative eigen"),
         ("return [1, 2]", "step returned list, not an Answer or None"),
     ],
 )
@@ -152,8 +152,8 @@ def test_an_entry_that_cannot_be_imported_is_told(answers: Answering) -> None:
     [
         ("Mine", "module:Class"),
         ("nowhere:Mine", "in a module that can be imported"),
-        ("nowhere.py:Mine", "in a file that there is"),
-        (lambda task: None, "at the head of a file"),
+        ("nowhere.py:Mine", "in a file that exists"),
+        (lambda task: None, "at the top level of a file"),
     ],
 )
 def test_an_entry_that_is_nowhere_is_refused(entry: object, said: str) -> None:

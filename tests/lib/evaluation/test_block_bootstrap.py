@@ -34,5 +34,5 @@ def test_errors_that_hang_together_widen_it_by_the_root_of_how_many_do() -> None
 
 
 def test_too_few_blocks_are_refused() -> None:
-    with pytest.raises(ParameterError, match=r"^block is 40; it may be 33 of 100 "):
+    with pytest.raises(ParameterError, match=r"^block must be at most 33 for 100 "):
         block_ratio(np.ones(100), np.ones(100), 40)

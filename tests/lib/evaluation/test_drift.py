@@ -188,5 +188,5 @@ def test_each_pattern_has_the_bound_that_another_solver_finds() -> None:
     ],
 )
 def test_refusals(call: Callable[[], object], name: str) -> None:
-    with pytest.raises(ParameterError, match=f"^{name} is"):
+    with pytest.raises(ParameterError, match=f"^{name} must be"):
         call()

@@ -37,7 +37,7 @@ def test_what_a_seed_stands_for() -> None:
     [(0, 1, 0, "runs"), (1, -1, 0, "seed"), (1, 1, 1, "first"), (1, 1, -GROUP, "first")],
 )
 def test_what_cannot_be_is_refused(runs: int, seed: int, first: int, said: str) -> None:
-    with pytest.raises(ParameterError, match=f"^{said} is"):
+    with pytest.raises(ParameterError, match=f"^{said} must be"):
         monte_carlo(draw, runs, seed, first=first)
 
 
@@ -51,5 +51,5 @@ def test_what_is_kept_of_some_runs_at_a_time_is_that_of_all() -> None:
     found = monte_carlo(draw, 300, seed=5, first=GROUP, keep=largest, at_once=2 * GROUP)
     assert np.array_equal(found["x"], whole)
     assert sizes == [128, 128, 44]
-    with pytest.raises(ParameterError, match=r"^at_once is"):
+    with pytest.raises(ParameterError, match=r"^at_once must be"):
         monte_carlo(draw, 300, seed=5, keep=largest, at_once=GROUP + 1)

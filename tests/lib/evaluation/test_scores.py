@@ -53,7 +53,7 @@ def test_the_interval_of_a_lead() -> None:
     lead = paired_lead(2 - u, 4 + u)
     assert lead.percent == pytest.approx(50)
     assert lead.within == pytest.approx(25 * 1.96 * 2 * deviation / 101**0.5, rel=1e-9)
-    with pytest.raises(ParameterError, match="others is of shape"):
+    with pytest.raises(ParameterError, match=r"others .* not of shape"):
         paired_lead(u, u[1:])
 
 
@@ -62,7 +62,7 @@ def test_the_interval_of_a_lead() -> None:
     [({"one.time": np.ones(50)}, "error"), ({"one.error": np.ones(50)}, "time")],
 )
 def test_values_of_others_are_refused(values: dict[str, np.ndarray], headline: str) -> None:
-    with pytest.raises(ParameterError, match="values is"):
+    with pytest.raises(ParameterError, match="values must be"):
         Scores({"one": "the one"}, {"error": "m"}, values, headline)
 
 
@@ -83,9 +83,9 @@ def test_a_hypothesis_by_hand() -> None:
 @pytest.mark.parametrize(
     ("rebuilt", "printed", "free", "said"),
     [
-        ([1.0], [1.0, 2.0], 0, "printed is of shape"), ([], [], 0, "positive numbers"),
+        ([1.0], [1.0, 2.0], 0, "printed .* not of shape"), ([], [], 0, "positive numbers"),
         ([0.0], [1.0], 0, "positive numbers"), ([1.0], [0.0], 0, "positive numbers"),
-        ([1.0], [np.nan], 0, "printed is not finite"), ([1.0], [1.0], -1, "free is -1"),
+        ([1.0], [np.nan], 0, "printed .* not NaN or inf"), ([1.0], [1.0], -1, "free .* not -1"),
     ],
 )  # fmt: skip
 def test_what_does_not_pair_is_refused(

@@ -29,8 +29,8 @@ def test_every_candidate_is_tried_once_in_order() -> None:
 @pytest.mark.parametrize(
     ("candidates", "value", "said"),
     [
-        ([], 1.0, "candidates is"), ([1, float("inf")], 1.0, "candidates is"),
-        ([1, 2], float("nan"), "loss at 1 is nan"), ([1, 2], float("inf"), "loss at 1 is inf"),
+        ([], 1.0, "candidates must be"), ([1, float("inf")], 1.0, "candidates must be"),
+        ([1, 2], float("nan"), "loss at 1 .* nan"), ([1, 2], float("inf"), "loss at 1 .* inf"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_tuned(candidates: list[float], value: float, said: str) -> None:
@@ -82,13 +82,13 @@ def test_a_pattern_search_goes_around_what_cannot_be_had() -> None:
 @pytest.mark.parametrize(
     ("start", "ratios", "loss", "most", "said"),
     [
-        ((1.0,), (2.0, 3.0), bowl, 9, "ratios is"), ((), (), bowl, 9, "start is"),
-        ((0.0, 1.0), (2.0, 2.0), bowl, 9, "start is"),
-        ((1.0, 1.0), (2.0, 1.0), bowl, 9, "ratios is"),
-        ((1.0, 1.0), (2.0, 2.0), bowl, 0, "most is"),
-        ((1.0,), (2.0,), lambda _: float("nan"), 9, r"loss is nan at \(1.0,\)"),
-        ((1.0,), (2.0,), lambda _: float("inf"), 9, "loss is inf"),
-        ((1.0,), (2.0,), lambda x: 1.0 if x == 1 else float("nan"), 9, r"loss is nan at \(2.0,\)"),
+        ((1.0,), (2.0, 3.0), bowl, 9, "ratios must be"), ((), (), bowl, 9, "start must be"),
+        ((0.0, 1.0), (2.0, 2.0), bowl, 9, "start must be"),
+        ((1.0, 1.0), (2.0, 1.0), bowl, 9, "ratios must be"),
+        ((1.0, 1.0), (2.0, 2.0), bowl, 0, "most must be"),
+        ((1.0,), (2.0,), lambda _: float("nan"), 9, r"loss .* not nan at \(1.0,\)"),
+        ((1.0,), (2.0,), lambda _: float("inf"), 9, "loss .* not inf"),
+        ((1.0,), (2.0,), lambda x: 1.0 if x == 1 else float("nan"), 9, r"loss .* nan at \(2.0,\)"),
     ],
 )  # fmt: skip
 def test_what_a_pattern_search_refuses(

@@ -234,7 +234,7 @@ def test_as_many_clusters_as_an_integer_has_bits_for() -> None:
     y = np.zeros((62, 3, 4, 2))
     y[:61, 1], y[:, 2, :, 1] = np.nan, np.nan
     assert patterns_of(y) == [(False,) * 61 + (True,), (True,) * 62]
-    with pytest.raises(ParameterError, match="measurements is of 63 clusters"):
+    with pytest.raises(ParameterError, match=r"measurements .* not 63"):
         patterns_of(np.zeros((63, 2, 4, 1)))
 
 
@@ -252,27 +252,27 @@ def test_no_runs_and_no_steps(shape: tuple[int, ...], handover: Any) -> None:
 @pytest.mark.parametrize(
     ("changed", "said"),
     [
-        ({"designs": [(MODEL, np.eye(3))] * 2}, "gain is of shape"),
-        ({"designs": [(MODEL, np.eye(4)), MODEL]}, "designs is with ErrorModel"),
-        ({"designs": [(MODEL, np.eye(4)), (ErrorModel.p1(0.3), np.eye(4))]}, "of different A"),
-        ({"measurements": np.zeros((3, 5, 4, 1))}, "measurements is of shape"),
-        ({"weights": np.eye(4)}, "weights is of shape"),
-        ({"weights": np.stack([np.eye(4)] * 2)}, "weights is of another sum"),
-        ({"weights": {(True,): np.eye(4)[None]}}, "weights is of shape"),
-        ({"weights": {(True, False): np.stack([0.5 * np.eye(4)] * 2)}}, "not zero for a cluster"),
-        ({"weights": {(True, False): ALONE}}, r"weights is without the pattern \(True, True\)"),
-        ({"handover": "soft"}, "handover is 'soft'"),
-        ({"handover": "fading"}, "margins is None"),
-        ({"margins": np.ones((2, 5))}, "margins is array"),
-        ({"handover": "fading", "margins": np.ones((2, 4))}, "margins is of shape"),
-        ({"handover": "fading", "margins": np.full((2, 5), 1.1)}, "margins is outside"),
-        ({"handover": "fading", "margins": np.full((2, 5), -0.1)}, "margins is outside"),
-        ({"lost": np.zeros((2, 5), bool)}, "lost is of shape"),
-        ({"delay": -1}, "delay is -1"),
-        ({"delay": 0.5}, "delay is 0.5"),
-        ({"delay": (1, 2, 3)}, "delay is of shape"),
+        ({"designs": [(MODEL, np.eye(3))] * 2}, "gain .* not of shape"),
+        ({"designs": [(MODEL, np.eye(4)), MODEL]}, "designs .* not of ErrorModel"),
+        ({"designs": [(MODEL, np.eye(4)), (ErrorModel.p1(0.3), np.eye(4))]}, "of different ones"),
+        ({"measurements": np.zeros((3, 5, 4, 1))}, "measurements .* not of shape"),
+        ({"weights": np.eye(4)}, "weights .* not of shape"),
+        ({"weights": np.stack([np.eye(4)] * 2)}, "weights must be of sum I, .*not those for"),
+        ({"weights": {(True,): np.eye(4)[None]}}, "weights .* not of shape"),
+        ({"weights": {(True, False): np.stack([0.5 * np.eye(4)] * 2)}}, "and zero for clusters"),
+        ({"weights": {(True, False): ALONE}}, r"weights .* not without \(True, True\)"),
+        ({"handover": "soft"}, "handover .* not 'soft'"),
+        ({"handover": "fading"}, "margins .* not None"),
+        ({"margins": np.ones((2, 5))}, "margins .* not array"),
+        ({"handover": "fading", "margins": np.ones((2, 4))}, "margins .* not of shape"),
+        ({"handover": "fading", "margins": np.full((2, 5), 1.1)}, "margins must be between 0"),
+        ({"handover": "fading", "margins": np.full((2, 5), -0.1)}, "margins must be between 0"),
+        ({"lost": np.zeros((2, 5), bool)}, "lost .* not of shape"),
+        ({"delay": -1}, "delay .* not -1"),
+        ({"delay": 0.5}, "delay .* not 0.5"),
+        ({"delay": (1, 2, 3)}, "delay .* not of shape"),
         ({"initial_state": np.zeros(3)}, "initial_state"),
-        ({"designs": [(FLAT, np.eye(4))] * 2}, "predicted is False"),
+        ({"designs": [(FLAT, np.eye(4))] * 2}, "predicted .* not False"),
     ],
 )
 def test_what_does_not_fit_is_refused(changed: dict[str, Any], said: str) -> None:

@@ -94,9 +94,9 @@ def test_a_transition_that_cannot_be_inverted_and_no_runs() -> None:
     flat = ErrorModel(A=np.diag([1.0, 0.0]), B=np.eye(2), C=np.eye(2), D=np.eye(2), period=1.0)
     y = np.ones((1, 3, 2, 1))
     assert run_hinfinity((flat, np.eye(2)), y[0], predicted=True)[1, 1] == pytest.approx(1)
-    with pytest.raises(ParameterError, match="predicted is False"):
+    with pytest.raises(ParameterError, match=r"predicted .* not False"):
         run_hinfinity((flat, np.eye(2)), y[0])
-    with pytest.raises(ParameterError, match="predicted is False"):
+    with pytest.raises(ParameterError, match=r"predicted .* not False"):
         run_switched({(True,): (flat, np.eye(2))}, y)
     for shape in ((0, 4, 3), (5, 4, 0)):
         assert run_hinfinity((MODEL, np.eye(4)), np.zeros(shape)).shape == shape
@@ -106,15 +106,15 @@ def test_a_transition_that_cannot_be_inverted_and_no_runs() -> None:
 @pytest.mark.parametrize(
     ("designs", "said"),
     [
-        ({(True, True): (MODEL, np.eye(4))}, "designs is of shape"),
-        ({(True, False): (MODEL, np.eye(4))}, r"designs is without the pattern \(True, True\)"),
-        ({(True,): (MODEL, np.eye(4))}, "designs is of shape"),
-        ({(1, 1): (MODEL, np.eye(4))}, "designs is int64"),
-        ({(True, True): MODEL}, "designs is with ErrorModel"),
-        ({(True, True): (MODEL, np.eye(3))}, "gain is of shape"),
+        ({(True, True): (MODEL, np.eye(4))}, "designs .* not of shape"),
+        ({(True, False): (MODEL, np.eye(4))}, r"designs .* not without \(True, True\)"),
+        ({(True,): (MODEL, np.eye(4))}, "designs .* not of shape"),
+        ({(1, 1): (MODEL, np.eye(4))}, "designs .* not int64"),
+        ({(True, True): MODEL}, "designs .* not of ErrorModel"),
+        ({(True, True): (MODEL, np.eye(3))}, "gain .* not of shape"),
         (
             {(True, False): (MODEL, np.eye(4)), (False, True): (ErrorModel.p1(0.3), np.eye(4))},
-            "designs is of different A",
+            "designs .* not of different ones",
         ),
     ],
 )
@@ -124,9 +124,9 @@ def test_switched_designs_that_do_not_fit_are_refused(designs: dict, said: str) 
 
 
 def test_what_does_not_fit_is_refused() -> None:
-    with pytest.raises(ParameterError, match="C is of shape"):
+    with pytest.raises(ParameterError, match=r"C .* not of shape"):
         deadbeat_gain(ErrorModel(A=np.eye(4), B=np.eye(4), C=np.eye(2, 4), D=np.eye(2), period=1))
-    with pytest.raises(ParameterError, match="design is with ErrorModel"):
+    with pytest.raises(ParameterError, match=r"design .* not of ErrorModel"):
         run_hinfinity(MODEL, Y)  # type: ignore[arg-type]
     with pytest.raises(ParameterError, match="measurements"):
         run_hinfinity((MODEL, np.eye(4)), Y[:, :3])

@@ -29,7 +29,7 @@ def test_an_inverse_that_would_be_wrong_in_its_sixth_digit_is_refused(runs: int)
     near = pair(np.sqrt(1 - 1e-8))
     exact = np.array([[1, -1], [-1, 1]]) * 1e8
     np.testing.assert_allclose(inverses(near)[..., 0], exact, rtol=1e-7)
-    with pytest.raises(ParameterError, match="measurement_covariance is so small"):
+    with pytest.raises(ParameterError, match=r"measurement_covariance .* not so small"):
         inverses(pair(np.sqrt(1 - 1e-10)))
 
 
@@ -37,7 +37,7 @@ def test_an_inverse_that_would_be_wrong_in_its_sixth_digit_is_refused(runs: int)
 def test_a_prior_that_is_lost_to_rounding_is_refused(runs: int) -> None:
     """One number is measured of two, beside which the information of the prior is too small."""
     singular = np.repeat(np.ones((2, 2, 1)), runs, axis=2)
-    with pytest.raises(ParameterError, match="measurement_covariance is so small"):
+    with pytest.raises(ParameterError, match=r"measurement_covariance .* not so small"):
         inverses(singular)
 
 
@@ -55,7 +55,7 @@ def test_as_many_components_as_an_integer_has_bits_for() -> None:
     found = run_federated(wide(62), y, measurement_covariance=[np.eye(62)] * 2, **options)
     expected = run_kalman(wide(124), np.concatenate(y, axis=1), **options)
     assert found == pytest.approx(expected, abs=1e-10)
-    with pytest.raises(ParameterError, match="measurements is of 63 "):
+    with pytest.raises(ParameterError, match=r"measurements .* not 63"):
         run_federated(wide(63), np.zeros((1, 3, 63, 2)), measurement_covariance=[np.eye(63)],
                       **options)  # fmt: skip
 
@@ -86,6 +86,6 @@ def test_what_does_not_fit_is_refused(name: str, value: np.ndarray) -> None:
 
 def test_a_state_that_becomes_certain_is_refused() -> None:
     model = ErrorModel(A=np.diag([1, 0]), B=np.zeros((2, 1)), C=np.eye(2), D=np.eye(2), period=1.0)
-    with pytest.raises(ParameterError, match="process_covariance is singular"):
+    with pytest.raises(ParameterError, match=r"process_covariance .* not singular"):
         run_federated(model, np.zeros((1, 3, 2, 1)), measurement_covariance=[np.eye(2)],
                       initial_covariance=np.eye(2))  # fmt: skip

@@ -179,13 +179,13 @@ def test_what_cannot_be_fused_is_refused(name: str, changed: dict[str, Any]) -> 
         intersect(**(fine | changed))
     assert caught.value.name == name
     if changed.get("weights") == (0.5, 0.6):
-        assert str(caught.value) == "weights is (0.5, 0.6); it may be not negative, of sum 1."
+        assert str(caught.value) == "weights must be non-negative and of sum 1, not (0.5, 0.6)."
 
 
 def test_an_unknown_rule_is_refused() -> None:
-    with pytest.raises(ParameterError, match="rule is 'worst'"):
+    with pytest.raises(ParameterError, match=r"rule .* not 'worst'"):
         run_fused_locals(MODEL, np.zeros((2, 5, 4, 1)), measurement_covariance=[np.eye(4)] * 2,
                          initial_covariance=P0, rule="worst")  # type: ignore[arg-type]  # fmt: skip
-    with pytest.raises(ParameterError, match=r"numbers \(N, steps, 4, runs\), NaN where missing"):
+    with pytest.raises(ParameterError, match=r"NaN where missing\) of shape \(N, steps, 4, runs\)"):
         run_fused_locals(MODEL, np.zeros((2, 5)), measurement_covariance=[np.eye(4)] * 2,
                          initial_covariance=P0)  # fmt: skip

@@ -92,5 +92,5 @@ def test_a_second_piece_goes_on_where_the_first_ended() -> None:
 def test_a_certain_innovation_is_told() -> None:
     model = ErrorModel(A=[[1]], B=[[0]], C=[[1]], D=[[0]], period=1.0)
     y = np.array([[1.0, np.nan], [1.0, 2.0]]).reshape(2, 1, 2)
-    with pytest.raises(ParameterError, match="an innovation is certain"):
+    with pytest.raises(ParameterError, match="an innovation has no variance"):
         kalman.run_kalman(model, y, initial_covariance=[[0]])

@@ -298,13 +298,13 @@ def test_a_parameter_that_cannot_be_is_refused(
     call: Callable[[BackpropRegressor], Any], parameters: dict[str, Any]
 ) -> None:
     *_, (name, value) = parameters.items()
-    with pytest.raises(ParameterError, match=f"{name} is {value!r}"):
+    with pytest.raises(ParameterError, match=rf"{name} .* not {value!r}"):
         call(BackpropRegressor(**parameters))
 
 
 def test_data_sets_that_do_not_fit_together_are_refused() -> None:
     X, y = data(17)
-    with pytest.raises(ParameterError, match="the shape of Xs and ys is"):
+    with pytest.raises(ParameterError, match="the shapes of Xs and ys must be"):
         BackpropRegressor().fit_many([X, X[1:]], [y, y[1:]])
-    with pytest.raises(ParameterError, match="is 2, 1 and 2; it may be one number"):
+    with pytest.raises(ParameterError, match="must be of the same length, not 2, 1 and 2"):
         BackpropRegressor().fit_many([X, X], [y])

@@ -82,16 +82,16 @@ def test_it_smooths_noise_and_follows_what_is_clear() -> None:
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        ({"X": [[1.0], [np.nan]]}, "X is not finite"),
-        ({"y": [1.0]}, "y is of shape"),
-        ({"sigmas": []}, "sigmas is empty; it may be one or more positive numbers."),
-        ({"sigmas": [1.0, 0.0]}, "sigmas is .*0.0"),
-        ({"etas": [-1.0]}, "etas is .*-1.0"),
-        ({"trained_on": 0}, "trained_on is 0"),
-        ({"trained_on": 2}, "trained_on is 2"),
-        ({"kernel": "none"}, "kernel is 'none'"),
-        ({"degree": 0}, "degree is 0"),
-        ({"X": [[1.0]], "y": [1.0]}, "X is 1 sample"),
+        ({"X": [[1.0], [np.nan]]}, "X .* not NaN or infinite"),
+        ({"y": [1.0]}, "y .* not of shape"),
+        ({"sigmas": []}, "sigmas must be one or more positive numbers, not empty."),
+        ({"sigmas": [1.0, 0.0]}, "sigmas must be .*0.0"),
+        ({"etas": [-1.0]}, "etas must be .*-1.0"),
+        ({"trained_on": 0}, "trained_on .* not 0"),
+        ({"trained_on": 2}, "trained_on .* not 2"),
+        ({"kernel": "none"}, "kernel .* not 'none'"),
+        ({"degree": 0}, "degree .* not 0"),
+        ({"X": [[1.0]], "y": [1.0]}, "X .* not 1 sample"),
     ],
 )
 def test_what_cannot_be_is_refused(changes: dict[str, Any], said: str) -> None:

@@ -472,20 +472,20 @@ P1 = ErrorModel.p1(0.2)
 @pytest.mark.parametrize(
     ("call", "said"),
     [
-        (lambda: design_filter(P1, "other"), "form is"),
-        (lambda: minimise_gamma(P1, "other"), "form is"),
-        (lambda: central_gain(P1, 2.0, "other"), "form is"),
-        (lambda: design_filter(P1, solver="other"), "solver is"),
-        (lambda: minimise_gamma(P1, solver="other"), "solver is"),
-        (lambda: central_gain(P1, 2.0, solver="other"), "solver is"),
-        (lambda: design_filter(P1, margin=0.0), "margin is 0.0; .* above 0, at most 1e.09"),
-        (lambda: design_filter(P1, margin=1.1e9), "margin is"),
-        (lambda: central_gain(P1, 0.0), "level is 0.0; .* above 0, at most 1e.100"),
+        (lambda: design_filter(P1, "other"), "form must be"),
+        (lambda: minimise_gamma(P1, "other"), "form must be"),
+        (lambda: central_gain(P1, 2.0, "other"), "form must be"),
+        (lambda: design_filter(P1, solver="other"), "solver must be"),
+        (lambda: minimise_gamma(P1, solver="other"), "solver must be"),
+        (lambda: central_gain(P1, 2.0, solver="other"), "solver must be"),
+        (lambda: design_filter(P1, margin=0.0), "margin .* above 0 and at most 1e.09, not 0.0"),
+        (lambda: design_filter(P1, margin=1.1e9), "margin must be"),
+        (lambda: central_gain(P1, 0.0), "level must be .* above 0 and at most 1e.100, not 0.0"),
         (
             lambda: design_filter(replace(P1, B=np.zeros((4, 1)))),
-            r"B is zero; it may be a matrix that is not zero\.$",
+            r"B must be a nonzero matrix, not zero\.$",
         ),
-        (lambda: design_filter(replace(P1, L=np.zeros((1, 4)))), "L is zero"),
+        (lambda: design_filter(replace(P1, L=np.zeros((1, 4)))), "L .* not zero"),
     ],
 )
 def test_what_cannot_be_is_refused(call: Any, said: str) -> None:

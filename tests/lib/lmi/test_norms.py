@@ -139,16 +139,16 @@ def test_the_least_level_is_approached_from_above() -> None:
 @pytest.mark.parametrize(
     ("call", "said"),
     [
-        (lambda: spectral_radius(np.ones((2, 3))), "A is"),
-        (lambda: hinf_norm(np.ones((2, 3)), ONE, ONE), "A is"),
-        (lambda: hinf_norm(np.eye(2), ONE, np.eye(2)), "B is"),
-        (lambda: hinf_norm(np.eye(2), np.eye(2), ONE), "C is"),
-        (lambda: hinf_norm(HALF, ONE, ONE, 1e-15), "relative is .* at least 1e-14, below 1"),
-        (lambda: hinf_norm(HALF, ONE, ONE, 1.0), "relative is"),
-        (lambda: largest_singular_value(np.ones((2, 3)), ONE, ONE, [0.0]), "A is"),
-        (lambda: largest_singular_value(np.eye(2), ONE, np.eye(2), [0.0]), "B is"),
-        (lambda: largest_singular_value(np.eye(2), np.eye(2), ONE, [0.0]), "C is"),
-        (lambda: largest_singular_value(HALF, ONE, ONE, 0.0), r"angles is .*\(k,\)"),
+        (lambda: spectral_radius(np.ones((2, 3))), "A must be"),
+        (lambda: hinf_norm(np.ones((2, 3)), ONE, ONE), "A must be"),
+        (lambda: hinf_norm(np.eye(2), ONE, np.eye(2)), "B must be"),
+        (lambda: hinf_norm(np.eye(2), np.eye(2), ONE), "C must be"),
+        (lambda: hinf_norm(HALF, ONE, ONE, 1e-15), "relative .* at least 1e-14 and below 1"),
+        (lambda: hinf_norm(HALF, ONE, ONE, 1.0), "relative must be"),
+        (lambda: largest_singular_value(np.ones((2, 3)), ONE, ONE, [0.0]), "A must be"),
+        (lambda: largest_singular_value(np.eye(2), ONE, np.eye(2), [0.0]), "B must be"),
+        (lambda: largest_singular_value(np.eye(2), np.eye(2), ONE, [0.0]), "C must be"),
+        (lambda: largest_singular_value(HALF, ONE, ONE, 0.0), r"angles must be .*\(k,\)"),
     ],
 )
 def test_what_cannot_be_is_refused(call: Any, said: str) -> None:

@@ -115,28 +115,28 @@ P1 = ErrorModel.p1(0.2)
     [
         (
             lambda: riccati_filter(P1, 0.0),
-            "gamma is 0.0; .* above 0, at most 1e.100",
+            "gamma must be .* above 0 and at most 1e.100, not 0.0",
         ),
-        (lambda: riccati_filter(P1, 1e101), "gamma is"),
-        (lambda: riccati_gamma(P1, 1e-15), "relative is 1e-15; .* at least 1e-14, below 1"),
-        (lambda: riccati_gamma(P1, 1.0), "relative is 1.0"),
-        (lambda: riccati_gamma(replace(P1, L=np.zeros((1, 4)))), "B, L is zero; .* are not zero"),
+        (lambda: riccati_filter(P1, 1e101), "gamma must be"),
+        (lambda: riccati_gamma(P1, 1e-15), "relative .* at least 1e-14 and below 1, not 1e-15"),
+        (lambda: riccati_gamma(P1, 1.0), "relative .* not 1.0"),
+        (lambda: riccati_gamma(replace(P1, L=np.zeros((1, 4)))), "B and L must be nonzero"),
         (
             lambda: riccati_gamma(replace(P1, A=P1.A / 2, B=np.zeros((4, 1)))),
-            "B, L is zero; it may be matrices that are not zero",
+            "B and L must be nonzero matrices",
         ),
         *(
             (lambda model=model, find=find: find(model), said)
             for find in (riccati_gamma, lambda model: riccati_filter(model, 2.0))
             for model, said in (
-                (ErrorModel.p1(0.2, 0.01), "E is not zero; it may be zero: the equation knows no "),
+                (ErrorModel.p1(0.2, 0.01), "E must be zero, since the equation has no "),
                 (
                     ErrorModel.p1(0.2, measurement_noise=(0.0, 1.0)),
-                    "D is such that D D' is singular; it may be of full row rank",
+                    "D must be of full row rank",
                 ),
                 (
                     ErrorModel.p1(0.2, process_noise=(1.0, 0.0)),
-                    "B is such that a mode on the unit circle has no noise; it may be one that ",
+                    "B must be one that drives",
                 ),
             )
         ),

@@ -113,7 +113,7 @@ def test_near_instability_it_cannot_be_told(monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setattr(stochastic, "_DOUBLINGS", 1)  # to 2 and 4
     with pytest.raises(ParameterError) as caught:
         stochastic_gain([[0.5]], [[0.8]], ONE, ONE)
-    assert str(caught.value) == "A, E is too near instability; it may be farther from it."
+    assert str(caught.value) == "A and E must be farther from instability, not so near it."
 
 
 @settings(max_examples=40)
@@ -232,13 +232,13 @@ def test_no_output_or_no_input_has_no_gain() -> None:
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        ({"steps": 0}, "steps is 0; .* 1 or more"),
-        ({"relative": 0.0}, "relative is 0.0; .* at least 1e-14, below 1"),
-        ({"relative": 1.0}, "relative is 1.0"),
-        ({"A": [[1.0, 2.0]]}, "A is"),
-        ({"B": np.eye(2)}, "B is"),
-        ({"L": np.eye(2)}, "L is"),
-        ({"E": np.eye(2)}, r"E is of shape \(2, 2\); it may be .* \(1, 1\) or \(k, 1, 1\)"),
+        ({"steps": 0}, "steps must be .* at least 1, not 0"),
+        ({"relative": 0.0}, "relative must be .* at least 1e-14 and below 1, not 0.0"),
+        ({"relative": 1.0}, "relative .* not 1.0"),
+        ({"A": [[1.0, 2.0]]}, "A must be"),
+        ({"B": np.eye(2)}, "B must be"),
+        ({"L": np.eye(2)}, "L must be"),
+        ({"E": np.eye(2)}, r"E must be .* \(1, 1\) or \(k, 1, 1\)"),
     ],
 )
 def test_what_cannot_be_is_refused(changes: dict[str, Any], said: str) -> None:
@@ -260,6 +260,6 @@ def test_a_gain_that_is_no_number_is_refused(monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setattr(stochastic, "_DOUBLINGS_FROM_NOTHING", 20)
     with pytest.raises(ParameterError) as caught:
         finite_horizon_gain([[2.0]], [[0.0]], ONE, ONE, 30)
-    assert str(caught.value) == "steps is 30; it may be so few that the gain is a number."
+    assert str(caught.value) == "steps must be few enough for the gain to be finite, not 30."
     with pytest.raises(ParameterError):  # its energy overflows on the way there
         finite_horizon_gain([[1e200]], [[0.0]], ONE, ONE, 3)

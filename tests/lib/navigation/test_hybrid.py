@@ -274,22 +274,22 @@ HEARD, OUTAGE, CLOCK = np.zeros((5, 4, 1)), noise(1, 15, 1, (12, 15)), np.zeros(
 @pytest.mark.parametrize(
     ("options", "y", "u", "said"),
     [
-        ({"window": 0}, OUTAGE, CLOCK, "window is 0"),
-        ({"least": 0}, OUTAGE, CLOCK, "least is 0"),
-        ({"patience": -1}, OUTAGE, CLOCK, "patience is -1"),
-        ({}, HEARD[..., 0], CLOCK, "measurements is of shape"),
-        ({}, HEARD, None, "inputs is None"),
-        ({}, HEARD, CLOCK, "inputs is of shape"),
-        ({}, HEARD, np.zeros((5, 1, 2)), "inputs is of shape"),
-        ({"filter": lambda y: y[1:]}, OUTAGE, CLOCK, "what filter returns is of shape"),
+        ({"window": 0}, OUTAGE, CLOCK, "window .* not 0"),
+        ({"least": 0}, OUTAGE, CLOCK, "least .* not 0"),
+        ({"patience": -1}, OUTAGE, CLOCK, "patience .* not -1"),
+        ({}, HEARD[..., 0], CLOCK, "measurements .* not of shape"),
+        ({}, HEARD, None, "inputs .* not None"),
+        ({}, HEARD, CLOCK, "inputs .* not of shape"),
+        ({}, HEARD, np.zeros((5, 1, 2)), "inputs .* not of shape"),
+        ({"filter": lambda y: y[1:]}, OUTAGE, CLOCK, "what filter returns .* not of shape"),
         (
             {"filter": lambda y: y * [[1], [np.nan], [1], [1]]},
             OUTAGE,
             CLOCK,
-            "what filter returns is not finite",
+            "what filter returns .* not NaN or infinite",
         ),
-        ({"regressor": Odd()}, OUTAGE, CLOCK, r"regressor is Odd, which predicts \(3,\)"),
-        ({"regressor": Odd("nan")}, OUTAGE, CLOCK, r"Odd, which predicts \(3, 4\), or what is not"),
+        ({"regressor": Odd()}, OUTAGE, CLOCK, r"regressor .* not Odd, which predicts \(3,\)"),
+        ({"regressor": Odd("nan")}, OUTAGE, CLOCK, r"Odd, which predicts \(3, 4\) or not fin"),
         ({"regressor": Odd("fit")}, OUTAGE, CLOCK, "Odd, whose fit fails: ValueError: no such"),
     ],
 )
@@ -303,9 +303,9 @@ def test_what_does_not_fit_is_refused(
 @pytest.mark.parametrize(
     ("time", "shape", "said"),
     [
-        (np.arange(5.0), (5, 3, 1), "ins is of shape"),
-        (np.arange(4.0), (5, 4, 1), "time is of shape"),
-        (np.zeros(5), (5, 4, 1), "time is not in order"),
+        (np.arange(5.0), (5, 3, 1), "ins .* not of shape"),
+        (np.arange(4.0), (5, 4, 1), "time .* not of shape"),
+        (np.zeros(5), (5, 4, 1), "time must be increasing, not out of order"),
     ],
 )
 def test_what_cannot_be_observed_is_refused(

@@ -546,17 +546,17 @@ def test_motion_is_what_the_car_does() -> None:
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        ({"tau": 0}, "tau is 0"),
-        ({"phase": -1}, "phase is -1"),
-        ({"spacing": 0}, "spacing is 0"),
-        ({"window": 1}, "window is 1"),
-        ({"past": -1}, "past is -1"),
-        ({"past": 3, "anchored": True}, "past is 3"),  # no pair at the start of a past ramp
-        ({"past": 3, "restart": "aligned"}, "past is 3"),  # no ramp before one to learn from
-        ({"rivals": ["a line"]}, "regressor is 'a line'"),
-        ({"restart": "never"}, "restart is 'never'"),
-        ({"frame": "moon"}, "frame is 'moon'"),
-        ({"motion": False, "timed": False}, "timed is False"),
+        ({"tau": 0}, "tau .* not 0"),
+        ({"phase": -1}, "phase .* not -1"),
+        ({"spacing": 0}, "spacing .* not 0"),
+        ({"window": 1}, "window .* not 1"),
+        ({"past": -1}, "past .* not -1"),
+        ({"past": 3, "anchored": True}, "past .* not 3"),  # no pair at the start of a past ramp
+        ({"past": 3, "restart": "aligned"}, "past .* not 3"),  # no ramp before one to learn from
+        ({"rivals": ["a line"]}, "regressor .* not 'a line'"),
+        ({"restart": "never"}, "restart .* not 'never'"),
+        ({"frame": "moon"}, "frame .* not 'moon'"),
+        ({"motion": False, "timed": False}, "timed .* not False"),
     ],
 )
 def test_hybrids_that_cannot_be(changes: dict[str, Any], said: str) -> None:
@@ -575,5 +575,5 @@ def test_an_outage_has_pairs_before_it_and_ends_within_the_drive(
     changes: dict[str, Any], starts: list[int], steps: int
 ) -> None:
     drive, run = driven()
-    with pytest.raises(ParameterError, match="starts is"):
+    with pytest.raises(ParameterError, match="starts must be"):
         hybrid(**changes).bridge(drive, run, starts, steps)

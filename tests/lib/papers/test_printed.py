@@ -98,7 +98,7 @@ def test_what_intervals_have_in_common() -> None:
 )
 def test_what_is_not_a_printed_number(text: str) -> None:
     for read in (interval, lambda text: derive(reduction, text, "1"), lambda text: about(text, 1)):
-        with pytest.raises(ParameterError, match=r"^text is .* a printed decimal number"):
+        with pytest.raises(ParameterError, match=r"^text must be a printed decimal number"):
             read(text)
 
 
@@ -116,5 +116,5 @@ def test_what_is_not_a_printed_number(text: str) -> None:
     ],
 )
 def test_a_refusal_names_its_parameter(call: Callable[[], object], name: str) -> None:
-    with pytest.raises(ParameterError, match=f"^{name} is"):
+    with pytest.raises(ParameterError, match=f"^{name} must be"):
         call()

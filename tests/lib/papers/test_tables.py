@@ -37,13 +37,13 @@ def test_digits_survive(tmp_path: Path) -> None:
         ("method,a,a\nKF,1,2\n", "t.csv names a column twice; it has method, a, a."),
         (
             "method,a\nKF,1,2\n",
-            "t.csv has 3 cells in a row (KF, 1, 2); it may have 2, as the header has.",
+            "t.csv has 3 cells in a row (KF, 1, 2); there must be 2, as in the header.",
         ),
         (
             "method,a\nKF,1,\n",
-            "t.csv has 3 cells in a row (KF, 1, ); it may have 2, as the header has.",
+            "t.csv has 3 cells in a row (KF, 1, ); there must be 2, as in the header.",
         ),
-        ("method,a\n", "t.csv has 0 cells in a row (); it may have 2, as the header has."),
+        ("method,a\n", "t.csv has 0 cells in a row (); there must be 2, as in the header."),
         ('method,a\n"KF,1\n', "t.csv is not a CSV file: unexpected end of data."),
     ],
 )

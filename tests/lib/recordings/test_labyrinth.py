@@ -39,14 +39,14 @@ def test_modules_are_named_and_placed_once(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        ("odom2diff 1", "odom3 1", r"Input.txt has 'odom3' in line 5; it may be range2, odom2diff"),
-        ("range2 1.5 2", "range2 1.5 two", r"Input.txt has 'two' in line 2; it may be a finite"),
-        ("range2 1.5 2", "range2 1.5", r"Input.txt has 6 cells in line 2; it may have 7\."),
+        ("odom2diff 1", "odom3 1", r"Input.txt has 'odom3' in line 5; it must be range2 or odom2d"),
+        ("range2 1.5 2", "range2 1.5 two", r"Input.txt has 'two' in line 2; it must be a finite"),
+        ("range2 1.5 2", "range2 1.5", r"Input.txt has 6 cells in line 2; there must be 7\."),
         ("3 0.01 0 0 9", "3 0.01 0 1 9", r"the module 9 is elsewhere in range 3 than before"),
-        ("0 0.1 1e-4", "0 0 1e-4", r"the distance of the wheels is 0; it may be positive\."),
+        ("0 0.1 1e-4", "0 0 1e-4", r"the distance of the wheels is 0; it must be positive\."),
         ("odom2diff 1.5", "odom2diff 0.5", r"Input.txt: Odometry: the time stamp repeats in row 2"),
         ("range2 2.5", "range2 1.0", r"Input.txt: Ranges: the time stamp goes back by 0.5 s in"),
-        ("odom2diff", "range2", r"Input.txt has 8 cells in line 4; it may have 7\."),
+        ("odom2diff", "range2", r"Input.txt has 8 cells in line 4; there must be 7\."),
     ],
 )
 def test_spoilt_files_are_refused(tmp_path: Path, old: str, new: str, said: str) -> None:

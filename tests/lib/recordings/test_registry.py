@@ -56,10 +56,10 @@ def test_a_known_recording_is_read_from_a_mirror_if_its_digests_fit(
 @pytest.mark.parametrize(
     ("asked", "said"),
     [
-        (("walk",), 'name is \'walk\'; it may be one of "inrol/1", "plaza/2", "labyrinth/1", '),
-        (("walk", "here"), '"rtklib/walk-0827", "inrol", "plaza", "labyrinth", "rtklib", "csv".'),
-        (("csv",), "folder is None; it may be one with files of the kind csv."),
-        ((["inrol/1"],), "name is ['inrol/1']; it may be one of "),
+        (("walk",), 'name must be one of "inrol/1", "plaza/2", "labyrinth/1", '),
+        (("walk", "here"), '"rtklib/walk-0827", "inrol", "plaza", "labyrinth", "rtklib", "csv", '),
+        (("csv",), "folder must be a folder with files of the kind csv, not None."),
+        ((["inrol/1"],), "name must be one of "),
         (("csv", "here"), "There is no folder here."),
     ],
 )
@@ -138,7 +138,7 @@ def test_two_files_that_fit_are_told(tmp_path: Path) -> None:
     MADE["plaza"](tmp_path)
     (tmp_path / "Other_.mat").write_bytes(b"")
     with pytest.raises(
-        InswsnError, match=r"There are Other_.mat, Some_.mat in .*; there may be on"
+        InswsnError, match=r"There are Other_.mat, Some_.mat in .*; there must be on"
     ):
         recordings.load("plaza", tmp_path)
     assert recordings.load("plaza", tmp_path / "Some_.mat").name == "plaza/Some_.mat"

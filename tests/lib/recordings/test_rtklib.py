@@ -68,7 +68,7 @@ def test_without_a_good_fix_the_first_is_the_origin_and_velocities_may_lack(tmp_
 @pytest.mark.parametrize(
     ("name", "old", "new", "said"),
     [
-        ("imu_1.csv", "2.0,-1.5,5030", "2.0,5030", r"imu_1.csv has 6 cells in line 4; it may have"),
+        ("imu_1.csv", "2.0,-1.5,5030", "2.0,5030", r"imu_1.csv has 6 cells in line 4; there must"),
         ("imu_1.csv", "-1.5,5030", "x,5030", r"imu_1.csv has 'x' in line 4"),
         ("imu_1.csv", "5030", "5020", r"imu_1.csv: the device's time: the .* repeats in row 4"),
         ("imu_1.csv", "5030", "5015", r"imu_1.csv: the device's time: .* goes back by 0.005 s in"),
@@ -83,9 +83,9 @@ def test_without_a_good_fix_the_first_is_the_origin_and_velocities_may_lack(tmp_
             "gnss_1.pos",
             "2025/08/28 17:30:40.500",
             "2025/13/28 17:30:40.500",
-            r"it may be a date an",
+            r"it must be a date an",
         ),
-        ("gnss_1.pos", "%  GPST", "%  UTC", r"gnss_1.pos has UTC in its head; it may be GPST\."),
+        ("gnss_1.pos", "%  GPST", "%  UTC", r"gnss_1.pos has UTC in its head; it must be GPST\."),
         ("gnss_1.pos", "-105.0000000", "-4870000.1", r"no latitude and longitude in degrees"),
         ("gnss_1.pos", "40.0000200 -1", "40:00:00.1 -1", r"gnss_1.pos has '40:00:00.1' in li"),
     ],
@@ -102,17 +102,17 @@ def test_spoilt_files_are_refused(tmp_path: Path, name: str, old: str, new: str,
 @pytest.mark.parametrize(
     ("name", "content", "said"),
     [
-        ("imu_1.csv.tag", b"TIME", r"imu_1.csv.tag: it is no time tag of RTKLIB\."),
+        ("imu_1.csv.tag", b"TIME", r"imu_1.csv.tag: it is not an RTKLIB time tag\."),
         ("imu_1.csv.tag", b"TIMETAG RTKLIB".ljust(83, b"\0"), r"tag: it ends within a record\."),
         ("imu_1.csv.tag", b"TIMETAG RTKLIB".ljust(76, b"\0"), r"tag: it ends before imu_1.csv doe"),
-        ("imu_1.csv", b"1\n0,0,1,0,0,0,5\n2\n", r"imu_1.csv: one row makes no line"),
+        ("imu_1.csv", b"1\n0,0,1,0,0,0,5\n2\n", r"imu_1.csv: one row is too few"),
         ("imu_1.csv", b"1\n" + 50 * b"0,0,1,0,0,0,5\n", r"imu_1.csv.tag: it ends before|repeats"),
         ("imu_1.csv", b"1\n", r"imu_1.csv has no row of 7 numbers\."),
         ("gnss_1.pos", b"% nothing\n", r"gnss_1.pos has no row of 15 numbers\."),
         (
             "gnss_1.pos",
             b"2025/08/28 17:30:40.000 40 -105\n",
-            r"has 4 cells in line 1; it may have 15",
+            r"has 4 cells in line 1; there must be 15",
         ),
     ],
 )

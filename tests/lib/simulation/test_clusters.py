@@ -81,7 +81,7 @@ def test_which_nodes_belong_to_a_cluster(build: Build) -> None:
     first = [0, 28, 0, 14]
     assert (build(clusters=[first, [35, 49, 0, 0]]).labels == 1).sum() == 3
     for few, said in (([35, 42, 0, 0], 2), ([49, 35, 0, 14], 0), (first, 0)):
-        with pytest.raises(ParameterError, match=f"clusters is such that one has {said} nodes;"):
+        with pytest.raises(ParameterError, match=rf"clusters .* not {said}"):
             _ = build(clusters=[first, few]).labels
 
 
@@ -95,7 +95,7 @@ def test_the_path_takes_its_time(build: Build, scene: ClusterScene) -> None:
     short = build(waypoints=[[0, 0], [0.3, 0]], speed=1, period=0.1)
     assert short.motion.position[:, 0] == pytest.approx([0, 0.1, 0.2, 0.3])
     for period in (1e-9, 30.0):
-        with pytest.raises(ParameterError, match=r"period is .* 2 to 100000 samples"):
+        with pytest.raises(ParameterError, match=r"period must be .* 2 to 100000 samples"):
             _ = build(period=period).motion
 
 
@@ -228,7 +228,7 @@ def test_margins_by_hand(build: Build) -> None:
     assert np.array_equal(margins == 0, without)
     assert scene.margins(3.0)[0, 6] == 1
     assert scene.margins(5.0)[0, 6] == pytest.approx(1)
-    with pytest.raises(ParameterError, match="length is 0"):
+    with pytest.raises(ParameterError, match=r"length .* not 0"):
         scene.margins(0)
 
 
@@ -277,7 +277,7 @@ def test_a_sensor_draws_its_noise_and_a_cluster_the_same_however_many(build: Bui
     ],
 )  # fmt: skip
 def test_settings_that_cannot_be(build: Build, name: str, value: object) -> None:
-    with pytest.raises(ParameterError, match=f"^{name} is .*; it may be "):
+    with pytest.raises(ParameterError, match=f"^{name} must be "):
         build(**{name: value})
 
 
@@ -286,11 +286,11 @@ def test_arguments_that_do_not_fit(build: Build) -> None:
     right = np.zeros((3, 21, 2, 3))
     assert scene.with_velocities(right, right).shape == (3, 21, 4, 3)
     for wrong in (right[0], right[:, 1:], right[:, :, :1]):
-        with pytest.raises(ParameterError, match="fixes is of shape"):
+        with pytest.raises(ParameterError, match=r"fixes .* not of shape"):
             scene.with_velocities(wrong, right)
-    with pytest.raises(ParameterError, match="normal is of shape"):
+    with pytest.raises(ParameterError, match=r"normal .* not of shape"):
         scene.with_velocities(right, right[..., :1])
-    with pytest.raises(ParameterError, match="runs is -1"):
+    with pytest.raises(ParameterError, match=r"runs .* not -1"):
         scene.simulate(np.random.default_rng(1), -1)
     none = scene.simulate(np.random.default_rng(1), 0)
     assert {name: found.shape[-1] for name, found in none.items()} == dict.fromkeys(none, 0)

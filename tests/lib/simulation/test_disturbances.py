@@ -142,5 +142,5 @@ def test_what_cannot_be_is_refused(
 ) -> None:
     disturb(**right, rng=rng(1))
     for name, value in changes.items():
-        with pytest.raises(ParameterError, match=f"^{name} is"):
+        with pytest.raises(ParameterError, match=f"^{name} must be"):
             disturb(**right | {name: value}, rng=rng(1))

@@ -110,10 +110,10 @@ def test_errors_are_none_unless_told_have_either_sign_and_noise_has_none() -> No
     assert vars(made(values)) == as_tuples
     assert made({n: [0, 0] if n in pairs else 0 for n in values}) == InertialErrors()
     for name in noises:
-        with pytest.raises(ParameterError, match=f"^{name} is -0.1"):
+        with pytest.raises(ParameterError, match=rf"^{name} .* not -0.1"):
             made(values | {name: -0.1})
 
 
 def test_noise_that_does_not_fit_is_refused() -> None:
-    with pytest.raises(ParameterError, match="noise is of shape"):
+    with pytest.raises(ParameterError, match=r"noise .* not of shape"):
         simulate_ins(STRAIGHT.drive(7.5, TIME), InertialErrors(), np.zeros((6001, 3, 1)))

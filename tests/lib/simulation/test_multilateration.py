@@ -124,10 +124,10 @@ def test_many_places_at_once_are_those_one_by_one(runs: int) -> None:
 @pytest.mark.parametrize(
     ("nodes", "ranges", "said"),
     [
-        ([(3, 2)], [(3, 5), (3, 5)], "ranges is of 2 places; it may be of 1, as the nodes"),
-        ([(3, 2)], [(4, 5)], r"ranges is of shape \(4, 5\); it may be finite numbers \(3, runs\)"),
-        ([(3, 2)] * 2, [(3, 5), (3, 4)], r"ranges is of shape \(3, 4\).*\(3, 5\), NaN where"),
-        ([(3, 3)], [(3, 5)], r"nodes is of shape \(3, 3\)"),
+        ([(3, 2)], [(3, 5), (3, 5)], "ranges must be of 1 places, as nodes are"),
+        ([(3, 2)], [(4, 5)], r"ranges must be .* of shape \(3, runs\)"),
+        ([(3, 2)] * 2, [(3, 5), (3, 4)], r"ranges .*NaN .* \(3, 5\), not of shape \(3, 4\)"),
+        ([(3, 3)], [(3, 5)], r"nodes .* not of shape \(3, 3\)"),
     ],
 )
 def test_places_that_do_not_fit_are_refused(
@@ -152,5 +152,5 @@ def test_the_covariance_of_directions_by_hand() -> None:
     np.empty((0, 2)), [[1.0, 0.0]], [[1.0, 0.0], [2.0, 0.0]], [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]
 ])  # fmt: skip
 def test_nodes_that_fix_no_position_have_no_covariance(nodes: np.ndarray) -> None:
-    with pytest.raises(ParameterError, match="nodes is"):
+    with pytest.raises(ParameterError, match="nodes must be"):
         position_covariance(np.asarray(nodes), np.zeros(2), 0.1)

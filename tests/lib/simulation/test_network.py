@@ -26,7 +26,7 @@ def test_a_grid_by_hand_and_that_of_p1() -> None:
 
 @pytest.mark.parametrize("spacing", [0.0, -1.0, 0.01])
 def test_a_spacing_that_cannot_be(spacing: float) -> None:
-    with pytest.raises(ParameterError, match="spacing is"):
+    with pytest.raises(ParameterError, match="spacing must be"):
         node_grid((0, 0), (10, 10), spacing)
     assert len(node_grid((0, 0), (10, 10), 0.05)) == 201**2
 
@@ -69,7 +69,7 @@ def test_a_slope_is_that_of_the_line_of_least_squares() -> None:
         for axis in (0, 1):
             slope, _ = np.polyfit(0.2 * np.arange(4), positions[k - 3 : k + 1, axis], 1)
             assert found[k, axis] == pytest.approx(slope, abs=1e-12)
-    with pytest.raises(ParameterError, match="velocity_fixes is 1"):
+    with pytest.raises(ParameterError, match=r"velocity_fixes .* not 1"):
         velocity_slopes(positions, 0.2, 1)
 
 

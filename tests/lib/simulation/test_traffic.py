@@ -48,7 +48,7 @@ def test_hops_are_those_of_a_graph(points: list[tuple[float, float]], reach: flo
         if np.sqrt(((p - q) ** 2).sum()) <= reach * (1 + 1e-9)
     )  # fmt: skip
     if not networkx.is_connected(graph):
-        with pytest.raises(ParameterError, match="reach is"):
+        with pytest.raises(ParameterError, match="reach must be"):
             count_hops(nodes, reach)
         return
     ways = dict(networkx.all_pairs_shortest_path_length(graph))
@@ -137,10 +137,10 @@ def test_with_one_hop_between_any_two_nodes(build: Build) -> None:
 def test_a_network_that_falls_apart_and_nodes_that_are_none(build: Build) -> None:
     nodes = [(0.0, 0.0), (7.0, 0.0), (20.0, 0.0)]
     for reach in (0.0, 6.9, 12.9, float("nan")):
-        with pytest.raises(ParameterError, match="reach is"):
+        with pytest.raises(ParameterError, match="reach must be"):
             count_hops(nodes, reach)
     assert count_hops(nodes, 13.0)[0].tolist() == [0, 1, 2]
-    with pytest.raises(ParameterError, match="reach is"):
+    with pytest.raises(ParameterError, match="reach must be"):
         count_traffic(build(**TINY | {"reach": 6.9}))
-    with pytest.raises(ParameterError, match="nodes is"):
+    with pytest.raises(ParameterError, match="nodes must be"):
         count_hops(np.zeros((2, 3)), 1.0)

@@ -49,10 +49,10 @@ def test_it_goes_straight_on_after_its_end() -> None:
 @pytest.mark.parametrize(
     ("points", "radius", "said"),
     [
-        ([(0, 0)], 1.0, "waypoints is .* two points or more"),
+        ([(0, 0)], 1.0, "waypoints must be .*at least two points"),
         ([(0, 0, 0), (1, 0, 0)], 1.0, "waypoints"),
         ([(0, 0), (1, 0)], 0.0, "radius"),
-        ([(0, 0), (10, 0), (10, 10)], 10.1, "so small that the arcs fit"),
+        ([(0, 0), (10, 0), (10, 10)], 10.1, "small enough for arcs to fit"),
     ],
 )
 def test_paths_that_cannot_be(points: list[Any], radius: float, said: str) -> None:
@@ -63,5 +63,5 @@ def test_paths_that_cannot_be(points: list[Any], radius: float, said: str) -> No
 
 @pytest.mark.parametrize(("speed", "time"), [(0.0, [0.0]), (1.0, [0.0, -0.1]), (1.0, [[0.0]])])
 def test_drives_that_cannot_be(speed: float, time: list[Any]) -> None:
-    with pytest.raises(ParameterError, match="speed is" if speed == 0 else "time is"):
+    with pytest.raises(ParameterError, match="speed must be" if speed == 0 else "time must be"):
         Path.through([(0, 0), (1, 0)], 1.0).drive(speed, time)

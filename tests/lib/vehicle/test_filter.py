@@ -273,9 +273,7 @@ def test_errors_of_nine_states_are_told_in_the_models_own_terms() -> None:
             told = found[epoch].T
             assert told == pytest.approx(expected, **close)
     recorded = changed(drive, reference=replace(drive.reference, attitude=None))
-    with pytest.raises(
-        ParameterError, match=r"recording; it may be one whose attitude is known\.$"
-    ):
+    with pytest.raises(ParameterError, match=r"one whose attitude is known, not a recording\.$"):
         navigation_error(run, recorded)
 
 
@@ -681,7 +679,7 @@ def test_a_moving_start_without_its_velocity_is_told() -> None:
     drive = on_the_way(make_drive(20, 1), 10)
     deaf = drive.gps_velocity.copy()
     deaf[1] = np.nan
-    with pytest.raises(ParameterError, match=r"^drive is moving at epoch 0, and without GPS vel"):
+    with pytest.raises(ParameterError, match=r"^drive must be one with GPS velocity at"):
         align(replace(drive, gps_velocity=deaf), KNOWN)
 
 
@@ -691,13 +689,13 @@ def test_a_moving_start_without_its_velocity_is_told() -> None:
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        ({"compass": 0.0}, "compass is 0.0"),
-        ({"gate": np.inf}, "gate is inf"),
-        ({"gps_time": -1.0}, "gps_time is -1.0"),
-        ({"substeps": 0}, "substeps is 0"),
-        ({"extra": ("wheel",)}, r"extra is \('wheel',\)"),
-        ({"extra": ("gps", "gps")}, "extra is"),
-        ({"extra": "gps"}, "extra is 'gps'"),
+        ({"compass": 0.0}, "compass .* not 0.0"),
+        ({"gate": np.inf}, "gate .* not inf"),
+        ({"gps_time": -1.0}, "gps_time .* not -1.0"),
+        ({"substeps": 0}, "substeps .* not 0"),
+        ({"extra": ("wheel",)}, r"extra .* not \('wheel',\)"),
+        ({"extra": ("gps", "gps")}, "extra must be"),
+        ({"extra": "gps"}, "extra .* not 'gps'"),
     ],
 )
 def test_settings_that_cannot_be(changes: dict[str, Any], said: str) -> None:
@@ -724,14 +722,14 @@ def test_settings_are_those_of_a_scenario_and_may_be_changed() -> None:
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        ({"last": 0}, "last is 0"),
-        ({"last": 61}, "last is 61"),
-        ({"outages": [(10, 10)]}, "outages is 10"),
-        ({"outages": [(-1, 10)]}, "outages is -1"),
-        ({"outages": [(10, 62)]}, "outages is 62"),
-        ({"settings": replace(KNOWN, substeps=101)}, "substeps is 101"),
+        ({"last": 0}, "last .* not 0"),
+        ({"last": 61}, "last .* not 61"),
+        ({"outages": [(10, 10)]}, "outages .* not 10"),
+        ({"outages": [(-1, 10)]}, "outages .* not -1"),
+        ({"outages": [(10, 62)]}, "outages .* not 62"),
+        ({"settings": replace(KNOWN, substeps=101)}, "substeps .* not 101"),
         # else the series for the transition would let its variance grow without end
-        ({"settings": replace(KNOWN, extra=("gps",), gps_time=0.1)}, r"gps_time is 0\.1"),
+        ({"settings": replace(KNOWN, extra=("gps",), gps_time=0.1)}, r"gps_time .* not 0\.1"),
     ],
 )
 def test_runs_that_cannot_be(arguments: dict[str, Any], said: str) -> None:
@@ -742,7 +740,7 @@ def test_runs_that_cannot_be(arguments: dict[str, Any], said: str) -> None:
 def test_the_shortest_run_and_the_shortest_drive() -> None:
     run = run_vehicle_filter(make_drive(1), KNOWN, last=1)
     assert run.epochs[:, 0].tolist() == [0, 1]
-    with pytest.raises(ParameterError, match="time is 1 epochs long; it may be two or more"):
+    with pytest.raises(ParameterError, match="time must be at least two epochs long, not 1"):
         changed(make_drive(1), time=np.zeros(1))
 
 
@@ -754,17 +752,17 @@ def test_the_shortest_run_and_the_shortest_drive() -> None:
     ],
 )  # fmt: skip
 def test_replays_that_cannot_be(starts: Any, steps: int) -> None:
-    with pytest.raises(ParameterError, match=r"st(arts|eps) is"):
+    with pytest.raises(ParameterError, match=r"st(arts|eps) must be"):
         replay(eight(), KNOWN, eight_run(), starts, steps, aiding=True)
 
 
 def test_a_replay_begins_within_its_run() -> None:
     short = run_vehicle_filter(eight(), KNOWN, last=25)
-    with pytest.raises(ParameterError, match="starts is"):
+    with pytest.raises(ParameterError, match="starts must be"):
         replay(eight(), KNOWN, short, [26], 5, aiding=True)
     branch = replay(eight(), KNOWN, short, [25], 35, aiding=True)
     assert branch.epochs[-1, 0] == 60
-    with pytest.raises(ParameterError, match="run is a replay"):
+    with pytest.raises(ParameterError, match=r"run .* not a replay"):
         replay(eight(), KNOWN, branch, [25], 5, aiding=True)
 
 
@@ -807,14 +805,14 @@ def test_a_start_needs_gps_and_compass(name: str) -> None:
 def test_a_drive_has_arrays_that_fit() -> None:
     drive = eight()
     for name in SENSORS:
-        with pytest.raises(ParameterError, match=f"{name} is of shape"):
+        with pytest.raises(ParameterError, match=rf"{name} .* not of shape"):
             changed(drive, **{name: getattr(drive, name)[:-1]})
     for name in SENSORS[:2]:  # an INS has no gaps
-        with pytest.raises(ParameterError, match=f"{name} is not finite"):
+        with pytest.raises(ParameterError, match=rf"{name} .* not NaN or infinite"):
             with_gap(drive, 5, 6, (name,))
     for values in ({"time": drive.time**1.1}, {"time": drive.time[:1]}, {"period": 0.013}):
-        with pytest.raises(ParameterError, match="time is"):
+        with pytest.raises(ParameterError, match="time must be"):
             changed(drive, **values)
     for start in (-1, 61):
-        with pytest.raises(ParameterError, match="places is"):
+        with pytest.raises(ParameterError, match="places must be"):
             changed(drive, places=(Place("off", start),))
