@@ -8,6 +8,7 @@ again.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -61,6 +62,28 @@ def array(name: str, value: ArrayLike, *shapes: Shape, gaps: bool = False) -> Ar
     if not finite and (np.isinf(numbers) if gaps else ~np.isfinite(numbers)).any():
         raise ParameterError(name, Described("infinite" if gaps else "not finite"), may_be)
     return numbers
+
+
+def of_runs(
+    name: str, value: ArrayLike, *shape: int | str, gaps: bool = False
+) -> tuple[Array, Callable[[Array], Array]]:
+    """Return an array whose last axis is that of runs, and what takes it off again.
+
+    A value without that axis is one run, and its results are given back without it; those of a
+    value that has it are given back as they are.
+
+    Examples
+    --------
+    >>> from inswsn_lib.checks import of_runs
+    >>> x, back = of_runs("x", [[1.0], [2.0]], "steps", 1, "runs")
+    >>> x.shape, back(x).shape
+    ((2, 1, 1), (2, 1))
+    """
+    plain = (shape[:-1],) if shape[-1] in ("runs", 1) else ()
+    found = array(name, value, *plain, shape, gaps=gaps)
+    if found.ndim == len(shape):
+        return found, lambda result: result
+    return found[..., None], lambda result: result[..., 0]
 
 
 def matrices(**named: tuple[ArrayLike, str]) -> list[Array]:

@@ -277,7 +277,7 @@ HEARD, OUTAGE, CLOCK = np.zeros((5, 4, 1)), noise(1, 15, 1, (12, 15)), np.zeros(
         ({"window": 0}, OUTAGE, CLOCK, "window is 0"),
         ({"least": 0}, OUTAGE, CLOCK, "least is 0"),
         ({"patience": -1}, OUTAGE, CLOCK, "patience is -1"),
-        ({}, HEARD[..., 0], CLOCK, "measurements is of shape"),
+        ({}, HEARD[:, 0, 0], CLOCK, "measurements is of shape"),
         ({}, HEARD, None, "inputs is None"),
         ({}, HEARD, CLOCK, "inputs is of shape"),
         ({}, HEARD, np.zeros((5, 1, 2)), "inputs is of shape"),
