@@ -20,6 +20,8 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 #: Sizes of an array; a word stands for any size
 Shape = tuple[int | str, ...]
+#: Takes an axis of runs off results again where it was put on
+Back = Callable[[NDArray[Any]], NDArray[Any]]
 
 _ROUNDING = 1e-9  # of a covariance, as a share of its largest entry
 
@@ -66,11 +68,10 @@ def array(name: str, value: ArrayLike, *shapes: Shape, gaps: bool = False) -> Ar
 
 def of_runs(
     name: str, value: ArrayLike, *shape: int | str, gaps: bool = False
-) -> tuple[Array, Callable[[Array], Array]]:
+) -> tuple[Array, Back]:
     """Return an array whose last axis is that of runs, and what takes it off again.
 
-    A value without that axis is one run, and its results are given back without it; those of a
-    value that has it are given back as they are.
+    A value without that axis is one run, and results of it are given back without one.
 
     Examples
     --------
@@ -81,9 +82,8 @@ def of_runs(
     """
     plain = (shape[:-1],) if shape[-1] in ("runs", 1) else ()
     found = array(name, value, *plain, shape, gaps=gaps)
-    if found.ndim == len(shape):
-        return found, lambda result: result
-    return found[..., None], lambda result: result[..., 0]
+    one = found.ndim < len(shape)
+    return found[..., None] if one else found, lambda result: result[..., 0] if one else result
 
 
 def matrices(**named: tuple[ArrayLike, str]) -> list[Array]:

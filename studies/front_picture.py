@@ -111,8 +111,8 @@ def example_svg() -> str:
     """Draw one drive on the map and how far off each is, on white, as SVG."""
     run = example_run()
     model = ErrorModel.p1(run.period, process_noise=run.process, measurement_noise=run.measurement)
-    y = (run.ins - run.network)[:, :, None]
-    kalman = run.ins - run_kalman(model, y, initial_covariance=1e6 * np.eye(4))[:, :, 0]
+    y = run.ins - run.network
+    kalman = run.ins - run_kalman(model, y, initial_covariance=1e6 * np.eye(4))
     fig, (track, error) = figure(1, 2, height=2.2)
     shown = {"true path": ("truth", run.truth), "INS": ("ins", run.ins)}
     for label, (method, motion) in shown.items():

@@ -119,30 +119,24 @@ def run_federated(
     >>> bool(np.allclose(fused, iw.run_kalman(model, y, initial_covariance=[[1]])))
     True
     """
-    sizes = "N", "steps", len(model.C), "runs"
-    y, back = of_runs("measurements", measurements, *sizes, gaps=True)
-    clusters, steps, _, runs = y.shape
-    gone = None
-    if lost is not None:
-        gone = mask("lost", lost, back(y)[:, :, 0].shape).reshape(clusters, steps, runs)
-    x = first_state(initial_state, len(model.A), runs)
+    y, back = of_runs("measurements", measurements, "N", "steps", len(model.C), "runs", gaps=True)
+    one = y[:, :, 0]  # component, (N, steps, runs)
+    gone = None if lost is None else mask("lost", lost, back(one).shape).reshape(one.shape)
+    x = first_state(initial_state, len(model.A), y.shape[3])
     given = _Given.of(
         model, y, x, measurement_covariance, initial_covariance, sharing, reset, interval,
         process_covariance,
     )  # fmt: skip
 
     def plain(*_: object) -> tuple[Array, float]:
-        estimates = np.empty((steps, *x.shape))
+        estimates = np.empty((y.shape[1], *x.shape))
         for k, each in enumerate(_fused(given, gone, predicted)):
             estimates[k] = each.states()
         return estimates, 0.0
 
     if gone is not None or given.start.Y.shape[-1] != 1:
         return back(plain()[0])
-    how = 0, given.every, predicted
-    return back(
-        centre_states(plain, given.A, given.Qs, given.shares, given.start, given.observed, *how)
-    )
+    return back(centre_states(plain, *given[:5], 0, given.every, predicted))
 
 
 def federated_covariance(

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from inswsn_lib.checks import Array, Mask, array, covariance, mask, of_runs
+from inswsn_lib.checks import Array, Back, Mask, array, covariance, mask, of_runs
 from inswsn_lib.errors import Described, ParameterError
 
 #: Which clusters hear the blind node
@@ -39,7 +39,7 @@ def once(values: NDArray[_Kind]) -> NDArray[_Kind]:
     return values[..., :1] if (values == values[..., :1]).all() else values
 
 
-def measured(value: ArrayLike, *shape: int | str) -> tuple[Mask, Array, Callable[[Array], Array]]:
+def measured(value: ArrayLike, *shape: int | str) -> tuple[Mask, Array, Back]:
     """Return which of measurements (..., runs) are there, and all with zero for the others.
 
     The first is (..., 1) where all runs miss the same. The last is that of `of_runs`.

@@ -160,8 +160,7 @@ def run_fused_locals(
     True
     """
     one_of("rule", rule, get_args(Rule))
-    sizes = "N", "steps", len(model.C), "runs"
-    y, back = of_runs("measurements", measurements, *sizes, gaps=True)
+    y, back = of_runs("measurements", measurements, "N", "steps", len(model.C), "runs", gaps=True)
     prior, Qs, R = checked_noise(
         model, y, measurement_covariance, initial_covariance, process_covariance
     )
@@ -191,11 +190,8 @@ def run_fused_locals(
 
 def _fuse(rule: Rule, heard: Mask, filters: Filters) -> Filters:
     """Set the centre's filter to the fusion of those heard (N, K), and those not heard to it."""
-    local, centre, some = (
-        filters.part(slice(-1)),
-        filters.part(_CENTRE),
-        np.any(heard, axis=0),
-    )
+    local, centre = filters.part(slice(-1)), filters.part(_CENTRE)
+    some = np.any(heard, axis=0)
     # where none is heard any weights will do, since the centre's filter goes on
     traces = np.where(heard | ~some, _traces(inverses(local.Y)), np.inf)
     if rule == "best":

@@ -45,7 +45,6 @@ def run_schmidt(
     Returns
     -------
     ndarray, (steps, n - considered) or (steps, n - considered, runs)
-        As the measurements are given.
 
     Raises
     ------

@@ -139,8 +139,7 @@ class HybridNavigator:
             train, or the regressor cannot be trained, or predicts another shape or what is not
             finite.
         """
-        sizes = "steps", "outputs", "runs"
-        y, back = of_runs("measurements", measurements, *sizes, gaps=True)
+        y, back = of_runs("measurements", measurements, "steps", "outputs", "runs", gaps=True)
         steps, _, runs = y.shape
         if inputs is None:
             if not self.feedback:
