@@ -54,7 +54,7 @@ from .estimation import (
 )
 from .calibration import calibrate as calibrate, imu_clock as imu_clock
 
-# Run a filter: a model or a design and measurements (steps, outputs, runs) give estimates
+# Run a filter: a model or a design and measurements (steps, outputs) give estimates
 from .filters import (
     adaptive as adaptive,
     deadbeat_gain as deadbeat_gain,

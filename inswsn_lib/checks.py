@@ -7,6 +7,7 @@ that names the parameter, what it must be, and what it is. Functions inside do n
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,8 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 #: Sizes of an array; a word stands for any size
 Shape = tuple[int | str, ...]
+#: Takes an axis of runs off results again where it was put on
+Back = Callable[[NDArray[Any]], NDArray[Any]]
 
 _ROUNDING = 1e-9  # of a covariance, as a share of its largest entry
 
@@ -60,6 +63,26 @@ def array(name: str, value: ArrayLike, *shapes: Shape, gaps: bool = False) -> Ar
     if not finite and (np.isinf(numbers) if gaps else ~np.isfinite(numbers)).any():
         raise ParameterError(name, Described("infinite" if gaps else "NaN or infinite"), must_be)
     return numbers
+
+
+def of_runs(
+    name: str, value: ArrayLike, *shape: int | str, gaps: bool = False
+) -> tuple[Array, Back]:
+    """Return an array whose last axis is that of runs, and what takes it off again.
+
+    A value without that axis is one run, and results of it are given back without one.
+
+    Examples
+    --------
+    >>> from inswsn_lib.checks import of_runs
+    >>> x, back = of_runs("x", [[1.0], [2.0]], "steps", 1, "runs")
+    >>> x.shape, back(x).shape
+    ((2, 1, 1), (2, 1))
+    """
+    plain = (shape[:-1],) if shape[-1] in ("runs", 1) else ()
+    found = array(name, value, *plain, shape, gaps=gaps)
+    one = found.ndim < len(shape)
+    return found[..., None] if one else found, lambda result: result[..., 0] if one else result
 
 
 def matrices(**named: tuple[ArrayLike, str]) -> list[Array]:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from inswsn_lib.checks import Array, Mask, array, number, whole
+from inswsn_lib.checks import Array, Mask, array, number, of_runs, whole
 from inswsn_lib.errors import Described, ParameterError
 
 _BITS = 30  # components of a pattern that a number takes in at once
@@ -53,9 +53,9 @@ def fit_noise(A: ArrayLike, states: ArrayLike, measurement_errors: ArrayLike) ->
     ----------
     A : array_like, (n, n)
         Transition of the state.
-    states : array_like, (steps, n, runs)
+    states : array_like, (steps, n) or (steps, n, runs)
         The true states; two steps or more, in the units of the model.
-    measurement_errors : array_like, (steps, m, runs)
+    measurement_errors : array_like, (steps, m) or (steps, m, runs)
         The true errors of the measurements; NaN where missing, complete at some step.
 
     Examples
@@ -63,17 +63,17 @@ def fit_noise(A: ArrayLike, states: ArrayLike, measurement_errors: ArrayLike) ->
     A state that takes steps of one to either side, from zero, and measurements that are off by two:
 
     >>> import inswsn_lib as iw
-    >>> states = [[[0.0]], [[1.0]], [[0.0]], [[-1.0]], [[0.0]]]
-    >>> Q, R, P0 = iw.fit_noise([[1.0]], states, [[[2.0]]] * 5)
+    >>> states = [[0.0], [1.0], [0.0], [-1.0], [0.0]]
+    >>> Q, R, P0 = iw.fit_noise([[1.0]], states, [[2.0]] * 5)
     >>> Q.tolist(), R.tolist(), P0.tolist()
     ([[1.0]], [[4.0]], [[0.0]])
     """
-    x = array("states", states, ("steps", "n", "runs"))
+    x, _ = of_runs("states", states, "steps", "n", "runs")
     steps, n, runs = x.shape
     if steps < 2 or not x.size:
         raise ParameterError("states", Described(f"of shape {x.shape}"), "two or more steps long")
     transition = array("A", A, (n, n))
-    v = array("measurement_errors", measurement_errors, (steps, "m", runs), gaps=True)
+    v, _ = of_runs("measurement_errors", measurement_errors, steps, "m", runs, gaps=True)
     columns = np.moveaxis(v, 1, 0).reshape(v.shape[1], -1)
     columns = columns[:, ~np.isnan(columns).any(axis=0)]
     if columns.shape[1] == 0:
@@ -91,14 +91,14 @@ def normalised_squares(errors: ArrayLike, covariances: ArrayLike) -> Array:
 
     Parameters
     ----------
-    errors : array_like, (steps, n, runs)
+    errors : array_like, (steps, n) or (steps, n, runs)
         Errors or innovations; NaN where a component is missing.
     covariances : array_like, (n, n), (steps, n, n) or (steps, n, n, runs)
         What the filter says of them; positive definite.
 
     Returns
     -------
-    ndarray, (steps, runs)
+    ndarray, (steps,) or (steps, runs)
         Over the components that are there; NaN where none is. If the errors are Gaussian with
         these covariances, each has a chi-square distribution with as many degrees of freedom as
         components (Bar-Shalom, Li and Kirubarajan 2001, Section 5.4).
@@ -108,17 +108,17 @@ def normalised_squares(errors: ArrayLike, covariances: ArrayLike) -> Array:
     An error of three and four, where the filter says a deviation of five for each:
 
     >>> import inswsn_lib as iw
-    >>> iw.normalised_squares([[[3.0], [4.0]]], [[25.0, 0.0], [0.0, 25.0]]).round(9).tolist()
-    [[1.0]]
+    >>> iw.normalised_squares([[3.0, 4.0]], [[25.0, 0.0], [0.0, 25.0]]).round(9).tolist()
+    [1.0]
     """
-    e = array("errors", errors, ("steps", "n", "runs"), gaps=True)
+    e, back = of_runs("errors", errors, "steps", "n", "runs", gaps=True)
     steps, n, runs = e.shape
     S = array("covariances", covariances, (n, n), (steps, n, n), (steps, n, n, runs))
     if S.ndim == 4:
         # each run has covariances of its own: every step of every run is a step of one run
         single = np.moveaxis(e, 2, 1).reshape(-1, n, 1)
         own = np.moveaxis(S, 3, 1).reshape(-1, n, n)
-        return normalised_squares(single, own).reshape(steps, runs)
+        return back(normalised_squares(single, own).reshape(steps, runs))
     S = np.broadcast_to(S, (steps, n, n))
     squares = np.full((steps, runs), np.nan)
     there = ~np.isnan(e)
@@ -129,7 +129,7 @@ def normalised_squares(errors: ArrayLike, covariances: ArrayLike) -> Array:
         if pattern.any():
             whitened = np.linalg.solve(_factors(S[:, pattern][:, :, pattern]), e[:, pattern])
             squares[chosen] = np.square(whitened).sum(axis=1)[chosen]
-    return squares
+    return back(squares)
 
 
 def _pattern_codes(there: Mask) -> NDArray[np.int64]:

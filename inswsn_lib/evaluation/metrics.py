@@ -18,18 +18,18 @@ def mean_absolute_error(errors: ArrayLike) -> Array:
 
     Parameters
     ----------
-    errors : array_like, (steps, components, runs)
+    errors : array_like, (steps, components) or (steps, components, runs)
         Steps that are NaN, or masked, are left out.
 
     Returns
     -------
-    ndarray, (components, runs)
+    ndarray, (components,) or (components, runs)
 
     Examples
     --------
     >>> import inswsn_lib as iw
-    >>> iw.mean_absolute_error([[[3.0]], [[-4.0]], [[float("nan")]]]).tolist()
-    [[3.5]]
+    >>> iw.mean_absolute_error([[3.0], [-4.0], [float("nan")]]).tolist()
+    [3.5]
     """
     return np.asarray(np.nanmean(np.abs(np.asarray(unmasked(errors), dtype=float)), axis=0))
 
@@ -42,8 +42,8 @@ def root_mean_square_error(errors: ArrayLike) -> Array:
     It weighs large errors more than the mean of the absolute error, which here is 4:
 
     >>> import inswsn_lib as iw
-    >>> iw.root_mean_square_error([[[1.0]], [[-7.0]]]).tolist()
-    [[5.0]]
+    >>> iw.root_mean_square_error([[1.0], [-7.0]]).tolist()
+    [5.0]
     """
     return np.asarray(
         np.sqrt(np.nanmean(np.square(np.asarray(unmasked(errors), dtype=float)), axis=0))
@@ -56,8 +56,8 @@ def largest_error(errors: ArrayLike) -> Array:
     Examples
     --------
     >>> from inswsn_lib.evaluation import largest_error
-    >>> largest_error([[[3.0]], [[-4.0]], [[float("nan")]]]).tolist()
-    [[4.0]]
+    >>> largest_error([[3.0], [-4.0], [float("nan")]]).tolist()
+    [4.0]
     """
     return np.asarray(np.nanmax(np.abs(np.asarray(unmasked(errors), dtype=float)), axis=0))
 

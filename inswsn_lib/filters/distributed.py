@@ -14,7 +14,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from inswsn_lib.checks import Array, Mask, array, mask, one_of
+from inswsn_lib.checks import Array, Mask, array, mask, of_runs, one_of
 from inswsn_lib.errors import Described, ParameterError
 from inswsn_lib.filters.hinfinity import (
     Design,
@@ -79,7 +79,7 @@ def run_distributed(
     ----------
     designs : sequence of FilterDesign, or of tuples of ErrorModel and ndarray (n, m)
         The filters of the N clusters: designs, or models with gains; A is the same in all.
-    measurements : array_like, (N, steps, m, runs)
+    measurements : array_like, (N, steps, m) or (N, steps, m, runs)
         y of each cluster; NaN where missing.
     weights : array_like, (N, n, n), or mapping of tuple of N bools to array_like, (N, n, n)
         M of each cluster, of sum I, by pattern of the clusters that hear the node and zero for the
@@ -87,7 +87,7 @@ def run_distributed(
     handover : {"restart", "constant", "fading"}
     margins : array_like, (N, steps) or (N, steps, runs), optional
         For "fading": how far inside the coverage of each cluster the node is, from 0 to 1.
-    lost : array_like of bool, (N, steps, runs), optional
+    lost : array_like of bool, (N, steps) or (N, steps, runs), as measurements, optional
         Whether the message that a cluster sends at a step never arrives. Default: all arrive.
     delay : int or sequence of N ints
         Steps from sending to arrival.
@@ -96,7 +96,7 @@ def run_distributed(
 
     Returns
     -------
-    ndarray, (steps, n, runs)
+    ndarray, (steps, n) or (steps, n, runs)
 
     Examples
     --------
@@ -106,22 +106,22 @@ def run_distributed(
     >>> import numpy as np
     >>> import inswsn_lib as iw
     >>> filters = [(iw.ErrorModel(A=[[1]], B=[[1]], C=[[1]], D=[[1]], period=1.0), [[1]])] * 2
-    >>> y = np.array([[2.0, 2.0], [4.0, np.nan]]).reshape(2, 2, 1, 1)
+    >>> y = [[[2.0], [2.0]], [[4.0], [np.nan]]]
     >>> half = [[[0.5]], [[0.5]]]
     >>> weights = {(True, True): half, (True, False): [[[1]], [[0]]]}
-    >>> iw.run_distributed(filters, y, weights=weights).ravel().tolist()
-    [3.0, 2.0]
-    >>> iw.run_distributed(filters, y, weights=half, handover="constant").ravel().tolist()
-    [3.0, 3.0]
+    >>> iw.run_distributed(filters, y, weights=weights).tolist()
+    [[3.0], [2.0]]
+    >>> iw.run_distributed(filters, y, weights=half, handover="constant").tolist()
+    [[3.0], [3.0]]
     """
     one_of("handover", handover, get_args(Handover))
     if (handover == "fading") != (margins is not None):
         raise ParameterError("margins", margins, 'given if, and only if, handover is "fading"')
     A, C, gains = _locals(designs)
-    there, y = measured(measurements, len(C), "steps", C.shape[1], "runs")
+    there, y, back = measured(measurements, len(C), "steps", C.shape[1], "runs")
     hearing = np.any(there, axis=2)
     start = first_state(initial_state, len(A), y.shape[-1])
-    links = _Links(lost, delay, y)
+    links = _Links(lost, delay, back(y).shape)
     known, factors = _known(hearing, margins, links)
     occur, which = occurring(np.ones_like(hearing[..., :1]) if handover == "constant" else known)
     tables = _tables(weights, occur, len(A))
@@ -134,7 +134,7 @@ def run_distributed(
         estimates[k + 1] = _mixed(tables[use], None if factors is None else factors[:, k], parts)
         if handover != "constant":
             x = np.where(hearing[:, k, None], x, estimates[k + 1])
-    return estimates_of(A, estimates, predicted)
+    return back(estimates_of(A, estimates, predicted))
 
 
 def patterns_of(
@@ -160,12 +160,12 @@ def patterns_of(
     --------
     >>> import numpy as np
     >>> import inswsn_lib as iw
-    >>> y = np.array([[2.0, 2.0, np.nan], [4.0, np.nan, np.nan]]).reshape(2, 3, 1, 1)
-    >>> iw.patterns_of(y)
+    >>> iw.patterns_of([[[2.0], [2.0], [np.nan]], [[4.0], [np.nan], [np.nan]]])
     [(True, False), (True, True)]
     """
-    y = array("measurements", measurements, ("N", "steps", "m", "runs"), gaps=True)
-    known, _ = _known(~np.all(np.isnan(y), axis=2), margins, _Links(lost, delay, y))
+    y, back = of_runs("measurements", measurements, "N", "steps", "m", "runs", gaps=True)
+    links = _Links(lost, delay, back(y).shape)
+    known, _ = _known(~np.all(np.isnan(y), axis=2), margins, links)
     return sorted(tuple(row) for row in occurring(known)[0].tolist() if any(row))
 
 
@@ -226,6 +226,8 @@ def handover_weights(
 class _Links:
     """Which message of each cluster is the last that has arrived at the centre, at each step.
 
+    The shape is that of the measurements, as they are given.
+
     Attributes
     ----------
     sent : ndarray of int, (N, steps, 1 or runs)
@@ -235,9 +237,9 @@ class _Links:
     """
 
     def __init__(
-        self, lost: ArrayLike | None, delay: int | Sequence[int], measurements: Array
+        self, lost: ArrayLike | None, delay: int | Sequence[int], shape: tuple[int, ...]
     ) -> None:
-        clusters, steps, _, runs = measurements.shape
+        clusters, steps, _, *runs = shape
         delays = np.broadcast_to(array("delay", delay, (), (clusters,)), clusters)
         if ((delays < 0) | (delays % 1 != 0)).any():
             raise ParameterError("delay", delay, "whole numbers of at least 0")
@@ -245,7 +247,7 @@ class _Links:
         self.at_once = lost is None and not any(self._delays)
         gone = np.zeros((clusters, steps, 1), dtype=bool)
         if lost is not None:
-            gone = once(mask("lost", lost, (clusters, steps, runs)))
+            gone = once(mask("lost", lost, (*shape[:2], *runs)).reshape(*shape[:2], *(runs or [1])))
         sent = np.maximum.accumulate(np.where(gone, -1, np.arange(steps)[:, None]), axis=1)
         before = np.full((max(self._delays), sent.shape[-1]), -1)
         rows = zip(sent, self._delays, strict=True)

@@ -26,7 +26,7 @@ from typing import Any, Literal, NamedTuple, Self, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from inswsn_lib.checks import Array, Mask, array, mask, one_of, whole
+from inswsn_lib.checks import Array, Mask, array, mask, of_runs, one_of, whole
 from inswsn_lib.errors import ParameterError
 from inswsn_lib.filters.information import (
     Filters,
@@ -57,7 +57,7 @@ def run_federated(
     initial_state: ArrayLike | None = None,
     predicted: bool = False,
 ) -> Array:
-    r"""Run Carlson's federated filter (1990) over any number of runs at once.
+    r"""Run Carlson's federated filter (1990) over one run, or any number at once.
 
     Cluster c runs a Kalman filter of its own, from :math:`P_0/\beta_c` and with process noise
     :math:`Q/\beta_c`; the master has no measurements and the share :math:`\beta_m`. The fused
@@ -86,7 +86,7 @@ def run_federated(
     ----------
     model : ErrorModel
         A, C (of every cluster), and by default Q = B B'.
-    measurements : array_like, (N, steps, m, runs)
+    measurements : array_like, (N, steps, m) or (N, steps, m, runs)
         y of each cluster; NaN where a component is missing.
     measurement_covariance : array_like, (N, m, m) or (N, steps, m, m)
         R of each cluster, positive definite; the noises of two clusters are independent.
@@ -98,14 +98,14 @@ def run_federated(
     reset : {"fusion", "zero", "none"}
     interval : int
         Steps from one reset to the next: the first is after step `interval` - 1.
-    lost : array_like of bool, (N, steps, runs), optional
+    lost : array_like of bool, (N, steps) or (N, steps, runs), as measurements, optional
         Whether the message of a cluster at a step does not reach the centre. Default: none is.
     process_covariance, initial_state, predicted
         As in `run_kalman`.
 
     Returns
     -------
-    ndarray, (steps, n, runs)
+    ndarray, (steps, n) or (steps, n, runs)
 
     Examples
     --------
@@ -114,30 +114,29 @@ def run_federated(
     >>> import numpy as np
     >>> import inswsn_lib as iw
     >>> model = iw.ErrorModel(A=[[1]], B=[[1]], C=[[1]], D=[[1]], period=1.0)
-    >>> y, R = np.array([1.0, 5.0, 2.0]).reshape(3, 1, 1), [[[2]], [[2]]]
+    >>> y, R = [[1.0], [5.0], [2.0]], [[[2]], [[2]]]
     >>> fused = iw.run_federated(model, [y, y], measurement_covariance=R, initial_covariance=[[1]])
     >>> bool(np.allclose(fused, iw.run_kalman(model, y, initial_covariance=[[1]])))
     True
     """
-    y = array("measurements", measurements, ("N", "steps", len(model.C), "runs"), gaps=True)
-    clusters, steps, _, runs = y.shape
-    gone = None if lost is None else mask("lost", lost, (clusters, steps, runs))
-    x = first_state(initial_state, len(model.A), runs)
+    y, back = of_runs("measurements", measurements, "N", "steps", len(model.C), "runs", gaps=True)
+    one = y[:, :, 0]  # component, (N, steps, runs)
+    gone = None if lost is None else mask("lost", lost, back(one).shape).reshape(one.shape)
+    x = first_state(initial_state, len(model.A), y.shape[3])
     given = _Given.of(
         model, y, x, measurement_covariance, initial_covariance, sharing, reset, interval,
         process_covariance,
     )  # fmt: skip
 
     def plain(*_: object) -> tuple[Array, float]:
-        estimates = np.empty((steps, *x.shape))
+        estimates = np.empty((y.shape[1], *x.shape))
         for k, each in enumerate(_fused(given, gone, predicted)):
             estimates[k] = each.states()
         return estimates, 0.0
 
     if gone is not None or given.start.Y.shape[-1] != 1:
-        return plain()[0]
-    how = 0, given.every, predicted
-    return centre_states(plain, given.A, given.Qs, given.shares, given.start, given.observed, *how)
+        return back(plain()[0])
+    return back(centre_states(plain, *given[:5], 0, given.every, predicted))
 
 
 def federated_covariance(

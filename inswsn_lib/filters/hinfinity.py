@@ -66,23 +66,21 @@ def run_hinfinity(
 
     Returns
     -------
-    ndarray, (steps, n, runs)
+    ndarray, (steps, n) or (steps, n, runs)
 
     Examples
     --------
     With the deadbeat gain of a random walk each prediction is the measurement of the step before:
 
-    >>> import numpy as np
     >>> import inswsn_lib as iw
     >>> model = iw.ErrorModel(A=[[1]], B=[[1]], C=[[1]], D=[[1]], period=1.0)
-    >>> measured = np.array([3.0, 1.0, 4.0]).reshape(3, 1, 1)
-    >>> iw.run_hinfinity((model, [[1]]), measured, predicted=True).ravel().tolist()
-    [0.0, 3.0, 1.0]
+    >>> iw.run_hinfinity((model, [[1]]), [[3.0], [1.0], [4.0]], predicted=True).tolist()
+    [[0.0], [3.0], [1.0]]
     """
     model, gain = model_and_gain("design", design)
-    there, y = measured(measurements, "steps", len(model.C), "runs")
+    there, y, back = measured(measurements, "steps", len(model.C), "runs")
     which, one = np.zeros((len(y), 1), dtype=np.intp), (there[None], y[None])
-    return _run(model.A, model.C[None], gain[None], which, *one, initial_state, predicted)
+    return back(_run(model.A, model.C[None], gain[None], which, *one, initial_state, predicted))
 
 
 def run_switched(
@@ -104,14 +102,14 @@ def run_switched(
     designs : mapping of tuple of N bools to FilterDesign or tuple of ErrorModel and ndarray
         The filter for each pattern that occurs, with C and a gain for the clusters that hear the
         node, in order; A is the same in all. Where no cluster does, A predicts.
-    measurements : array_like, (N, steps, m, runs)
+    measurements : array_like, (N, steps, m) or (N, steps, m, runs)
         y of each cluster; NaN where missing, and where it does not reach the centre.
     initial_state, predicted
         As in `run_hinfinity`.
 
     Returns
     -------
-    ndarray, (steps, n, runs)
+    ndarray, (steps, n) or (steps, n, runs)
 
     Examples
     --------
@@ -122,11 +120,11 @@ def run_switched(
     >>> one = iw.ErrorModel(A=[[1]], B=[[1]], C=[[1]], D=[[1]], period=1.0)
     >>> two = iw.ErrorModel(A=[[1]], B=[[1]], C=[[1], [1]], D=np.eye(2), period=1.0)
     >>> designs = {(True, True): (two, [[0.5, 0.5]]), (True, False): (one, [[1]])}
-    >>> y = np.array([[2.0, 5.0], [4.0, np.nan]]).reshape(2, 2, 1, 1)
-    >>> iw.run_switched(designs, y).ravel().tolist()
-    [3.0, 5.0]
+    >>> y = [[[2.0], [5.0]], [[4.0], [np.nan]]]
+    >>> iw.run_switched(designs, y).tolist()
+    [[3.0], [5.0]]
     """
-    there, y = measured(measurements, "N", "steps", "m", "runs")
+    there, y, back = measured(measurements, "N", "steps", "m", "runs")
     clusters, _, m, _ = y.shape
     occur, which = occurring(np.any(there, axis=2))
     filters = {key: model_and_gain("designs", design) for key, design in designs.items()}
@@ -137,7 +135,7 @@ def run_switched(
         rows = np.repeat(pattern, m)
         C[place, rows] = array("designs", model.C, (int(rows.sum()), len(A)))
         gains[place][:, rows] = gain
-    return _run(A, C, gains, which, there, y, initial_state, predicted)
+    return back(_run(A, C, gains, which, there, y, initial_state, predicted))
 
 
 def _run(

@@ -191,9 +191,8 @@ class Observations:
     """
 
     def __init__(self, measurements: Array, C: Array, R: Array) -> None:
-        there, self._values = measured(
-            measurements, *measurements.shape
-        )  # those missing have no weight
+        # those missing have no weight
+        there, self._values, _ = measured(measurements, *measurements.shape)
         self.heard = np.any(there, axis=2)
         masks, self._which = occurring(np.moveaxis(there, 2, 0))
         # an absent component gets a row and a column of the identity, and then of zeros

@@ -8,7 +8,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from inswsn_lib.checks import Array, Mask, array, covariance, mask
+from inswsn_lib.checks import Array, Back, Mask, array, covariance, mask, of_runs
 from inswsn_lib.errors import Described, ParameterError
 
 #: Which clusters hear the blind node
@@ -39,18 +39,18 @@ def once(values: NDArray[_Kind]) -> NDArray[_Kind]:
     return values[..., :1] if (values == values[..., :1]).all() else values
 
 
-def measured(value: ArrayLike, *shape: int | str) -> tuple[Mask, Array]:
+def measured(value: ArrayLike, *shape: int | str) -> tuple[Mask, Array, Back]:
     """Return which of measurements (..., runs) are there, and all with zero for the others.
 
-    The first is (..., 1) where all runs miss the same.
+    The first is (..., 1) where all runs miss the same. The last is that of `of_runs`.
     """
     try:  # one look at all of them tells that none is missing
-        y = array("measurements", value, shape)
+        y, back = of_runs("measurements", value, *shape)
     except ParameterError:
-        y = array("measurements", value, shape, gaps=True)
+        y, back = of_runs("measurements", value, *shape, gaps=True)
         there = ~np.isnan(y)
-        return once(there), np.where(there, y, 0.0)
-    return np.ones((*y.shape[:-1], 1), dtype=bool), y
+        return once(there), np.where(there, y, 0.0), back
+    return np.ones((*y.shape[:-1], 1), dtype=bool), y, back
 
 
 def times(matrices: Array, vectors: Array) -> Array:

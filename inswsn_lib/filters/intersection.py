@@ -17,7 +17,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from inswsn_lib.checks import Array, Mask, array, covariance, one_of
+from inswsn_lib.checks import Array, Mask, array, covariance, of_runs, one_of
 from inswsn_lib.errors import ParameterError
 from inswsn_lib.filters.information import (
     Filters,
@@ -43,7 +43,7 @@ def intersect(
 
     Parameters
     ----------
-    estimates : array_like, (N, n, runs)
+    estimates : array_like, (N, n) or (N, n, runs)
     covariances : array_like, (N, n, n) or (N, runs, n, n)
         Positive definite.
     weights : {"fast", "trace"} or array_like, (N,) or (N, runs)
@@ -53,7 +53,7 @@ def intersect(
 
     Returns
     -------
-    state : ndarray, (n, runs)
+    state : ndarray, (n,) or (n, runs)
         The fused estimate.
     covariance : ndarray, (n, n) or (runs, n, n)
         P; one for all runs where covariances and weights are.
@@ -64,11 +64,11 @@ def intersect(
     their mean is not taken for 1/2:
 
     >>> import inswsn_lib as iw
-    >>> state, covariance = iw.intersect([[[0.0]], [[2.0]]], [[[1.0]], [[1.0]]])
+    >>> state, covariance = iw.intersect([[0.0], [2.0]], [[[1.0]], [[1.0]]])
     >>> state.item(), covariance.item()
     (1.0, 1.0)
     """
-    x = array("estimates", estimates, ("N", "n", "runs"))
+    x, back = of_runs("estimates", estimates, "N", "n", "runs")
     clusters, n, runs = x.shape
     shapes = (clusters, n, n), (clusters, runs, n, n)
     P = covariance("covariances", covariances, *shapes, definite=True)
@@ -88,7 +88,7 @@ def intersect(
         omega = _fast(_traces(P))
     fused = _mixed(omega, Filters(Y, applied(Y, x)))
     P = inverses(fused.Y[0])
-    return fused.states()[0], P[..., 0] if shared else np.moveaxis(P, -1, 0)
+    return back(fused.states()[0]), P[..., 0] if shared else np.moveaxis(P, -1, 0)
 
 
 def _least_trace(Y: Array) -> Array:
@@ -145,7 +145,7 @@ def run_fused_locals(
 
     Returns
     -------
-    ndarray, (steps, n, runs)
+    ndarray, (steps, n) or (steps, n, runs)
 
     Examples
     --------
@@ -154,13 +154,13 @@ def run_fused_locals(
     >>> import numpy as np
     >>> import inswsn_lib as iw
     >>> model = iw.ErrorModel(A=[[1]], B=[[1]], C=[[1]], D=[[1]], period=1.0)
-    >>> y, noise = np.array([1.0, 5.0, 2.0]).reshape(3, 1, 1), {"initial_covariance": [[1]]}
+    >>> y, noise = [[1.0], [5.0], [2.0]], {"initial_covariance": [[1]]}
     >>> fused = iw.run_fused_locals(model, [y, y], measurement_covariance=[[[1]], [[1]]], **noise)
     >>> bool(np.allclose(fused, iw.run_kalman(model, y, **noise)))
     True
     """
     one_of("rule", rule, get_args(Rule))
-    y = array("measurements", measurements, ("N", "steps", len(model.C), "runs"), gaps=True)
+    y, back = of_runs("measurements", measurements, "N", "steps", len(model.C), "runs", gaps=True)
     prior, Qs, R = checked_noise(
         model, y, measurement_covariance, initial_covariance, process_covariance
     )
@@ -183,18 +183,15 @@ def run_fused_locals(
         return estimates, 0.0
 
     if filters.Y.shape[-1] != 1:
-        return plain()[0]
+        return back(plain()[0])
     how = 1 + get_args(Rule).index(rule), 0, predicted
-    return centre_states(plain, model.A, Qs, whole, filters, observed, *how)
+    return back(centre_states(plain, model.A, Qs, whole, filters, observed, *how))
 
 
 def _fuse(rule: Rule, heard: Mask, filters: Filters) -> Filters:
     """Set the centre's filter to the fusion of those heard (N, K), and those not heard to it."""
-    local, centre, some = (
-        filters.part(slice(-1)),
-        filters.part(_CENTRE),
-        np.any(heard, axis=0),
-    )
+    local, centre = filters.part(slice(-1)), filters.part(_CENTRE)
+    some = np.any(heard, axis=0)
     # where none is heard any weights will do, since the centre's filter goes on
     traces = np.where(heard | ~some, _traces(inverses(local.Y)), np.inf)
     if rule == "best":

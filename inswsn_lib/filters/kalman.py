@@ -127,7 +127,7 @@ def run_kalman(
     initial_state: ArrayLike | None = None,
     predicted: bool = False,
 ) -> Array:
-    """Run the Kalman filter of `design_kalman` over any number of runs at once.
+    """Run the Kalman filter of `design_kalman` over one run, or any number at once.
 
     Over 10^5 steps and ratios of Q to R from 10^-12 to 10^12 the estimates are those of 50 digits
     to 1e-7 of their size, or of their deviation where that is larger.
@@ -136,7 +136,7 @@ def run_kalman(
     ----------
     model : ErrorModel
         A, C, and by default Q = B B' and R = D D'.
-    measurements : array_like, (steps, m, runs)
+    measurements : array_like, (steps, m) or (steps, m, runs)
         y; NaN, or masked, where a component is missing. Where all are, the filter predicts.
     initial_covariance, process_covariance, measurement_covariance
         As in `design_kalman`.
@@ -147,26 +147,25 @@ def run_kalman(
 
     Returns
     -------
-    ndarray, (steps, n, runs)
-        ``estimates[k]`` uses the measurements up to and including step k, or before step k if
-        `predicted`.
+    ndarray, (steps, n) or (steps, n, runs)
+        As the measurements are given. ``estimates[k]`` uses those up to and including step k, or
+        before step k if `predicted`.
 
     Examples
     --------
     A random walk that is measured at 1 m, is not measured, and is measured at 1 m again:
 
-    >>> import numpy as np
     >>> import inswsn_lib as iw
     >>> model = iw.ErrorModel(A=[[1]], B=[[1]], C=[[1]], D=[[1]], period=1.0)
-    >>> measured = np.array([1.0, np.nan, 1.0]).reshape(3, 1, 1)
-    >>> iw.run_kalman(model, measured, initial_covariance=[[1]]).ravel().round(4).tolist()
-    [0.5, 0.5, 0.8571]
+    >>> measured = [[1.0], [float("nan")], [1.0]]
+    >>> iw.run_kalman(model, measured, initial_covariance=[[1]]).round(4).tolist()
+    [[0.5], [0.5], [0.8571]]
     """
-    there, y = measured(measurements, "steps", len(model.C), "runs")
+    there, y, back = measured(measurements, "steps", len(model.C), "runs")
     noise = _Noise.of(model, process_covariance, measurement_covariance, len(y))
     covariances = _Covariances.start(model, initial_covariance, len(y))
     x = first_state(initial_state, len(model.A), y.shape[2])
-    return _run(covariances, noise, there, y, x, predicted)[0]
+    return back(_run(covariances, noise, there, y, x, predicted)[0])
 
 
 def stream_kalman(
@@ -188,7 +187,7 @@ def stream_kalman(
     ----------
     model : ErrorModel
         As in `run_kalman`.
-    measurements : iterable of array_like, (steps, m, runs)
+    measurements : iterable of array_like, (steps, m) or (steps, m, runs)
         One piece after the other, of any lengths and of the same runs.
     process_covariance, measurement_covariance : array_like, (n, n) and (m, m), optional
         Q and R, the same at all steps.
@@ -197,8 +196,8 @@ def stream_kalman(
 
     Yields
     ------
-    ndarray, (steps, n, runs)
-        Of each piece.
+    ndarray, (steps, n) or (steps, n, runs)
+        Of each piece, as it is given.
 
     Examples
     --------
@@ -218,12 +217,12 @@ def stream_kalman(
     runs: int | str = "runs"
     x = None
     for piece in measurements:
-        there, y = measured(piece, "steps", len(model.C), runs)
+        there, y, back = measured(piece, "steps", len(model.C), runs)
         if x is None:
             x = first_state(initial_state, len(model.A), y.shape[2])
             runs = y.shape[2]
         estimates, x, covariances = _run(covariances, noise, there, y, x, predicted)
-        yield estimates
+        yield back(estimates)
 
 
 @dataclass(frozen=True, eq=False)

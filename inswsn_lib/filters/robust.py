@@ -11,7 +11,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike
 
-from inswsn_lib.checks import Array, Mask, array, covariance, number, whole
+from inswsn_lib.checks import Array, Mask, covariance, number, of_runs, whole
 from inswsn_lib.filters.inputs import first_state, sandwiched, solve_present
 from inswsn_lib.filters.kalman import updated
 from inswsn_lib.models import ErrorModel
@@ -42,12 +42,11 @@ def gating(probability: float = 0.999, patience: int = 5) -> Policy:
     --------
     A measurement that is off by a thousand times the noise is dropped, and those of zero are not:
 
-    >>> import numpy as np
     >>> import inswsn_lib as iw
     >>> model = iw.ErrorModel(A=[[1]], B=[[1]], C=[[1]], D=[[1]], period=1.0)
-    >>> y = np.array([0.0, 1000.0, 0.0]).reshape(3, 1, 1)
-    >>> iw.run_robust(model, y, policy=iw.gating(), initial_covariance=[[1]]).ravel().tolist()
-    [0.0, 0.0, 0.0]
+    >>> y = [[0.0], [1000.0], [0.0]]
+    >>> iw.run_robust(model, y, policy=iw.gating(), initial_covariance=[[1]]).tolist()
+    [[0.0], [0.0], [0.0]]
     """
     from scipy.stats import chi2  # noqa: PLC0415  # runs of other filters need numpy alone
 
@@ -91,7 +90,7 @@ def huber(threshold: float = 1.345) -> Policy:
     >>> import inswsn_lib as iw
     >>> model = iw.ErrorModel(A=[[1]], B=[[1]], C=[[1]], D=[[1]], period=1.0)
     >>> options = {"policy": iw.huber(), "initial_covariance": [[1]]}
-    >>> [iw.run_robust(model, [[[y]]], **options).round(3).item() for y in (1, 1000, 2000)]
+    >>> [iw.run_robust(model, [[y]], **options).round(3).item() for y in (1, 1000, 2000)]
     [0.5, 0.951, 0.951]
     """
     number("threshold", threshold, above=0)
@@ -125,10 +124,9 @@ def adaptive(forgetting: float = 0.95) -> Policy:
     The model says that the noise has the variance 1, and the measurements jump by 20 m. The filter
     learns that they are worth little:
 
-    >>> import numpy as np
     >>> import inswsn_lib as iw
     >>> model = iw.ErrorModel(A=[[1]], B=[[1]], C=[[1]], D=[[1]], period=1.0)
-    >>> y, P0 = np.tile([10.0, -10.0], 50).reshape(100, 1, 1), [[1]]
+    >>> y, P0 = [[10.0], [-10.0]] * 50, [[1]]
     >>> learnt = iw.run_robust(model, y, policy=iw.adaptive(), initial_covariance=P0)[-1].item()
     >>> print(f"{learnt:.1f} and {iw.run_kalman(model, y, initial_covariance=P0)[-1].item():.1f} m")
     -0.5 and -4.5 m
@@ -176,7 +174,7 @@ def run_robust(
 
     Returns
     -------
-    ndarray, (steps, n, runs)
+    ndarray, (steps, n) or (steps, n, runs)
 
     Examples
     --------
@@ -186,11 +184,11 @@ def run_robust(
     >>> model = iw.ErrorModel(A=[[1]], B=[[1]], C=[[1]], D=[[1]], period=1.0)
     >>> def deaf(R, runs):
     ...     return lambda innovation, prior, there: (prior + R, there & False)
-    >>> iw.run_robust(model, [[[5]], [[5]]], policy=deaf, initial_covariance=[[1]]).tolist()
-    [[[0.0]], [[0.0]]]
+    >>> iw.run_robust(model, [[5], [5]], policy=deaf, initial_covariance=[[1]]).tolist()
+    [[0.0], [0.0]]
     """
     m, n = model.C.shape
-    y = array("measurements", measurements, ("steps", m, "runs"), gaps=True)
+    y, back = of_runs("measurements", measurements, "steps", m, "runs", gaps=True)
     runs = y.shape[2]
     x = first_state(initial_state, n, runs).T
     P = np.tile(covariance("initial_covariance", initial_covariance, (n, n)), (runs, 1, 1))
@@ -207,4 +205,4 @@ def run_robust(
         if not predicted:
             estimates[k] = x.T
         x, P = x @ model.A.T, sandwiched(model.A, P) + Q
-    return estimates
+    return back(estimates)

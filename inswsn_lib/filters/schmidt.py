@@ -33,7 +33,7 @@ def run_schmidt(
     ----------
     model : ErrorModel
         With the states that are considered last, such as of `ErrorModel.with_coloured_noise`.
-    measurements : array_like, (steps, m, runs)
+    measurements : array_like, (steps, m) or (steps, m, runs)
         NaN where a component is missing.
     considered : int
         How many states are considered; fewer than all.
@@ -44,7 +44,7 @@ def run_schmidt(
 
     Returns
     -------
-    ndarray, (steps, n - considered, runs)
+    ndarray, (steps, n - considered) or (steps, n - considered, runs)
 
     Raises
     ------
@@ -59,14 +59,13 @@ def run_schmidt(
     >>> import numpy as np
     >>> import inswsn_lib as iw
     >>> model = iw.ErrorModel(A=np.eye(2), B=[[0], [0]], C=[[1, 1]], D=[[1e-6]], period=1.0)
-    >>> y = np.ones((2, 1, 1))
-    >>> found = iw.run_schmidt(model, y, considered=1, initial_covariance=np.eye(2))
+    >>> found = iw.run_schmidt(model, [[1], [1]], considered=1, initial_covariance=np.eye(2))
     >>> found.ravel().round(6).tolist()
     [0.5, 0.5]
     """
     m, n = model.C.shape
     kept = n - whole("considered", considered, 0, n - 1)
-    there, y = measured(measurements, "steps", m, "runs")
+    there, y, back = measured(measurements, "steps", m, "runs")
     R, Q = model.measurement_covariance, model.process_covariance
     P = covariance("initial_covariance", initial_covariance, (n, n))[None]
     F, C = model.A[:kept, :kept], model.C[:, :kept]
@@ -81,4 +80,4 @@ def run_schmidt(
         before, x = x, x + times(gain[:, :kept], y[k] - C @ x)
         out[k] = before if predicted else x
         x = F @ x
-    return out
+    return back(out)

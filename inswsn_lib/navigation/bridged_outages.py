@@ -6,7 +6,7 @@ This is what evidence p1-outages computes over many runs, a function of its para
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from itertools import product
 from typing import Any, NamedTuple
@@ -57,7 +57,7 @@ _WORST = 1e6  # a loss that is no more told apart from a larger one
 
 @dataclass(frozen=True, eq=False)
 class Passage:
-    """Samples in which the network is heard, and the outage after them, in many runs.
+    """Samples in which the network is heard, and the outage after them, in many runs or in one.
 
     Attributes
     ----------
@@ -87,6 +87,11 @@ class Passage:
     y: Array
     inputs: Mapping[str, Array | None]
     time: Array
+
+    def run(self, number: int) -> Passage:
+        """Return one of the runs, without the axis of runs."""
+        inputs = {n: None if u is None else u[..., number] for n, u in self.inputs.items()}
+        return replace(self, error=self.error[..., number], y=self.y[..., number], inputs=inputs)
 
     def rehearsal(self) -> Passage:
         """Return the samples that are heard, their second half taken for an outage.

@@ -168,12 +168,12 @@ def run_wandering(
         Of the INS, with four states.
     deviation, correlation_time : float
         Of the accelerations, m/s^2 and s.
-    y : ndarray, (steps, 4, runs)
+    y : ndarray, (steps, 4) or (steps, 4, runs)
         INS less network.
 
     Returns
     -------
-    ndarray, (steps, 4, runs)
+    ndarray, (steps, 4) or (steps, 4, runs)
         The error of the INS, after the measurement of each step.
 
     Examples
@@ -182,7 +182,7 @@ def run_wandering(
 
     >>> import inswsn_lib as iw, numpy as np
     >>> from inswsn_lib.navigation import run_wandering
-    >>> time = 0.2 * np.arange(100)[:, None, None]
+    >>> time = 0.2 * np.arange(100)[:, None]
     >>> error = np.concatenate([time**2 / 2, 0 * time, time, 0 * time], axis=1)
     >>> model = iw.ErrorModel.p1(0.2, process_noise=(0.01, 0.01), measurement_noise=(0.1, 0.1))
     >>> found = run_wandering(model, 1.0, error, correlation_time=1e6)

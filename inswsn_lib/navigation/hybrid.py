@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from sklearn import config_context
 from sklearn.base import clone
 
-from inswsn_lib.checks import Array, Mask, array, whole
+from inswsn_lib.checks import Array, Mask, array, of_runs, whole
 from inswsn_lib.errors import Described, ParameterError
 from inswsn_lib.learning import Scale
 from inswsn_lib.learning.base import Scaling, joined
@@ -28,19 +28,19 @@ class HybridRun:
 
     Attributes
     ----------
-    estimates : ndarray, (steps, states, runs)
+    estimates : ndarray, (steps, states) or (steps, states, runs)
         The error of the INS, by the filter in training mode and by the regressor in predictor mode.
-    predicting : ndarray, (steps, runs)
+    predicting : ndarray, (steps,) or (steps, runs)
         Whether the step was in predictor mode.
 
     Examples
     --------
     >>> import inswsn_lib as iw, numpy as np
-    >>> heard = np.where(np.arange(30) < 20, 1.0, np.nan).reshape(30, 1, 1)
+    >>> heard = np.where(np.arange(30) < 20, 1.0, np.nan)[:, None]
     >>> navigator = iw.HybridNavigator(np.nan_to_num, iw.HoldRegressor())
     >>> run = navigator.run(heard, inputs=np.arange(30.0)[:, None])
     >>> run.estimates.shape, int(run.predicting.sum())
-    ((30, 1, 1), 10)
+    ((30, 1), 10)
     """
 
     estimates: Array
@@ -61,8 +61,8 @@ class HybridNavigator:
     Parameters
     ----------
     filter : callable
-        Takes measurements (steps, outputs, runs), NaN where missing, and returns estimates (steps,
-        states, runs), for example ``lambda y: run_kalman(model, y)``.
+        Takes measurements as they are given to `run`, NaN where missing, and returns estimates
+        (steps, states) or (steps, states, runs), for example ``lambda y: run_kalman(model, y)``.
     regressor : scikit-learn regressor
         It is left as it is, and clones are trained; it must take several outputs. If it has a
         method ``fit_many``, the runs are trained together, each with its own number.
@@ -92,11 +92,11 @@ class HybridNavigator:
     copies, has nothing to say then, and a linear fit of its estimates over time goes on:
 
     >>> import inswsn_lib as iw, numpy as np
-    >>> steps = np.arange(30.0)
-    >>> measured = np.where(steps < 20, 0.5 * steps, np.nan)[:, None, None]  # (steps, 1, one run)
+    >>> steps = np.arange(30.0)[:, None]
+    >>> measured = np.where(steps < 20, 0.5 * steps, np.nan)
     >>> line = iw.LSSVMRegressor(eta=1e6, kernel="linear")
-    >>> run = iw.HybridNavigator(np.nan_to_num, line).run(measured, inputs=steps[:, None])
-    >>> run.estimates[[19, 20, 29], 0, 0].round(3).tolist()
+    >>> run = iw.HybridNavigator(np.nan_to_num, line).run(measured, inputs=steps)
+    >>> run.estimates[[19, 20, 29], 0].round(3).tolist()
     [9.5, 10.0, 14.5]
     """
 
@@ -121,7 +121,7 @@ class HybridNavigator:
 
         Parameters
         ----------
-        measurements : array_like, (steps, outputs, runs)
+        measurements : array_like, (steps, outputs) or (steps, outputs, runs)
             INS less network, NaN where missing.
         inputs : array_like, (steps, inputs) or (steps, inputs, runs), optional
             What the regressor sees of each step. In an outage they must be what a system has then.
@@ -139,7 +139,7 @@ class HybridNavigator:
             train, or the regressor cannot be trained, or predicts another shape or what is not
             finite.
         """
-        y = array("measurements", measurements, ("steps", "outputs", "runs"), gaps=True)
+        y, back = of_runs("measurements", measurements, "steps", "outputs", "runs", gaps=True)
         steps, _, runs = y.shape
         if inputs is None:
             if not self.feedback:
@@ -148,7 +148,8 @@ class HybridNavigator:
         u = array("inputs", inputs, (steps, "inputs"), (steps, "inputs", runs), gaps=True)
         if u.ndim == 2:
             u = np.repeat(u[:, :, None], runs, axis=2)
-        filtered = array("what filter returns", self.filter(y), (steps, "states", runs), gaps=True)
+        given = self.filter(back(y))
+        filtered, _ = of_runs("what filter returns", given, steps, "states", runs, gaps=True)
         estimates = filtered.copy()
         heard = np.asarray(~np.isnan(y).all(axis=1))
         told = np.asarray(~np.isnan(u).any(axis=1))
@@ -173,7 +174,7 @@ class HybridNavigator:
                     )
                 estimates[np.ix_(ahead, np.arange(estimates.shape[1]), alike)] = found
                 predicting[np.ix_(ahead, alike)] = True
-        return HybridRun(estimates, predicting)
+        return HybridRun(back(estimates), back(predicting))
 
     def _predicted(self, known: Array, u: Array, rows: Rows, ahead: Rows, numbers: Rows) -> Array:
         """Train on some rows of the estimates; return the estimates of the steps ahead.
@@ -218,13 +219,13 @@ class HybridNavigator:
 
 
 def observable_inputs(time: ArrayLike, ins: ArrayLike) -> dict[str, Array]:
-    r"""Return the inputs that a regressor has in an outage, each (steps, inputs, runs).
+    r"""Return the inputs that a regressor has in an outage, with a runs axis if `ins` has one.
 
     Parameters
     ----------
     time : array_like, (steps,)
         s, increasing.
-    ins : array_like, (steps, 4, runs)
+    ins : array_like, (steps, 4) or (steps, 4, runs)
         What the INS alone indicates: position (m) and velocity (m/s).
 
     Returns
@@ -245,19 +246,20 @@ def observable_inputs(time: ArrayLike, ins: ArrayLike) -> dict[str, Array]:
 
     >>> import inswsn_lib as iw, numpy as np
     >>> time = np.array([10.0, 10.5, 11.0])
-    >>> ins = np.stack([(time - 10) ** 2, 0 * time, 2 * (time - 10), 0 * time], axis=1)[:, :, None]
+    >>> ins = np.stack([(time - 10) ** 2, 0 * time, 2 * (time - 10), 0 * time], axis=1)
     >>> inputs = iw.observable_inputs(time, ins)
-    >>> inputs["inertial"][:, :, 0].tolist()  # time, and the acceleration along x and y
+    >>> inputs["inertial"].tolist()  # time, and the acceleration along x and y
     [[0.0, nan, nan], [0.5, 2.0, 0.0], [1.0, 2.0, 0.0]]
     """
-    x = array("ins", ins, ("steps", 4, "runs"), gaps=True)
+    x, back = of_runs("ins", ins, "steps", 4, "runs", gaps=True)
     t = array("time", time, (len(x),))
     if not (np.diff(t) > 0).all():
         raise ParameterError("time", Described("out of order"), "increasing")
     clock = np.repeat((t - t[0])[:, None, None], x.shape[2], axis=2)
     change = np.diff(x[:, 2:], axis=0) / np.diff(t)[:, None, None]
     acceleration = np.concatenate([np.full_like(x[:1, 2:], np.nan), change])
-    return {"time": clock, "motion": x, "inertial": np.concatenate([clock, acceleration], axis=1)}
+    inertial = np.concatenate([clock, acceleration], axis=1)
+    return {"time": back(clock), "motion": back(x), "inertial": back(inertial)}
 
 
 def _silences(heard: Mask, patience: int) -> list[tuple[int, int]]:

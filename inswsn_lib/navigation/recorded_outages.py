@@ -248,8 +248,7 @@ class RecordedOutages:
         inputs, window = choice or self.settings[name]
         time, (ins, y) = self.contest.fixes.time, self._difference(starts)
         navigator = HybridNavigator(self._kalman, _LEARNERS[name](), window=window)
-        seen = observable_inputs(time[-len(ins) :], ins[:, :, None])[inputs]
-        run = navigator.run(y, np.repeat(seen, len(starts), axis=2))
+        run = navigator.run(y, observable_inputs(time[-len(ins) :], ins)[inputs])
         return self._corrected(run.estimates, starts)
 
     def _coasting_kalman(self) -> Array:

@@ -306,7 +306,7 @@ def run_coloured(
         Of the INS, with four states and the R of the fixes.
     correlation_time : float or array_like, (4,)
         Of the errors of fixes and velocities, s. If all are white, with 0, it is `run_kalman`.
-    y : ndarray, (steps, 4, runs)
+    y : ndarray, (steps, 4) or (steps, 4, runs)
         INS less network.
     white : float or array_like, (4,)
         Share of the variance of these errors that is white all the same.
@@ -317,7 +317,7 @@ def run_coloured(
 
     Returns
     -------
-    ndarray, (steps, 4, runs)
+    ndarray, (steps, 4) or (steps, 4, runs)
         The error of the INS.
 
     Examples
@@ -326,8 +326,8 @@ def run_coloured(
 
     >>> import inswsn_lib as iw, numpy as np
     >>> from inswsn_lib.navigation import run_coloured
-    >>> model, y = iw.ErrorModel.p1(0.2), np.ones((3, 4, 1))
-    >>> run_coloured(model, 1.0, y)[0, :, 0].round(4).tolist()
+    >>> model, y = iw.ErrorModel.p1(0.2), np.ones((3, 4))
+    >>> run_coloured(model, 1.0, y)[0].round(4).tolist()
     [1.0, 1.0, 1.0, 1.0]
     """
     if not np.any(correlation_time):

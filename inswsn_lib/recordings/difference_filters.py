@@ -64,7 +64,7 @@ class DifferenceFilters:
             "KF, Huber update": lambda: self._robust(model, huber(own[0])),
             "KF, gating": lambda: self._robust(model, gating(1 - min(own[0], 0.5))),
         }
-        return self._corrected(runs[name]()[:, :, 0])
+        return self._corrected(runs[name]())
 
     @property
     def published(self) -> Estimate:
@@ -73,11 +73,11 @@ class DifferenceFilters:
         After the measurement of a step it is the network itself.
         """
         model = difference_model(self.period, 1.0, 1.0)
-        return self._corrected(self._run(model, deadbeat_gain(model), predicted=True)[:, :, 0])
+        return self._corrected(self._run(model, deadbeat_gain(model), predicted=True))
 
     @property
     def _y(self) -> Array:
-        return (self.ins - self.network)[:, :, None]
+        return self.ins - self.network
 
     def _corrected(self, error: Array) -> Estimate:
         return Estimate(self.ins - error)
@@ -92,7 +92,7 @@ class DifferenceFilters:
     def _run(self, model: ErrorModel, gain: Array, *, predicted: bool) -> Array:
         """Run an H-infinity filter from the first measurement on."""
         y = self._y
-        first = int(np.flatnonzero(np.isfinite(y[:, 0, 0]))[0])
+        first = int(np.flatnonzero(np.isfinite(y[:, 0]))[0])
         found = np.full_like(y, np.nan)
         found[first:] = run_hinfinity(
             (model, gain), y[first:], initial_state=y[first], predicted=predicted

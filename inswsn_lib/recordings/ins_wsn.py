@@ -80,7 +80,7 @@ class TrackPair:
 
     @property
     def measurements(self) -> Array:
-        """INS less WSN (P1 2.5), which filters take, (steps, 4, 1); NaN where missing."""
+        """INS less WSN (P1 2.5) as one run, (steps, 4, 1); filters take ``ins - wsn``, too."""
         return (self.ins - self.wsn)[:, :, None]
 
     @property

@@ -368,8 +368,8 @@ def _against_reference(
     )  # fmt: skip
     yield Finding("origin", "network and reference", z, 0, bound, z <= bound, says)
     # what the filter knew before a fix is independent of the noise of the fix
-    before = run_kalman(model, data.measurements[:, :m], initial_covariance=P0, predicted=True)
-    track = data.ins[:, :m] - (model.C @ before)[:, :, 0] - reference[:, :m]
+    before = run_kalman(model, data.measurements[:, :m, 0], initial_covariance=P0, predicted=True)
+    track = data.ins[:, :m] - before @ model.C.T - reference[:, :m]
     both = there & ~np.isnan(track)
     weights = np.where(both, track / sigma, 0.0)
     size = float(np.sqrt(np.sum(weights**2)))

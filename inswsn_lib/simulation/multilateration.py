@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from inswsn_lib.checks import Array, Mask, array
+from inswsn_lib.checks import Array, Back, Mask, array, of_runs
 from inswsn_lib.errors import ParameterError
 from inswsn_lib.kernels import choose
 
@@ -30,12 +30,12 @@ def multilaterate(nodes: Sequence[ArrayLike], ranges: Sequence[ArrayLike]) -> Ar
     ----------
     nodes : sequence of array_like, (heard, 2)
         Those heard at each place, m.
-    ranges : sequence of array_like, (heard, runs)
+    ranges : sequence of array_like, (heard,) or (heard, runs)
         m; NaN where lost.
 
     Returns
     -------
-    ndarray, (places, 2, runs)
+    ndarray, (places, 2) or (places, 2, runs)
         m; NaN where fewer than three ranges are there, or the nodes lie almost on a line.
 
     Examples
@@ -50,28 +50,30 @@ def multilaterate(nodes: Sequence[ArrayLike], ranges: Sequence[ArrayLike]) -> Ar
     [[ 3.  4.]
      [nan nan]]
     """
-    at, measured = _places(nodes, ranges)
+    at, measured, back = _places(nodes, ranges)
     found = np.empty((len(at), 2, measured[0].shape[1] if measured else 0))
     at_once = max(1, _AT_ONCE // max([1, *(each.size for each in measured)]))
     for first in range(0, len(at), at_once):
         part = slice(first, first + at_once)
         found[part] = np.moveaxis(_multilaterated(at[part], measured[part]), 1, 0)
-    return found
+    return back(found)
 
 
 def _places(
     nodes: Sequence[ArrayLike], ranges: Sequence[ArrayLike]
-) -> tuple[list[Array], list[Array]]:
-    """Return the nodes and the ranges of each place; refuse those that do not fit together."""
+) -> tuple[list[Array], list[Array], Back]:
+    """Return nodes and ranges of each place, by `of_runs`; refuse what does not fit together."""
     if len(nodes) != len(ranges):
         raise ParameterError("ranges", len(ranges), f"of {len(nodes)} places, as nodes are")
     at = [array("nodes", each, ("heard", 2)) for each in nodes]
     runs: int | str = "runs"
+    back: Back = np.asarray
     measured = []
     for here, lengths in zip(at, ranges, strict=True):
-        measured.append(array("ranges", lengths, (len(here), runs), gaps=True))
-        runs = measured[0].shape[1]
-    return at, measured
+        found, back = of_runs("ranges", lengths, len(here), runs, gaps=True)
+        measured.append(found)
+        runs = found.shape[1]
+    return at, measured, back
 
 
 def _multilaterated(nodes: Sequence[Array], ranges: Sequence[Array]) -> Array:

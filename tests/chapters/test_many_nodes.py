@@ -94,10 +94,10 @@ def test_the_fusion_of_all_clusters_by_the_number_is_the_federated_filter() -> N
     found, own = nodes.locals_of(run, fixes, 3)
     model = nodes.model_of(run)
     federated = run_federated(
-        model, (run.ins - fixes)[..., None], reset="none", initial_covariance=1e6 / 3 * np.eye(4),
+        model, run.ins - fixes, reset="none", initial_covariance=1e6 / 3 * np.eye(4),
         measurement_covariance=[model.measurement_covariance] * 3,
     )  # fmt: skip
-    assert np.allclose(found.mean(axis=2), federated[..., 0], rtol=0, atol=1e-9)
+    assert np.allclose(found.mean(axis=2), federated, rtol=0, atol=1e-9)
     assert own.shape == (100, 4, 4)
 
 

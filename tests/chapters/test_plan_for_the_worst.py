@@ -18,8 +18,7 @@ def test_the_error_of_the_game_is_that_of_the_librarys_filter() -> None:
     w, v = np.random.default_rng(1).standard_normal((2, 50))
     x = np.concatenate([[0.0], np.cumsum(w)])
     model = ErrorModel(A=[[1]], B=[[1]], C=[[1]], D=[[1]], period=1.0)  # type: ignore[arg-type]
-    y = (x[:-1] + v)[:, None, None]
-    predicted = run_hinfinity((model, [[GOLDEN]]), y, predicted=True).ravel()
+    predicted = run_hinfinity((model, [[GOLDEN]]), (x[:-1] + v)[:, None], predicted=True)[:, 0]
     found = worst.errors_of(GOLDEN, w, v)
     assert found[:50] == pytest.approx(x[:50] - predicted, abs=1e-12)
 
@@ -62,9 +61,6 @@ def test_one_axis_of_the_vehicle_stands_for_both() -> None:
     both = ErrorModel.p1(run.period).with_covariances(
         np.diag(np.repeat(run.process**2, 2)), np.diag(np.repeat(run.measurement**2, 2))
     )
-    whole, one = (
-        design_filter(both, margin=0.1),
-        design_filter(worst.axis_model(run, 1), margin=0.1),
-    )
+    whole, one = (design_filter(m, margin=0.1) for m in (both, worst.axis_model(run, 1)))
     assert one.gamma == pytest.approx(whole.gamma, rel=1e-5)
     assert np.kron(one.gain, np.eye(2)) == pytest.approx(whole.gain, abs=1e-3)

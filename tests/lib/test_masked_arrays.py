@@ -1,4 +1,4 @@
-"""What a masked array of numpy hides is missing: as NaN where that may stand, else refused."""
+"""What a masked array of numpy hides is missing, or refused; one run needs no axis of runs."""
 
 from __future__ import annotations
 
@@ -33,6 +33,12 @@ HIDDEN = RNG.random((2, 12, 1, 3)) < 0.3
 HIDDEN = HIDDEN | (RNG.random(VALUES.shape) < 0.1)
 NOISE: dict[str, Any] = {"initial_covariance": EYE}
 CLUSTERS: dict[str, Any] = NOISE | {"measurement_covariance": [EYE, 2 * EYE]}
+
+
+def lost(y: Any) -> np.ndarray:
+    return np.asarray(np.indices((2, 12, *np.shape(y)[3:]))[1] % 5 == 3)
+
+
 #: Of two clusters
 FILTERS: dict[str, Callable[[Any], Any]] = {
     "kalman": lambda y: iw.run_kalman(MODEL, y[0], **NOISE),
@@ -42,9 +48,9 @@ FILTERS: dict[str, Callable[[Any], Any]] = {
     "hinfinity": lambda y: iw.run_hinfinity(GAIN, y[0]),
     "robust": lambda y: iw.run_robust(MODEL, y[0], policy=iw.huber(1.5), **NOISE),
     "schmidt": lambda y: iw.run_schmidt(MODEL, y[0], considered=1, **NOISE),
-    "federated": lambda y: iw.run_federated(MODEL, y, **CLUSTERS),
+    "federated": lambda y: iw.run_federated(MODEL, y, lost=lost(y), **CLUSTERS),
     "fused locals": lambda y: iw.run_fused_locals(MODEL, y, **CLUSTERS),
-    "distributed": lambda y: iw.run_distributed([GAIN] * 2, y, weights=HALVES),
+    "distributed": lambda y: iw.run_distributed([GAIN] * 2, y, weights=HALVES, lost=lost(y)),
     "switched": lambda y: iw.run_switched(SWITCHED, y),
     "hybrid": lambda y: iw.HybridNavigator(
         lambda z: iw.run_kalman(MODEL, z, **NOISE), iw.HoldRegressor(), feedback=True, least=1
@@ -74,6 +80,20 @@ def test_what_is_masked_is_missing(name: str, kind: type) -> None:
     shown = run(np.ma.masked_array(VALUES, False))
     np.testing.assert_array_equal(shown, run(VALUES))
     assert not np.array_equal(shown, expected, equal_nan=True)
+
+
+RUNS = [name[4:].replace("_", " ") for name in dir(iw.filters) if name.startswith("run_")]
+
+
+@pytest.mark.parametrize("name", [*RUNS, "stream", "hybrid", "squares"])
+def test_one_run_needs_no_axis_of_runs(name: str) -> None:
+    run, missing = FILTERS[name], np.where(HIDDEN, np.nan, VALUES)[..., 0]
+    expected = run(missing[..., None])[..., 0]
+    np.testing.assert_array_equal(run(missing), expected)
+    np.testing.assert_array_equal(run(np.ma.masked_array(VALUES, HIDDEN)[..., 0]), expected)
+    np.testing.assert_array_equal(run([*missing]), expected)
+    with pytest.raises(iw.ParameterError, match=r"\(.*steps, \w+\) or \(.*steps, \w+, runs\)"):
+        run(missing[..., 0])
 
 
 def test_what_is_masked_of_a_drive_is_missing() -> None:

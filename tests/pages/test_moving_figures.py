@@ -189,18 +189,18 @@ def metres(text: str) -> float:
 
 def test_a_blend_is_the_filter_of_that_gain(lesson: Lesson) -> None:
     run = example_run()
-    model, y = ErrorModel.p1(run.period), (run.ins - run.network)[:, :, None]
+    model, y = ErrorModel.p1(run.period), run.ins - run.network
     figure = lesson(BLEND).locator("#fig-l2-map-moving")
     for place, g in ((0, 0.0), (8, 0.2), (40, 1.0)):
         move(figure, "g", place)
         found = run_hinfinity((model, g * model.A), y, initial_state=y[0], predicted=False)
         shown = figure.locator("dl dd").last.inner_text()
-        assert metres(shown) == pytest.approx(distance(run, found[:, :, 0]), abs=0.001, rel=0.01)
+        assert metres(shown) == pytest.approx(distance(run, found), abs=0.001, rel=0.01)
 
 
 def test_the_error_over_q_is_that_of_the_kalman_filter(built_site: Path, lesson: Lesson) -> None:
     run = example_run()
-    y = (run.ins - run.network)[:, :, None]
+    y = run.ins - run.network
     figure = lesson(BLEND).locator("#fig-l2-told-moving")
     texts = tables(built_site, BLEND, "fig-l2-told")["sliders"][0]["texts"]
     for place in (0, 8, len(texts) - 1):
@@ -211,16 +211,15 @@ def test_the_error_over_q_is_that_of_the_kalman_filter(built_site: Path, lesson:
         found = run_kalman(model, y, initial_covariance=1e6 * np.eye(4))
         move(figure, "q", place)
         shown = figure.locator("dl dd").first.inner_text()
-        assert metres(shown) == pytest.approx(distance(run, found[:, :, 0]), abs=0.001)
+        assert metres(shown) == pytest.approx(distance(run, found), abs=0.001)
 
 
 def test_an_outage_is_bridged_by_the_machine_of_that_width(
     built_site: Path, lesson: Lesson
 ) -> None:
-    drive = BridgedOutages(runs=1).judged["1"]
-    clock, y, error = (
-        np.asarray(of)[:, :, 0] for of in (drive.inputs["time"], drive.y, drive.error)
-    )
+    drive = BridgedOutages(runs=1).judged["1"].run(0)
+    clock, y, error = drive.inputs["time"], drive.y, drive.error
+    assert clock is not None
     figure = lesson(OUTAGE).locator("#fig-l4-bridge-moving")
     texts = tables(built_site, OUTAGE, "fig-l4-bridge")["sliders"][0]["texts"]
     for place in (0, 6, len(texts) - 1):
@@ -232,7 +231,7 @@ def test_an_outage_is_bridged_by_the_machine_of_that_width(
 
 
 def test_a_filter_coasts_through_an_outage_as_that_of_the_library(lesson: Lesson) -> None:
-    run, drive = example_run(), BridgedOutages(runs=1).judged["1"]
+    run, drive = example_run(), BridgedOutages(runs=1).judged["1"].run(0)
     model = ErrorModel.p1(
         run.period, process_noise=run.process, measurement_noise=run.measurement
     )  # fmt: skip
@@ -241,7 +240,7 @@ def test_a_filter_coasts_through_an_outage_as_that_of_the_library(lesson: Lesson
         y = drive.y.copy()
         y[first:] = np.nan
         found = run_kalman(model, y, initial_covariance=1e6 * np.eye(4))
-        left = (drive.error - found)[first : first + 50, :2, 0]
+        left = (drive.error - found)[first : first + 50, :2]
         move(figure, "b", place)
         move(figure, "n", 5)  # for ten seconds
         shown = figure.locator("dl dd").nth(2).inner_text()

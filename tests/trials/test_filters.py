@@ -131,7 +131,7 @@ def constant_gain_off(model: ErrorModel, y: np.ndarray) -> float:
     """
     gain = iw.predictor_gain(model)
     exact = constant(model, gain, y)
-    found = iw.run_hinfinity((model, gain), y[:, :, None], predicted=True)[:, :, 0]
+    found = iw.run_hinfinity((model, gain), y, predicted=True)
     return float(np.max(np.abs(found - exact) / np.abs(exact).max(axis=0)))
 
 
@@ -147,7 +147,7 @@ def test_filters(size: Callable[[int, int], int], seed: int, tell: Callable[[str
             y = missing(complete, rng)
             exact = reference(model, model.process_covariance, P0, y, shown)
             design = iw.design_kalman(model, ~np.isnan(y), initial_covariance=P0)
-            states = iw.run_kalman(model, y[:, :, None], initial_covariance=P0)[:, :, 0]
+            states = iw.run_kalman(model, y, initial_covariance=P0)
             for k, e in exact.items():
                 assert np.allclose(design.filtered[k], design.filtered[k].T, rtol=1e-15)
                 np.linalg.cholesky(design.filtered[k])  # refuses what is not positive definite
@@ -159,7 +159,7 @@ def test_filters(size: Callable[[int, int], int], seed: int, tell: Callable[[str
                 worst[which] = max(worst[which], constant_gain_off(model, complete))
             # two clusters of twice the variance that hear the same are one
             R = [2 * model.measurement_covariance] * 2
-            both = np.stack([y, y])[:, :EARLY, :, None]
+            both = np.stack([y, y])[:, :EARLY]
             early = {k: e for k, e in exact.items() if k < EARLY}
             which = "federated" if start == 1 else "federated from 1e8"
             which = "federated beyond 1e6" if ratio > 1e6 else which
@@ -171,7 +171,7 @@ def test_filters(size: Callable[[int, int], int], seed: int, tell: Callable[[str
                 refused += 1
                 assert ratio > 1e6
                 continue
-            worst[which] = max(worst[which], estimates_off(fused[:, :, 0], early))
+            worst[which] = max(worst[which], estimates_off(fused, early))
     told = ", ".join(f"{name} {value:.0e}" for name, value in worst.items())
     tell(
         f"{4 * len(RATIOS)} runs of {steps} steps, ratios 1e-12 to 1e12, furthest off: {told}; "

@@ -37,9 +37,8 @@ def centimetres(metres: float) -> str:
 
 def by_library(run: ExampleRun, g: float) -> Array:
     """Return estimates of the error of the INS, (samples, 4), by a filter of constant gain."""
-    model, y = ErrorModel.p1(run.period), (run.ins - run.network)[:, :, None]
-    found = run_hinfinity((model, g * model.A), y, initial_state=y[0], predicted=False)
-    return np.asarray(found[:, :, 0])
+    model, y = ErrorModel.p1(run.period), run.ins - run.network
+    return run_hinfinity((model, g * model.A), y, initial_state=y[0], predicted=False)
 
 
 def show_map(run: ExampleRun, *, start: float) -> None:
@@ -243,9 +242,7 @@ def mean_nis(run: ExampleRun, run_filter: Filter, y: Array, factor: float) -> fl
     noise = np.diag(np.repeat(factor * run.process**2 + run.measurement**2, 2))  # Q + R
     estimates, covariances = run_filter(y, factor)
     innovations = y[1:] - estimates[:-1] @ A.T
-    return float(
-        normalised_squares(innovations[:, :, None], A @ covariances[:-1] @ A.T + noise).mean()
-    )
+    return float(normalised_squares(innovations, A @ covariances[:-1] @ A.T + noise).mean())
 
 
 def show_weights(weights: Callable[[float], Array], *, start: float) -> None:

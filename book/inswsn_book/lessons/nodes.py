@@ -54,8 +54,7 @@ def locals_of(run: ExampleRun, fixes: Array, factor: float) -> tuple[Array, Arra
 
 def nees(run: ExampleRun, estimates: Array, covariances: Array) -> float:
     """Return the mean of e' P^-1 e over all samples: 4 if the covariances are right."""
-    error = run.ins - run.truth - estimates
-    return float(normalised_squares(error[:, :, None], covariances).mean())
+    return float(normalised_squares(run.ins - run.truth - estimates, covariances).mean())
 
 
 def nees_interval(run: ExampleRun, clusters: int) -> tuple[float, float]:

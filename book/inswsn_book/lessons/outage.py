@@ -41,13 +41,7 @@ def off(error: Array) -> float:
 def _of(drive: Passage) -> tuple[Array, Array, Array, int]:
     """Return the clock, the error of the INS, what is measured, and in how many samples it is."""
     heard = drive.heard
-    return _input(drive, "time")[:, 0], drive.error[:, :, 0], drive.y[:heard, :, 0], heard
-
-
-def _input(drive: Passage, kind: str) -> Array:
-    found = drive.inputs[kind]
-    assert found is not None
-    return found[:, :, 0]
+    return np.asarray(drive.inputs["time"])[:, 0], drive.error, drive.y[:heard], heard
 
 
 def _by_time(t: Array, y: Array, sigma: float, eta: float) -> Array:
@@ -209,7 +203,7 @@ def show_rehearsal(drive: Passage, bridge: Bridge) -> None:
     widths = [round(float(10**p), 3) for p in np.arange(-1, 3.01, 0.25)]
     rehearsed, bridged = {}, {}
     for kind in kinds:
-        u = _input(drive, kind)
+        u = np.asarray(drive.inputs[kind])
         for s in widths:
             losses = {n: off(bridge(u[:heard], y[:half], s, n) - y[half:]) for n in STRENGTHS[::2]}
             n = min(losses, key=losses.__getitem__)
@@ -299,7 +293,8 @@ def show_rivals(
     Returns the mean distance of a method in an outage that begins then and lasts so long.
     """
     t, error, y, heard = _of(drive)
-    inputs, period = {kind: _input(drive, kind) for kind in ("time", "motion")}, float(t[1] - t[0])
+    inputs = {kind: np.asarray(drive.inputs[kind]) for kind in ("time", "motion")}
+    period = float(t[1] - t[0])
     begins, longest = [float(b) for b in range(8, 21)], len(error) - heard
     lengths = [1, 2, 3, 5, 7, 10]
 
@@ -382,7 +377,7 @@ def show_heading(
     plain, turning, alone = {}, {}, {}
     for share, drive in drives.items():
         t, error, _, heard = _of(drive)
-        y, velocity = drive.y[:, :, 0], _input(drive, "motion")[:, 2:]
+        y, velocity = drive.y, np.asarray(drive.inputs["motion"])[:, 2:]
         alone[share] = distances(error[heard:])
         plain[share] = distances((error - coast(y))[heard:])
         turning[share] = distances((error - knowing(y, velocity)[:, :4])[heard:])

@@ -49,10 +49,10 @@ def plain(run: ExampleRun, tau: float) -> tuple[Array, Array]:
 
     It is that of the lesson on two bad instruments.
     """
-    y, start = (run.ins - run.network)[:, :, None], 1e6 * np.eye(4)
+    y, start = run.ins - run.network, 1e6 * np.eye(4)
     model, heard = model_of(run), np.ones((len(y), 4), bool)
     design = design_kalman(model, heard, initial_covariance=start)
-    return run_kalman(model, y, initial_covariance=start)[:, :, 0], design.filtered
+    return run_kalman(model, y, initial_covariance=start), design.filtered
 
 
 def show_lasting(runs: Mapping[float, ExampleRun], run_filter: Filter) -> None:

@@ -382,7 +382,7 @@ def axis_model(run: ExampleRun, factor: float) -> ErrorModel:
 
 def errors_over_q(run: ExampleRun, margins: Sequence[float]) -> dict[float, list[float]]:
     """Return the mean distance over the assumed Q, by the margin; that of Kalman is at 0."""
-    y = (run.ins - run.network)[:, :, None]
+    y = run.ins - run.network
     found: dict[float, list[float]] = {margin: [] for margin in (0, *margins)}
     for factor in FACTORS:
         q, r = factor * run.process**2, run.measurement**2
@@ -390,11 +390,11 @@ def errors_over_q(run: ExampleRun, margins: Sequence[float]) -> dict[float, list
             np.diag(np.repeat(q, 2)), np.diag(np.repeat(r, 2))
         )
         kf = run_kalman(both, y, initial_covariance=1e6 * np.eye(4))
-        found[0].append(float(run.distances(run.ins - kf[:, :, 0]).mean()))
+        found[0].append(float(run.distances(run.ins - kf).mean()))
         for margin in margins:
             gain = design_filter(axis_model(run, factor), margin=margin).gain
             estimates = run_hinfinity((both, np.kron(gain, np.eye(2))), y, initial_state=y[0])
-            found[margin].append(float(run.distances(run.ins - estimates[:, :, 0]).mean()))
+            found[margin].append(float(run.distances(run.ins - estimates).mean()))
     return found
 
 

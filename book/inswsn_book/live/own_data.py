@@ -142,20 +142,20 @@ def _filtered(name: str, data: TrackPair, figures: Mapping[str, float]) -> Filte
         measurement_noise=(figures["wsn_position_noise"], figures["wsn_velocity_noise"]),
     )
     first = figures["initial_position_error"], figures["initial_velocity_error"]
-    there = ~np.isnan(data.measurements[:, :, 0])
+    y = data.ins - data.wsn
+    there = ~np.isnan(y)
     if not there.any():
         raise InswsnError(f"{name} has no fix where the INS has a row.")
     initial = np.diag(np.repeat(first, 2) ** 2)
     design = design_kalman(model, there, initial_covariance=initial)
-    errors = run_kalman(model, data.measurements, initial_covariance=initial)
-    before = np.concatenate([np.zeros_like(errors[:1]), model.A @ errors[:-1]])
-    innovations = data.measurements - model.C @ before
+    errors = run_kalman(model, y, initial_covariance=initial)
+    innovations = y - np.vstack([0 * errors[:1], errors[:-1] @ model.A.T]) @ model.C.T
     return Filtered(
-        corrected=data.ins - errors[:, :, 0],
-        errors=errors[:, :, 0],
-        innovations=innovations[:, :, 0],
+        corrected=data.ins - errors,
+        errors=errors,
+        innovations=innovations,
         deviations=np.sqrt(np.diagonal(design.innovation, axis1=1, axis2=2)),
-        nis=normalised_squares(innovations, design.innovation)[:, 0],
+        nis=normalised_squares(innovations, design.innovation),
         sigma=np.sqrt(design.filtered[:, [0, 1], [0, 1]].sum(axis=1)),
     )
 

@@ -105,7 +105,7 @@ def test_covariances_that_are_none(shape: tuple[int, ...]) -> None:
     with pytest.raises(ParameterError, match=r"covariances .* not of shape"):
         normalised_squares(np.zeros((5, 3, 7)), np.ones(shape))
     with pytest.raises(ParameterError, match=r"errors .* not of shape"):
-        normalised_squares(np.zeros((5, 3)), np.eye(3))
+        normalised_squares(np.zeros(5), np.eye(3))
     errors, S = np.ones((4, 3, 2)), np.moveaxis(np.tile(np.eye(3), (4, 2, 1, 1)), 1, 3).copy()
     assert (normalised_squares(errors, S) == 3).all()
     S[2, :, :, 1] *= -1

@@ -6,12 +6,7 @@ import numpy as np
 import pytest
 
 from inswsn_lib.errors import ParameterError
-from inswsn_lib.evaluation import (
-    largest_error,
-    mean_absolute_error,
-    root_mean_square_error,
-    spread,
-)
+from inswsn_lib.evaluation import largest_error, mean_absolute_error, root_mean_square_error, spread
 
 ERRORS = np.array([[[3.0, 1.0]], [[-4.0, np.nan]], [[0.0, -1.0]]])
 

@@ -310,9 +310,3 @@ def test_masks_that_do_not_fit_are_refused(changed: dict[str, Any], said: str) -
         federated_covariance(ErrorModel.p1(0.2), measurement_covariance=np.stack([np.eye(4)] * 2),
                              initial_covariance=np.eye(4), **given)  # fmt: skip
     assert str(caught.value) == f"{next(iter(changed))} must be booleans of shape {said}"
-
-
-def test_measurements_of_another_shape_are_refused() -> None:
-    with pytest.raises(ParameterError, match=r"NaN where missing\) of shape \(N, steps, 4, runs\)"):
-        run_federated(ErrorModel.p1(0.2), np.zeros((2, 5)), measurement_covariance=[np.eye(4)] * 2,
-                      initial_covariance=np.eye(4))  # fmt: skip

@@ -312,9 +312,7 @@ def test_pieces_of_a_record_give_what_the_whole_gives(
 
 
 def test_pieces_of_other_runs_are_refused() -> None:
-    pieces = stream_kalman(
-        MODEL, [np.ones((2, 4, 3)), np.ones((2, 4, 2))], initial_covariance=np.eye(4)
-    )
+    pieces = stream_kalman(MODEL, map(np.ones, [(2, 4, 3), (2, 4)]), initial_covariance=np.eye(4))
     next(pieces)
     with pytest.raises(ParameterError, match=r"measurements .* not of shape"):
         next(pieces)

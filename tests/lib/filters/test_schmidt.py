@@ -29,8 +29,8 @@ def test_without_considered_states_it_is_the_kalman_filter_also_where_data_is_mi
 def test_a_constant_and_an_unknown_offset_by_hand() -> None:
     """P_0 = 4, offset variance 1, noise variance 1: K = 4 / 6, and then by its covariances."""
     model = ErrorModel(A=np.eye(2), B=[[0], [0]], C=[[1, 1]], D=[[1]], period=1.0)
-    y = np.array([3.0, 0.0]).reshape(2, 1, 1)
-    found = run_schmidt(model, y, considered=1, initial_covariance=np.diag([4.0, 1.0])).ravel()
+    P0 = np.diag([4.0, 1.0])
+    found = run_schmidt(model, [[3], [0]], considered=1, initial_covariance=P0)[:, 0]
     first = 4 / 6
     # errors after the first update: own variance, and its covariance with the offset
     own, shared = (1 - first) ** 2 * 4 + first**2 * 2, -first

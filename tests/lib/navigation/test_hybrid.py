@@ -277,7 +277,7 @@ HEARD, OUTAGE, CLOCK = np.zeros((5, 4, 1)), noise(1, 15, 1, (12, 15)), np.zeros(
         ({"window": 0}, OUTAGE, CLOCK, "window .* not 0"),
         ({"least": 0}, OUTAGE, CLOCK, "least .* not 0"),
         ({"patience": -1}, OUTAGE, CLOCK, "patience .* not -1"),
-        ({}, HEARD[..., 0], CLOCK, "measurements .* not of shape"),
+        ({}, HEARD[:, 0, 0], CLOCK, "measurements .* not of shape"),
         ({}, HEARD, None, "inputs .* not None"),
         ({}, HEARD, CLOCK, "inputs .* not of shape"),
         ({}, HEARD, np.zeros((5, 1, 2)), "inputs .* not of shape"),
