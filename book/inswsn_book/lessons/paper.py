@@ -1,4 +1,4 @@
-"""The pictures of the lesson on reading a paper with a computer."""
+"""The pictures of the lesson on reading a paper with a computer, and its record."""
 
 from __future__ import annotations
 
@@ -10,11 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inswsn_book.moving import Moving, Slider
-from inswsn_lib.papers import about, admits, bounds, interval
+from inswsn_book.record import ChapterRecord
+from inswsn_lib.papers import about, admits, bounds, derive, interval, reduction
 
 Array = NDArray[np.float64]
 Texts = Sequence[str]  # cells of a column, as printed
 
+#: What the text has of the evidence: its name, the quantity, its unit and its form
+EVIDENCE = (
+    ("rank", "table1.selected.position-rank", 1, ".0f"), ("odds", "table1.chance.odds", 1e6, ".1f"),
+    ("claims", "score.claims", 1, ".0f"), ("contradicted", "score.contradicted", 1, ".0f"),
+)  # fmt: skip
 OFFSETS = range(-9, 10)
 DIGITS = (1, 2, 3, 4)
 ORDERS = 2000  # random orders of the cells of a column
@@ -61,13 +67,13 @@ def show_slip(xs: Texts, ys: Texts, means: Texts) -> None:
     shown.draw(chart, "computed", "", lambda s: (row, (x + _below(y, s)) / 2))
     shown.draw(chart, "computed", "", lambda s: (row, (x + _below(y, s)) / 2), style="points")
     shown.number("computed", "rows that agree to the last digit", lambda s: f"{met[s]} of 10")
-    shown.sentence(lambda s: f"With y from {s} rows below, {met[s]} of 10 printed means come out.")
+    shown.sentence(lambda s: f"With y from {s} rows below, {met[s]} of 10 printed means agree.")
     shown.show(
         name="fig-l7-slip",
-        caption="The mean of x in a row and y some rows below, and what is printed as their mean. "
-        "Beyond the table there is nothing, and nothing counts as nought.",
-        alt="Ten printed means over the row, and ten computed ones. With y of the row above "
-        f"{met[-1]} of ten agree, with y of the same row {met[0]}, of the next row {met[1]}.",
+        caption="The mean of x in a row and y some rows below it, and the mean that is printed. "
+        "A y from beyond the table counts as zero.",
+        alt="Ten printed means by row, and ten computed means. With y from the row above, "
+        f"{met[-1]} of ten agree; from the same row, {met[0]}; from the next row, {met[1]}.",
     )
 
 
@@ -78,10 +84,10 @@ def _orders(cells: int) -> NDArray[np.int64]:
 
 
 def by_digits(xs: Texts, ys: Texts, means: Texts) -> dict[int, tuple[Array, Array]]:
-    """Return how many rows agree, by offset and in random orders, if digits are struck off.
+    """Return how many rows agree, by offset and in random orders, if cells have fewer digits.
 
-    In units of the last digit each of x, y and the mean is off by half at most: so x + y - 2 mean
-    is off by two at most.
+    In units of the last digit, the rounding of each of x, y and the mean is half at most, so that
+    of x + y - 2 mean is two at most.
     """
     x, y, mean = _numbers(xs, ys, means)
     found = {}
@@ -90,10 +96,8 @@ def by_digits(xs: Texts, ys: Texts, means: Texts) -> dict[int, tuple[Array, Arra
         X, Y, M = (np.rint(cells * unit + 1e-9) for cells in (x, y, mean))
         fits = np.array([np.sum(abs(X + _below(Y, s) - 2 * M) <= 2) for s in OFFSETS])
         dealt = np.append(Y, 0)[_orders(len(Y))]
-        found[digits] = (
-            fits.astype(float),
-            np.sum(abs(X + dealt - 2 * M) <= 2, axis=1).astype(float),
-        )
+        orders = np.sum(abs(X + dealt - 2 * M) <= 2, axis=1)
+        found[digits] = fits.astype(float), orders.astype(float)
     return found
 
 
@@ -117,19 +121,19 @@ def show_digits(xs: Texts, ys: Texts, means: Texts) -> None:
     )  # fmt: skip
     shown.draw(chance, "published", "", lambda d: (rows, shares[d]), style="bars")
     shown.number("computed", "offsets with all ten", lambda d: f"{perfect[d]} of 19")
-    shown.number("published", "the luckiest order has", lambda d: f"{most[d]} of 10")
+    shown.number("published", "the luckiest order explains", lambda d: f"{most[d]} of 10")
     shown.sentence(
         lambda d: (
-            f"Digits kept: {d}. Offsets that explain all ten rows: {perfect[d]} of 19. The "
+            f"Decimals kept: {d}. Offsets that explain all ten rows: {perfect[d]} of 19. The "
             f"luckiest random order explains {most[d]} of 10."
         )
     )
     shown.show(
         name="fig-l7-digits",
-        caption="Round all cells. How many decimals are needed until one offset alone explains "
-        "the table, and no random order does?",
-        alt="Two bar charts, by digits kept. Offsets that explain all ten rows: "
-        + ", ".join(f"{n} with {d} digits" for d, n in perfect.items())
+        caption="All cells are rounded. How many decimals are needed until only one offset "
+        "explains the table, and no random order does?",
+        alt="Two bar charts, by the number of decimals kept. Offsets that explain all ten rows: "
+        + ", ".join(f"{n} with {d}" for d, n in perfect.items())
         + ". Most rows that a random order explains: "
         + ", ".join(f"{n} with {d}" for d, n in most.items())
         + ".",
@@ -161,13 +165,8 @@ def points_needed(reductions: Mapping[str, str]) -> float:
 
 def show_third(results: Mapping[str, Mapping[str, str]], allowed: float) -> None:
     """Show the error of P2's federated filter over that of the INS, by what "about" allows."""
-    names = {
-        "rx": "position in x",
-        "ry": "position in y",
-        "vx": "velocity in x",
-        "vy": "velocity in y",
-    }
-    pairs, top = {name: results[axis] for axis, name in names.items()}, 8.0
+    names, top = {"r": "position", "v": "velocity"}, 8.0
+    pairs = {f"{names[of]} in {axis}": results[of + axis] for of in names for axis in "xy"}
 
     @cache
     def band(axis: str) -> tuple[Array, Array, Array]:
@@ -198,17 +197,17 @@ def show_third(results: Mapping[str, Mapping[str, str]], allowed: float) -> None
     shown.number("published", "“about” must allow", lambda axis: f"{need[axis]:g} points")
     shown.sentence(
         lambda axis: (
-            f"In the {axis} the federated filter has {plain(axis):.2f} times the "
-            f"error of the INS alone; “about” must allow {need[axis]:g} points to bring it to one."
+            f"For the {axis}, the federated filter has {plain(axis):.2f} times the error of the "
+            f"INS alone; “about” must allow {need[axis]:g} points to bring this ratio down to one."
         )
     )
     shown.show(
         name="fig-l7-third",
-        caption="The band holds every ratio that the two percentages of P2 allow. The upright line "
-        "is what the papers' round figures suggest.",
+        caption="The band shows every ratio that P2's two percentages allow. The vertical line is "
+        "at the number of points that the papers' round figures suggest.",
         alt="The ratio of the errors of the federated filter and of the INS alone, as printed: "
         + ", ".join(f"{axis} {plain(axis):.2f}" for axis in pairs)
-        + f". In the velocity in x “about” must allow {need['velocity in x']:g} points for one.",
+        + f". For the velocity in x, “about” must allow {need['velocity in x']:g} points for one.",
     )
 
 
@@ -230,10 +229,11 @@ def show_growth(*, least: float) -> None:
     )
     shown.show(
         name="fig-l7-growth",
-        caption="The line across is the RMS of the curve. Which growth lifts it to what P3 needs?",
-        alt="An error over time that grows as a power of it. RMS over maximum: "
+        caption="One horizontal line is the RMS of the curve, the other the least RMS that P3's "
+        "numbers allow. Which growth makes them meet?",
+        alt="An error that grows as a power of time. RMS over maximum: "
         + ", ".join(f"{rms[a]:.2f} at t to the {a:g}" for a in (0.0, 0.5, 1.0, 2.0))
-        + f". P3's outage 4 needs {least:.2f}.",
+        + f". P3's outage 4 needs at least {least:.2f}.",
     )
 
 
@@ -249,10 +249,10 @@ def ratio(turn: float, start: float) -> float:
 
 
 def show_motion() -> None:
-    """Show velocity and position error by when the one turns and where the other starts."""
+    """Show both errors, by when that of velocity is zero and where that of position starts."""
     shown = Moving(
         "How small can the position error stay?",
-        Slider("r", "velocity error turns at", [*TURNS], 0.0, "{:.2f}"),
+        Slider("r", "velocity error is zero at", [*TURNS], 0.0, "{:.2f}"),
         Slider("c", "position error starts at", [*STARTS], 0.0, "{:+.3f}"),
     )
     thin = slice(None, None, 50)
@@ -261,19 +261,20 @@ def show_motion() -> None:
     shown.draw(upper, "ins", "", lambda r: (TIME[thin], motion(r, 0)[1][thin]))
     lower = shown.chart("Position error", y="p", ylim=(-0.5, 1), **axes)
     shown.draw(lower, "ins", "", lambda r, c: (TIME[thin], motion(r, c)[0][thin]))
-    nought = ([0.0, 1.0], [0.0, 0.0])
-    shown.draw(upper, "published", "", nought)
-    shown.draw(lower, "published", "", nought)
+    zero = ([0.0, 1.0], [0.0, 0.0])
+    shown.draw(upper, "published", "", zero)
+    shown.draw(lower, "published", "", zero)
     shown.number("ins", "mean |p| over mean |v|", lambda r, c: f"{ratio(r, c):.3f}")
     shown.sentence(
-        lambda r, c: f"Turning at {r:g} and starting at {c:.3f}, the ratio is {ratio(r, c):.3f}."
+        lambda r, c: f"Zero at {r:g} and start at {c:.3f}: the ratio is {ratio(r, c):.3f}."
     )
     shown.show(
         name="fig-l7-motion",
-        caption="Time is counted in windows, so the ratio is too. Get it as low as you can.",
-        alt="A velocity error that rises along a line, and the position error, a parabola. "
-        f"From rest the ratio of their means is {ratio(0, 0):.3f}; if the velocity turns in the "
-        f"middle and the position starts at 3/32, it is {ratio(0.5, 3 / 32):.3f}.",
+        caption="Time is measured in windows, and so is the ratio. Make it as small as you can.",
+        alt="A velocity error that rises along a straight line, and a parabola of position error. "
+        f"If both start at zero, the ratio of their means is {ratio(0, 0):.3f}. If the velocity "
+        "error is zero in the middle and the position error starts at 3/32, it is "
+        f"{ratio(0.5, 3 / 32):.3f}.",
     )
 
 
@@ -308,9 +309,40 @@ def show_periods(longest: Array, *, matrices: float) -> None:
     )
     shown.show(
         name="fig-l7-periods",
-        caption="Dots above the line are impossible: the position error cannot be as small as it "
-        "is printed. Pairs 1 to 4 are of P1 Table 2 (x, y in area 1; x, y in area 2), pairs 5 to 8 "
-        "of P1 Table 3.",
-        alt=f"Eight dots. With a period of 1 s {out[1.0]} lie above what is printed, with 0.2 s "
-        f"{out[0.2]}. The longest period that all allow is {longest.min():.2f} s.",
+        caption="Dots above the line are impossible: the position error cannot be as small as "
+        "printed. Pairs 1 to 4 are from P1 Table 2 (x, y in area 1; x, y in area 2), pairs 5 to 8 "
+        "from P1 Table 3.",
+        alt=f"Eight dots. With a period of 1 s, {out[1.0]} of them lie above the printed error; "
+        f"with 0.2 s, {out[0.2]}. The longest period that all allow is {longest.min():.2f} s.",
     )
+
+
+def hold(
+    x: Texts, y: Texts, mean: Texts, p2: Mapping[str, Any], p3: Mapping[str, Any], least: float,
+    longest: Array, **parameters: Any,
+) -> None:  # fmt: skip
+    """Record what the lesson found, and hold its sentences against it."""
+    record = ChapterRecord("lesson-7", parameters)
+    for name in ("1-table1.csv", "1-table2.csv", "1-table3.csv", "1.yaml", "2.yaml", "3.yaml"):
+        record.data(f"papers/p{name}")
+    for name, of, unit, form in EVIDENCE:
+        record.say(name, f"{record.reference('printed-numbers', of).value / unit:{form}}")
+    needed = points_needed(p2["results"]["vx"])
+    a, b = map(float, p2["results"]["vx"].values())
+    record.holds("Six times.", (100 - a) / (100 - b) == 6)
+    gain = derive(reduction, p3["outage1"]["proposed_max"], p3["outage1"]["kf_max"])
+    possible = f"{gain.value:.3f}" == "48.248" and gain.limits[1] > 48.25
+    record.holds("48.248, and 48.3 is possible.", possible)
+    record.note("needed", needed, "points", "For a ratio of one in vx.")
+    record.note("growth", (1 / least**2 - 1) / 2, "1", "Largest power of time.")
+    record.say("impossible", str(sum(longest < 1)))
+    record.note("longest", min(longest), "s", "Longest period that all pairs allow.")
+    fits = by_digits(x, y, mean)
+    record.holds("Offset 1 explains ten rows.", rows_met(x, y, mean, 1) == 10)
+    record.holds("With one digit most offsets do.", sum(fits[1][0] == 10) > 9)
+    alone = all(sum(fits[d][0] == 10) == 1 for d in (2, 3, 4))
+    record.holds("From two digits on, only one does.", alone)
+    record.holds("With four no order comes near.", max(fits[4][1]) < 8 < max(fits[2][1]))
+    record.holds("No reading of about mends vx.", needed > 10)
+    record.holds("1 s is impossible, 0.2 s is not.", min(longest) < 1 and min(longest) > 0.2)
+    record.write()

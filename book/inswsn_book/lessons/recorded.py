@@ -1,4 +1,4 @@
-"""The pictures of the lesson on errors that last, simulated and recorded."""
+"""The pictures of the lesson on errors that last, simulated and recorded, and its record."""
 
 from __future__ import annotations
 
@@ -11,16 +11,28 @@ from numpy.typing import NDArray
 
 from inswsn_book.lessons.dots import show_dots
 from inswsn_book.lessons.nodes import model_of
+from inswsn_book.live.absent import AbsentError
 from inswsn_book.moving import Moving, Slider
+from inswsn_book.record import ChapterRecord
+from inswsn_lib.errors import InswsnError
+from inswsn_lib.files import data_file
 from inswsn_lib.filters import design_kalman, run_kalman
-from inswsn_lib.models import ErrorModel
-from inswsn_lib.navigation import ExampleRun, TrainingAreas
+from inswsn_lib.navigation import ExampleRun, TrainingAreas, read_tables
 from inswsn_lib.navigation.training_areas import p1_settings
 
 Array = NDArray[np.float64]
 #: What a filter finds at each sample: the state, and its covariance
 Filter = Callable[[ExampleRun, float], tuple[Array, Array]]
 
+KEPT = "recorded/on-recordings.json"
+FILES = ("scenarios/p1.yaml", "scenarios/p1-inertial.yaml", KEPT)
+#: What the text has of the evidence: its name, the quantity, and its form
+EVIDENCE = (
+    ("velocity", "room.coloured.velocity", ".2f"), ("lag", "room.lag.position", ".2f"),
+    ("kf", "room.kf.position", ".2f"), ("kfv", "room.kf.velocity", ".2f"),
+    *((n, f"outages.{n}", ".0f") for n in ("ins.least", "ins.most", "p1-ins.least", "p1-ins.most")),
+    ("sure", "room.sure-gain", ".0f"),
+)  # fmt: skip
 LASTING = (0.0, 0.2, 0.5, 1.0, 2.0, 5.0)  # s
 MANY = 50  # runs
 COUNTS = np.arange(1, 101)
@@ -39,16 +51,21 @@ BRIDGES = {
 }
 
 
+def recordings() -> Mapping[str, pd.DataFrame]:
+    """Return what a study of recordings found; where Python runs in the page it is not there."""
+    try:
+        return read_tables(data_file(KEPT))[0]
+    except InswsnError:
+        raise AbsentError(f"data/{KEPT}") from None
+
+
 def off(run: ExampleRun, estimate: Array) -> float:
     """Return the mean distance of the corrected positions from the true ones, cm."""
     return float(100 * run.distances(run.ins - estimate[:, :4]).mean())
 
 
 def plain(run: ExampleRun, tau: float) -> tuple[Array, Array]:
-    """Return what the Kalman filter finds that assumes white errors of fixes, and its covariances.
-
-    It is that of the lesson on two bad instruments.
-    """
+    """Return what lesson 2's Kalman filter, which assumes white errors, finds; and covariances."""
     y, start = run.ins - run.network, 1e6 * np.eye(4)
     model, heard = model_of(run), np.ones((len(y), 4), bool)
     design = design_kalman(model, heard, initial_covariance=start)
@@ -57,40 +74,31 @@ def plain(run: ExampleRun, tau: float) -> tuple[Array, Array]:
 
 def show_lasting(runs: Mapping[float, ExampleRun], run_filter: Filter) -> None:
     """Show the errors of fixes and of a filter on them, by how long the former last."""
-    of = {tau: (run, run_filter(run, tau)[0], run.network - run.truth) for tau, run in runs.items()}
-    far = {
-        tau: (off(run, run.ins - run.network), off(run, found))
-        for tau, (run, found, _) in of.items()
+    found = {t: run_filter(run, t)[0] for t, run in runs.items()}
+    far = {t: (off(run, run.ins - run.network), off(run, found[t])) for t, run in runs.items()}
+    errors = {
+        t: ((run.network - run.truth)[:, 0], (run.ins - found[t] - run.truth)[:, 0])
+        for t, run in runs.items()
     }
-    shown = Moving(
-        "Errors that last",
-        Slider("t", "errors of fixes last", [*runs], 0.0, "{:g} s"),
-    )
+    shown = Moving("Errors that last", Slider("t", "errors of fixes last", [*runs], 0.0, "{:g} s"))
     time = runs[0.0].time
     chart = shown.chart("Error in x", x="time (s)", y="m", xlim=(0, 20), ylim=(-0.5, 0.5))
-    shown.draw(chart, "network", "", lambda t: (time, of[t][2][:, 0]), style="points")
-    shown.draw(
-        chart,
-        "kalman",
-        "Kalman filter",
-        lambda t: (time, (of[t][0].ins - of[t][1] - of[t][0].truth)[:, 0]),
-    )
-    shown.number("network", "fixes off by", lambda t: f"{far[t][0]:.1f} cm")
-    shown.number("kalman", "filter off by", lambda t: f"{far[t][1]:.1f} cm")
+    shown.draw(chart, "network", "", lambda t: (time, errors[t][0]), style="points")
+    shown.draw(chart, "kalman", "Kalman filter", lambda t: (time, errors[t][1]))
+    shown.number("network", "mean error, fixes", lambda t: f"{far[t][0]:.1f} cm")
+    shown.number("kalman", "mean error, filter", lambda t: f"{far[t][1]:.1f} cm")
     shown.sentence(
         lambda t: (
-            f"Errors of fixes last {t:g} s: fixes are off by {far[t][0]:.1f} cm, the filter by "
-            f"{far[t][1]:.1f} cm."
+            f"If errors of fixes last {t:g} s, the mean error of fixes is {far[t][0]:.1f} cm, and "
+            f"that of the filter {far[t][1]:.1f} cm."
         )
     )
     shown.show(
         name="fig-l8-lasting",
-        caption="Dots are errors of fixes, with the same standard deviation at each place of the "
-        "slider. The line is the error of the Kalman filter.",
-        alt="Errors in x over twenty seconds. "
-        + "; ".join(
-            f"lasting {t:g} s: fixes {a:.1f} cm off, filter {b:.1f} cm" for t, (a, b) in far.items()
-        )
+        caption="Dots are the errors of fixes; their standard deviation is the same at each "
+        "setting of the slider. The line is the error of the Kalman filter.",
+        alt="Errors in x over twenty seconds. Mean errors of fixes and of the filter: "
+        + "; ".join(f"{a:.1f} and {b:.1f} cm if errors last {t:g} s" for t, (a, b) in far.items())
         + ".",
     )
 
@@ -105,7 +113,7 @@ def deviation(count: Any, fade: float) -> Any:
 
 
 def show_means(period: float) -> None:
-    """Show how far a mean of fixes is off by how many there are and how long errors last."""
+    """Show the error of a mean of fixes by how many there are and how long errors last."""
     fades = {t: float(np.exp(-period / t)) if t else 0.0 for t in LASTING}
     found = {t: deviation(COUNTS, fade) for t, fade in fades.items()}
     worth = {t: float(1 / values[-1] ** 2) for t, values in found.items()}
@@ -119,28 +127,27 @@ def show_means(period: float) -> None:
     shown.draw(chart, "constant", "independent", (COUNTS, COUNTS**-0.5), at=60)
     shown.draw(chart, "coloured", "", lambda t: (COUNTS, found[t]))
     shown.number("coloured", "100 fixes are worth", lambda t: f"{worth[t]:.1f} independent ones")
-    shown.sentence(lambda t: f"If errors last {t:g} s, 100 fixes are worth {worth[t]:.1f}.")
+    shown.sentence(
+        lambda t: f"If errors last {t:g} s, 100 fixes are worth {worth[t]:.1f} independent ones."
+    )
     shown.show(
         name="fig-l8-means",
-        caption="A mean of fixes whose errors last hardly improves: they all say the same.",
-        alt="The error of a mean over the number of fixes. A hundred, five a second, are worth "
+        caption="If errors last, a mean of more fixes is hardly better: all have similar errors.",
+        alt="The error of a mean over the number of fixes. A hundred, at five a second, are worth "
         + ", ".join(f"{w:.1f} if errors last {t:g} s" for t, w in worth.items())
         + ".",
     )
 
 
 def misfit(lags: Array, seen: Array, tau: float, white: float) -> float:
-    """Return how far, in the mean, a curve that fades is from an autocorrelation, without lag 0."""
+    """Return the mean difference of a curve that fades and an autocorrelation, without lag 0."""
     there = np.isfinite(seen) & (lags > 0)
     return float(np.abs(seen - (1 - white) * np.exp(-lags / tau))[there].mean())
 
 
 def nearest(table: pd.DataFrame, recording: str = "room") -> tuple[float, float]:
     """Return how fast the nearest curve fades, s, and which share of it is white."""
-    lags, seen = (
-        table.index.to_numpy(dtype=float),
-        table[RECORDINGS[recording]].to_numpy(dtype=float),
-    )
+    lags, seen = (each.to_numpy(float) for each in (table.index, table[RECORDINGS[recording]]))
     _, tau, white = min((misfit(lags, seen, t, w), t, w) for t in FADING for w in WHITE)
     return tau, white
 
@@ -156,37 +163,32 @@ def show_recorded(table: pd.DataFrame) -> None:
         return lags[there], seen[r][there]
 
     shown = Moving(
-        "How long do these last?",
+        "How long do recorded errors last?",
         Slider("r", "recording", [*RECORDINGS], "room", "{}"),
-        Slider("t", "fades in", [*FADING], 0.2, "{:g} s"),
-        Slider("w", "of it white", [*WHITE], 0.0, "{:.0%}"),
+        Slider("t", "curve fades in", [*FADING], 0.2, "{:g} s"),
+        Slider("w", "white share", [*WHITE], 0.0, "{:.0%}"),
     )
-    chart = shown.chart(
-        "Autocorrelation of the errors of fixes",
-        x="lag (s)",
-        y="correlation",
-        xlim=(0, 10),
-        ylim=(-0.5, 1.05),
-    )
+    axes = {"x": "lag (s)", "y": "correlation", "xlim": (0, 10), "ylim": (-0.5, 1.05)}
+    chart = shown.chart("Autocorrelation of the errors of fixes", **axes)
     shown.draw(chart, "network", "", kept, style="points")
     shown.draw(
         chart, "coloured", "your curve", lambda t, w: (fine, (1 - w) * np.exp(-fine / t)), at=30
     )
-    shown.number("coloured", "mean miss", lambda r, t, w: f"{misfit(lags, seen[r], t, w):.3f}")
+    shown.number("coloured", "mean misfit", lambda r, t, w: f"{misfit(lags, seen[r], t, w):.3f}")
     shown.sentence(
         lambda r, t, w: (
-            f"For the {r}, a curve that fades in {t:g} s, {w:.0%} of it white, misses by "
-            f"{misfit(lags, seen[r], t, w):.3f} in the mean."
+            f"For the {r}, a curve that fades in {t:g} s with a white share of {w:.0%} has a mean "
+            f"misfit of {misfit(lags, seen[r], t, w):.3f}."
         )
     )
     best = {r: nearest(table, r) for r in RECORDINGS}
     shown.show(
         name="fig-l8-recorded",
-        caption="Dots are recorded. Lay your curve through them: how fast it fades, and how much "
-        "of the error is gone at the next fix.",
+        caption="Dots are recorded. Fit a curve to them: choose how fast it fades, and how much of "
+        "the error is white and gone at the next fix.",
         alt="The autocorrelation of recorded errors of fixes over the lag. The nearest curves: "
         + "; ".join(
-            f"{r}, {t:g} s and {w:.0%} white, which miss by {misfit(lags, seen[r], t, w):.2f}"
+            f"{r}, {t:g} s and {w:.0%} white, mean misfit {misfit(lags, seen[r], t, w):.2f}"
             for r, (t, w) in best.items()
         )
         + ".",
@@ -206,9 +208,7 @@ def over_many(
         areas = TrainingAreas(p1_settings(), seed=seed, correlation_time=tau, runs=MANY)
         ins, network = (areas.drawn[part]["1"] for part in ("ins", "wsn"))
         model = model_of(run)
-        filters: dict[str, tuple[ErrorModel, Array, Filter]] = {
-            "kalman": (model, np.full(4, 1e6), plain)
-        }
+        filters: dict[str, Any] = {"kalman": (model, np.full(4, 1e6), plain)}
         if tau:
             wide = model.with_coloured_noise(tau, white=0.01)
             start = np.append(np.full(4, 1e6), 0.99 * np.repeat(run.measurement**2, 2))
@@ -224,10 +224,10 @@ def over_many(
 
 
 def show_many(found: Mapping[tuple[str, float], tuple[float, float]]) -> None:
-    """Show over many runs how far off both filters are and how often they are in their band."""
+    """Show over many runs the errors of both filters and how often they are in their band."""
     lasting = [tau for name, tau in found if name == "coloured"]
     shown = Moving("Over many runs", Slider("t", "errors of fixes last", lasting, 0.2, "{:g} s"))
-    labels = {"kalman": "assumes white", "coloured": "knows"}
+    labels = {"kalman": "assumes white", "coloured": "augmented"}
 
     def chart(at: int, title: str, unit: str, limit: tuple[float, float], level: float) -> None:
         here = shown.chart(title, x="errors of fixes last (s)", y=unit, xlim=(0, 5), ylim=limit)
@@ -243,22 +243,22 @@ def show_many(found: Mapping[tuple[str, float], tuple[float, float]]) -> None:
         )
 
     chart(0, "Position error over that of the fixes", "ratio", (0.4, 1.3), 1.0)
-    chart(1, "Errors in the filter's own band", "%", (0, 105), 95.0)
+    chart(1, "Errors inside the filter's own band", "%", (0, 105), 95.0)
     number("kalman")
     number("coloured")
 
     def said(t: float) -> str:
-        a, b = found["kalman", t], found["coloured", t]
         return (
-            f"Errors last {t:g} s: position error over the fixes' {a[0]:.2f}, in its band "
-            f"{a[1]:.0f} %; the filter that knows {b[0]:.2f} and {b[1]:.0f} %."
-        )
+            f"If errors last {t:g} s, the filter that assumes white errors has "
+            "{:.2f} times the error of the fixes, with {:.0f} % of errors in its band; "
+            "the augmented filter has {:.2f} times, with {:.0f} %."
+        ).format(*found["kalman", t], *found["coloured", t])
 
     shown.sentence(said)
     shown.show(
         name="fig-l8-many",
-        caption=f"{MANY} simulated runs. At which length does the filter that assumes white errors "
-        "become worse than the fixes?",
+        caption=f"{MANY} simulated runs. From which correlation time on is the filter that assumes "
+        "white errors worse than the fixes?",
         alt=" ".join(map(said, lasting)),
     )
 
@@ -273,66 +273,48 @@ def inside(run: ExampleRun, estimate: Array, covariance: Array) -> float:
 def show_honesty(runs: Mapping[float, ExampleRun], plain: Filter, knowing: Filter) -> None:
     """Show the error of two filters inside the band that each believes in."""
     lasting = [tau for tau in runs if tau]
-    found = {
-        (name, tau): (*run_filter(runs[tau], tau), runs[tau])
-        for name, run_filter in (("kalman", plain), ("coloured", knowing))
-        for tau in lasting
-    }
-    shown = Moving(
-        "How sure, and how far off", Slider("t", "errors of fixes last", lasting, 2.0, "{:g} s")
-    )
-    titles = {"kalman": "It assumes that errors are white", "coloured": "It knows that they last"}
+    filters = {"kalman": plain, "coloured": knowing}
+    found = {(n, t): by(runs[t], t) for n, by in filters.items() for t in lasting}
+    far = {(n, t): off(runs[t], of[0]) for (n, t), of in found.items()}
+    ins = {t: (run.ins - run.truth)[:, 0] for t, run in runs.items()}
+    share = {(n, t): inside(runs[t], *of) for (n, t), of in found.items()}
+    shown = Moving("Errors and bands", Slider("t", "errors of fixes last", lasting, 2.0, "{:g} s"))
 
-    def add(name: str) -> None:
-        chart = shown.chart(
-            titles[name], x="time (s)", y="error in x (m)", xlim=(0, 20), ylim=(-0.6, 0.6)
-        )
+    def add(name: str, title: str, label: str) -> None:
+        chart = shown.chart(title, x="time (s)", y="error in x (m)", xlim=(0, 20), ylim=(-0.6, 0.6))
 
         def band(t: float) -> tuple[Array, Array, Array]:
-            _, covariance, run = found[name, t]
-            side = 2 * np.sqrt(np.minimum(covariance[:, 0, 0], 1.0))
-            return run.time, np.maximum(-side, -0.6), np.minimum(side, 0.6)
-
-        def line(t: float) -> tuple[Array, Array]:
-            state, _, run = found[name, t]
-            return run.time, (run.ins - state[:, :4] - run.truth)[:, 0]
+            side = 2 * np.sqrt(np.minimum(found[name, t][1][:, 0, 0], 1.0))
+            return runs[t].time, np.maximum(-side, -0.6), np.minimum(side, 0.6)
 
         shown.draw(chart, name, "", band, style="band")
-        shown.draw(chart, name, "", line)
-        shown.number(
-            name,
-            "in its band" if name == "kalman" else "in its band (knows)",
-            lambda t: f"{inside(found[name, t][2], *found[name, t][:2]):.0f} %",
-        )
+        shown.draw(chart, name, "", lambda t: (runs[t].time, ins[t] - found[name, t][0][:, 0]))
+        shown.number(name, label, lambda t: f"{share[name, t]:.0f} %")
 
-    add("kalman")
-    add("coloured")
+    add("kalman", "Filter that assumes white errors", "in band, assumes white")
+    add("coloured", "Augmented filter", "in band, augmented")
 
     def said(t: float) -> str:
-        of = {
-            n: (off(found[n, t][2], found[n, t][0]), inside(found[n, t][2], *found[n, t][:2]))
-            for n in titles
-        }
         return (
-            f"Errors that last {t:g} s: the filter that assumes white ones is off by "
-            f"{of['kalman'][0]:.1f} cm and in its band {of['kalman'][1]:.0f} % of the time, that "
-            f"which knows {of['coloured'][0]:.1f} cm and {of['coloured'][1]:.0f} %."
+            f"If errors last {t:g} s, the filter that assumes white errors has a mean error of "
+            f"{far['kalman', t]:.1f} cm, with {share['kalman', t]:.0f} % of errors in its band; "
+            f"the augmented filter {far['coloured', t]:.1f} cm, with {share['coloured', t]:.0f} %."
         )
 
     shown.sentence(said)
     shown.show(
         name="fig-l8-honesty",
-        caption="Bands are two standard deviations, by each filter's own covariance. Errors in x "
-        "and y should be in them 95 % of the time.",
+        caption="Bands are two standard deviations to either side, by each filter's covariance. "
+        "Errors in x and y should be inside 95 % of the time.",
         alt=said(2.0),
     )
 
 
-def innovations(run: ExampleRun, states: Array, fade: float) -> Array:
+def innovations(run: ExampleRun, states: Array, tau: float) -> Array:
     """Return what each fix says beyond the prediction, from the second on, in x (m)."""
     ahead = states[:-1, :4] @ np.kron([[1, run.period], [0, 1]], np.eye(2)).T
     if states.shape[1] > 4:
-        ahead = ahead + fade * states[:-1, 4:]
+        ahead = ahead + np.exp(-run.period / tau) * states[:-1, 4:]
     return np.asarray((run.ins - run.network)[1:, 0] - ahead[:, 0])
 
 
@@ -348,37 +330,31 @@ def show_innovations(runs: Mapping[float, ExampleRun], knowing: Filter) -> None:
     found = {}
     for tau in lasting:
         run = runs[tau]
-        fade = float(np.exp(-run.period / tau))
-        found["kalman", tau] = alike(innovations(run, plain(run, tau)[0], fade))
-        found["coloured", tau] = alike(innovations(run, knowing(run, tau)[0], fade))
+        found["kalman", tau] = alike(innovations(run, plain(run, tau)[0], tau))
+        found["coloured", tau] = alike(innovations(run, knowing(run, tau)[0], tau))
     lags = runs[0.0].period * np.arange(26)
     chance = 2 / np.sqrt(len(runs[0.0].truth) - 1)
     shown = Moving(
-        "Is anything left to foretell?", Slider("t", "errors last", lasting, 0.2, "{:g} s")
+        "Is anything left to predict?", Slider("t", "errors last", lasting, 0.2, "{:g} s")
     )
-    chart = shown.chart(
-        "Autocorrelation of innovations in x",
-        x="lag (s)",
-        y="correlation",
-        xlim=(0, 5),
-        ylim=(-0.5, 1.05),
-    )
+    axes = {"x": "lag (s)", "y": "correlation", "xlim": (0, 5), "ylim": (-0.5, 1.05)}
+    chart = shown.chart("Autocorrelation of innovations in x", **axes)
     shown.draw(chart, "published", "", ([0.0, 5.0], [-chance] * 2, [chance] * 2), style="band")
     shown.draw(chart, "kalman", "", lambda t: (lags, found["kalman", t]))
     shown.draw(chart, "coloured", "", lambda t: (lags, found["coloured", t]))
-    shown.number("kalman", "neighbours, assumes white", lambda t: f"{found['kalman', t][1]:.2f}")
-    shown.number("coloured", "neighbours, knows", lambda t: f"{found['coloured', t][1]:.2f}")
+    shown.number("kalman", "next one, assumes white", lambda t: f"{found['kalman', t][1]:.2f}")
+    shown.number("coloured", "next one, augmented", lambda t: f"{found['coloured', t][1]:.2f}")
 
     def said(t: float) -> str:
         return (
-            f"Errors last {t:g} s: neighbouring innovations correlate by "
-            f"{found['kalman', t][1]:.2f}, in the filter that knows {found['coloured', t][1]:.2f}."
+            f"If errors last {t:g} s, neighbouring innovations have a correlation of "
+            f"{found['kalman', t][1]:.2f}; in the augmented filter, {found['coloured', t][1]:.2f}."
         )
 
     shown.sentence(said)
     shown.show(
         name="fig-l8-innovations",
-        caption="The grey band is what chance does to innovations that have nothing in common.",
+        caption="The grey band is the range that chance gives to uncorrelated innovations.",
         alt=" ".join(map(said, lasting)),
     )
 
@@ -402,9 +378,9 @@ def show_ratios(tables: Mapping[str, pd.DataFrame]) -> None:
         x="ratio",
         xlim=(0, 1.5),
         name="fig-l8-ratios",
-        caption="Three recordings, one each, with 95 % intervals of other stretches of the same "
-        "recording. The smoother also uses later fixes. Left of the line is better than the "
-        "network.",
+        caption="One recording each; the 95 % intervals are for other stretches of the same "
+        "recording. The smoother also uses later measurements. Dots left of the line are better "
+        "than the network.",
         line=("network", "network", 1.0),
     )
 
@@ -451,12 +427,47 @@ def show_bridges(profile: pd.DataFrame) -> None:
     )
     shown.show(
         name="fig-l8-bridges",
-        caption="Outages in the room, replayed on one recording. Who stands still at the last fix "
-        "computes nothing.",
-        alt="RMS position error over the time without fixes. "
+        caption="Outages in the room, replayed on one recording. Standing still at the last fix "
+        "takes no computation at all.",
+        alt="RMS position error over the time without fixes: "
         + "; ".join(
-            f"After {s:g} s: " + ", ".join(f"{name} {at(name, s):.2f} m" for name in BRIDGES)
+            f"after {s:g} s, " + ", ".join(f"{name} {at(name, s):.2f} m" for name in BRIDGES)
             for s in (2.0, 5.0, 10.0)
         )
         + ".",
     )
+
+
+def hold(
+    run: ExampleRun, knowing: Filter, many: Mapping[tuple[str, float], tuple[float, float]],
+    tables: Mapping[str, pd.DataFrame], **parameters: Any,
+) -> None:  # fmt: skip
+    """Record what the lesson found, and hold its sentences against it."""
+    record, lasting = ChapterRecord("lesson-8", parameters), parameters["lasting"]
+    for name in FILES:
+        record.data(name)
+    for name, of, form in EVIDENCE:
+        record.say(name, f"{record.reference('recorded-data', of).value:{form}}")
+    kinds = ("labyrinth.odometry.error", "labyrinth.network.error")
+    wheels, fixes = (record.reference("recorded-data", of).value for of in kinds)
+    record.say("wheels", f"{wheels / fixes:.2f}")
+    tau, white = nearest(tables["autocorrelation"])
+    record.note("room.lasts", tau, "s", "How fast the nearest curve fades.", basis="recorded")
+    record.note("room.white", 100 * white, "%", "Its share that is white.", basis="recorded")
+    crossing = np.interp(1, [many["kalman", t][0] for t in LASTING], LASTING)
+    record.note("crossing", crossing, "s", "From where on assuming white errors does harm.")
+    coasting = overtaken(tables["profiles inrol/1"])
+    record.note("coasting", coasting, "s", "How long coasting is best, room.", basis="recorded")
+    highest = tables["inrol/1"]["position_high"]["tightly coupled, coloured ranges"]
+    record.holds("In the room ranges do not help, either.", highest > 1)
+    lost = many["kalman", 0.0][0] < 0.5 and many["kalman", 5.0][0] > 1
+    record.holds("The advantage disappears.", lost)
+    knows = [many["coloured", t] for t in LASTING if t]
+    record.holds("The augmented filter is never worse.", max(ratio for ratio, _ in knows) < 1)
+    record.holds("Its error is in its band.", all(90 < share < 99 for _, share in knows))
+    record.holds("That of the other is not.", many["kalman", 2.0][1] < 70)
+    shorter, right, longer = (knowing(run, lasting * f) for f in (0.1, 1, 10))
+    shares = [inside(run, *found) for found in (shorter, right, longer)]
+    record.holds("Too short a time is worse in the band.", shares[0] < min(shares[1:]))
+    record.holds("Too long a time is less accurate.", off(run, longer[0]) > off(run, right[0]))
+    record.write()
