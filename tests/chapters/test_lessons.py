@@ -20,6 +20,12 @@ WORDS = {"lesson-1": (400, 800)}  # the other lessons have
 LENGTH = (1500, 2200)
 lessons = pytest.mark.parametrize("number", LESSONS)
 
+_HEAD = r"\s+".join(
+    rf"\*\*{name}\*\* {says}" for name, says in (
+        ("For", r".+?\."), ("You need", r".+?\."), ("Afterwards you can", r".+?\."),
+        ("Reading time", r"(\d+) minutes"),
+    )
+)  # fmt: skip
 _ROLE = re.compile(r"\{[a-z:]+\}`(?:([^`<]+?) *<[^`>]+>|[^`]*)`")
 _FENCE = re.compile(
     r"^(`{3,}|:{3,})\{(list-table|code-cell|math)\}.*?^\1$", re.MULTILINE | re.DOTALL
@@ -54,9 +60,20 @@ def executed(project: Project, path: Path) -> Any:
 
 
 @lessons
-def test_a_lesson_is_read_in_a_quarter_of_an_hour(number: str) -> None:
+def test_a_lesson_says_for_whom_it_is_and_how_long_it_takes(
+    number: str, built_site: Path, project: Project
+) -> None:
+    """150 words or 12 lines of code a minute, one for a moving figure, half for a formula."""
     low, high = WORDS.get(number, LENGTH)
-    assert low <= len(prose(markdown(LESSONS[number])).split()) <= high
+    text = markdown(LESSONS[number])
+    words = len(prose(text).split())
+    assert low <= words <= high
+    (said,) = re.findall(_HEAD, text, re.DOTALL)
+    code = [c.source for c in cells(LESSONS[number]) if c.cell_type == "code"]
+    lines = sum(len(source.splitlines()) for source in code)
+    moving = executed(project, LESSONS[number]).notebook.count('class=\\"moving\\"')
+    minutes = words / 150 + lines / 12 + moving + text.count("$$") / 4
+    assert float(said) == pytest.approx(minutes, abs=5)
 
 
 @lessons

@@ -104,7 +104,8 @@ def test_what_an_entry_names_and_is_nowhere_is_found(
     content["printed"]["p1-lmi"]["margin"] = "It is printed."
     assert sorted(problems(project, content)) == [
         "P1-M-B: chapter p1-lmi has no parameter noise.",
-        "P1-M-L/positions: the passage that it replaces does not stand in chapter p1-lmi exactly once.",
+        "P1-M-L/positions: the passage that it replaces does not stand in chapter "
+        "p1-lmi exactly once.",
         "P1-M-path: the scenario p1 has no setting sped.",
         "The parameter margin of chapter p1-lmi has an entry and a reason for having none.",
     ]

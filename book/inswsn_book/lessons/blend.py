@@ -42,18 +42,18 @@ def by_library(run: ExampleRun, g: float) -> Array:
 
 
 def show_map(run: ExampleRun, *, start: float) -> None:
-    """Show the vehicle on the map, and how far it is from the truth, by a constant gain."""
+    """Show where fixes and blend are about the vehicle, and how far off, by a constant gain."""
     found = {g: by_library(run, float(g)) for g in GAINS}
     shown = Moving(
         "One gain between two instruments",
         Slider("g", "gain g", [*GAINS], GAINS[np.argmin(abs(GAINS - start))], "g = {:.3f}"),
     )
-    middle = run.truth[:, :2].mean(axis=0)
-    ends = [(float(m - r), float(m + r)) for m, r in zip(middle, (90, 45), strict=True)]
-    track = shown.chart("Map", x="x (m)", y="y (m)", xlim=ends[0], ylim=ends[1], equal=True)
-    shown.draw(track, "truth", "true path", run.truth[:, :2].T, at=12)
-    shown.draw(track, "ins", "INS", run.ins[:, :2].T, at=55)
-    shown.draw(track, "constant", "", lambda g: (run.ins - found[g])[:, :2].T)
+    place = shown.chart(
+        "Error on the map: the vehicle is at the centre", x="error in x (m)", y="error in y (m)",
+        xlim=(-1, 1), ylim=(-0.5, 0.5), equal=True,
+    )  # fmt: skip
+    shown.draw(place, "network", "fixes", (run.network - run.truth)[:, :2].T, style="points")
+    shown.draw(place, "constant", "blend", lambda g: (run.ins - found[g] - run.truth)[:, :2].T)
     error = shown.chart(
         "Distance from the true position", x="time (s)", y="error (m)", xlim=(0, 20), ylim=(0, 0.6)
     )
@@ -72,9 +72,10 @@ def show_map(run: ExampleRun, *, start: float) -> None:
         name="fig-l2-map",
         caption="Drag the gain. At 0, the INS is corrected once, by the first fix, and the blend "
         "drifts away. At 1, the blend equals the fixes. The best gain lies between.",
-        alt=f"Two charts. On the map, the mean error of the path of the INS is {ins:.1f} m. Below, "
-        f"over 20 seconds, the mean error of the fixes is {centimetres(float(fixes.mean()))}; with "
-        f"a gain of {start:g}, that of the blend is {centimetres(mean[shown.sliders['g'].start])}.",
+        alt="Two charts. On the map of errors, the fixes scatter about the centre, and the blend "
+        f"wanders off. Below, over 20 seconds, the mean error of the fixes is "
+        f"{centimetres(float(fixes.mean()))}; with a gain of {start:g}, that of the blend is "
+        f"{centimetres(mean[shown.sliders['g'].start])}. That of the INS is {ins:.1f} m.",
     )
 
 
