@@ -88,7 +88,7 @@ MISTAKES = {
     "run 00 -p scale=1 -p scale=2": "-p must be given only once for scale, not twice.",
     "run 07": "NAME must be one of 00, not '07'.",
     "run 00 --out data": "--out must be a new or empty folder, or one that holds only an",
-    "run 00 -f own/parameters.yml --out own": "only an unchanged earlier run (",
+    "run 00 -f own/parameters.yml --out own": "only an unchanged earlier run",
     "sweep 00 --grid scale=0": "scale must be a number in (0, 100], not 0.0.",
     "sweep 00": "Missing option '--grid'.",
     "sweep 00 --runs 100": "No such option",
