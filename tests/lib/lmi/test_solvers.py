@@ -70,7 +70,7 @@ def test_what_a_solver_says_is_taken_or_refused(monkeypatch: pytest.MonkeyPatch)
 
     assert saying("AlmostSolved").status == saying(2).status == "optimal_inaccurate"
     for word, told in (("DualInfeasible", "unbounded"), (-7, "infeasible_inaccurate")):
-        with pytest.raises(InfeasibleDesignError, match=rf"^No solution .* says {told}\\.$"):
+        with pytest.raises(InfeasibleDesignError, match=f"^No solution .* says {told}\\.$"):
             saying(word)
     with pytest.raises(InfeasibleDesignError) as caught:
         saying("NumericalError")
