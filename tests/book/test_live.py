@@ -174,8 +174,9 @@ def test_a_record_in_the_page_has_what_cells_ask_of_one(
     project: Project, capsys: pytest.CaptureFixture[str]
 ) -> None:
     asked = set()
-    for chapter in lessons(project):
-        asked |= set(re.findall(r"\brecord\.(\w+)\(", chapter.source.read_text(encoding="utf-8")))
+    modules = (project.libraries[1] / "lessons").glob("*.py")
+    for path in (*modules, *(chapter.source for chapter in lessons(project))):
+        asked |= set(re.findall(r"\brecord\.(\w+)\(", path.read_text(encoding="utf-8")))
     assert {"data", "holds", "reference", "say"} <= asked
     assert all(hasattr(Unrecorded, name) and hasattr(ChapterRecord, name) for name in asked)
     record = Unrecorded("02", {})
