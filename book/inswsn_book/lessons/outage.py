@@ -1,4 +1,4 @@
-"""The pictures of the lesson on bridging an outage by what was learned before it."""
+"""The pictures of the lesson on bridging an outage, and what it records."""
 
 from __future__ import annotations
 
@@ -8,8 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from inswsn_book.lessons.dots import show_dots
 from inswsn_book.moving import Chart, Moving, Slider
+from inswsn_book.record import ChapterRecord
 from inswsn_lib.navigation.bridged_outages import Passage
+from inswsn_lib.papers import read_rows
 
 Array = NDArray[np.float64]
 #: What a trained machine answers to inputs
@@ -58,18 +61,15 @@ def show_bridge(drive: Passage, eta: float, *, start: float) -> None:
     t, error, y, heard = _of(drive)
     said = {s: _by_time(t, y, s, eta) for s in WIDTHS}
     shown = Moving(
-        "An outage, bridged by what was learned before",
+        "An outage bridged by what was learned before",
         Slider("s", "width of the kernel", WIDTHS, start, "{:g} s"),
     )
     time = {"x": "time (s)", "xlim": (0, 30)}
-    learned = shown.chart(
-        "Position error of the INS in y", y="error (m)",
-        ylim=(-20, 45), **time,
-    )  # fmt: skip
+    learned = shown.chart("Position error of the INS in y", y="error (m)", ylim=(-20, 45), **time)
     shown.draw(learned, "network", "", (t[:heard:4], y[::4, 1]), style="points")
     shown.draw(learned, "ins", "true", (t, error[:, 1]))
     shown.draw(learned, "lssvm", "learned", lambda s: (t, said[s][:, 1]))
-    distance = shown.chart("Distance from the true position", y="off by (m)", ylim=(0, 45), **time)
+    distance = shown.chart("Distance from the true position", y="error (m)", ylim=(0, 45), **time)
     shown.draw(distance, "ins", "INS", (t, distances(error)))
     shown.draw(distance, "lssvm", "corrected", lambda s: (t, distances(error - said[s])))
     mean = {s: off((error - answers)[heard:]) for s, answers in said.items()}
@@ -77,20 +77,18 @@ def show_bridge(drive: Passage, eta: float, *, start: float) -> None:
     shown.number("network", "measured", "until 20 s")
     shown.number("ins", "INS alone, in the outage", f"{ins:.1f} m")
     shown.number("lssvm", "corrected, in the outage", lambda s: f"{mean[s]:.1f} m")
-    shown.sentence(
-        lambda s: (
-            f"With the width {s:g} s the corrected position is off by {mean[s]:.1f} m in the "
-            f"outage, the INS alone by {ins:.1f} m."
-        )
-    )
+    shown.sentence(lambda s: (
+        f"With a width of {s:g} s, the mean error of the corrected position in the outage is "
+        f"{mean[s]:.1f} m, and that of the INS alone {ins:.1f} m."
+    ))  # fmt: skip
     shown.show(
         name="fig-l4-bridge",
-        caption="Up to 20 s a machine sees by how much the two instruments differ, the dots. From "
-        "there on it has the clock alone, and what it learned.",
+        caption="Until 20 s the machine sees how much the two instruments differ (dots). After "
+        "that it has only the clock, and what it has learned.",
         alt=f"Two charts over 30 seconds. The error of the INS in y grows to "
         f"{error[:heard, 1].max():.0f} m at 20 s and comes back after a turn. With the width "
-        f"{start:g} s the learned curve goes on where it was heading: it is off by "
-        f"{mean[start]:.1f} m in the outage, the INS alone by {ins:.1f} m.",
+        f"{start:g} s the learned curve continues in its old direction: its mean error in the "
+        f"outage is {mean[start]:.1f} m, and that of the INS alone {ins:.1f} m.",
     )
 
 
@@ -117,21 +115,19 @@ def show_kernels(machine: Machine) -> None:
         shown.draw(alike, "network", "", _bell(x, float(at)))
     missed = {key: float(abs(answer(U) - Y).mean()) for key, answer in found.items()}
     ahead = {key: float(answer(np.array([[8.0]]))[0, 0]) for key, answer in found.items()}
-    shown.number("lssvm", "misses the samples by", lambda s, n: f"{missed[s, n]:.3f}")
-    shown.number("lssvm", "says at u = 8", lambda s, n: f"{ahead[s, n]:.2f}")
-    shown.sentence(
-        lambda s, n: (
-            f"With the width {s:g} and the regularisation {n:,.0f} the curve misses the samples by "
-            f"{missed[s, n]:.3f} on average, and says {ahead[s, n]:.2f} at u = 8; the mean of the "
-            f"samples is {middle:.2f}."
-        )
-    )
+    shown.number("lssvm", "mean error at the samples", lambda s, n: f"{missed[s, n]:.3f}")
+    shown.number("lssvm", "answer at u = 8", lambda s, n: f"{ahead[s, n]:.2f}")
+    shown.sentence(lambda s, n: (
+        f"With the width {s:g} and the regularisation {n:,.0f}, the mean error at the samples "
+        f"is {missed[s, n]:.3f} and the answer at u = 8 is {ahead[s, n]:.2f}; the mean of the "
+        f"samples is {middle:.2f}."
+    ))  # fmt: skip
     shown.show(
         name="fig-l4-kernels",
-        caption="Five samples. Below, their kernels; above, the answer, a sum of these with "
-        "weights, and a constant.",
-        alt=f"Two charts. With the width 0.2 the answer has a peak or a dip at each of five "
-        f"samples and is {ahead[0.2, 10.0]:.2f} away from them; below, five narrow bells.",
+        caption="Five samples. The lower chart shows their kernels, the upper one the answer: a "
+        "weighted sum of the kernels plus a constant.",
+        alt=f"Two charts. With the width 0.2, the answer has a peak or a dip at each of the five "
+        f"samples and is {ahead[0.2, 10.0]:.2f} away from them. Below are five narrow bells.",
     )
 
 
@@ -156,8 +152,8 @@ def show_widths(drive: Passage, machine: Machine) -> None:
     )
     axes = {"x": "width of the kernel (s), as a power of ten", "xlim": (-1.1, 4.1)}
     x = np.log10(_WIDE)
-    known = shown.chart("While it learns: off from the fixes", y="off by (m)", ylim=(0, 8), **axes)
-    lost = shown.chart("In the outage: off from the truth", y="off by (m)", ylim=(0, 30), **axes)
+    known = shown.chart("Training: distance from the fixes", y="error (m)", ylim=(0, 8), **axes)
+    lost = shown.chart("Outage: distance from the truth", y="error (m)", ylim=(0, 30), **axes)
 
     def add(chart: Chart, of: Mapping[tuple[float, float], float]) -> None:
         shown.draw(chart, "lssvm", "", lambda n: (x, [of[s, n] for s in _WIDE]))
@@ -168,21 +164,19 @@ def show_widths(drive: Passage, machine: Machine) -> None:
     middle, ins = off((error - y.mean(axis=0))[heard:]), off(error[heard:])
     for method, label, level in (("published", "mean", middle), ("ins", "INS", ins)):
         shown.draw(lost, method, label, (x, np.full(len(x), level)))
-    shown.number("lssvm", "while it learns", lambda s, n: f"{train[s, n]:.2f} m")
+    shown.number("lssvm", "in training", lambda s, n: f"{train[s, n]:.2f} m")
     shown.number("lssvm", "in the outage", lambda s, n: f"{bridged[s, n]:.1f} m")
-    shown.number("published", "the mean of the fixes, held", f"{middle:.1f} m")
-    shown.sentence(
-        lambda s, n: (
-            f"With the width {s:,g} s and the regularisation {n:,.0f} the machine is off by "
-            f"{train[s, n]:.2f} m where it learned and by {bridged[s, n]:.1f} m in the outage; the "
-            f"mean of what it learned is off by {middle:.1f} m."
-        )
-    )
+    shown.number("published", "the mean, in the outage", f"{middle:.1f} m")
+    shown.sentence(lambda s, n: (
+        f"With the width {s:,g} s and the regularisation {n:,.0f}, the machine's error is "
+        f"{train[s, n]:.2f} m in training and {bridged[s, n]:.1f} m in the outage, where that "
+        f"of the mean is {middle:.1f} m."
+    ))  # fmt: skip
     best = min(bridged, key=bridged.__getitem__)
     shown.show(
         name="fig-l4-widths",
-        caption="The same machine on the same drive. A small error where it learned says nothing "
-        "of the outage.",
+        caption="The same machine on the same drive. A small error in training says nothing "
+        "about the outage.",
         alt="Two charts over the width. With η = 1000 the error in training rises from "
         f"{train[0.1, 1e3]:.2f} m to {train[1e4, 1e3]:.1f} m. In the outage it is "
         f"{bridged[0.1, 1e3]:.1f} m at 0.1 s, {bridged[3.0, 1e3]:.1f} m at 3 s, "
@@ -192,7 +186,7 @@ def show_widths(drive: Passage, machine: Machine) -> None:
 
 
 def _upright(width: float, level: float) -> tuple[list[float], list[float]]:
-    """Return a line from nought up to a curve at a width."""
+    """Return a line from zero up to a curve at a width."""
     return [float(np.log10(width))] * 2, [0.0, level]
 
 
@@ -214,7 +208,7 @@ def show_rehearsal(drive: Passage, bridge: Bridge) -> None:
         Slider("kind", "input", kinds, "motion", "{}"),
         Slider("s", "width (deviations)", widths, 0.1, "{:,.3g}"),
     )
-    axes = {"x": "width, as a power of ten", "y": "off by (m)", "xlim": (-1.1, 3.1)}
+    axes = {"x": "width, as a power of ten", "y": "error (m)", "xlim": (-1.1, 3.1)}
     charts = (
         shown.chart("The rehearsal", ylim=(0, 30), **axes),
         shown.chart("The outage", ylim=(0, 50), **axes),
@@ -232,25 +226,23 @@ def show_rehearsal(drive: Passage, bridge: Bridge) -> None:
     shown.number("lssvm", "rehearsed", lambda kind, s: f"{rehearsed[kind, s]:.1f} m")
     shown.number("lssvm", "in the outage", lambda kind, s: f"{bridged[kind, s]:.1f} m")
     shown.number("ins", "INS alone, in the outage", f"{ins:.1f} m")
-    shown.sentence(
-        lambda kind, s: (
-            f"On {kind}, with a width of {s:.3g} deviations, the machine is off by "
-            f"{rehearsed[kind, s]:.1f} m in the rehearsal and by {bridged[kind, s]:.1f} m in the "
-            f"outage."
-        )
-    )
+    shown.sentence(lambda kind, s: (
+        f"With {kind} as the input and a width of {s:.3g} deviations, the machine's error is "
+        f"{rehearsed[kind, s]:.1f} m in the rehearsal and {bridged[kind, s]:.1f} m in the outage."
+    ))  # fmt: skip
     best = min(rehearsed, key=rehearsed.__getitem__)
     shown.show(
         name="fig-l4-rehearsal",
-        caption="At each width the regularisation is the one that rehearses best. What is known "
-        "before the outage stands above, what comes of it below.",
-        alt=f"Two charts over the width. The least rehearsed error, {rehearsed[best]:.1f} m on "
-        f"{best[0]}, becomes {bridged[best]:.1f} m in the outage. The INS alone has {ins:.1f} m.",
+        caption="At each width, the regularisation is the one with the least error in the "
+        "rehearsal. The upper chart is known before the outage, the lower one only after it.",
+        alt=f"Two charts over the width. The least error in the rehearsal is {rehearsed[best]:.1f} "
+        f"m, with {best[0]} as the input. In the outage the error of the same machine is "
+        f"{bridged[best]:.1f} m, and that of the INS alone {ins:.1f} m.",
     )
 
 
 def show_oracle(drive: Passage, machine: Machine) -> None:
-    """Show what a machine says that is fed with the true error, by its width."""
+    """Show what a machine answers if it is fed with the true error, by its width."""
     t, error, y, heard = _of(drive)
     widths = [1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0, 2000.0, 5000.0]
     said = {s: machine(error[:heard], y, s, 1e3)(error) for s in widths}
@@ -268,20 +260,18 @@ def show_oracle(drive: Passage, machine: Machine) -> None:
     ins = abs(error)[heard:].mean(axis=0)
     shown.number("ins", "INS alone, in the outage", f"{ins[1]:.1f} m, {ins[3]:.1f} m/s")
     shown.number("lssvm", "corrected", lambda s: f"{left[s][1]:.1f} m, {left[s][3]:.1f} m/s")
-    shown.sentence(
-        lambda s: (
-            f"With the width {s:g} the corrected y is off by {left[s][1]:.1f} m and "
-            f"{left[s][3]:.1f} m/s in the outage; the INS alone by {ins[1]:.1f} m and "
-            f"{ins[3]:.1f} m/s."
-        )
-    )
+    shown.sentence(lambda s: (
+        f"With the width {s:g}, the errors in y after correction are {left[s][1]:.1f} m and "
+        f"{left[s][3]:.1f} m/s in the outage; those of the INS alone are {ins[1]:.1f} m and "
+        f"{ins[3]:.1f} m/s."
+    ))  # fmt: skip
     shown.show(
         name="fig-l4-oracle",
-        caption="The input is the true error of the INS, in training and in the outage, as P1 has "
-        "it. Subtract the input itself, and nothing remains.",
-        alt=f"Two charts over 30 seconds. With the width 1000 the answer in position follows the "
-        f"true error, {left[1000.0][1]:.1f} m off; that in velocity does not, "
-        f"{left[1000.0][3]:.1f} m/s off, where the INS alone has {ins[3]:.1f} m/s.",
+        caption="The input is the true error of the INS, in training and in the outage, as in P1. "
+        "Subtract the input itself, and no error remains.",
+        alt=f"Two charts over 30 seconds. With the width 1000, the answer in position follows the "
+        f"true error to within {left[1000.0][1]:.1f} m on average. The answer in velocity does not:"
+        f" its error is {left[1000.0][3]:.1f} m/s, and that of the INS alone {ins[3]:.1f} m/s.",
     )
 
 
@@ -314,13 +304,13 @@ def show_rivals(
             error[rows] - bridge(inputs[kind], y[:n], sigma, eta)[:longest]
         )
     shown = Moving(
-        "When the network goes, and for how long",
+        "When the network is lost, and for how long",
         Slider("b", "lost at", begins, 20.0, "{:g} s"),
         Slider("n", "for", lengths, 10, "{:g} s"),
     )
     since = period * np.arange(longest)
     chart = shown.chart(
-        "Distance from the true position", x="time since it was lost (s)", y="off by (m)",
+        "Distance from the true position", x="time since the loss (s)", y="error (m)",
         xlim=(0, 10), ylim=(0, 40),
     )  # fmt: skip
     labels = {
@@ -351,28 +341,31 @@ def show_rivals(
     shown.draw(turn, "ins", "", lost, style="points")
 
     def say(b: float, n: int) -> str:
-        off_by = {method: mean(method, b, n) for method in found}
+        means = {method: mean(method, b, n) for method in found}
         return (
-            f"Lost at {b:g} s for {n} s: the INS alone is off by {off_by['ins']:.1f} m on average, "
-            f"the last fix held by {off_by['network']:.1f} m, the Kalman filter by "
-            f"{off_by['kalman']:.1f} m, the LS-SVM by {off_by['lssvm']:.1f} m."
+            f"If the network is lost at {b:g} s for {n} s, the mean error of the INS alone is "
+            f"{means['ins']:.1f} m, of the last fix held {means['network']:.1f} m, of the Kalman "
+            f"filter {means['kalman']:.1f} m, and of the LS-SVM {means['lssvm']:.1f} m."
         )
 
     shown.sentence(say)
     shown.show(
         name="fig-l4-rivals",
-        caption="Move the outage to before the turn, and into it. The LS-SVM is rehearsed anew for "
-        "each.",
+        caption="Move the outage to a time before the turn, and into the turn. The LS-SVM is "
+        "rehearsed again for each outage.",
         alt=f"Two charts. {say(20.0, 2)} {say(20.0, 10)} {say(10.0, 10)} The velocity in y is "
-        "steady until 18 s; then comes a turn.",
+        "steady until a turn begins at 18 s.",
     )
     return mean
 
 
 def show_heading(
     drives: Mapping[float, Passage], coast: Filter, knowing: Callable[..., Array]
-) -> None:
-    """Show two filters in the outage, by what part of the heading's errors the INS has."""
+) -> float:
+    """Show two filters in the outage, by what part of the heading's errors the INS has.
+
+    Returns the mean distance (m) of the filter of four states if it has none.
+    """
     shares = list(drives)
     plain, turning, alone = {}, {}, {}
     for share, drive in drives.items():
@@ -386,8 +379,8 @@ def show_heading(
         Slider("share", "heading error of the INS, as a factor", shares, 1.0, "{:g}"),
     )
     chart = shown.chart(
-        "Distance from the true position", x="time since it was lost (s)",
-        y="off by (m)", xlim=(0, 10), ylim=(0, 40),
+        "Distance from the true position", x="time since the loss (s)",
+        y="error (m)", xlim=(0, 10), ylim=(0, 40),
     )  # fmt: skip
     since = t[heard:] - t[heard]
 
@@ -398,19 +391,85 @@ def show_heading(
     add("ins", "INS alone", alone, 8)
     add("kalman", "4 states", plain, -1)
     add("coloured", "5 states", turning, -1)
-    shown.sentence(
-        lambda share: (
-            f"With the heading error times {share:g} the filter of four states is off by "
-            f"{plain[share].mean():.1f} m, that of five by {turning[share].mean():.1f} m, the INS "
-            f"alone by {alone[share].mean():.1f} m."
-        )
-    )
+    shown.sentence(lambda share: (
+        f"With the heading error times {share:g}, the mean error of the filter with four "
+        f"states is {plain[share].mean():.1f} m, with five {turning[share].mean():.1f} m, and "
+        f"of the INS alone {alone[share].mean():.1f} m."
+    ))  # fmt: skip
     shown.show(
         name="fig-l4-heading",
-        caption="Take the error of the heading away, and the Kalman filter of four states bridges "
-        "the turn, too. One state more, and it need not be taken away.",
-        alt=f"Over ten seconds of outage the filter of four states is off by "
-        f"{plain[1.0].mean():.1f} m on average, that of five by {turning[1.0].mean():.1f} m. "
-        f"Without an error of the heading they are off by {plain[0.0].mean():.1f} and "
-        f"{turning[0.0].mean():.1f} m.",
+        caption="Without an error in the heading, the Kalman filter of four states bridges the "
+        "turn as well. With a fifth state, the error need not be removed.",
+        alt=f"Over ten seconds of outage, the mean error of the filter with four states is "
+        f"{plain[1.0].mean():.1f} m, and with five {turning[1.0].mean():.1f} m. Without an error "
+        f"in the heading it is {plain[0.0].mean():.1f} m and {turning[0.0].mean():.1f} m.",
     )
+    return float(plain[0.0].mean())
+
+
+def hold(
+    parameters: dict[str, Any], drive: Passage, said: Mapping[str, Array], machine: Machine,
+    bridge: Bridge, rivals: Callable[[str, float, int], float], chosen: tuple[str, float, float],
+    *, squares: Array, straight: float,
+) -> Any:  # fmt: skip
+    """Record what the lesson finds, hold its sentences against that, and return P1 Table 3."""
+    record = ChapterRecord("lesson-4", parameters)
+    for name in ("p1", "p1-inertial"):
+        record.data(f"scenarios/{name}.yaml")
+    printed = read_rows(record.data("papers/p1-table3.csv"), index="method")
+    t, error, y, heard = _of(drive)
+    for name, e in said.items():
+        record.note(f"off.{name}", off((error - e)[heard:]), "m", "Mean distance, first outage.")
+    fair = ("fair.ls-svm.motion", "fair.kalman-filter-coasting.state")
+    for name in (*fair, "seeds.spread"):  # of the evidence
+        record.say(name, f"{record.reference('p1-outages', name).value:.0f}")
+    for name in fair:
+        record.crossed("p1-outages", name)
+    record.crossed("p1-outages", "/".join(fair), ".1f", "ls-svm-over-coasting")
+    record.note("short.straight", 100 * rivals("kalman", 10.0, 2), "cm", "Mean distance, 2 s.")
+    for name, rival in (("turn", "kalman"), ("held", "network")):
+        record.note(f"short.{name}", rivals(rival, 20.0, 2), "m", "Mean distance, 2 s.")
+    u, half, (along, across) = _input(drive, chosen[0]), heard // 2, squares[:2]
+    best = off(error[heard:] - bridge(u, y, *chosen[1:]))
+    rehearsed = off(bridge(u[:heard], y[:half], *chosen[1:]) - y[half:])
+    for name, value in (("off.rehearsed", best), ("rehearsed", rehearsed)):
+        record.note(name, value, "m", "Mean distance, LS-SVM.")
+    record.note("straight", straight, "m", "Kalman filter, no error of the heading.")
+    taken = 100 * along / (along + 1000)
+    for name, value in (("along", along), ("across", across), ("taken", taken)):
+        record.note(name, value, "1", "Of the first two directions: squares, and %.")
+    answers = (machine(t[:heard, None], y, s, 1e3)(t[:, None]) for s in (0.1, *WIDTHS, 1e4))
+    widths = [off((error - answer)[heard:]) for answer in answers]
+    mean = off((error - y.mean(axis=0))[heard:])
+    record.holds("With some width the error is below 3 m.", min(widths) < 3)
+    ends = max(abs(widths[0] - mean), abs(widths[-1] - mean))
+    record.holds("At both ends the answer is the mean.", ends < 1)
+    record.holds("Rehearsed best, it is worse than no correction.", best > off(error[heard:]))
+    held, kalman, learned = (rivals(each, 20.0, 10) for each in ("network", "kalman", "lssvm"))
+    early = max(rivals("lssvm", 10.0, 10), rivals("kalman", 10.0, 10))
+    record.holds("In an outage from 10 s on, both are good.", early < 1)
+    record.holds("The mean is better than the filter in the turn.", mean < kalman)
+    record.holds("From 17 s on, the machine's error is large.", rivals("lssvm", 17.0, 10) > 100)
+    record.holds("In the turn the last fix is better than both.", held < min(kalman, learned))
+    oracle, ins = (abs(error - said[each])[heard:, 2:].mean() for each in ("oracle", "ins"))
+    record.holds("The oracle's velocity is worse than that of the INS.", oracle > ins)
+    record.write()
+    return printed
+
+
+def show_table3(printed: Any, sizes: Mapping[str, Array]) -> None:
+    """Show mean errors over those of the INS alone, as P1 prints them and in this run."""
+    cells = {"x": "rx1", "y": "ry1", "velocity in x": "vx1", "velocity in y": "vy1"}
+    p1, ins = (printed[method] for method in ("LS-SVM", "INS-only"))
+    shares = {name: dict(zip(cells, of / sizes["ins"], strict=True)) for name, of in sizes.items()}
+    rows = {
+        "LS-SVM, P1": ("published", {of: float(p1[c]) / float(ins[c]) for of, c in cells.items()}),
+        "LS-SVM, fed with the answer": ("lssvm", shares["oracle"]),
+        "Kalman, 4 states": ("kalman", shares["kalman"]),
+        "Kalman, 5 states": ("coloured", shares["knowing"]),
+    }
+    show_dots(
+        "P1 Table 3, and this run", "error in", rows, x="mean error over that of the INS alone",
+        xlim=(0, 2), name="fig-l4-table3",
+        caption="The first outage: P1's printed errors over those of its INS, and the same here.",
+    )  # fmt: skip
