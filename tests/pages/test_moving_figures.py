@@ -22,7 +22,7 @@ from inswsn_lib.vehicle import horizontal_error, run_vehicle_filter
 
 pytestmark = pytest.mark.page
 
-LESSONS = [name for name in PAGES if re.match(r"chapters/0\d-", name)]
+LESSONS = [name for name in PAGES if re.match(r"chapters/\d-", name)]
 BLEND = next(name for name in LESSONS if "/02-" in name)
 OUTAGE = next(name for name in LESSONS if "/03-" in name)
 CAR = next(name for name in LESSONS if "/05-" in name)
@@ -262,4 +262,4 @@ def test_a_car_is_as_far_off_as_by_the_library(lesson: Lesson) -> None:
 
 
 def test_every_lesson_is_tried() -> None:
-    assert len(LESSONS) == len(list((ROOT / "chapters").glob("0*.md")))
+    assert len(LESSONS) == len(list((ROOT / "chapters").glob("[1-8]-*.md")))

@@ -429,7 +429,7 @@ def hold(
     record.note("short.straight", 100 * rivals("kalman", 10.0, 2), "cm", "Mean distance, 2 s.")
     for name, rival in (("turn", "kalman"), ("held", "network")):
         record.note(f"short.{name}", rivals(rival, 20.0, 2), "m", "Mean distance, 2 s.")
-    u, half, (along, across) = _input(drive, chosen[0]), heard // 2, squares[:2]
+    u, half, (along, across) = np.asarray(drive.inputs[chosen[0]]), heard // 2, squares[:2]
     best = off(error[heard:] - bridge(u, y, *chosen[1:]))
     rehearsed = off(bridge(u[:heard], y[:half], *chosen[1:]) - y[half:])
     for name, value in (("off.rehearsed", best), ("rehearsed", rehearsed)):
