@@ -266,10 +266,11 @@ def _redirects(root: Path, templates: Environment, texts: Iterable[str]) -> dict
     moved, there = root / "book" / "redirects.yaml", {name.partition(".")[0] for name in texts}
     page, found = templates.get_template("redirect.html"), {}
     for old, new in (read_yaml(moved) if moved.is_file() else {}).items():
-        name, _, place = new.partition("#")
+        name, mark, place = new.removesuffix("!").partition("#")
         if name in there:
             target = posixpath.relpath(f"{name}.html", posixpath.dirname(old))
-            found[f"moved/{old}.html"] = page.render(target=target, place=place).encode()
+            text = page.render(target=target, place=mark + place, kept=not new.endswith("!"))
+            found[f"moved/{old}.html"] = text.encode()
     return found
 
 
