@@ -50,6 +50,8 @@ def test_every_address_of_an_earlier_site_leads_to_its_place(built_site: Path, l
     [
         ("chapters/00-the-published-numbers.html#chapter-00", "chapter-00"),
         ("chapters/71-two-filters-become-one.html#chapter-71", "more-drift-assumed"),
+        ("status.html", "status"),  # a part of another page, in which places keep their names
+        ("status.html#tbl-runs", "tbl-runs"),
     ],
 )
 def test_a_page_that_moved_takes_its_reader_to_the_same_place(
