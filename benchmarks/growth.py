@@ -4,7 +4,7 @@ Each point is measured in a process of its own: seconds of the work, the best of
 where it is short, and by how much the process grew. Beside it stands a limit: the time to move the
 data once through memory, or to do the floating-point operations, at the rates that are measured in
 the same run. A curve ends where its next point would take longer than is worth it. All goes to
-data/growth.json and is drawn in data/growth.svg, for the page "How it grows" of the book.
+data/growth.json and is drawn in data/growth.svg, for the page "Benchmarks" of the book.
 """
 
 from __future__ import annotations

@@ -260,11 +260,12 @@ def _redirects(project: Project, templates: Environment, texts: Iterable[str]) -
     ids = {f"chapters/{c.name}": c.id for c in project.chapters()}
     page, found = templates.get_template("redirect.html"), {}
     for old, new in project.renamed()["pages"].items():
-        name, _, place = new.partition("#")
+        name, mark, place = new.removesuffix("!").partition("#")
         if name in there:
             words = {
                 "target": posixpath.relpath(f"{name}.html", posixpath.dirname(old)),
-                "place": place,
+                "place": mark + place,
+                "kept": not new.endswith("!"),
                 "number": posixpath.basename(old)[:2],
                 "now": ids.get(name, ""),
             }

@@ -42,7 +42,7 @@ from inswsn_lib.files import read_yaml
 #: What the volumes are called, by what the names of their files end in
 TITLES = {"": "Lessons and evidence", "claims": "Claims", "reference": "Reference"}
 # What is of use on a screen alone, or draws there: on paper a moving figure is its still picture.
-# What a chapter was run with stands for all of them on the page of the state of the build.
+# What a chapter was run with stands for all of them in the state of the build, on the page to cite.
 _ON_SCREEN = (
     "script, section.moving, a.headerlink, a.full-size, .launch, form, "
     "section#provenance:has(table.provenance)"

@@ -112,7 +112,7 @@ def test_the_page_shows_rows_and_those_that_are_not_causal_last(render: Callable
     for each in (result("b", causal=False), result("a:Best"), result("c", nees=np.nan)):
         made_of = {"day": "2026-01-02", "python": "3.11", "cpu": "some"}
         rows.append(each.row() | {"made": made_of})
-    text = render("leaderboard", leaderboard={"rows": rows})
+    text = render("benchmarks", leaderboard={"rows": rows})
     table = text.partition(":name: tbl-leaderboard-network")[2].partition(":::::")[0]
     assert re.findall(r"^\* - (.+)$", table, re.MULTILINE) == [
         "entry",
@@ -126,5 +126,5 @@ def test_the_page_shows_rows_and_those_that_are_not_causal_last(render: Callable
 
 
 def test_the_page_of_this_checkout_has_every_track(render: Callable[..., str]) -> None:
-    text = render("leaderboard")
+    text = render("benchmarks")
     assert [track for track in TRACKS if f"tbl-leaderboard-{track}" not in text] == []

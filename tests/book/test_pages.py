@@ -98,7 +98,7 @@ def test_the_page_of_many_claims(render: Callable[..., str]) -> None:
 
 
 def test_the_state_of_the_build_adds_up(render: Callable[..., str], known: dict[str, Any]) -> None:
-    page = render("status")
+    page = render("cite")
     runs, judged = rows(page, "tbl-runs"), rows(page, "tbl-verdicts")
     assert len(runs) == 2 + len(known["chapters"])
     for column in (3, 5):  # quantities, and claims treated

@@ -29,7 +29,7 @@ def launch(render: Callable[..., str], known: dict[str, Any]) -> Callable[[str |
 
     def page(repository: str | None) -> str:
         about = known["about"] | {"repository-code": repository, "version": "1.2.3"}
-        return render("launch", about=about).split("## Online")[1]
+        return re.split(r"\n## ", render("reproduce", about=about).split("\n## Online")[1])[0]
 
     return page
 

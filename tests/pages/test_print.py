@@ -13,9 +13,9 @@ pytestmark = pytest.mark.page
 
 # one of each kind: text and tables, many figures, the longest list, wide tables, signatures
 PRINTED = weekly_but(
-    {"index.html", LESSON, OWN_DATA, "elsewhere.html"},
+    {"index.html", LESSON, OWN_DATA, "reproduce.html"},
     ("index.html", CHAPTER_00, LESSON, OWN_DATA, "claims.html", "assumptions.html", "errata.html",
-     "elsewhere.html"),
+     "reproduce.html"),
 )  # fmt: skip
 # A4 is 210 mm wide, less two margins of 15 mm, at 96 px to the inch
 PAPER = round(180 / 25.4 * 96)

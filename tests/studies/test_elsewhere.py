@@ -235,7 +235,7 @@ def page(render: Callable[..., str]) -> Callable[..., str]:
 
     def shown(*cells: Cell, changed: tuple[str, ...] = ()) -> str:
         study = Study(cells=cells).model_dump(mode="json")
-        return render("elsewhere", elsewhere=study, changed_since=lambda _: changed)
+        return render("reproduce", elsewhere=study, changed_since=lambda _: changed)
 
     return shown
 
@@ -258,7 +258,7 @@ def test_all_that_moved_is_told(page: Callable[..., str], known: dict[str, Any])
     text = page(cell(), moved, failed, cell("scs", "61"), cell("scs", "62"),
                 changed=("chapter 00", "locks"))  # fmt: skip
     for said in (
-        "Of 3 verdicts, **1** changed.", "**2** were overturned",
+        "Of 3 verdicts, **1** changed.", "**2** failed to hold",
         "What could not be run: {ref}`chapter 00 <chapter-00>` with SCS (It broke).",
         "With two threads this sentence does not hold: “Two.”",
         "With two threads P1-X is not judged, and was reproduced.",
@@ -302,7 +302,7 @@ def test_nothing_is_beyond_its_tolerance_without_being_said_to_be(
     stored: tuple[Cell, ...], render: Callable[..., str]
 ) -> None:
     """Each deviation by its own numbers, and on the page by its name."""
-    told = re.split(r"\n## ", render("elsewhere").split("## Beyond the tolerance")[1])[0]
+    told = re.split(r"\n##", render("reproduce").split("## Beyond the tolerance")[1])[0]
     for found in stored:
         most = found.farthest
         if most is not None and most.deviation is not None:

@@ -145,7 +145,7 @@
         const next = cells.slice(this.number + 1).find((cell) => cell.runs && cell.box);
         if (next) this.bar.append(make("a", { href: `#${next.code.id}` }, "To the next that runs."));
         if (cells.find((cell) => !cell.runs) === this) {
-          this.bar.append(make("a", { href: new URL("../launch.html#in-the-pages", here) }, "On your own machine all cells run."));
+          this.bar.append(make("a", { href: new URL("../reproduce.html#in-the-pages", here) }, "On your own machine all cells run."));
         }
       }
       this.input.after(this.bar, this.out);
