@@ -115,6 +115,14 @@ def test_every_cell_is_short_and_is_seen(number: str) -> None:
     assert tags <= {"parameters"}
 
 
+@pytest.mark.parametrize("path", [*LESSONS.values(), FOLDER / "which-filter.md"])
+def test_lines_of_code_hold_to_72_columns(path: Path) -> None:
+    """They are read and copied as they are; those of evidence are wrapped on the page."""
+    code = [cell.source for cell in cells(path) if cell.cell_type == "code"]
+    code += re.findall(r"^```(?:python|bash)$(.*?)^```$", markdown(path), re.MULTILINE | re.DOTALL)
+    assert [line for text in code for line in text.splitlines() if len(line) > 72] == []
+
+
 @lessons
 def test_no_cell_says_what_only_a_record_is_for(
     number: str, built_site: Path, project: Project
