@@ -206,7 +206,7 @@
     tellTime({ seconds, error }) {
       const took = `${error ? "failed after" : "took"} ${seconds.toFixed(seconds < 1 ? 2 : 1)} s`;
       if (seconds < 1 || inMachine || error) return took;
-      return `${took}: all its numbers are computed anew, by Python in the page. Where the book was built it took ${this.about.seconds} s.`;
+      return `${took}: Python in this page computed all its numbers again. Building the book, this cell took ${this.about.seconds} s.`;
     }
 
     removeImages() { this.box.querySelectorAll(".live-image").forEach((node) => node.remove()); }
