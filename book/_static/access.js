@@ -13,15 +13,10 @@
   function measure() {
     // All that was set before is taken back, then all is read, then all is written: a change between
     // two readings would lay out the page anew.
-    // Each formula has a menu. The hundreds within the text are no tab stops; those on lines of
-    // their own are.
     const boxes = Object.entries(NAMES).flatMap(([selector, name]) =>
       [...document.querySelectorAll(selector)].map((box) => ({ box, name })));
     const formulas = [...document.querySelectorAll("mjx-container:not([display])")];
-    for (const formula of formulas) {
-      if (formula.tabIndex !== -1) formula.tabIndex = -1;
-      if ("scrolls" in formula.dataset) unmark(formula);
-    }
+    for (const formula of formulas) if ("scrolls" in formula.dataset) unmark(formula);
     const found = boxes.map(({ box, name }) => ({ box, name, scrolls: scrollsNow(box) }));
     const wide = formulas.filter(tooWide);
     for (const { box, name, scrolls } of found) {
@@ -64,12 +59,31 @@
     for (const attribute of given.get(box) ?? []) box.removeAttribute(attribute);
     given.delete(box);
     delete box.dataset.scrolls;
-    if (box.localName !== "mjx-container") box.removeAttribute("tabindex");
+    box.removeAttribute("tabindex");
   }
 
   function numbered(box) {
     return box.querySelector(".caption-number")?.textContent.trim();
   }
+
+  // To typeset the hundreds of formulas of the page of claims takes seconds: those of a claim are once
+  // it comes near the window, and all before they are printed.
+  function typeset() {
+    const left = new Set(document.querySelectorAll(".claim"));
+    if (!left.size) return MathJax.startup.defaultPageReady();
+    const now = (claims) => {
+      for (const claim of claims) left.delete(claim);
+      MathJax.typeset(claims);
+      later();
+    };
+    const watch = new IntersectionObserver((seen) => {
+      now(seen.filter(({ target, isIntersecting }) => isIntersecting && left.has(target)).map(({ target }) => target));
+    }, { rootMargin: "50%" });
+    for (const claim of left) watch.observe(claim);
+    window.addEventListener("beforeprint", () => now([...left]));
+    return MathJax.typesetPromise([...document.querySelectorAll(".math")].filter((formula) => !formula.closest(".claim")));
+  }
+  if (window.MathJax) window.MathJax.startup = { pageReady: typeset };
 
   let due;
   function later() {

@@ -23,6 +23,42 @@
   const found = (table, sliders, state) =>
     table.values[table.by.reduce((index, name) => index * sliders[name].texts.length + state[name], 0)];
 
+  const STEPS = 10000;
+  const SIGNS = String.fromCharCode(...Array.from({ length: 94 }, (_, i) => 33 + i)).replace(/["<\\`]/g, "");
+  const BASE = SIGNS.length / 2;
+
+  /** The numbers that moving.py has written as the steps from one to the next along an axis. */
+  function numbersOf(text, [low, high]) {
+    const found = [];
+    let [at, step, size] = [0, 0, 1];
+    for (const sign of text) {
+      const digit = SIGNS.indexOf(sign);
+      step += (digit % BASE) * size;
+      size *= BASE;
+      if (digit >= BASE) continue;
+      at += step % 2 ? -(step + 1) / 2 : step / 2;
+      found.push(low + (at / STEPS) * (high - low));
+      [step, size] = [0, 1];
+    }
+    return found;
+  }
+
+  /** What a section shows: its JSON, in which coordinates may be such texts. */
+  function read(root) {
+    const content = JSON.parse(root.querySelector("script").textContent);
+    for (const { x, y, series } of content.charts) {
+      for (const each of series) {
+        let xs;
+        each.values = each.values.map(([along, ...others]) => {
+          if (Array.isArray(others[0])) return [along, ...others];
+          if (along !== null) xs = numbersOf(along, x.ends);
+          return [xs, ...others.map((text) => numbersOf(text, y.ends))];
+        });
+      }
+    }
+    return content;
+  }
+
   /** The width of a label in the font of the page: fonts differ by a third. */
   function widthOf(text) {
     const pen = document.createElement("canvas").getContext("2d");
@@ -106,17 +142,22 @@
     labels.forEach((label, i) => { label.y = Math.min(label.y, bottom, ...before(labels, i).map((y) => y - GAP)); });
   }
 
-  function draw(svg, chart, values, width, sentence, strokes) {
+  const standsAtEnd = (chart, series) => !chart.equal && series.label && series.at < 0;
+
+  /** The room for labels beside the charts of a figure: it is one, so that they stand below one another. */
+  const roomBeside = (charts) =>
+    Math.max(0, ...charts.flatMap((chart) => chart.series.filter((series) => standsAtEnd(chart, series))).map(({ label }) => widthOf(label)));
+
+  function draw(svg, chart, values, width, beside, sentence, strokes) {
     const named = chart.series.map((series, i) => ({ ...series, values: values[i] })).filter((series) => series.label);
-    const atEnd = chart.equal ? [] : named.filter((series) => series.at < 0);
-    const frame = frameOf(chart, width, Math.max(0, ...atEnd.map((series) => widthOf(series.label))));
+    const frame = frameOf(chart, width, chart.equal ? 0 : beside);
     svg.setAttribute("viewBox", `0 0 ${width} ${frame.height}`);
     svg.setAttribute("width", width);
     svg.setAttribute("height", frame.height);
     const labels = named.map((series) => {
       const [xs, ys] = series.values;
       const at = series.at < 0 ? xs.length + series.at : series.at;
-      return { ...series, x: frame.x(xs[at]) + 6, y: frame.y(ys[at]) + (atEnd.includes(series) ? 4 : -6) };
+      return { ...series, x: frame.x(xs[at]) + 6, y: frame.y(ys[at]) + (standsAtEnd(chart, series) ? 4 : -6) };
     });
     for (const label of labels) {
       label.wide = widthOf(label.label);
@@ -149,7 +190,7 @@
   function start(root) {
     const picture = document.getElementById(root.dataset.figure);
     if (!picture) throw new Error(`The page has no figure ${root.dataset.figure}.`);
-    const content = JSON.parse(root.querySelector("script").textContent);
+    const content = read(root);
     const sliders = Object.fromEntries(content.sliders.map((slider) => [slider.name, slider]));
     const fields = content.sliders.map((slider) => sliderField(slider, `${root.id}-${slider.name}`, () => refresh()));
     const numbers = content.numbers.map(({ method, label }) => {
@@ -174,8 +215,9 @@
       content.numbers.forEach((number, i) => { numbers[i].value.textContent = found(number, sliders, state); });
       const sentence = found(content.sentence, sliders, state);
       if (width > 0) {
+        const beside = roomBeside(content.charts);
         content.charts.forEach((chart, i) => {
-          draw(charts[i], chart, chart.series.map((series) => found(series, sliders, state)), width, sentence, content.strokes);
+          draw(charts[i], chart, chart.series.map((series) => found(series, sliders, state)), width, beside, sentence, content.strokes);
         });
       }
       clearTimeout(waiting); // said once a slider rests
@@ -208,9 +250,11 @@
         console.error(`The figure ${root.id} does not move.`, error);
       }
     }
+    document.documentElement.classList.remove("moving-starts");
   }
 
-  window.inswsnMoving = { start };
+  document.documentElement.classList.add("moving-starts"); // still pictures are not fetched until then
+  window.inswsnMoving = { start, read };
   if (document.readyState === "loading") document.addEventListener("DOMContentLoaded", startAll);
   else startAll();
 })();

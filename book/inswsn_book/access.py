@@ -124,7 +124,8 @@ def improve(page: str, *, evidence: bool = False) -> tuple[str, BeautifulSoup]:
 
     Headers of tables get their scope, tables a name. Links to a heading are named by what they do.
     Solutions become native disclosures, and so do the provenance and the sections of evidence:
-    what it found stands before them. Of elements that share an id the first keeps it.
+    what it found stands before them. Images wait until they are near the window. Of elements that
+    share an id the first keeps it.
     """
     # coloured code is most of a page, and nothing in it is changed
     code = _CODE.findall(page)
@@ -140,6 +141,10 @@ def improve(page: str, *, evidence: bool = False) -> tuple[str, BeautifulSoup]:
     for section in soup.select(folded):
         _fold(soup, section)
     _names(soup)
+    for script in soup.select("script[src*='fontawesome.js']"):
+        script.decompose()  # 1.5 MB that draw the icons that are in a font, too
+    for image in soup.select("article img"):
+        image["loading"] = "lazy"
     for sidebar in soup.select("#pst-primary-sidebar"):
         sidebar["role"] = "complementary"
         sidebar["aria-label"] = "Book"

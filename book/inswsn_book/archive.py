@@ -31,7 +31,7 @@ from inswsn_lib.errors import InswsnError, ParameterError
 #: Whose style sheets, scripts, fonts and icons the site holds; THIRD-PARTY.md says which
 SITE_PACKAGES = (
     *("sphinx", "pygments", "pydata-sphinx-theme", "sphinx-book-theme", "sphinx-copybutton"),
-    *("sphinx-togglebutton", "sphinx-design", "myst-nb", "sphinx-exercise", "sphinx-proof"),
+    *("sphinx-design", "myst-nb", "sphinx-exercise", "sphinx-proof"),
     "packaging",  # its text of Apache-2.0 stands for sphinx-mathjax-offline, which ships none
 )
 # What each chapter run is: https://www.researchobject.org/workflow-run-crate/profiles/process_run_crate

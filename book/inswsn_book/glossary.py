@@ -21,10 +21,10 @@ def terms_of(page: str) -> dict[str, str]:
 
 
 class FirstUses:
-    """What of the terms a page has not used yet."""
+    """What of the terms a page has not used yet, and the entries that it has used."""
 
     def __init__(self, terms: Mapping[str, str]) -> None:
-        self._left = dict(terms)
+        self._left, self.used = dict(terms), list[str]()
 
     def link(self, text: str) -> str:
         """Return a cell of Markdown in which the first use of each term is a link."""
@@ -57,6 +57,7 @@ class FirstUses:
                 return match[1]  # a second use in the same piece
             entry = self._left[name]
             self._left = {n: e for n, e in self._left.items() if e != entry}
+            self.used.append(entry)
             return f"{{term}}`{match[1]} <{entry}>`"
 
         return found.sub(link, prose)

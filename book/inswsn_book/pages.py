@@ -38,6 +38,8 @@ from inswsn_lib.scenario import load_scenario
 
 _MOVES = 'class="moving"'
 _UNSTAGED = re.compile(r"inswsn_book/|_templates/|pyproject\.toml|renamed\.yaml|(.*/)?\.")
+#: In the head of a chapter: for which words a search is to lead to it
+_INDEX = re.compile(r"\A---\n(?:.*\n)*?index: *(.+)\n")
 _HEAD = re.compile(
     r"\*\*You need\*\*\s+(?P<need>.*?)\.\s+\*\*(?:Aft.*?)?"
     r"Reading time\*\*\s+(?P<minutes>\d+)\s+minutes?\.",
@@ -219,13 +221,23 @@ def stage_book(project: Project, runs: Sequence[Run], folder: Path) -> list[str]
     claims = load_claims(project.root / LEDGER)
     notation = project.root / "book" / "notation.md"
     terms = terms_of(read_text(notation)) if notation.is_file() else {}
-    for run, notebook in zip(runs, notebooks, strict=True):
-        name, results = project.by_id(run.request.chapter).name, run.results
+    taught, order = set[str](), [c.id for c in project.chapters() if c.lesson]
+    pairs = list(zip(runs, notebooks, strict=True))
+    pairs.sort(key=lambda pair: [*order, pair[0].request.chapter].index(pair[0].request.chapter))
+    for run, notebook in pairs:
+        chapter, results = project.by_id(run.request.chapter), run.results
+        name = chapter.name
         notebook = with_captions(with_pictures(notebook))  # noqa: PLW2901
         uses = FirstUses(terms)
         for cell in notebook.cells:
             if cell.cell_type == "markdown":
                 cell.source = uses.link("".join(cell.source))
+        words = _INDEX.findall(read_text(chapter.source))
+        if chapter.id in order:  # the first lesson that uses a term is where a search leads
+            words += [entry for entry in uses.used if entry not in taught]
+            taught.update(uses.used)
+        entries = [f"```{{index}} ! {word}\n```" for word in ", ".join(words).split(", ") if word]
+        notebook.cells.insert(1, _words(f"{cell_prefix(chapter.id)}-index", "\n".join(entries)))
         shown = with_notes(notebook, results, claims_of(claims, results.chapter), templates)
         texts[f"chapters/{name}.ipynb"] = json.dumps(shown, ensure_ascii=False).encode()
     texts |= {f"generated/{name}.svg": found["picture"].encode() for name, found in moving.items()}

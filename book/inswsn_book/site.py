@@ -23,6 +23,7 @@ from inswsn_book.progress import Progress
 from inswsn_book.project import ROOT_VARIABLE, Project
 from inswsn_book.provenance import repository_state
 from inswsn_book.runs import Run
+from inswsn_book.slim import classes_of, slim
 from inswsn_lib.errors import BuildError, InswsnError
 from inswsn_lib.files import read_yaml
 
@@ -148,16 +149,19 @@ def _staged(project: Project, runs: Sequence[Run], source: Path, alone: str | No
 
 
 def _copied(project: Project, html: Path, site: Path) -> Path:
-    """Copy what Sphinx has written, each page with its foot; return the new folder."""
-    foot = escape(footer(project)).encode()
+    """Copy what Sphinx has written, each page with its foot, and what they use; return it."""
+    foot, classes = escape(footer(project)), set[str]()
 
     def copy(source: str, target: str) -> str:
         if source.endswith(".html"):
-            Path(target).write_bytes(Path(source).read_bytes().replace(FOOTER.encode(), foot))
+            page = Path(source).read_text(encoding="utf-8").replace(FOOTER, foot)
+            classes.update(classes_of(page))
+            Path(target).write_text(page, encoding="utf-8", newline="\n")
             return target
         return str(shutil.copyfile(source, target))
 
     shutil.copytree(html, site, copy_function=copy)
+    slim(site, classes)
     return site
 
 

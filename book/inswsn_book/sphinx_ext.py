@@ -32,7 +32,16 @@ def _configure(app: Any, config: Any) -> None:
     config.author = "; ".join(about["names"])
     config.copyright = about["date-released"][:4]
     config.html_theme_options.setdefault("extra_footer", FOOTER)
-    config.html_extra_path += ["moved"] if (Path(app.srcdir) / "moved").is_dir() else []
+    book = Path(app.srcdir)
+    if (book / "_static" / "scorer.js").is_file():
+        config.html_search_scorer = str(book / "_static" / "scorer.js")
+    if (book / "_sphinx" / "404.html").is_file() and not os.environ.get(ALONE):
+        config.templates_path = [*config.templates_path, "_sphinx"]
+        config.html_additional_pages = {"404": "404.html"}
+        lessons = re.findall(r"chapters/[\w-]+", (book / "_toc.yml").read_text(encoding="utf-8"))
+        config.html_context["first_lesson"] = next(iter(lessons), "")
+    config.mathjax_path = "mathjax/startup.js"  # which loads what mathjax3_config names
+    config.html_extra_path += ["moved"] if (book / "moved").is_dir() else []
     host = urlsplit(about["repository-code"] or "").netloc
     if host in ("github.com", "gitlab.com"):  # chapters lie here where they do in the repository
         config.html_theme_options |= {

@@ -136,6 +136,8 @@ def _article(site: Path, page: str) -> Tag:
         raise InswsnError(f"{path} is not a page of the book.")
     for tag in article.select(_ON_SCREEN):
         tag.decompose()
+    for image in article.find_all("img"):
+        del image["loading"]  # paper shows all
     for tag in article.find_all(id=True):
         tag["id"] = f"{tag['id']}@{page}"
     for section in article.select("section[id]"):  # which may begin at the foot of the sheet before

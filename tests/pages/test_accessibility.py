@@ -444,7 +444,7 @@ def test_the_first_tab_leads_past_the_contents_and_none_to_a_formula(
     ("name", "kinds"),
     [
         (OWN_DATA, {"a", "button", "summary", "pre"}),
-        (LESSON, {"a", "button", "summary", "input", "mjx-container"}),
+        (LESSON, {"a", "button", "summary", "input"}),
     ],
 )
 def test_focus_is_seen_and_nothing_moves(

@@ -49,6 +49,27 @@ def test_every_address_of_an_earlier_site_leads_to_its_place(built_site: Path, l
     assert [name for page, name in found if name and name not in places(built_site, page)] == []
 
 
+@pytest.mark.parametrize("depth", ["", "chapters/", "no/such/folder/"])
+def test_an_address_that_is_none_leads_on_from_any_depth(
+    browser: Browser, served: str, built_site: Path, depth: str
+) -> None:
+    page = browser.new_page()
+    sent = built_site / "404.html"
+    page.route("**/none.html", lambda route: route.fulfill(status=404, path=sent))
+    page.goto(f"{served}{depth}none.html")
+    assert "bd-article" in page.content()
+    assert page.evaluate("getComputedStyle(document.body).fontFamily") != "serif"
+    links = page.locator("article a").evaluate_all("(all) => all.map((link) => link.href)")
+    names = [link.removeprefix(served) for link in links]
+    assert {"index.html", "claims.html"} < set(names)
+    assert all((built_site / name).is_file() for name in names)
+    assert any(name.startswith("chapters/") for name in names)
+    page.locator("article input[name=q]").fill("LMI")
+    page.keyboard.press("Enter")
+    page.wait_for_url(f"{served}search.html?q=LMI")
+    page.close()
+
+
 @pytest.mark.parametrize(
     ("address", "place"),
     [

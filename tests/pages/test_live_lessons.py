@@ -91,7 +91,7 @@ def said(box: Locator) -> str:
 
 def figures(page: Page) -> dict[str, Any]:
     script = """() => Object.fromEntries([...document.querySelectorAll("section.moving")].map(
-        (root) => [root.id, JSON.parse(root.querySelector("script").textContent)]))"""
+        (root) => [root.id, inswsnMoving.read(root)]))"""
     return dict(page.evaluate(script))
 
 
@@ -117,7 +117,9 @@ def test_each_cell_prints_what_the_page_prints(
         press(box)
         assert said(box).strip() == printed.strip(), f"cell {number + 1}"
         again = press(box)  # at most a second, or it says why not
-        assert float(again.split()[1]) < 1 or "computed all its numbers again" in again, f"cell {number + 1}"
+        assert float(again.split()[1]) < 1 or "computed all its numbers again" in again, (
+            f"cell {number + 1}"
+        )
     after = figures(page)
     assert all(close(after[key]["charts"], drawn[key]["charts"]) for key in drawn)
     assert seen.wrong == []

@@ -63,7 +63,7 @@ def listed_pages() -> list[str]:
     """Return the pages of the table of contents, and those that Sphinx and extensions add."""
     toc = (ROOT / "book" / "_toc.yml").read_text(encoding="utf-8")
     names = re.findall(r"^\s*-?\s*(?:root|file): (\S+)", toc, re.MULTILINE)
-    made = ("genindex", "prf-prf", "py-modindex", "search")
+    made = ("404", "genindex", "prf-prf", "py-modindex", "search")
     return sorted(f"{name}.html" for name in [*names, *made])
 
 
@@ -116,6 +116,8 @@ def visit(browser: Browser, served: str, name: str, **options: Any) -> Visit:
     page.on("console", lambda m: seen.errors.append(m.text) if m.type == "error" else None)
     page.on("pageerror", lambda error: seen.errors.append(str(error)))
     page.goto(served + name)
+    # images that wait until they are near the window would keep tests waiting
+    page.evaluate("for (const image of document.images) image.loading = 'eager'")
     page.evaluate("() => document.fonts.ready.then(() => window.MathJax?.startup?.promise)")
     # a network that is idle for half a second, as Playwright has it, takes that on each page
     end = time.monotonic() + PATIENCE / 1000
@@ -150,6 +152,7 @@ def it_is_whole(seen: Visit, name: str) -> None:
     """Check that a page comes without an error, all from the site, and says what made it."""
     page = seen.page
     unfold(page)
+    page.evaluate("dispatchEvent(new Event('beforeprint'))")  # formulas that wait are typeset
     assert seen.wrong == [], name
     images = page.evaluate("[...document.images].map(i => [i.src, i.naturalWidth > 0, i.alt])")
     assert [source for source, loaded, alt in images if not (loaded and alt.strip())] == [], name
