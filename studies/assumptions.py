@@ -20,9 +20,6 @@ ASSUMPTIONS = "data/assumptions.yaml"
 
 #: The scenario files below ``data/scenarios``, each of whose numbers has an entry or is a paper's.
 SCENARIOS = ("p1", "p1-inertial", "p1-inertial-all-cells", "p2", "p3")
-#: Chapters from this id on teach or retell a result, or work on a reader's own recording: their
-#: parameters stand for nothing that a paper could say.
-RETELLING = "lesson-1"
 
 Number = float | str | list[float] | list[list[float]]
 
@@ -133,7 +130,8 @@ def load_settings(root: Path) -> dict[str, dict[str, Setting]]:
 
 def load_schemas(project: Project) -> dict[str, Schema]:
     """Read the parameters of the chapters that rebuild the papers, by number."""
-    numbers = [c.id for c in project.chapters() if c.id < RETELLING]
+    evidence = [c for c in project.chapters() if c.name.startswith("evidence/")]
+    numbers = [c.id for c in evidence if not c.number]  # numbered ones retell a result
     return {number: chapter_schema(project.root, number) for number in numbers}
 
 

@@ -104,7 +104,7 @@ def test_printed_values_are_those_of_the_transcriptions(
         ({"value": "inf"}, "value"),
         ({"why": ""}, "P1-T2-x: why"),
         ({"says": "two\nlines"}, "P1-T2-x: says"),
-        ({"check": {"chapter": "2", "quantity": "x"}}, "chapter"),
+        ({"check": {"chapter": "P 1", "quantity": "x"}}, "chapter"),
         ({"check": {"needs": ["lost"]}, "tolerance": None}, "needs lost, which is not listed"),
         ({"check": {"needs": ["here"]}}, "a claim that cannot be tested has no tolerance"),
         ({"over": {"a": [1, 2]}, "values": "3"}, "P1-T2-x has 1 values for 2 places"),

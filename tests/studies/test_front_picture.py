@@ -82,5 +82,8 @@ def test_the_picture_is_the_same_each_time_and_its_text_says_its_numbers(
     assert front_svg(drawn) == front_svg(drawn)
     page = render("index", front=[asdict(row) for row in drawn])
     (alt,) = re.findall(r"^:alt: (.*)$", page, re.M)
-    assert "A over B, position: 0.10 printed, 1.25 rebuilt; C over D: 2.00 rebuilt, 3.00" in alt
+    assert (
+        "A over B, position: 0.10 printed, 1.25 on equal terms; C over D: 2.00 on equal terms, 3.00"
+        in alt
+    )
     assert alt.endswith("3.00 recorded.")

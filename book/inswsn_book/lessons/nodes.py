@@ -25,7 +25,7 @@ Point = tuple[float, float]
 FACTORS = (1, 1.5, 2, 3, 4, 6, 8, 12, 16)
 DRIFTS = (0.001, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0)  # variance of a step over that of a fix
 MOST = 12  # clusters
-#: Accelerations that the filters of P2's scene may assume, m/s^2; the first is what P2 prints
+#: Accelerations that the filters of P2's scenario may assume, m/s^2; the first is what P2 prints
 ACCELERATIONS = {"fkf": (0.017, 0.05, 0.15, 0.5, 2.0, 10.0), "dhf": (0.017, 0.15, 10.0)}
 COMPONENTS = {"rx": "position in x", "ry": "position in y"}  # by their names in P2's numbers
 COMPONENTS |= {"vx": "velocity in x", "vy": "velocity in y"}
@@ -128,8 +128,7 @@ def show_band(run: ExampleRun, fixes: Array) -> None:
     )
     shown.show(
         name="fig-l5-band",
-        caption="The error of the mean of all clusters, and its band of two standard deviations "
-        "if the errors of the clusters were independent.",
+        caption="The error of the mean of all clusters, and the band of two standard deviations that it would have if the errors of the clusters were independent.",
         alt="The error of the velocity in x over 20 seconds, in a band. With one cluster it is "
         f"inside {inside(1, 1)}; with {numbers[-1]} clusters, treated as independent, "
         f"{inside(numbers[-1], 1)}.",
@@ -146,7 +145,7 @@ SCHEMES = {
 
 
 def show_flow() -> None:
-    """Show the nodes of P2's scene, the heads of its clusters, and what goes to whom."""
+    """Show the nodes of P2's scenario, the heads of its clusters, and what goes to whom."""
     shown = Moving(
         "Who sends what to whom",
         Slider("s", "scheme", [*SCHEMES], "as if independent", "{}"),
@@ -194,7 +193,7 @@ def show_flow() -> None:
     )
     shown.show(
         name="fig-l5-flow",
-        caption="Clusters A, B and C of nodes, each with a head. All heads receive the output of "
+        caption="Three clusters of nodes, A, B and C, each with a head. All heads receive the output of "
         "the vehicle's INS, and that is what their filters share.",
         alt="A map of nodes in three clusters. Lines lead from the INS of the vehicle to the head "
         "of each cluster, and from each head to a centre.",
@@ -538,7 +537,7 @@ def show_reductions(
     )
     shown.show(
         name="fig-l5-reductions",
-        caption="Bars: P2's scene, simulated here; below 0, the federated filter is better. "
+        caption="Bars: P2's scenario, simulated here; below 0, the federated filter is better. "
         "Dashes: the numbers that P2 prints.",
         alt="Bars of the reduction in four components, and what P2 prints. With both filters at "
         f"{first:g} m/s², it is {words(first, first, slice(0, 4))}.",
@@ -569,7 +568,7 @@ def hold(
         for rival, said in printed["results"][name].items():
             kept.say(f"p2.{name}.{rival}", said)
         kept.note(f"implied.{name}", implied[of], "1", "Federated over INS, of P2's cells.")
-        kept.note(f"found.{name}", found[of], "1", "The same, P2's scene, first figures.")
+        kept.note(f"found.{name}", found[of], "1", "The same, P2's scenario, first figures.")
     for name in ("position", "velocity"):
         kept.say(f"p2.{name}", printed["abstract"][f"{name}_vs_fkf"])
         kept.crossed("p2-fusion", f"fair.dhf-over-fkf.{name}", ".2f")
