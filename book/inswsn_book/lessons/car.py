@@ -452,7 +452,8 @@ def show_recorded(trials: RecordedTrials) -> tuple[dict[str, tuple[Array, Array]
     )
     shown.show(
         name="fig-l6-recorded",
-        caption="The accelerometer and gyro data are recorded, and so is the path; fixes and compass readings are made from the path by adding noise.",
+        caption="The accelerometer and gyro data are recorded, and so is the path; fixes and "
+        "compass readings are made from the path by adding noise.",
         alt="Two charts over 40 s of a recorded drive. With satellites lost at 120 s, the error is "
         f"{off['never', 120]:.1f} m for the INS alone, {off['through', 120]:.1f} m with aids, and "
         f"{off['lssvm', 120]:.1f} m with the learned correction.",

@@ -109,7 +109,8 @@ def show_fix(nodes: Array, place: Array, locate: Locate, rng: np.random.Generato
     )
     shown.show(
         name="fig-l1-fix",
-        caption="Fixes err in all directions. With many nodes they are more accurate than the ranges.",
+        caption="Fixes err in all directions. With many nodes they are more accurate than "
+        "the ranges.",
         alt=f"{len(nodes)} nodes around a position, and sixty fixes of it. With range errors of "
         f"0.38 m, the mean error of the fixes is {mean[0.38]:.2f} m.",
     )

@@ -128,7 +128,8 @@ def show_band(run: ExampleRun, fixes: Array) -> None:
     )
     shown.show(
         name="fig-l5-band",
-        caption="The error of the mean of all clusters, and the band of two standard deviations that it would have if the errors of the clusters were independent.",
+        caption="The error of the mean of all clusters, and the band of two standard "
+        "deviations that it would have if the errors of the clusters were independent.",
         alt="The error of the velocity in x over 20 seconds, in a band. With one cluster it is "
         f"inside {inside(1, 1)}; with {numbers[-1]} clusters, treated as independent, "
         f"{inside(numbers[-1], 1)}.",
@@ -193,7 +194,8 @@ def show_flow() -> None:
     )
     shown.show(
         name="fig-l5-flow",
-        caption="Three clusters of nodes, A, B and C, each with a head. All heads receive the output of "
+        caption="Three clusters of nodes, A, B and C, each with a head. All heads receive "
+        "the output of "
         "the vehicle's INS, and that is what their filters share.",
         alt="A map of nodes in three clusters. Lines lead from the INS of the vehicle to the head "
         "of each cluster, and from each head to a centre.",

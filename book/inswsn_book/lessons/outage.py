@@ -471,5 +471,6 @@ def show_table3(printed: Any, sizes: Mapping[str, Array]) -> None:
     show_dots(
         "P1 Table 3, and this run", "error in", rows, x="mean error over that of the INS alone",
         xlim=(0, 2), name="fig-l4-table3",
-        caption="The first outage: P1's printed errors divided by those of its INS, and the same ratios in this run.",
+        caption="The first outage: P1's printed errors divided by those of its INS, and the "
+        "same ratios in this run.",
     )  # fmt: skip

@@ -203,7 +203,8 @@ def show_third(results: Mapping[str, Mapping[str, str]], allowed: float) -> None
     )
     shown.show(
         name="fig-l7-third",
-        caption="The band shows every ratio that P2's two percentages allow. The vertical line marks the tolerance that the papers' round figures suggest.",
+        caption="The band shows every ratio that P2's two percentages allow. The vertical "
+        "line marks the tolerance that the papers' round figures suggest.",
         alt="The ratio of the errors of the federated filter and of the INS alone, as printed: "
         + ", ".join(f"{axis} {plain(axis):.2f}" for axis in pairs)
         + f". For the velocity in x, “about” must allow {need['velocity in x']:g} points for one.",

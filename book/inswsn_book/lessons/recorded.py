@@ -257,7 +257,8 @@ def show_many(found: Mapping[tuple[str, float], tuple[float, float]]) -> None:
     shown.sentence(said)
     shown.show(
         name="fig-l8-many",
-        caption=f"{MANY} simulated runs. Beyond what correlation time does the filter that assumes white errors become worse than the fixes?",
+        caption=f"{MANY} simulated runs. Beyond what correlation time does the filter that "
+        "assumes white errors become worse than the fixes?",
         alt=" ".join(map(said, lasting)),
     )
 
@@ -303,7 +304,8 @@ def show_honesty(runs: Mapping[float, ExampleRun], plain: Filter, knowing: Filte
     shown.sentence(said)
     shown.show(
         name="fig-l8-honesty",
-        caption="Bands are two standard deviations to either side, according to each filter's covariance. "
+        caption="Bands are two standard deviations to either side, according to each "
+        "filter's covariance. "
         "Errors in x and y should be inside 95 % of the time.",
         alt=said(2.0),
     )
@@ -353,7 +355,8 @@ def show_innovations(runs: Mapping[float, ExampleRun], knowing: Filter) -> None:
     shown.sentence(said)
     shown.show(
         name="fig-l8-innovations",
-        caption="The grey band is the range expected by chance if the innovations are uncorrelated.",
+        caption="The grey band is the range expected by chance if the innovations are "
+        "uncorrelated.",
         alt=" ".join(map(said, lasting)),
     )
 
