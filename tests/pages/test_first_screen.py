@@ -15,11 +15,12 @@ DESKTOP, PHONE = {"width": 1440, "height": 900}, {"width": 360, "height": 740}
 MOST = 1_500_000  # bytes
 
 # all code and formulas that do not fit, and whether a shadow shows it
-CUT = """() => [...document.querySelectorAll("main pre, main mjx-container")]
+CUT = """() => [...document.querySelectorAll(
+    "main :is(pre, mjx-container[display], mjx-container[data-scrolls])")]
   .filter((box) => box.checkVisibility() && box.scrollWidth > box.clientWidth + 1)
-  .filter((box) => getComputedStyle(box).display !== "inline")
-  .map((box) => [box.textContent.trim().slice(0, 60), getComputedStyle(box).overflowX === "auto"
-    && getComputedStyle(box).backgroundImage.includes("gradient")])"""
+  .map((box) => [box, getComputedStyle(box)])
+  .map(([box, style]) => [`${box.localName}: ${box.textContent.trim().slice(0, 60)}`,
+    style.overflowX === "auto" && style.backgroundImage.includes("gradient")])"""
 
 
 @pytest.mark.parametrize("name", LESSONS)
@@ -43,7 +44,7 @@ def test_code_fits_on_a_desktop_and_shows_that_it_scrolls_on_a_phone(
     page = visit(browser, served, name, viewport=DESKTOP).page
     unfold(page)
     page.evaluate("for (const box of document.querySelectorAll('details')) box.open = true")
-    assert cut(page) == []
+    assert [said for said, is_seen in cut(page) if said.startswith("pre") or not is_seen] == []
     page.set_viewport_size(PHONE)
     page.wait_for_function("document.documentElement.dataset.measured === '360'")
     assert [said for said, is_seen in cut(page) if not is_seen] == []
