@@ -443,7 +443,7 @@ def test_the_first_tab_leads_past_the_contents_and_none_to_a_formula(
 @pytest.mark.parametrize(
     ("name", "kinds"),
     [
-        (OWN_DATA, {"a", "button", "summary", "pre"}),
+        (OWN_DATA, {"a", "button", "summary"}),
         (LESSON, {"a", "button", "summary", "input"}),
     ],
 )
