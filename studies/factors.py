@@ -33,13 +33,15 @@ Level = dict[str, Any]
 CROSSED = ("p1-lmi", "p1-training", "p1-outages", "p2-fusion")
 #: Why the others are not
 ELSEWHERE = {
-    "printed-numbers": "Evidence printed-numbers computes no run: it counts printed claims.",
-    "p3-vehicle": "A drive of evidence p3-vehicle takes longer than any other point, too long for "
-    "thousands of them. Its assumptions are changed one at a time alone.",
+    "printed-numbers": "The evidence on the printed numbers computes no run: it counts printed "
+    "claims.",
+    "p3-vehicle": "A drive of the evidence on P3's vehicle takes longer than a point of any other "
+    "chapter, too long for thousands of them. Its assumptions are changed one at a time alone.",
 }
 #: Why a single alternative is not a factor, by its id or by that of its entry
 LEFT_OUT = {
-    "P1-M-L": "It is set by an edit of the text of evidence p1-lmi, which no parameter holds.",
+    "P1-M-L": "It is set by an edit of the text of the evidence on P1's LMI, which no parameter "
+    "holds.",
     "P1-M-bp": "It is of the network alone, whose training takes too long; no result here rests "
     "on it.",
 }

@@ -56,8 +56,7 @@ def test_the_words_of_a_command_are_taken(command: str, project: Project) -> Non
     _, name, *words = shlex.split(command)
     given = cli.commands[name].make_context(name, words).params
     if name in ("run", "sweep"):
-        evidence = given.get("evidence", True)
-        chapter, settings = project.find(given["name"], evidence=evidence), given["settings"]
+        chapter, settings = project.find(given["name"]), given["settings"]
         schema = chapter_schema(project.root, chapter.id)
         assert gather_parameters(schema, settings, None, project.root / "data")
         assert name == "run" or read_sweep(project, chapter, given["axes"], settings).places

@@ -74,4 +74,4 @@ def _needed(sheet: str, words: Set[str]) -> str:
 
 def _is_known(selector: str, words: Set[str]) -> bool:
     """Tell whether all classes of a selector are known, but for those that are an argument."""
-    return "\\" in selector or words.issuperset(_CLASS.findall(_ARGUMENT.sub("", selector)))
+    return "\\" in selector or {*_CLASS.findall(_ARGUMENT.sub("", selector))} <= words

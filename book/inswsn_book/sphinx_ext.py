@@ -33,8 +33,8 @@ def _configure(app: Any, config: Any) -> None:
     config.copyright = about["date-released"][:4]
     config.html_theme_options.setdefault("extra_footer", FOOTER)
     book = Path(app.srcdir)
-    if (book / "_static" / "scorer.js").is_file():
-        config.html_search_scorer = str(book / "_static" / "scorer.js")
+    if (book / "_sphinx" / "scorer.js").is_file():
+        config.html_search_scorer = str(book / "_sphinx" / "scorer.js")
     if (book / "_sphinx" / "404.html").is_file() and not os.environ.get(ALONE):
         config.templates_path = [*config.templates_path, "_sphinx"]
         config.html_additional_pages = {"404": "404.html"}

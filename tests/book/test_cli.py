@@ -174,7 +174,7 @@ def test_how_a_command_ends(
 
 def test_chapters_lists_their_parameters(mini: MiniProject, inswsn: Callable[..., Done]) -> None:
     assert inswsn(mini.root, "chapters").stdout == (
-        "00  mini\n"
+        "00-mini\n"
         "    scale = 2.0; a number in (0, 100]\n"
         "        What the number is multiplied by.\n"
     )

@@ -31,7 +31,11 @@ def test_a_claim_with_its_verdict(listed: list[dict]) -> None:
     (row,) = (entry for entry in listed if entry["id"] == "P1-T1-10-mpos")
     assert row["published"]["value"] == "0.1452"
     assert row["rebuilt"]["value"] == pytest.approx((0.2903 + 0.1063) / 2)
-    assert (row["verdict"], row["chapter"], row["cell"][:5]) == (CONTRADICTED, "00", "ch00-")
+    assert (row["verdict"], row["chapter"], row["cell"][:5]) == (
+        CONTRADICTED,
+        "printed-numbers",
+        "print",
+    )
 
 
 def test_claims_are_selected_and_counted(project: Project, inswsn: Callable[..., Done]) -> None:

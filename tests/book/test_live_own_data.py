@@ -264,7 +264,7 @@ WRONG: list[tuple[str, Change, str]] = [
     ("grouped digits", lambda text: text.replace("1.6084", "1_6", 1), "'1_6' in column ins_x_m"),
     ("an open quote", lambda text: text + '"1\n', "my.csv is not a CSV file"),
     ("no text", lambda text: "\ud800", "my.csv is not a CSV file: it is not UTF-8."),
-    ("too long", lambda text: "1\n" * MOST, f"has {MOST + 1} lines; this page takes {MOST}"),
+    ("too long", lambda text: "1\n" * MOST, f"{MOST + 1} lines; this page takes at most {MOST}"),
     ("a wide gap", lambda text: sparse(), f"spans {2 * MOST} steps; this page takes"),
 ]  # fmt: skip
 

@@ -203,7 +203,7 @@ def test_every_text_with_a_number_is_looked_at(
 def test_a_page_of_another_run_says_what_no_longer_holds(
     errata: Errata, readings: Readings, render: Callable[..., str]
 ) -> None:
-    wrong = Bound(chapter="00", quantity="period.area1", at_least=0.9)
+    wrong = Bound(chapter="printed-numbers", quantity="period.area1", at_least=0.9)
     first = errata.errata[0].model_copy(update={"evidence": (wrong,)})
     page = render("errata", errata=Errata(errata=(first,)))
     assert page.count("In this run its evidence does not hold:") == 1

@@ -95,7 +95,7 @@ def test_a_run_and_its_comparison(built: MiniProject, tmp_path: Path, inswsn: Co
     assert inswsn(built.root, "publish").returncode == 0
     kept = {path: files_of(path) for path in (built.published, built.results, built.site)}
     out, file = tmp_path / "out", tmp_path / "params.yml"
-    done = inswsn(built.root, "run", "0", "-p", "scale=3", "--out", str(out), "--html")
+    done = inswsn(built.root, "run", "00", "-p", "scale=3", "--out", str(out), "--html")
     assert done.returncode == 0, done.stderr
     assert done.stdout.splitlines() == [
         "parameters: scale: 2.0 -> 3.0",

@@ -107,9 +107,11 @@ def test_the_comparison_that_the_page_gives_for_colab(
 ) -> None:
     """It runs by the library of the checkout, whatever pip has installed beside it."""
     assert "http" not in launch(None)  # no address of a repository, and so no cell
-    found = re.search(r"^!cd \.\. && python (.*) results/02\.json$", launch(REPOSITORY), re.M)
+    found = re.search(
+        r"^!cd \.\. && python (.*) results/p1-training\.json$", launch(REPOSITORY), re.M
+    )
     assert found is not None
-    words = [*found[1].split(), "data/published/02.json"]
+    words = [*found[1].split(), "data/published/p1-training.json"]
     done = subprocess.run([sys.executable, *words], cwd=root, capture_output=True, text=True,
                           check=True)  # fmt: skip
     assert re.search(r"^0 of [1-9]\d* quantities changed", done.stdout, re.MULTILINE)

@@ -56,14 +56,14 @@ def test_what_is_in_order(built: MiniProject, archive: Path, inswsn: Callable[..
 
 def test_a_chapter_is_executed_anew(built: MiniProject, inswsn: Callable[..., Done]) -> None:
     store = {path: path.read_bytes() for path in built.store.rglob("*") if path.is_file()}
-    done = inswsn(built.root, "verify", "--execute", "0")
+    done = inswsn(built.root, "verify", "--execute", "00")
     assert "executing 5 cells" in done.stderr
     assert "good     chapter 00, executed anew: 1 quantities" in done.stdout
     assert {path: path.read_bytes() for path in store} == store
     # what is in the store says the same and is not asked
     source = built.source.read_text()
     built.source.write_text(source.replace("scale * number", "scale * number + 1"))
-    done = inswsn(built.root, "verify", "--execute", "0")
+    done = inswsn(built.root, "verify", "--execute", "00")
     assert done.returncode == 1
     assert "         twice: 42 m -> 43 m (change +1, tolerance 0.5)\n" in done.stdout
 

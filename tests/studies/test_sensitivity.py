@@ -57,7 +57,7 @@ def test_a_change_is_the_overlay_of_a_request(project: Project, assumptions: Ass
         assert request.parameters == cells[name].parameters
         return dict(request.overlay)
 
-    source, made = project.by_id("p1-training").source, overlay("P1-M-path/corner02")
+    source, made = project.by_id("p1-training").source, overlay("P1-M-path/cornerp1-training")
     assert set(made) == {path("p1"), f"chapters/evidence/{source.name}"}
     changed = yaml.safe_load(made[path("p1")])
     assert changed["waypoints"]["value"] == [[650, 0], [150, 200], [130, 400]]
@@ -68,16 +68,16 @@ def test_a_change_is_the_overlay_of_a_request(project: Project, assumptions: Ass
     assert "## Table 2, published and rebuilt" in text
     assert "record.write()" in text
 
-    changed = yaml.safe_load(overlay("P3-M-imu/poor05")[path("p3")])
+    changed = yaml.safe_load(overlay("P3-M-imu/poorp3-vehicle")[path("p3")])
     told = read_yaml(scenarios / "p3.yaml")
     for name in ("gyro_noise", "filter_gyro_noise", "accelerometer_bias"):
         assert changed[name]["value"] == pytest.approx(3 * told[name]["value"], rel=1e-12)
     assert changed["gps_position_noise"] == told["gps_position_noise"]
 
     other = (scenarios / "p1-inertial-all-cells.yaml").read_text()
-    assert overlay("P1-M-INS/all-cells03")[path("p1-inertial")] == other
+    assert overlay("P1-M-INS/all-cellsp1-outages")[path("p1-inertial")] == other
 
-    (text,) = overlay("P1-M-L/positions01").values()
+    (text,) = overlay("P1-M-L/positionsp1-lmi").values()
     assert text.count("L=np.eye(2, 4)") == 2
     assert "L=np.eye(2, 4)" not in project.by_id("p1-lmi").source.read_text()
     with pytest.raises(InswsnError, match="has no section 'No such section'"):

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from inswsn_book import record
+from inswsn_book import record as book
 from inswsn_book.moving import Moving, Slider
 from inswsn_lib.navigation import OutageTrials, RecordedTrials, read_trials
 from inswsn_lib.papers import read_numbers
@@ -518,16 +518,16 @@ def _by_tilt(degrees: float) -> float:
     return float(_GRAVITY * np.radians(degrees) * LENGTH**2 / 2)
 
 
-def read_p3(seed: int, lateral: float) -> tuple[record.ChapterRecord, RecordedTrials, Any]:
+def read_p3(seed: int, lateral: float) -> tuple[book.ChapterRecord, RecordedTrials, Any]:
     """Return the record of the lesson, what is kept of the recorded drive, and P3's numbers."""
-    kept = record.ChapterRecord("lesson-6", {"seed": seed, "lateral": lateral})
-    kept.data("scenarios/p3.yaml")
-    trials, _ = read_trials(kept.data("recorded/p3-drive.json"))
-    return kept, trials, read_numbers(kept.data("papers/p3.yaml"))
+    record = book.ChapterRecord("lesson-6", {"seed": seed, "lateral": lateral})
+    record.data("scenarios/p3.yaml")
+    trials, _ = read_trials(record.data("recorded/p3-drive.json"))
+    return record, trials, read_numbers(record.data("papers/p3.yaml"))
 
 
 def hold(
-    kept: record.ChapterRecord, drive: Drive, told: FilterSettings, by_aids: Mapping[str, Parts],
+    record: book.ChapterRecord, drive: Drive, told: FilterSettings, by_aids: Mapping[str, Parts],
     navigate: Navigate, constrain: Constrain, outage: Outage, factor: Callable[..., float],
     size: Mapping[str, Array], played: Array, largest: Callable[[str], Mapping[str, float]],
     in_town: Mapping[str, Parts], least: float,
@@ -537,22 +537,22 @@ def hold(
         "factor.through-never", "factor.until-never", "methods.lssvm", "methods.short",
         "recorded.factor.through-never", "recorded.factor.lssvm", "lasting.0.state",
     ):  # fmt: skip
-        kept.say(name, f"{kept.reference('p3-vehicle', name).value:.2f}")
-    kept.say("proven", f"{100 * kept.reference('p3-vehicle', 'proven.none').value:.0f}")
+        record.say(name, f"{record.reference('p3-vehicle', name).value:.2f}")
+    record.say("proven", f"{100 * record.reference('p3-vehicle', 'proven.none').value:.0f}")
     for name in ("never", "through", "lssvm"):
         for label, error in largest(name).items():
-            kept.note(f"{name}.{label[0]}", error, "m", f"Largest error, outage {label}.")
+            record.note(f"{name}.{label[0]}", error, "m", f"Largest error, outage {label}.")
     straight, plain = turned(drive) < 15, run_vehicle_filter(drive, told, aiding=False, last=113)
     ends = {aids: (along[-1], across[-1]) for aids, (along, across) in by_aids.items()}
     said = _numbers(straight, ends, navigate, plain, constrain, in_town, least)
     basis = {"recorded": "emulation", "free": "algebra"}
     for name, (value, unit, how) in said.items():
-        kept.note(name, value, unit, how, basis=basis.get(name.partition(".")[0], "simulation"))
+        record.note(name, value, unit, how, basis=basis.get(name.partition(".")[0], "simulation"))
     share, learned = played / size["through"][:, 0], {}
     for name, which in (("", share > 0), (".large", share > 2), (".small", share < 1)):
         learned[name] = factor("lssvm", "through", which)
         how = "RMS over that of the aided car, by how far off the played outages were."
-        kept.note(f"learned{name}", learned[name], "1", how, relative=1e-2)  # as in the evidence
+        record.note(f"learned{name}", learned[name], "1", how, relative=1e-2)  # as in the evidence
     off = {aids: np.hypot(*both) for aids, both in ends.items()}
     lost = off["constraint"] > 20
     spread = np.trace(outage(113, ["constraint"])[1][:, :2, :2], axis1=1, axis2=2) ** 0.5
@@ -570,5 +570,5 @@ def hold(
         "Recorded, aids take most of the error.": aided < alone / 4,
         "Every recorded outage holds a turn.": least > 30,
     }.items():
-        kept.holds(sentence, holds)
-    kept.write()
+        record.holds(sentence, holds)
+    record.write()

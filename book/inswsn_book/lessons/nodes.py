@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from inswsn_book import record
+from inswsn_book import record as book
 from inswsn_book.lessons.blend import nis_interval
 from inswsn_book.moving import Moving, Slider
 from inswsn_lib.evaluation import normalised_squares
@@ -547,17 +547,17 @@ def show_reductions(
     return off
 
 
-def read_p2(seed: int, clusters: int) -> tuple[record.ChapterRecord, Any, dict[str, Setting]]:
+def read_p2(seed: int, clusters: int) -> tuple[book.ChapterRecord, Any, dict[str, Setting]]:
     """Return the record of the lesson, and the numbers and the scene of P2."""
-    kept = record.ChapterRecord("lesson-5", {"seed": seed, "clusters": clusters})
+    record = book.ChapterRecord("lesson-5", {"seed": seed, "clusters": clusters})
     for name in ("p1", "p1-inertial"):
-        kept.data(f"scenarios/{name}.yaml")
-    printed = read_numbers(kept.data("papers/p2.yaml"))
-    return kept, printed, load_scenario(kept.data("scenarios/p2.yaml"))
+        record.data(f"scenarios/{name}.yaml")
+    printed = read_numbers(record.data("papers/p2.yaml"))
+    return record, printed, load_scenario(record.data("scenarios/p2.yaml"))
 
 
 def hold(
-    kept: record.ChapterRecord, printed: Any, run: ExampleRun, fixes: Array,
+    record: book.ChapterRecord, printed: Any, run: ExampleRun, fixes: Array,
     square: Mapping[tuple[bool, int], float], agreement: float, naive: tuple[Array, Array],
     off: Mapping[tuple[str, float], Array], implied: Mapping[str, float],
     found: Mapping[str, float], d: Array, weights: Mapping[str, Array],
@@ -568,25 +568,25 @@ def hold(
     low, high = nees_interval(run, clusters)
     for name, of in COMPONENTS.items():
         for rival, said in printed["results"][name].items():
-            kept.say(f"p2.{name}.{rival}", said)
-        kept.note(f"implied.{name}", implied[of], "1", "Federated over INS, of P2's cells.")
-        kept.note(f"found.{name}", found[of], "1", "The same, P2's scenario, first figures.")
+            record.say(f"p2.{name}.{rival}", said)
+        record.note(f"implied.{name}", implied[of], "1", "Federated over INS, of P2's cells.")
+        record.note(f"found.{name}", found[of], "1", "The same, P2's scenario, first figures.")
     for name in ("position", "velocity"):
-        kept.say(f"p2.{name}", printed["abstract"][f"{name}_vs_fkf"])
-        kept.crossed("p2-fusion", f"fair.dhf-over-fkf.{name}", ".2f")
-        ratio = kept.reference("p2-fusion", f"fair.dhf-over-fkf.{name}").value
-        kept.say(f"fair.{name}", f"{ratio:.4f}")
+        record.say(f"p2.{name}", printed["abstract"][f"{name}_vs_fkf"])
+        record.crossed("p2-fusion", f"fair.dhf-over-fkf.{name}", ".2f")
+        ratio = record.reference("p2-fusion", f"fair.dhf-over-fkf.{name}").value
+        record.say(f"fair.{name}", f"{ratio:.4f}")
     for name in ("theorem.free-scene", "theorem.true-scene", "search.pairings"):
-        kept.say(name, f"{kept.reference('p2-fusion', name).value:.4f}")
+        record.say(name, f"{record.reference('p2-fusion', name).value:.4f}")
     back, alone = with_factor(1, 3, 0.1, reset=True)[1], settled(0.1)[1] ** 0.5
-    kept.note("reset.naive", back, "1", "Size of the error, three clusters, drift 0.1.")
-    kept.note("alone", alone, "1", "The same, one cluster.")
-    kept.note("intersection", square[False, 1] / clusters, "1", "NEES, mean and P.")
+    record.note("reset.naive", back, "1", "Size of the error, three clusters, drift 0.1.")
+    record.note("alone", alone, "1", "The same, one cluster.")
+    record.note("intersection", square[False, 1] / clusters, "1", "NEES, mean and P.")
     for noise, each in weights.items():
-        kept.note(f"weight.{noise}", each.max(), "1", "Of the best cluster, by the LMI.")
+        record.note(f"weight.{noise}", each.max(), "1", "Of the best cluster, by the LMI.")
     true, fix = run.distances(run.ins - estimate).mean(), run.distances(fixes[0]).mean()
     for name, value in (("believed", P[-1][:2, :2].trace() ** 0.5), ("fix", fix), ("true", true)):
-        kept.note(f"back.{name}", 100 * value, "cm", "Position, reset without the factor.")
+        record.note(f"back.{name}", 100 * value, "cm", "Position, reset without the factor.")
     level = {a: off["dhf", a] / off["fkf", a] for a in ACCELERATIONS["dhf"]}
     hand = " ".join(f"{max(w) / sum(w):.2f}" for w in (1 / (1 + d**2), 1 / d**2))
     for sentence, holds in {
@@ -606,5 +606,5 @@ def hold(
         "By hand: 0.618, 0.171, 0.28.": f"{K:.3f} {C:.3f} {C / K:.2f}" == "0.618 0.171 0.28",
         "Weights by hand: 0.53, 0.76.": hand == "0.53 0.76",
     }.items():
-        kept.holds(sentence, holds)
-    kept.write()
+        record.holds(sentence, holds)
+    record.write()

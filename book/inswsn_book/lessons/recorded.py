@@ -11,11 +11,8 @@ from numpy.typing import NDArray
 
 from inswsn_book.lessons.dots import show_dots
 from inswsn_book.lessons.nodes import model_of
-from inswsn_book.live.absent import AbsentError
 from inswsn_book.moving import Moving, Slider
 from inswsn_book.record import ChapterRecord
-from inswsn_lib.errors import InswsnError
-from inswsn_lib.files import data_file
 from inswsn_lib.filters import design_kalman, run_kalman
 from inswsn_lib.navigation import ExampleRun, TrainingAreas, read_tables
 from inswsn_lib.navigation.training_areas import p1_settings
@@ -24,8 +21,6 @@ Array = NDArray[np.float64]
 #: What a filter finds at each sample: the state, and its covariance
 Filter = Callable[[ExampleRun, float], tuple[Array, Array]]
 
-KEPT = "recorded/on-recordings.json"
-FILES = ("scenarios/p1.yaml", "scenarios/p1-inertial.yaml", KEPT)
 #: What the text has of the evidence: its name, the quantity, and its form
 EVIDENCE = (
     ("velocity", "room.coloured.velocity", ".2f"), ("lag", "room.lag.position", ".2f"),
@@ -51,12 +46,10 @@ BRIDGES = {
 }
 
 
-def recordings() -> Mapping[str, pd.DataFrame]:
-    """Return what a study of recordings found; where Python runs in the page it is not there."""
-    try:
-        return read_tables(data_file(KEPT))[0]
-    except InswsnError:
-        raise AbsentError(f"data/{KEPT}") from None
+def recordings(**parameters: Any) -> tuple[ChapterRecord, Mapping[str, pd.DataFrame]]:
+    """Return the record of the lesson, and what a study of recordings found."""
+    record = ChapterRecord("lesson-8", parameters)
+    return record, read_tables(record.data("recorded/on-recordings.json"))[0]
 
 
 def off(run: ExampleRun, estimate: Array) -> float:
@@ -441,13 +434,13 @@ def show_bridges(profile: pd.DataFrame) -> None:
 
 
 def hold(
-    run: ExampleRun, knowing: Filter, many: Mapping[tuple[str, float], tuple[float, float]],
-    tables: Mapping[str, pd.DataFrame], **parameters: Any,
+    record: ChapterRecord, run: ExampleRun, knowing: Filter,
+    many: Mapping[tuple[str, float], tuple[float, float]], tables: Mapping[str, pd.DataFrame],
+    lasting: float,
 ) -> None:  # fmt: skip
     """Record what the lesson found, and hold its sentences against it."""
-    record, lasting = ChapterRecord("lesson-8", parameters), parameters["lasting"]
-    for name in FILES:
-        record.data(name)
+    for name in ("p1", "p1-inertial"):
+        record.data(f"scenarios/{name}.yaml")
     for name, of, form in EVIDENCE:
         record.say(name, f"{record.reference('recorded-data', of).value:{form}}")
     kinds = ("labyrinth.odometry.error", "labyrinth.network.error")

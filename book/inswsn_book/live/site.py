@@ -23,7 +23,7 @@ OWN_DATA = "your-own-data"
 
 def lessons(project: Project) -> list[Chapter]:
     """Return the lessons."""
-    return [chapter for chapter in project.chapters() if chapter.lesson]
+    return [chapter for chapter in project.chapters() if chapter.number and "/" not in chapter.name]
 
 
 def put_in(project: Project, site: Path, progress: Progress) -> None:
