@@ -185,7 +185,7 @@ def test_the_keyboard_does_it_all(page: Page) -> None:
     for _ in FIGURES:
         page.keyboard.press("Tab")
     page.keyboard.press("Enter")
-    expect(page.get_by_role("alert")).to_contain_text("wsn_position_noise is 0")
+    expect(page.get_by_role("alert")).to_contain_text("wsn_position_noise must be a number above 0")
     say(page, "wsn_position_noise must be a number above 0 and below 1000, not 0.")
 
 
