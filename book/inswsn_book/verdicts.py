@@ -51,8 +51,9 @@ class Verdict(StrEnum):
     @property
     def outcome(self) -> str:
         """Which of the three `OUTCOMES` it belongs to."""
-        place = list(Verdict).index(self)
-        return OUTCOMES[0 if place < 4 else 1 if place < 6 else 2]
+        held = (Verdict.REPRODUCED, Verdict.ADDS_UP, Verdict.IDENTITY, Verdict.LIKE_OURS)
+        failed = (Verdict.NOT_REPRODUCED, Verdict.CONTRADICTED)
+        return OUTCOMES[0 if self in held else 1 if self in failed else 2]
 
 
 # What stands behind a verdict that rests on an assumption of ours, be it positive or negative
