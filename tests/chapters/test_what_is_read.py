@@ -48,15 +48,9 @@ QUICK: dict[str, dict[str, Value]] = {
 
 
 LONG = {
-    "printed-numbers",
-    "p1-lmi",
-    "p1-training",
-    "p1-outages",
-    "p2-fusion",
-    "p3-vehicle",
-    "recorded-data",
-    "62",
-} | {f"lesson-{number}" for number in (3, 4, 5, 6, 8)}
+    "printed-numbers", "p1-lmi", "p1-training", "p1-outages", "p2-fusion", "p3-vehicle",
+    "recorded-data", "62", *(f"lesson-{number}" for number in (3, 4, 5, 6, 8)),
+}  # fmt: skip
 SPY = """\
 import os, sys
 def _hook(event, args, log=open({log!r}, "w", buffering=1)):
