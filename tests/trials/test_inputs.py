@@ -331,7 +331,7 @@ def readers(project: Project) -> dict[str, tuple[str, list[str], Callable[[Path]
         ),
         "assumptions": ("a.yaml", [texts("assumptions.yaml")[0][:3000]], read_yaml),
         "scenarios": ("a.yaml", scenarios, scenario),
-        "results": ("61.json", texts("published/61.json", "published/90.json"), results),
+        "results": ("61.json", texts("published/61.json", "published/which-filter.json"), results),
         "verdicts": ("a.json", [verdict], read_verdicts),
         "recorded trials": ("a.json", texts("recorded/p3-drive.json"), read_trials),
         "kept studies": ("a.json", texts("recorded/uwb-fixes.json"), read_json),
