@@ -122,6 +122,7 @@ def chapters(root: Path | None) -> None:
 @_out
 @click.option("--html", is_flag=True, help="Also render the chapter's page for this run.")
 @click.option("--fresh", is_flag=True, help="Execute it even if the same run is kept.")
+@click.option("--quick", is_flag=True, help="Fewer runs, and only the sections of the findings.")
 @click.pass_obj
 def run(
     root: Path | None,
@@ -131,33 +132,18 @@ def run(
     file: Path | None,
     **how: Any,
 ) -> None:
-    """Execute a chapter with other parameters and compare it with the published run.
+    """Ask a chapter: execute it with other parameters and tell what becomes of its findings.
 
-    `inswsn chapters` lists the names. A run on data of your own is not compared; what the chapter
-    reports about them is printed.
+    `inswsn chapters` lists the names; what a chapter's scenario files set can be set as well. A
+    lesson passes on what it does not have to its evidence. A run on data of your own is not
+    compared; what the chapter reports about them is printed.
 
-    For example: inswsn run p1-training -p q_scale=0.1 -p runs=200
+    For example: inswsn run 2 -p range_noise=0.5
     """
-    from inswsn_book.compare import comparison
-    from inswsn_book.ledger import LEDGER, claims_of, load_claims
-    from inswsn_book.parameters import chapter_schema
-    from inswsn_book.progress import Progress
-    from inswsn_book.running import REPORT, gather_parameters, own_data, run_chapter
-    from inswsn_book.runs import reference_results
+    from inswsn_book.answer import ask
 
-    project = _project(root)
-    number = project.find(name).id
-    schema = chapter_schema(project.root, number)
-    values = gather_parameters(schema, settings, file, project.root / "data")
-    with Progress() as progress:
-        folder, results = run_chapter(project, number, values, progress, **how)
-    if (folder / REPORT).is_file() and own_data(schema, values):
-        click.echo((folder / REPORT).read_text(encoding="utf-8").rstrip())
-    else:
-        claims = claims_of(load_claims(project.root / LEDGER), number)
-        reference = reference_results(project, number)
-        click.echo("\n".join(comparison(reference, results, claims)))
-    click.echo(f"The run is in {folder}")
+    for line in ask(_project(root), name, settings, file, **how):
+        click.echo(line)
 
 
 @cli.command()

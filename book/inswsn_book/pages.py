@@ -41,7 +41,7 @@ _UNSTAGED = re.compile(r"inswsn_book/|_templates/|pyproject\.toml|renamed\.yaml|
 #: In the head of a chapter: for which words a search is to lead to it
 _INDEX = re.compile(r"\A---\n(?:.*\n)*?index: *(.+)\n")
 _HEAD = re.compile(
-    r"\*\*You need\*\*\s+(?P<need>.*?)\.\s+\*\*(?:Aft.*?)?"
+    r"\*\*You need\*\*\s+(?P<need>.*?)\.\s+\*\*(?:You will learn to.*?)?"
     r"Reading time\*\*\s+(?P<minutes>\d+)\s+minutes?\.",
     re.DOTALL,
 )

@@ -93,7 +93,7 @@ class Results(Frozen):
 
     schema_version: Literal[4] = SCHEMA_VERSION
     chapter: Name
-    parameters: dict[Name, bool | int | Finite | str]
+    parameters: dict[Name, bool | int | Finite | str | list[Any]]  # its own and its scene's
     data: dict[str, Digest]  # the files that it read, as `inswsn_book.ledger.data_digest`
     quantities: tuple[Quantity, ...]  # in the order in which they were recorded
     sentences: dict[str, bool] = {}  # of the page that rest on results, and whether they hold
