@@ -188,12 +188,14 @@ def _changes(before: Results, after: Results) -> list[str]:
     pairs = [pair for pair in pair_quantities(before, after) if pair.before != pair.after]
     conditions = compare_conditions(before, after)
     same_words = _without_numbers(before) == _without_numbers(after)
-    if not conditions and same_words and all(pair.is_rounding for pair in pairs):
+    new_words = sorted(before.words.keys() ^ after.words.keys())
+    if not (conditions or new_words) and same_words and all(pair.is_rounding for pair in pairs):
         return []
     return [
         *(f"{'!' if p.beyond_tolerance else ' '} {after.chapter} {p}" for p in pairs),
         *(f"! {after.chapter} {condition}" for condition in conditions),
         *(f"  {after.chapter} {line}" for line in _tables_that_differ(before, after)),
+        *(f"  {after.chapter} words: {name}" for name in new_words),
     ]
 
 

@@ -18,7 +18,6 @@ from inswsn_book.files import (
     text_digest,
     write_whole,
 )
-from inswsn_book.notebooks import notebook_text, read_notebook
 from inswsn_book.parameters import Parameter, Schema, Value, chapter_schema
 from inswsn_book.progress import Progress
 from inswsn_book.project import Project
@@ -98,13 +97,11 @@ def run_chapter(
     folder = out or project.root / "runs" / f"{name}-{text_digest(text)[:8]}"
     check_folder(folder)
     done = runs.run(project, runs.Request(number, values), progress, fresh=fresh)
-    from inswsn_book.pages import environment, with_notes  # noqa: PLC0415  # takes long
+    from inswsn_book.pages import plain_notebooks  # noqa: PLC0415  # takes long
 
-    assert done.notebook is not None
-    notebook = read_notebook(done.notebook)
-    own = with_notes(notebook, done.results, (), environment(project.root))
+    (own,) = plain_notebooks(project, [done], folder.resolve()).values()
     with made_folder(folder) as made:
-        files = {f"{name}.ipynb": notebook_text(own), "parameters.yml": text, **done.files}
+        files = {f"{name}.ipynb": own, "parameters.yml": text, **done.files}
         for written, content in files.items():
             write_whole(made / written, content)
         write_results(done.results, made / f"{number}.json")
