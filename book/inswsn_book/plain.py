@@ -151,7 +151,7 @@ class _Prose:
     def caption(self, label: str, words: str = "") -> str:
         """Return the caption of a figure or table, with its number."""
         words = words or self._line(self._words.get(label, ""))
-        return f"**{self._numbers[label]}.** {words}" if label else words
+        return f"**{number}.** {words}" if (number := self._numbers.get(label)) else words
 
     def outputs(self, outputs: Sequence[Any]) -> Iterator[Any]:
         """Yield the outputs that say something outside the book."""
@@ -195,28 +195,29 @@ class _Prose:
         label = options.get("label", options.get("name", ""))
         number, title = self._numbers.get(label, ""), self._line(title)
         inner = self.text("\n".join(body)) if kind not in ("list-table", "math") else ""
+        word = number or kind.removeprefix("prf:").capitalize()
+        parts = [f"**{word}{title and f' ({title})'}.**", inner]  # a theorem or the like
         if kind in _SILENT:
-            return ""
-        if kind == "math":
+            parts = []
+        elif kind == "math":
             tag = f"\\tag{{{number}}}\n" if number else ""
-            return "$$\n" + "\n".join(body).strip() + f"\n{tag}$$"
-        if kind == "exercise-start":
-            return f"**{number or 'Exercise'}: {title}**\n\n{inner}".strip()
-        if kind == "solution-start":
-            return f"**Solution.**\n\n{inner}".strip()
-        if kind == "list-table":
-            return "\n\n".join(filter(None, [self.caption(label, title), self._table(options, body)]))
-        if kind in ("figure", "image"):
-            return f"![{options.get('alt', '')}]({title})\n\n{self.caption(label, inner)}".strip()
-        if kind.startswith("prf:"):
-            word = number or kind.removeprefix("prf:").capitalize()
-            return f"**{word}{f' ({title})' if title else ''}.**\n\n{inner}"
-        if kind == "div":
-            return inner
-        if kind not in ("admonition", "dropdown"):
-            inner, title = f"{title}\n\n{inner}".strip(), kind.capitalize()
-        quoted = f"**{title}**\n\n{inner}".split("\n")
-        return "\n".join(f"> {line}".rstrip() for line in quoted)
+            parts = ["$$\n" + "\n".join(body).strip() + f"\n{tag}$$"]
+        elif kind == "exercise-start":
+            parts = [f"**{number or 'Exercise'}: {title}**", inner]
+        elif kind == "solution-start":
+            parts = ["**Solution.**", inner]
+        elif kind == "list-table":
+            parts = [self.caption(label, title), self._table(options, body)]
+        elif kind in ("figure", "image"):
+            parts = [f"![{options.get('alt', '')}]({title})", self.caption(label, inner)]
+        elif kind == "div":
+            parts = [inner]
+        elif not kind.startswith("prf:"):
+            if kind not in ("admonition", "dropdown"):
+                inner, title = f"{title}\n\n{inner}".strip(), word
+            lines = f"**{title}**\n\n{inner}".split("\n")
+            parts = ["\n".join(f"> {line}".rstrip() for line in lines)]
+        return "\n\n".join(filter(None, parts))
 
     def _table(self, options: Mapping[str, str], body: list[str]) -> str:
         rows = re.split(r"^\* -", "\n".join(body).strip(), flags=re.M)[1:]
@@ -247,27 +248,29 @@ class _Prose:
     def _role(self, match: re.Match[str], strong: str) -> str:
         role, text = match[1], " ".join(match[2].split())
         words, _, target = (p.strip() for p in text.removesuffix(">").rpartition("<"))
+        shown = words or target
         if role == "glue:text":
             name, _, form = text.partition(":")
             value = self._words.get(name, "…")
-            return f"{strong}{value if isinstance(value, str) else format(value, form)}{strong}"
-        if role in _PYTHON:
-            return f"`{words or target.lstrip('~')}`"
-        if role.startswith("cite"):
+            number = not isinstance(value, str)
+            shown = f"{strong}{format(value, form.replace('d', '.0f') if number else '')}{strong}"
+        elif role in _PYTHON:
+            shown = f"`{shown.lstrip('~')}`"
+        elif role.startswith("cite"):
             cited = [self._book.citation(key.strip()) for key in target.split(",")]
-            if role == "cite:t":
-                return " and ".join(f"{who} ({year})" for who, year in cited)
-            return f"({'; '.join(f'{who}, {year}' for who, year in cited)})"
-        if role in ("numref", "prf:ref", "eq"):
-            words = words or self._numbers.get(target) or self._book.number(target)
-            return f"({words})" if role == "eq" else self._link(words, self._book.home(target))
-        if role in ("doc", "download"):
+            shown = " and ".join(f"{who} ({year})" for who, year in cited)
+            if role != "cite:t":
+                shown = f"({'; '.join(f'{who}, {year}' for who, year in cited)})"
+        elif role in ("numref", "prf:ref", "eq"):
+            shown = words or self._numbers.get(target) or self._book.number(target)
+            shown = self._link(f"({shown})" if role == "eq" else shown, self._book.home(target))
+        elif role in ("doc", "download"):
             place = posixpath.join("/", posixpath.dirname(self._page), target)
             place = posixpath.normpath(place).removesuffix(".ipynb")
-            return self._link(words or self._book.title(place), place.lstrip("/"))
-        if role == "ref":
-            return self._link(words or self._book.title(target), self._book.home(target))
-        return words or target
+            shown = self._link(words or self._book.title(place), place.lstrip("/"))
+        elif role == "ref":
+            shown = self._link(words or self._book.title(target), self._book.home(target))
+        return shown
 
     def _link(self, words: str, page: str | None) -> str:
         """Return words as a link to another chapter; of other pages there is no notebook."""
