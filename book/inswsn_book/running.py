@@ -19,7 +19,6 @@ from inswsn_book.files import (
     text_digest,
     write_whole,
 )
-from inswsn_book.notebooks import notebook_text, read_notebook
 from inswsn_book.parameters import Parameter, Schema, Value
 from inswsn_book.progress import Progress
 from inswsn_book.project import Chapter, Project
@@ -128,13 +127,11 @@ def run_chapter(
     check_folder(folder)
     done = runs.run(project, request, progress, fresh=fresh)
     answer, lines = tell(done.results, folder.resolve())
-    from inswsn_book.pages import environment, with_notes  # noqa: PLC0415  # takes long
+    from inswsn_book.pages import plain_notebooks  # noqa: PLC0415  # takes long
 
-    assert done.notebook is not None
-    notebook = read_notebook(done.notebook)
-    own = with_notes(notebook, done.results, (), environment(project.root))
+    (own,) = plain_notebooks(project, [done], folder.resolve()).values()
     with made_folder(folder) as made:
-        files = {f"{name}.ipynb": notebook_text(own), "parameters.yml": text, **done.files}
+        files = {f"{name}.ipynb": own, "parameters.yml": text, **done.files}
         files |= {"answer.txt": "\n".join([*answer, ""]), COMPARISON: "\n".join([*lines, ""])}
         for written, content in files.items():
             write_whole(made / written, content)

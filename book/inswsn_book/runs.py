@@ -495,19 +495,25 @@ def _overlaid(root: Path, overlay: Mapping[str, str]) -> Iterator[Path]:
 
 
 def _shown(executed: Any) -> dict[str, Any]:
-    """Return the cell that recorded each quantity, and each table: outputs have them as metadata.
+    """Return the cell that recorded each quantity, each table, and what is said in words.
 
-    `ChapterRecord.quantity` and `inswsn_book.show.show_table` leave them there.
+    Outputs have them as metadata: `ChapterRecord.quantity`, `ChapterRecord.say` and
+    `inswsn_book.show` leave them there.
     """
-    cells, tables = {}, {}
+    cells, tables, words = {}, {}, {}
     for cell in executed.cells:
         for output in cell.get("outputs", []):
             metadata = output.get("metadata", {})
-            if "quantity" in metadata.get("scrapbook", {}):
-                cells[metadata["scrapbook"]["quantity"]] = cell["id"]
-            if "table" in metadata:
-                tables[metadata["table"]["name"]] = metadata["table"]["cells"]
-    return {"cells": cells, "tables": tables}
+            if "quantity" in (glued := metadata.get("scrapbook", {})):
+                cells[glued["quantity"]] = cell["id"]
+            elif glued:
+                words[glued["name"]] = ast.literal_eval(*output["data"].values())
+            if table := metadata.get("table"):
+                tables[table["name"]] = table["cells"]
+                words[table["name"]] = output["data"]["text/plain"].partition("\n\n")[0]
+            if shown := metadata.get("inswsn"):
+                words[shown["name"]] = shown["caption"]
+    return {"cells": cells, "tables": tables, "words": words}
 
 
 def environment_of(project: Project, request: Request) -> dict[str, str]:
