@@ -87,7 +87,7 @@ def ask(
 def question(chapter: str, schema: Schema, values: Mapping[str, Value]) -> str:
     """Return what was asked: the chapter, and each value beside the published one, with units."""
     asked = [
-        f"{name} = {value}{_unit(schema[name].unit)} (published: {schema[name].default})"
+        f"{name} = {value}{unit_of(schema[name].unit)} (published: {schema[name].default})"
         for name, value in values.items()
     ]
     return f"{chapter} with {', '.join(asked) or 'its published parameters'}:"
@@ -121,7 +121,7 @@ def findings(headlines: Sequence[Headline], before: Results, after: Results) -> 
         for pair in pairs[:MOST]:
             what = pair.after or pair.before
             how = what.how.rstrip(".") if what else pair.name
-            lines.append(f"- {how}: {_quantity(pair.before)} -> {_quantity(pair.after)}")
+            lines.append(f"- {how}: {value_of(pair.before)} -> {value_of(pair.after)}")
         if not pairs:
             lines.append("- No number of this chapter moves by more than its tolerance.")
     return lines
@@ -171,14 +171,16 @@ def _listed(said: str, entries: Sequence[str]) -> str:
     return f"{line}."
 
 
-def _quantity(quantity: Quantity | None) -> str:
+def value_of(quantity: Quantity | None) -> str:
+    """Return a quantity in words: its value, unit and interval."""
     return "absent" if quantity is None else _said(quantity.value, quantity.interval, quantity.unit)
 
 
 def _said(value: float, ends: tuple[float, float] | None, unit: str) -> str:
     within = f" ({ends[0]:.3g} to {ends[1]:.3g})" if ends else ""
-    return f"{value:.3g}{_unit(unit)}{within}"
+    return f"{value:.3g}{unit_of(unit)}{within}"
 
 
-def _unit(unit: str) -> str:
+def unit_of(unit: str) -> str:
+    """Return a unit as it stands behind a number; nothing for a pure number."""
     return "" if unit in ("", "1") else f" {unit}"

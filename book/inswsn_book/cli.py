@@ -156,6 +156,7 @@ def run(
     metavar="NAME=VALUE,VALUE,...",
     help="A parameter and the values that it takes. Give one --grid for each parameter.",
 )
+@click.option("--of", metavar="NAME", help="The finding or column that is told and drawn.")
 @_settings
 @_jobs
 @click.option("--dask", metavar="ADDRESS", help="Compute on the Dask cluster of this scheduler.")
@@ -163,7 +164,13 @@ def run(
 @click.option("--fresh", is_flag=True, help="Ignore what is kept: compute all cells.")
 @click.pass_obj
 def sweep(
-    root: Path | None, /, name: str, axes: tuple[str, ...], settings: tuple[str, ...], **how: Any
+    root: Path | None,
+    /,
+    name: str,
+    axes: tuple[str, ...],
+    of: str | None,
+    settings: tuple[str, ...],
+    **how: Any,
 ) -> None:
     """Run a chapter at each cell of a grid of its parameters.
 
@@ -177,7 +184,7 @@ def sweep(
     from inswsn_book.sweep import read_sweep, run_sweep
 
     project = _project(root)
-    wanted = read_sweep(project, project.find(name), axes, settings)
+    wanted = read_sweep(project, project.find(name), axes, settings, of)
     with Progress() as progress:
         lines, failed = run_sweep(project, wanted, progress, **how)
     click.echo("\n".join(lines))

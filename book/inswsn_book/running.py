@@ -121,8 +121,9 @@ def run_chapter(
     number, values = request.chapter, request.parameters
     name = project.by_id(number).source.stem
     schema = asked_schema(project.root, project.by_id(number), values)
-    own = {n: v for n, v in schema.check(values).items() if n in values or not schema[n].scenario}
-    text = yaml.safe_dump(own, sort_keys=False)
+    every = schema.check(values).items()
+    given = {n: v for n, v in every if n in values or not schema[n].scenario}
+    text = yaml.safe_dump(given, sort_keys=False)
     folder = out or project.root / "runs" / f"{name}-{text_digest(text)[:8]}"
     check_folder(folder)
     done = runs.run(project, request, progress, fresh=fresh)
