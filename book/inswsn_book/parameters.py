@@ -89,7 +89,8 @@ class Parameter:
             finite = not isinstance(value, float) or math.isfinite(value)
             if finite and _obeys(value, self.rule):
                 return value
-        raise ParameterError(self.name, value, self.allowed)
+        hint = re.search(r"For another [^.]*", self.meaning)
+        raise ParameterError(self.name, value, self.allowed + (f" ({hint[0]})" if hint else ""))
 
     def read(self, text: str) -> Value:
         """Return the value that a text stands for, as in a file; refuse another one."""
