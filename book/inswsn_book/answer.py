@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from inswsn_book.assumptions import Headline, load_assumptions, quick_request
+from inswsn_book.assumptions import ASSUMPTIONS, Headline, load_assumptions, quick_request
 from inswsn_book.compare import (
     compare_conditions,
     comparison,
@@ -64,7 +64,8 @@ def ask(
             "searches; --quick leaves those out, with fewer runs and so wider intervals."
         )
     claims = claims_of(load_claims(project.root / LEDGER), chapter.id)
-    headlines = load_assumptions(project.root).of_chapter(chapter.id)
+    known = (project.root / ASSUMPTIONS).is_file()
+    headlines = load_assumptions(project.root).of_chapter(chapter.id) if known else []
 
     def tell(results: Results, folder: Path) -> tuple[list[str], list[str]]:
         took = results.provenance.seconds if results.provenance else 0

@@ -105,13 +105,22 @@ def test_a_run_and_its_comparison(built: MiniProject, tmp_path: Path, inswsn: Co
     out, file = tmp_path / "out", tmp_path / "params.yml"
     done = inswsn(built.root, "run", "00", "-p", "scale=3", "--out", str(out), "--html")
     assert done.returncode == 0, done.stderr
-    assert done.stdout.splitlines() == [
+    *answer, where = done.stdout.splitlines()
+    assert answer == [
+        "00 with scale = 3.0 (published: 2.0):",
+        "- The number in the file, scaled: 42 m -> 63 m",
+        "0 of 0 sentences are no longer true.",
+        "1 of 1 verdicts differ: P1-M-twice (adds up in print -> contradicted by the paper "
+        "itself).",
+    ]
+    assert f"In {out}: notebook 00-mini.ipynb, page html/chapters/00-mini.html" in where
+    assert (out / "answer.txt").read_text() == done.stdout
+    assert (out / "comparison.txt").read_text().splitlines() == [
         "parameters: scale: 2.0 -> 3.0",
         "twice: 42 m -> 63 m (change +21, tolerance 0.5)",
         "verdict P1-M-twice: adds up in print -> contradicted by the paper itself (No numbers that "
         "round to the printed cells allow it.)",
         "1 of 1 quantities changed, 0 of 0 sentences overturned, 1 of 1 verdicts flipped.",
-        f"The run is in {out}",
     ]
     assert read_results(out / "00.json").parameters == {"scale": 3.0}
     assert (out / "parameters.yml").read_text() == "scale: 3.0\n"
@@ -141,7 +150,7 @@ def test_a_run_and_its_comparison(built: MiniProject, tmp_path: Path, inswsn: Co
     done = inswsn(built.root, "run", "00", "-f", str(file), "-p", "scale=3")
     assert done.stderr == "00-mini: unchanged\n"
     (folder,) = (built.root / "runs").iterdir()
-    assert done.stdout.splitlines()[-1] == f"The run is in {folder}"
+    assert f"In {folder}: " in done.stdout.splitlines()[-1]
 
 
 def test_the_page_of_a_run_needs_no_built_book(

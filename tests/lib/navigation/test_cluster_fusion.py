@@ -15,6 +15,7 @@ from inswsn_lib.errors import ParameterError
 from inswsn_lib.filters import patterns_of, run_switched
 from inswsn_lib.lmi import design_filter
 from inswsn_lib.navigation import ClusterFusion, cluster_fusion, planar_rms, widen_velocities
+from inswsn_lib.scenario import with_values
 
 #: Numbers of each method, in place of a search
 CHOSEN = {
@@ -55,6 +56,14 @@ def test_it_computes_what_the_chapter_published_with_the_same_trials_for_all(roo
         assert search.settled or search.trials == cluster_fusion.TRIALS
     for name in ("dhf", "hf-centralised"):  # the margin is tuned, too
         assert len({candidate[3] for candidate in there.tuned[name].candidates}) > 1
+
+
+def test_what_is_assumed_at_the_start_follows_the_scene() -> None:
+    a, T = 2.0, fusion().scene.period
+    step = [(a * T**2 / 2) ** 2] * 2 + [(a * T) ** 2] * 2  # the INS of P2 starts exact
+    np.testing.assert_allclose(np.diag(fusion().initial_covariance(a)), step)
+    off = fusion(published=with_values(fusion().published, position=[3.0, 4.0]))
+    np.testing.assert_allclose(np.diag(off.initial_covariance(a) - np.diag(step)), [9, 16, 0, 0])
 
 
 def test_without_noise_the_network_is_a_step_late() -> None:

@@ -14,7 +14,13 @@ from inswsn_lib.errors import ParameterError
 from inswsn_lib.evaluation import fit_noise, monte_carlo
 from inswsn_lib.filters import run_kalman
 from inswsn_lib.models import ErrorModel
-from inswsn_lib.navigation import TrainingAreas, errors_by_area, noise_sizes, table2_cells
+from inswsn_lib.navigation import (
+    TrainingAreas,
+    errors_by_area,
+    first_measured,
+    noise_sizes,
+    table2_cells,
+)
 from inswsn_lib.scenario import with_values
 
 AREAS = "12"
@@ -138,6 +144,24 @@ def test_small_errors_grow_in_proportion(
         sizes = [np.abs(drawn[a][:, columns]).mean(axis=(0, 2)) for drawn in (small, large)]
         # the heading of an INS multiplies its other errors: a tenth at this size
         np.testing.assert_allclose(sizes[1], 2 * sizes[0], rtol=0.15)
+
+
+def test_all_methods_are_judged_where_the_network_has_a_fix() -> None:
+    # nodes 8 m apart: there are samples without a fix, at the beginning, too
+    spaced = with_values(areas().published, spacing=8.0)
+    there = TrainingAreas(spaced, runs=8, other_runs=8)
+    missing = {a: np.isnan(network) for a, network in there.drawn["wsn"].items()}
+    assert missing["1"][0].any()
+    for method in ("ins", "kf-matched-filtered", "hf-exact-matched-filtered", "wsn"):
+        for a, error in there.errors(method).items():
+            np.testing.assert_array_equal(np.isnan(error), missing[a])
+    # the first fix is where a filter of measurements without a memory begins
+    y = there.drawn["ins"]["1"] - there.drawn["wsn"]["1"]
+    first = first_measured(y)
+    assert not np.isnan(first).any()
+    run = int(missing["1"][0, 0].argmax())
+    begun = int((~missing["1"][:, 0, run]).argmax())
+    np.testing.assert_array_equal(first[:, run], y[begun, :, run])
 
 
 def test_cells_and_their_means_by_hand() -> None:

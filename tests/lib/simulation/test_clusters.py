@@ -71,8 +71,10 @@ def test_the_network_of_p2(scene: ClusterScene) -> None:
 
 
 def test_which_nodes_belong_to_a_cluster(build: Build) -> None:
-    scene = build(size=[28, 7], clusters=[[0, 7, 0, 7], [0, 21, 0, 7]])
-    assert scene.labels.tolist() == [0, 0, 1, 1, -1] * 2  # the first that holds it, or none
+    scene = build(size=[28, 7], clusters=[[0, 7, 0, 7], [14, 21, 0, 7]])
+    assert scene.labels.tolist() == [0, 0, 1, 1, -1] * 2  # the one that holds it, or none
+    with pytest.raises(ParameterError, match="no node in common, not 4 of them in two or more"):
+        _ = build(size=[28, 7], clusters=[[0, 7, 0, 7], [0, 21, 0, 7]]).labels
     # those on the edge, however they are rounded: 3 times 0.1 is more than 0.3
     scene = build(
         size=[0.6, 0.1], spacing=0.1, clusters=[[0, 0.3, 0, 0.1], [0.4, 0.6, 0, 0.1]], reach=1
@@ -80,7 +82,7 @@ def test_which_nodes_belong_to_a_cluster(build: Build) -> None:
     assert scene.labels.tolist() == [0, 0, 0, 0, 1, 1, 1] * 2
     first = [0, 28, 0, 14]
     assert (build(clusters=[first, [35, 49, 0, 0]]).labels == 1).sum() == 3
-    for few, said in (([35, 42, 0, 0], 2), ([49, 35, 0, 14], 0), (first, 0)):
+    for few, said in (([35, 42, 0, 0], 2), ([49, 35, 0, 14], 0)):
         with pytest.raises(ParameterError, match=rf"clusters .* not {said}"):
             _ = build(clusters=[first, few]).labels
 

@@ -67,6 +67,16 @@ def test_fixes_are_accurate_to_the_printed_20_cm(scene: Scene) -> None:
         assert drawn[f"wsn.{name}"][:, 2:].std() == pytest.approx(0.126, rel=0.02)
 
 
+def test_every_third_fix_is_lost_and_the_others_are_what_they_were(scene: Scene) -> None:
+    whole, some = (
+        replace(scene, lost_every=n).simulate(np.random.default_rng(3), 2) for n in (0, 3)
+    )
+    lost = np.arange(len(whole["wsn.area1"])) % 3 == 2
+    assert np.isnan(some["wsn.area1"][lost]).all()
+    np.testing.assert_array_equal(some["wsn.area1"][~lost], whole["wsn.area1"][~lost])
+    np.testing.assert_array_equal(some["ins.area1"], whole["ins.area1"])
+
+
 def test_without_noise_and_jitter_the_ins_is_the_deterministic_one(scene: Scene) -> None:
     quiet = replace(scene.inertial, accelerometer_noise=0.0, gyro_noise=0.0)
     still = replace(scene, jitter=(0.0, 0.0), inertial=quiet)
