@@ -13,9 +13,6 @@ found    = test -n "$(PYTHON)" || { echo "Python 3.11 is needed, and no python w
 FRESH   ?=
 JOBS    ?=
 PORT    ?= 8000
-LIVE    ?=
-show     = echo "The book is at http://127.0.0.1:$(PORT)/ (stop with Ctrl-C)"; \
-    $(RUN) -m http.server --directory _build/html --bind 127.0.0.1 $(PORT) >/dev/null 2>&1
 # processes that run tests; each computes with one thread. One that has no tests left takes half of those that
 # wait for the other: files take too unlike a time to be dealt out whole, and their fixtures cost little twice.
 WORKERS ?= 2
@@ -29,8 +26,9 @@ test: environment ## lint, types, and all tests
 	$(VENV)/bin/lint-imports
 	$(RUN) -m pytest -n $(WORKERS) --dist worksteal
 
-serve: book ## show the built book at http://127.0.0.1:$(PORT)/; with LIVE=1 its cells run on this machine, at an address with a token
-	@$(if $(LIVE),$(RUN) -I -X utf8 -m inswsn_book.live.serve --port $(PORT),$(show))
+serve: book ## show the built book at http://127.0.0.1:$(PORT)/
+	@echo "The book is at http://127.0.0.1:$(PORT)/ (stop with Ctrl-C)"
+	@$(RUN) -m http.server --directory _build/html --bind 127.0.0.1 $(PORT) >/dev/null 2>&1
 
 notebooks: environment ## write the .ipynb twins of the chapters
 	@$(RUN) -I -X utf8 -m inswsn_book.notebooks
