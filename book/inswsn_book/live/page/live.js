@@ -116,7 +116,7 @@
         const next = cells.slice(this.number + 1).find((cell) => cell.runs);
         if (next) this.bar.append(make("a", { href: `#${next.code.id}` }, "To the next that runs."));
         if (cells.find((cell) => !cell.runs) === this) {
-          this.bar.append(make("a", { href: new URL("../reproduce.html#in-the-pages", here) }, "On your own machine all cells run."));
+          this.bar.append(make("a", { href: new URL("../reproduce.html#in-jupyterlab", here) }, "On your own machine all cells run."));
         }
       }
       this.input.after(this.bar, this.out);
