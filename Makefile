@@ -43,10 +43,11 @@ _build/jupyter/made: .ci/jupyter.txt
 	@touch $@
 
 notebooks: environment ## write the .ipynb twins of the chapters
-	@$(RUN) -I -X utf8 -m inswsn_book.notebooks
+	@$(RUN) -I -X utf8 -m inswsn_book.plain
 
-publish: environment ## make the last build's results the reference in data/published, after showing what changes
+publish: environment ## make the last build's results the reference in data/published, after showing what changes, and write the notebooks with them
 	@$(INSWSN) publish
+	@$(RUN) -I -X utf8 -m inswsn_book.plain
 	@$(RUN) studies/front_picture.py
 
 archive: book ## make one zip of the release that opens offline, in _build

@@ -166,6 +166,7 @@ def draw_scores(
     headline: str,
     methods: Mapping[str, str],
     strokes: Mapping[str, Mapping[str, Any]] | None = None,
+    published: Mapping[str, Any] | None = None,
 ) -> Figure:
     """Draw one column over a grid: a line per method, with the band that holds 95 % of the runs.
 
@@ -182,6 +183,8 @@ def draw_scores(
         The column.
     strokes : mapping of str to mapping, optional
         How the line of a method is drawn, as `stroke` returns it; the others take the next look.
+    published : mapping of str to value, optional
+        Where on the axes a dotted line marks the published value.
 
     Examples
     --------
@@ -211,6 +214,8 @@ def draw_scores(
         ax.remove()
     for number, (ax, (values, part)) in enumerate(zip(grid.flat, panels, strict=False)):
         _draw_panel(ax, part, along, methods, strokes or {})
+        if published and along in published:
+            ax.axvline(published[along], color=COLOURS["published"], lw=1, ls=":")
         ax.set_title(", ".join(_named(n, v, axes[n]) for n, v in zip(others, values, strict=True)))
         if number + across >= len(panels):  # the lowest of its column
             ax.tick_params(labelbottom=True)

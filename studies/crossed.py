@@ -25,7 +25,6 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from assumptions import ASSUMPTIONS, Assumptions, Headline, load_assumptions
 from crossed_figure import crossed_svg
 from factors import CROSSED, Crossing, Factor, Point, load_crossing, reasons
 from indices import (
@@ -37,6 +36,7 @@ from indices import (
     sobol_places,
     sobol_shares,
 )
+from inswsn_book.assumptions import ASSUMPTIONS, Assumptions, Headline, load_assumptions
 from inswsn_book.files import text_digest, tree_digest, write_whole
 from inswsn_book.project import Project
 from inswsn_book.results import Finite, Frozen, read_results

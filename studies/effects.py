@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from assumptions import Assumption, Assumptions, Headline, Within
+from inswsn_book.assumptions import Assumption, Assumptions, Headline, Within
 from inswsn_book.review import Findings
 from matplotlib import pyplot as plt
 from matplotlib.ticker import LogLocator, NullLocator

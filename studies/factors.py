@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from assumptions import (
+from inswsn_book.assumptions import (
     Alternative,
     Assumption,
     Assumptions,

@@ -26,8 +26,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-import yaml
-from assumptions import (
+from effects import page_of, panels_of, rows_of, tornado_svg
+from inswsn_book.assumptions import (
     ASSUMPTIONS,
     Alternative,
     Assumptions,
@@ -35,8 +35,9 @@ from assumptions import (
     load_assumptions,
     load_schemas,
     load_settings,
+    without_sections,
 )
-from effects import page_of, panels_of, rows_of, tornado_svg
+from inswsn_book.cores import changed_scenario
 from inswsn_book.files import file_digest, tree_digest, write_whole
 from inswsn_book.ledger import LEDGER, claims_of, load_claims
 from inswsn_book.parameters import Value
@@ -50,12 +51,10 @@ from inswsn_book.verdicts import verdicts
 from study import BASELINE, SENSITIVITY, Made, Run, Study, read_study
 
 from inswsn_lib.errors import InswsnError
-from inswsn_lib.files import data_mirror, read_yaml
-from inswsn_lib.scenario import Setting
+from inswsn_lib.files import data_mirror
+from inswsn_lib.scenario import Setting, load_scenario
 
 ROOT = Path(__file__).parent.parent
-_CHANGED = "Set for this run."
-
 
 #: The figure of the page, below the root of a checkout
 FIGURE = "data/sensitivity.svg"
@@ -131,7 +130,7 @@ def request_of(project: Project, cell: Cell) -> Request:
     chapter = project.by_id(cell.chapter)
     before = chapter.source.read_text(encoding="utf-8")
     after = before if cell.change is None else _edited(before, cell.chapter, cell.change)
-    after = _without(after, cell.skips, chapter.source.name)
+    after = without_sections(after, cell.skips, chapter.source.name)
     if after != before:
         overlay[f"chapters/{chapter.name}.md"] = after
     return Request(cell.chapter, cell.parameters, overlay=overlay)
@@ -139,19 +138,15 @@ def request_of(project: Project, cell: Cell) -> Request:
 
 def _changed_scenarios(root: Path, change: Alternative) -> dict[str, str]:
     """Return the texts of the scenario files that an alternative changes, by their paths."""
-    folder = "data/scenarios"
-    texts = {
-        f"{folder}/{scenario}.yaml": (root / folder / f"{file}.yaml").read_text(encoding="utf-8")
-        for scenario, file in change.files.items()
-    }
-    for scenario in {*change.values, *change.factors}:
-        content = read_yaml(root / folder / f"{scenario}.yaml")
+    scenarios = {*change.files, *change.values, *change.factors}
+    texts = {}
+    for scenario in scenarios:
+        file = change.files.get(scenario)
         values = dict(change.values.get(scenario, {}))
         for key, factor in change.factors.get(scenario, {}).items():
-            values[key] = (np.asarray(content[key]["value"]) * factor).tolist()
-        for key, value in values.items():
-            content[key] |= {"value": value, "source": "assumed", "why": _CHANGED}
-        texts[f"{folder}/{scenario}.yaml"] = yaml.safe_dump(content, sort_keys=False)
+            settings = load_scenario(root / f"data/scenarios/{file or scenario}.yaml")
+            values[key] = (np.asarray(settings[key].value) * factor).tolist()
+        path, texts[path] = changed_scenario(root, scenario, values, file)
     return texts
 
 
@@ -165,18 +160,6 @@ def _edited(source: str, chapter: str, change: Alternative) -> str:
                 "exactly once."
             )
         source = source.replace(edit.old, edit.new)
-    return source
-
-
-def _without(source: str, titles: Iterable[str], name: str) -> str:
-    """Return a source without the sections of these titles."""
-    for title in titles:
-        # to the next heading of the same rank; a label before that heading goes, too
-        source, found = re.subn(
-            rf"^## {re.escape(title)}\n.*?(?=^## |\Z)", "", source, flags=re.MULTILINE | re.DOTALL
-        )
-        if found != 1:
-            raise InswsnError(f"{name} has no section {title!r}, or more than one.")
     return source
 
 

@@ -412,6 +412,19 @@ def sweep_project(tmp_path: Path) -> Callable[[str], SweepProject]:
     return lambda name: SweepProject(make_mini(tmp_path / name))
 
 
+def assert_plain(notebook: str) -> None:
+    """Refuse what a reader outside the book would see of MyST in the text of a notebook."""
+    first, *cells = json.loads(notebook)["cells"]
+    assert "`make environment` in a checkout of inswsn" in "".join(first["source"])
+    shown = [o.get("data", {}) for cell in cells for o in cell.get("outputs", [])]
+    texts = ["".join(data.get("text/markdown", "")) for data in shown]
+    texts += ["".join(c["source"]) for c in (first, *cells) if c["cell_type"] == "markdown"]
+    for text in texts:
+        left = re.search(r"\{[\w:-]+\}`|^:::|^[`~]{3,}\{|^\(\S+\)=$|\(#|<span", text, re.M)
+        assert left is None, text
+    assert not any("text/html" in data for data in shown)
+
+
 def git(root: Path, *words: str) -> str:
     """Run git on a folder, as somebody; return what it says."""
     who = ["-c", "user.name=a", "-c", "user.email=a@b.example", "-c", "commit.gpgsign=false"]

@@ -21,6 +21,7 @@ from rocrate.rocrate import ROCrate
 from inswsn_book.cli import run_command
 from inswsn_book.files import MANIFEST, manifest_text, write_whole
 from inswsn_book.judging import judge, verdicts_text
+from inswsn_book.pages import plain_notebooks
 from inswsn_book.project import Project, find_root
 from inswsn_book.provenance import repository_state
 from inswsn_book.results import results_text
@@ -86,9 +87,10 @@ def _made_files(project: Project, runs: Sequence[Run]) -> dict[str, bytes]:
     """Return the files that are made for the archive, by their places in it."""
     judged = judge(project.root, [run.results for run in runs])
     texts = {"index.html": _INDEX, "verdicts.json": verdicts_text(judged) + "\n"}
+    plain = plain_notebooks(project, runs)
     for run in runs:
         name = project.by_id(run.request.chapter).name
-        texts[f"executed/{name}.ipynb"] = run.notebook or ""
+        texts[f"executed/{name}.ipynb"] = plain[Path(name).name]
         texts[f"results/{run.request.chapter}.json"] = results_text(run.results)
     for package in SITE_PACKAGES:
         for file in distribution(package).files or []:

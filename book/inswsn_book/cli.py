@@ -122,6 +122,7 @@ def chapters(root: Path | None) -> None:
 @_out
 @click.option("--html", is_flag=True, help="Also render the chapter's page for this run.")
 @click.option("--fresh", is_flag=True, help="Execute it even if the same run is kept.")
+@click.option("--quick", is_flag=True, help="Fewer runs, and only the sections of the findings.")
 @click.pass_obj
 def run(
     root: Path | None,
@@ -131,33 +132,18 @@ def run(
     file: Path | None,
     **how: Any,
 ) -> None:
-    """Execute a chapter with other parameters and compare it with the published run.
+    """Ask a chapter: execute it with other parameters and tell what becomes of its findings.
 
-    `inswsn chapters` lists the names. A run on data of your own is not compared; what the chapter
-    reports about them is printed.
+    `inswsn chapters` lists the names; what a chapter's scenario files set can be set as well. A
+    lesson passes on what it does not have to its evidence. A run on data of your own is not
+    compared; what the chapter reports about them is printed.
 
-    For example: inswsn run p1-training -p q_scale=0.1 -p runs=200
+    For example: inswsn run 2 -p range_noise=0.5
     """
-    from inswsn_book.compare import comparison
-    from inswsn_book.ledger import LEDGER, claims_of, load_claims
-    from inswsn_book.parameters import chapter_schema
-    from inswsn_book.progress import Progress
-    from inswsn_book.running import REPORT, gather_parameters, own_data, run_chapter
-    from inswsn_book.runs import reference_results
+    from inswsn_book.answer import ask
 
-    project = _project(root)
-    number = project.find(name).id
-    schema = chapter_schema(project.root, number)
-    values = gather_parameters(schema, settings, file, project.root / "data")
-    with Progress() as progress:
-        folder, results = run_chapter(project, number, values, progress, **how)
-    if (folder / REPORT).is_file() and own_data(schema, values):
-        click.echo((folder / REPORT).read_text(encoding="utf-8").rstrip())
-    else:
-        claims = claims_of(load_claims(project.root / LEDGER), number)
-        reference = reference_results(project, number)
-        click.echo("\n".join(comparison(reference, results, claims)))
-    click.echo(f"The run is in {folder}")
+    for line in ask(_project(root), name, settings, file, **how):
+        click.echo(line)
 
 
 @cli.command()
@@ -170,6 +156,7 @@ def run(
     metavar="NAME=VALUE,VALUE,...",
     help="A parameter and the values that it takes. Give one --grid for each parameter.",
 )
+@click.option("--of", metavar="NAME", help="The finding or column that is told and drawn.")
 @_settings
 @_jobs
 @click.option("--dask", metavar="ADDRESS", help="Compute on the Dask cluster of this scheduler.")
@@ -177,7 +164,13 @@ def run(
 @click.option("--fresh", is_flag=True, help="Ignore what is kept: compute all cells.")
 @click.pass_obj
 def sweep(
-    root: Path | None, /, name: str, axes: tuple[str, ...], settings: tuple[str, ...], **how: Any
+    root: Path | None,
+    /,
+    name: str,
+    axes: tuple[str, ...],
+    of: str | None,
+    settings: tuple[str, ...],
+    **how: Any,
 ) -> None:
     """Run a chapter at each cell of a grid of its parameters.
 
@@ -191,7 +184,7 @@ def sweep(
     from inswsn_book.sweep import read_sweep, run_sweep
 
     project = _project(root)
-    wanted = read_sweep(project, project.find(name), axes, settings)
+    wanted = read_sweep(project, project.find(name), axes, settings, of)
     with Progress() as progress:
         lines, failed = run_sweep(project, wanted, progress, **how)
     click.echo("\n".join(lines))

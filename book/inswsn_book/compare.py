@@ -188,12 +188,14 @@ def _changes(before: Results, after: Results) -> list[str]:
     pairs = [pair for pair in pair_quantities(before, after) if pair.before != pair.after]
     conditions = compare_conditions(before, after)
     same_words = _without_numbers(before) == _without_numbers(after)
-    if not conditions and same_words and all(pair.is_rounding for pair in pairs):
+    words = differing(*_words(before, after))
+    if not (conditions or words) and same_words and all(pair.is_rounding for pair in pairs):
         return []
     return [
         *(f"{'!' if p.beyond_tolerance else ' '} {after.chapter} {p}" for p in pairs),
         *(f"! {after.chapter} {condition}" for condition in conditions),
         *(f"  {after.chapter} {line}" for line in _tables_that_differ(before, after)),
+        *(f"  {after.chapter} words: {line}" for line in words),
     ]
 
 
@@ -203,6 +205,16 @@ def _without_numbers(results: Results) -> dict[str, list[list[str]]]:
         name: [[NUMBER.sub("#", cell) for cell in row] for row in table]
         for name, table in results.tables.items()
     }
+
+
+def _words(before: Results, after: Results) -> list[dict[str, str]]:
+    """Return what results say in words, with a sign in the place of each number.
+
+    Where one run has computed a study and the other has taken it as it is kept, words may differ.
+    """
+    made = [r.provenance.studies if r.provenance else {} for r in (before, after)]
+    said = [{n: NUMBER.sub("#", w) for n, w in r.words.items()} for r in (before, after)]
+    return said if made[0] == made[1] else [dict.fromkeys(words, "said") for words in said]
 
 
 def changes_to_publish(project: Project) -> list[str]:

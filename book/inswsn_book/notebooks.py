@@ -1,13 +1,11 @@
-"""The .ipynb twins of the chapters: made from the MyST sources, the same bytes every time."""
+"""Chapters as notebooks: read from the MyST sources, the same bytes every time."""
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
-from inswsn_book.files import write_whole
 from inswsn_book.parameters import notebook_schema, read_myst
-from inswsn_book.project import Chapter, Project, find_root
+from inswsn_book.project import Chapter
 from inswsn_lib.files import read_text
 
 _KERNEL = {"display_name": "Python 3", "language": "python", "name": "python3"}
@@ -53,17 +51,6 @@ def notebook_text(notebook: Any) -> str:
     return str(nbformat.writes(notebook)) + "\n"
 
 
-def stale_twins(project: Project) -> dict[Path, str | None]:
-    """Return the twins that are not what the sources give: their texts, None for one too many."""
-    wanted = {chapter.twin: notebook_text(read_source(chapter)) for chapter in project.chapters()}
-    there = set((project.root / "chapters").rglob("[!.]*.ipynb"))
-    return {
-        path: wanted.get(path)
-        for path in sorted(there | wanted.keys())
-        if path not in there or path.read_bytes() != wanted.get(path, "").encode("utf-8")
-    }
-
-
 def woven(source: Any, executed: Any) -> tuple[Any, dict[str, str]]:
     """Put what the code cells of an executed notebook gave into a notebook with other prose.
 
@@ -96,11 +83,3 @@ def strip_run(notebook: Any) -> Any:
         if "injected-parameters" in cell.metadata.get("tags", []):
             cell["id"] = "injected-parameters"  # papermill draws one
     return notebook
-
-
-if __name__ == "__main__":
-    for path, text in stale_twins(Project(find_root())).items():
-        if text is None:
-            path.unlink()
-        else:
-            write_whole(path, text)

@@ -26,8 +26,9 @@ from inswsn_book import files, review
 from inswsn_book.glossary import FirstUses, terms_of
 from inswsn_book.judging import judge
 from inswsn_book.ledger import KINDS, LEDGER, PAPERS, Claim, claims_of, load_claims
-from inswsn_book.notebooks import cell_prefix
+from inswsn_book.notebooks import cell_prefix, notebook_text, read_notebook
 from inswsn_book.parameters import chapter_schema
+from inswsn_book.plain import PlainBook
 from inswsn_book.project import Chapter, Project
 from inswsn_book.results import Results, results_text
 from inswsn_book.runs import Run, code_of, reference_results
@@ -41,7 +42,7 @@ _UNSTAGED = re.compile(r"inswsn_book/|_templates/|pyproject\.toml|renamed\.yaml|
 #: In the head of a chapter: for which words a search is to lead to it
 _INDEX = re.compile(r"\A---\n(?:.*\n)*?index: *(.+)\n")
 _HEAD = re.compile(
-    r"\*\*You need\*\*\s+(?P<need>.*?)\.\s+\*\*(?:Aft.*?)?"
+    r"\*\*You need\*\*\s+(?P<need>.*?)\.\s+\*\*(?:You will learn to.*?)?"
     r"Reading time\*\*\s+(?P<minutes>\d+)\s+minutes?\.",
     re.DOTALL,
 )
@@ -365,6 +366,22 @@ def with_notes(
         cells.append(_words(f"{cell_prefix(results.chapter)}-provenance", text))
     notebook.cells = cells
     return notebook
+
+
+def plain_notebooks(
+    project: Project, runs: Iterable[Run], folder: Path | None = None
+) -> dict[str, str]:
+    """Return executed notebooks as they leave the book, with their provenance, by name.
+
+    What they link to lies where it does in the repository, as seen from a folder.
+    """
+    book, templates, found = PlainBook(project), environment(project.root), {}
+    for run in runs:
+        chapter = project.by_id(run.request.chapter)
+        notebook = with_notes(read_notebook(run.notebook or ""), run.results, (), templates)
+        notebook = book.notebook(chapter, notebook, run.results, folder)
+        found[chapter.source.stem] = notebook_text(notebook)
+    return found
 
 
 def _words(name: str, text: str) -> Any:

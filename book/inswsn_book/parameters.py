@@ -24,10 +24,12 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import yaml
+
 from inswsn_lib.errors import InswsnError, ParameterError
 from inswsn_lib.files import read_scalar, read_text
 
-Value = bool | int | float | str
+Value = bool | int | float | str | list[Any]
 
 #: The rule of a parameter that names a file
 FILE_RULE = "a file"
@@ -51,15 +53,18 @@ class Parameter:
     """One declared parameter: its type, default, unit, rule, and what it is."""
 
     name: str
-    kind: str  # "bool", "int", "float" or "str"
+    kind: str  # "bool", "int", "float", "str" or, in a scenario, "list"
     default: Value
     unit: str  # "1" for a pure number
     rule: str
     meaning: str
+    scenario: str = ""  # the file that has it, if it is the scene's and not the chapter's
 
     @property
     def allowed(self) -> str:
         """What it must be, as in the sentence "scale must be ..."."""
+        if self.kind == "list":
+            return f"a list of the form {self.default}"
         kind = _KINDS[self.kind]
         if self.rule == "any":
             return "a finite number" if self.kind == "float" else kind
@@ -78,15 +83,23 @@ class Parameter:
         """
         if self.kind == "float" and type(value) is int and abs(value) < 10**300:
             value = float(value)
+        if self.kind == "list" and _form(value) == _form(self.default) != "":
+            return value  # type: ignore[return-value]
         if isinstance(value, bool | int | float | str) and type(value).__name__ == self.kind:
             finite = not isinstance(value, float) or math.isfinite(value)
             if finite and _obeys(value, self.rule):
                 return value
-        raise ParameterError(self.name, value, self.allowed)
+        hint = re.search(r"For another [^.]*", self.meaning)
+        raise ParameterError(self.name, value, self.allowed + (f" ({hint[0]})" if hint else ""))
 
     def read(self, text: str) -> Value:
         """Return the value that a text stands for, as in a file; refuse another one."""
         text = text.strip()
+        if self.kind == "list":
+            try:
+                return self.check(yaml.safe_load(text))
+            except yaml.YAMLError:
+                raise ParameterError(self.name, text, self.allowed) from None
         return self.check(text if self.kind == "str" else read_scalar(text))
 
 
@@ -202,11 +215,24 @@ def _fits(rule: str, kind: str) -> bool:
     return rule == "any" or (kind in ("int", "float") and ends(rule) is not None)
 
 
+def _form(value: object) -> str:
+    """Return how the rows of a list look, such as ``..`` for two numbers; else nothing."""
+    if not isinstance(value, list) or not value:
+        return ""
+    if isinstance(value[0], list):
+        forms = {_form(row) for row in value}
+        return f"[{forms.pop()}]" if len(forms) == 1 else ""
+    numbers = all(type(n) in (int, float) and math.isfinite(n) for n in value)
+    return "." * len(value) if numbers else ""
+
+
 def _obeys(value: Value, rule: str) -> bool:
     if rule.startswith("one of "):
         return value in rule.removeprefix("one of ").split(", ")
     found = ends(rule)
-    if found is None or isinstance(value, str):  # the run looks for a file, and tries a regressor
+    if found is None or isinstance(
+        value, str | list
+    ):  # the run looks for a file, and tries a regressor
         return True
     low, high, above, below = found
     return (low < value if above else low <= value) and (value < high if below else value <= high)

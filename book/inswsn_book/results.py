@@ -18,7 +18,7 @@ Finite = Annotated[float, Field(allow_inf_nan=False)]
 IntervalKind = Literal["rounding", "confidence 95 %", "runs 95 %"]
 
 #: The version of the results file that is written
-SCHEMA_VERSION: Literal[4] = 4
+SCHEMA_VERSION: Literal[5] = 5
 
 
 class Frozen(BaseModel):
@@ -88,18 +88,20 @@ class Results(Frozen):
     """All that a chapter found in one run.
 
     Files of older versions are read as well: 1 had no solvers, cells and provenance, 2 no tables, 3
-    no tolerances that are shares.
+    no tolerances that are shares, 4 no words.
     """
 
-    schema_version: Literal[4] = SCHEMA_VERSION
+    schema_version: Literal[5] = SCHEMA_VERSION
     chapter: Name
-    parameters: dict[Name, bool | int | Finite | str]
+    parameters: dict[Name, bool | int | Finite | str | list[Any]]  # its own and its scene's
     data: dict[str, Digest]  # the files that it read, as `inswsn_book.ledger.data_digest`
     quantities: tuple[Quantity, ...]  # in the order in which they were recorded
     sentences: dict[str, bool] = {}  # of the page that rest on results, and whether they hold
     solvers: dict[str, str] = {}  # that it called, with the status that they ended with
     cells: dict[Name, str] = {}  # that recorded each quantity
     tables: dict[str, list[list[str]]] = {}  # as they are shown, by label; the header comes first
+    # texts that are glued to the prose, by name, and captions, by label
+    words: dict[str, str] = {}
     provenance: Provenance | None = None
 
     @model_validator(mode="after")
@@ -155,7 +157,7 @@ def read_results(path: Path) -> Results:
     text = read_listed(path)
     try:
         content = json.loads(text)
-        if isinstance(content, dict) and content.get("schema_version") in (1, 2, 3):
+        if isinstance(content, dict) and content.get("schema_version") in (1, 2, 3, 4):
             content["schema_version"] = SCHEMA_VERSION
         return Results.model_validate(content)
     except ValidationError as error:

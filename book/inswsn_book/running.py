@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
 import yaml
 
 from inswsn_book import parameters, runs
 from inswsn_book.compare import check_kept_studies
+from inswsn_book.cores import asked_schema, evidence_of
 from inswsn_book.files import (
     check_folder,
     check_listed,
@@ -18,10 +19,9 @@ from inswsn_book.files import (
     text_digest,
     write_whole,
 )
-from inswsn_book.notebooks import notebook_text, read_notebook
-from inswsn_book.parameters import Parameter, Schema, Value, chapter_schema
+from inswsn_book.parameters import Parameter, Schema, Value
 from inswsn_book.progress import Progress
-from inswsn_book.project import Project
+from inswsn_book.project import Chapter, Project
 from inswsn_book.results import Results, write_results
 from inswsn_book.site import check_pages, render_book, render_run
 from inswsn_lib.errors import Described, InswsnError, ParameterError
@@ -29,12 +29,38 @@ from inswsn_lib.files import read_yaml
 
 #: What a chapter may write for a reader with data of their own
 REPORT = "report.txt"
+#: What `run` writes of everything that differs from the published run
+COMPARISON = "comparison.txt"
 
 
 def own_data(schema: Schema, values: Mapping[str, Value]) -> bool:
     """Tell whether one of the parameters that a user sets names a file or a folder."""
     named = (parameters.FILE_RULE, parameters.FOLDER_RULE)
     return any(schema[name].rule in named for name in values)
+
+
+def chapter_with(project: Project, chapter: Chapter, names: Iterable[str]) -> Chapter:
+    """Return the chapter that has these parameters: itself, or else its evidence.
+
+    A name that neither has is refused, with the nearest.
+    """
+    wanted, others = [*names], evidence_of(project, chapter)
+    schemas = [(c, asked_schema(project.root, c, wanted)) for c in (chapter, others) if c]
+    for each, schema in schemas:
+        if set(wanted) <= schema.defaults.keys():
+            return each
+    all_of_them = {p.name: p for _, schema in schemas for p in schema.parameters}
+    for name in wanted:
+        Schema((*all_of_them.values(),))[name]  # which refuses one that is nowhere
+    raise ParameterError("parameters", Described(", ".join(wanted)), "all of one chapter")
+
+
+def parameters_in(file: Path) -> dict[str, object]:
+    """Return what a YAML file of parameters holds."""
+    content = read_yaml(file) or {}
+    if not isinstance(content, dict) or not all(isinstance(name, str) for name in content):
+        raise InswsnError(f"{file} is not a list of parameters; it holds lines such as seed: 7.")
+    return content
 
 
 def gather_parameters(
@@ -44,9 +70,7 @@ def gather_parameters(
 
     The path of a file or folder that a parameter names is made absolute, unless it lies in `data`.
     """
-    content = {} if file is None else read_yaml(file) or {}
-    if not isinstance(content, dict) or not all(isinstance(name, str) for name in content):
-        raise InswsnError(f"{file} is not a list of parameters; it holds lines such as seed: 7.")
+    content = {} if file is None else parameters_in(file)
     values = {name: schema[name].check(value) for name, value in content.items()}
     seen: set[str] = set()
     for setting in settings:
@@ -80,38 +104,43 @@ def _found(parameter: Parameter, value: Value, data: Path) -> Value:
 
 def run_chapter(
     project: Project,
-    number: str,
-    values: Mapping[str, Value],
+    request: runs.Request,
     progress: Progress,
+    tell: Callable[[Results, Path], tuple[list[str], list[str]]],
     *,
     out: Path | None = None,
     html: bool = False,
     fresh: bool = False,
-) -> tuple[Path, Results]:
+) -> tuple[Path, list[str]]:
     """Run a chapter and write what comes of it to a folder of its own, whole or not at all.
 
     That is the executed notebook, its results, ``parameters.yml``, what the chapter wrote for its
-    reader, and, if asked for, the chapter's page of this run.
+    reader, and, if asked for, the chapter's page of this run. `tell` gives, of the results and the
+    folder, the lines of the answer, which are returned with it, and those of `COMPARISON`.
     """
+    number, values = request.chapter, request.parameters
     name = project.by_id(number).source.stem
-    text = yaml.safe_dump(chapter_schema(project.root, number).check(values), sort_keys=False)
+    schema = asked_schema(project.root, project.by_id(number), values)
+    every = schema.check(values).items()
+    given = {n: v for n, v in every if n in values or not schema[n].scenario}
+    text = yaml.safe_dump(given, sort_keys=False)
     folder = out or project.root / "runs" / f"{name}-{text_digest(text)[:8]}"
     check_folder(folder)
-    done = runs.run(project, runs.Request(number, values), progress, fresh=fresh)
-    from inswsn_book.pages import environment, with_notes  # noqa: PLC0415  # takes long
+    done = runs.run(project, request, progress, fresh=fresh)
+    answer, lines = tell(done.results, folder.resolve())
+    from inswsn_book.pages import plain_notebooks  # noqa: PLC0415  # takes long
 
-    assert done.notebook is not None
-    notebook = read_notebook(done.notebook)
-    own = with_notes(notebook, done.results, (), environment(project.root))
+    (own,) = plain_notebooks(project, [done], folder.resolve()).values()
     with made_folder(folder) as made:
-        files = {f"{name}.ipynb": notebook_text(own), "parameters.yml": text, **done.files}
+        files = {f"{name}.ipynb": own, "parameters.yml": text, **done.files}
+        files |= {"answer.txt": "\n".join([*answer, ""]), COMPARISON: "\n".join([*lines, ""])}
         for written, content in files.items():
             write_whole(made / written, content)
         write_results(done.results, made / f"{number}.json")
         if html:
             progress.say(f"{name}: rendering its page")
             render_run(project, done, made / "html")
-    return folder.resolve(), done.results
+    return folder.resolve(), answer
 
 
 def build_book(

@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import Any
 
 from inswsn_book import files, provenance
-from inswsn_book.cores import core_name, run_core
+from inswsn_book.cores import asked_schema, changed_scenarios, core_name, run_core
 from inswsn_book.imports import Named
 from inswsn_book.ledger import LEDGER, data_digest
 from inswsn_book.notebooks import notebook_text, read_notebook, read_source, strip_run, woven
@@ -55,7 +55,8 @@ _ORIGIN, _KEPT = 12, 3
 class Request:
     """What is to be run; parameters that are not set keep their defaults.
 
-    An overlay gives, by path below the checkout, the whole text that stands in the place of that
+    Parameters are the chapter's own or its scene's, see `inswsn_book.cores.asked_schema`. An
+    overlay gives, by path below the checkout, the whole text that stands in the place of that
     file, such as a changed scenario or source. `core` asks for the chapter's core function in place
     of its notebook. The linear algebra has that many threads; the environment is that of the book
     whatever the caller's says, but for `variables`.
@@ -96,21 +97,29 @@ class _Prepared:
 
     chapter: Chapter
     source: str
-    parameters: dict[str, Value]  # that differ from their defaults
+    parameters: dict[str, Value]  # the chapter's own that differ from their defaults
+    scene: dict[str, Value]  # the same of its scene
     modules: frozenset[str]  # that it may load
     sources: dict[str, str]  # their digests, for the provenance
+    overlay: dict[str, str]  # of the request, and of its scene's parameters
     key: str
 
 
 def _prepare(project: Project, request: Request) -> _Prepared:
     chapter = project.by_id(request.chapter)
     own = read_text(chapter.source)
+    overlay = dict(request.overlay)
     source = request.overlay.get(f"chapters/{chapter.name}.md", own)
-    parameters: dict[str, Value] = {}
+    parameters, scene = dict[str, Value](), dict[str, Value]()
     if request.parameters:
         schema = source_schema(source, chapter.source.name)
+        if not request.parameters.keys() <= schema.defaults.keys():
+            schema = asked_schema(project.root, chapter, request.parameters)
         checked = {name: schema[name].check(value) for name, value in request.parameters.items()}
-        parameters = {name: v for name, v in checked.items() if v != schema[name].default}
+        set_ = {name: v for name, v in checked.items() if v != schema[name].default}
+        parameters = {name: v for name, v in set_.items() if not schema[name].scenario}
+        scene = {name: v for name, v in set_.items() if schema[name].scenario}
+        overlay |= changed_scenarios(project.root, schema, scene)
     regressors = [n for n in parameters if schema[n].rule == REGRESSOR_RULE]
     code, modules, library = code_of(project, source, chapter.source.name)
     locks = files.tree_digest(project.root, project.locks)
@@ -125,13 +134,13 @@ def _prepare(project: Project, request: Request) -> _Prepared:
         "regressors": [_modules_digest(str(parameters[name])) for name in regressors],
         "python": [platform.python_version(), provenance.package_versions()],
         "surroundings": [request.threads, dict(request.variables)],
-        "overlay": {name: files.text_digest(text) for name, text in request.overlay.items()},
+        "overlay": {name: files.text_digest(text) for name, text in overlay.items()},
         "recorded data": data_mirror() is not None,
         "core": request.core,
     }
     key = f"{origin[:_ORIGIN]}-{files.text_digest(json.dumps(facts, sort_keys=True))[:32]}"
     sources = {"chapter": files.text_digest(source), "library": library, "locks": locks}
-    return _Prepared(chapter, source, parameters, modules, sources, key)
+    return _Prepared(chapter, source, parameters, scene, modules, sources, overlay, key)
 
 
 def code_of(project: Project, source: str, name: str) -> tuple[str, frozenset[str], str]:
@@ -195,7 +204,7 @@ def lookup(
     results = Results.model_validate(kept["results"])
     for name, digest in results.data.items():
         # what the overlay replaces is a part of the key
-        replaced = name.partition("#")[0] in request.overlay
+        replaced = name.partition("#")[0] in prepared.overlay
         if not replaced and _data_digest(project, name) != digest:
             return None
     found = Run(request, results, kept["notebook"], kept["files"])
@@ -368,7 +377,7 @@ def _run_and_keep(
     prepared = _prepare(project, request)
     (commit, clean), began = provenance.repository_state(project.root), time.monotonic()
     if request.core:
-        schema = source_schema(prepared.source, prepared.chapter.source.name)
+        schema = asked_schema(project.root, prepared.chapter, request.parameters)
         values = schema.check(request.parameters)
         found = run_core(project.root, prepared.chapter, values, request.threads)
         done, machine = Run(request, found[0], None, found[1]), provenance.machine_facts()
@@ -377,13 +386,15 @@ def _run_and_keep(
     made = Provenance(
         version=__version__,
         commit=commit,
-        clean=clean and not request.overlay,
+        clean=clean and not prepared.overlay,
         sources=prepared.sources,
         finished=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
         seconds=round(time.monotonic() - began, 1),
         **machine,
     )
-    done = replace(done, results=done.results.model_copy(update={"provenance": made}))
+    own = {**done.results.parameters, **prepared.scene}
+    update = {"provenance": made, "parameters": own}
+    done = replace(done, results=done.results.model_copy(update=update))
     # the key was taken before anything was read
     if request_key(project, request) != prepared.key:
         raise ChapterError(
@@ -411,7 +422,7 @@ def _execute(
         progress.cell(chapter.name, number)
 
     with (
-        _overlaid(project.root, request.overlay) as root,
+        _overlaid(project.root, prepared.overlay) as root,
         files.temporary_folder() as folder,
     ):
         notebook = read_source(chapter, prepared.source)
@@ -484,19 +495,25 @@ def _overlaid(root: Path, overlay: Mapping[str, str]) -> Iterator[Path]:
 
 
 def _shown(executed: Any) -> dict[str, Any]:
-    """Return the cell that recorded each quantity, and each table: outputs have them as metadata.
+    """Return the cell that recorded each quantity, each table, and what is said in words.
 
-    `ChapterRecord.quantity` and `inswsn_book.show.show_table` leave them there.
+    Outputs have them as metadata: `ChapterRecord.quantity`, `ChapterRecord.say` and
+    `inswsn_book.show` leave them there.
     """
-    cells, tables = {}, {}
+    cells, tables, words = {}, {}, {}
     for cell in executed.cells:
         for output in cell.get("outputs", []):
             metadata = output.get("metadata", {})
-            if "quantity" in metadata.get("scrapbook", {}):
-                cells[metadata["scrapbook"]["quantity"]] = cell["id"]
-            if "table" in metadata:
-                tables[metadata["table"]["name"]] = metadata["table"]["cells"]
-    return {"cells": cells, "tables": tables}
+            if "quantity" in (glued := metadata.get("scrapbook", {})):
+                cells[glued["quantity"]] = cell["id"]
+            elif glued:
+                words[glued["name"]] = ast.literal_eval(*output["data"].values())
+            if table := metadata.get("table"):
+                tables[table["name"]] = table["cells"]
+                words[table["name"]] = output["data"]["text/plain"].partition("\n\n")[0]
+            if shown := metadata.get("inswsn"):
+                words[shown["name"]] = shown["caption"]
+    return {"cells": cells, "tables": tables, "words": words}
 
 
 def environment_of(project: Project, request: Request) -> dict[str, str]:

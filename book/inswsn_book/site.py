@@ -82,7 +82,7 @@ def render_book(
     if _site_key(project, runs) != key:
         raise RenderingError("Something changed while the book was rendered; build it again.")
     with files.temporary_folder(project.build) as folder:
-        site = _copied(project, kept / "html", folder / "site")
+        site = _copied(project, runs, kept / "html", folder / "site")
         if project.live.exists():
             from inswsn_book.live.site import put_in  # noqa: PLC0415  # takes long
 
@@ -98,7 +98,7 @@ def render_run(project: Project, run: Run, target: Path) -> None:
     chapter = f"chapters/{project.by_id(run.request.chapter).name}"
     with files.temporary_folder(target.parent) as stage:
         _render(project, [run], stage, alone=chapter)
-        _copied(project, stage / "html", target)
+        _copied(project, [run], stage / "html", target)
 
 
 def _render(
@@ -148,8 +148,13 @@ def _staged(project: Project, runs: Sequence[Run], source: Path, alone: str | No
     return warnings
 
 
-def _copied(project: Project, html: Path, site: Path) -> Path:
-    """Copy what Sphinx has written, each page with its foot, and what they use; return it."""
+def _copied(project: Project, runs: Sequence[Run], html: Path, site: Path) -> Path:
+    """Copy what Sphinx has written, each page with its foot, and what they use; return it.
+
+    Notebooks to download are those that read anywhere, in the place of the staged ones.
+    """
+    from inswsn_book.pages import plain_notebooks  # noqa: PLC0415  # takes long
+
     foot, classes = escape(footer(project)), set[str]()
 
     def copy(source: str, target: str) -> str:
@@ -162,6 +167,9 @@ def _copied(project: Project, html: Path, site: Path) -> Path:
 
     shutil.copytree(html, site, copy_function=copy)
     slim(site, classes)
+    plain = plain_notebooks(project, runs)
+    for path in site.rglob("*.ipynb"):
+        path.write_text(plain[path.stem], encoding="utf-8", newline="\n")
     return site
 
 

@@ -13,18 +13,20 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
+from difflib import get_close_matches
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import inswsn_lib
-from inswsn_book.cores import SCORES, core_name
+from inswsn_book.answer import unit_of, value_of
+from inswsn_book.cores import SCORES, asked_schema, core_name
 from inswsn_book.files import check_folder, made_folder, text_digest, write_whole
-from inswsn_book.parameters import Schema, Value, chapter_schema
+from inswsn_book.parameters import Schema, Value
 from inswsn_book.progress import Progress, Quiet
 from inswsn_book.project import Chapter, Project, is_checkout
 from inswsn_book.provenance import available_cores, machine_facts, repository_state
-from inswsn_book.running import gather_parameters
+from inswsn_book.running import chapter_with, gather_parameters
 from inswsn_book.runs import Request, Run, keep, lookup, request_key, run
 from inswsn_lib import __version__
 from inswsn_lib.errors import BuildError, InswsnError, ParameterError
@@ -46,6 +48,7 @@ class Sweep:
     """A chapter over a grid: axes with the values that they go through, and fixed settings.
 
     `core` names the function that is called in each cell; without one the notebook is executed.
+    The figure shows `of`, a finding or a column of the core, by default its headline.
     """
 
     chapter: Chapter
@@ -53,6 +56,7 @@ class Sweep:
     core: str | None
     axes: Mapping[str, tuple[Value, ...]]
     settings: Mapping[str, Value]
+    of: str | None = None
 
     @property
     def places(self) -> list[dict[str, Value]]:
@@ -70,10 +74,20 @@ class Sweep:
 
 
 def read_sweep(
-    project: Project, chapter: Chapter, axes: Iterable[str], settings: Iterable[str]
+    project: Project,
+    chapter: Chapter,
+    axes: Iterable[str],
+    settings: Iterable[str],
+    of: str | None = None,
 ) -> Sweep:
     """Return the sweep that a user asks for; refuse names and values that may not be."""
-    schema, data = chapter_schema(project.root, chapter.id), project.root / "data"
+    axes, settings, data = [*axes], [*settings], project.root / "data"
+    names = [word.partition("=")[0] for word in (*axes, *settings)]
+    chapter = chapter_with(project, chapter, names)
+    schema = asked_schema(project.root, chapter, names)
+    core = core_name(read_text(chapter.source))
+    if of and core is None:
+        raise ParameterError("--of", of, "left out: the chapter has no core to tell findings")
     found: dict[str, tuple[Value, ...]] = {}
     for axis in axes:
         name, equals, text = axis.partition("=")
@@ -81,9 +95,9 @@ def read_sweep(
             raise ParameterError("--grid", axis, "name=value,value,..., given once for each name")
         values = [
             gather_parameters(schema, (f"{name}={part}",), None, data)[name]
-            for part in text.split(",")
+            for part in _parts(text)
         ]
-        if len(set(values)) < len(values):
+        if len({*map(str, values)}) < len(values):
             raise ParameterError("--grid", axis, "a list without repeated values")
         found[name] = tuple(values)
     chosen = gather_parameters(schema, settings, None, data)
@@ -93,8 +107,19 @@ def read_sweep(
     count = math.prod(map(len, found.values()))
     if count > MOST_CELLS:
         raise ParameterError("--grid", count, f"of at most {MOST_CELLS} cells")
-    core = core_name(read_text(chapter.source))
-    return Sweep(chapter, schema, core, found, chosen)
+    return Sweep(chapter, schema, core, found, chosen, of)
+
+
+def _parts(text: str) -> list[str]:
+    """Return the values of an axis, which commas part; those within brackets belong to a list."""
+    parts, depth = [""], 0
+    for sign in text:
+        depth += (sign == "[") - (sign == "]")
+        if sign == "," and not depth:
+            parts.append("")
+        else:
+            parts[-1] += sign
+    return parts
 
 
 def run_sweep(
@@ -314,8 +339,33 @@ def _write(
         leaders = frames["leaders"].to_string(
             index=False, max_rows=_MOST_ROWS, float_format="{:.4g}".format
         )
-    computed = f"{len(runs) - there} cells computed, {there} were there."
-    return [leaders, computed, f"The sweep is in {folder}"], len(frames["failed"])
+    said = [leaders, *_findings(sweep, runs), *_idle(sweep, runs)]
+    said.append(f"{len(runs) - there} cells computed, {there} were there.")
+    return [*said, f"The sweep is in {folder}"], len(frames["failed"])
+
+
+def _findings(sweep: Sweep, runs: Sequence[tuple[Mapping[str, Value], Run]]) -> Iterator[str]:
+    """Tell what is asked for, or what the scores amount to, in each cell, with its unit."""
+    for place, each in runs if sweep.core else ():
+        found = {quantity.name: quantity for quantity in each.results.quantities}
+        if sweep.of and sweep.of not in found:
+            near = get_close_matches(sweep.of, found, 1, 0)[0]
+            raise ParameterError("--of", sweep.of, f"a finding or a column, such as {near}")
+        values = ", ".join(f"{n} = {v}{unit_of(sweep.schema[n].unit)}" for n, v in place.items())
+        for name in [sweep.of] if sweep.of else json.loads(each.files[SCORES])["findings"]:
+            yield f"{values}: {name} = {value_of(found[name])}"
+
+
+def _idle(sweep: Sweep, runs: Sequence[tuple[Mapping[str, Value], Run]]) -> Iterator[str]:
+    """Tell of each axis that changes nothing."""
+    for axis in sweep.axes:
+        groups: dict[str, list[Any]] = {}
+        for place, each in runs:
+            others = json.dumps({n: v for n, v in place.items() if n != axis})
+            groups.setdefault(others, []).append(each.results.quantities)
+        same = all(quantities == group[0] for group in groups.values() for quantities in group)
+        if same and len(runs) > len(groups):
+            yield f"{axis} changes no number of the sweep; `inswsn run` tells what depends on it."
 
 
 def _rows(place: Mapping[str, Value], run: Run, of_core: bool) -> Iterator[dict[str, Any]]:
@@ -337,10 +387,16 @@ def _write_figure(path: Path, sweep: Sweep, frame: Any, words: Mapping[str, Any]
 
     units = {name: sweep.schema[name].unit for name in sweep.axes}
     frame = frame.rename(columns={"value": "median"})
+    shown, methods = words["headline"], words["methods"]
+    if sweep.of is not None:
+        frame = frame[frame["quantity"] == sweep.of]
+        shown, of = frame[["column", "method"]].iloc[0]
+        methods = {of: methods.get(of, sweep.of)}
+    published = {name: sweep.schema[name].default for name in sweep.axes}
     with suppress(ParameterError):  # such as three axes
-        fig = draw_scores(frame, units, words["headline"], words["methods"])
+        fig = draw_scores(frame, units, shown, methods, published=published)
         # a file is passed on without the page that explains it
-        fig.supxlabel("Lines: medians of the runs. Bands: 95 % of them.", fontsize="small")
+        fig.supxlabel("Bands: 95 %. Dotted: the published value.", fontsize="small")
         facts = {"Title": str(sweep.core), "Date": None, "Creator": None}
         fig.savefig(path, format="svg", metadata=facts, facecolor="white")
 

@@ -28,6 +28,7 @@ from .metrics import (
 )
 from .monte_carlo import GROUP as GROUP, monte_carlo as monte_carlo
 from .scores import (
+    Finding as Finding,
     Lead as Lead,
     Leader as Leader,
     Prediction as Prediction,
@@ -35,6 +36,7 @@ from .scores import (
     Scores as Scores,
     crps as crps,
     paired_lead as paired_lead,
+    quotient as quotient,
     score_hypothesis as score_hypothesis,
 )
 from .tuning import Tuning as Tuning, search_pattern as search_pattern, tune as tune

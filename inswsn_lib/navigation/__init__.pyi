@@ -44,9 +44,11 @@ from .recorded_trials import (
 from .training_areas import (
     TrainingAreas as TrainingAreas,
     errors_by_area as errors_by_area,
+    first_measured as first_measured,
     noise_sizes as noise_sizes,
     run_coloured as run_coloured,
     table2_cells as table2_cells,
+    table2_findings as table2_findings,
 )
 from .trials import (
     FILTERS as FILTERS,

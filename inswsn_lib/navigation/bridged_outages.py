@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from itertools import product
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -18,6 +18,7 @@ from sklearn.dummy import DummyRegressor
 from inswsn_lib import learning
 from inswsn_lib.checks import Array
 from inswsn_lib.evaluation import (
+    Finding,
     NoiseFit,
     Scores,
     Tuning,
@@ -37,7 +38,13 @@ from inswsn_lib.learning import (
 from inswsn_lib.lmi import FilterDesign, design_filter
 from inswsn_lib.models import ErrorModel
 from inswsn_lib.navigation.hybrid import HybridNavigator, observable_inputs
-from inswsn_lib.navigation.training_areas import AREAS, UNKNOWN, noise_sizes, p1_settings
+from inswsn_lib.navigation.training_areas import (
+    AREAS,
+    UNKNOWN,
+    first_measured,
+    noise_sizes,
+    p1_settings,
+)
 from inswsn_lib.papers import AXES, COLUMNS
 from inswsn_lib.scenario import Setting, from_settings, with_values
 from inswsn_lib.simulation import Scene
@@ -167,6 +174,8 @@ class BridgedOutages:
     (50, 4, 2)
     """
 
+    scenarios: ClassVar[tuple[str, ...]] = ("p1", "p1-inertial")
+
     published: Mapping[str, Setting] = field(default_factory=p1_settings)
     seed: int = 2012
     runs: int = 256
@@ -261,7 +270,7 @@ class BridgedOutages:
         if key not in self._designs:
             self._designs[key] = design_filter(self._assuming(area, ratio), margin=margin)
         design = self._designs[key]
-        return lambda y: run_hinfinity(design, y, initial_state=np.nan_to_num(y[0]))
+        return lambda y: run_hinfinity(design, y, initial_state=first_measured(y))
 
     @cached_property
     def _designs(self) -> dict[tuple[str, float, float], FilterDesign]:
@@ -302,7 +311,7 @@ class BridgedOutages:
 
     def _published(self, area: str, y: Array) -> Array:
         """Return what P1's filter makes of measurements."""
-        model, start = self.models[area], np.nan_to_num(y[0])
+        model, start = self.models[area], first_measured(y)
         gain = deadbeat_gain(model)
         return run_hinfinity((model, gain), y, initial_state=start, predicted=False)
 
@@ -429,7 +438,18 @@ class BridgedOutages:
             "toolbox": "BP of a toolbox",
         }
         units = {c: "m" if c[0] == "r" else "m/s" for c in COLUMNS}
+        of_inputs = {"LS-SVM": "motion", "BP": "motion", COASTING: "state"}
+        how = "Remaining error over that of INS-only in the outages, mean over the eight columns, "
+        findings = {}
+        for name, kind in of_inputs.items():
+            left = np.quantile(100 * shares[name].mean(axis=0), [0.5, 0.025, 0.975])
+            value, low, high = map(float, left)
+            words = f"{how}median over runs: {name}, {kind}."
+            findings[f"fair.{_slug(name)}.{kind}"] = Finding(
+                value, low, high, "%", words, "runs 95 %"
+            )
         return Scores(
+            findings=findings,
             methods={_slug(name): label for name, label in labels.items()},
             columns=units | {"left": "1"},
             values=values,

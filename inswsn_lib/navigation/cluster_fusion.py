@@ -8,13 +8,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from scipy.linalg import block_diag
 
 from inswsn_lib.checks import Array
-from inswsn_lib.evaluation import Scores, Tuning, monte_carlo, search_pattern
+from inswsn_lib.evaluation import Scores, Tuning, monte_carlo, quotient, search_pattern
 from inswsn_lib.files import data_file
 from inswsn_lib.filters import (
     handover_weights,
@@ -109,6 +109,8 @@ class ClusterFusion:
     True
     """
 
+    scenarios: ClassVar[tuple[str, ...]] = ("p2",)
+
     published: Mapping[str, Setting] = field(default_factory=p2_settings)
     seed: int = 2012
     runs: int = 512
@@ -171,10 +173,15 @@ class ClusterFusion:
         """The white noise of an accelerometer in a sample, m/s^2."""
         return float(self.scene.inertial.accelerometer_noise / self.scene.period**0.5)
 
-    @cached_property
-    def initial_covariance(self) -> Array:
-        """Covariance of the error at the start of the Kalman filters, 0.1 m and 0.1 m/s, (4, 4)."""
-        return 0.1**2 * np.eye(4)
+    def initial_covariance(self, acceleration: float) -> Array:
+        """Return the P_0 of the Kalman filters, (4, 4): the scene's start, and a step of noise."""
+        start = [self.settings[name].value for name in ("position", "velocity")]
+        return np.diag(np.ravel(start) ** 2) + self._process(acceleration)
+
+    def _process(self, acceleration: float) -> Array:
+        """Return the Q of an acceleration, m/s^2, that acts on the INS in a period."""
+        T = self.scene.period
+        return np.diag(np.repeat([acceleration * T**2 / 2, acceleration * T], 2) ** 2)
 
     @cached_property
     def sets(self) -> list[Pattern]:
@@ -186,9 +193,8 @@ class ClusterFusion:
 
         The process noise is an acceleration, m/s^2, that acts on the INS in a period.
         """
-        T = self.scene.period
-        Q = np.diag(np.repeat([acceleration * T**2 / 2, acceleration * T], 2) ** 2)
-        return [ErrorModel.p2(T).with_covariances(Q, R) for R in covariances]
+        model, Q = ErrorModel.p2(self.scene.period), self._process(acceleration)
+        return [model.with_covariances(Q, R) for R in covariances]
 
     def federated(
         self,
@@ -274,7 +280,9 @@ class ClusterFusion:
         A[0, 4] = A[1, 5] = T**2 / 2
         q = np.repeat([self.white * T**2 / 2, self.white * T, walk * T**0.5], 2)
         model = ErrorModel(A=A, B=np.diag(q), C=np.eye(4, 6), D=np.eye(4), period=T)
-        known["initial_covariance"] = block_diag(self.initial_covariance, 0.3**2 * np.eye(2))
+        # of the bias it knows the size, twice of which is wide enough
+        biases = np.diag((2 * np.array(self.settings["accelerometer_bias"].value)) ** 2)
+        known["initial_covariance"] = block_diag(known["initial_covariance"], biases)
         return lambda y: run_federated(model, y, **known)[:, :4]
 
     def network_alone(self, y: Array) -> Array:
@@ -329,7 +337,22 @@ class ClusterFusion:
             for method, error in self.errors.items()
             for column, size in zip(columns, planar_rms(error), strict=True)
         }
-        return Scores(methods=METHODS, columns=columns, values=values, headline="position")
+        compared = {
+            "fair.dhf-over-fkf": ("dhf", "of DHF over that of FKF, both tuned."),
+            "fair.bias-over-fkf": (
+                "kf-with-bias",
+                "of the filter that estimates the bias over that of FKF, both tuned.",
+            ),
+        }
+        findings = {
+            f"{name}.{part}": quotient(
+                [values[f"{method}.{part}"]], [values[f"fkf-reset.{part}"]], "1",
+                f"RMS {part} error {words}",
+            )
+            for name, (method, words) in compared.items()
+            for part in columns
+        }  # fmt: skip
+        return Scores(METHODS, columns, values, headline="position", findings=findings)
 
     def _told(
         self, acceleration: float, factor: float, *, each_fix: bool = False
@@ -337,7 +360,8 @@ class ClusterFusion:
         """Return the model of a cluster, and what Kalman filters assume of the noise."""
         R = self.scene.measurement_covariance if each_fix else self.covariance
         known = widen_velocities(R, factor)
-        told = {"measurement_covariance": known, "initial_covariance": self.initial_covariance}
+        start = self.initial_covariance(acceleration)
+        told = {"measurement_covariance": known, "initial_covariance": start}
         return self.local_models(acceleration, known[:, 0])[0], told | {"predicted": True}
 
     @property

@@ -24,6 +24,7 @@ from inswsn_lib.navigation.training_areas import (
     UNKNOWN,
     ByArea,
     TrainingAreas,
+    first_measured,
     run_coloured,
 )
 
@@ -96,7 +97,7 @@ class FilterContest:
             return kalman(self.kalman_models(ratio, own))
         if name.startswith("HF"):
             designs = self.designs("exact" if "exact" in name else "printed", models, own)
-            return lambda a, y: run_hinfinity(designs[a], y, initial_state=np.nan_to_num(y[0]))
+            return lambda a, y: run_hinfinity(designs[a], y, initial_state=first_measured(y))
         if name == "Kalman, coloured error":
             return lambda a, y: run_coloured(models[a], own, y)
         if name == "Kalman, acceleration states":
@@ -134,9 +135,14 @@ class FilterContest:
         return {name: self.build(name, *search.best) for name, search in self.tunings.items()}
 
     def errors(self, estimate: Estimator, drawn: Mapping[str, ByArea]) -> ByArea:
-        """Return the errors of the INS less an estimator's estimates, by area, (steps, 4, runs)."""
+        """Return the errors of the INS less an estimator's estimates, by area, (steps, 4, runs).
+
+        NaN before the first fix of a run, where nobody knows the error of the INS.
+        """
         ins, network = drawn["ins"], drawn["wsn"]
-        return {a: ins[a] - estimate(a, ins[a] - network[a]) for a in AREAS}
+        errors = {a: ins[a] - estimate(a, ins[a] - network[a]) for a in AREAS}
+        begun = {a: np.logical_or.accumulate(~np.isnan(network[a]), axis=0) for a in AREAS}
+        return {a: np.where(begun[a], error, np.nan) for a, error in errors.items()}
 
     def tune(self, name: str) -> Tuning[tuple[float, ...]]:
         """Search for the two numbers of a filter of `CONTESTANTS`."""

@@ -8,14 +8,22 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import block_diag
 
 from inswsn_lib.checks import Array
-from inswsn_lib.evaluation import NoiseFit, Scores, fit_noise, mean_absolute_error, monte_carlo
+from inswsn_lib.evaluation import (
+    Finding,
+    NoiseFit,
+    Scores,
+    fit_noise,
+    mean_absolute_error,
+    monte_carlo,
+    quotient,
+)
 from inswsn_lib.files import data_file
 from inswsn_lib.filters import deadbeat_gain, run_hinfinity, run_kalman, run_schmidt
 from inswsn_lib.lmi import FilterDesign, design_filter
@@ -38,6 +46,7 @@ SCORED = {
     "ins": "INS alone",
     "wsn": "network alone = published HF, filtered",
     "kf-matched-filtered": "KF, filtered",
+    "kf-identity-filtered": "KF, Q = R = I, filtered",
     "hf-exact-matched-filtered": "HF, exact LMI, filtered",
     "hf-printed-matched-filtered": "HF, printed LMI, filtered",
     "hf-printed-predicted": "published HF, predicted",
@@ -99,6 +108,8 @@ class TrainingAreas:
     0.2 7.5 130.8
     1.0 1.5 130.8
     """
+
+    scenarios: ClassVar[tuple[str, ...]] = ("p1", "p1-inertial")
 
     published: Mapping[str, Setting] = field(default_factory=p1_settings)
     seed: int = 2012
@@ -254,19 +265,20 @@ class TrainingAreas:
         if told != ["printed"]:
             designs = self.matched_designs if told[1] == "matched" else self.identity_designs
             design = designs[told[0]][area]
-        start = np.nan_to_num(y[0])
-        return run_hinfinity(design, y, initial_state=start, predicted=predicted)
+        return run_hinfinity(design, y, initial_state=first_measured(y), predicted=predicted)
 
     def errors(self, method: str) -> ByArea:
         """Return the errors of a method, as in `estimate`, by area, (steps, 4, runs), m and m/s.
 
-        There is no prediction of the first step, so predicted errors leave it out.
+        There is no prediction of the first step, so predicted errors leave it out. Every method is
+        judged on the same samples: NaN where the network has no fix, or no velocity.
         """
         ins, network = self.drawn["ins"], self.drawn["wsn"]
         if method == "wsn":  # and not INS less (INS less network), which rounds
             return network
         first = 1 if method.endswith("predicted") else 0
-        return {a: (ins[a] - self.estimate(method, a, ins[a] - network[a]))[first:] for a in AREAS}
+        errors = {a: ins[a] - self.estimate(method, a, ins[a] - network[a]) for a in AREAS}
+        return {a: np.where(np.isnan(network[a]), np.nan, e)[first:] for a, e in errors.items()}
 
     def scores(self) -> Scores:
         """Return the cells of P1's Table 2 for each of `SCORED`, and their means.
@@ -274,10 +286,11 @@ class TrainingAreas:
         A cell is the mean absolute error of a run over the samples of an area. ``position`` and
         ``velocity`` are the means of the four cells each.
         """
+        cells = {method: table2_cells(self.errors(method)) for method in SCORED}
         values = {
             f"{method}.{column}": cell
-            for method in SCORED
-            for column, cell in _with_means(table2_cells(self.errors(method))).items()
+            for method, columns in cells.items()
+            for column, cell in _with_means(columns).items()
         }
         units = {c: "m" if c[0] == "r" else "m/s" for c in COLUMNS}
         return Scores(
@@ -286,7 +299,27 @@ class TrainingAreas:
             values=values,
             headline="position",
             baselines=frozenset({"ins"}),
+            findings=table2_findings(cells),
         )
+
+
+def first_measured(y: Array) -> Array:
+    """Return the first measurement of each component and run, (4, runs); 0 where there is none.
+
+    Parameters
+    ----------
+    y : ndarray, (steps, 4, runs)
+        INS less network, NaN where the network is not heard.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from inswsn_lib.navigation import first_measured
+    >>> first_measured(np.array([[[np.nan, 1.0]], [[2.0, 3.0]]])).tolist()
+    [[2.0, 1.0]]
+    """
+    first = np.argmax(~np.isnan(y), axis=0)
+    return np.asarray(np.nan_to_num(np.take_along_axis(y, first[None], axis=0)[0]))
 
 
 def run_coloured(
@@ -379,6 +412,54 @@ def table2_cells(errors: ByArea) -> ByArea:
     """
     means = {a: mean_absolute_error(errors[a]) for a in AREAS}
     return {axis + a: means[a][i] for i, axis in enumerate(AXES) for a in AREAS}
+
+
+def table2_findings(cells: Mapping[str, ByArea]) -> dict[str, Finding]:
+    """Return what Table 2 amounts to: shares of position cells, sums of medians over the runs.
+
+    Parameters
+    ----------
+    cells : mapping of str to dict of str to ndarray, (runs,)
+        Of methods, at least those of `SCORED`, as `table2_cells` gives them.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from inswsn_lib.navigation import table2_findings
+    >>> from inswsn_lib.navigation.training_areas import SCORED
+    >>> size = {"kf-matched-filtered": 1.0}
+    >>> columns = [axis + area for axis in ("rx", "ry") for area in "12"]
+    >>> cells = {m: {c: np.full(50, size.get(m, 2.0)) for c in columns} for m in SCORED}
+    >>> table2_findings(cells)["headline.kf-share"].value
+    50.0
+    """
+
+    def share(method: str, rival: str, areas: str = AREAS) -> tuple[list[Array], list[Array]]:
+        columns = [axis + a for axis in ("rx", "ry") for a in areas]
+        one, other = ([cells[m][c] for c in columns] for m in (method, rival))
+        return one, other
+
+    over = "over those of the published HF, sums of medians, both filtered."
+    hf = "hf-printed-filtered" if "hf-printed-filtered" in cells else "wsn"  # it is the fixes
+    return {
+        "headline.kf-share": quotient(
+            *share("kf-matched-filtered", hf),
+            "%",
+            f"Position cells of KF with matched noise {over}",
+        ),
+        "headline.identity-share": quotient(
+            *share("kf-identity-filtered", hf), "%", f"Position cells of KF with Q = R = I {over}"
+        ),
+        **{
+            f"exact.over-kalman.{a}": quotient(
+                *share("hf-exact-matched-filtered", "kf-matched-filtered", a),
+                "1",
+                "Position cells of HF, exact LMI, matched noise, over those of KF, matched noise, "
+                f"area {a}, filtered, sums of medians.",
+            )
+            for a in AREAS
+        },
+    }
 
 
 def _with_means(cells: ByArea) -> ByArea:

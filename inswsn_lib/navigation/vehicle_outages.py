@@ -8,12 +8,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from inswsn_lib.checks import Array
-from inswsn_lib.evaluation import Scores
+from inswsn_lib.evaluation import Finding, Scores, cluster_mean
 from inswsn_lib.files import data_file
 from inswsn_lib.learning import LSSVMRegressor, SelectedLSSVM
 from inswsn_lib.navigation.trials import OutageTrials, outage_size, p3_hybrids, run_outages
@@ -52,6 +52,20 @@ _RAMPS = {"short": 10, "half": 20}
 _SPANS = {"40": (1, OUTAGE), "50": (1, LONG), "late": (OUTAGE + 1, LONG)}
 # What is scored: a span, and whether it is the RMS or the largest error
 _SCORED = {"rms-40": ("40", 0), "max-40": ("40", 1), "rms-late": ("late", 0), "max-50": ("50", 1)}
+
+_AIDED = "that of the filter that is aided through the outage"
+# What the scores amount to: a method and its rival, and words for both
+_FACTORS = {
+    "factor.through-never": (
+        ("through", "never"),
+        "the filter that is aided through the outage over that of the filter that is never aided",
+    ),
+    "methods.lssvm": (
+        ("lssvm", "through"),
+        f"the proposed method, the aided filter with the LS-SVM over {_AIDED}",
+    ),
+    "methods.rbf": (("rbf", "through"), f"the aided filter with the RBF network over {_AIDED}"),
+}  # fmt: skip
 
 
 def p3_settings() -> dict[str, Setting]:
@@ -96,6 +110,8 @@ class VehicleOutages:
     >>> [truth.places[7] for truth in iw.navigation.VehicleOutages(routes=2).truths]
     [Place(name='continuous curve', start=1404), Place(name='continuous curve', start=1397)]
     """
+
+    scenarios: ClassVar[tuple[str, ...]] = ("p3",)
 
     published: Mapping[str, Setting] = field(default_factory=p3_settings)
     seed: int = 2015
@@ -195,6 +211,18 @@ class VehicleOutages:
             for span, limits in _SPANS.items()
         }
 
+    @cached_property
+    def clusters(self) -> Array:
+        """The road of each outage, (8 places, drives): those of one place and route share it."""
+        route = np.repeat(np.arange(self.routes), self.draws)
+        return np.asarray(np.arange(8)[:, None] * self.routes + route)
+
+    def factor(self, method: str, rival: str) -> tuple[float, float, float]:
+        """Return the mean ratio of RMS errors in 40 s, geometric, and its interval by road."""
+        ratio = np.log(self.sizes[method, "40"][0] / self.sizes[rival, "40"][0])
+        mean, low, high = np.exp(cluster_mean(ratio.ravel(), self.clusters.ravel()))
+        return float(mean), float(low), float(high)
+
     def scores(self) -> Scores:
         """Return the errors of each of `METHODS` in each outage.
 
@@ -207,7 +235,13 @@ class VehicleOutages:
             for method in METHODS
             for column, (span, index) in _SCORED.items()
         }
+        how = "; the geometric mean over the outages, with an interval by clusters."
+        findings = {
+            name: Finding(*self.factor(*pair), "1", f"RMS error in 40 s of {words}{how}")
+            for name, (pair, words) in _FACTORS.items()
+        }
         return Scores(
+            findings=findings,
             methods={_key(method): label for method, label in METHODS.items()},
             columns=dict.fromkeys(_SCORED, "m"),
             values=values,

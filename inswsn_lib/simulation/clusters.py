@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from inswsn_lib.checks import Array, Mask, array, number, whole
-from inswsn_lib.errors import ParameterError
+from inswsn_lib.errors import Described, ParameterError
 from inswsn_lib.scenario import ANY, NOT_NEGATIVE, POSITIVE, Pair, between
 from inswsn_lib.simulation.disturbances import coloured
 from inswsn_lib.simulation.ins import InertialErrors, inertial_errors
@@ -35,8 +35,8 @@ class ClusterScene:
     spacing : float
         Of the nodes, m.
     clusters : tuple of tuples of four floats
-        From x, to x, from y, to y of each cluster, m. A node belongs to the first cluster that
-        holds it.
+        From x, to x, from y, to y of each cluster, m. No node may be in two of them: each cluster
+        measures the ranges of its own nodes.
     period : float
         Of the INS, the fixes and the filters, s.
     waypoints, radius, speed, ranging, inertial
@@ -87,6 +87,9 @@ class ClusterScene:
         slack = self.spacing / 1e6
         inside = (x >= left - slack) & (x <= right + slack)
         inside &= (y >= low - slack) & (y <= high + slack)
+        if (shared := inside.sum(axis=1) > 1).any():
+            got = Described(f"{int(shared.sum())} of them in two or more")
+            raise ParameterError("clusters", got, "rectangles that have no node in common")
         labels = np.where(inside.any(axis=1), inside.argmax(axis=1), -1)
         for c in range(len(self.clusters)):
             count = int((labels == c).sum())

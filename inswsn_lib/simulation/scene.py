@@ -76,6 +76,8 @@ class Scene:
     velocity_fixes : int
     correlation_time : float
         Of the errors of fixes, and of measured velocities, s: see `coloured`. At 0 they are white.
+    lost_every : int
+        Of so many fixes the last is lost, as with 3 every third; at 0 none is.
     inertial, inertial_interval : InertialErrors, float
         The INS, and the sampling interval of its sensors, s.
 
@@ -111,6 +113,7 @@ class Scene:
     velocity_noise: float = scenario.between(*NOT_NEGATIVE)
     velocity_fixes: int = scenario.between(2, 1e6)
     correlation_time: float = scenario.between(*NOT_NEGATIVE)
+    lost_every: int = scenario.between(0, 1e6)
     inertial_interval: float = scenario.between(*POSITIVE)
 
     @cached_property
@@ -210,7 +213,10 @@ class Scene:
         else:
             count = 2 if self.velocity_source == "difference" else self.velocity_fixes
             velocities = slope_errors(fixes, truth, window.period, count)
-        return np.concatenate([fixes, velocities], axis=1)
+        found = np.concatenate([fixes, velocities], axis=1)
+        if self.lost_every:
+            found[self.lost_every - 1 :: self.lost_every] = np.nan
+        return found
 
 
 def _interpolate(values: Array, places: Array) -> Array:

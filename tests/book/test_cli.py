@@ -106,7 +106,7 @@ def checkout(mini: MiniProject) -> MiniProject:
     for name, text in {
         "empty": empty.model_dump_json(),
         "other": empty.model_copy(update={"chapter": "01"}).model_dump_json(),
-        "newer": empty.model_dump_json().replace('"schema_version":4', '"schema_version":99'),
+        "newer": empty.model_dump_json().replace('"schema_version":5', '"schema_version":99'),
     }.items():
         (mini.root / f"{name}.json").write_text(text, encoding="utf-8")
     (mini.root / "own").mkdir()

@@ -207,7 +207,7 @@ def test_only_publish_changes_the_reference(mini: MiniProject, inswsn: Callable[
     write_results(results(x=9.0), mini.results / "00.json")
     assert inswsn(mini.root, "publish").stdout == ""
     # a reference of another schema is shown as all new, and replaced
-    other = reference.read_text().replace('version": 4', 'version": 9')
+    other = reference.read_text().replace('version": 5', 'version": 9')
     write_listed(mini.published, {"00.json": other})
     assert "! 00 x: absent -> 1 m\n" in inswsn(mini.root, "publish").stdout
     mini.publish(results().model_copy(update={"chapter": "07"}))
@@ -244,12 +244,17 @@ def test_only_publish_changes_the_reference(mini: MiniProject, inswsn: Callable[
         ({"tables": {"tbl-x": [["1 km"]]}}, ["  00 table tbl-x: 1 of 1 cells differ"]),
         ({"tables": {"tbl-x": [["1 m", "1 m"]]}}, ["  00 table tbl-x: 1 of 2 cells differ"]),
         ({"tables": {}}, ["  00 table tbl-x: 1 of 1 cells differ"]),
+        ({"words": {"said": "3 to 5 m"}}, None),
+        ({"words": {"said": "2 to 4 km"}}, ["  00 words: said: # to # m -> # to # km"]),
+        ({"words": {}}, ["  00 words: said: # to # m -> absent"]),
     ],
 )  # fmt: skip
 def test_a_chapter_is_published_if_more_than_its_rounding_has_changed(
     mini: MiniProject, changes: dict[str, Any], said: list[str] | None
 ) -> None:
-    before = results(x=1.0, y=1.0).model_copy(update={"tables": {"tbl-x": [["1 m"]]}})
+    before = results(x=1.0, y=1.0).model_copy(
+        update={"tables": {"tbl-x": [["1 m"]]}, "words": {"said": "2 to 4 m"}}
+    )
     mini.publish(before)
     after = before.model_copy(update=changes)
     build(mini, after)
@@ -262,7 +267,7 @@ def test_a_chapter_is_published_if_more_than_its_rounding_has_changed(
 def test_compare_reads_files_of_older_forms(mini: MiniProject, inswsn: Callable[..., Done]) -> None:
     write_results(results(x=1.0), mini.root / "new.json")
     text = (
-        (mini.root / "new.json").read_text().replace('"schema_version": 4', '"schema_version": 1')
+        (mini.root / "new.json").read_text().replace('"schema_version": 5', '"schema_version": 1')
     )
     (mini.root / "old.json").write_text(text)
     done = inswsn(mini.root, "compare", "old.json", "new.json")

@@ -12,7 +12,7 @@ import pytest
 from conftest import MINI_LEDGER, MiniProject
 from inswsn_book.files import file_digest
 from inswsn_book.ledger import data_digest
-from inswsn_book.notebooks import notebook_text, read_source
+from inswsn_book.plain import stale_twins
 from inswsn_book.project import RESULTS_VARIABLE
 from inswsn_book.record import ChapterRecord
 from inswsn_book.results import Quantity, Results, read_results
@@ -117,7 +117,7 @@ def test_papermill_sets_no_name_that_the_chapter_does_not_declare(
     """Papermill itself warns, and goes on with the published numbers."""
     (chapter,) = mini.chapters()
     twin = tmp_path / "mini.ipynb"
-    twin.write_text(notebook_text(read_source(chapter)), encoding="utf-8")
+    twin.write_text(str(stale_twins(mini)[chapter.twin]), encoding="utf-8")
     done = subprocess.run(
         [sys.executable, "-m", "papermill", str(twin), str(twin.with_name("x")), "-p", name, "3"],
         cwd=mini.root, capture_output=True, text=True, check=False,

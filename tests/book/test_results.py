@@ -118,7 +118,7 @@ def test_a_broken_file_is_refused_in_one_sentence(tmp_path: Path) -> None:
             read_results(path)
 
 
-@pytest.mark.parametrize("version", [1, 2])
+@pytest.mark.parametrize("version", [1, 2, 3, 4])
 def test_a_file_of_an_older_version_is_read(tmp_path: Path, version: int) -> None:
     """As data/published/00.json stood at version 1, cut short."""
     old = {
@@ -132,4 +132,4 @@ def test_a_file_of_an_older_version_is_read(tmp_path: Path, version: int) -> Non
     (tmp_path / "00.json").write_text(json.dumps(old))
     new = read_results(tmp_path / "00.json")
     assert (new.schema_version, new["x"].role, new.provenance) == (SCHEMA_VERSION, "found", None)
-    assert (new.cells, new.solvers, new.tables) == ({}, {}, {})
+    assert (new.cells, new.solvers, new.tables, new.words) == ({}, {}, {}, {})

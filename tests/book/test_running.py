@@ -13,7 +13,15 @@ from pathlib import Path
 
 import psutil
 import pytest
-from conftest import Done, MiniProject, build_once, files_of, run_command, unprivileged
+from conftest import (
+    Done,
+    MiniProject,
+    assert_plain,
+    build_once,
+    files_of,
+    run_command,
+    unprivileged,
+)  # fmt: skip
 from inswsn_book import running
 from inswsn_book.files import damages, write_whole
 from inswsn_book.live.__main__ import main as live
@@ -107,7 +115,13 @@ def test_a_run_and_its_comparison(built: MiniProject, tmp_path: Path, inswsn: Co
     ]
     assert read_results(out / "00.json").parameters == {"scale": 3.0}
     assert (out / "parameters.yml").read_text() == "scale: 3.0\n"
-    assert "## Provenance" in (out / "00-mini.ipynb").read_text()
+    notebook = (out / "00-mini.ipynb").read_text()
+    assert "## Provenance" in notebook
+    assert "The number is **63**." in notebook
+    assert_plain(notebook)
+    (download,) = (built.site / "_sources").rglob("*.ipynb")
+    assert "The number is **42**." in download.read_text()
+    assert_plain(download.read_text())
     # its page alone, in the style of the book, to which its links lead
     page = (out / "html" / "chapters" / "00-mini.html").read_text()
     assert ">63<" in page

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 import yaml
-from assumptions import ASSUMPTIONS, Assumptions, load_assumptions
+from inswsn_book.assumptions import ASSUMPTIONS, Assumptions, load_assumptions
 from inswsn_book.project import Project
 from sensitivity import problems_of
 from small import SMALL

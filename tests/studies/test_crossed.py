@@ -11,7 +11,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from assumptions import load_assumptions
 from crossed import (
     CROSSED_FILE,
     FIGURE,
@@ -28,6 +27,7 @@ from crossed import (
 )
 from factors import CROSSED, Crossing, load_crossing, reasons
 from indices import filled, morris_effects, morris_places, sobol_places, sobol_shares
+from inswsn_book.assumptions import load_assumptions
 from inswsn_book.project import Project
 from points import outputs_at
 

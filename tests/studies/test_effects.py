@@ -7,7 +7,6 @@ import math
 from collections.abc import Callable
 
 import pytest
-from assumptions import Assumptions
 from effects import (
     Effect,
     band_of,
@@ -20,6 +19,7 @@ from effects import (
     tornado_svg,
 )
 from hypothesis import given, strategies as st
+from inswsn_book.assumptions import Assumptions
 from inswsn_book.parameters import Parameter
 from inswsn_book.results import Quantity, Results
 from inswsn_book.review import Findings

@@ -7,8 +7,8 @@ from inspect import signature
 
 import numpy as np
 import pytest
-from assumptions import Assumptions, load_assumptions, load_schemas, load_settings
 from factors import CROSSED, LEFT_OUT, Crossing, load_crossing, reasons
+from inswsn_book.assumptions import Assumptions, load_assumptions, load_schemas, load_settings
 from inswsn_book.project import Project
 from points import RUNS, core_at, inequality
 

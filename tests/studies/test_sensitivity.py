@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 import yaml
-from assumptions import Assumptions, load_assumptions
 from conftest import MiniProject
 from effects import band_of
 from inswsn_book import runs as engine
+from inswsn_book.assumptions import Assumptions, load_assumptions
 from inswsn_book.progress import Quiet
 from inswsn_book.project import Project
 from inswsn_book.results import Quantity, Results

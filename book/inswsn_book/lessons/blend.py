@@ -186,7 +186,7 @@ def show_outage(run: ExampleRun, run_filter: Filter) -> None:
     )
     shown.show(
         name="fig-l2-outage",
-        caption="The band extends two standard deviations, as the filter computes them. It "
+        caption="The band is ±2 standard deviations, as computed by the filter. It "
         "widens while fixes are lost, and the next fixes narrow it again.",
         alt="The error in x over 20 seconds and a band around zero. With 20 fixes lost after 8 s, "
         f"the band widens to {found[20][1][1:].max():.2f} m and narrows with the next fixes.",
@@ -224,7 +224,8 @@ def show_told(run: ExampleRun, run_filter: Filter, *, start: float) -> None:
     shown.show(
         name="fig-l2-told",
         caption="With too small a Q, the drift remains; with too large a Q, the filter follows the "
-        "fixes. The NIS shows, without the truth, whether the innovations are as large as assumed.",
+        "fixes. The NIS, explained below, shows without the truth whether innovations are as large "
+        "as assumed.",
         alt=f"Mean error against the factor on Q from 1e-4 to 1e4: {error[0]:.2f} m at the left "
         f"end, minimum {min(error):.3f} m, {error[-1]:.3f} m at the right end; the fixes alone "
         f"{network:.3f} m.",
@@ -267,8 +268,8 @@ def show_weights(weights: Callable[[float], Array], *, start: float) -> None:
     )
     shown.show(
         name="fig-l2-weights",
-        caption="The weights of past fixes in the corrected position. P1's filter has a single "
-        "bar, because it has no memory.",
+        caption="The weights of past fixes in the corrected position. The published filter has one "
+        "bar: it has no memory.",
         alt="Two bar charts of the weights of the last 13 fixes. Matched Kalman filter: "
         f"{of[1.0][0]:.2f}, {of[1.0][1]:.2f}, {of[1.0][2]:.2f}, falling. P1's filter: 1, then 0.",
     )
@@ -302,7 +303,7 @@ def hold(
     record.note("fixes", 100 * fixes, "cm", "Mean distance of the fixes from the true positions.")
     record.holds("A constant gain gets below 10 cm.", by_hand < 0.1)
     record.holds(
-        "At its best the Kalman filter is better than a filter with any constant gain.",
+        "At its best the Kalman filter is better than any filter with a constant gain.",
         best < by_hand,
     )
     record.holds("With the right size of Q it is too sure of itself.", too_sure)

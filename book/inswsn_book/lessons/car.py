@@ -191,8 +191,8 @@ def show_wrong_start(navigate: Navigate) -> None:
         name="fig-l6-wrong",
         caption="The same samples, integrated from a correct start and from a wrong one. The "
         "dashed line is the formula.",
-        alt=f"Two charts over 40 s. A tilt of 0.1 degrees causes {by_tilt[0.1][-1]:.1f} m, as the "
-        f"formula predicts. A heading error of 2 degrees causes {by_heading[2.0][-1]:.1f} m, and "
+        alt=f"Two charts over 40 s. A tilt of 0.1 degrees costs {by_tilt[0.1][-1]:.1f} m, as the "
+        f"formula predicts. A heading error of 2 degrees costs {by_heading[2.0][-1]:.1f} m, and "
         "none before the car brakes and turns.",
     )
 

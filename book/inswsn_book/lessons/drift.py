@@ -83,7 +83,7 @@ def show_biases(drive: ExampleDrive, navigate: Navigate) -> None:
     )
     shown.show(
         name="fig-l1-biases",
-        caption="With an accelerometer bias, the error grows with the square of time from the "
+        caption="With an accelerometer bias, the error grows as the square of time from the "
         "start. A gyro bias has no effect on the straight; its effect begins in the first turn.",
         alt="The error of the INS over 93 s. With a gyro bias of half a degree per second it "
         f"is {found[0.5, 0.0][200]:.1f} m after 20 s and {found[0.5, 0.0][-1]:.0f} m after 93 s.",

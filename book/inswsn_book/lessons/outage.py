@@ -364,7 +364,7 @@ def show_heading(
 ) -> float:
     """Show two filters in the outage, by what part of the heading's errors the INS has.
 
-    Returns the mean distance (m) of the filter of four states if it has none.
+    Returns the mean distance (m) of the four-state filter if it has none.
     """
     shares = list(drives)
     plain, turning, alone = {}, {}, {}
@@ -398,8 +398,8 @@ def show_heading(
     ))  # fmt: skip
     shown.show(
         name="fig-l4-heading",
-        caption="Without an error in the heading, the Kalman filter of four states bridges the "
-        "turn as well. With a fifth state, the error need not be removed.",
+        caption="Without a heading error, even the four-state Kalman filter bridges the "
+        "turn. With a fifth state, the error need not be removed.",
         alt=f"Over ten seconds of outage, the mean error of the filter with four states is "
         f"{plain[1.0].mean():.1f} m, and with five {turning[1.0].mean():.1f} m. Without an error "
         f"in the heading it is {plain[0.0].mean():.1f} m and {turning[0.0].mean():.1f} m.",

@@ -26,7 +26,7 @@ DIGITS = (1, 2, 3, 4)
 ORDERS = 2000  # random orders of the cells of a column
 POINTS = np.arange(0, 30.5, 0.5)  # what "about" may allow
 GROWTHS = np.round(np.arange(0, 2.05, 0.1), 1)
-TURNS = np.round(np.arange(0, 1.01, 0.05), 2)  # when the velocity error changes its sign
+TURNS = np.round(np.arange(0, 1.01, 0.05), 2)  # when the velocity error changes sign
 STARTS = np.arange(-2, 17) / 32  # the position error at the beginning
 PERIODS = np.round(np.arange(0.1, 1.21, 0.05), 2)
 TIME = np.linspace(0, 1, 2001)
@@ -130,7 +130,7 @@ def show_digits(xs: Texts, ys: Texts, means: Texts) -> None:
     )
     shown.show(
         name="fig-l7-digits",
-        caption="All cells are rounded. How many decimals are needed until only one offset "
+        caption="All cells are rounded. How many decimals are needed before only one offset "
         "explains the table, and no random order does?",
         alt="Two bar charts, by the number of decimals kept. Offsets that explain all ten rows: "
         + ", ".join(f"{n} with {d}" for d, n in perfect.items())

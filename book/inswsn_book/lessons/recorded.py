@@ -422,7 +422,7 @@ def show_bridges(profile: pd.DataFrame) -> None:
     )
     shown.show(
         name="fig-l8-bridges",
-        caption="Outages in the room, replayed on one recording. Standing still at the last fix "
+        caption="Outages in the room, emulated in one recording. Standing still at the last fix "
         "takes no computation at all.",
         alt="RMS position error over the time without fixes: "
         + "; ".join(

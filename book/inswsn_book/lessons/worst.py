@@ -417,8 +417,8 @@ def show_vehicle(run: ExampleRun, *, start: float) -> dict[str, float]:
     ))  # fmt: skip
     shown.show(
         name="fig-l3-vehicle",
-        caption="With a matched Q the Kalman filter is better. If the assumed Q is much too small, "
-        "an H∞ filter with a small margin is. Find a margin that is good in both cases.",
+        caption="With a matched Q the Kalman filter is better. With a much too small Q, "
+        "an H∞ filter with a small margin is better. Find a margin that is good in both cases.",
         alt=f"Mean distance against the assumed Q: {error[0][matched]:.3f} m for the Kalman filter "
         f"with the matched Q and {error[0][small]:.3f} m with Q/100; for the H-infinity "
         f"filter with the margin {margins[0]:g}, {error[margins[0]][matched]:.3f} m and "

@@ -120,7 +120,7 @@ def test_what_does_not_move_cannot_be_told() -> None:
 
 def test_a_model_that_is_none_of_an_ins_is_refused() -> None:
     walk = ErrorModel(A=[[1]], B=[[1]], C=[[1]], D=[[1]], period=1.0)
-    with pytest.raises(ParameterError, match="model must be of 4 states .*, not of 1 and 1"):
+    with pytest.raises(ParameterError, match=r"model must be of 4 states .*, not of 1 and 1"):
         check_recording(RIGHT, walk, initial_covariance=[[1.0]])
 
 

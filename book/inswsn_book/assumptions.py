@@ -1,19 +1,25 @@
 """What the papers leave unsaid, as ``data/assumptions.yaml`` has it: the form of that file.
 
-The book's page shows the file as it is; the study of sensitivity and the tests read it by this.
+The book's page shows the file as it is. By this the study of sensitivity reads it, and a run of a
+chapter, which is answered by its headlines and may be quick as those of the study are.
 """
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Annotated
 
-from inswsn_book.parameters import Schema, Value, chapter_schema
-from inswsn_book.project import Project
-from inswsn_book.results import Frozen, Name, Results
-from inswsn_book.review import Findings, Line, Paper, Pointer, load_entries
 from pydantic import Field
 
+from inswsn_book.parameters import Schema, Value, chapter_schema
+from inswsn_book.project import Chapter, Project
+from inswsn_book.results import Frozen, Name, Results
+from inswsn_book.review import Findings, Line, Paper, Pointer, load_entries
+from inswsn_book.runs import Request
+from inswsn_lib.errors import InswsnError
+from inswsn_lib.files import read_text
 from inswsn_lib.scenario import Setting, load_scenario
 
 ASSUMPTIONS = "data/assumptions.yaml"
@@ -138,3 +144,26 @@ def load_schemas(project: Project) -> dict[str, Schema]:
 def load_assumptions(root: Path) -> Assumptions:
     """Read ``data/assumptions.yaml``; refuse it with the entry that is not of the form."""
     return load_entries(root / ASSUMPTIONS, Assumptions)
+
+
+def without_sections(source: str, titles: Iterable[str], name: str) -> str:
+    """Return a source without the sections of these titles."""
+    for title in titles:
+        # to the next heading of the same rank; a label before that heading goes, too
+        source, found = re.subn(
+            rf"^## {re.escape(title)}\n.*?(?=^## |\Z)", "", source, flags=re.MULTILINE | re.DOTALL
+        )
+        if found != 1:
+            raise InswsnError(f"{name} has no section {title!r}, or more than one.")
+    return source
+
+
+def quick_request(root: Path, chapter: Chapter, values: Mapping[str, Value]) -> Request:
+    """Return the request of a quick run, of fewer runs and sections, as the study has them.
+
+    A chapter that the study does not run is run whole.
+    """
+    reduced = load_assumptions(root).reduced.get(chapter.id, Reduced(parameters={}, seeds=()))
+    source = without_sections(read_text(chapter.source), reduced.skips, chapter.source.name)
+    overlay = {f"chapters/{chapter.name}.md": source} if reduced.skips else {}
+    return Request(chapter.id, reduced.parameters | dict(values), overlay=overlay)

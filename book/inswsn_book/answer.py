@@ -1,0 +1,186 @@
+"""What a run with other parameters answers: the findings of the chapter, then and now."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from inswsn_book.assumptions import Headline, load_assumptions, quick_request
+from inswsn_book.compare import (
+    compare_conditions,
+    comparison,
+    flipped_verdicts,
+    pair_quantities,
+)
+from inswsn_book.cores import asked_schema
+from inswsn_book.ledger import LEDGER, Claim, claims_of, load_claims
+from inswsn_book.parameters import Schema, Value
+from inswsn_book.progress import Progress
+from inswsn_book.project import Project
+from inswsn_book.results import Quantity, Results
+from inswsn_book.running import (
+    REPORT,
+    chapter_with,
+    gather_parameters,
+    own_data,
+    parameters_in,
+    run_chapter,
+)
+from inswsn_book.runs import Request, reference_results
+from inswsn_lib.errors import InswsnError
+
+#: The most findings that are told, and the most characters of a line
+MOST, WIDTH = 8, 160
+#: Seconds of a published run from which a quick one is offered
+LONG = 60
+_FORMULAS = {r"\infty": "∞", r"\gamma": "γ", "_∞": "∞", r"\mathrm": "", "$": "", "{": "", "}": ""}
+
+
+def ask(
+    project: Project,
+    name: str,
+    settings: Sequence[str],
+    file: Path | None,
+    *,
+    quick: bool,
+    **how: Any,
+) -> Iterator[str]:
+    """Run a chapter, or the evidence of a lesson, as a user asks; say what comes of it."""
+    asked = project.find(name)
+    names = [setting.partition("=")[0] for setting in settings]
+    chapter = chapter_with(project, asked, [*names, *(parameters_in(file) if file else ())])
+    if chapter != asked:
+        yield f"{asked.id} has no such parameter; its evidence, {chapter.id}, is run."
+    schema = asked_schema(project.root, chapter, names)
+    values = gather_parameters(schema, settings, file, project.root / "data")
+    before, request = reference_results(project, chapter.id), Request(chapter.id, values)
+    if quick:
+        request = quick_request(project.root, chapter, values)
+    elif before.provenance and before.provenance.seconds > LONG:
+        yield (
+            f"The published run took {before.provenance.seconds:.0f} s, most of it for maps and "
+            "searches; --quick leaves those out, with fewer runs and so wider intervals."
+        )
+    claims = claims_of(load_claims(project.root / LEDGER), chapter.id)
+    headlines = load_assumptions(project.root).of_chapter(chapter.id)
+
+    def tell(results: Results, folder: Path) -> tuple[list[str], list[str]]:
+        took = results.provenance.seconds if results.provenance else 0
+        lines = [
+            question(chapter.id, schema, values),
+            *findings(headlines, before, results),
+            *differences(before, results, claims),
+            places(folder, chapter.name, took, html=how["html"]),
+        ]
+        return lines, comparison(before, results, claims)
+
+    with Progress() as progress:
+        folder, lines = run_chapter(project, request, progress, tell, **how)
+    report = folder / REPORT
+    if report.is_file() and own_data(schema, values):
+        lines = [report.read_text(encoding="utf-8").rstrip(), f"The run is in {folder}"]
+    yield from lines
+
+
+def question(chapter: str, schema: Schema, values: Mapping[str, Value]) -> str:
+    """Return what was asked: the chapter, and each value beside the published one, with units."""
+    asked = [
+        f"{name} = {value}{unit_of(schema[name].unit)} (published: {schema[name].default})"
+        for name, value in values.items()
+    ]
+    return f"{chapter} with {', '.join(asked) or 'its published parameters'}:"
+
+
+def findings(headlines: Sequence[Headline], before: Results, after: Results) -> list[str]:
+    """Return a line for each finding of a chapter, as published and now.
+
+    They are its headlines; of a chapter that has none the quantities that have changed.
+    """
+    lines = []
+    for headline in headlines:
+        words, percent = plain(headline.says).removesuffix(", %"), headline.says.endswith(", %")
+        if headline.over:
+            unit = ""
+            ends: list[tuple[float, float] | None] = [None, None]
+        else:
+            quantities = [{q.name: q for q in r.quantities} for r in (before, after)]
+            found = [each.get(headline.quantity) for each in quantities]
+            ends = [q.interval if q else None for q in found]
+            unit = "%" if percent else found[0].unit if found[0] else ""
+        try:
+            values = [headline.value(results) for results in (before, after)]
+        except (InswsnError, ZeroDivisionError):
+            lines.append(f"- {words}: not computed in this run")
+            continue
+        then, now = (_said(v, e, unit) for v, e in zip(values, ends, strict=True))
+        lines.append(f"- {words}: {then} -> {now}")
+    if not headlines:
+        pairs = [pair for pair in pair_quantities(before, after) if pair.beyond_tolerance]
+        for pair in pairs[:MOST]:
+            what = pair.after or pair.before
+            how = what.how.rstrip(".") if what else pair.name
+            lines.append(f"- {how}: {value_of(pair.before)} -> {value_of(pair.after)}")
+        if not pairs:
+            lines.append("- No number of this chapter moves by more than its tolerance.")
+    return lines
+
+
+def differences(before: Results, after: Results, claims: Sequence[Claim]) -> list[str]:
+    """Return a line on sentences that are no longer true, and one on verdicts that flip."""
+    untrue = [
+        said.removeprefix("sentences: ").removesuffix(": True -> False")
+        for said in compare_conditions(before, after)
+        if said.startswith("sentences: ") and said.endswith(": True -> False")
+    ]
+    flips = [
+        f"{claim.id} ({old.words if old else 'none'} -> {new.words if new else 'none'})"
+        for claim, old, new in flipped_verdicts(claims, before, after)
+    ]
+    return [
+        _listed(f"{len(untrue)} of {len(before.sentences)} sentences are no longer true", untrue),
+        _listed(f"{len(flips)} of {len(claims)} verdicts differ", flips),
+    ]
+
+
+def places(folder: Path, name: str, seconds: float, *, html: bool) -> str:
+    """Return a line that tells how long it took, and where everything is."""
+    page = f"page html/chapters/{name}.html" if html else "page with --html"
+    return (
+        f"It took {seconds:.0f} s. In {folder}: notebook {name.rpartition('/')[2]}.ipynb, {page}, "
+        "all that differs in comparison.txt."
+    )
+
+
+def plain(text: str) -> str:
+    """Return a text without the marks of formulas."""
+    for mark, sign in _FORMULAS.items():
+        text = text.replace(mark, sign)
+    return re.sub(r"\\(\w+)", r"\1", text)
+
+
+def _listed(said: str, entries: Sequence[str]) -> str:
+    """Return a count with the entries behind it, as many as a line holds."""
+    line = said
+    for place, entry in enumerate(entries):
+        longer = f"{line}{'; ' if place else ': '}{entry.rstrip('.')}"
+        if len(longer) > WIDTH and place:
+            return f"{line}; and {len(entries) - place} more."
+        line = longer
+    return f"{line}."
+
+
+def value_of(quantity: Quantity | None) -> str:
+    """Return a quantity in words: its value, unit and interval."""
+    return "absent" if quantity is None else _said(quantity.value, quantity.interval, quantity.unit)
+
+
+def _said(value: float, ends: tuple[float, float] | None, unit: str) -> str:
+    within = f" ({ends[0]:.3g} to {ends[1]:.3g})" if ends else ""
+    return f"{value:.3g}{unit_of(unit)}{within}"
+
+
+def unit_of(unit: str) -> str:
+    """Return a unit as it stands behind a number; nothing for a pure number."""
+    return "" if unit in ("", "1") else f" {unit}"
