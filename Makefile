@@ -9,13 +9,14 @@ COMPILE := $(RUN) -m uv pip compile --quiet --universal --python-version 3.11 --
 # a tool apart from the environment: what .ci/NAME.txt pins, in _build/NAME
 tool     = $(found); $(PYTHON) -m venv _build/$(1) && \
     _build/$(1)/bin/python -m pip install --quiet --disable-pip-version-check --no-deps --require-hashes -r .ci/$(1).txt
+# and have it see what the locks hold
+sees     = echo "import site; site.addsitedir('$(CURDIR)/$(VENV)/lib/python3.11/site-packages')" \
+    > _build/$(1)/lib/python3.11/site-packages/locked.pth
 found    = test -n "$(PYTHON)" || { echo "Python 3.11 is needed, and no python was found." >&2; exit 2; }
 FRESH   ?=
 JOBS    ?=
 PORT    ?= 8000
-LIVE    ?=
-show     = echo "The book is at http://127.0.0.1:$(PORT)/ (stop with Ctrl-C)"; \
-    $(RUN) -m http.server --directory _build/html --bind 127.0.0.1 $(PORT) >/dev/null 2>&1
+LAB     ?=
 # processes that run tests; each computes with one thread. One that has no tests left takes half of those that
 # wait for the other: files take too unlike a time to be dealt out whole, and their fixtures cost little twice.
 WORKERS ?= 2
@@ -29,8 +30,17 @@ test: environment ## lint, types, and all tests
 	$(VENV)/bin/lint-imports
 	$(RUN) -m pytest -n $(WORKERS) --dist worksteal
 
-serve: book ## show the built book at http://127.0.0.1:$(PORT)/; with LIVE=1 its cells run on this machine, at an address with a token
-	@$(if $(LIVE),$(RUN) -I -X utf8 -m inswsn_book.live.serve --port $(PORT),$(show))
+serve: book ## show the built book at http://127.0.0.1:$(PORT)/
+	@echo "The book is at http://127.0.0.1:$(PORT)/ (stop with Ctrl-C)"
+	@$(RUN) -m http.server --directory _build/html --bind 127.0.0.1 $(PORT) >/dev/null 2>&1
+
+lab: environment _build/jupyter/made ## open copies of the chapters in JupyterLab, where figures move, too; LAB="--no-browser" gives it words
+	@$(call sees,jupyter)
+	@_build/jupyter/bin/python -X utf8 -m inswsn_book.lab $(LAB)
+
+_build/jupyter/made: .ci/jupyter.txt
+	@$(call tool,jupyter)
+	@touch $@
 
 notebooks: environment ## write the .ipynb twins of the chapters
 	@$(RUN) -I -X utf8 -m inswsn_book.plain
@@ -73,10 +83,10 @@ spoilt: environment ## spoil recordings by hundreds, and keep what is refused, f
 elsewhere: environment ## run every chapter in other surroundings, for the book's table
 	@$(RUN) studies/elsewhere.py $(if $(JOBS),--jobs $(JOBS))
 
-# The peers that the lock does not hold see what it holds. Without the network their rows are left out.
+# Without the network the rows of the peers are left out.
 bench: environment ## speed against peers, as ratios; writes data/benchmarks*.yaml and growth.json, for the book
 	@($(call tool,bench)) || echo "The peers of .ci/bench.txt could not be installed." >&2
-	@echo "import site; site.addsitedir('$(CURDIR)/$(VENV)/lib/python3.11/site-packages')" > _build/bench/lib/python3.11/site-packages/locked.pth
+	@$(call sees,bench)
 	@_build/bench/bin/python benchmarks/throughput.py
 	@$(RUN) benchmarks/growth.py
 	@$(RUN) benchmarks/fusion.py
@@ -147,4 +157,4 @@ help: ## list the targets
 
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
-.PHONY: book test serve notebooks publish archive sphinx calibrate recorded studies spoilt elsewhere bench wasm live pdf mutants trials licences lock upgrade tag assets release report actionlint audit format environment clean help
+.PHONY: book test serve lab notebooks publish archive sphinx calibrate recorded studies spoilt elsewhere bench wasm live pdf mutants trials licences lock upgrade tag assets release report actionlint audit format environment clean help

@@ -49,7 +49,14 @@ def test_the_lock_has_all_that_is_asked_for(root: Path) -> None:
     assert problems(wanted, "numpy==1.9 \\\nclick==8.2 \\\n") == ["numpy", "scipy"]
 
 
-@pytest.mark.parametrize("name", ["environment.lock", "environment-torch.lock"])
+def test_jupyterlab_is_pinned_as_it_is_asked_for(root: Path) -> None:
+    project = tomllib.loads((root / "book" / "pyproject.toml").read_text(encoding="utf-8"))
+    wanted = map(Requirement, project["project"]["optional-dependencies"]["jupyter"])
+    pins = (root / ".ci" / "jupyter.txt").read_text(encoding="utf-8")
+    assert problems(wanted, pins) == []
+
+
+@pytest.mark.parametrize("name", ["environment.lock", "environment-torch.lock", ".ci/jupyter.txt"])
 def test_every_pin_has_a_hash(root: Path, name: str) -> None:
     pins = PIN.findall((root / name).read_text(encoding="utf-8"))
     assert pins

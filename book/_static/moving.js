@@ -3,7 +3,8 @@
    A cell shows one by inswsn_book.moving: a hidden <section class="moving"> with tables as JSON, in
    which the library has computed all that moves at every place of the sliders that it depends on.
    This script looks up and draws, and computes nothing. It puts the charts in the place of the still
-   picture that the section names; without it, and in print, the picture stays. */
+   picture that the section names; without it, and in print, the picture stays. In JupyterLab the widget of
+   inswsn_book.widget holds this script, and builds its section alone. */
 "use strict";
 
 (() => {
@@ -186,10 +187,8 @@
     return { input, output, field: make("div", { class: "moving-control" }, make("label", { for: id }, slider.label), input, output) };
   }
 
-  /** Build a moving figure in its section and put it in the place of the still picture. */
-  function start(root) {
-    const picture = document.getElementById(root.dataset.figure);
-    if (!picture) throw new Error(`The page has no figure ${root.dataset.figure}.`);
+  /** Build a moving figure in its section. */
+  function build(root) {
     const content = read(root);
     const sliders = Object.fromEntries(content.sliders.map((slider) => [slider.name, slider]));
     const fields = content.sliders.map((slider) => sliderField(slider, `${root.id}-${slider.name}`, () => refresh()));
@@ -224,8 +223,7 @@
       waiting = setTimeout(() => { status.textContent = sentence; }, 300);
     }
 
-    // all is drawn once before the page is changed: if that fails, the picture is there
-    refresh(320);
+    refresh(320); // all is drawn once before anything is changed
     root.setAttribute("aria-label", content.title);
     root.setAttribute("role", "group");
     root.append(
@@ -233,12 +231,19 @@
       make("dl", { class: "moving-numbers" }, ...numbers.map((number) => number.row)),
       holder, ...(fields.length ? [status] : []),
     );
+    root.hidden = false;
+    new ResizeObserver(() => refresh()).observe(holder); // which calls it at once
+  }
+
+  /** Build a moving figure and put it in the place of the still picture, which is there if that fails. */
+  function start(root) {
+    const picture = document.getElementById(root.dataset.figure);
+    if (!picture) throw new Error(`The page has no figure ${root.dataset.figure}.`);
+    build(root);
     const output = root.closest(".cell_output");
     picture.prepend(root);
     if (output && !output.contains(picture)) output.hidden = true; // an empty box is left
     picture.classList.add("moving-started");
-    root.hidden = false;
-    new ResizeObserver(() => refresh()).observe(holder); // which calls it at once
   }
 
   /** Start each moving figure of the page; one that fails leaves its picture, and the others alone. */
@@ -254,7 +259,7 @@
   }
 
   document.documentElement.classList.add("moving-starts"); // still pictures are not fetched until then
-  window.inswsnMoving = { start, read };
+  window.inswsnMoving = { build, start, read };
   if (document.readyState === "loading") document.addEventListener("DOMContentLoaded", startAll);
   else startAll();
 })();

@@ -12,12 +12,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from bs4 import BeautifulSoup
 from hypothesis import given, strategies as st
 from inswsn_book.live.about import about_lesson, fields
 from inswsn_book.live.absent import PACKAGES, AbsentError
 from inswsn_book.live.bundle import archive
 from inswsn_book.live.cells import Lesson, Plan, answer, before, names
-from inswsn_book.live.html import SCRIPTS
+from inswsn_book.live.html import SCRIPTS, policy_of, with_cells, with_policy
 from inswsn_book.live.measured import Measured
 from inswsn_book.live.site import lessons
 from inswsn_book.live.unrecorded import ChapterRecord as Unrecorded
@@ -199,8 +200,33 @@ def test_parameters_become_fields(project: Project) -> None:
     assert (q_scale["value"], q_scale["low"]) == (1.0, 1e-4)
     assert told["cells"][0] == {"needs": "", "seconds": 0.1, "before": []}
     assert told["cells"][1] == {"needs": "scipy", "seconds": 0, "before": [0]}
-    assert told["files"]
-    assert not told["kernel"]
+
+
+HTML = """<!DOCTYPE html><html lang="en"><head><title>x</title><script>let a = "é";</script></head>
+<body><button onclick="window.print()">x</button><script src="x.js"></script>
+<script type="application/json">{"b": 1}</script></body></html>
+"""
+
+
+def test_what_a_page_is_told_ends_no_script() -> None:
+    about = {"cells": [1], "said": "</script>\\1"}
+    page = BeautifulSoup(with_cells(HTML, "../", about), "html.parser")
+    assert json.loads(page.select_one("body > #live").string) == about
+    assert [link["href"] for link in page.select("head > link")] == ["../_static/live.css"]
+    assert [script["src"] for script in page.select("#live + script")] == ["../_static/live.js"]
+
+
+def test_a_policy_lets_run_what_stands_in_the_page_alone() -> None:
+    policy = dict(part.split(" ", 1) for part in policy_of(HTML).split("; "))
+    # openssl dgst -sha256 -binary | base64, of each text
+    script = "'sha256-bRpuFRoYVKjvn/GA0B4PGwNkBZ9x/rIEtQahq9wjZ24='"
+    handler = "'sha256-MguIPR6qNR8D3B+eAlK+bIRTZe8t3wkOY4B/56Me9FU='"
+    own = "'self' 'wasm-unsafe-eval'"
+    assert policy["script-src"] == f"{own} {script} 'unsafe-hashes' {handler}"
+    assert policy["default-src"] == policy["object-src"] == policy["base-uri"] == "'none'"
+    assert policy["connect-src"] == policy["worker-src"] == "'self'"
+    assert f"script-src {own} 'unsafe-hashes' {handler};" in policy_of("")
+    assert re.findall(r'Policy" content="(\w+)"', with_policy(HTML, "first")) == ["first"]
 
 
 def test_no_script_of_the_page_writes_html_of_others() -> None:

@@ -12,40 +12,25 @@ from inswsn_book.parameters import Parameter, ends, notebook_schema, read_myst
 from inswsn_book.project import Chapter
 from inswsn_lib.files import read_text
 
-#: The tag of a cell of which its page shows nothing
-UNSEEN = "remove-cell"
 
+def about_lesson(chapter: Chapter, measured: Sequence[Measured]) -> dict[str, Any]:
+    """Return what its page is told: which cells run, as they did here, and which others each needs.
 
-def about_chapter(chapter: Chapter) -> dict[str, Any]:
-    """Return what its page is told on the reader's own machine: every cell runs.
-
-    Of each cell it is told which others it needs. One that the page does not show comes with its
-    source.
+    The page shows all of them.
     """
     notebook = read_myst(read_text(chapter.source), chapter.source.name)
-    cells = [cell for cell in notebook.cells if cell.cell_type == "code"]
-    sources = [cell.source for cell in cells]
+    sources = [cell.source for cell in notebook.cells if cell.cell_type == "code"]
     return {
-        "kernel": True,
         "cells": [
-            {"needs": "", "seconds": 0, "before": before(sources, place)}
-            | ({"source": cell.source} if _unseen(cell) else {})
-            for place, cell in enumerate(cells)
+            {
+                "needs": found.needs,
+                "seconds": round(found.seconds, 1),
+                "before": before(sources, place),
+            }
+            for place, (found, _) in enumerate(zip(measured, sources, strict=True))
         ],
         "parameters": fields(notebook_schema(notebook, chapter.source.name).parameters),
     }
-
-
-def about_lesson(chapter: Chapter, measured: Sequence[Measured]) -> dict[str, Any]:
-    """Return what its page is told where Python runs in the page: cells run as they did here."""
-    about = about_chapter(chapter)
-    for cell, found in zip(about["cells"], measured, strict=True):
-        cell |= {"needs": found.needs, "seconds": round(found.seconds, 1)}
-    return about | {"kernel": False, "files": True}
-
-
-def _unseen(cell: Any) -> bool:
-    return UNSEEN in cell.metadata.get("tags", [])
 
 
 def fields(parameters: tuple[Parameter, ...]) -> list[dict[str, Any]]:

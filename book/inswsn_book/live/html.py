@@ -1,14 +1,10 @@
-"""What a page of the built book is given so that its cells run, and what a browser may load for it.
-
-`make live` writes this into the pages, and ``serve.py`` into each page that it serves.
-"""
+"""What `make live` writes into a page so that its cells run, and what a browser may load for it."""
 
 from __future__ import annotations
 
 import base64
 import hashlib
 import json
-import re
 from collections.abc import Iterator
 from html.parser import HTMLParser
 from pathlib import Path
@@ -17,8 +13,6 @@ from typing import Any
 #: Scripts and styles, which stand in ``_static`` of a site whose cells run; Jupyter Book would load
 #: what lies in ``book/_static`` on every page
 SCRIPTS = Path(__file__).with_name("page")
-_KNOWN = re.compile(r'<script\b[^>]*\bid="live"[^>]*>.*?</script>', re.DOTALL)
-_POLICY = re.compile(r'<meta http-equiv="Content-Security-Policy"[^>]*>')
 #: Types of script elements that are run; others hold data
 _SCRIPTS = ("", "text/javascript", "application/javascript", "module")
 #: What the theme's button for print does; the page of the search reads the pages that have one
@@ -28,14 +22,11 @@ _PRINT = "window.print()"
 def with_cells(html: str, prefix: str, about: dict[str, Any]) -> str:
     """Return a page with the script that runs cells, and what that knows of them.
 
-    The prefix leads from the page to the root of the site, such as ``"../"``. A page that has been
-    treated before is told what is said now.
+    The prefix leads from the page to the root of the site, such as ``"../"``.
     """
     # no "<" in a script element: it could end it, or begin a comment
     text = json.dumps(about, ensure_ascii=False, allow_nan=False).replace("<", "\\u003c")
     known = f'<script type="application/json" id="live">{text}</script>'
-    if _KNOWN.search(html):
-        return _KNOWN.sub(lambda _: known, html, count=1)
     parts = ["live"]
     if 'id="own-data"' in html:  # it asks what the other script offers
         parts.append("own-data")
@@ -45,16 +36,15 @@ def with_cells(html: str, prefix: str, about: dict[str, Any]) -> str:
 
 
 def with_policy(html: str, policy: str) -> str:
-    """Return a page with a policy in it, and no other, since a static server sends none."""
+    """Return a page with a policy in it, since a static server sends none."""
     meta = f'<meta http-equiv="Content-Security-Policy" content="{policy}"/>'
-    return _POLICY.sub("", html).replace("<head>", f"<head>{meta}", 1)
+    return html.replace("<head>", f"<head>{meta}", 1)
 
 
 def policy_of(html: str) -> str:
     """Return the Content-Security-Policy of a page: it loads from its own site alone.
 
-    Of scripts that stand in it those run that stand there now, told by their digests. A header says
-    ``frame-ancestors 'none'``, too; a meta element cannot.
+    Of scripts that stand in it those run that stand there now, told by their digests.
     """
     page = _Inline()
     page.feed(html)

@@ -6,6 +6,7 @@ import shutil
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 from inswsn_book.live.about import about_lesson
 from inswsn_book.live.bundle import archive
@@ -47,7 +48,7 @@ def put_in(project: Project, site: Path, progress: Progress) -> None:
     shutil.copy(project.root / "data" / "examples" / "ins-wsn.csv", place.parent)
     shutil.copytree(SCRIPTS, place.parent, dirs_exist_ok=True)
     noise = [{"name": name} | figure._asdict() for name, figure in FIGURES.items()]
-    told = {OWN_DATA: {"files": True, "cells": [], "parameters": [], "noise": noise}}
+    told: dict[str, dict[str, Any]] = {OWN_DATA: {"cells": [], "parameters": [], "noise": noise}}
     for chapter, found in zip(chapters, measured, strict=True):
         told[chapter.name] = about_lesson(chapter, found)
         runs = sum(not cell.needs for cell in found)

@@ -1,8 +1,7 @@
 /* Code cells that run where they are read.
 
    `make live` puts this script into the lessons, with what it knows of their cells: <script id="live">. It loads
-   nothing more before a reader presses Run. Then Python runs in a worker of the page (live-worker.js), or, where
-   `make serve LIVE=1` serves the page, in a kernel on the reader's own machine: there every cell runs. */
+   nothing more before a reader presses Run. Then Python runs in a worker of the page (live-worker.js). */
 "use strict";
 
 (() => {
@@ -12,13 +11,6 @@
   const here = new URL(".", document.currentScript.src);
   const known = JSON.parse(document.getElementById("live").textContent);
 
-  // given by the address once, and kept for the tab: an address would be written down
-  const token = (location.hash.match(/^#token=([\w-]+)$/) || [])[1] || sessionStorage.getItem("inswsn-token");
-  if (location.hash.startsWith("#token=")) {
-    sessionStorage.setItem("inswsn-token", token);
-    history.replaceState(null, "", location.pathname + location.search);
-  }
-
   function make(name, attributes = {}, ...children) {
     const node = document.createElement(name);
     for (const [key, value] of Object.entries(attributes)) if (value !== null) node.setAttribute(key, value);
@@ -26,13 +18,13 @@
     return node;
   }
 
-  // ---- what runs Python: each takes a request and tells what comes back to a function
+  // ---- what runs Python: it takes a request and tells what comes back to a function
 
   let worker;
   const waiting = new Map();
   let serial = 0;
 
-  function inWorker(request, tell) {
+  function send(request, tell) {
     worker ??= Object.assign(new Worker(new URL("live-worker.js", here)), {
       onmessage: ({ data }) => waiting.get(data.id)(data),
       onerror: (event) => { for (const each of [...waiting.values()]) each({ ended: true, failed: event.message || "Python did not start." }); },
@@ -48,41 +40,20 @@
     });
   }
 
-  function stopWorker() {
+  function stop() {
     worker?.terminate();
     worker = undefined;
     for (const each of [...waiting.values()]) each({ ended: true, failed: "Stopped. The next run starts Python anew." });
   }
 
-  const ask = (path, content) =>
-    fetch(new URL(path, location.origin), {
-      method: "POST", body: JSON.stringify(content), headers: { Authorization: `token ${token}`, "Content-Type": "application/json" },
-    });
-
-  async function inKernel({ run }, tell) {
-    const answer = await ask("/live/run", { page: location.pathname, ...run });
-    if (!answer.ok) throw new Error(await answer.text());
-    let left = "";
-    const lines = answer.body.pipeThrough(new TextDecoderStream()).getReader();
-    for (let part = await lines.read(); !part.done; part = await lines.read()) {
-      const whole = (left + part.value).split("\n");
-      left = whole.pop();
-      whole.filter(Boolean).map((line) => JSON.parse(line)).forEach(tell);
-    }
-  }
-
-  const inMachine = Boolean(known.kernel);
-  const send = inMachine ? inKernel : inWorker;
-  const stop = () => (inMachine ? ask("/live/stop", { page: location.pathname }) : stopWorker());
-
   /** A function of the library, for other scripts of the page. */
   async function call(place, values) {
-    const said = await inWorker({ place, values }, () => {});
+    const said = await send({ place, values }, () => {});
     if (said.error) throw new Error(said.error);
     return said.value;
   }
 
-  if (known.files && location.protocol !== "file:") window.inswsnLive = { call, noise: known.noise };
+  if (location.protocol !== "file:") window.inswsnLive = { call, noise: known.noise };
 
   // ---- the cells of the page
 
@@ -105,7 +76,7 @@
 
   class Cell {
     constructor(input, number, about) {
-      Object.assign(this, { input, number, about, runs: inMachine || !about.needs });
+      Object.assign(this, { input, number, about, runs: !about.needs });
       this.box = input.closest(".cell");
       this.code = input.querySelector("pre");
       this.printed = [...this.box.querySelectorAll(".cell_output > .output.stream, .cell_output > .output.text_plain")];
@@ -142,10 +113,10 @@
         this.bar.append(this.run, this.halt, this.reset, this.status);
       } else {
         this.bar.append(`Not in the page: it needs ${this.about.needs}.`, this.status);
-        const next = cells.slice(this.number + 1).find((cell) => cell.runs && cell.box);
+        const next = cells.slice(this.number + 1).find((cell) => cell.runs);
         if (next) this.bar.append(make("a", { href: `#${next.code.id}` }, "To the next that runs."));
         if (cells.find((cell) => !cell.runs) === this) {
-          this.bar.append(make("a", { href: new URL("../reproduce.html#in-the-pages", here) }, "On your own machine all cells run."));
+          this.bar.append(make("a", { href: new URL("../reproduce.html#in-jupyterlab", here) }, "On your own machine all cells run."));
         }
       }
       this.input.after(this.bar, this.out);
@@ -188,10 +159,6 @@
         if (!this.first.figures.has(name)) this.first.figures.set(name, contentOf(name));
         redraw(name, text);
       }
-      this.removeImages();
-      for (const [kind, content, alt] of said.images || []) {
-        this.out.before(make("img", { class: "live-image", alt: alt || "What the cell draws", src: `data:${kind};base64,${content}` }));
-      }
       this.printed.forEach((node) => { node.hidden = true; });
       const text = said.text + (said.error || "");
       this.out.textContent = text;
@@ -205,11 +172,9 @@
     /** How long it took, and what it is to be held against if that was long. */
     tellTime({ seconds, error }) {
       const took = `${error ? "failed after" : "took"} ${seconds.toFixed(seconds < 1 ? 2 : 1)} s`;
-      if (seconds < 1 || inMachine || error) return took;
+      if (seconds < 1 || error) return took;
       return `${took}: Python in this page computed all its numbers again. Building the book, this cell took ${this.about.seconds} s.`;
     }
-
-    removeImages() { this.box.querySelectorAll(".live-image").forEach((node) => node.remove()); }
 
     /** Put back the code, and what it and the cells that need it show, where nothing else was changed. */
     putBack(cells) {
@@ -217,14 +182,13 @@
       this.source = this.last = this.first.source;
       this.showEdited();
       const asInBook = (cell) => cell.needed(cells).every(({ last, first }) => last === first.source);
-      const others = seen(cells).filter((cell) => cell === this || Object.keys(cell.shown).length);
+      const others = cells.filter((cell) => cell === this || Object.keys(cell.shown).length);
       others.filter(asInBook).forEach((cell) => cell.putBackResults());
-      seen(cells).forEach((cell) => cell.mark(cells));
+      cells.forEach((cell) => cell.mark(cells));
     }
 
     putBackResults() {
       this.printed.forEach((node) => { node.hidden = false; });
-      this.removeImages();
       for (const [name, text] of this.first.figures) redraw(name, text);
       this.first.figures.clear();
       this.shown = {};
@@ -234,22 +198,13 @@
     }
   }
 
-  /** A cell of which the page shows nothing, and which others need: what it says stands at the cell that was asked for. */
-  class Unseen {
-    constructor(number, { source }) {
-      Object.assign(this, { number, source, last: source, first: { source }, runs: true, run: {}, status: { textContent: "" } });
-    }
-    build() {}
-  }
-
-  const seen = (cells) => cells.filter((cell) => cell.box);
   const OLD = "out of date: run it";
   const OF_THE_BOOK = "It shows the book's numbers, not yours.";
   const UNTRUE = /^No longer true: .*$/gm; // as inswsn_book.live.unrecorded says it
 
   /** What a reader has to know of other cells, once one has run. */
   function toldOf(cells, first, failed, untrue) {
-    const old = seen(cells).filter((cell) => cell !== first && cell.isOld(cells));
+    const old = cells.filter((cell) => cell !== first && cell.isOld(cells));
     const count = (runs) => old.filter((cell) => cell.runs === runs).length;
     const some = (n) => (n === 1 ? "1 other cell" : `${n} other cells`);
     const told = [
@@ -268,28 +223,27 @@
     const live = cells.filter((cell) => cell.runs);
     const [first, untrue] = [cells[number], []];
     let [failed, stopped] = [0, ""];
-    const wanted = [number, ...(below ? seen(live).filter((cell) => cell !== first && cell.isOld(cells)).map((cell) => cell.number) : [])];
+    const wanted = [number, ...(below ? live.filter((cell) => cell !== first && cell.isOld(cells)).map((cell) => cell.number) : [])];
     live.forEach((cell) => { cell.run.disabled = true; });
     first.halt.hidden = false;
-    first.status.textContent = worker || inMachine ? "waits" : `Python starts: ${known.megabytes} MB, once`;
+    first.status.textContent = worker ? "waits" : `Python starts: ${known.megabytes} MB, once`;
     try {
       await send({ run: { sources: cells.map((cell) => cell.source), runs: cells.map((cell) => cell.runs), wanted, below } },
         (said) => {
           const cell = cells[said.cell];
-          if (!cell.box) cell.last = cell.source;
           if (said.error && cell !== first) failed += 1;
           if (said.text && cell !== first) untrue.push(...(said.text.match(UNTRUE) ?? []));
-          (cell.box ? cell : first).take(said, cells);
+          cell.take(said, cells);
         });
     } catch (error) {
       stopped = error.message;
-      for (const cell of seen(cells)) {
+      for (const cell of cells) {
         if (!/^(runs|waits|Python starts)/.test(cell.status.textContent)) continue;
         cell.status.textContent = "";
         cell.out.hidden = true; // it is of a run before
       }
     }
-    seen(cells).forEach((cell) => cell.mark(cells));
+    cells.forEach((cell) => cell.mark(cells));
     first.status.textContent = stopped || toldOf(cells, first, failed, untrue);
     busy = false;
     live.forEach((cell) => { cell.run.disabled = false; });
@@ -298,7 +252,7 @@
 
   /** A field for each parameter: when it changes, so does the cell, and what needs it runs. */
   function addParameters(cells) {
-    const cell = cells.find(({ box }) => box?.classList.contains("tag_parameters"));
+    const cell = cells.find(({ box }) => box.classList.contains("tag_parameters"));
     if (!cell?.runs) return;
     const fields = known.parameters.map(({ name, value, low, high, above, below, whole, meaning }) => {
       const field = make("input", { type: "number", id: `live-${name}`, value, step: whole ? 1 : "any", min: low, max: high, autocomplete: "off" });
@@ -325,10 +279,10 @@
       inputs[0]?.before(line);
       return;
     }
-    const cells = known.cells.map((about, number) => ("source" in about ? new Unseen(number, about) : new Cell(inputs.shift(), number, about)));
+    const cells = known.cells.map((about, number) => new Cell(inputs[number], number, about));
     cells.forEach((cell) => cell.build(cells));
     addParameters(cells);
-    seen(cells)[0]?.box.before(make("p", { class: "live-bar" }, HINT));
+    cells[0]?.box.before(make("p", { class: "live-bar" }, HINT));
   }
 
   if (document.readyState === "loading") document.addEventListener("DOMContentLoaded", start);

@@ -1,16 +1,18 @@
-"""A chapter's record for cells that run again: it takes names again, and says what is untrue."""
+"""What a kernel of `make lab` begins with: figures move, and a cell that records may run again."""
 
 from __future__ import annotations
 
 from typing import Any
 
-from inswsn_book import record
+from inswsn_book import moving, record
 from inswsn_book.live.unrecorded import name_untrue
 from inswsn_book.record import ChapterRecord
 from inswsn_book.results import Quantity
 
 
 class _Again(ChapterRecord):
+    """Takes a name again in the place of before, and says what is untrue."""
+
     def quantity(self, name: str, value: float, unit: str, **fields: Any) -> Quantity:
         self._quantities.pop(name, None)
         return super().quantity(name, value, unit, **fields)
@@ -21,6 +23,11 @@ class _Again(ChapterRecord):
         name_untrue(sentence, condition)
 
 
-def record_again() -> None:
-    """Have what a chapter records replace what it has recorded by the same name, in this kernel."""
+def begin() -> None:
+    """Have this kernel record so, and show figures by the widget; without anywidget, stills."""
     record.ChapterRecord = _Again  # type: ignore[misc]
+    try:
+        from inswsn_book.lab.widget import show  # noqa: PLC0415  # what it needs may be absent
+    except ImportError:
+        return
+    moving.shown_to(show)
