@@ -59,6 +59,11 @@ class ChapterRecord:
         self._solvers: dict[str, str] = {}
         self._studies: dict[str, bool] = {}
 
+    @property
+    def published(self) -> bool:
+        """Whether the parameters are those of the published run."""
+        return self._parameters == self.schema.defaults
+
     def data(self, name: str) -> Path:
         """Return the path of a file and note that this chapter reads it.
 

@@ -50,6 +50,11 @@ from .training_areas import (
     table2_cells as table2_cells,
     table2_findings as table2_findings,
 )
+from .training_table import (
+    rebuild_table2 as rebuild_table2,
+    recorded_errors as recorded_errors,
+    with_recorded as with_recorded,
+)
 from .trials import (
     FILTERS as FILTERS,
     OutageTrials as OutageTrials,

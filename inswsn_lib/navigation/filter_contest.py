@@ -127,7 +127,17 @@ class FilterContest:
     @cached_property
     def tunings(self) -> dict[str, Tuning[tuple[float, ...]]]:
         """The searches for the two numbers of each filter, on other runs than those judged."""
-        return {name: self.tune(name) for name in CONTESTANTS}
+        return {name: self.tuning(name) for name in CONTESTANTS}
+
+    def tuning(self, name: str) -> Tuning[tuple[float, ...]]:
+        """Return the search of one filter, which is made once."""
+        if name not in self._searches:
+            self._searches[name] = self.tune(name)
+        return self._searches[name]
+
+    @cached_property
+    def _searches(self) -> dict[str, Tuning[tuple[float, ...]]]:
+        return {}
 
     @cached_property
     def tuned(self) -> dict[str, Estimator]:

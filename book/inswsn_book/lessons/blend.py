@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,9 @@ from inswsn_lib.filters import run_hinfinity
 from inswsn_lib.models import ErrorModel
 from inswsn_lib.navigation import ExampleRun
 from inswsn_lib.papers import read_rows
+
+if TYPE_CHECKING:
+    from inswsn_lib.navigation import TrainingAreas
 
 Array = NDArray[np.float64]
 #: A filter by hand: estimates of the error of the INS (samples, 4), by a gain
@@ -276,21 +280,17 @@ def show_weights(weights: Callable[[float], Array], *, start: float) -> None:
 
 
 def hold(
-    seed: int, q_scale: float, run: ExampleRun, by_gain: ByGain, run_filter: Filter,
+    record: book.ChapterRecord, run: ExampleRun, by_gain: ByGain, run_filter: Filter,
     found: Mapping[str, Array],
-) -> dict[str, float]:  # fmt: skip
-    """Record what the lesson found, hold its sentences; return the errors in x that P1 prints."""
-    record = book.ChapterRecord("lesson-2", {"seed": seed, "q_scale": q_scale})
+) -> None:  # fmt: skip
+    """Record what the lesson found, and hold its sentences."""
     for name in ("p1", "p1-inertial"):
         record.data(f"scenarios/{name}.yaml")
     printed = read_rows(record.data("papers/p1-table2.csv"), index="method")
-    theirs = {name: float(printed[name]["rx1"]) for name in found}
     for name, estimate in found.items():
         error = abs(run.ins - estimate - run.truth)[:, 0].mean()
         record.note(f"x.{name.lower()}", error, "m", "Mean absolute error in x over the area.")
-        record.say(f"p1.{name}", f"{theirs[name]:.2f}")
-    for said in ("headline.kf-share", "kf.taken.unit"):
-        record.say(said, f"{record.reference('p1-training', said).value:.0f}")
+    record.say("kf.taken.unit", f"{record.reference('p1-training', 'kf.taken.unit').value:.0f}")
     for chapter, said in (("recorded-data", "room.memory"), ("lesson-8", "room.white")):
         record.say(said, f"{record.reference(chapter, said).value:.0f}")
     record.crossed("p1-training", "headline.kf-share")
@@ -309,4 +309,34 @@ def hold(
     record.holds("With the right size of Q it is too sure of itself.", too_sure)
     record.holds("P1's Kalman filter is worse in all cells.", all(worse))
     record.write()
-    return theirs
+
+
+def show_table2(record: book.ChapterRecord, areas: TrainingAreas) -> None:
+    """Show P1's Table 2 beside what the scene gives for it."""
+    # none of it is there in the page, where all else of this lesson runs
+    from inswsn_book.lessons.printed import Cell, show_printed  # noqa: PLC0415
+    from inswsn_lib.navigation import FilterContest, recorded_errors, training_table  # noqa: PLC0415
+
+    printed = read_rows(record.data("papers/p1-table2.csv"), index="method")
+    radio = record.data("recorded/uwb-fixes.json")
+    filters = {"KF": "kalman", "HF": "hf-exact-lmi"}
+    rebuilt = dict(zip(printed, training_table.REBUILT, strict=True))
+
+    def cell(method: str, column: str, text: str) -> Cell:
+        kind = filters.get(method)
+        equal = f"fair.cells.{kind}.{column}" if kind else "the same"
+        place = f"recorded.cells.{kind}.{column}" if kind and column[0] == "r" else "none"
+        what = f"{method}, ${column[0]}_{column[1]}$, No. {column[2]}"
+        return Cell(what, text, f"table2.{rebuilt[method]}.{column}", equal, place)
+
+    show_printed(
+        record, "p1-training",
+        [cell(m, c, text) for m, row in printed.items() for c, text in row.items()],
+        lambda: training_table.rebuild_table2(FilterContest(areas), recorded_errors(radio)),
+        name="tbl-l2-table2",
+        caption="P1's Table 2, mean absolute errors (m, m/s), medians and 95 % of runs. Rebuilt: a "
+        "Kalman filter that knows the noise, and the printed matrices. On equal terms: both kinds "
+        "of filter tuned alike. Recorded: the same in the simulation with the errors of recorded "
+        "fixes, which have no velocities.",
+        first=("headline.kf-share", "headline.identity-share"),
+    )  # fmt: skip

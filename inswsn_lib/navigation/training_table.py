@@ -1,0 +1,138 @@
+"""P1's Table 2 cell by cell: rebuilt, on equal terms, and with the errors of recorded fixes."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+import numpy as np
+
+from inswsn_lib.checks import Array
+from inswsn_lib.evaluation import Finding
+from inswsn_lib.navigation.filter_contest import FilterContest
+from inswsn_lib.navigation.training_areas import (
+    AREAS,
+    ByArea,
+    table2_cells,
+    table2_findings,
+)
+from inswsn_lib.papers import COLUMNS
+
+#: The methods of Table 2 as rebuilt, by the names of `TrainingAreas.estimate`
+REBUILT = {
+    "ins": "INS-only",
+    "kf-matched-filtered": "KF with matched noise, filtered",
+    "hf-printed-predicted": "HF with the printed matrices, predicted",
+}
+#: The filters that stand for KF and HF on equal terms, by the names of `FilterContest`
+EQUAL = {"kalman": "Kalman", "hf-exact-lmi": "HF, exact LMI"}
+_ACCURACY = 0.2  # m, of P1's fixes, to which recorded errors are scaled
+
+
+def rebuild_table2(contest: FilterContest, recorded: Array) -> dict[str, Finding]:
+    """Return the cells of P1's Table 2: medians of the runs with the ends of 95 % of them.
+
+    ``table2.METHOD.CELL`` for the methods of `REBUILT`; ``fair.cells.FILTER.CELL`` for those of
+    `EQUAL`, tuned alike, filtered; ``recorded.cells.FILTER.CELL``, the same filters where the fixes
+    have recorded errors, for positions alone. Then what they amount to, `table2_findings`.
+
+    Parameters
+    ----------
+    contest : FilterContest
+        The scene, its filters and their searches.
+    recorded : ndarray, (fixes, 2)
+        Errors of recorded fixes, from `recorded_errors`.
+
+    Examples
+    --------
+    >>> import inswsn_lib as iw
+    >>> from inswsn_lib.navigation import FilterContest, TrainingAreas
+    >>> from inswsn_lib.navigation import rebuild_table2, recorded_errors
+    >>> radio = recorded_errors(iw.data_file("recorded/uwb-fixes.json"))
+    >>> contest = FilterContest(TrainingAreas(runs=4, other_runs=4))
+    >>> len(rebuild_table2(contest, radio))  # 24, 16 on equal terms, 8 recorded, 4 in all
+    52
+    """
+    areas = contest.areas
+    methods = [*REBUILT, "kf-identity-filtered", "hf-printed-filtered", "hf-exact-matched-filtered"]
+    cells = {method: table2_cells(areas.errors(method)) for method in methods}
+    found = {
+        name: finding
+        for method, words in REBUILT.items()
+        for name, finding in _cells(f"table2.{method}", cells[method], words)
+    }
+    drawn = areas.drawn
+    emulated = with_recorded(drawn, recorded, np.random.default_rng([areas.seed, 14]))
+    for slug, name in EQUAL.items():
+        tuned = contest.build(name, *contest.tuning(name).best)
+        for source, runs, words in (
+            ("fair", drawn, "tuned, filtered"),
+            ("recorded", emulated, "tuned for white errors, filtered, fixes with recorded errors"),
+        ):
+            errors = table2_cells(contest.errors(tuned, runs))
+            kept = {c: e for c, e in errors.items() if source == "fair" or c[0] == "r"}
+            found |= dict(_cells(f"{source}.cells.{slug}", kept, f"{name}, {words}"))
+    return table2_findings(cells) | found
+
+
+def recorded_errors(path: Path) -> Array:
+    """Return the errors of recorded fixes by radio, (fixes, 2), m, as accurate as P1's.
+
+    Parameters
+    ----------
+    path : Path
+        The kept study of recorded fixes, ``recorded/uwb-fixes.json`` of the data.
+
+    Examples
+    --------
+    >>> import inswsn_lib as iw, numpy as np
+    >>> from inswsn_lib.navigation import recorded_errors
+    >>> errors = recorded_errors(iw.data_file("recorded/uwb-fixes.json"))
+    >>> round(float(np.sqrt((errors**2).sum(axis=1).mean())), 3)
+    0.2
+    """
+    kept = json.loads(path.read_text(encoding="utf-8"))["horizontal_errors"]
+    series = np.array([each for each in kept if each is not None], dtype=float)
+    return np.asarray(series * _ACCURACY / np.sqrt((series**2).sum(axis=1).mean()))
+
+
+def with_recorded(
+    drawn: Mapping[str, ByArea], recorded: Array, rng: np.random.Generator
+) -> dict[str, ByArea]:
+    """Return drawn errors whose fixes have those of a recording, windows from random starts.
+
+    Parameters
+    ----------
+    drawn : mapping
+        As `TrainingAreas.drawn`.
+    recorded : ndarray, (fixes, 2)
+        In the order of the recording, or in another one.
+    rng : numpy.random.Generator
+
+    Examples
+    --------
+    Velocities stay what they were:
+
+    >>> import numpy as np
+    >>> from inswsn_lib.navigation import with_recorded
+    >>> drawn = {part: {a: np.zeros((5, 4, 2)) for a in "12"} for part in ("ins", "wsn")}
+    >>> changed = with_recorded(drawn, np.ones((9, 2)), np.random.default_rng(0))
+    >>> changed["wsn"]["1"][0, :, 0].tolist()
+    [1.0, 1.0, 0.0, 0.0]
+    """
+    network = {a: drawn["wsn"][a].copy() for a in AREAS}
+    for errors in network.values():
+        for run in range(errors.shape[2]):
+            first = rng.integers(len(recorded) - len(errors))
+            errors[:, :2, run] = recorded[first : first + len(errors)]
+    return {**drawn, "wsn": network}
+
+
+def _cells(prefix: str, cells: ByArea, words: str) -> Iterator[tuple[str, Finding]]:
+    for column in COLUMNS:
+        if column in cells:
+            middle, low, high = map(float, np.quantile(cells[column], [0.5, 0.025, 0.975]))
+            how = f"Mean absolute error over area {column[2]}, {column[:2]}, {words}: median."
+            unit = "m" if column[0] == "r" else "m/s"
+            yield f"{prefix}.{column}", Finding(middle, low, high, unit, how, "runs 95 %")
