@@ -35,11 +35,11 @@ def show_parameters(schema: Schema, *, name: str) -> None:
     show_table(frame, name=name, caption="The parameters of this chapter.")
 
 
-def show_table(frame: pd.DataFrame, *, name: str, caption: str) -> None:
+def show_table(frame: pd.DataFrame, *, name: str, caption: str, fold: str = "") -> None:
     """Show a table with a caption; the book numbers it, and ``{numref}`` refers to it by its label.
 
     The index names the rows. Cells are written with ``str`` and may hold MyST Markdown of one line,
-    as the caption may.
+    as the caption may. A long table is folded behind the words of ``fold``, which a click opens.
     """
     cells = [[str(frame.index.name or ""), *map(str, frame.columns)]]
     cells += [
@@ -52,6 +52,8 @@ def show_table(frame: pd.DataFrame, *, name: str, caption: str) -> None:
     for row in cells:
         lines += [f"{'* -' if i == 0 else '  -'} {cell}".rstrip() for i, cell in enumerate(row)]
     lines.append(fence)
+    if fold:
+        lines = [f"````{{dropdown}} {fold}", *lines, "````"]
     display(
         {
             "text/markdown": "\n".join(lines),

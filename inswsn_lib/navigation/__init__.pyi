@@ -29,6 +29,16 @@ from .hybrid import (
     observable_inputs as observable_inputs,
 )
 from .learner_map import Choice as Choice, LearnerMap as LearnerMap
+from .outage_tables import (
+    bridge_as_printed as bridge_as_printed,
+    equal_findings as equal_findings,
+    rebuild_table1 as rebuild_table1,
+    rebuild_table3 as rebuild_table3,
+    table1_cells as table1_cells,
+    table1_findings as table1_findings,
+    table3_cells as table3_cells,
+    table3_findings as table3_findings,
+)
 from .recorded_clusters import RecordedClusters as RecordedClusters
 from .recorded_outages import RecordedOutages as RecordedOutages
 from .recorded_study import (

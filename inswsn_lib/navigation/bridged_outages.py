@@ -55,6 +55,8 @@ KINDS = ("oracle", "time", "motion", "inertial", "state")
 MOST_JUDGED = 100
 #: The filters among the methods
 COASTING, HF_COASTING = "Kalman filter, coasting", "H-infinity filter, coasting"
+#: The methods, with their inputs, whose shares are the headlines of the comparison
+HEADLINES = (("LS-SVM", "motion"), ("BP", "motion"), (COASTING, "state"))
 _INERTIAL = (
     "accelerometer_bias", "accelerometer_scale", "gyro_bias", "heading", "velocity", "position",
 )  # fmt: skip
@@ -438,18 +440,8 @@ class BridgedOutages:
             "toolbox": "BP of a toolbox",
         }
         units = {c: "m" if c[0] == "r" else "m/s" for c in COLUMNS}
-        of_inputs = {"LS-SVM": "motion", "BP": "motion", COASTING: "state"}
-        how = "Remaining error over that of INS-only in the outages, mean over the eight columns, "
-        findings = {}
-        for name, kind in of_inputs.items():
-            left = np.quantile(100 * shares[name].mean(axis=0), [0.5, 0.025, 0.975])
-            value, low, high = map(float, left)
-            words = f"{how}median over runs: {name}, {kind}."
-            findings[f"fair.{_slug(name)}.{kind}"] = Finding(
-                value, low, high, "%", words, "runs 95 %"
-            )
         return Scores(
-            findings=findings,
+            findings=share_findings({key: compared[key] for key in HEADLINES}),
             methods={_slug(name): label for name, label in labels.items()},
             columns=units | {"left": "1"},
             values=values,
@@ -469,6 +461,20 @@ def judge_best(
 
     tuning = tune(name, range(len(bridges)), loss)
     return Judged(tuning, _shares(passages, bridges[int(tuning.best)]))
+
+
+def share_findings(compared: Mapping[tuple[str, str], Judged]) -> dict[str, Finding]:
+    """Return what is left of the error of the INS by method and input, in %.
+
+    The names are ``fair.METHOD.INPUT``, as in ``fair.ls-svm.motion``.
+    """
+    how = "Remaining error over that of INS-only in the outages, mean over the eight columns, "
+    return {
+        f"fair.{_slug(name)}.{kind}": Finding.of_runs(
+            100 * entry.shares.mean(axis=0), "%", f"{how}median over runs: {name}, {kind}."
+        )
+        for (name, kind), entry in compared.items()
+    }
 
 
 def _shares(passages: Iterable[Passage], bridge: Bridge) -> Array:

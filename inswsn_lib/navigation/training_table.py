@@ -132,7 +132,6 @@ def with_recorded(
 def _cells(prefix: str, cells: ByArea, words: str) -> Iterator[tuple[str, Finding]]:
     for column in COLUMNS:
         if column in cells:
-            middle, low, high = map(float, np.quantile(cells[column], [0.5, 0.025, 0.975]))
             how = f"Mean absolute error over area {column[2]}, {column[:2]}, {words}: median."
             unit = "m" if column[0] == "r" else "m/s"
-            yield f"{prefix}.{column}", Finding(middle, low, high, unit, how, "runs 95 %")
+            yield f"{prefix}.{column}", Finding.of_runs(cells[column], unit, how)

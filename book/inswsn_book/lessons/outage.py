@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,9 @@ from inswsn_book.record import ChapterRecord
 from inswsn_lib.navigation.bridged_outages import Passage
 from inswsn_lib.papers import read_rows
 
+if TYPE_CHECKING:
+    from inswsn_lib.navigation import BridgedOutages
+
 Array = NDArray[np.float64]
 #: What a trained machine answers to inputs
 Answer = Callable[[Array], Array]
@@ -23,6 +26,15 @@ Machine = Callable[[Array, Array, float, float], Answer]
 Bridge = Callable[[Array, Array, float, float], Array]
 #: A filter by hand: measurements, with NaN where there are none, in, estimates out
 Filter = Callable[[Array], Array]
+#: The columns that name the rows of P1's tables, by their numbers
+_INDEX = {1: "no", 3: "method"}
+#: The columns of Table 1 by what P1 calls them: the name in findings, and for a reader
+_TABLE1 = {
+    "drx": ("rx", "$r_x$"), "dry": ("ry", "$r_y$"), "mean_position": ("mean-position", "mean of the two"),
+    "dvx": ("vx", "$v_x$"), "dvy": ("vy", "$v_y$"), "mean_velocity": ("mean-velocity", "mean of the two"),
+}  # fmt: skip
+#: What is left of the error of the INS on equal terms, by the names of the evidence
+_FAIR = ("fair.ls-svm.motion", "fair.kalman-filter-coasting.state")
 
 WIDTHS = [
     *(0.3, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0, 10.0, 15.0, 20.0, 30.0, 50.0, 70.0, 100.0),
@@ -408,24 +420,21 @@ def show_heading(
 
 
 def hold(
-    parameters: dict[str, Any], drive: Passage, said: Mapping[str, Array], machine: Machine,
+    record: ChapterRecord, drive: Passage, said: Mapping[str, Array], machine: Machine,
     bridge: Bridge, rivals: Callable[[str, float, int], float], chosen: tuple[str, float, float],
     *, squares: Array, straight: float,
 ) -> Any:  # fmt: skip
     """Record what the lesson finds, hold its sentences against that, and return P1 Table 3."""
-    record = ChapterRecord("lesson-4", parameters)
     for name in ("p1", "p1-inertial"):
         record.data(f"scenarios/{name}.yaml")
     printed = read_rows(record.data("papers/p1-table3.csv"), index="method")
     t, error, y, heard = _of(drive)
     for name, e in said.items():
         record.note(f"off.{name}", off((error - e)[heard:]), "m", "Mean distance, first outage.")
-    fair = ("fair.ls-svm.motion", "fair.kalman-filter-coasting.state")
-    for name in (*fair, "seeds.spread"):  # of the evidence
-        record.say(name, f"{record.reference('p1-outages', name).value:.0f}")
-    for name in fair:
+    record.say("seeds.spread", f"{record.reference('p1-outages', 'seeds.spread').value:.0f}")
+    for name in _FAIR:
         record.crossed("p1-outages", name)
-    record.crossed("p1-outages", "/".join(fair), ".1f", "ls-svm-over-coasting")
+    record.crossed("p1-outages", "/".join(_FAIR), ".1f", "ls-svm-over-coasting")
     record.note("short.straight", 100 * rivals("kalman", 10.0, 2), "cm", "Mean distance, 2 s.")
     for name, rival in (("turn", "kalman"), ("held", "network")):
         record.note(f"short.{name}", rivals(rival, 20.0, 2), "m", "Mean distance, 2 s.")
@@ -473,4 +482,48 @@ def show_table3(printed: Any, sizes: Mapping[str, Array]) -> None:
         xlim=(0, 2), name="fig-l4-table3",
         caption="The first outage: P1's printed errors divided by those of its INS, and the "
         "same ratios in this run.",
+    )  # fmt: skip
+
+
+def show_tables(record: ChapterRecord, outages: BridgedOutages) -> None:
+    """Show P1's Tables 3 and 1 beside what the scene gives for them."""
+    # none of it is there in the page, where all else of this lesson runs
+    from inswsn_book.lessons.printed import Cell, show_printed  # noqa: PLC0415
+    from inswsn_lib.navigation import outage_tables as core  # noqa: PLC0415
+
+    printed = {n: read_rows(record.data(f"papers/p1-table{n}.csv"), i) for n, i in _INDEX.items()}
+    equal = {name: slug for slug, name in core.EQUAL.items()}
+    slugs = {name: slug for slug, name in core.METHODS.items()}
+
+    def cell3(method: str, column: str, text: str) -> Cell:
+        what = f"{method}, ${column[0]}_{column[1]}$, outage {column[2]}"
+        fair = f"fair.cells.{equal[method]}.{column}" if method in equal else "the same"
+        return Cell(what, text, f"table3.{slugs[method]}.{column}", fair, "none")
+
+    def cell1(row: str, of: Mapping[str, str], column: str) -> Cell:
+        what = f"No. {row}, $\\sigma$ {of['sigma']}, $\\eta$ {of['eta']}: {_TABLE1[column][1]}"
+        name = f"table1.row{int(row):02d}.{_TABLE1[column][0]}"
+        return Cell(what, of[column], name, "one method", "none")
+
+    show_printed(
+        record, "p1-outages",
+        [cell3(m, c, text) for m, of in printed[3].items() for c, text in of.items()],
+        lambda: core.rebuild_table3(outages),
+        name="tbl-l4-table3",
+        caption="P1's Table 3, mean absolute errors (m, m/s), medians and 95 % of runs. Rebuilt: "
+        "BP of a toolbox, and the printed LS-SVM, both fed with the oracle. On equal terms: both "
+        "rehearsed alike, fed with the motion. Recorded: none; the recorded outages of lesson 8 "
+        "are other ones.",
+        first=_FAIR,
+    )  # fmt: skip
+    pairs = {int(n): (float(of["sigma"]), float(of["eta"])) for n, of in printed[1].items()}
+    show_printed(
+        record, "p1-outages",
+        [cell1(n, of, c) for n, of in printed[1].items() for c in _TABLE1],
+        lambda: core.rebuild_table1(outages, pairs),
+        name="tbl-l4-table1",
+        caption="P1's Table 1, mean absolute errors (m, m/s) on the 50 points that trained the "
+        "LS-SVM, fed with the oracle, medians and 95 % of runs. There is no rival in it, and no "
+        "recording has these points.",
+        fold="P1's Table 1, from which it chose the width and η",
     )  # fmt: skip

@@ -35,6 +35,7 @@ def show_printed(
     name: str,
     caption: str,
     first: Iterable[str] = (),
+    fold: str = "",
 ) -> dict[str, Quantity]:
     """Show a paper's table and record its numbers; return these.
 
@@ -55,6 +56,8 @@ def show_printed(
         Of the table.
     first : iterable of str
         Names of findings that are no cells and are recorded before them.
+    fold : str
+        As for `show_table`.
     """
     cells = [*cells]
     wanted = [*first, *(n for cell in cells for n in cell[2:] if "." in n)]
@@ -71,7 +74,7 @@ def show_printed(
             found[each] = record.note(each, f.value, f.unit, f.how, interval=ends, kind=f.kind)
     rows = {c.label: [c.printed, *(_written(found.get(n), n) for n in c[2:])] for c in cells}
     frame = pd.DataFrame.from_dict(rows, orient="index", columns=["printed", *COLUMNS])
-    show_table(frame.rename_axis("cell"), name=name, caption=caption)
+    show_table(frame.rename_axis("cell"), name=name, caption=caption, fold=fold)
     return found
 
 
