@@ -38,6 +38,7 @@ from .outage_tables import (
     table1_findings as table1_findings,
     table3_cells as table3_cells,
     table3_findings as table3_findings,
+    with_outage as with_outage,
 )
 from .recorded_clusters import RecordedClusters as RecordedClusters
 from .recorded_outages import RecordedOutages as RecordedOutages

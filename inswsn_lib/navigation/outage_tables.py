@@ -19,6 +19,7 @@ from inswsn_lib.navigation.bridged_outages import (
     share_findings,
 )
 from inswsn_lib.papers import AXES, COLUMNS
+from inswsn_lib.scenario import Setting, with_values
 
 #: The methods of Table 3 by the names of its findings
 METHODS = {"ins": "INS-only", "bp": "BP", "lssvm": "LS-SVM"}
@@ -52,6 +53,21 @@ def rebuild_table3(outages: BridgedOutages) -> dict[str, Finding]:
     cells = {method: table3_cells(errors) for method, errors in left.items()}
     equal = equal_findings(passages, compared)
     return table3_findings(cells) | equal | share_findings(compared)
+
+
+def with_outage(settings: Mapping[str, Setting], samples: int) -> dict[str, Setting]:
+    """Return the settings of P1's scene with outages of so many samples, both areas where they are.
+
+    Examples
+    --------
+    >>> from inswsn_lib.navigation import BridgedOutages, with_outage
+    >>> outages = [BridgedOutages(with_outage(BridgedOutages().published, n)) for n in (50, 100)]
+    >>> [round(each.scene.windows["area2"].start, 3) for each in outages]
+    [61.3, 61.3]
+    """
+    longer = (samples - settings["outage_samples"].value) * settings["periods"].value[0]
+    between = settings["between"].value - longer
+    return with_values(settings, outage_samples=samples, between=between)
 
 
 def bridge_as_printed(
