@@ -50,7 +50,7 @@ class Finding(NamedTuple):
     @classmethod
     def of_runs(cls, values: ArrayLike, unit: str, how: str) -> Finding:
         """Return the median of some runs, with the ends of 95 % of them."""
-        middle, low, high = map(float, np.quantile(values, [0.5, 0.025, 0.975]))
+        middle, low, high = map(float, np.quantile(np.asarray(values), [0.5, 0.025, 0.975]))
         return cls(middle, low, high, unit, how, "runs 95 %")
 
 

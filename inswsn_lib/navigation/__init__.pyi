@@ -22,6 +22,7 @@ from .filter_contest import (
     relative_loss as relative_loss,
     run_wandering as run_wandering,
 )
+from .filter_gammas import printed_clocks as printed_clocks, rebuild_gammas as rebuild_gammas
 from .filter_map import GROUNDS as GROUNDS, FilterMap as FilterMap
 from .hybrid import (
     HybridNavigator as HybridNavigator,

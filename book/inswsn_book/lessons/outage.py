@@ -30,9 +30,13 @@ Filter = Callable[[Array], Array]
 _INDEX = {1: "no", 3: "method"}
 #: The columns of Table 1 by what P1 calls them: the name in findings, and for a reader
 _TABLE1 = {
-    "drx": ("rx", "$r_x$"), "dry": ("ry", "$r_y$"), "mean_position": ("mean-position", "mean of positions"),
-    "dvx": ("vx", "$v_x$"), "dvy": ("vy", "$v_y$"), "mean_velocity": ("mean-velocity", "mean of velocities"),
-}  # fmt: skip
+    "drx": ("rx", "$r_x$"),
+    "dry": ("ry", "$r_y$"),
+    "mean_position": ("mean-position", "mean of positions"),
+    "dvx": ("vx", "$v_x$"),
+    "dvy": ("vy", "$v_y$"),
+    "mean_velocity": ("mean-velocity", "mean of velocities"),
+}
 #: What is left of the error of the INS on equal terms, by the names of the evidence
 _FAIR = ("fair.ls-svm.motion", "fair.kalman-filter-coasting.state")
 

@@ -36,6 +36,8 @@ def show_printed(
     caption: str,
     first: Iterable[str] = (),
     fold: str = "",
+    basis: str = "simulation",
+    digits: int = 3,
 ) -> dict[str, Quantity]:
     """Show a paper's table and record its numbers; return these.
 
@@ -58,6 +60,10 @@ def show_printed(
         Names of findings that are no cells and are recorded before them.
     fold : str
         As for `show_table`.
+    basis : str
+        Of what is computed here, as a `Quantity` has it.
+    digits : int
+        That count, of a number in the table.
     """
     cells = [*cells]
     wanted = [*first, *(n for cell in cells for n in cell[2:] if "." in n)]
@@ -71,15 +77,18 @@ def show_printed(
         else:
             f = computed[each]
             ends = None if f.low == f.high else (f.low, f.high)
-            found[each] = record.note(each, f.value, f.unit, f.how, interval=ends, kind=f.kind)
-    rows = {c.label: [c.printed, *(_written(found.get(n), n) for n in c[2:])] for c in cells}
+            fields = {"interval": ends, "kind": f.kind, "basis": basis}
+            found[each] = record.note(each, f.value, f.unit, f.how, **fields)
+    rows = {
+        c.label: [c.printed, *(_written(found.get(n), n, digits) for n in c[2:])] for c in cells
+    }
     frame = pd.DataFrame.from_dict(rows, orient="index", columns=["printed", *COLUMNS])
     show_table(frame.rename_axis("cell"), name=name, caption=caption, fold=fold)
     return found
 
 
-def _written(quantity: Quantity | None, word: str) -> str:
+def _written(quantity: Quantity | None, word: str, digits: int) -> str:
     if quantity is None:
         return word
-    ends = quantity.interval
-    return f"{quantity.value:.3g}" + (f" ({ends[0]:.3g} to {ends[1]:.3g})" if ends else "")
+    value, *ends = (f"{x:.{digits}g}" for x in (quantity.value, *(quantity.interval or ())))
+    return value + (f" ({' to '.join(ends)})" if ends else "")
