@@ -45,7 +45,7 @@ settings.load_profile("inswsn")
 ROOT = Path(__file__).resolve().parents[1]
 WHOLE = os.environ.get("INSWSN_TESTS") == "whole"
 #: How long a page may take for what a test waits for, ms; a busy machine has time enough
-PATIENCE = 60_000
+PATIENCE = 300_000
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
