@@ -43,7 +43,7 @@ def test_the_kept_results_say_what_they_came_from(root: Path) -> None:
 @pytest.mark.long
 @needs(*KNOWN)
 def test_what_the_recordings_give_is_what_is_kept_and_published(project: Project) -> None:
-    """Both are executed on the recordings; what is kept of them is held to the same by each build."""
+    """Executed on the recordings; what is kept of them is held to the same by each build."""
     made = run_all(project, [Request("p3-vehicle"), Request("recorded-data")], Quiet())
     for run in made:
         assert run.results.provenance is not None
