@@ -65,6 +65,24 @@ def test_with_other_parameters_it_is_computed_once(
     ]
 
 
+def test_a_long_table_is_folded_and_its_numbers_have_the_digits_asked_for(
+    mini: MiniProject, displayed: list, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv(RESULTS_VARIABLE, str(tmp_path))
+    record = ChapterRecord("00", parameters={"scale": 1.0}, root=mini.root)
+    gamma = Finding(4.00551, 4.00551, 4.00551, "1", "Least gamma, area 1.")
+    found = show_printed(
+        record, "evidence", [Cell("gamma", "4.0055", "g.printed", "one method", "none")],
+        lambda: {"g.printed": gamma}, name="tbl-g", caption="A table.", fold="All of it",
+        basis="algebra", digits=5,
+    )  # fmt: skip
+    (shown,) = [data for data, words in displayed if "table" in words]
+    lines = shown["text/markdown"].splitlines()
+    assert (lines[0], lines[-1]) == ("````{dropdown} All of it", "````")
+    assert "  - 4.0055" in lines
+    assert (found["g.printed"].basis, found["g.printed"].interval) == ("algebra", None)
+
+
 def test_as_published_it_is_what_the_evidence_has(
     mini: MiniProject, displayed: list, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:

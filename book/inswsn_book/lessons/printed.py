@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import pandas as pd
 
-from inswsn_book.record import ChapterRecord
-from inswsn_book.results import Quantity
 from inswsn_book.show import show_table
-from inswsn_lib.evaluation import Finding
+
+if TYPE_CHECKING:  # of which the page has less
+    from inswsn_book.record import ChapterRecord
+    from inswsn_book.results import Quantity
+    from inswsn_lib.evaluation import Finding
 
 #: Columns of the table behind what is printed
 COLUMNS = ("rebuilt", "on equal terms", "recorded")
@@ -66,6 +68,7 @@ def show_printed(
         That count, of a number in the table.
     """
     cells = [*cells]
+    frame = pd.DataFrame(index=pd.Index([c.label for c in cells], name="cell"))
     wanted = [*first, *(n for cell in cells for n in cell[2:] if "." in n)]
     found: dict[str, Quantity] = {}
     computed = {} if record.published else compute()
@@ -79,11 +82,10 @@ def show_printed(
             ends = None if f.low == f.high else (f.low, f.high)
             fields = {"interval": ends, "kind": f.kind, "basis": basis}
             found[each] = record.note(each, f.value, f.unit, f.how, **fields)
-    rows = {
-        c.label: [c.printed, *(_written(found.get(n), n, digits) for n in c[2:])] for c in cells
-    }
-    frame = pd.DataFrame.from_dict(rows, orient="index", columns=["printed", *COLUMNS])
-    show_table(frame.rename_axis("cell"), name=name, caption=caption, fold=fold)
+    frame["printed"] = [c.printed for c in cells]
+    for column, names in zip(COLUMNS, zip(*(c[2:] for c in cells), strict=True), strict=True):
+        frame[column] = [_written(found.get(n), n, digits) for n in names]
+    show_table(frame, name=name, caption=caption, fold=fold)
     return found
 
 
