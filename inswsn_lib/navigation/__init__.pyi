@@ -23,6 +23,10 @@ from .filter_contest import (
     run_wandering as run_wandering,
 )
 from .filter_map import GROUNDS as GROUNDS, FilterMap as FilterMap
+from .fusion_percentages import (
+    FirstReading as FirstReading,
+    rebuild_percentages as rebuild_percentages,
+)
 from .hybrid import (
     HybridNavigator as HybridNavigator,
     HybridRun as HybridRun,

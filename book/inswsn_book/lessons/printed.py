@@ -68,7 +68,10 @@ def show_printed(
         else:
             f = computed[each]
             ends = None if f.low == f.high else (f.low, f.high)
-            found[each] = record.note(each, f.value, f.unit, f.how, interval=ends, kind=f.kind)
+            basis = "emulation" if each.startswith("recorded.") else "simulation"
+            found[each] = record.note(
+                each, f.value, f.unit, f.how, interval=ends, kind=f.kind, basis=basis
+            )
     rows = {c.label: [c.printed, *(_written(found.get(n), n) for n in c[2:])] for c in cells}
     frame = pd.DataFrame.from_dict(rows, orient="index", columns=["printed", *COLUMNS])
     show_table(frame.rename_axis("cell"), name=name, caption=caption)
