@@ -33,6 +33,12 @@ from .hybrid import (
     observable_inputs as observable_inputs,
 )
 from .learner_map import Choice as Choice, LearnerMap as LearnerMap
+from .outage_cells import (
+    ByDrive as ByDrive,
+    outages_by_drive as outages_by_drive,
+    rebuild_outages as rebuild_outages,
+    rebuild_recorded as rebuild_recorded,
+)
 from .recorded_clusters import RecordedClusters as RecordedClusters
 from .recorded_outages import RecordedOutages as RecordedOutages
 from .recorded_study import (

@@ -572,8 +572,8 @@ def show_percentages(record: book.ChapterRecord, printed: Any, fusion: ClusterFu
         caption="Error reduction by P2's distributed filter against the INS and against the "
         "federated filter (FKF), %, medians and 95 % of runs; below 0, it increases the error. The "
         "last two are from P2's abstract. Rebuilt: both filters assume the noise that P2 prints. "
-        "On equal terms: both tuned alike. Recorded: none; where two clusters were recorded, both "
-        "heard the tag all the time, and fixes were fused, by no such filter.",
+        "On equal terms: both tuned alike. Recorded: none; of two recorded clusters the fixes were "
+        "fused, but neither P2's filter nor an INS alone was run.",
     )  # fmt: skip
 
 
