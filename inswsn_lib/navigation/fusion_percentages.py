@@ -10,7 +10,7 @@ import numpy as np
 
 from inswsn_lib.checks import Array
 from inswsn_lib.evaluation import Finding, mean_absolute_error, spread
-from inswsn_lib.filters import handover_weights, patterns_of, run_distributed, run_federated
+from inswsn_lib.filters import patterns_of, run_distributed, run_federated
 from inswsn_lib.lmi import FilterDesign
 from inswsn_lib.navigation.cluster_fusion import ClusterFusion, Pattern
 from inswsn_lib.papers import AXES
@@ -84,7 +84,8 @@ def rebuild_percentages(first: FirstReading) -> dict[str, Finding]:
     --------
     >>> from inswsn_lib.navigation import ClusterFusion, FirstReading, rebuild_percentages
     >>> fusion = ClusterFusion(runs=40, speed=6.0)
-    >>> vars(fusion)["chosen"] = {"fkf-reset": (0.4, 10.0), "dhf": (1.0, 1.0, 1.0, 0.5)}  # no search
+    >>> numbers = {"fkf-reset": (0.4, 10.0), "dhf": (1.0, 1.0, 1.0, 0.5)}  # in place of a search
+    >>> vars(fusion)["chosen"] = numbers
     >>> found = rebuild_percentages(FirstReading(fusion))
     >>> len(found), found["percent.rx.vs-ins"].value > found["percent.rx.vs-fkf"].value
     (20, True)
@@ -97,7 +98,9 @@ def rebuild_percentages(first: FirstReading) -> dict[str, Finding]:
     }
 
 
-def _reductions(prefix: str, errors: Mapping[str, Array], words: str) -> Iterator[tuple[str, Finding]]:
+def _reductions(
+    prefix: str, errors: Mapping[str, Array], words: str
+) -> Iterator[tuple[str, Finding]]:
     cells = {name: mean_absolute_error(error) for name, error in errors.items()}
     found = {key: 100 * (1 - cells["DHF"] / cells[rival]) for key, rival in _RIVALS.items()}
     ends = f"{words}: median and 95 % of the runs."

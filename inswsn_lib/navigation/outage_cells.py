@@ -24,6 +24,7 @@ WORDS = {
 _KINDS = {"rms": "RMS", "max": "largest"}
 _PLACES = {"rms": (4, 5), "max": (1, 5, 8)}  # of which P3 prints a reduction
 _LONG_PLACES = (1, 5, 8)
+_AGAINST_NEVER = f"by the proposed method against {WORDS['never']}"
 _AGAINST = {"sim": "never", "fair.cells": "through"}  # what a reduction is one of
 
 
@@ -57,9 +58,12 @@ def outages_by_drive(errors: Mapping[str, Array]) -> dict[str, ByDrive]:
     >>> import numpy as np
     >>> from inswsn_lib.navigation import outages_by_drive
     >>> grows = np.tile(np.arange(51.0)[:, None, None], (1, 8, 3))
-    >>> found = outages_by_drive({m: grows for m in ("never", "through", "rbf")} | {"lssvm": grows / 2})
-    >>> found["sim.40.never.place1.max"].values.tolist(), found["sim.40.gain.seven.rms"].values.tolist()
-    ([40.0, 40.0, 40.0], [50.0, 50.0, 50.0])
+    >>> errors = dict.fromkeys(("never", "through", "rbf"), grows) | {"lssvm": grows / 2}
+    >>> found = outages_by_drive(errors)
+    >>> found["sim.40.never.place1.max"].values.tolist()
+    [40.0, 40.0, 40.0]
+    >>> found["sim.40.gain.seven.rms"].values.tolist()
+    [50.0, 50.0, 50.0]
     """
     sizes = _sizes(errors)
     found: dict[str, ByDrive] = {}
@@ -74,15 +78,17 @@ def outages_by_drive(errors: Mapping[str, Array]) -> dict[str, ByDrive]:
                 how = f"The {word} error at place {i}, 40 s, {who}."
                 found[f"{start}.place{i}.{kind}"] = ByDrive(values, "m", how)
         for i in _LONG_PLACES if name in errors and name != "until" else ():
-            how = f"The largest error at place {i}, 50 s, {who}."
-            found[f"sim.50.{name}.place{i}.max"] = ByDrive(sizes[name, "50", "max"][i - 1], "m", how)
+            values, how = sizes[name, "50", "max"][i - 1], f"The largest error at place {i}, 50 s"
+            found[f"sim.50.{name}.place{i}.max"] = ByDrive(values, "m", f"{how}, {who}.")
     for source, rival in _AGAINST.items():
         against = f"by the proposed method against {WORDS[rival]}"
         for kind, word in _KINDS.items():
             gains = _less(sizes["lssvm", "40", kind], sizes[rival, "40", kind])
-            how = f"Reduction of the {word} error {against}, mean over the seven places other than the fourth."
+            how = f"Reduction of the {word} error {against}"
             mean = np.delete(gains, 3, axis=0).mean(axis=0)
-            found[f"{source}.40.gain.seven.{kind}"] = ByDrive(mean, "%", how)
+            found[f"{source}.40.gain.seven.{kind}"] = ByDrive(
+                mean, "%", f"{how}, mean over the seven places other than the fourth."
+            )
             words = "by the proposed method" if rival == "never" else against
             for i in _PLACES[kind]:
                 how = f"Reduction of the {word} error {words} at place {i}."
@@ -143,8 +149,8 @@ def rebuild_recorded(trials: RecordedTrials) -> dict[str, Finding]:
     sizes, found = _sizes(trials.errors), {}
 
     def keep(name: str, values: Array, unit: str, how: str) -> None:
-        whole = " Median over the outages and draws." if values.ndim > 1 else " Median over the draws."
-        how = f"Recorded drive: {how}{whole}"
+        whole = "outages and draws" if values.ndim > 1 else "draws"
+        how = f"Recorded drive: {how} Median over the {whole}."
         found[f"recorded.cells.{name}"] = _finding(values.ravel(), unit, how)
 
     for name in ("never", "lssvm", "rbf"):
@@ -158,7 +164,7 @@ def rebuild_recorded(trials: RecordedTrials) -> dict[str, Finding]:
             keep(f"40.{name}.{kind}.most", each.max(axis=0), "m", f"the largest {words}")
     for kind, word in _KINDS.items():
         gains = _less(sizes["lssvm", "40", kind], sizes["never", "40", kind])
-        words = f"reduction of the {word} error in {OUTAGE} s by the proposed method against {WORDS['never']}"
+        words = f"reduction of the {word} error in {OUTAGE} s {_AGAINST_NEVER}"
         keep(f"40.gain.{kind}", gains, "%", f"{words}.")
         keep(f"40.gain.all.{kind}", gains.mean(axis=0), "%", f"{words}, mean over the outages.")
     apart = sizes["lssvm", "40", "max"] - sizes["never", "40", "max"]
@@ -166,8 +172,8 @@ def rebuild_recorded(trials: RecordedTrials) -> dict[str, Finding]:
     keep("40.difference.max", apart, "m", f"largest error in {OUTAGE} s {words}")
     for name, rival in (("kf", "never"), ("rbf", "rbf")):
         gains = _less(sizes["lssvm", "50", "max"], sizes[rival, "50", "max"])
-        words = f"by the proposed method against {WORDS[rival]}."
-        keep(f"50.gain.over-{name}", gains, "%", f"reduction of the largest error in {LONG} s {words}")
+        words = f"reduction of the largest error in {LONG} s by the proposed method"
+        keep(f"50.gain.over-{name}", gains, "%", f"{words} against {WORDS[rival]}.")
     return found
 
 
