@@ -20,7 +20,7 @@ from typing import Any
 
 import inswsn_lib
 from inswsn_book.answer import unit_of, value_of
-from inswsn_book.cores import SCORES, asked_schema, core_name
+from inswsn_book.cores import SCORES, asked_schema, core_name, evidence_of
 from inswsn_book.files import check_folder, made_folder, text_digest, write_whole
 from inswsn_book.parameters import Schema, Value
 from inswsn_book.progress import Progress, Quiet
@@ -83,6 +83,9 @@ def read_sweep(
     """Return the sweep that a user asks for; refuse names and values that may not be."""
     axes, settings, data = [*axes], [*settings], project.root / "data"
     names = [word.partition("=")[0] for word in (*axes, *settings)]
+    evidence = evidence_of(project, chapter)  # whose core is quicker than a lesson's notebook
+    if evidence and set(names) <= asked_schema(project.root, evidence, names).defaults.keys():
+        chapter = evidence
     chapter = chapter_with(project, chapter, names)
     schema = asked_schema(project.root, chapter, names)
     core = core_name(read_text(chapter.source))
@@ -319,6 +322,7 @@ def _write(
 
     found = list(zip(sweep.places, outcomes, strict=True))
     runs = [(place, run) for place, run in found if isinstance(run, Run)]
+    told = [*_findings(sweep, runs), *_idle(sweep, runs)]  # which may refuse what is asked for
     scores = [(place, json.loads(run.files[SCORES])) for place, run in runs if sweep.core]
     tables = {
         "sweep": [row for place, run in runs for row in _rows(place, run, sweep.core is not None)],
@@ -339,9 +343,8 @@ def _write(
         leaders = frames["leaders"].to_string(
             index=False, max_rows=_MOST_ROWS, float_format="{:.4g}".format
         )
-    said = [leaders, *_findings(sweep, runs), *_idle(sweep, runs)]
-    said.append(f"{len(runs) - there} cells computed, {there} were there.")
-    return [*said, f"The sweep is in {folder}"], len(frames["failed"])
+    computed = f"{len(runs) - there} cells computed, {there} were there."
+    return [leaders, *told, computed, f"The sweep is in {folder}"], len(frames["failed"])
 
 
 def _findings(sweep: Sweep, runs: Sequence[tuple[Mapping[str, Value], Run]]) -> Iterator[str]:

@@ -309,8 +309,9 @@ class ClusterFusion:
         A[0, 4] = A[1, 5] = T**2 / 2
         q = np.repeat([self.white * T**2 / 2, self.white * T, walk * T**0.5], 2)
         model = ErrorModel(A=A, B=np.diag(q), C=np.eye(4, 6), D=np.eye(4), period=T)
-        # of the bias it knows the size, twice of which is wide enough
-        biases = np.diag((2 * np.array(self.settings["accelerometer_bias"].value)) ** 2)
+        # of the bias it knows the size, twice of which is wide enough, and how far it wanders
+        sizes = 2 * np.array(self.settings["accelerometer_bias"].value)
+        biases = np.diag(sizes**2 + walk**2 * T)
         known["initial_covariance"] = block_diag(known["initial_covariance"], biases)
         return lambda y: run_federated(model, y, **known)[:, :4]
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from inswsn_lib.checks import Array
-from inswsn_lib.evaluation import Finding
+from inswsn_lib.evaluation import Finding, quotient
 from inswsn_lib.navigation.filter_contest import FilterContest
 from inswsn_lib.navigation.training_areas import (
     AREAS,
@@ -35,7 +35,8 @@ def rebuild_table2(contest: FilterContest, recorded: Array) -> dict[str, Finding
 
     ``table2.METHOD.CELL`` for the methods of `REBUILT`; ``fair.cells.FILTER.CELL`` for those of
     `EQUAL`, tuned alike, filtered; ``recorded.cells.FILTER.CELL``, the same filters where the fixes
-    have recorded errors, for positions alone. Then what they amount to, `table2_findings`.
+    have recorded errors, for positions alone. And what they amount to: `table2_findings`, and, as
+    ``fair.cells.hf-over-kalman``, ``-network`` and ``recorded.…``, ratios of sums of medians.
 
     Parameters
     ----------
@@ -51,8 +52,8 @@ def rebuild_table2(contest: FilterContest, recorded: Array) -> dict[str, Finding
     >>> from inswsn_lib.navigation import rebuild_table2, recorded_errors
     >>> radio = recorded_errors(iw.data_file("recorded/uwb-fixes.json"))
     >>> contest = FilterContest(TrainingAreas(runs=4, other_runs=4))
-    >>> len(rebuild_table2(contest, radio))  # 24, 16 on equal terms, 8 recorded, 4 in all
-    52
+    >>> len(rebuild_table2(contest, radio))  # 24, 16 on equal terms, 8 recorded, 8 in all
+    56
     """
     areas = contest.areas
     methods = [*REBUILT, "kf-identity-filtered", "hf-printed-filtered", "hf-exact-matched-filtered"]
@@ -64,16 +65,24 @@ def rebuild_table2(contest: FilterContest, recorded: Array) -> dict[str, Finding
     }
     drawn = areas.drawn
     emulated = with_recorded(drawn, recorded, np.random.default_rng([areas.seed, 14]))
-    for slug, name in EQUAL.items():
-        tuned = contest.build(name, *contest.tuning(name).best)
-        for source, runs, words in (
-            ("fair", drawn, "tuned, filtered"),
-            ("recorded", emulated, "tuned for white errors, filtered, fixes with recorded errors"),
-        ):
+    ratios = {}
+    for source, runs, words in (
+        ("fair", drawn, "tuned, filtered"),
+        ("recorded", emulated, "tuned for white errors, filtered, fixes with recorded errors"),
+    ):
+        positions = {"network": _positions(table2_cells(runs["wsn"]))}
+        for slug, name in EQUAL.items():
+            tuned = contest.build(name, *contest.tuning(name).best)
             errors = table2_cells(contest.errors(tuned, runs))
-            kept = {c: e for c, e in errors.items() if source == "fair" or c[0] == "r"}
+            positions[slug] = _positions(errors)
+            kept = errors if source == "fair" else positions[slug]
             found |= dict(_cells(f"{source}.cells.{slug}", kept, f"{name}, {words}"))
-    return table2_findings(cells) | found
+        for rival, its in (("kalman", "those of a Kalman filter"), ("network", "the network's")):
+            ratios[f"{source}.cells.hf-over-{rival}"] = quotient(
+                [*positions["hf-exact-lmi"].values()], [*positions[rival].values()], "1",
+                f"Position cells of HF, exact LMI, over {its}, {words}, sums of medians.",
+            )  # fmt: skip
+    return table2_findings(cells) | ratios | found
 
 
 def recorded_errors(path: Path) -> Array:
@@ -127,6 +136,10 @@ def with_recorded(
             first = rng.integers(len(recorded) - len(errors))
             errors[:, :2, run] = recorded[first : first + len(errors)]
     return {**drawn, "wsn": network}
+
+
+def _positions(cells: ByArea) -> ByArea:
+    return {column: cell for column, cell in cells.items() if column[0] == "r"}
 
 
 def _cells(prefix: str, cells: ByArea, words: str) -> Iterator[tuple[str, Finding]]:

@@ -87,6 +87,26 @@ def test_a_grid_that_may_not_be(mini: MiniProject, axes: list[str], settings: li
         read_sweep(mini, mini.find("00"), axes, settings)
 
 
+@pytest.mark.parametrize(
+    ("axis", "values"),
+    [
+        ("heading=0,0.2", (0.0, 0.2)),
+        ("position=[0, 0],[1, 2]", ([0, 0], [1, 2])),
+        ("range_noise=0.3,0.4", (0.3, 0.4)),
+    ],
+)
+def test_a_lesson_sweeps_its_evidence_and_its_scene(
+    project: Project, axis: str, values: tuple[object, ...]
+) -> None:
+    sweep = read_sweep(project, project.find("2"), [axis], [])
+    assert (sweep.chapter.id, next(iter(sweep.axes.values()))) == ("p1-training", values)
+
+
+def test_what_is_asked_of_a_chapter_without_a_core_is_refused(project: Project) -> None:
+    with pytest.raises(ParameterError, match="--of must be left out: the chapter has no core"):
+        read_sweep(project, project.find("p1-lmi"), ["seed=1,2"], [], "curve.gain-saved")
+
+
 # What it leaves -----------------------------------------------------------------------------------
 
 
@@ -96,7 +116,9 @@ def test_what_a_sweep_of_a_core_leaves(
     root, at = swept.project.root, ("--dask", cluster())
     done = inswsn(root, *swept.words("0.5,4", *at))
     assert done.returncode == 0, done.stderr
-    rows = swept.table()
+    found = swept.table()
+    rows = [row for row in found if row["method"] != "ratio"]
+    assert [row["value"] for row in found if row["method"] == "ratio"] == ["0.5", "4.0"]
     assert [(row["scale"], row["method"]) for row in rows] == [
         (scale, method) for scale in ("0.5", "4.0") for method in ("old", "new", "none")
     ]
@@ -113,6 +135,15 @@ def test_what_a_sweep_of_a_core_leaves(
     assert (facts["core"], facts["grid"]) == ("minicore:Core", {"scale": [0.5, 4.0]})
     assert (swept.folder / "sweep.svg").read_text().startswith("<?xml")
     assert "the old one" not in done.stderr  # the terminal has keys, the figure has words
+    assert "scale = 4.0: ratio.old-over-new = 4 (4 to 4)" in done.stdout
+    assert "changes no number" not in done.stdout
+
+    # one finding is drawn, and an axis that changes nothing is named
+    done = inswsn(root, *swept.words("0.5,4", *at, "--of", "ratio.old-over-new"))
+    assert done.stdout.count("ratio.old-over-new") == 2
+    done = inswsn(root, *swept.words("0.5,4", *at, "--of", "ratio.old"))
+    assert done.stderr.endswith("such as ratio.old-over-new, not 'ratio.old'.\n")
+    assert "scale changes no number" in inswsn(root, *swept.words("6,7", *at)).stdout
 
     # what is there is not computed again, what failed is tried again, and the others go on
     done = inswsn(root, *swept.words("0.5,13,20", *at))
@@ -124,7 +155,7 @@ def test_what_a_sweep_of_a_core_leaves(
     assert swept.table("failed") == [{"scale": "13.0", "reason": "Thirteen has no design."}]
     assert {row["scale"] for row in swept.table()} == {"0.5", "20.0"}
     assert inswsn(root, *swept.words("13", *at)).returncode == 1
-    assert swept.calls() == {0.5: 1, 4.0: 1, 13.0: 2, 20.0: 1}
+    assert swept.calls() == {0.5: 1, 4.0: 1, 6.0: 1, 7.0: 1, 13.0: 2, 20.0: 1}
     assert inswsn(root, *swept.words("0.5", *at, "--fresh")).returncode == 0
     assert swept.calls()[0.5] == 2
     assert sorted(path.name for path in swept.folder.glob("*.*")) == [

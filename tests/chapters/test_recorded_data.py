@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from inswsn_book.compare import check_kept_studies, pair_quantities
+from inswsn_book.compare import pair_quantities
 from inswsn_book.progress import Quiet
 from inswsn_book.project import Project
 from inswsn_book.results import Results, read_results
@@ -43,9 +43,8 @@ def test_the_kept_results_say_what_they_came_from(root: Path) -> None:
 @pytest.mark.long
 @needs(*KNOWN)
 def test_what_the_recordings_give_is_what_is_kept_and_published(project: Project) -> None:
-    """Evidence 05 and 06 are executed on the recordings, and again on what is kept of them."""
+    """Executed on the recordings; what is kept of them is held to the same by each build."""
     made = run_all(project, [Request("p3-vehicle"), Request("recorded-data")], Quiet())
-    check_kept_studies(project, made, Quiet())
     for run in made:
         assert run.results.provenance is not None
         assert all(run.results.provenance.studies.values())

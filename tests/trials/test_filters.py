@@ -136,7 +136,7 @@ def constant_gain_off(model: ErrorModel, y: np.ndarray) -> float:
 
 
 def test_filters(size: Callable[[int, int], int], seed: int, tell: Callable[[str], None]) -> None:
-    rng, steps = np.random.default_rng(seed), size(300, 100_000)
+    rng, steps = np.random.default_rng(seed), size(150, 100_000)
     worst: defaultdict[str, float] = defaultdict(float)
     refused = 0
     for ratio, start in product(RATIOS, (1.0, 1e8)):

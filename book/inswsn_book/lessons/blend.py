@@ -338,5 +338,9 @@ def show_table2(record: book.ChapterRecord, areas: TrainingAreas) -> None:
         "Kalman filter that knows the noise, and the printed matrices. On equal terms: both kinds "
         "of filter tuned alike. Recorded: the same in the simulation with the errors of recorded "
         "fixes, which have no velocities.",
-        first=("headline.kf-share", "headline.identity-share"),
+        first=(
+            "headline.kf-share", "headline.identity-share", "fair.cells.hf-over-kalman",
+            "fair.cells.hf-over-network", "recorded.cells.hf-over-kalman",
+            "recorded.cells.hf-over-network",
+        ),
     )  # fmt: skip

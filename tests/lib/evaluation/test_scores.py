@@ -9,7 +9,14 @@ import pytest
 from scipy.stats import norm
 
 from inswsn_lib.errors import ParameterError
-from inswsn_lib.evaluation import Prediction, Scores, crps, paired_lead, score_hypothesis
+from inswsn_lib.evaluation import (
+    Prediction,
+    Scores,
+    crps,
+    paired_lead,
+    quotient,
+    score_hypothesis,
+)
 
 
 def scores(one: float, two: float, count: int = 101) -> Scores:
@@ -138,3 +145,14 @@ def test_a_prediction_by_hand() -> None:
         Prediction(np.array([[1.0, 0.0]]))
     with pytest.raises(ParameterError, match="observed"):
         crps([[1.0, 2.0]], [1.0, 2.0])
+
+
+def test_a_quotient_covers_what_it_says() -> None:
+    """Of 200 ratios of medians of normal numbers, 95 % of intervals hold the true one, 0.5."""
+    rng, held = np.random.default_rng(11), 0
+    for _ in range(200):
+        runs = 10 + rng.standard_normal((2, 101))
+        found = quotient([runs[0]], [2 * runs[1]], "1", "Half of it.")
+        held += found.low <= 0.5 <= found.high
+    assert 0.90 <= held / 200 <= 0.99  # five standard deviations of a share of 0.95, and of 0.96
+    assert quotient([runs[0], runs[0]], [runs[0]], "%", "Twice.").value == pytest.approx(200)

@@ -39,7 +39,7 @@ def chosen() -> ClusterFusion:
     return there
 
 
-@pytest.mark.long
+@pytest.mark.whole  # the chapter calls it, and a build is held to what is published
 def test_it_computes_what_the_chapter_published_with_the_same_trials_for_all(root: Path) -> None:
     published = read_results(root / "data" / "published" / "p2-fusion.json")
     there = ClusterFusion()

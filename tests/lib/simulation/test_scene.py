@@ -126,6 +126,7 @@ def test_a_velocity_by_difference_is_as_noisy_as_theory_says(scene: Scene) -> No
     assert spread == pytest.approx(position / 0.2 / np.sqrt(10), rel=0.1)
 
 
+@pytest.mark.whole
 def test_the_path_is_the_candidate_that_its_study_names(
     root: Path, scene: Scene, monkeypatch: pytest.MonkeyPatch
 ) -> None:
