@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from inswsn_book import record as book
-from inswsn_book.lessons.printed import Cell, show_printed
 from inswsn_book.moving import Moving, Slider
 from inswsn_lib.evaluation import Finding
 from inswsn_lib.navigation import (
@@ -569,6 +568,8 @@ def show_outages(
     record: book.ChapterRecord, printed: Any, many: VehicleOutages, recorded: RecordedTrials
 ) -> None:
     """Show what P3 prints of its outages beside what simulated drives and a recorded one give."""
+    # what shows tables is not there in the page
+    from inswsn_book.lessons.printed import Cell, show_printed  # noqa: PLC0415
 
     def said(path: str) -> str:
         found = printed
