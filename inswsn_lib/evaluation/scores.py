@@ -38,7 +38,14 @@ class Leader(NamedTuple):
 
 
 class Finding(NamedTuple):
-    """A number that scores amount to, the ends of its 95 % interval, its unit, and what it is."""
+    """A number that scores amount to, the ends of its 95 % interval, its unit, and what it is.
+
+    Examples
+    --------
+    >>> from inswsn_lib.evaluation import Finding
+    >>> Finding(49.0, 48.0, 50.0, "%", "One error over another.").kind
+    'confidence 95 %'
+    """
 
     value: float
     low: float

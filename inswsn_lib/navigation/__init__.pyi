@@ -24,12 +24,21 @@ from .filter_contest import (
 )
 from .filter_gammas import printed_clocks as printed_clocks, rebuild_gammas as rebuild_gammas
 from .filter_map import GROUNDS as GROUNDS, FilterMap as FilterMap
+from .fusion_percentages import (
+    FirstReading as FirstReading,
+    rebuild_percentages as rebuild_percentages,
+)
 from .hybrid import (
     HybridNavigator as HybridNavigator,
     HybridRun as HybridRun,
     observable_inputs as observable_inputs,
 )
 from .learner_map import Choice as Choice, LearnerMap as LearnerMap
+from .outage_cells import (
+    outages_by_drive as outages_by_drive,
+    rebuild_outages as rebuild_outages,
+    rebuild_recorded as rebuild_recorded,
+)
 from .outage_tables import (
     bridge_as_printed as bridge_as_printed,
     equal_findings as equal_findings,

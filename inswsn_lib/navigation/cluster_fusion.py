@@ -5,10 +5,10 @@ This is what evidence p2-fusion compares on equal terms, a function of its param
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
-from typing import Any, ClassVar, Literal
+from functools import cached_property, partial
+from typing import Any, ClassVar, Literal, TypeVar
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -34,6 +34,7 @@ from inswsn_lib.simulation import ClusterScene
 Pattern = tuple[bool, ...]
 #: Measurements of the clusters, (N, steps, 4, runs), to estimates, (steps, 4, runs)
 Estimator = Callable[..., Array]
+_Made = TypeVar("_Made")
 
 #: The methods that are compared, and what they are called
 METHODS = {
@@ -60,6 +61,27 @@ _STARTS = {
 }
 _RATIOS = (2.5, 10.0, 3.0, 3.0)
 _PARTS = (slice(0, 2), slice(2, 4))  # position and velocity in the state
+
+
+class _Asked(Mapping[str, _Made]):
+    """What a function makes of some names, each when it is asked for, and once."""
+
+    def __init__(self, names: Iterable[str], make: Callable[[str], _Made]) -> None:
+        self._names, self._make = [*names], make
+        self._made: dict[str, _Made] = {}
+
+    def __getitem__(self, name: str) -> _Made:
+        if name not in self._made:
+            if name not in self._names:
+                raise KeyError(name)
+            self._made[name] = self._make(name)
+        return self._made[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._names)
+
+    def __len__(self) -> int:
+        return len(self._names)
 
 
 def p2_settings() -> dict[str, Setting]:
@@ -237,12 +259,19 @@ class ClusterFusion:
     ) -> Estimator:
         """Return P2's distributed H-infinity filter with restart, weights for each set."""
         designs = self.local_designs(acceleration, factor, weight, margin)
-        weights = handover_weights(
-            designs, for_sets or self.sets, noise, "block", solver=self._fusion_solvers
-        )
+        weights = self.fused_weights(designs, for_sets or self.sets, noise)
         return lambda y, **options: run_distributed(
             designs, y, weights=weights, predicted=True, **options
         )
+
+    def fused_weights(
+        self,
+        designs: Sequence[FilterDesign],
+        for_sets: Iterable[Pattern],
+        noise: Literal["independent", "common"] = "independent",
+    ) -> dict[Pattern, Array]:
+        """Return the weights of P2 (9) for each set of clusters, block by block."""
+        return handover_weights(designs, for_sets, noise, "block", solver=self._fusion_solvers)
 
     def central_hf(
         self,
@@ -301,28 +330,32 @@ class ClusterFusion:
         return late[:-1]
 
     @cached_property
-    def tuned(self) -> dict[str, Tuning[tuple[float, ...]]]:
-        """The search for the numbers of each method that has some."""
-        return {name: self._tune(name, make) for name, make in self._makers().items()}
+    def tuned(self) -> Mapping[str, Tuning[tuple[float, ...]]]:
+        """The search for the numbers of each method that has some; each is made when asked for."""
+        made = self._makers()
+        return _Asked(made, lambda name: self._tune(name, made[name]))
 
     @cached_property
-    def chosen(self) -> dict[str, tuple[float, ...]]:
+    def chosen(self) -> Mapping[str, tuple[float, ...]]:
         """The numbers of each method; DHF for one INS has those of DHF."""
-        numbers = {name: search.best for name, search in self.tuned.items()}
-        return numbers | {"dhf-one-ins": numbers["dhf"]}
+        names = [*self.tuned, "dhf-one-ins"]
+        return _Asked(names, lambda n: self.tuned["dhf" if n == "dhf-one-ins" else n].best)
 
     @cached_property
-    def filters(self) -> dict[str, Estimator]:
+    def filters(self) -> Mapping[str, Estimator]:
         """Each of `METHODS` with its numbers."""
-        tuned = {name: make(*self.chosen[name]) for name, make in self._makers().items()}
-        one_ins = self.distributed(*self.chosen["dhf"], noise="common")
-        return tuned | {"dhf-one-ins": one_ins, "network-alone": self.network_alone}
+        made = self._makers() | {"dhf-one-ins": partial(self.distributed, noise="common")}
+
+        def tuned(name: str) -> Estimator:
+            return made[name](*self.chosen[name]) if name in made else self.network_alone
+
+        return _Asked(METHODS, tuned)
 
     @cached_property
-    def errors(self) -> dict[str, Array]:
+    def errors(self) -> Mapping[str, Array]:
         """The errors of each of `METHODS` in the runs that are judged, (steps, 4, runs)."""
         ins, y = self.drawn["ins"], self.measurements
-        return {name: ins - run(y) for name, run in self.filters.items()}
+        return _Asked(METHODS, lambda name: ins - self.filters[name](y))
 
     def scores(self) -> Scores:
         """Return the RMS errors of each of `METHODS` over the whole path.

@@ -5,7 +5,7 @@ This is what evidence p3-vehicle compares over many drives, a function of its pa
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, ClassVar
@@ -16,7 +16,13 @@ from inswsn_lib.checks import Array
 from inswsn_lib.evaluation import Finding, Scores, cluster_mean
 from inswsn_lib.files import data_file
 from inswsn_lib.learning import LSSVMRegressor, SelectedLSSVM
-from inswsn_lib.navigation.trials import OutageTrials, outage_size, p3_hybrids, run_outages
+from inswsn_lib.navigation.trials import (
+    FILTERS,
+    OutageTrials,
+    outage_size,
+    p3_hybrids,
+    run_outages,
+)
 from inswsn_lib.navigation.vehicle_hybrid import VehicleHybrid
 from inswsn_lib.scenario import Setting, load_scenario, with_values
 from inswsn_lib.vehicle import (
@@ -182,11 +188,7 @@ class VehicleOutages:
     @cached_property
     def trials(self) -> list[OutageTrials]:
         """What each method did in the outages of each route."""
-        hybrids = self.hybrids  # before the drives, which take longer than a refusal
-        return [
-            run_outages(drive, self.beliefs, starts, LONG, hybrids)
-            for drive, starts in zip(self.drives, self.starts, strict=True)
-        ]
+        return self._run(METHODS)
 
     @cached_property
     def errors(self) -> dict[str, Array]:
@@ -194,10 +196,11 @@ class VehicleOutages:
 
         The draws of one route are next to one another.
         """
-        return {
-            name: np.concatenate([trials.errors[name] for trials in self.trials], axis=2)
-            for name in METHODS
-        }
+        return _joined(self.trials, METHODS)
+
+    def errors_of(self, methods: Collection[str]) -> dict[str, Array]:
+        """Return what `errors` has of some methods, which alone are computed."""
+        return _joined(self._run(methods), methods)
 
     @cached_property
     def sizes(self) -> dict[tuple[str, str], tuple[Array, Array]]:
@@ -223,6 +226,15 @@ class VehicleOutages:
         mean, low, high = np.exp(cluster_mean(ratio.ravel(), self.clusters.ravel()))
         return float(mean), float(low), float(high)
 
+    def _run(self, methods: Collection[str]) -> list[OutageTrials]:
+        # before the drives, which take longer than a refusal
+        hybrids = {name: hybrid for name, hybrid in self.hybrids.items() if name in methods}
+        filters = [name for name in FILTERS if name in methods]
+        return [
+            run_outages(drive, self.beliefs, starts, LONG, hybrids, filters=filters)
+            for drive, starts in zip(self.drives, self.starts, strict=True)
+        ]
+
     def scores(self) -> Scores:
         """Return the errors of each of `METHODS` in each outage.
 
@@ -247,6 +259,10 @@ class VehicleOutages:
             values=values,
             headline="rms-40",
         )
+
+
+def _joined(trials: Sequence[OutageTrials], methods: Collection[str]) -> dict[str, Array]:
+    return {name: np.concatenate([t.errors[name] for t in trials], axis=2) for name in methods}
 
 
 def _key(method: str) -> str:

@@ -80,8 +80,10 @@ def show_printed(
         else:
             f = computed[each]
             ends = None if f.low == f.high else (f.low, f.high)
-            fields = {"interval": ends, "kind": f.kind, "basis": basis}
-            found[each] = record.note(each, f.value, f.unit, f.how, **fields)
+            by = "emulation" if each.startswith("recorded.") else basis
+            found[each] = record.note(
+                each, f.value, f.unit, f.how, interval=ends, kind=f.kind, basis=by
+            )
     frame["printed"] = [c.printed for c in cells]
     for column, names in zip(COLUMNS, zip(*(c[2:] for c in cells), strict=True), strict=True):
         frame[column] = [_written(found.get(n), n, digits) for n in names]
