@@ -87,6 +87,7 @@ def quotient(
     --------
     What all runs have in common does not widen the interval:
 
+    >>> import numpy as np
     >>> from inswsn_lib.evaluation import quotient
     >>> runs = np.arange(1.0, 102.0)
     >>> [round(x, 6) for x in quotient([runs / 2], [runs], "%", "Half of it.")[:3]]

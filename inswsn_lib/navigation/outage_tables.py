@@ -58,6 +58,12 @@ def rebuild_table3(outages: BridgedOutages) -> dict[str, Finding]:
 def with_outage(settings: Mapping[str, Setting], samples: int) -> dict[str, Setting]:
     """Return the settings of P1's scene with outages of so many samples, both areas where they are.
 
+    Parameters
+    ----------
+    settings : mapping of str to Setting
+        The scenario files ``p1`` and ``p1-inertial``, joined.
+    samples : int
+
     Examples
     --------
     >>> from inswsn_lib.navigation import BridgedOutages, with_outage
@@ -74,6 +80,12 @@ def bridge_as_printed(
     outages: BridgedOutages, passages: Mapping[str, Passage]
 ) -> dict[str, dict[str, Array]]:
     """Return the remaining errors of `METHODS` in the outages: by method, then as `Left`.
+
+    Parameters
+    ----------
+    outages : BridgedOutages
+    passages : mapping of str to Passage
+        By area.
 
     Examples
     --------
