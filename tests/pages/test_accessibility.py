@@ -51,7 +51,7 @@ pytestmark = pytest.mark.page
 # What axe looks at daily: the front page, all lessons, wide tables,
 # references, an index, a form
 ONE_OF_EACH_KIND = {
-    "index.html", *(page for page in PAGES if re.match(r"chapters/\d-", page)), OWN_DATA,
+    "index.html", *(page for page in PAGES if re.match(r"chapters/[26]-", page)), OWN_DATA,
     "reproduce.html", "bibliography.html", "py-modindex.html", "search.html",
 }  # fmt: skip
 # WCAG 2.0 to 2.2, levels A and AA, and axe's own advice, as axe-core names them
