@@ -35,6 +35,7 @@ from .hybrid import (
 )
 from .learner_map import Choice as Choice, LearnerMap as LearnerMap
 from .outage_cells import (
+    ByDrive as ByDrive,
     outages_by_drive as outages_by_drive,
     rebuild_outages as rebuild_outages,
     rebuild_recorded as rebuild_recorded,

@@ -29,7 +29,15 @@ _AGAINST = {"sim": "never", "fair.cells": "through"}  # what a reduction is one 
 
 
 class ByDrive(NamedTuple):
-    """A number of each drive, its unit, and what it is."""
+    """A number of each drive, its unit, and what it is.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from inswsn_lib.navigation import ByDrive
+    >>> ByDrive(np.array([1.0, 2.0]), "m", "Largest error in 40 s.").unit
+    'm'
+    """
 
     values: Array
     unit: str
