@@ -75,7 +75,7 @@ def show_map(run: ExampleRun, *, start: float) -> None:
     shown.show(
         name="fig-l2-map",
         caption="Drag the gain. At 0, the INS is corrected once, by the first fix, and the blend "
-        "drifts away. At 1, the blend equals the fixes. The best gain lies between.",
+        "drifts away. At 1, the blend equals the fixes. The best gain is in between.",
         alt="Two charts. On the map of errors, the fixes scatter about the centre, and the blend "
         f"wanders off. Below, over 20 seconds, the mean error of the fixes is "
         f"{centimetres(float(fixes.mean()))}; with a gain of {start:g}, that of the blend is "
@@ -228,7 +228,7 @@ def show_told(run: ExampleRun, run_filter: Filter, *, start: float) -> None:
     shown.show(
         name="fig-l2-told",
         caption="With too small a Q, the drift remains; with too large a Q, the filter follows the "
-        "fixes. The NIS, explained below, shows without the truth whether innovations are as large "
+        "fixes. Without the truth, the NIS (below) still shows whether innovations are as large "
         "as assumed.",
         alt=f"Mean error against the factor on Q from 1e-4 to 1e4: {error[0]:.2f} m at the left "
         f"end, minimum {min(error):.3f} m, {error[-1]:.3f} m at the right end; the fixes alone "

@@ -95,8 +95,8 @@ def show_game(*, kalman: float, hinfinity: float) -> None:
     start = {name: ratio(g, 5, 0) for name, g in gains.items()}
     shown.show(
         name="fig-l3-game",
-        caption="The energy that you put in is 1. A minus sign means that the fixes err "
-        "opposite to the drift. In brackets is the most that any disturbance of 24 samples "
+        caption="The energy that you put in is 1. A minus sign means that the fix "
+        "errors oppose the drift. In brackets: the most that any disturbance of 24 samples "
         "can reach.",
         alt="Two charts. Above, a burst of 24 samples of drift and of errors in the fixes. Below, "
         f"the errors of two filters, with energies of {start['kalman']:.2f} (Kalman, at most "
