@@ -367,7 +367,7 @@ def show_rivals(
     shown.sentence(say)
     shown.show(
         name="fig-l4-rivals",
-        caption="Move the outage to a time before the turn, and into the turn. The LS-SVM is "
+        caption="Move the outage to a time before the turn, then into the turn. The LS-SVM is "
         "rehearsed again for each outage.",
         alt=f"Two charts. {say(20.0, 2)} {say(20.0, 10)} {say(10.0, 10)} The velocity in y is "
         "steady until a turn begins at 18 s.",

@@ -346,7 +346,7 @@ def show_price(model: ErrorModel, kalman: Array, *, start: float) -> tuple[float
     ))  # fmt: skip
     shown.show(
         name="fig-l3-price",
-        caption="From the least worst case on the left to the Kalman filter on the right. The "
+        caption="From the lowest worst case on the left to the Kalman filter on the right. The "
         f"first steps reduce the error most. The dashed curve ends at {printed[-1][1]:.2f}.",
         alt=f"The curve falls from a worst case of {exact[margins[0]][0]:.2f}, where the RMS error "
         f"is {exact[margins[0]][1]:.2f}, to the Kalman filter at {kf[0]:.2f} and {kf[1]:.2f}. For "
@@ -416,7 +416,7 @@ def show_vehicle(run: ExampleRun, *, start: float) -> dict[str, float]:
     ))  # fmt: skip
     shown.show(
         name="fig-l3-vehicle",
-        caption="With a matched Q the Kalman filter is better. With a much too small Q, "
+        caption="With a matched Q the Kalman filter is better. With Q much too small, "
         "an H∞ filter with a small margin is better. Find a margin that is good in both cases.",
         alt=f"Mean distance against the assumed Q: {error[0][matched]:.3f} m for the Kalman filter "
         f"with the matched Q and {error[0][small]:.3f} m with Q/100; for the H-infinity "
