@@ -420,7 +420,7 @@ def show_vehicle(run: ExampleRun, *, start: float) -> dict[str, float]:
         "an H∞ filter with a small margin is better. Find a margin that is good in both cases.",
         alt=f"Mean distance against the assumed Q: {error[0][matched]:.3f} m for the Kalman filter "
         f"with the matched Q and {error[0][small]:.3f} m with Q/100; for the H-infinity "
-        f"filter with the margin {margins[0]:g}, {error[margins[0]][matched]:.3f} m and "
+        f"filter with a margin of {margins[0]:g}, {error[margins[0]][matched]:.3f} m and "
         f"{error[margins[0]][small]:.3f} m; for the fixes, {fixes:.3f} m.",
     )
     poor = axis_model(run, FACTORS[small])
