@@ -62,7 +62,7 @@ class FirstReading:
         federated = run_federated(
             model, y, predicted=True,
             measurement_covariance=np.stack([d.model.measurement_covariance for d in self.designs]),
-            initial_covariance=fusion.initial_covariance(1.0),
+            initial_covariance=0.1**2 * np.eye(4),  # P2 does not say; 0.1 m and 0.1 m/s
         )  # fmt: skip
         distributed = run_distributed(self.designs, y, weights=self.weights, predicted=True)
         return dict(zip(PRINTED, (ins, ins - federated, ins - distributed), strict=True))

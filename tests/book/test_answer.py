@@ -87,11 +87,12 @@ def test_each_headline_is_told_without_marks(project: Project) -> None:
     ("asked", "names", "found"),
     [
         ("2", ["seed"], "lesson-2"),
-        ("2", ["range_noise"], "p1-training"),
+        ("2", ["range_noise"], "lesson-2"),
+        ("2", ["node_bias"], "p1-training"),
         ("2", ["range_noise", "heading"], "p1-training"),
-        ("4", ["outage_samples"], "p1-outages"),
-        ("5", ["accelerometer_bias"], "p2-fusion"),
-        ("6", ["window"], "p3-vehicle"),
+        ("4", ["heading"], "p1-outages"),
+        ("5", ["dropout"], "p2-fusion"),
+        ("6", ["compass_outliers"], "p3-vehicle"),
     ],
 )
 def test_a_lesson_passes_on_what_it_does_not_have(
