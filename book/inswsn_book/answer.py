@@ -60,8 +60,8 @@ def ask(
         request = quick_request(project.root, chapter, values)
     elif before.provenance and before.provenance.seconds > LONG:
         yield (
-            f"The published run took {before.provenance.seconds:.0f} s, most of it for maps and "
-            "searches; --quick leaves those out, with fewer runs and so wider intervals."
+            f"The published run took {before.provenance.seconds:.0f} s; --quick has fewer runs, so "
+            "wider intervals, and leaves out sections on which no finding rests."
         )
     claims = claims_of(load_claims(project.root / LEDGER), chapter.id)
     known = (project.root / ASSUMPTIONS).is_file()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import ast
 import json
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -59,10 +59,9 @@ class ChapterRecord:
         self._solvers: dict[str, str] = {}
         self._studies: dict[str, bool] = {}
 
-    @property
-    def published(self) -> bool:
-        """Whether the parameters are those of the published run."""
-        return self._parameters == self.schema.defaults
+    def as_published(self, names: Iterable[str]) -> bool:
+        """Tell whether these parameters have the values of the published run."""
+        return all(self._parameters[name] == self.schema[name].default for name in names)
 
     def data(self, name: str) -> Path:
         """Return the path of a file and note that this chapter reads it.

@@ -15,7 +15,8 @@ FITTED = ((4.0, 4.0), (0.21, 0.0))
 _PERIOD = 0.2  # s, of the first area
 _WORDS = {
     "alike": "noise of one size in all states and of one in all measurements",
-    "fitted": "process noise of 4, noise of 0.21 m in the positions alone",
+    "fitted": f"process noise of {FITTED[0][0]:g}, noise of {FITTED[1][0]:g} m in the positions "
+    "alone",
 }
 
 

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from inswsn_lib.checks import Array
-from inswsn_lib.evaluation import Finding, mean_absolute_error, spread
+from inswsn_lib.evaluation import Finding, mean_absolute_error
 from inswsn_lib.filters import patterns_of, run_distributed, run_federated
 from inswsn_lib.lmi import FilterDesign
 from inswsn_lib.navigation.cluster_fusion import ClusterFusion, Pattern
@@ -107,12 +107,10 @@ def _reductions(
     for i, axis in enumerate(AXES):
         for key, rival in _RIVALS.items():
             how = f"Reduction of the mean absolute error of {rival} by DHF, {axis}, {ends}"
-            yield f"{prefix}.{axis}.{key}", _finding(found[key][i], how)
+            yield f"{prefix}.{axis}.{key}", Finding.of_runs(found[key][i], "%", how)
     for part, rows in _MEANS.items():
         how = f"Mean over x and y of the reductions of the {part} error of FKF by DHF, {ends}"
-        yield f"{prefix}.{part}.vs-fkf", _finding(found["vs-fkf"][rows].mean(axis=0), how)
-
-
-def _finding(runs: Array, how: str) -> Finding:
-    median, low, high = (float(each[0]) for each in spread(runs[None]))
-    return Finding(median, low, high, "%", how, "runs 95 %")
+        yield (
+            f"{prefix}.{part}.vs-fkf",
+            Finding.of_runs(found["vs-fkf"][rows].mean(axis=0), "%", how),
+        )

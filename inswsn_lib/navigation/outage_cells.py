@@ -128,7 +128,7 @@ def rebuild_outages(errors: Mapping[str, Array]) -> dict[str, Finding]:
     (0.0, 0.0, 0.0, '%')
     """
     return {
-        name: _finding(values, unit, f"{how} Median over the drives.")
+        name: Finding.of_runs(values, unit, f"{how} Median over the drives.")
         for name, (values, unit, how) in outages_by_drive(errors).items()
     }
 
@@ -159,7 +159,7 @@ def rebuild_recorded(trials: RecordedTrials) -> dict[str, Finding]:
     def keep(name: str, values: Array, unit: str, how: str) -> None:
         whole = "outages and draws" if values.ndim > 1 else "draws"
         how = f"Recorded drive: {how} Median over the {whole}."
-        found[f"recorded.cells.{name}"] = _finding(values.ravel(), unit, how)
+        found[f"recorded.cells.{name}"] = Finding.of_runs(values.ravel(), unit, how)
 
     for name in ("never", "lssvm", "rbf"):
         for span, length in (("40", OUTAGE), ("50", LONG)):
@@ -196,8 +196,3 @@ def _sizes(errors: Mapping[str, Array]) -> dict[tuple[str, str, str], Array]:
 
 def _less(better: Array, worse: Array) -> Array:
     return np.asarray(100 * (1 - better / worse))
-
-
-def _finding(values: Array, unit: str, how: str) -> Finding:
-    low, median, high = map(float, np.quantile(values, [0.025, 0.5, 0.975]))
-    return Finding(median, low, high, unit, how, "runs 95 %")

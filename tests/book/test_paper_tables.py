@@ -45,7 +45,14 @@ def shown(
     monkeypatch.setattr(ChapterRecord, "reference", reference)
     record = ChapterRecord("00", parameters={"scale": scale}, root=mini.root)
     found = show_printed(
-        record, "evidence", CELLS, compute, name="tbl-a", caption="A table.", first=["h.share"]
+        record,
+        "evidence",
+        CELLS,
+        compute,
+        by=["scale"],
+        name="tbl-a",
+        caption="A table.",
+        first=["h.share"],
     )
     (table,) = [words["table"] for _, words in displayed if "table" in words]
     return found, table["cells"], len(calls)
@@ -73,7 +80,7 @@ def test_a_long_table_is_folded_and_its_numbers_have_the_digits_asked_for(
     gamma = Finding(4.00551, 4.00551, 4.00551, "1", "Least gamma, area 1.")
     found = show_printed(
         record, "evidence", [Cell("gamma", "4.0055", "g.printed", "one method", "none")],
-        lambda: {"g.printed": gamma}, name="tbl-g", caption="A table.", fold="All of it",
+        lambda: {"g.printed": gamma}, by=["scale"], name="tbl-g", caption="A table.", fold="All of it",
         basis="algebra", digits=5,
     )  # fmt: skip
     (shown,) = [data for data, words in displayed if "table" in words]

@@ -595,13 +595,14 @@ def show_outages(
         record, "p3-vehicle",
         [cell(path, *words) for path, words in _PRINTED.items()],
         compute,
+        by=("seed", "lateral", "slip", "compass_bias", "tau", "window"),
         name="tbl-l6-p3",
         caption="Errors in P3's outages, and by how much the proposed method reduces those of KF; "
         "40 s without GPS if not said otherwise; medians and 95 % of drives. Rebuilt: on simulated "
         "roads of the same kinds; KF has no aids, the proposed method has both and the machine. On "
         "equal terms: KF has the same aids. Recorded: the recorded drive, on other roads; medians "
-        "and 95 % of its twelve outages, or of draws where the outages are taken together. It does "
-        "not follow the parameters.",
+        f"and 95 % of its {len(recorded.starts)} outages, or of draws where the outages are taken "
+        "together. It does not follow the parameters.",
     )  # fmt: skip
 
 

@@ -568,6 +568,7 @@ def show_percentages(record: book.ChapterRecord, printed: Any, fusion: ClusterFu
         record, "p2-fusion",
         [cell(part, rival, text) for part, row in results.items() for rival, text in row.items()],
         lambda: rebuild_percentages(FirstReading(fusion)),
+        by=("seed", "range_noise", "correlation_time", "accelerometer_bias", "speed"),
         name="tbl-l5-p2",
         caption="Error reduction by P2's distributed filter against the INS and against the "
         "federated filter (FKF), %, medians and 95 % of runs; below 0, it increases the error. The "

@@ -37,6 +37,8 @@ _TABLE1 = {
     "dvy": ("vy", "$v_y$"),
     "mean_velocity": ("mean-velocity", "mean of velocities"),
 }
+#: Parameters on which the tables depend
+_SCENE = ("seed", "outage_samples", "range_noise", "inertial_scale", "correlation_time")
 #: What is left of the error of the INS on equal terms, by the names of the evidence
 _FAIR = ("fair.ls-svm.motion", "fair.kalman-filter-coasting.state")
 
@@ -513,6 +515,7 @@ def show_tables(record: ChapterRecord, outages: BridgedOutages) -> None:
         record, "p1-outages",
         [cell3(m, c, text) for m, of in printed[3].items() for c, text in of.items()],
         lambda: core.rebuild_table3(outages),
+        by=_SCENE,
         name="tbl-l4-table3",
         caption="P1's Table 3, mean absolute errors (m, m/s), medians and 95 % of runs. Rebuilt: "
         "BP of a toolbox, and the printed LS-SVM, both fed with the oracle. On equal terms: both "
@@ -525,6 +528,7 @@ def show_tables(record: ChapterRecord, outages: BridgedOutages) -> None:
         record, "p1-outages",
         [cell1(n, of, c) for n, of in printed[1].items() for c in _TABLE1],
         lambda: core.rebuild_table1(outages, pairs),
+        by=_SCENE,
         name="tbl-l4-table1",
         caption="P1's Table 1, mean absolute errors (m, m/s) on the 50 points that trained the "
         "LS-SVM, fed with the oracle, medians and 95 % of runs. There is no rival in it, and no "

@@ -34,6 +34,7 @@ def show_printed(
     cells: Iterable[Cell],
     compute: Callable[[], Mapping[str, Finding]],
     *,
+    by: Iterable[str],
     name: str,
     caption: str,
     first: Iterable[str] = (),
@@ -43,8 +44,8 @@ def show_printed(
 ) -> dict[str, Quantity]:
     """Show a paper's table and record its numbers; return these.
 
-    With the published parameters the numbers are those of the evidence, which has computed them by
-    the same functions; with others they are computed here.
+    If what the table depends on is as published the numbers are those of the evidence, which has
+    computed them by the same functions; else they are computed here.
 
     Parameters
     ----------
@@ -56,6 +57,8 @@ def show_printed(
         A row each. A name that no finding has is a word for the reader.
     compute : callable
         Gives the findings for the parameters of the lesson.
+    by : iterable of str
+        The parameters on which the table depends.
     name, caption : str
         Of the table.
     first : iterable of str
@@ -71,18 +74,19 @@ def show_printed(
     frame = pd.DataFrame(index=pd.Index([c.label for c in cells], name="cell"))
     wanted = [*first, *(n for cell in cells for n in cell[2:] if "." in n)]
     found: dict[str, Quantity] = {}
-    computed = {} if record.published else compute()
+    published = record.as_published(by)
+    computed = {} if published else compute()
     for each in dict.fromkeys(wanted):
-        if record.published:
+        if published:
             known = record.reference(evidence, each)
             fields = known.model_dump(exclude={"name", "value", "unit"})
             found[each] = record.quantity(each, known.value, known.unit, **fields)
         else:
             f = computed[each]
             ends = None if f.low == f.high else (f.low, f.high)
-            by = "emulation" if each.startswith("recorded.") else basis
+            kind = "emulation" if each.startswith("recorded.") else basis
             found[each] = record.note(
-                each, f.value, f.unit, f.how, interval=ends, kind=f.kind, basis=by
+                each, f.value, f.unit, f.how, interval=ends, kind=f.kind, basis=kind
             )
     frame["printed"] = [c.printed for c in cells]
     for column, names in zip(COLUMNS, zip(*(c[2:] for c in cells), strict=True), strict=True):

@@ -471,6 +471,7 @@ def show_gammas(record: ChapterRecord, **scene: float) -> None:
     # none of it is there in the page
     from inswsn_book.lessons.printed import Cell, show_printed  # noqa: PLC0415
     from inswsn_lib.navigation import rebuild_gammas  # noqa: PLC0415
+    from inswsn_lib.navigation.filter_gammas import FITTED  # noqa: PLC0415
     from inswsn_lib.papers import read_numbers  # noqa: PLC0415
 
     filters = read_numbers(record.data("papers/p1.yaml"))["filters"]
@@ -485,9 +486,11 @@ def show_gammas(record: ChapterRecord, **scene: float) -> None:
         record, "p1-lmi",
         [cell(kind, area) for kind in noise for area in filters],
         lambda: rebuild_gammas(filters, **scene),
+        by=scene,
         name="tbl-l3-gammas",
         caption=r"The least $\gamma$ that P1 prints. Rebuilt: by P1's inequality. On equal terms: "
-        "by the exact one, for the same noise. The fitted noise, 4 in all states and 0.21 m in "
-        r"measured positions alone, is one of many that give it. No recording has a $\gamma$.",
+        f"by the exact one, for the same noise. The fitted noise, {FITTED[0][0]:g} in all states "
+        f"and {FITTED[1][0]:g} m in measured positions alone, is one of many that give it. No "
+        r"recording has a $\gamma$.",
         basis="algebra", digits=5,
     )  # fmt: skip
