@@ -80,8 +80,8 @@ def test_a_long_table_is_folded_and_its_numbers_have_the_digits_asked_for(
     gamma = Finding(4.00551, 4.00551, 4.00551, "1", "Least gamma, area 1.")
     found = show_printed(
         record, "evidence", [Cell("gamma", "4.0055", "g.printed", "one method", "none")],
-        lambda: {"g.printed": gamma}, by=["scale"], name="tbl-g", caption="A table.", fold="All of it",
-        basis="algebra", digits=5,
+        lambda: {"g.printed": gamma}, by=["scale"], name="tbl-g", caption="A table.",
+        fold="All of it", basis="algebra", digits=5,
     )  # fmt: skip
     (shown,) = [data for data, words in displayed if "table" in words]
     lines = shown["text/markdown"].splitlines()
