@@ -67,7 +67,6 @@ EXEMPT = {
     "kernels.choose": "for the rooms",
     "lmi.WorstCase": "given by worst_disturbance",
     "navigation.Bridge": "shown by VehicleHybrid",
-    "navigation.Choice": "given by LearnerMap.judge",
     "navigation.Judged": "given by BridgedOutages.compare",
     "navigation.Machine": "what VehicleHybrid trains",
     "navigation.OutageTrials": "shown by run_outages",

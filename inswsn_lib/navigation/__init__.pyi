@@ -33,7 +33,6 @@ from .hybrid import (
     HybridRun as HybridRun,
     observable_inputs as observable_inputs,
 )
-from .learner_map import Choice as Choice, LearnerMap as LearnerMap
 from .outage_cells import (
     ByDrive as ByDrive,
     outages_by_drive as outages_by_drive,

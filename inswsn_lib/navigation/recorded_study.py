@@ -75,12 +75,8 @@ class RecordedStudy:
     def planar(self) -> dict[str, PlanarContest]:
         """A mower, and a robot in a labyrinth."""
         return {
-            "plaza/2": PlanarContest(
-                self._load("plaza/2"), 1.0, alignment=40.0, trials=self.trials
-            ),
-            "labyrinth/1": PlanarContest(
-                self._load("labyrinth/1"), 1.0, alignment=5.0, trials=self.trials
-            ),
+            name: PlanarContest(self._load(name), alignment=alignment, trials=self.trials)
+            for name, alignment in (("plaza/2", 40.0), ("labyrinth/1", 5.0))
         }
 
     @cached_property
@@ -207,7 +203,7 @@ class RecordedStudy:
         room = self.room
         series = {"inrol/1": (room.period, (room.network.state - room.truth)[:, :2])}
         for name, contest in self.planar.items():
-            series[name] = contest.window, contest.fixes.position - contest.truth
+            series[name] = contest.period, contest.fixes.position - contest.truth
         columns = {}
         for name, (period, errors) in series.items():
             lags = np.arange(round(_LAG / period) + 1)

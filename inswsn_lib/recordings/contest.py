@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import pandas as pd
@@ -27,7 +27,7 @@ from inswsn_lib.estimation import (
     smooth_with_lag,
 )
 from inswsn_lib.evaluation import Tuning, search_pattern
-from inswsn_lib.recordings.difference_filters import FAMILIES, DifferenceFilters
+from inswsn_lib.recordings.difference_filters import FAMILIES, DifferenceFilters, Family
 from inswsn_lib.recordings.estimates import (
     Estimate,
     lag_one,
@@ -36,7 +36,7 @@ from inswsn_lib.recordings.estimates import (
     truth_at,
     unlikely,
 )
-from inswsn_lib.streams import Fixes, Imu, Ranges, Recording, Whole
+from inswsn_lib.streams import Fixes, Ranges, Recording, Whole
 
 #: Trials that the search for the numbers of a filter has
 TRIALS = 24
@@ -110,21 +110,20 @@ class FixesContest:
     begin: ClassVar[Sequence[float]] = (0.05, 0.002, 0.02, 0.02, 3.0)
 
     @cached_property
-    def imu(self) -> Imu:
-        """The IMU, of a recording that has all that is needed."""
+    def moved(self) -> Any:
+        """The IMU or the odometry, of a recording that has all that is needed."""
         for name in self.needed:
             if getattr(self.recording, name) is None:
                 raise InswsnError(
                     f"The recording {self.recording.name} has no {name}: a contest of filters "
                     "needs one."
                 )
-        assert self.recording.imu is not None
-        return self.recording.imu
+        return getattr(self.recording, self.needed[0])
 
     @cached_property
     def fixes(self) -> Fixes:
         """Those while the IMU is on, with the velocity of a line through five where none is."""
-        begin, end = self.imu.time[[0, -1]]
+        begin, end = self.moved.time[[0, -1]]
         assert self.recording.fixes is not None
         fixes = self.recording.fixes.part(float(begin), float(end))
         return fixes if fixes.velocity is not None else slope_velocity(fixes)
@@ -181,8 +180,9 @@ class FixesContest:
         end, kept
             When the data end, s, and what is kept, as in `run_error_state`.
         """
-        colour = (coloured * UP, np.full(3, time)) if coloured else ()
-        fixes = PositionFixes(self.fixes, self.recording.lever_arm, white * UP, *colour)
+        up = UP[: len(self.arm)]
+        colour = (coloured * up, np.full(len(up), time)) if coloured else ()
+        fixes = PositionFixes(self.fixes, self.arm, white * up, *colour)
         return run_error_state(self.motion(force, rate), self.start, [fixes], end=end, kept=kept)
 
     @cached_property
@@ -204,20 +204,25 @@ class FixesContest:
             "smoother": smooth(found[COLOURED]),
         }
 
-    def motion(self, force: float, rate: float) -> InertialMotion:
+    @property
+    def arm(self) -> Array:
+        """The lever arm, as long as a fix has components, m."""
+        return np.asarray(self.recording.lever_arm[: self.fixes.position.shape[1]])
+
+    def motion(self, force: float, rate: float) -> Any:
         """Return the integration of the IMU with these noises of `ImuNoise`.
 
         Parameters
         ----------
         force, rate : float
         """
-        return InertialMotion(self.imu, ImuNoise(force, rate, *WALKS))
+        return InertialMotion(self.moved, ImuNoise(force, rate, *WALKS))
 
     @property
     def silent(self) -> PositionFixes:
         """The times of fixes without any: events at which a filter says where it is."""
         nothing = replace(self.fixes, position=np.full_like(self.fixes.position, np.nan))
-        return PositionFixes(nothing, np.zeros(3), np.ones(3))
+        return PositionFixes(nothing, 0 * self.arm, np.ones(len(self.arm)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -256,13 +261,15 @@ class RecordedContest(FixesContest):
     """
 
     period: float = 0.2
+    scale: ClassVar[float] = 0.0  # deviation of a scale that all ranges have in common
+    families: ClassVar[Mapping[str, Family]] = FAMILIES  # of filters of P1's form
     needed: ClassVar[Sequence[str]] = ("imu", "ranges", "reference")
     begin: ClassVar[Sequence[float]] = (0.02, 0.002, 0.04, 0.08, 3.0)
 
     @cached_property
     def heard(self) -> Ranges:
-        """The ranges while the IMU is on."""
-        begin, end = self.imu.time[[0, -1]]
+        """The ranges while the IMU or the odometry is on."""
+        begin, end = self.moved.time[[0, -1]]
         assert self.recording.ranges is not None
         return self.recording.ranges.part(float(begin), float(end))
 
@@ -327,7 +334,9 @@ class RecordedContest(FixesContest):
         end, kept
             When the data end, s, and what is kept, as in `run_error_state`.
         """
-        ranges = RangesToAnchors(self.heard, self.recording.lever_arm, white, bias, coloured, time)
+        ranges = RangesToAnchors(
+            self.heard, self.arm, white, bias, coloured, time, scale=self.scale
+        )
         motion = self.motion(force, rate)
         return run_error_state(
             motion, self.start, [ranges, self.silent], end=end, kept=kept, gate=GATE
@@ -338,7 +347,7 @@ class RecordedContest(FixesContest):
         """The searches: by the likelihood of innovations, or by errors, up to the split."""
         found = super().tuned
         first = self.usable & (self.fixes.time <= self.split)
-        for name, family in FAMILIES.items():
+        for name, family in self.families.items():
             found[name] = search_pattern(
                 name, family.begin, family.ratios, self._erring(name, first), most=self.trials
             )

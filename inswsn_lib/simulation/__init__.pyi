@@ -7,11 +7,6 @@ from .disturbances import (
     losing as losing,
     shaped_drift as shaped_drift,
 )
-from .drifts import (
-    DRIFTS as DRIFTS,
-    draw_drift as draw_drift,
-    draw_motion as draw_motion,
-)
 from .ins import InertialErrors as InertialErrors, simulate_ins as simulate_ins
 from .multilateration import (
     multilaterate as multilaterate,

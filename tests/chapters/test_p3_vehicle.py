@@ -431,46 +431,6 @@ def test_the_results_say_whether_the_recording_was_executed(
     assert results["recorded.level"].value == pytest.approx(content["facts"]["level"])
 
 
-# the exercises
-
-
-def seconds_of(page: str, name: str) -> int:
-    found = re.search(rf"{name}: 10 m after (\d+) s", page)
-    assert found is not None, name
-    return int(found[1])
-
-
-def test_how_long_until_the_compass_pays(page: str, scenario: dict[str, Setting]) -> None:
-    """10 m to the side at 14 m/s, in whole seconds upwards.
-
-    By a bias b at 10 / (14 b), by a drift e at sqrt(20 / (14 e)), by an angle random walk s at
-    (10 sqrt(3) / (14 s))^(2 / 3).
-    """
-    drift, noise = np.deg2rad(13.5 / 3600), scenario["gyro_noise"].value
-    assert isinstance(noise, float)
-    assert seconds_of(page, "compass bias") == np.ceil(10 / (14 * np.deg2rad(1))) == 41
-    assert seconds_of(page, "angle random walk") == np.ceil((10 * 3**0.5 / (14 * noise)) ** (2 / 3))
-    assert seconds_of(page, "drift") == np.ceil(np.sqrt(20 / (14 * drift))) == 148
-
-
-def test_a_ramp_by_hand(results: Results, page: str) -> None:
-    """1 + c^2 without correlation: the root is 1, 1.118 and 1.414; 100,000 pairs, 1 %."""
-    for c in (0.0, 0.5, 1.0):
-        found = re.search(rf"c = {c}: ([0-9.]+) times doing nothing", page)
-        assert found is not None
-        assert float(found[1]) == pytest.approx(np.sqrt(1 + c**2), abs=0.012)
-    best = np.sqrt(1 - results["ramps.correlation"].value ** 2)
-    assert f"at best {best:.3f} times" in page
-
-
-def test_a_radar_takes_most_of_the_error_away(page: str) -> None:
-    found = re.search(r"error at 40 s: ([0-9.]+) m, with a radar ([0-9.]+) m", page)
-    assert found is not None
-    plain, radar = float(found[1]), float(found[2])
-    # 0.1 m/s, independent each second, would be 0.6 m over 40 s; the start has half a metre
-    assert radar < min(0.5 * plain, 2.0)
-
-
 # claims
 
 

@@ -64,7 +64,8 @@ def test_a_change_is_the_overlay_of_a_request(project: Project, assumptions: Ass
     assert changed["waypoints"]["unit"] == "m"
     assert changed["speed"] == read_yaml(scenarios / "p1.yaml")["speed"]
     text = made[f"chapters/evidence/{source.name}"]
-    assert ("## Exercises" in source.read_text(), "## Exercises" in text) == (True, False)
+    head = "## Where each filter is right"
+    assert (head in source.read_text(), head in text) == (True, False)
     assert "## Table 2, published and rebuilt" in text
     assert "record.write()" in text
 

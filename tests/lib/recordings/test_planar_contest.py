@@ -55,7 +55,7 @@ def test_who_stands_still_has_no_heading() -> None:
 
 
 def test_on_a_made_drive_both_together_beat_each_alone() -> None:
-    contest = PlanarContest(made_drive(3), window=0.5, trials=1)
+    contest = PlanarContest(made_drive(3), period=0.5, trials=1)
     table = contest.table()
     assert table.loc[TIGHT, "position_high"] < 1
     assert table.loc[TIGHT, "position"] < table.loc["odometry alone", "position"]
@@ -68,7 +68,7 @@ def test_a_scale_of_all_ranges_is_found() -> None:
     drive = made_drive(4)
     assert drive.ranges is not None
     longer = replace(drive, ranges=replace(drive.ranges, distance=1.05 * drive.ranges.distance))
-    contest = PlanarContest(longer, window=0.5, trials=1)
+    contest = PlanarContest(longer, period=0.5, trials=1)
     scale = contest.solutions[TIGHT].states[-1].own[0]
     assert scale == pytest.approx(0.05, abs=0.01)
     assert contest.table().loc[TIGHT, "position_high"] < 0.5
@@ -76,7 +76,7 @@ def test_a_scale_of_all_ranges_is_found() -> None:
 
 @needs("labyrinth/1")
 def test_in_the_labyrinth_ranges_do_not_better_its_odometry_in_half_a_minute() -> None:
-    table = PlanarContest(recordings.load("labyrinth/1"), 1.0, alignment=5.0).table()
+    table = PlanarContest(recordings.load("labyrinth/1"), alignment=5.0).table()
     assert table.loc["odometry alone", "position_high"] < 1
     assert table.loc[TIGHT, "position_high"] < 0.5
     assert 0.3 < table.loc[TIGHT, "nees"] < 2.5
