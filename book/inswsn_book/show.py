@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import io
 import re
+from collections import Counter
+from collections.abc import Container, Mapping
+from typing import TYPE_CHECKING
 
 import pandas as pd
 from IPython.display import display
@@ -13,6 +16,12 @@ from matplotlib.figure import Figure
 from inswsn_book.legible import least_points, legend_of, texts_in_the_way
 from inswsn_book.parameters import Schema
 from inswsn_lib.errors import ParameterError
+
+if TYPE_CHECKING:
+    from inswsn_book.record import ChapterRecord
+    from inswsn_book.results import Results
+    from inswsn_book.verdicts import Judged
+    from inswsn_lib.scenario import Setting
 
 _PATH = re.compile(r'(?<= d=")[^"]*')
 _INDENT = re.compile(r"\n\s+")
@@ -33,6 +42,65 @@ def show_parameters(schema: Schema, *, name: str) -> None:
     columns = ["parameter", "what it is", "unit", "published run", "allowed values"]
     frame = pd.DataFrame(rows, columns=columns).set_index("parameter")
     show_table(frame, name=name, caption="The parameters of this chapter.")
+
+
+def show_settings(record: ChapterRecord, settings: Mapping[str, Setting], *, name: str) -> None:
+    """Show the settings of a scene in a table of that label; keep how many have each source."""
+    rows = [
+        (f"`{key}`", _written(s.value), "–" if s.unit == "1" else s.unit, s.source, s.why)
+        for key, s in settings.items()
+    ]
+    frame = pd.DataFrame(rows, columns=["setting", "value", "unit", "source", "why"])
+    caption = "Every number of the simulation, and where it comes from."
+    show_table(frame.set_index("setting"), name=name, caption=caption)
+    for source, count in Counter(s.source for s in settings.values()).items():
+        record.say(f"settings.{source}", str(count))
+
+
+def show_claims(
+    record: ChapterRecord, *, name: str, caption: str, but: Container[str] = ()
+) -> list[Judged]:
+    """Show the claims that a chapter decides, but those of some ids; keep the score, return all.
+
+    The score: ``score.given``, the claims that are settings of the run; ``score.all`` and
+    ``score.verdicts``, the count of all and of each verdict.
+    """
+    from inswsn_book.verdicts import count_verdicts  # noqa: PLC0415  # the page has it not
+
+    judged = record.judge()
+    given = [entry for entry in judged if entry.quantity and entry.quantity.role == "input"]
+    rows = [
+        {
+            "claim": row["claim"], "the paper says": row["the paper says"],
+            "what was computed": entry.quantity.how if entry.quantity else "–", **row,
+        }
+        for entry in judged if entry not in given and entry.claim.id not in but
+        for row in [entry.row()]
+    ]  # fmt: skip
+    show_table(pd.DataFrame(rows).set_index("claim"), name=name, caption=caption)
+    record.say("score.given", ", ".join(entry.claim.id for entry in given))
+    record.say("score.all", str(len(judged)))
+    record.say("score.verdicts", ", ".join(f"{n} {v}" for v, n in count_verdicts(judged).items()))
+    return judged
+
+
+def show_sentences(results: Results, *, name: str) -> None:
+    """Show the sentences of a chapter that rest on results, and whether each holds."""
+    held = {"holds in this run": [tick(held) for held in results.sentences.values()]}
+    show_table(
+        pd.DataFrame(held, index=pd.Index(results.sentences, name="sentence")),
+        name=name,
+        caption="Sentences of this page that rest on results, bound to the conditions that make "
+        "them true.",
+    )
+
+
+def _written(value: object) -> str:
+    if isinstance(value, list):
+        nested = isinstance(value[0], list)
+        parts = [f"({_written(part)})" if nested else _written(part) for part in value]
+        return (" " if nested else ", ").join(parts)
+    return f"{value:.5g}" if isinstance(value, float) else str(value)
 
 
 def show_table(frame: pd.DataFrame, *, name: str, caption: str, fold: str = "") -> None:
