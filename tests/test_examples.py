@@ -58,6 +58,7 @@ EXEMPT = {
     "estimation.PositionFixes": "shown by run_error_state",
     "estimation.Solution": "given by run_error_state",
     "estimation.Start": "shown by run_error_state",
+    "estimation.smooth_with_lag": "as smooth, whose example it would repeat",
     "evaluation.DriftBound": "given by drift_bound",
     "evaluation.DriftFits": "given by fit_drifts",
     "evaluation.Lead": "given by paired_lead",

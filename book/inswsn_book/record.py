@@ -5,7 +5,7 @@ from __future__ import annotations
 import ast
 import json
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,7 @@ from pydantic import ValidationError
 
 from inswsn_book.files import file_digest, write_whole
 from inswsn_book.ledger import LEDGER, claims_digest, claims_of, load_claims
-from inswsn_book.parameters import Value, chapter_schema
+from inswsn_book.parameters import chapter_schema
 from inswsn_book.project import find_root, results_folder
 from inswsn_book.provenance import MACHINE, machine_facts
 from inswsn_book.results import (
@@ -37,11 +37,11 @@ _GLUE_TYPE = "application/papermill.record/text/plain"
 class ChapterRecord:
     """The record that a chapter keeps while it runs, and writes at its end.
 
-    It is made from the chapter's number and the names and values of its parameters cell.
+    It is made from the chapter's id and a mapping in which its parameters are, as ``globals()``.
     """
 
     def __init__(
-        self, chapter: str, parameters: dict[str, Value], root: Path | None = None
+        self, chapter: str, parameters: Mapping[str, Any], root: Path | None = None
     ) -> None:
         self._root = find_root() if root is None else root
         self._chapter = chapter
@@ -52,7 +52,8 @@ class ChapterRecord:
         missing = [name for name in self.schema.defaults if name not in parameters]
         if missing:
             raise InswsnError(f"Chapter {chapter} keeps no record of its parameter {missing[0]}.")
-        self._parameters = self.schema.check(parameters)
+        #: Their values
+        self.parameters = self.schema.check({n: parameters[n] for n in self.schema.defaults})
         self._data: dict[str, str] = {}
         self._quantities: dict[str, Quantity] = {}
         self._sentences: dict[str, bool] = {}
@@ -61,7 +62,7 @@ class ChapterRecord:
 
     def as_published(self, names: Iterable[str]) -> bool:
         """Tell whether these parameters have the values of the published run."""
-        return all(self._parameters[name] == self.schema[name].default for name in names)
+        return all(self.parameters[name] == self.schema[name].default for name in names)
 
     def data(self, name: str) -> Path:
         """Return the path of a file and note that this chapter reads it.
@@ -199,7 +200,7 @@ class ChapterRecord:
         """Return what has been recorded so far, without provenance, which the executor adds."""
         return Results(
             chapter=self._chapter,
-            parameters=self._parameters,
+            parameters=self.parameters,
             data=dict(sorted(self._data.items())),
             quantities=tuple(self._quantities.values()),
             sentences=self._sentences,

@@ -65,22 +65,6 @@ def smooth_with_lag(solution: Solution, lag: float) -> Solution:
         Of `run_error_state`.
     lag : float
         s.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from inswsn_lib import estimation as est
-    >>> from inswsn_lib.streams import Fixes, Odometry
-    >>> t = np.arange(0, 20.1, 0.1)
-    >>> wheels = Odometry(t, speed=np.full(201, 1.0), rate=np.zeros(201))
-    >>> motion = est.OdometryMotion(wheels, est.OdometryNoise(0.01, 0.001, 1e-4, 1e-5))
-    >>> start = est.Start(0.0, est.PlanarState(np.zeros(2), 0.0), np.eye(5) / 25)
-    >>> fixes = Fixes(t[10::10], np.outer(1.1 * t[10::10], [1.0, 0.0]))
-    >>> observed = [est.PositionFixes(fixes, np.zeros(2), white=np.full(2, 0.1))]
-    >>> solution = est.run_error_state(motion, start, observed)
-    >>> late = est.smooth_with_lag(solution, 5.0)
-    >>> print([f"{s.states[0].scale:.2f}" for s in (solution, late)])
-    ['0.04', '0.10']
     """
     late = number("lag", lag, least=0)
     last = np.searchsorted(solution.time, solution.time + late, side="right") - 1

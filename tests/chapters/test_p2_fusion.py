@@ -15,7 +15,6 @@ from inswsn_book.project import Project
 from inswsn_book.results import Results, read_results
 from inswsn_book.verdicts import Judged, Verdict, verdicts
 from numpy.typing import NDArray
-from scipy.linalg import solve_discrete_are
 
 from inswsn_lib.evaluation import monte_carlo
 from inswsn_lib.filters import handover_weights
@@ -357,26 +356,6 @@ def test_errors_in_proportion(results: Results) -> None:
         twice = results[f"robust.range-noise-doubled.{name}"].value
         assert 1.2 < twice / plain < 2.05
     assert results["links.nine.fkf-reset"].value < 10**0.5 * plain
-
-
-def test_the_kalman_filter_of_many_by_riccati(results: Results, scene: ClusterScene) -> None:
-    """One pair of the numbers that the search may choose explains both of its errors."""
-
-    def miss(acceleration: float, factor: float) -> float:
-        R = scene.mean_covariance.mean(axis=0)
-        R[2:, 2:] *= factor
-        misses = []
-        for N, end in ((2, "first"), (128, "last")):
-            # in turn 0.7, 1 and 1.4 times the noise
-            sizes = np.array([(0.7, 1, 1.4)[i % 3] for i in range(N)])
-            all_together = R / np.sum(1 / sizes**2)
-            P = solve_discrete_are(STEP.T, np.eye(4), process(acceleration), all_together)
-            error = np.sqrt(np.trace(P[:2, :2]))
-            misses.append(abs(np.log(error / results[f"scaling.kalman.{end}"].value)))
-        return max(misses)
-
-    grid = [(2.5**i, 10.0**j) for i in range(-6, 7) for j in range(-4, 5)]
-    assert sum(miss(*numbers) < 1e-4 for numbers in grid) == 1
 
 
 # claims
