@@ -198,6 +198,7 @@ def test_it_is_made_without_a_home_folder(checkout: Checkout) -> None:
     assert (checkout.made / "pip").is_dir()
 
 
+@pytest.mark.whole
 def test_two_at_once_wait_for_each_other(checkout: Checkout) -> None:
     both = [checkout.start(), checkout.start()]
     said = "".join(started.communicate(timeout=600)[0] for started in both)
@@ -207,6 +208,7 @@ def test_two_at_once_wait_for_each_other(checkout: Checkout) -> None:
     assert checkout.installed() == "1"
 
 
+@pytest.mark.whole
 @pytest.mark.usefixtures("as_in_a_terminal")
 def test_one_that_is_stopped_leaves_the_folder_of_an_earlier_version(checkout: Checkout) -> None:
     old = checkout.folder / ".venv/bin/python"

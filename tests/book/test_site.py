@@ -96,6 +96,7 @@ def shown(project: MiniProject) -> dict[str, bytes]:
     return {n: c for n, c in files_of(project.site).items() if n not in without}
 
 
+@pytest.mark.whole
 def test_what_a_change_elsewhere_breaks_is_found(built: MiniProject) -> None:
     """A label goes that a page names which has not changed; the next rendering tells it again."""
     text = built.source.read_text()

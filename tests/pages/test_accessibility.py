@@ -26,7 +26,7 @@ import numpy as np
 import pytest
 import yaml
 from bs4 import BeautifulSoup, Tag
-from conftest import ROOT, WHOLE
+from conftest import ROOT
 from inswsn_book.project import Project
 from inswsn_book.runs import book_runs
 from PIL import Image
@@ -42,18 +42,15 @@ from visiting import (
     settled,
     unfold,
     visit,
+    weekly_but,
 )  # fmt: skip
 
 from inswsn_lib.plotting import COLOURS
 
 pytestmark = pytest.mark.page
 
-# What axe looks at daily: the front page, all lessons, wide tables,
-# references, an index, a form
-ONE_OF_EACH_KIND = {
-    "index.html", *(page for page in PAGES if re.match(r"chapters/[26]-", page)), OWN_DATA,
-    "reproduce.html", "bibliography.html", "py-modindex.html", "search.html",
-}  # fmt: skip
+# What is looked at daily: the front page, a lesson, evidence, a form, tables, what Sphinx adds
+ONE_OF_EACH_KIND = {"index.html", LESSON, CHAPTER_00, OWN_DATA, "reproduce.html", "search.html"}
 # WCAG 2.0 to 2.2, levels A and AA, and axe's own advice, as axe-core names them
 TAGS = ("wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa", "best-practice")
 ALL_RULES = {"type": "tag", "values": list(TAGS)}
@@ -171,16 +168,15 @@ MARKED = """() => {
 # Each page --------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", PAGES)
+@pytest.mark.parametrize("name", weekly_but(ONE_OF_EACH_KIND))
 def test_a_page(browser: Browser, served: str, name: str) -> None:
     """All that is asked of a page in a browser; it is loaded once, since that takes long."""
     # a change of theme fades, and a colour on its way is none of the page's
     seen = visit(browser, served, name, color_scheme="light", reduced_motion="reduce")
     it_is_whole(seen, name)
     assert settled(seen.page).evaluate(WIDTH) <= 1300, name
-    if WHOLE or name in ONE_OF_EACH_KIND:
-        text_is_read_without_sideways_scrolling(seen.page, name)
-        axe_finds_nothing(seen.page, name)
+    text_is_read_without_sideways_scrolling(seen.page, name)
+    axe_finds_nothing(seen.page, name)
     seen.page.close()
 
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 from playwright.sync_api import Browser
-from visiting import PAGES, settled, unfold, visit
+from visiting import CHAPTER_00, PAGES, settled, unfold, visit, weekly_but
 
 pytestmark = pytest.mark.page
 CHAPTERS = [name for name in PAGES if name.startswith("chapters/")]
@@ -37,7 +37,7 @@ def test_a_lesson_loads_at_most_that_much(browser: Browser, served: str, name: s
     page.close()
 
 
-@pytest.mark.parametrize("name", CHAPTERS)
+@pytest.mark.parametrize("name", weekly_but({*LESSONS, CHAPTER_00}, CHAPTERS))
 def test_code_fits_on_a_desktop_and_shows_that_it_scrolls_on_a_phone(
     browser: Browser, served: str, name: str
 ) -> None:

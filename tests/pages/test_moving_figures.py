@@ -13,7 +13,7 @@ import pytest
 from conftest import ROOT
 from inswsn_book.moving import Moving, Slider
 from playwright.sync_api import Browser, CDPSession, Locator, Page
-from visiting import PAGES, Visit, boxes, settled, visit
+from visiting import PAGES, Visit, boxes, settled, visit, weekly_but
 
 from inswsn_lib.filters import run_hinfinity, run_kalman
 from inswsn_lib.learning import LSSVMRegressor
@@ -28,7 +28,7 @@ BLEND = next(name for name in LESSONS if "/2-" in name)
 OUTAGE = next(name for name in LESSONS if "/4-" in name)
 CAR = next(name for name in LESSONS if "/6-" in name)
 DESKTOP, PHONE = {"width": 1440, "height": 900}, {"width": 390, "height": 844}
-lessons = pytest.mark.parametrize("name", LESSONS)
+lessons = pytest.mark.parametrize("name", weekly_but({BLEND, CAR}, LESSONS))
 screens = pytest.mark.parametrize("screen", [DESKTOP, PHONE], ids=["desktop", "phone"])
 
 # A slider is moved over many places, and all is drawn each time

@@ -37,6 +37,7 @@ def of_all_data(model: ErrorModel, y: np.ndarray, R: np.ndarray, **options: Any)
     st.integers(0, 2**32 - 1), st.integers(1, 4), st.integers(1, 3), st.integers(1, 3),
     st.booleans(), st.sampled_from(["fusion", "zero"]), st.booleans(), st.booleans(),
 )  # fmt: skip
+@settings(max_examples=40)
 def test_with_a_reset_each_step_it_is_the_kalman_filter_of_all_data(
     seed: int, clusters: int, n: int, m: int, shared: bool, reset: Any, losing: bool, ahead: bool
 ) -> None:
