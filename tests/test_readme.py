@@ -71,7 +71,7 @@ def test_the_words_of_a_command_are_taken(command: str, project: Project) -> Non
 )
 def test_a_command_runs_as_written(command: str, root: Path, tmp_path: Path) -> None:
     more = SHORT.get(started(command, tuple(SHORT)) or "", "")
-    program, *words = shlex.split(f"{command.replace(' -p runs=1000', '')} {more}")
+    program, *words = shlex.split(f"{command.replace(' -p runs=400', '')} {more}")
     words = [str(root / word) if word.startswith("chapters/") else word for word in words]
     module = {"inswsn": ["inswsn_book", "--root", str(root)], "papermill": ["papermill"]}[program]
     done = subprocess.run(

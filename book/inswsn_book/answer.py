@@ -29,7 +29,7 @@ from inswsn_book.running import (
     run_chapter,
 )
 from inswsn_book.runs import Request, reference_results
-from inswsn_lib.errors import InswsnError
+from inswsn_lib.errors import InswsnError, ParameterError
 
 #: The most findings that are told, and the most characters of a line
 MOST, WIDTH = 8, 160
@@ -50,18 +50,22 @@ def ask(
     """Run a chapter, or the evidence of a lesson, as a user asks; say what comes of it."""
     asked = project.find(name)
     names = [setting.partition("=")[0] for setting in settings]
-    chapter = chapter_with(project, asked, [*names, *(parameters_in(file) if file else ())])
+    names_in_file = parameters_in(file) if file else ()
+    chapter = chapter_with(project, asked, [*names, *names_in_file], quick=quick)
     if chapter != asked:
-        yield f"{asked.id} has no such parameter; its evidence, {chapter.id}, is run."
+        why = "core is quick" if quick else "parameter it is"
+        yield f"{asked.id} passes this on to its evidence, {chapter.id}, whose {why}."
     schema = asked_schema(project.root, chapter, names)
     values = gather_parameters(schema, settings, file, project.root / "data")
     before, request = reference_results(project, chapter.id), Request(chapter.id, values)
     if quick:
         request = quick_request(project.root, chapter, values)
+        if request.core and how["html"]:
+            raise ParameterError("--html", "given with --quick", "left out: no page is executed")
     elif before.provenance and before.provenance.seconds > LONG:
         yield (
-            f"The published run took {before.provenance.seconds:.0f} s; --quick has fewer runs, so "
-            "wider intervals, and leaves out sections on which no finding rests."
+            f"The published run took {before.provenance.seconds:.0f} s. --quick computes findings "
+            "alone, with fewer runs, so wider intervals, and judges no sentence and no verdict."
         )
     claims = claims_of(load_claims(project.root / LEDGER), chapter.id)
     known = (project.root / ASSUMPTIONS).is_file()
@@ -69,8 +73,13 @@ def ask(
 
     def tell(results: Results, folder: Path) -> tuple[list[str], list[str]]:
         took = results.provenance.seconds if results.provenance else 0
+        asked = question(chapter.id, schema, values)
+        if request.core:
+            lines = [asked, *of_core(headlines, before, results)]
+            said = f"It took {took:.0f} s; sentences and verdicts are judged without --quick."
+            return [*lines, said], []
         lines = [
-            question(chapter.id, schema, values),
+            asked,
             *findings(headlines, before, results),
             *differences(before, results, claims),
             places(folder, chapter.name, took, html=how["html"]),
@@ -118,7 +127,10 @@ def findings(headlines: Sequence[Headline], before: Results, after: Results) -> 
         then, now = (_said(v, e, unit) for v, e in zip(values, ends, strict=True))
         lines.append(f"- {words}: {then} -> {now}")
     if not headlines:
-        pairs = [pair for pair in pair_quantities(before, after) if pair.beyond_tolerance]
+        pairs = [
+            pair for pair in pair_quantities(before, after)
+            if pair.beyond_tolerance and value_of(pair.before) != value_of(pair.after)
+        ]  # fmt: skip
         for pair in pairs[:MOST]:
             what = pair.after or pair.before
             how = what.how.rstrip(".") if what else pair.name
@@ -126,6 +138,19 @@ def findings(headlines: Sequence[Headline], before: Results, after: Results) -> 
         if not pairs:
             lines.append("- No number of this chapter moves by more than its tolerance.")
     return lines
+
+
+def of_core(headlines: Sequence[Headline], before: Results, after: Results) -> list[str]:
+    """Return a line for each finding of a core: as published, by all runs, and now."""
+    then, now = ({q.name: q for q in each.quantities} for each in (before, after))
+    both = [name for name in now if name in then]
+    said = [h for h in headlines if {h.quantity, h.over or h.quantity} <= set(both)]
+    told = {h.quantity for h in said if h.over is None}
+    others = [name for name in both if name not in told]
+    return findings(said, before, after) + [
+        f"- {now[name].how.rstrip('.')}: {value_of(then[name])} -> {value_of(now[name])}"
+        for name in others[: MOST - len(said)]
+    ]
 
 
 def differences(before: Results, after: Results, claims: Sequence[Claim]) -> list[str]:

@@ -8,11 +8,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping
+from dataclasses import fields
 from pathlib import Path
 from typing import Annotated
 
 from pydantic import Field
 
+from inswsn_book.cores import asked_schema, core_name, load_core
 from inswsn_book.parameters import Schema, Value, chapter_schema
 from inswsn_book.project import Chapter, Project
 from inswsn_book.results import Frozen, Name, Results
@@ -159,11 +161,14 @@ def without_sections(source: str, titles: Iterable[str], name: str) -> str:
 
 
 def quick_request(root: Path, chapter: Chapter, values: Mapping[str, Value]) -> Request:
-    """Return the request of a quick run, of fewer runs and sections, as the study has them.
+    """Return the request of a quick run, of as few runs as those of the study.
 
-    A chapter that the study does not run is run whole.
+    It is one of the chapter's core, if this has all that is asked; else of the whole notebook.
     """
     reduced = load_assumptions(root).reduced.get(chapter.id, Reduced(parameters={}, seeds=()))
-    source = without_sections(read_text(chapter.source), reduced.skips, chapter.source.name)
-    overlay = {f"chapters/{chapter.name}.md": source} if reduced.skips else {}
-    return Request(chapter.id, reduced.parameters | dict(values), overlay=overlay)
+    schema, core = asked_schema(root, chapter, values), core_name(read_text(chapter.source))
+    own = {field.name for field in fields(load_core(core))} if core else set[str]()
+    few = {n: v for n, v in reduced.parameters.items() if n in own or core is None} | dict(values)
+    if core and all(name in own or schema[name].scenario for name in values):
+        return Request(chapter.id, few, core=True, brief=True)
+    return Request(chapter.id, reduced.parameters | few)

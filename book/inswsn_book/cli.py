@@ -98,18 +98,25 @@ def benchmark(root: Path | None, entry: str | None, track: str, trials: int, kee
 
 
 @cli.command()
+@click.argument("name", required=False)
 @click.pass_obj
-def chapters(root: Path | None) -> None:
-    """List the chapters with their parameters.
+def chapters(root: Path | None, name: str | None) -> None:
+    """List the chapters with their parameters; of one chapter all that a run of it may set.
 
-    For example: inswsn chapters
+    That is its own parameters, those of its evidence, and the settings of their scenario files.
+
+    For example: inswsn chapters 2
     """
-    from inswsn_book.parameters import chapter_schema
+    from inswsn_book.cores import asked_schema, evidence_of
 
-    project = _project(root)
-    for chapter in project.chapters():
+    project, every = _project(root), [""] if name else []
+    listed = project.chapters()
+    if name:
+        asked = project.find(name)
+        listed = [chapter for chapter in (asked, evidence_of(project, asked)) if chapter]
+    for chapter in listed:
         click.echo(chapter.source.stem)
-        for parameter in chapter_schema(project.root, chapter.id).parameters:
+        for parameter in asked_schema(project.root, chapter, every).parameters:
             unit = "" if parameter.unit == "1" else f" {parameter.unit}"
             click.echo(f"    {parameter.name} = {parameter.default}{unit}; {parameter.allowed}")
             click.echo(textwrap.indent(textwrap.fill(parameter.meaning, 88), "        "))
@@ -122,7 +129,7 @@ def chapters(root: Path | None) -> None:
 @_out
 @click.option("--html", is_flag=True, help="Also render the chapter's page for this run.")
 @click.option("--fresh", is_flag=True, help="Execute it even if the same run is kept.")
-@click.option("--quick", is_flag=True, help="Fewer runs, and only the sections of the findings.")
+@click.option("--quick", is_flag=True, help="What the core finds, by fewer runs, in seconds.")
 @click.pass_obj
 def run(
     root: Path | None,

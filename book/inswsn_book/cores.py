@@ -26,7 +26,7 @@ from inswsn_lib.errors import InswsnError
 from inswsn_lib.files import read_text, read_yaml
 
 if TYPE_CHECKING:
-    from inswsn_lib.evaluation import Scores
+    from inswsn_lib.evaluation import Finding, Scores
 
 #: The file of a run in which the words of a core's scores are kept, and who leads
 SCORES = "scores.json"
@@ -112,9 +112,12 @@ def changed_scenario(
 
 
 def run_core(
-    root: Path, chapter: Chapter, values: Mapping[str, Value], threads: int
+    root: Path, chapter: Chapter, values: Mapping[str, Value], threads: int, *, brief: bool = False
 ) -> tuple[Results, dict[str, str]]:
-    """Compute the core of a chapter; return its scores as results and as the file `SCORES`."""
+    """Compute the core of a chapter; return its scores as results and as the file `SCORES`.
+
+    A brief one has the findings alone, by the core's method ``findings`` where it has one.
+    """
     from threadpoolctl import threadpool_limits  # noqa: PLC0415  # the parent needs no numerics
 
     name = core_name(read_text(chapter.source))
@@ -128,14 +131,20 @@ def run_core(
 
         given["published"] = with_values(core().published, **scene)
     with threadpool_limits(threads):
-        scores: Scores = core(**given).scores()
+        made = core(**given)
+        scores: Scores | None = None if brief and hasattr(made, "findings") else made.scores()
+        findings: Mapping[str, Finding] = made.findings() if scores is None else scores.findings
     scenarios = sorted((root / _SCENARIOS).glob("*.yaml"))
     results = Results(
         chapter=chapter.id,
         parameters=dict(values),
         data={f"{_SCENARIOS}/{path.name}": file_digest(path) for path in scenarios},
-        quantities=tuple(_quantities(scores)),
+        quantities=tuple(
+            _quantities(findings, scores.runs if scores else made.runs, None if brief else scores)
+        ),
     )
+    if brief or scores is None:
+        return results, {}
     best, error, after, lead = scores.leader()
     words = {
         "methods": {m: n for m, n in scores.methods.items() if m not in scores.baselines},
@@ -149,9 +158,11 @@ def run_core(
     return results, {SCORES: json.dumps(words, ensure_ascii=False)}
 
 
-def _quantities(scores: Scores) -> Iterator[Quantity]:
-    common: dict[str, Any] = {"runs": scores.runs, "basis": "simulation"}
-    for name, found in scores.findings.items():
+def _quantities(
+    findings: Mapping[str, Finding], runs: int, scores: Scores | None
+) -> Iterator[Quantity]:
+    common: dict[str, Any] = {"runs": runs, "basis": "simulation"}
+    for name, found in findings.items():
         yield Quantity(
             name=name,
             value=found.value,
@@ -163,6 +174,8 @@ def _quantities(scores: Scores) -> Iterator[Quantity]:
             share=1e-3,
             **common,
         )
+    if scores is None:
+        return
     for row in scores.table().to_dict("records"):
         median = row["median"]
         yield Quantity(

@@ -39,13 +39,15 @@ def own_data(schema: Schema, values: Mapping[str, Value]) -> bool:
     return any(schema[name].rule in named for name in values)
 
 
-def chapter_with(project: Project, chapter: Chapter, names: Iterable[str]) -> Chapter:
-    """Return the chapter that has these parameters: itself, or else its evidence.
+def chapter_with(
+    project: Project, chapter: Chapter, names: Iterable[str], *, quick: bool = False
+) -> Chapter:
+    """Return the chapter that has these parameters: itself or else its evidence, if quick this.
 
     A name that neither has is refused, with the nearest.
     """
-    wanted, others = [*names], evidence_of(project, chapter)
-    schemas = [(c, asked_schema(project.root, c, wanted)) for c in (chapter, others) if c]
+    wanted, both = [*names], [c for c in (chapter, evidence_of(project, chapter)) if c]
+    schemas = [(c, asked_schema(project.root, c, wanted)) for c in (both[::-1] if quick else both)]
     for each, schema in schemas:
         if set(wanted) <= schema.defaults.keys():
             return each
@@ -130,10 +132,11 @@ def run_chapter(
     answer, lines = tell(done.results, folder.resolve())
     from inswsn_book.pages import plain_notebooks  # noqa: PLC0415  # takes long
 
-    (own,) = plain_notebooks(project, [done], folder.resolve()).values()
+    files = {"parameters.yml": text, "answer.txt": "\n".join([*answer, ""]), **done.files}
+    if done.notebook:
+        (own,) = plain_notebooks(project, [done], folder.resolve()).values()
+        files |= {f"{name}.ipynb": own, COMPARISON: "\n".join([*lines, ""])}
     with made_folder(folder) as made:
-        files = {f"{name}.ipynb": own, "parameters.yml": text, **done.files}
-        files |= {"answer.txt": "\n".join([*answer, ""]), COMPARISON: "\n".join([*lines, ""])}
         for written, content in files.items():
             write_whole(made / written, content)
         write_results(done.results, made / f"{number}.json")

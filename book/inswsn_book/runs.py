@@ -68,6 +68,7 @@ class Request:
     variables: Mapping[str, str] = field(default_factory=dict)
     overlay: Mapping[str, str] = field(default_factory=dict)
     core: bool = False
+    brief: bool = False  # of a core its findings alone
 
 
 @dataclass(frozen=True)
@@ -136,7 +137,7 @@ def _prepare(project: Project, request: Request) -> _Prepared:
         "surroundings": [request.threads, dict(request.variables)],
         "overlay": {name: files.text_digest(text) for name, text in overlay.items()},
         "recorded data": data_mirror() is not None,
-        "core": request.core,
+        "core": (request.core, request.brief),
     }
     key = f"{origin[:_ORIGIN]}-{files.text_digest(json.dumps(facts, sort_keys=True))[:32]}"
     sources = {"chapter": files.text_digest(source), "library": library, "locks": locks}
@@ -379,7 +380,9 @@ def _run_and_keep(
     if request.core:
         schema = asked_schema(project.root, prepared.chapter, request.parameters)
         values = schema.check(request.parameters)
-        found = run_core(project.root, prepared.chapter, values, request.threads)
+        found = run_core(
+            project.root, prepared.chapter, values, request.threads, brief=request.brief
+        )
         done, machine = Run(request, found[0], None, found[1]), provenance.machine_facts()
     else:
         done, machine = _execute(project, request, prepared, progress, kernels)

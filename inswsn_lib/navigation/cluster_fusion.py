@@ -14,7 +14,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from inswsn_lib.checks import Array
-from inswsn_lib.evaluation import Scores, Tuning, monte_carlo, quotient, search_pattern
+from inswsn_lib.evaluation import Finding, Scores, Tuning, monte_carlo, quotient, search_pattern
 from inswsn_lib.files import data_file
 from inswsn_lib.filters import (
     handover_weights,
@@ -60,6 +60,7 @@ _STARTS = {
     "kf-with-bias": (0.03, 1.0),
 }
 _RATIOS = (2.5, 10.0, 3.0, 3.0)
+_COLUMNS = {"position": "m", "velocity": "m/s"}
 _PARTS = (slice(0, 2), slice(2, 4))  # position and velocity in the state
 
 
@@ -365,12 +366,17 @@ class ClusterFusion:
         Scores
             ``position``, m, and ``velocity``, m/s: see `planar_rms`.
         """
-        columns = {"position": "m", "velocity": "m/s"}
-        values = {
-            f"{method}.{column}": size
-            for method, error in self.errors.items()
-            for column, size in zip(columns, planar_rms(error), strict=True)
-        }
+        values = {name: size for method in METHODS for name, size in self._sizes(method).items()}
+        return Scores(METHODS, _COLUMNS, values, headline="position", findings=self.findings())
+
+    def findings(self) -> dict[str, Finding]:
+        """Return ratios of RMS errors, for which three of `METHODS` are tuned.
+
+        Returns
+        -------
+        dict of str to Finding
+            ``fair.dhf-over-fkf.position`` and ``.velocity``, and the like of ``bias-over-fkf``.
+        """
         compared = {
             "fair.dhf-over-fkf": ("dhf", "of DHF over that of FKF, both tuned."),
             "fair.bias-over-fkf": (
@@ -378,15 +384,16 @@ class ClusterFusion:
                 "of the filter that estimates the bias over that of FKF, both tuned.",
             ),
         }
-        findings = {
-            f"{name}.{part}": quotient(
-                [values[f"{method}.{part}"]], [values[f"fkf-reset.{part}"]], "1",
-                f"RMS {part} error {words}",
-            )
+        rival = [*self._sizes("fkf-reset").values()]
+        return {
+            f"{name}.{part}": quotient([size], [other], "1", f"RMS {part} error {words}")
             for name, (method, words) in compared.items()
-            for part in columns
-        }  # fmt: skip
-        return Scores(METHODS, columns, values, headline="position", findings=findings)
+            for part, size, other in zip(_COLUMNS, self._sizes(method).values(), rival, strict=True)
+        }
+
+    def _sizes(self, method: str) -> dict[str, Array]:
+        sizes = zip(_COLUMNS, planar_rms(self.errors[method]), strict=True)
+        return {f"{method}.{column}": size for column, size in sizes}
 
     def _told(
         self, acceleration: float, factor: float, *, each_fix: bool = False

@@ -5,13 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from inswsn_book.answer import MOST, WIDTH, differences, findings, plain
+from inswsn_book.answer import MOST, WIDTH, differences, findings, of_core, plain
 from inswsn_book.assumptions import Headline, load_assumptions, quick_request
 from inswsn_book.cores import asked_schema, changed_scenarios, evidence_of
 from inswsn_book.project import Project
 from inswsn_book.results import Quantity, Results
 from inswsn_book.running import chapter_with
-from inswsn_book.runs import request_key
 
 from inswsn_lib.errors import ParameterError
 from inswsn_lib.scenario import load_scenario
@@ -55,7 +54,7 @@ def test_findings_are_told_then_and_now() -> None:
 
 def test_a_chapter_without_headlines_tells_what_moved_most_a_few() -> None:
     many = {f"q{i}": float(i) for i in range(20)}
-    told = findings([], made(**many), made(**{name: v + 1 for name, v in many.items()}))
+    told = findings([], made(None, **many), made(None, **{name: v + 1 for name, v in many.items()}))
     assert len(told) == MOST
     assert findings([], made(a=1.0), made(a=1.001)) == [
         "- No number of this chapter moves by more than its tolerance."
@@ -141,14 +140,30 @@ def test_a_speed_that_is_refused_names_what_sets_it(project: Project) -> None:
         schema["speed"].read("15")
 
 
-def test_a_quick_request_is_another_one_with_the_same_question(project: Project) -> None:
+def test_a_quick_request_is_one_of_the_core_with_fewer_runs(project: Project) -> None:
     chapter = project.find("p1-training")
     quick = quick_request(project.root, chapter, {"runs": 50, "heading": 0.05})
+    assert quick.core
     assert quick.parameters == {"runs": 50, "other_runs": 40, "heading": 0.05}
-    (source,) = quick.overlay.values()
-    assert "## Where each filter is right" not in source
-    assert request_key(project, quick) != request_key(project, quick_request(
-        project.root, chapter, {"runs": 50}))  # fmt: skip
+    fusion = project.find("p2-fusion")  # whose core does not know of this parameter
+    whole = quick_request(project.root, fusion, {"most_clusters": 4})
+    assert (whole.core, whole.parameters["most_clusters"], whole.parameters["runs"]) == (
+        False,
+        4,
+        64,
+    )
+
+
+def test_a_quick_answer_has_what_the_core_found_and_no_more() -> None:
+    told = of_core(
+        [headline(quantity="a", says="error"), headline(quantity="c", says="of another section")],
+        made(a=1.0, b=2.0, c=1.0),
+        made(a=2.0, b=3.0, d=1.0),
+    )
+    assert told == [
+        "- error: 1 m (0.9 to 1.1) -> 2 m (1.9 to 2.1)",
+        "- A length that is made here: 2 m (1.9 to 2.1) -> 3 m (2.9 to 3.1)",
+    ]
 
 
 def test_a_chapter_outside_the_study_is_run_whole(project: Project) -> None:
