@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields, replace
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from factors import Crossing, Level, Point
@@ -58,14 +58,6 @@ _CLUSTERS: dict[str, tuple[float, ...]] = {
     "dhf": (1.0, 1.0, 1.0, 1.0),
 }
 _CLUSTER_STEPS = (2.5, 10.0, 3.0, 3.0)
-
-
-class _Core(Protocol):
-    """A core of a chapter: settings, and parameters that stand in their place."""
-
-    @property
-    def published(self) -> Mapping[str, Setting]:
-        """The settings."""
 
 
 def outputs_at(crossing: Crossing, starts: Starts, chapter: str, point: Point) -> Outputs:

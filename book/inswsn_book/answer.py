@@ -127,10 +127,8 @@ def findings(headlines: Sequence[Headline], before: Results, after: Results) -> 
         then, now = (_said(v, e, unit) for v, e in zip(values, ends, strict=True))
         lines.append(f"- {words}: {then} -> {now}")
     if not headlines:
-        pairs = [
-            pair for pair in pair_quantities(before, after)
-            if pair.beyond_tolerance and value_of(pair.before) != value_of(pair.after)
-        ]  # fmt: skip
+        pairs = [pair for pair in pair_quantities(before, after) if pair.beyond_tolerance]
+        pairs = [pair for pair in pairs if value_of(pair.before) != value_of(pair.after)]
         for pair in pairs[:MOST]:
             what = pair.after or pair.before
             how = what.how.rstrip(".") if what else pair.name
@@ -145,8 +143,7 @@ def of_core(headlines: Sequence[Headline], before: Results, after: Results) -> l
     then, now = ({q.name: q for q in each.quantities} for each in (before, after))
     both = [name for name in now if name in then]
     said = [h for h in headlines if {h.quantity, h.over or h.quantity} <= set(both)]
-    told = {h.quantity for h in said if h.over is None}
-    others = [name for name in both if name not in told]
+    others = [name for name in both if name not in {h.key for h in said}]
     return findings(said, before, after) + [
         f"- {now[name].how.rstrip('.')}: {value_of(then[name])} -> {value_of(now[name])}"
         for name in others[: MOST - len(said)]

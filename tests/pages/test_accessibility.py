@@ -1,10 +1,8 @@
 """Every page for readers who do not see it, have no mouse, or have a small screen.
 
-Each page of the book is opened, and its structure is looked at. axe-core looks at one short page of
-each kind, with INSWSN_TESTS=whole at every page; the weekly run on the public host does so. What
-axe cannot know is checked beside it: that an alternative text holds numbers of the run, that each
-table has headers and a name, that text never needs sideways scrolling, that the keyboard does what
-the mouse does.
+The structure of each page is looked at. One page of each kind is opened, with INSWSN_TESTS=whole
+every page, as weekly: axe-core looks at it, and what axe cannot know is checked, such as that text
+never needs sideways scrolling, and that the keyboard does what the mouse does.
 
 All rules run on a page in the light theme, 1300 px wide. In the dark theme those run whose answer
 depends on colours, at 360 px those that depend on sizes; the rest would read the same document.

@@ -488,33 +488,25 @@ def test_missing_rows_are_left_out_one_by_one() -> None:
 # --- states beyond P3's fifteen ---
 
 
-def test_a_bias_of_the_compass_is_found() -> None:
-    bias = np.deg2rad(4)
-    drive = make_drive(120, 8, seed=9, compass_bias=bias)
-    settings = replace(KNOWN, extra=("compass",), yaw=np.deg2rad(10), gate=20.0)
+@pytest.mark.parametrize(
+    ("name", "of", "degrees"), [("compass", "compass_bias", 4), ("mounting",) * 2 + (3,)]
+)
+def test_an_error_that_lasts_is_found(name: Any, of: str, degrees: float) -> None:
+    """A bias of the compass, or an IMU whose forward axis points to the left of the car's."""
+    drive = make_drive(120, 8, seed=9, **{of: np.deg2rad(degrees)})
+    settings = replace(KNOWN, extra=(name,), yaw=np.deg2rad(10), gate=20.0)
     run = run_vehicle_filter(drive, settings)
-    found = run.states.error[-1, :, 15]
     deviation = np.sqrt(run.states.covariance[-1, :, 15, 15])
     assert (deviation < np.deg2rad(1)).all()
-    assert np.abs((found - bias) / deviation).max() < norm.isf(1e-3 / (2 * 8))
+    off = run.states.error[-1, :, 15] - np.deg2rad(degrees)
+    assert np.abs(off / deviation).max() < norm.isf(1e-3 / (2 * 8))
     # and the car does not slide sideways for it, as it does for a filter that does not know
     blind = run_vehicle_filter(drive, replace(KNOWN, gate=20.0))
     yaws = [r.states.attitude[60:, :, 1, 0] for r in (run, blind)]
     assert drive.reference.attitude is not None
     true = drive.reference.attitude[60:, None, 1, 0]
-    assert np.sqrt(((yaws[0] - true) ** 2).mean()) < np.sqrt(((yaws[1] - true) ** 2).mean()) / 2
-
-
-def test_the_mounting_of_the_imu_is_found() -> None:
-    """The IMU's forward axis points 3 degrees to the left of the car's."""
-    mounting = np.deg2rad(3)
-    drive = make_drive(120, 8, seed=10, mounting=mounting)
-    settings = replace(KNOWN, extra=("mounting",), yaw=np.deg2rad(10), gate=20.0)
-    run = run_vehicle_filter(drive, settings)
-    found = run.states.error[-1, :, 15]
-    deviation = np.sqrt(run.states.covariance[-1, :, 15, 15])
-    assert (deviation < np.deg2rad(1)).all()
-    assert np.abs((found - mounting) / deviation).max() < norm.isf(1e-3 / (2 * 8))
+    sizes = [np.sqrt(((yaw - true) ** 2).mean()) for yaw in yaws]
+    assert name == "mounting" or sizes[0] < sizes[1] / 2
 
 
 def test_the_error_of_gps_stays_as_large_as_it_is() -> None:
