@@ -131,8 +131,8 @@ def findings(headlines: Sequence[Headline], before: Results, after: Results) -> 
         pairs = [pair for pair in pairs if value_of(pair.before) != value_of(pair.after)]
         for pair in pairs[:MOST]:
             what = pair.after or pair.before
-            how = what.how.rstrip(".") if what else pair.name
-            lines.append(f"- {how}: {value_of(pair.before)} -> {value_of(pair.after)}")
+            said = f"{pair.name} ({what.how.rstrip('.')})" if what else pair.name
+            lines.append(f"- {said}: {value_of(pair.before)} -> {value_of(pair.after)}")
         if not pairs:
             lines.append("- No number of this chapter moves by more than its tolerance.")
     return lines
@@ -161,10 +161,9 @@ def differences(before: Results, after: Results, claims: Sequence[Claim]) -> lis
         f"{claim.id} ({old.words if old else 'none'} -> {new.words if new else 'none'})"
         for claim, old, new in flipped_verdicts(claims, before, after)
     ]
-    return [
-        _listed(f"{len(untrue)} of {len(before.sentences)} sentences are no longer true", untrue),
-        _listed(f"{len(flips)} of {len(claims)} verdicts differ", flips),
-    ]
+    said = f"{len(untrue)} of {len(before.sentences)} sentences are no longer true"
+    verdicts = [_listed(f"{len(flips)} of {len(claims)} verdicts differ", flips)] if claims else []
+    return [_listed(said, untrue), *verdicts]
 
 
 def places(folder: Path, name: str, seconds: float, *, html: bool) -> str:

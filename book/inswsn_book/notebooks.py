@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterable
 from typing import Any
 
 from inswsn_book.parameters import notebook_schema, read_myst
@@ -49,6 +51,17 @@ def notebook_text(notebook: Any) -> str:
     import nbformat  # noqa: PLC0415  # takes half a second
 
     return str(nbformat.writes(notebook)) + "\n"
+
+
+def with_answer(text: str, answer: Iterable[str]) -> str:
+    """Return the text of a notebook with what its run answers below the title."""
+    notebook, said = read_notebook(text), "\n\n".join(answer)
+    box = f"\n\n```{{admonition}} What this run answers\n:class: important\n\n{said}\n```"
+    title = re.search(r"^# .*$", notebook.cells[0].source, re.M)
+    at = title.end() if title else 0
+    source = notebook.cells[0].source
+    notebook.cells[0].source = source[:at] + box + source[at:]
+    return notebook_text(notebook)
 
 
 def woven(source: Any, executed: Any) -> tuple[Any, dict[str, str]]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import yaml
@@ -19,6 +20,7 @@ from inswsn_book.files import (
     text_digest,
     write_whole,
 )
+from inswsn_book.notebooks import with_answer
 from inswsn_book.parameters import Parameter, Schema, Value
 from inswsn_book.progress import Progress
 from inswsn_book.project import Chapter, Project
@@ -142,7 +144,8 @@ def run_chapter(
         write_results(done.results, made / f"{number}.json")
         if html:
             progress.say(f"{name}: rendering its page")
-            render_run(project, done, made / "html")
+            page = replace(done, notebook=with_answer(done.notebook or "", answer))
+            render_run(project, page, made / "html")
     return folder.resolve(), answer
 
 

@@ -108,7 +108,7 @@ def test_a_run_and_its_comparison(built: MiniProject, tmp_path: Path, inswsn: Co
     *answer, where = done.stdout.splitlines()
     assert answer == [
         "00 with scale = 3.0 (published: 2.0):",
-        "- The number in the file, scaled: 42 m -> 63 m",
+        "- twice (The number in the file, scaled): 42 m -> 63 m",
         "0 of 0 sentences are no longer true.",
         "1 of 1 verdicts differ: P1-M-twice (adds up in print -> contradicted by the paper "
         "itself).",
@@ -162,6 +162,8 @@ def test_the_page_of_a_run_needs_no_built_book(
     assert ">42<" in page
     assert "P1-M-twice" in page  # named, and there is no page to link to
     assert "claims.html" not in page
+    _, _, rest = page.partition("</h1>")
+    assert rest.index("verdicts differ") < rest.index(">42<")
 
 
 def test_a_run_that_fails_writes_nothing(

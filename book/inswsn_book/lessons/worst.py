@@ -452,7 +452,8 @@ def hold(
     record.note("gamma", gamma, "1", "Least gamma of one axis, position measured, by cvxpy.")
     for name, value in off.items():
         unit = "cm" if name.endswith(("matched", "small")) else "1"
-        record.note(name, value, unit, "Of the vehicle's filter.")
+        how = "Position error" if unit == "cm" else "A number"
+        record.note(name, value, unit, f"{how} of the vehicle's filters.")
     record.note("margin", margin, "1", "Margin of the vehicle's filter.")
     record.holds("The Kalman filter's error can have an energy above 3.5.", most(golden) > 3.5)
     record.holds("Nothing gets more than 2 out of the other filter.", most(1.0) < 2 + 1e-9)
