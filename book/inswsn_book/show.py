@@ -20,7 +20,6 @@ from inswsn_lib.errors import ParameterError
 if TYPE_CHECKING:
     from inswsn_book.record import ChapterRecord
     from inswsn_book.results import Results
-    from inswsn_book.verdicts import Judged
     from inswsn_lib.scenario import Setting
 
 _PATH = re.compile(r'(?<= d=")[^"]*')
@@ -59,8 +58,8 @@ def show_settings(record: ChapterRecord, settings: Mapping[str, Setting], *, nam
 
 def show_claims(
     record: ChapterRecord, *, name: str, caption: str, but: Container[str] = ()
-) -> list[Judged]:
-    """Show the claims that a chapter decides, but those of some ids; keep the score, return all.
+) -> None:
+    """Show the claims that a chapter decides, but those of some ids, and keep the score.
 
     The score: ``score.given``, the claims that are settings of the run; ``score.all`` and
     ``score.verdicts``, the count of all and of each verdict.
@@ -81,7 +80,6 @@ def show_claims(
     record.say("score.given", ", ".join(entry.claim.id for entry in given))
     record.say("score.all", str(len(judged)))
     record.say("score.verdicts", ", ".join(f"{n} {v}" for v, n in count_verdicts(judged).items()))
-    return judged
 
 
 def show_sentences(results: Results, *, name: str) -> None:
