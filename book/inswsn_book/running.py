@@ -21,7 +21,7 @@ from inswsn_book.files import (
     write_whole,
 )
 from inswsn_book.notebooks import with_answer
-from inswsn_book.parameters import Parameter, Schema, Value
+from inswsn_book.parameters import Parameter, Schema, Value, chapter_schema
 from inswsn_book.progress import Progress
 from inswsn_book.project import Chapter, Project
 from inswsn_book.results import Results, write_results
@@ -49,7 +49,10 @@ def chapter_with(
     A name that neither has is refused, with the nearest.
     """
     wanted, both = [*names], [c for c in (chapter, evidence_of(project, chapter)) if c]
-    schemas = [(c, asked_schema(project.root, c, wanted)) for c in (both[::-1] if quick else both)]
+    own, its = (chapter_schema(project.root, c.id).defaults.keys() for c in (chapter, both[-1]))
+    if quick and not (own - its) & {*wanted}:  # of what the evidence has in its scene alone
+        both.reverse()
+    schemas = [(c, asked_schema(project.root, c, wanted)) for c in both]
     for each, schema in schemas:
         if set(wanted) <= schema.defaults.keys():
             return each

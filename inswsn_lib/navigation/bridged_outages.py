@@ -17,6 +17,7 @@ from sklearn.dummy import DummyRegressor
 
 from inswsn_lib import learning
 from inswsn_lib.checks import Array
+from inswsn_lib.errors import Described, ParameterError
 from inswsn_lib.evaluation import (
     Finding,
     NoiseFit,
@@ -231,6 +232,11 @@ class BridgedOutages:
         error = np.concatenate([drawn[f"ins.{name}"] for name in names])
         gap = np.full_like(error[heard:], np.nan)
         y = np.concatenate([error[:heard] - drawn[f"wsn.{names[0]}"], gap])
+        if lost := int(np.isnan(y[:heard]).any(axis=(1, 2)).sum()):
+            got = Described(f"one without at {lost} of {heard} in area {area}")
+            raise ParameterError(
+                "scene", got, "one with a fix at each sample that teaches learners"
+            )
         time = np.concatenate([scene.windows[name].times for name in names])
         drive = scene.path.drive(scene.speed, time)
         truth = np.hstack([drive.position, drive.velocity])[:, :, None]

@@ -155,7 +155,7 @@ class ClusterScene:
         Position from `fix_covariance`; velocity from its source: :math:`\sigma_v^2`, or
         :math:`12\,\Sigma / (T^2 n (n^2 - 1))` for the slope of n fixes of covariance
         :math:`\Sigma`. That velocities of windows are correlated over time, and with the fixes, is
-        left out. Where a cluster has no fix, the mean of its others stands in.
+        left out. Where a cluster has no fix, the mean of its others stands in, or of all clusters.
         """
         slope = 12 / (self.period**2 * self._window * (self._window**2 - 1))
         out = np.zeros((*self.fix_covariance.shape[:2], 4, 4))
@@ -165,16 +165,18 @@ class ClusterScene:
             if self.velocity_source == "sensor"
             else slope * self.fix_covariance
         )
-        for each in out:
-            there = ~np.isnan(each).any(axis=(1, 2))
-            if there.any():
-                each[~there] = each[there].mean(axis=0)
+        has = np.isfinite(out).all(axis=(2, 3)).reshape(out.shape[:2])
+        if not has.any():
+            raise ParameterError("clusters", Described("out of reach"), "heard from somewhere")
+        for each, there in zip(out, has, strict=True):
+            each[~there] = (each[there] if there.any() else out[has]).mean(axis=0)
         return out
 
     @cached_property
     def mean_covariance(self) -> Array:
         """The mean of `measurement_covariance` over the steps with a fix, (clusters, 4, 4)."""
         hears = ~np.isnan(self.fix_covariance[:, :, 0, 0])
+        hears[~hears.any(axis=1)] = True  # one that is out of reach takes no part
         R = self.measurement_covariance
         return np.stack([R[c, hears[c]].mean(axis=0) for c in range(len(R))])
 

@@ -97,10 +97,7 @@ def test_refusals(
 
 @pytest.mark.parametrize(
     ("parameters", "said"),
-    [
-        ({"scale": 1000.0}, r"scale must be a number in"),
-        ({}, "keeps no record of its parameter scale"),
-    ],
+    [({"scale": 1000.0}, "scale must be a number in"), ({}, "keeps no record of its parameter")],
 )
 def test_plain_papermill_is_held_to_the_declaration(
     mini: MiniProject, parameters: dict, said: str

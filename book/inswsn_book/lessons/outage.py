@@ -521,7 +521,7 @@ def show_tables(record: ChapterRecord, outages: BridgedOutages) -> None:
         "BP of a toolbox, and the printed LS-SVM, both fed with the oracle. On equal terms: both "
         "rehearsed alike, fed with the motion. Recorded: none; the recorded outages of lesson 8 "
         "are other ones.",
-        first=_FAIR,
+        first=(*_FAIR, "fair.bp.motion"),
     )  # fmt: skip
     pairs = {int(n): (float(of["sigma"]), float(of["eta"])) for n, of in printed[1].items()}
     show_printed(

@@ -13,8 +13,10 @@ from sklearn.linear_model import LinearRegression
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import PolynomialFeatures
 
+from inswsn_lib.errors import ParameterError
 from inswsn_lib.navigation import BridgedOutages, Passage, bridged_outages
 from inswsn_lib.navigation.bridged_outages import COASTING, KINDS, judge_best
+from inswsn_lib.scenario import with_values
 
 RUNS = 3
 
@@ -180,3 +182,9 @@ def test_the_polynomial_is_that_of_scikit_learn(degree: int, samples: int) -> No
     theirs = make_pipeline(PolynomialFeatures(degree), LinearRegression()).fit(X, Y).predict(new)
     ours = bridged_outages._Polynomial(degree).fit(X, Y).predict(new)
     assert ours == pytest.approx(theirs)
+
+
+def test_learners_need_a_fix_at_each_sample(outages: BridgedOutages) -> None:
+    scene = with_values(outages.published, lost_every=3)
+    with pytest.raises(ParameterError, match=r"^scene must be .* not one without at 33 of 100 in"):
+        BridgedOutages(scene, runs=RUNS, tuning_runs=4).scores()

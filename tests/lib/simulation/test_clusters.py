@@ -193,8 +193,9 @@ def test_the_covariance_of_a_measurement_is_that_of_what_is_measured(
             assert is_standard_normal(whitened(wsn[c, k, :2], R[c, k, :2, :2]), 0.01)
             assert is_standard_normal(whitened(wsn[c, k, 2:], R[c, k, 2:, 2:]), 0.01)
             assert (R[c, k, :2, 2:] == 0).all()
-    # a cluster that has no fix on the whole path has no covariance either
-    assert np.isnan(R[1, :, :2, :2]).all()
+    # a cluster that has no fix on the whole path, and takes no part, has the mean of the others
+    assert R[1] == pytest.approx(np.broadcast_to(R[[0, 2]].mean(axis=(0, 1)), R[1].shape))
+    assert scene.mean_covariance[1] == pytest.approx(R[1, 0])
 
 
 def test_where_there_is_no_fix_the_mean_stands_in(build: Build) -> None:
@@ -292,6 +293,8 @@ def test_arguments_that_do_not_fit(build: Build) -> None:
             scene.with_velocities(wrong, right)
     with pytest.raises(ParameterError, match=r"normal .* not of shape"):
         scene.with_velocities(right, right[..., :1])
+    with pytest.raises(ParameterError, match="clusters must be heard from somewhere, not out of"):
+        assert build(clusters=[[0, 14, 35, 42]]).mean_covariance is None
     with pytest.raises(ParameterError, match=r"runs .* not -1"):
         scene.simulate(np.random.default_rng(1), -1)
     none = scene.simulate(np.random.default_rng(1), 0)
