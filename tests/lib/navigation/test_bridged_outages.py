@@ -185,6 +185,5 @@ def test_the_polynomial_is_that_of_scikit_learn(degree: int, samples: int) -> No
 
 
 def test_learners_need_a_fix_at_each_sample(outages: BridgedOutages) -> None:
-    scene = with_values(outages.published, lost_every=3)
     with pytest.raises(ParameterError, match=r"^scene must be .* not one without at 33 of 100 in"):
-        BridgedOutages(scene, runs=RUNS, tuning_runs=4).scores()
+        BridgedOutages(with_values(outages.published, lost_every=3), runs=RUNS).scores()
