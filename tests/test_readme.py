@@ -12,9 +12,9 @@ from pathlib import Path
 import click
 import pytest
 from inswsn_book.cli import cli
-from inswsn_book.parameters import chapter_schema
+from inswsn_book.cores import asked_schema
 from inswsn_book.project import Project
-from inswsn_book.running import gather_parameters
+from inswsn_book.running import chapter_with, gather_parameters
 from inswsn_book.sweep import read_sweep
 
 README = Path(__file__).resolve().parents[1] / "README.md"
@@ -57,7 +57,8 @@ def test_the_words_of_a_command_are_taken(command: str, project: Project) -> Non
     given = cli.commands[name].make_context(name, words).params
     if name in ("run", "sweep"):
         chapter, settings = project.find(given["name"]), given["settings"]
-        schema = chapter_schema(project.root, chapter.id)
+        names = [setting.partition("=")[0] for setting in settings]
+        schema = asked_schema(project.root, chapter_with(project, chapter, names), names)
         assert gather_parameters(schema, settings, None, project.root / "data")
         assert name == "run" or read_sweep(project, chapter, given["axes"], settings).places
     with pytest.raises(click.UsageError):

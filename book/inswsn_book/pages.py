@@ -281,6 +281,7 @@ def _redirects(project: Project, templates: Environment, texts: Iterable[str]) -
                 "kept": not new.endswith("!"),
                 "number": posixpath.basename(old)[:2],
                 "now": ids.get(name, ""),
+                "cells": project.renamed()["cells"].get(ids.get(name, ""), {}),
             }
             found[f"moved/{old}.html"] = page.render(words).encode()
     return found

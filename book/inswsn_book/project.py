@@ -157,11 +157,11 @@ class Project:
             used.add(chapter.id)
         return chapters
 
-    def renamed(self) -> dict[str, dict[str, str]]:
-        """Return what `book/renamed.yaml` says: ``chapters`` and ``pages``, from old to new."""
+    def renamed(self) -> dict[str, dict[str, Any]]:
+        """Return what `book/renamed.yaml` says: ``chapters``, ``pages``, ``cells``, old to new."""
         path = self.root / "book" / "renamed.yaml"
         found = read_yaml(path) if path.is_file() else {}
-        return {"chapters": {}, "pages": {}, **found}
+        return {"chapters": {}, "pages": {}, "cells": {}, **found}
 
     def by_id(self, identity: str) -> Chapter:
         """Return the chapter of an id."""

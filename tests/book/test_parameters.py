@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import ast
 import math
+from dataclasses import fields
 
 import pytest
 from conftest import MINI_CHAPTER
 from hypothesis import given, strategies as st
+from inswsn_book.cores import core_name, load_core
 from inswsn_book.notebooks import read_source
 from inswsn_book.parameters import chapter_schema, read_schema, source_schema
 from inswsn_book.project import Project
@@ -204,5 +206,7 @@ def test_every_parameter_of_a_chapter_is_used_and_not_only_recorded(project: Pro
             and isinstance(node.ctx, ast.Load)
             and id(node) not in recorded
         }
+        if (core := core_name(chapter.source.read_text())) and "record.parameters" in str(cells):
+            read |= {field.name for field in fields(load_core(core))}
         unused = set(chapter_schema(project.root, chapter.id).defaults) - read
         assert unused == set(), chapter.name

@@ -395,7 +395,7 @@ def test_the_core_of_a_chapter(mini: MiniProject, monkeypatch: pytest.MonkeyPatc
     with pytest.raises(InswsnError, match=r"^Chapter 00 has no core\.$"):
         run(mini, request, Quiet())
 
-    def core(*given: Any) -> tuple[Results, dict[str, str]]:
+    def core(*given: Any, brief: bool) -> tuple[Results, dict[str, str]]:
         calls.append(given[2:])
         return EMPTY, {}
 
