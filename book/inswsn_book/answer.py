@@ -75,9 +75,10 @@ def ask(
         took = results.provenance.seconds if results.provenance else 0
         asked = question(chapter.id, schema, values)
         if request.core:
+            runs = [max(q.runs for q in r.quantities) for r in (results, before)]
             lines = [asked, *of_core(headlines, before, results)]
-            said = f"It took {took:.0f} s; sentences and verdicts are judged without --quick."
-            return [*lines, said], []
+            said = f"It took {took:.0f} s, with up to {runs[0]} runs (published: {runs[1]})."
+            return [*lines, f"{said} Sentences and verdicts are judged without --quick."], []
         lines = [
             asked,
             *findings(headlines, before, results),
