@@ -50,12 +50,12 @@ def ask(
     """Run a chapter, or the evidence of a lesson, as a user asks; say what comes of it."""
     asked = project.find(name)
     names = [setting.partition("=")[0] for setting in settings]
-    names_in_file = parameters_in(file) if file else ()
-    chapter = chapter_with(project, asked, [*names, *names_in_file], quick=quick)
+    every = [*names, *(parameters_in(file) if file else ())]
+    chapter = chapter_with(project, asked, every, quick=quick)
     if chapter != asked:
-        why = "core is quick" if quick else "parameter it is"
-        yield f"{asked.id} passes this on to its evidence, {chapter.id}, whose {why}."
-    schema = asked_schema(project.root, chapter, names)
+        why = "the findings" if quick else "this parameter"
+        yield f"{asked.id} passes this on to its evidence, {chapter.id}, which has {why}."
+    schema = asked_schema(project.root, chapter, every)
     values = gather_parameters(schema, settings, file, project.root / "data")
     before, request = reference_results(project, chapter.id), Request(chapter.id, values)
     if quick:
@@ -65,7 +65,7 @@ def ask(
     elif before.provenance and before.provenance.seconds > LONG:
         yield (
             f"The published run took {before.provenance.seconds:.0f} s. --quick computes findings "
-            "alone, with fewer runs, so wider intervals, and judges no sentence and no verdict."
+            "alone, by fewer runs and so less surely, and judges no sentence and no verdict."
         )
     claims = claims_of(load_claims(project.root / LEDGER), chapter.id)
     known = (project.root / ASSUMPTIONS).is_file()

@@ -129,7 +129,7 @@ def chapters(root: Path | None, name: str | None) -> None:
 @_out
 @click.option("--html", is_flag=True, help="Also render the chapter's page for this run.")
 @click.option("--fresh", is_flag=True, help="Execute it even if the same run is kept.")
-@click.option("--quick", is_flag=True, help="What the core finds, by fewer runs, in seconds.")
+@click.option("--quick", is_flag=True, help="The findings of the core alone, by fewer runs.")
 @click.pass_obj
 def run(
     root: Path | None,
