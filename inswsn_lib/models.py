@@ -86,6 +86,32 @@ class ErrorModel:
         """R = D D', (m, m)."""
         return self.D @ self.D.T
 
+    def error_system(self, gain: ArrayLike) -> tuple[Array, Array, Array]:
+        r"""Return the system of a predictor's error, :math:`e^+ = \tilde A e + \tilde B d`.
+
+        It is P1 (2.11) without the jitter: :math:`\tilde A = A - B_f C`, and the input d is process
+        and measurement noise in one column, :math:`\tilde B = [B\ \ {-B_f D}]`.
+
+        Parameters
+        ----------
+        gain : array_like, (n, m)
+            B_f.
+
+        Returns
+        -------
+        tuple of ndarray
+            Its transition (n, n), its input (n, p + q), and L (l, n), through which it is seen.
+
+        Examples
+        --------
+        >>> import inswsn_lib as iw
+        >>> model = iw.ErrorModel(A=[[1]], B=[[1]], C=[[1]], D=[[2]], period=1.0)
+        >>> [matrix.tolist() for matrix in model.error_system([[0.25]])]
+        [[[0.75]], [[1.0, -0.5]], [[1.0]]]
+        """
+        B_f = array("gain", gain, self.C.shape[::-1])
+        return self.A - B_f @ self.C, np.hstack([self.B, -B_f @ self.D]), self.L
+
     def contracted(self, factor: float) -> Self:
         """Return the model with a transition that forgets: A times a factor.
 

@@ -13,16 +13,14 @@ from typing import Any
 import numpy as np
 from factors import Crossing, Level, Point
 
-from inswsn_lib.checks import Array
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.evaluation import search_pattern
-from inswsn_lib.filters import predictor_gain, steady_error
-from inswsn_lib.lmi import InfeasibleDesignError, design_filter, hinf_norm
-from inswsn_lib.models import ErrorModel
+from inswsn_lib.lmi import InfeasibleDesignError
 from inswsn_lib.navigation import (
     BridgedOutages,
     ClusterFusion,
     FilterContest,
+    LMIDesigns,
     TrainingAreas,
     planar_rms,
     relative_loss,
@@ -64,7 +62,10 @@ def outputs_at(crossing: Crossing, starts: Starts, chapter: str, point: Point) -
     """Return the headlines of a chapter at a point; none where it cannot be had."""
     changes = crossing.changes(chapter, point)
     compute: dict[str, Callable[[], Outputs]] = {
-        "p1-lmi": lambda: inequality(**_parameters("p1-lmi", changes)),
+        "p1-lmi": lambda: {
+            name: found.value
+            for name, found in LMIDesigns(**_parameters("p1-lmi", changes)).findings().items()
+        },
         "p1-training": lambda: areas(
             core_at(crossing, TrainingAreas(**RUNS["p1-training"]), "p1-training", changes), starts
         ),
@@ -103,39 +104,6 @@ def core_at(crossing: Crossing, core: Any, chapter: str, changes: Level) -> Any:
 def _parameters(chapter: str, changes: Level) -> dict[str, Any]:
     start = f"{chapter}."
     return {k.removeprefix(start): v for k, v in changes.items() if k.startswith(start)}
-
-
-# p1-lmi -------------------------------------------------------------------------------------------
-
-
-def inequality(
-    period: float, process_noise: float, measurement_noise: float, margin: float
-) -> Outputs:
-    """Return what the slip of P1's inequality costs, and what its filter gains and pays."""
-    process, measurement = (process_noise, process_noise), (measurement_noise, measurement_noise)
-    full = ErrorModel.p1(period, process_noise=process, measurement_noise=measurement)
-    positions = replace(full, C=full.C[:2], D=full.D[:2, :2])
-    hinf, kalman = (
-        _gain_and_error(full, gain)
-        for gain in (design_filter(full, margin=margin).gain, predictor_gain(full))
-    )
-    return {
-        "cost.position.percent": _excess(positions),
-        "cost.full.percent": _excess(full),
-        "curve.gain-saved": 100 * (1 - hinf[0] / kalman[0]),
-        "curve.rms-paid": 100 * (hinf[1] / kalman[1] - 1),
-    }
-
-
-def _excess(model: ErrorModel) -> float:
-    """Return by how much the least gamma of the printed inequality is too large, %."""
-    printed, exact = design_filter(model, "printed").gamma, design_filter(model, "exact").gamma
-    return 100 * (printed / exact - 1)
-
-
-def _gain_and_error(model: ErrorModel, gain: Array) -> tuple[float, float]:
-    driven = np.hstack([model.B, -gain @ model.D])
-    return hinf_norm(model.A - gain @ model.C, driven, model.L), steady_error(model, gain)
 
 
 # p1-training --------------------------------------------------------------------------------------

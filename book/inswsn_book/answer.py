@@ -77,7 +77,8 @@ def ask(
         if request.core:
             runs = [max(q.runs for q in r.quantities) for r in (results, before)]
             lines = [asked, *of_core(headlines, before, results)]
-            said = f"It took {took:.0f} s, with up to {runs[0]} runs (published: {runs[1]})."
+            by = f", with up to {runs[0]} runs (published: {runs[1]})" if runs[0] > 1 else ""
+            said = f"It took {took:.0f} s{by}."
             return [*lines, f"{said} Sentences and verdicts are judged without --quick."], []
         lines = [
             asked,

@@ -1,9 +1,10 @@
 """The core of a chapter: what it computes over many runs, as a dataclass of the science library.
 
 The head of a chapter's source names it, ``core: package.module:Class``. Its fields are parameters
-of the chapter, and its method ``scores`` returns `inswsn_lib.evaluation.Scores`. A parameter that
-is no field changes other sections of the chapter only. A core that reads scenario files names them
-in ``scenarios``; a run may set what they say where no parameter of the chapter stands for it.
+of the chapter, and its method ``scores`` returns `inswsn_lib.evaluation.Scores`; one without chance
+has ``findings`` alone. A parameter that is no field changes other sections of the chapter only. A
+core that reads scenario files names them in ``scenarios``; a run may set what they say where no
+parameter of the chapter stands for it.
 """
 
 from __future__ import annotations
@@ -132,7 +133,8 @@ def run_core(
         given["published"] = with_values(core().published, **scene)
     with threadpool_limits(threads):
         made = core(**given)
-        scores: Scores | None = None if brief and hasattr(made, "findings") else made.scores()
+        alone = hasattr(made, "findings") and (brief or not hasattr(made, "scores"))
+        scores: Scores | None = None if alone else made.scores()
         findings: Mapping[str, Finding] = made.findings() if scores is None else scores.findings
     scenarios = sorted((root / _SCENARIOS).glob("*.yaml"))
     results = Results(
@@ -140,16 +142,21 @@ def run_core(
         parameters=dict(values),
         data={f"{_SCENARIOS}/{path.name}": file_digest(path) for path in scenarios},
         quantities=tuple(
-            _quantities(findings, scores.runs if scores else made.runs, None if brief else scores)
+            _quantities(
+                findings,
+                scores.runs if scores else getattr(made, "runs", 1),
+                None if brief else scores,
+            )
         ),
     )
+    told = {name: found.how for name, found in findings.items()}
     if brief or scores is None:
-        return results, {}
+        return results, {SCORES: json.dumps({"findings": told}, ensure_ascii=False)}
     best, error, after, lead = scores.leader()
     words = {
         "methods": {m: n for m, n in scores.methods.items() if m not in scores.baselines},
         "headline": scores.headline,
-        "findings": {name: found.how for name, found in scores.findings.items()},
+        "findings": told,
         "leader": {
             "best": best, "error": error, "next": after,
             "lead": lead.percent if after else None, "within": lead.within if after else None,
@@ -161,14 +168,15 @@ def run_core(
 def _quantities(
     findings: Mapping[str, Finding], runs: int, scores: Scores | None
 ) -> Iterator[Quantity]:
-    common: dict[str, Any] = {"runs": runs, "basis": "simulation"}
+    basis = "simulation" if runs > 1 else "algebra"
+    common: dict[str, Any] = {"runs": runs, "basis": basis}
     for name, found in findings.items():
         yield Quantity(
             name=name,
             value=found.value,
             unit=found.unit,
-            interval=(found.low, found.high),
-            interval_kind=found.kind,
+            interval=(found.low, found.high) if runs > 1 else None,
+            interval_kind=found.kind if runs > 1 else None,
             how=found.how,
             tolerance=1e-6,
             share=1e-3,

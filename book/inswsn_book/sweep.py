@@ -326,7 +326,7 @@ def _write(
     scores = [(place, json.loads(run.files[SCORES])) for place, run in runs if sweep.core]
     tables = {
         "sweep": [row for place, run in runs for row in _rows(place, run, sweep.core is not None)],
-        "leaders": [{**place, **words["leader"]} for place, words in scores],
+        "leaders": [{**place, **words["leader"]} for place, words in scores if "leader" in words],
         "failed": [{**place, "reason": said} for place, said in found if isinstance(said, str)],
     }
     # each number with all its digits
@@ -338,13 +338,12 @@ def _write(
         if scores:
             _write_figure(made / "sweep.svg", sweep, pd.DataFrame(tables["sweep"]), scores[0][1])
         write_whole(made / "sweep.json", _provenance(project, sweep))
-    leaders = "The chapter has no core, and so no figure and no leaders."
-    if scores:
-        leaders = frames["leaders"].to_string(
-            index=False, max_rows=_MOST_ROWS, float_format="{:.4g}".format
-        )
+    leaders = [] if sweep.core else ["The chapter has no core, and so no figure and no leaders."]
+    if tables["leaders"]:
+        how = {"index": False, "max_rows": _MOST_ROWS, "float_format": "{:.4g}".format}
+        leaders = [frames["leaders"].to_string(**how)]
     computed = f"{len(runs) - there} cells computed, {there} were there."
-    return [leaders, *told, computed, f"The sweep is in {folder}"], len(frames["failed"])
+    return [*leaders, *told, computed, f"The sweep is in {folder}"], len(frames["failed"])
 
 
 def _findings(sweep: Sweep, runs: Sequence[tuple[Mapping[str, Value], Run]]) -> Iterator[str]:
@@ -389,12 +388,14 @@ def _write_figure(path: Path, sweep: Sweep, frame: Any, words: Mapping[str, Any]
     from inswsn_lib.plotting import draw_scores  # noqa: PLC0415
 
     units = {name: sweep.schema[name].unit for name in sweep.axes}
-    frame = frame.rename(columns={"value": "median"})
-    shown, methods = words["headline"], words["methods"]
-    if sweep.of is not None:
-        frame = frame[frame["quantity"] == sweep.of]
-        shown, of = frame[["column", "method"]].iloc[0]
-        methods = {of: methods.get(of, sweep.of)}
+    frame = frame.rename(columns={"value": "median"}).astype({"low": float, "high": float})
+    shown, methods, of = words.get("headline", ""), words.get("methods", {}), sweep.of
+    if not (shown or of):  # of findings alone the first is drawn
+        of = next(iter(words["findings"]))
+    if of is not None:
+        frame = frame[frame["quantity"] == of]
+        shown, method = frame[["column", "method"]].iloc[0]
+        methods = {method: methods.get(method, of)}
     published = {name: sweep.schema[name].default for name in sweep.axes}
     with suppress(ParameterError):  # such as three axes
         fig = draw_scores(frame, units, shown, methods, published=published)

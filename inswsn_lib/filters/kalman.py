@@ -10,7 +10,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from inswsn_lib.checks import Array, Mask, array, covariance, mask
+from inswsn_lib.checks import Array, Mask, covariance, mask
 from inswsn_lib.errors import Described, ParameterError
 from inswsn_lib.filters.inputs import (
     certain_innovation,
@@ -614,7 +614,7 @@ def predictor_gain(model: ErrorModel) -> Array:
         got = Described("one without a steady state")
         raise ParameterError("model", got, "one whose Riccati equation has a stable solution")
     # a step of Newton's method, for what a small process noise loses in the units
-    gain = _gain(scaled, _error_covariance(scaled, gain))
+    gain = _gain(scaled, _error_covariance(*scaled.error_system(gain)[:2]))
     return np.asarray(units.back @ gain @ units.outputs)
 
 
@@ -624,12 +624,11 @@ def _gain(model: ErrorModel, P: Array) -> Array:
     return np.asarray(np.linalg.solve(C @ P @ C.T + R, C @ P @ A.T).T)
 
 
-def _error_covariance(model: ErrorModel, gain: Array) -> Array:
+def _error_covariance(A: Array, driven: Array) -> Array:
     """Return the covariance (n, n) of the error of a predictor that is stable."""
     from scipy.linalg import solve_discrete_lyapunov  # noqa: PLC0415  # as above
 
-    driven = np.hstack([model.B, -gain @ model.D])
-    return np.asarray(solve_discrete_lyapunov(model.A - gain @ model.C, driven @ driven.T))
+    return np.asarray(solve_discrete_lyapunov(A, driven @ driven.T))
 
 
 def steady_error(model: ErrorModel, gain: ArrayLike) -> float:
@@ -655,8 +654,8 @@ def steady_error(model: ErrorModel, gain: ArrayLike) -> float:
     >>> print(f"{iw.steady_error(model, [[1]]):.4f} {iw.steady_error(model, [[0]])}")
     1.4142 inf
     """
-    B_f = array("gain", gain, model.C.shape[::-1])
-    if np.abs(np.linalg.eigvals(model.A - B_f @ model.C)).max() >= 1:
+    A, driven, L = model.error_system(gain)
+    if np.abs(np.linalg.eigvals(A)).max() >= 1:
         return float("inf")
-    X = _error_covariance(model, B_f)
-    return float(np.sqrt(np.trace(model.L @ X @ model.L.T)))
+    X = _error_covariance(A, driven)
+    return float(np.sqrt(np.trace(L @ X @ L.T)))

@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-import numpy as np
-
 from inswsn_lib.checks import Array
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.models import ErrorModel
@@ -130,7 +128,7 @@ class FilterDesign:
     @property
     def error_system(self) -> tuple[Array, Array, Array]:
         """The matrices A_f, [B, -B_f D] and L of the estimation error without jitter (2.11)."""
-        return self.A_f, np.hstack([self.model.B, -self.gain @ self.model.D]), self.model.L
+        return self.model.error_system(self.gain)
 
     @property
     def buildable(self) -> bool:

@@ -155,15 +155,11 @@ def _worst_gain(model: ErrorModel, units: Units, gain: Array, level: float, form
     The printed form is the exact one of an error system with a further jitter, its own A_f.
     """
     if form == "exact" and not model.E.any():
-        return hinf_norm(*_error_system(model, units.back @ gain @ units.outputs))
+        return hinf_norm(*model.error_system(units.back @ gain @ units.outputs))
     scaled = units.scaled(model)
-    A, B, L = _error_system(scaled, gain)
+    A, B, L = scaled.error_system(gain)
     jitters = np.stack([scaled.E, A]) if form == "printed" else scaled.E
     return units.seen * level if riccati_gain_below(A, jitters, B, L, level) else np.inf
-
-
-def _error_system(model: ErrorModel, gain: Array) -> tuple[Array, Array, Array]:
-    return model.A - gain @ model.C, np.hstack([model.B, -gain @ model.D]), model.L
 
 
 def minimise_gamma(
@@ -296,8 +292,8 @@ def certify(
     values = np.linalg.eigvalsh(P)
     blocks = inequality(_numbers(scaled), P, P @ gain, own**2, form)
     largest = float(np.linalg.eigvalsh(blocks).max() / np.abs(blocks).max())
-    norm = hinf_norm(*_error_system(model, units.back @ gain @ units.outputs))
-    A, B, L = _error_system(scaled, gain)
+    norm = hinf_norm(*model.error_system(units.back @ gain @ units.outputs))
+    A, B, L = scaled.error_system(gain)
     radius = mean_square_radius(A, scaled.E)
     slack, (lower, upper) = level * (1 + TOLERANCE), bounds
     jitters = bool(model.E.any())  # without them the norm says it all

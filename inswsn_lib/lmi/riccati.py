@@ -88,7 +88,7 @@ def _central(model: ErrorModel, gamma: float) -> tuple[Array, Array, Array] | No
             slack = cost - L @ P @ L.T
             seen = P + P @ L.T @ np.linalg.solve(slack, L @ P)
             gain = np.linalg.solve(R + C @ seen @ C.T, C @ seen @ A.T).T
-            norm = hinf_norm(A - gain @ C, np.hstack([B, -gain @ D]), L)
+            norm = hinf_norm(*model.error_system(gain))
     # eigenvalues on the unit circle, or too near to it; or numbers too large
     except (LinAlgError, ValueError):
         return None
@@ -136,7 +136,7 @@ def riccati_gamma(model: ErrorModel, relative: float = 1e-8) -> float:
     scaled = _checked(units.scaled(model))
     # the Kalman predictor, in its units
     gain = scaled.A @ scaled.C.T
-    high = hinf_norm(scaled.A - gain @ scaled.C, np.hstack([scaled.B, -gain @ scaled.D]), scaled.L)
+    high = hinf_norm(*scaled.error_system(gain))
     if high == np.inf and _hides_growth(scaled):
         return high
     # no filter undoes what one step does; if L does not see it, only the scale is known

@@ -33,6 +33,7 @@ from .hybrid import (
     HybridRun as HybridRun,
     observable_inputs as observable_inputs,
 )
+from .lmi_designs import LMIDesigns as LMIDesigns, gain_and_error as gain_and_error
 from .outage_cells import (
     ByDrive as ByDrive,
     outages_by_drive as outages_by_drive,

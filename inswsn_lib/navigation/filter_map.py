@@ -9,8 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from inswsn_lib.checks import Array
-from inswsn_lib.filters import design_kalman, steady_error
-from inswsn_lib.lmi import hinf_norm
+from inswsn_lib.filters import design_kalman
 from inswsn_lib.models import ErrorModel
 from inswsn_lib.navigation.filter_contest import (
     PARTS,
@@ -20,6 +19,7 @@ from inswsn_lib.navigation.filter_contest import (
     relative_errors,
     run_wandering,
 )
+from inswsn_lib.navigation.lmi_designs import gain_and_error
 from inswsn_lib.navigation.training_areas import AREAS, UNKNOWN, ByArea, TrainingAreas, run_coloured
 from inswsn_lib.scenario import with_values
 
@@ -203,16 +203,10 @@ class FilterMap:
         found = {}
         for name, gain in gains.items():
             parts = [[(replace(matched[a], L=L), gain[a]) for L in seen] for a in AREAS]
-            white = np.array([[steady_error(*part) for part in of_area] for of_area in parts])
-            worst = np.array([[_worst(*part) for part in of_area] for of_area in parts])
+            both = [[gain_and_error(*part) for part in of_area] for of_area in parts]
+            worst, white = np.transpose(both, (2, 0, 1))
             found[name] = matched["1"].B.shape[1] + matched["1"].D.shape[1], white, worst
         return found
-
-
-def _worst(model: ErrorModel, gain: Array) -> float:
-    """Return the worst-case gain of the error of a predictor."""
-    driven = np.hstack([model.B, -gain @ model.D])
-    return float(hinf_norm(model.A - gain @ model.C, driven, model.L))
 
 
 def _last_gain(model: ErrorModel) -> Array:

@@ -13,6 +13,7 @@ from inswsn_lib.errors import InswsnError
 
 #: Parameters that change other sections of a chapter only
 OTHER_SECTIONS = {
+    "p1-lmi": {"jitter", "systems", "runs", "seed"},
     "p1-training": set(),
     "p1-outages": {"networks"},
     "p2-fusion": {"fading_length", "most_clusters"},

@@ -104,7 +104,7 @@ def test_a_lesson_sweeps_its_evidence_and_its_scene(
 
 def test_what_is_asked_of_a_chapter_without_a_core_is_refused(project: Project) -> None:
     with pytest.raises(ParameterError, match="--of must be left out: the chapter has no core"):
-        read_sweep(project, project.find("p1-lmi"), ["seed=1,2"], [], "curve.gain-saved")
+        read_sweep(project, project.find("recorded-data"), ["seed=1,2"], [], "gamma")
 
 
 # What it leaves -----------------------------------------------------------------------------------

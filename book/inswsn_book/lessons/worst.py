@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from inswsn_book.moving import Moving, Slider
 from inswsn_book.record import ChapterRecord
-from inswsn_lib.filters import predictor_gain, run_hinfinity, run_kalman, steady_error
+from inswsn_lib.filters import predictor_gain, run_hinfinity, run_kalman
 from inswsn_lib.lmi import design_filter, hinf_norm, largest_singular_value
 from inswsn_lib.models import ErrorModel
-from inswsn_lib.navigation import ExampleRun
+from inswsn_lib.navigation import ExampleRun, gain_and_error
 
 Array = NDArray[np.float64]
 #: Of one random system: the largest eigenvalue of each step of P1's proof
@@ -226,7 +226,7 @@ def show_peaks(model: ErrorModel, gains: dict[str, Array]) -> None:
     )  # fmt: skip
     peak = {}
     for name, gain in gains.items():
-        system = model.A - gain @ model.C, np.hstack([model.B, -gain @ model.D]), model.L
+        system = model.error_system(gain)
         response = largest_singular_value(*system, angles)
         peak[name] = hinf_norm(*system)
         inside = angles <= np.pi / 2
@@ -315,21 +315,16 @@ def show_votes(cases: Sequence[tuple[Array, Array, Array, float]]) -> list[int]:
     return [int(each.sum()) for each in lost.values()]
 
 
-def both_costs(model: ErrorModel, gain: Array) -> tuple[float, float]:
-    """Return the worst-case gain of a filter, and its RMS error under white noise."""
-    driven = np.hstack([model.B, -gain @ model.D])
-    return hinf_norm(model.A - gain @ model.C, driven, model.L), steady_error(model, gain)
-
-
 def show_price(model: ErrorModel, kalman: Array, *, start: float) -> tuple[float, float]:
     """Show worst case and error under white noise by the margin above the least bound.
 
     Returns the least error of the filters of the printed inequality, and the Kalman filter's.
     """
     margins = sorted({*MARGINS, start})
-    exact = {m: both_costs(model, design_filter(model, margin=m).gain) for m in margins}
-    printed = [both_costs(model, design_filter(model, "printed", margin=m).gain) for m in MARGINS]
-    kf = both_costs(model, kalman)
+    exact = {m: gain_and_error(model, design_filter(model, margin=m).gain) for m in margins}
+    by_print = [design_filter(model, "printed", margin=m) for m in MARGINS]
+    printed = [gain_and_error(model, design.gain) for design in by_print]
+    kf = gain_and_error(model, kalman)
     shown = Moving("What a guarantee costs", Slider("m", "margin m", margins, margins[0], "{:g}"))
     chart = shown.chart(
         "Two costs", x="worst-case gain", y="RMS error, white noise", xlim=(5, 10), ylim=(2, 8)
@@ -425,7 +420,7 @@ def show_vehicle(run: ExampleRun, *, start: float) -> dict[str, float]:
     )
     poor = axis_model(run, FACTORS[small])
     design, kalman = design_filter(poor, margin=start), predictor_gain(poor)
-    cases = {"kalman.worst": both_costs(poor, kalman)[0], "hinfinity.bound": design.level}
+    cases = {"kalman.worst": gain_and_error(poor, kalman)[0], "hinfinity.bound": design.level}
     gains = {"kalman": kalman, "hinfinity": design.gain}
     off = {
         f"{name}.{words}": 100 * error[key][place]

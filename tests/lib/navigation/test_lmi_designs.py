@@ -1,0 +1,45 @@
+"""P1's designs: what is published, what is known without them, and what they refuse."""
+
+from pathlib import Path
+
+import pytest
+from inswsn_book.results import read_results
+
+from inswsn_lib.errors import InswsnError
+from inswsn_lib.models import ErrorModel
+from inswsn_lib.navigation import LMIDesigns, gain_and_error
+
+
+def test_it_finds_what_the_chapter_published(root: Path) -> None:
+    published = read_results(root / "data" / "published" / "p1-lmi.json")
+    for name, found in LMIDesigns().findings().items():
+        assert found.value == pytest.approx(published[name].value, abs=published[name].slack), name
+        assert found.unit == published[name].unit
+
+
+@pytest.mark.parametrize("g", [0.3, 0.618, 1.0])
+@pytest.mark.parametrize("noise", [0.5, 2.0])
+def test_a_scalar_predictor_costs_what_is_found_by_hand(g: float, noise: float) -> None:
+    """For 0 < g <= 1 the worst case is constant: a sum of a geometric series."""
+    walk = ErrorModel(A=[[1]], B=[[1]], C=[[1]], D=[[noise]], period=1.0)
+    variance = (1 + (g * noise) ** 2) / (2 * g - g**2)
+    expected = ((1 / g**2 + noise**2) ** 0.5, variance**0.5)
+    assert gain_and_error(walk, [[g]]) == pytest.approx(expected, rel=1e-6)
+
+
+def test_only_the_ratio_of_the_noises_counts() -> None:
+    one, other = LMIDesigns(process_noise=2.0), LMIDesigns(measurement_noise=0.5)
+    values = [[found.value for found in each.findings().values()] for each in (one, other)]
+    assert values[0] == pytest.approx(values[1], abs=1e-3)
+
+
+def test_far_above_the_least_gamma_nothing_is_saved_or_paid() -> None:
+    """The central filter tends to the Kalman filter as its bound grows."""
+    found = LMIDesigns(margin=1e3).findings()
+    assert found["curve.gain-saved"].value == pytest.approx(0, abs=0.01)
+    assert found["curve.rms-paid"].value == pytest.approx(0, abs=0.01)
+
+
+def test_a_period_that_is_none_is_refused() -> None:
+    with pytest.raises(InswsnError, match="period must be"):
+        LMIDesigns(period=-0.2).findings()
