@@ -35,6 +35,8 @@ from inswsn_lib.errors import InswsnError, ParameterError
 MOST, WIDTH = 8, 160
 #: Seconds of a published run from which a quick one is offered
 LONG = 60
+#: Per cent that are told as none: less than a solver's accuracy
+_ZERO = 1e-5
 _FORMULAS = {r"\infty": "∞", r"\gamma": "γ", "_∞": "∞", r"\mathrm": "", "$": "", "{": "", "}": ""}
 
 
@@ -127,7 +129,7 @@ def findings(headlines: Sequence[Headline], before: Results, after: Results) -> 
             lines.append(f"- {words}: not computed in this run")
             continue
         then, now = (_said(v, e, unit) for v, e in zip(values, ends, strict=True))
-        lines.append(f"- {words}: {then} -> {now}")
+        lines.append(f"- {words}: {then} -> {now}{_turned(headline.turns, values, ends[1])}")
     if not headlines:
         pairs = [pair for pair in pair_quantities(before, after) if pair.beyond_tolerance]
         pairs = [pair for pair in pairs if value_of(pair.before) != value_of(pair.after)]
@@ -150,6 +152,14 @@ def of_core(headlines: Sequence[Headline], before: Results, after: Results) -> l
         f"- {now[name].how.rstrip('.')}: {value_of(then[name])} -> {value_of(now[name])}"
         for name in others[: MOST - len(said)]
     ]
+
+
+def _turned(turns: float | None, values: Sequence[float], ends: tuple[float, float] | None) -> str:
+    """Tell whether a conclusion is undecided or turned, at the value beyond which it is another."""
+    if turns is not None and ends and ends[0] <= turns <= ends[1]:
+        return f"; undecided, {turns:g} is in the interval"
+    turned = turns is not None and (values[0] < turns) != (values[1] < turns)
+    return f"; the conclusion turns at {turns:g}" if turned else ""
 
 
 def differences(before: Results, after: Results, claims: Sequence[Claim]) -> list[str]:
@@ -202,6 +212,7 @@ def value_of(quantity: Quantity | None) -> str:
 
 def _said(value: float, ends: tuple[float, float] | None, unit: str) -> str:
     within = f" ({ends[0]:.3g} to {ends[1]:.3g})" if ends else ""
+    value = 0.0 if unit == "%" and abs(value) < _ZERO else value
     return f"{value:.3g}{unit_of(unit)}{within}"
 
 

@@ -31,7 +31,7 @@ def made(sentences: dict[str, bool] | None = None, **values: float) -> Results:
     )  # fmt: skip
 
 
-def headline(**fields: str) -> Headline:
+def headline(**fields: str | float) -> Headline:
     return Headline.model_validate({"chapter": "p1-training", "short": "one", **fields})
 
 
@@ -39,7 +39,8 @@ def test_findings_are_told_then_and_now() -> None:
     told = findings(
         [
             headline(quantity="a", says="error of the $H_\\infty$ filter"),
-            headline(quantity="a", over="b", says="one over the other, %"),
+            headline(quantity="a", over="b", says="one over the other, %", turns=0.7),
+            headline(quantity="b", says="another error", turns=2.05),
             headline(quantity="c", says="what another section finds"),
         ],
         made(a=1.0, b=2.0, c=1.0),
@@ -47,7 +48,8 @@ def test_findings_are_told_then_and_now() -> None:
     )
     assert told == [
         "- error of the H∞ filter: 1 m (0.9 to 1.1) -> 2 m (1.9 to 2.1)",
-        "- one over the other: 0.5 -> 1",
+        "- one over the other: 0.5 -> 1; the conclusion turns at 0.7",
+        "- another error: 2 m (1.9 to 2.1) -> 2 m (1.9 to 2.1); undecided, 2.05 is in the interval",
         "- what another section finds: not computed in this run",
     ]
 
