@@ -12,7 +12,7 @@ import subprocess
 import sys
 import threading
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import cache, partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -44,6 +44,15 @@ settings.load_profile("inswsn")
 
 ROOT = Path(__file__).resolve().parents[1]
 WHOLE = os.environ.get("INSWSN_TESTS") == "whole"
+
+
+def weekly_but(daily: Iterable[str], names: Iterable[str]) -> list[Any]:
+    """Return names as parameters of a test: but for some, those are left to the weekly run."""
+    kept, every = set(daily), list(names)
+    assert kept <= set(every)
+    return [pytest.param(name, marks=[] if name in kept else [pytest.mark.whole]) for name in every]
+
+
 #: How long a page may take for what a test waits for, ms; a busy machine has time enough
 PATIENCE = 300_000
 

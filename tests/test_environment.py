@@ -164,6 +164,7 @@ def checkout(tmp_path: Path, root: Path) -> Checkout:
     return Checkout(tmp_path, root)
 
 
+@pytest.mark.whole
 def test_an_environment_is_made_anew_for_another_content_of_the_lock_alone(
     checkout: Checkout,
 ) -> None:

@@ -340,8 +340,8 @@ def _write(
         write_whole(made / "sweep.json", _provenance(project, sweep))
     leaders = [] if sweep.core else ["The chapter has no core, and so no figure and no leaders."]
     if tables["leaders"]:
-        how = {"index": False, "max_rows": _MOST_ROWS, "float_format": "{:.4g}".format}
-        leaders = [frames["leaders"].to_string(**how)]
+        short, many = "{:.4g}".format, _MOST_ROWS
+        leaders = [frames["leaders"].to_string(index=False, max_rows=many, float_format=short)]
     computed = f"{len(runs) - there} cells computed, {there} were there."
     return [*leaders, *told, computed, f"The sweep is in {folder}"], len(frames["failed"])
 

@@ -21,6 +21,7 @@ from conftest import (
     files_of,
     run_command,
     unprivileged,
+    weekly_but,
 )  # fmt: skip
 from inswsn_book import running
 from inswsn_book.files import damages, write_whole
@@ -331,7 +332,7 @@ def waited(seconds: float, for_what: Callable[[], object]) -> bool:
 
 
 @pytest.mark.usefixtures("as_in_a_terminal")
-@pytest.mark.parametrize("how", ["SIGINT", "SIGTERM", "SIGHUP", "SIGKILL"])
+@pytest.mark.parametrize("how", weekly_but({"SIGHUP"}, ["SIGINT", "SIGTERM", "SIGHUP", "SIGKILL"]))
 def test_a_build_that_is_ended_leaves_nothing_that_stays(
     built: MiniProject, inswsn: Command, how: str
 ) -> None:
@@ -353,7 +354,7 @@ def test_a_build_that_is_ended_leaves_nothing_that_stays(
     it_is_as_before(built, before)
 
 
-@pytest.mark.parametrize("how", ["SIGTERM", "SIGKILL"])
+@pytest.mark.parametrize("how", weekly_but({"SIGTERM"}, ["SIGTERM", "SIGKILL"]))
 def test_the_rendering_ends_with_the_command(built: MiniProject, inswsn: Command, how: str) -> None:
     built.page("Another page.")
     process = subprocess.Popen(
@@ -376,6 +377,7 @@ def test_the_rendering_ends_with_the_command(built: MiniProject, inswsn: Command
     assert "Another page." in (built.site / "index.html").read_text()
 
 
+@pytest.mark.whole
 def test_a_live_book_stays_live(built: MiniProject, inswsn: Command) -> None:
     """What `make live` switches on is kept by each build, sealed, until it is switched off."""
     page = built.site / "chapters" / "00-mini.html"

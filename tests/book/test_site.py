@@ -65,6 +65,7 @@ def rendered(project: MiniProject) -> str:
     return done.stderr
 
 
+@pytest.mark.whole
 def test_changed_pages_are_rendered_alone_and_as_all_would_be(
     built: MiniProject, tmp_path: Path
 ) -> None:

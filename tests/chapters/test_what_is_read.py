@@ -13,6 +13,7 @@ from pathlib import Path
 
 import nbformat
 import pytest
+from conftest import weekly_but
 from inswsn_book.execution import execute_notebook
 from inswsn_book.files import MANIFEST
 from inswsn_book.notebooks import read_source
@@ -49,7 +50,7 @@ QUICK: dict[str, dict[str, Value]] = {
 
 LONG = {
     "printed-numbers", "p1-lmi", "p1-training", "p1-outages", "p2-fusion", "p3-vehicle",
-    "recorded-data", "62", *(f"lesson-{number}" for number in (1, 3, 4, 5, 6, 8)),
+    "recorded-data", "62", "your-own-data", *(f"lesson-{n}" for n in (1, 2, 3, 4, 5, 6, 8)),
 }  # fmt: skip
 SPY = """\
 import os, sys
@@ -113,10 +114,7 @@ def test_what_may_read_without_a_record_is_found(
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(
-    "number",
-    [pytest.param(n, marks=[pytest.mark.whole] if n in LONG else []) for n in sorted(QUICK)],
-)
+@pytest.mark.parametrize("number", weekly_but(QUICK.keys() - LONG, sorted(QUICK)))
 def test_it_reads_what_it_says_and_nothing_else(
     number: str, project: Project, tmp_path: Path
 ) -> None:

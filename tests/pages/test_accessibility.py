@@ -24,7 +24,7 @@ import numpy as np
 import pytest
 import yaml
 from bs4 import BeautifulSoup, Tag
-from conftest import ROOT
+from conftest import ROOT, weekly_but
 from inswsn_book.project import Project
 from inswsn_book.runs import book_runs
 from PIL import Image
@@ -40,7 +40,6 @@ from visiting import (
     settled,
     unfold,
     visit,
-    weekly_but,
 )  # fmt: skip
 
 from inswsn_lib.plotting import COLOURS
@@ -166,7 +165,7 @@ MARKED = """() => {
 # Each page --------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", weekly_but(ONE_OF_EACH_KIND))
+@pytest.mark.parametrize("name", weekly_but(ONE_OF_EACH_KIND, PAGES))
 def test_a_page(browser: Browser, served: str, name: str) -> None:
     """All that is asked of a page in a browser; it is loaded once, since that takes long."""
     # a change of theme fades, and a colour on its way is none of the page's
@@ -301,14 +300,21 @@ DIAGRAMS = {
 }
 
 
-def computed_part(alt: str, code: str) -> str:
-    """Return what is left of an alternative text without what the source spells out."""
+def spelt_out(code: str) -> list[str]:
+    """Return texts of a source with a digit, the longest first.
+
+    A label such as "area 1" may be part of an alternative text; a lone digit is a key of something.
+    """
     nodes = (node for node in ast.walk(ast.parse(code)) if isinstance(node, ast.Constant))
     spelt = {node.value for node in nodes if isinstance(node.value, str)}
-    # a label such as "area 1" may be part of it; a lone digit is a key of something
-    for text in sorted(spelt, key=len, reverse=True):
-        if re.search(r"\d", text) and re.search(r"[A-Za-z]", text):
-            alt = alt.replace(text, " … ")
+    found = (s for s in spelt if re.search(r"\d", s) and re.search(r"[A-Za-z]", s))
+    return sorted(found, key=len, reverse=True)
+
+
+def computed_part(alt: str, spelt: list[str]) -> str:
+    """Return what is left of an alternative text without what the source spells out."""
+    for text in spelt:
+        alt = alt.replace(text, " … ")
     return alt
 
 
@@ -318,13 +324,14 @@ def test_figures_have_alternative_texts_with_numbers_of_the_run(
     shown = set()
     for run in book_runs(project):
         notebook = nbformat.reads(run.notebook, as_version=4)
-        code = "\n".join(cell.source for cell in notebook.cells if cell.cell_type == "code")
+        cells = [cell.source for cell in notebook.cells if cell.cell_type == "code"]
+        spelt = spelt_out("\n".join(cells))
         outputs = [o for cell in notebook.cells for o in cell.get("outputs", [])]
         for figure in filter(None, (o.get("metadata", {}).get("inswsn") for o in outputs)):
             name, alt = figure["name"], figure["alt"]
             shown.add(name)
             assert len(alt) > 60, name
-            assert name in DIAGRAMS or re.search(r"\d", computed_part(alt, code)), f"{name}: {alt}"
+            assert name in DIAGRAMS or re.search(r"\d", computed_part(alt, spelt)), f"{name}: {alt}"
     assert len(shown) > 30
     assert shown > set(DIAGRAMS)
     # and as the reader gets them, those of other pages too

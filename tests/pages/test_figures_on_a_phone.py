@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import pytest
+from conftest import weekly_but
 from playwright.sync_api import Browser
-from visiting import CHAPTER_00, PAGES, boxes, settled, visit, weekly_but
+from visiting import CHAPTER_00, PAGES, boxes, settled, visit
 
 pytestmark = pytest.mark.page
 CHAPTERS = [name for name in PAGES if name.startswith("chapters/")]

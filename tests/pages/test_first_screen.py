@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
+from conftest import weekly_but
 from playwright.sync_api import Browser
-from visiting import CHAPTER_00, PAGES, settled, unfold, visit, weekly_but
+from visiting import CHAPTER_00, PAGES, settled, unfold, visit
 
 pytestmark = pytest.mark.page
 CHAPTERS = [name for name in PAGES if name.startswith("chapters/")]

@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import ROOT
+from conftest import ROOT, weekly_but
 from inswsn_book.moving import Moving, Slider
 from playwright.sync_api import Browser, CDPSession, Locator, Page
-from visiting import PAGES, Visit, boxes, settled, visit, weekly_but
+from visiting import PAGES, Visit, boxes, settled, visit
 
 from inswsn_lib.filters import run_hinfinity, run_kalman
 from inswsn_lib.learning import LSSVMRegressor

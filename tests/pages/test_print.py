@@ -6,8 +6,9 @@ import re
 
 import numpy as np
 import pytest
+from conftest import weekly_but
 from playwright.sync_api import Browser, Page
-from visiting import CHAPTER_00, LESSON, OWN_DATA, luminance, settled, visit, weekly_but
+from visiting import CHAPTER_00, LESSON, OWN_DATA, luminance, settled, visit
 
 pytestmark = pytest.mark.page
 

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import pytest
-from conftest import WHOLE
+from conftest import WHOLE, weekly_but
 from inswsn_book.judging import judge_claims
 from inswsn_book.project import Project
 from playwright.sync_api import Browser
-from visiting import CHAPTER_00, LESSON, it_is_whole, settled, unfold, visit, weekly_but
+from visiting import CHAPTER_00, LESSON, PAGES, it_is_whole, settled, unfold, visit
 
 pytestmark = pytest.mark.page
 
 
-@pytest.mark.parametrize("name", weekly_but({"index.html", LESSON}))
+@pytest.mark.parametrize("name", weekly_but({"index.html", LESSON}, PAGES))
 def test_a_page_that_is_opened_dark_and_narrow(browser: Browser, served: str, name: str) -> None:
     size = {"width": 360, "height": 740}
     seen = visit(browser, served, name, color_scheme="dark", viewport=size)

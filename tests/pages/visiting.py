@@ -8,11 +8,9 @@ from __future__ import annotations
 
 import re
 import time
-from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
-import pytest
 from conftest import PATIENCE, ROOT
 from playwright.sync_api import Browser, Locator, Page, Request
 
@@ -71,13 +69,6 @@ PAGES = listed_pages()
 CHAPTER_00 = "chapters/evidence/printed-numbers.html"
 LESSON = "chapters/2-blend-two-bad-instruments.html"
 OWN_DATA = "chapters/your-own-data.html"
-
-
-def weekly_but(daily: Iterable[str], names: Iterable[str] = PAGES) -> list[Any]:
-    """Return pages as parameters of a test: but for some, those are left to the weekly run."""
-    kept, all_ = set(daily), list(names)
-    assert kept <= set(all_)
-    return [pytest.param(name, marks=[] if name in kept else [pytest.mark.whole]) for name in all_]
 
 
 @dataclass

@@ -63,7 +63,7 @@ def left_by(process: subprocess.Popen[bytes], root: Path) -> list[Path]:
     return [path for place in places for path in place.glob(f".inswsn-*-{process.pid}-*")]
 
 
-@pytest.mark.long
+@pytest.mark.whole
 def test_what_is_killed_goes_on(
     mini: Any,
     sweep_project: Callable[[str], Any],
