@@ -109,6 +109,12 @@ class LMIDesigns:
 def gain_and_error(model: ErrorModel, gain: Array) -> tuple[float, float]:
     """Return the worst-case gain of a predictor and its RMS error under white noise.
 
+    Parameters
+    ----------
+    model : ErrorModel
+    gain : ndarray, (n, m)
+        B_f.
+
     Examples
     --------
     The deadbeat predictor of a random walk has the root of two for both:

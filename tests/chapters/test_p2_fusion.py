@@ -112,17 +112,6 @@ def test_the_ins_goes_where_its_bias_takes_it(results: Results, drift: Array) ->
         assert results[f"first.ins-only.{axis}"].value == pytest.approx(mean, rel=0.005)
 
 
-def test_an_estimate_taken_as_of_now_is_wrong_by_what_the_ins_has_moved(
-    results: Results, drift: Array
-) -> None:
-    old = np.concatenate([np.zeros((25, 2)), drift[:-25, :2]])
-    moved = np.sqrt(np.mean(np.sum((drift[:, :2] - old) ** 2, axis=1)))
-    for name in ("fkf-reset", "dhf", "kf-with-bias"):
-        assert results[f"delay.as-of-now.{name}"].value == pytest.approx(moved, rel=0.02)
-        carried = results[f"delay.carried.{name}"].value
-        assert results[f"delay.in-time.{name}"].value < carried < moved / 3
-
-
 @pytest.mark.parametrize("source", ["difference", "window", "sensor"])
 def test_the_velocity_of_fixes_by_the_weights_of_a_slope(
     results: Results, scene: ClusterScene, source: str
@@ -352,7 +341,6 @@ def test_errors_in_proportion(results: Results) -> None:
     """Twice the range noise at most doubles an error; nine in ten lost, at most a factor of ten."""
     for name in ("fkf-reset", "dhf"):
         plain = results[f"links.all.{name}"].value
-        assert plain == pytest.approx(results[f"delay.in-time.{name}"].value, rel=1e-9)
         twice = results[f"robust.range-noise-doubled.{name}"].value
         assert 1.2 < twice / plain < 2.05
     assert results["links.nine.fkf-reset"].value < 10**0.5 * plain

@@ -50,7 +50,7 @@ QUICK: dict[str, dict[str, Value]] = {
 
 LONG = {
     "printed-numbers", "p1-lmi", "p1-training", "p1-outages", "p2-fusion", "p3-vehicle",
-    "recorded-data", "62", "your-own-data", *(f"lesson-{n}" for n in (1, 2, 3, 4, 5, 6, 8)),
+    "recorded-data", "62", *(f"lesson-{n}" for n in (1, 2, 3, 4, 5, 6, 8)),
 }  # fmt: skip
 SPY = """\
 import os, sys
