@@ -67,6 +67,7 @@ def listed_pages() -> list[str]:
 
 PAGES = listed_pages()
 CHAPTER_00 = "chapters/evidence/printed-numbers.html"
+SHORTEST = "chapters/evidence/recorded-data.html"
 LESSON = "chapters/2-blend-two-bad-instruments.html"
 OWN_DATA = "chapters/your-own-data.html"
 
