@@ -72,28 +72,17 @@ class LMIDesigns:
         """
         full = self.model
         positions = replace(full, C=full.C[:2], D=full.D[:2, :2])
-        hinf = design_filter(full, margin=self.margin, solver=self._solvers).gain
-        saved, paid = (
-            100 * (one / other - 1)
-            for one, other in zip(
-                gain_and_error(full, hinf), gain_and_error(full, predictor_gain(full)), strict=True
-            )
-        )
-        costs = {
-            "position": (positions, "positions alone"),
-            "full": (full, "positions and velocities"),
-        }
+        design = design_filter(full, margin=self.margin, solver=self._solvers)
+        hinf, kalman = (gain_and_error(full, g) for g in (design.gain, predictor_gain(full)))
         over = "By how much the least gamma of P1's inequality is too large, {} measured."
         found = {
-            f"cost.{name}.percent": (self._excess(model), over.format(words))
-            for name, (model, words) in costs.items()
-        } | {
-            "curve.gain-saved": (-saved, "By how much HF lowers the worst-case gain of KF."),
-            "curve.rms-paid": (paid, "By how much HF raises the RMS error of KF, white noise."),
-        }  # fmt: skip
-        return {
-            name: Finding(value, value, value, "%", how) for name, (value, how) in found.items()
+            "cost.position.percent": (self._excess(positions), over.format("positions alone")),
+            "cost.full.percent": (self._excess(full), over.format("positions and velocities")),
+            "curve.gain-saved": (1 - hinf[0] / kalman[0], "By how much HF lowers KF's worst case."),
+            "curve.rms-paid": (hinf[1] / kalman[1] - 1, "By how much HF raises KF's RMS error."),
         }
+        percent = {name: (100 * share, how) for name, (share, how) in found.items()}
+        return {name: Finding(v, v, v, "%", how) for name, (v, how) in percent.items()}
 
     @property
     def _solvers(self) -> tuple[Solver, ...]:
@@ -103,7 +92,7 @@ class LMIDesigns:
         exact, printed = (
             design_filter(model, form, solver=self._solvers).gamma for form in get_args(Form)
         )
-        return 100 * (printed / exact - 1)
+        return printed / exact - 1
 
 
 def gain_and_error(model: ErrorModel, gain: Array) -> tuple[float, float]:
