@@ -35,8 +35,7 @@ from inswsn_lib.errors import InswsnError, ParameterError
 MOST, WIDTH = 8, 160
 #: Seconds of a published run from which a quick one is offered
 LONG = 60
-#: Per cent that are told as none: less than a solver's accuracy
-_ZERO = 1e-5
+_ZERO = 1e-5  # per cent that are told as none: less than a solver's accuracy
 _FORMULAS = {r"\infty": "∞", r"\gamma": "γ", "_∞": "∞", r"\mathrm": "", "$": "", "{": "", "}": ""}
 
 

@@ -93,7 +93,7 @@ class PlainBook:
             said = f"the published run; `inswsn run {word}` writes a notebook with its own."
         note = f"> {self._install} Numbers in the text are those of {said}"
         if chapter.lesson:
-            note += " Figures stand still here; on the page of the book they move."
+            note += " Figures stand still here; in the book and with `make lab` they move."
         title, _, rest = cells[0].source.partition("\n")
         cells[0].source = f"{title}\n\n{note}\n{rest}".rstrip()
         notebook.cells = cells

@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from inswsn_book.results import Results
     from inswsn_lib.scenario import Setting
 
+# Markdown in a cell of a table that a notebook shows by itself
+_CODE, _LINK = re.compile(r"`([^`<]+)`"), re.compile(r"\[([^\]<]+)\]\(#[^)<]+\)")
 _PATH = re.compile(r'(?<= d=")[^"]*')
 _INDENT = re.compile(r"\n\s+")
 _FINE = re.compile(r"(\.\d\d)\d+")
@@ -123,7 +125,7 @@ def show_table(frame: pd.DataFrame, *, name: str, caption: str, fold: str = "") 
     display(
         {
             "text/markdown": "\n".join(lines),
-            "text/html": frame.to_html(),
+            "text/html": _LINK.sub(r"\1", _CODE.sub(r"<code>\1</code>", frame.to_html())),
             "text/plain": f"{caption}\n\n{frame.to_string()}",
         },
         metadata={"table": {"name": name, "cells": cells}},  # for the results file

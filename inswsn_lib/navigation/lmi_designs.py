@@ -74,15 +74,15 @@ class LMIDesigns:
         positions = replace(full, C=full.C[:2], D=full.D[:2, :2])
         design = design_filter(full, margin=self.margin, solver=self._solvers)
         hinf, kalman = (gain_and_error(full, g) for g in (design.gain, predictor_gain(full)))
+        saved, paid = 100 * (1 - hinf[0] / kalman[0]), 100 * (hinf[1] / kalman[1] - 1)
         over = "By how much the least gamma of P1's inequality is too large, {} measured."
         found = {
             "cost.position.percent": (self._excess(positions), over.format("positions alone")),
             "cost.full.percent": (self._excess(full), over.format("positions and velocities")),
-            "curve.gain-saved": (1 - hinf[0] / kalman[0], "By how much HF lowers KF's worst case."),
-            "curve.rms-paid": (hinf[1] / kalman[1] - 1, "By how much HF raises KF's RMS error."),
+            "curve.gain-saved": (saved, "By how much HF lowers the worst-case gain of KF."),
+            "curve.rms-paid": (paid, "By how much HF raises the RMS error of KF."),
         }
-        percent = {name: (100 * share, how) for name, (share, how) in found.items()}
-        return {name: Finding(v, v, v, "%", how) for name, (v, how) in percent.items()}
+        return {name: Finding(v, v, v, "%", how) for name, (v, how) in found.items()}
 
     @property
     def _solvers(self) -> tuple[Solver, ...]:
@@ -92,7 +92,7 @@ class LMIDesigns:
         exact, printed = (
             design_filter(model, form, solver=self._solvers).gamma for form in get_args(Form)
         )
-        return printed / exact - 1
+        return 100 * (printed / exact - 1)
 
 
 def gain_and_error(model: ErrorModel, gain: Array) -> tuple[float, float]:

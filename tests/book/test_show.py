@@ -72,8 +72,9 @@ def test_a_table_is_a_numbered_one_in_the_book_and_html_in_a_notebook(displayed:
 
 def test_a_caption_with_code_in_it_is_a_caption(displayed: list) -> None:
     """Markdown allows no backtick on the line of a fence of backticks."""
-    show_table(pd.DataFrame({"a": [1]}), name="tbl-x", caption="Of `this`.")
+    show_table(pd.DataFrame({"a": ["[P1](#p1) `b`"]}), name="tbl-x", caption="Of `this`.")
     data, _ = displayed.pop()
+    assert "<td>P1 <code>b</code></td>" in data["text/html"]
     lines = data["text/markdown"].splitlines()
     assert (lines[0], lines[-1]) == ("~~~{list-table} Of `this`.", "~~~")
     html = MarkdownIt().render(data["text/markdown"])

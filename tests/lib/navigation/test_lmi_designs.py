@@ -36,8 +36,7 @@ def test_only_the_ratio_of_the_noises_counts() -> None:
 def test_far_above_the_least_gamma_nothing_is_saved_or_paid() -> None:
     """The central filter tends to the Kalman filter as its bound grows."""
     found = LMIDesigns(margin=1e3).findings()
-    assert found["curve.gain-saved"].value == pytest.approx(0, abs=0.01)
-    assert found["curve.rms-paid"].value == pytest.approx(0, abs=0.01)
+    assert max(abs(found[f"curve.{name}"].value) for name in ("gain-saved", "rms-paid")) < 0.01
 
 
 def test_a_period_that_is_none_is_refused() -> None:
