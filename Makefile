@@ -17,9 +17,9 @@ FRESH   ?=
 JOBS    ?=
 PORT    ?= 8000
 LAB     ?=
-# processes that run tests; each computes with one thread. One that has no tests left takes half of those that
-# wait for the other: files take too unlike a time to be dealt out whole, and their fixtures cost little twice.
-WORKERS ?= 2
+# processes that run tests; each computes with one thread, and waits for pages and processes half of its time. One
+# that has no tests left takes half of those that wait for another: files take too unlike a time to be dealt out whole.
+WORKERS ?= 3
 
 book: environment ## execute every chapter and render the book to _build/html (FRESH=1 ignores the cache)
 	@$(INSWSN) book $(if $(FRESH),--fresh) $(if $(JOBS),--jobs $(JOBS))
