@@ -44,8 +44,8 @@ class PlainBook:
         address = about["repository-code"]
         checkout = f"[inswsn]({address})" if address else "inswsn"
         self._install = (
-            f"To run this notebook, run `make environment` in a checkout of {checkout}, and use the "
-            "Python of its `.venv`; `inswsn_lib` alone is not enough."
+            f"To run this notebook, run `make environment` in a checkout of {checkout}, and use "
+            "the Python of its `.venv`; `inswsn_lib` alone is not enough."
         )
         self._titles: dict[str, str] = {}  # of pages and labels
         self._homes: dict[str, str] = {}  # the pages of labels
@@ -93,7 +93,7 @@ class PlainBook:
             said = f"the published run; `inswsn run {word}` writes a notebook with its own."
         note = f"> {self._install} Numbers in the text are those of {said}"
         if chapter.lesson:
-            note += " Figures are static here; in the book and with `make lab` they are interactive."
+            note += " Figures are static here; in the book and with `make lab` they move."
         title, _, rest = cells[0].source.partition("\n")
         cells[0].source = f"{title}\n\n{note}\n{rest}".rstrip()
         notebook.cells = cells
