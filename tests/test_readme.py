@@ -11,6 +11,7 @@ from pathlib import Path
 
 import click
 import pytest
+from conftest import weekly_but
 from inswsn_book.cli import cli
 from inswsn_book.cores import asked_schema
 from inswsn_book.project import Project
@@ -67,8 +68,7 @@ def test_the_words_of_a_command_are_taken(command: str, project: Project) -> Non
 
 @pytest.mark.long
 @pytest.mark.parametrize(
-    "command",
-    [pytest.param(c, marks=[pytest.mark.whole] if started(c, LONG) else []) for c in COMMANDS],
+    "command", weekly_but((c for c in COMMANDS if not started(c, LONG)), COMMANDS)
 )
 def test_a_command_runs_as_written(command: str, root: Path, tmp_path: Path) -> None:
     more = SHORT.get(started(command, tuple(SHORT)) or "", "")

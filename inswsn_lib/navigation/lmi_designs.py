@@ -6,7 +6,6 @@ This is what evidence p1-lmi finds, a function of its parameters.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import get_args
 
 from inswsn_lib.checks import Array
@@ -48,12 +47,6 @@ class LMIDesigns:
     margin: float = 0.01
     solver: Solver = "clarabel"
 
-    @cached_property
-    def model(self) -> ErrorModel:
-        """P1's model with positions and velocities measured."""
-        process, measurement = ((s, s) for s in (self.process_noise, self.measurement_noise))
-        return ErrorModel.p1(self.period, process_noise=process, measurement_noise=measurement)
-
     def findings(self) -> dict[str, Finding]:
         r"""Return what the slip costs, and what the H-infinity filter gains and pays, in %.
 
@@ -70,7 +63,8 @@ class LMIDesigns:
         InfeasibleDesignError
             If an inequality has no solution.
         """
-        full = self.model
+        process, measurement = ((s, s) for s in (self.process_noise, self.measurement_noise))
+        full = ErrorModel.p1(self.period, process_noise=process, measurement_noise=measurement)
         positions = replace(full, C=full.C[:2], D=full.D[:2, :2])
         design = design_filter(full, margin=self.margin, solver=self._solvers)
         hinf, kalman = (gain_and_error(full, g) for g in (design.gain, predictor_gain(full)))
