@@ -1,34 +1,66 @@
-"""Where a filter starts: levelling at rest, and alignment in motion by a bank of smoothers.
+r"""Where a filter starts: levelling at rest, and alignment in motion by a bank of searches.
 
 In motion nothing is assumed of the start but wide limits: of the attitude only the tilt is
-guessed, by the mean specific force. From each of several headings a smoother finds the most likely
-start, linearised about the motion from the last one that it found: the way of Gauss and Newton. The
-most likely of all is taken, at the end of the window, with its covariance there; where that does
-not tell the heading, it is refused.
+guessed, by the mean specific force. From each of several headings the most likely start is searched
+for by the way of Gauss and Newton, with all errors linearised about the motion from the last one
+that was found, first in two seconds of the data, then in windows twice as long each, so that no
+step is far from linear. With the errors :math:`x_0` of a start, whose estimate and covariance by
+all measurements :math:`z` are :math:`\hat x_0` and :math:`P_0^s`, a search goes down on
+
+.. math::
+    -\log p(z, x_0 = 0) = -\log p(z) - \log p(x_0 = 0 \mid z)
+    = -\log p(z) + \tfrac12 \hat x_0' (P_0^s)^{-1} \hat x_0
+    + \tfrac12 \log \det 2 \pi P_0^s ,
+
+which one run of the filter gives: :math:`x_0` is a state of it that does not change (fixed-point
+smoothing, Anderson and Moore, "Optimal Filtering", 1979, Section 7.2).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from inswsn_lib.checks import Array
-from inswsn_lib.errors import InswsnError
-from inswsn_lib.estimation.error_state import Observation, Start, run_error_state
-from inswsn_lib.estimation.inertial import ATTITUDE, InertialMotion, InertialState
+from inswsn_lib.checks import Array, array, number
+from inswsn_lib.errors import InswsnError, ParameterError
+from inswsn_lib.estimation.error_state import Observation, Solution, Start, run_error_state
+from inswsn_lib.estimation.inertial import (
+    ATTITUDE,
+    FORCE_BIAS,
+    RATE_BIAS,
+    VELOCITY,
+    InertialMotion,
+    InertialState,
+)
 from inswsn_lib.estimation.mechanization import ERRORS
-from inswsn_lib.estimation.observations import RangesToAnchors
-from inswsn_lib.estimation.smoothing import smooth_start
+from inswsn_lib.estimation.observations import (
+    Constants,
+    PositionFixes,
+    RangesToAnchors,
+    Velocities,
+)
 from inswsn_lib.streams import Imu
 
 #: Standard deviations that are assumed of position, velocity, attitude and both biases: wide
 WIDE = (1000.0, 30.0, 2.0, 0.3, 0.02)
 #: A heading is told if its standard deviation is below this, degrees
 LARGEST_HEADING = 20.0
-_HEADINGS, _PASSES = 4, 6
+_HEADINGS = 6
+_FIRST, _FEWEST = 2.0, 3  # s of the first window, and measurements in it
+_PASSES, _FIRST_PASSES = 30, 8  # of a search, in the last window and before it
+_LARGEST_TURN = 0.7  # rad, of a step
+_SHORTEST = 1e-3  # share of a step that is tried last
+_SETTLED = 0.05  # mean square of a step in deviations, below which a search has settled
+_UNLIKELY = 150.0  # by how much less likely a search is, in logarithms, that is given up
+_AS_LIKELY = 12.0  # less than this, and two starts fit alike
+_PRIOR, _MISSED = 3.5, 3.0  # deviations of a bias, and of innovations in the mean
+# At rest: s of which the IMU's means are compared, and in how many deviations they agree; m/s that
+# fixes must exclude; rad/s that the mean rate is off, by the Earth
+_BLOCK, _MOVED, _SLOW, _EARTH_RATE = 0.5, 6.0, 0.2, 1e-4
 
 
 def level(imu: Imu, heading: float = 0.0) -> Array:
@@ -66,8 +98,13 @@ def align(
     end: float,
     *,
     deviations: Sequence[float] = WIDE,
+    prior: Start | None = None,
+    latest: float | None = None,
 ) -> Start:
     """Return where a filter starts at the end of a window, by the measurements in it.
+
+    Where the body stands still at the beginning, by its IMU and by fixes that would show a motion,
+    the mean rate is the bias of the gyroscopes, and the search begins two seconds before it moves.
 
     Parameters
     ----------
@@ -79,11 +116,18 @@ def align(
     deviations : sequence of float
         Standard deviations that are assumed at its beginning of position, m, velocity, m/s,
         attitude, rad, and the biases of accelerometers, m/s^2, and gyroscopes, rad/s.
+    prior : Start, optional
+        What is known of the state at the beginning, of `known_start`, in place of `deviations`.
+    latest : float, optional
+        Until when the window is made longer where it does not tell the heading, s; by default it
+        is not.
 
     Raises
     ------
     InswsnError
-        If the window has no measurement, or does not tell the heading, or there are ranges.
+        If the window has no measurement, or there are ranges; and where no start can be trusted:
+        the heading is not told, the search has not settled, starts with other headings fit as well,
+        biases are not those of the deviations, or measurements are missed by more than theirs.
 
     Examples
     --------
@@ -106,26 +150,309 @@ def align(
     """
     if any(isinstance(each, RangesToAnchors) for each in observations):
         raise InswsnError("Ranges do not align an INS: take fixes by multilateration of them.")
-    window = motion.imu.part(begin, end)
-    if len(window) < 2:
+    if len(motion.imu.part(begin, end)) < 2:
         raise InswsnError(f"The IMU says nothing between {begin:.6g} and {end:.6g} s.")
-    P0 = np.diag(np.repeat(np.square(deviations, dtype=float), 3))
-    fits = []
-    for heading in np.linspace(0, 2 * np.pi, _HEADINGS, endpoint=False):
-        prior = Start(begin, InertialState(np.zeros(3), np.zeros(3), level(window, heading)), P0)
-        about = prior.state
-        for _ in range(_PASSES):
-            found = run_error_state(motion, prior, observations, end=end, about=about)
-            about = smooth_start(found).state
-        fits.append(found)
-    best = max(fits, key=lambda fit: fit.log_likelihood)
-    state, P = best.states[-1], best.covariances[-1][:ERRORS, :ERRORS]
-    vertical = state.attitude[2]  # the axis upwards, in axes of the body
-    spread = float(np.degrees(np.sqrt(vertical @ P[ATTITUDE, ATTITUDE] @ vertical)))
-    if not spread < LARGEST_HEADING:
+    if prior is None:
+        prior = known_start(motion.imu.part(begin, end), begin, deviations=deviations)
+    fits = _fitted(motion, observations, prior, end)
+    while latest is not None and end < latest and not fits[0].spread < LARGEST_HEADING:
+        end = min(2 * end - begin, latest)
+        fits = _fitted(motion, observations, prior, end)
+    _refuse_unlike(fits, f"between {begin:.6g} and {end:.6g} s")
+    return fits[0].end
+
+
+def _fitted(
+    motion: InertialMotion, observations: Sequence[Observation], prior: Start, end: float
+) -> list[_Fit]:
+    """Return the searches' ends that are apart, the best first."""
+    prior = _after_rest(prior, motion.imu.part(prior.time, end), observations)
+    ends = _ends(observations, prior.time, end)
+    headings = np.linspace(0, 2 * np.pi, _HEADINGS, endpoint=False)
+    if _spread(prior) < np.degrees(_LARGEST_TURN):
+        headings = headings[:1]
+    turns = np.zeros((len(headings), ERRORS))
+    turns[:, ATTITUDE] = np.outer(headings, prior.state.attitude[2])
+    states = [prior.state.plus(turn) for turn in turns]
+    fits = [_Fit.of(motion, observations, prior, state, ends[0]) for state in states]
+    for last in ends:
+        passes = _PASSES if last == end else _FIRST_PASSES
+        fits = _apart([fit.until(last).settled(passes) for fit in fits])
+    return fits
+
+
+def known_start(
+    imu: Imu,
+    time: float,
+    *,
+    heading: tuple[float, float] | None = None,
+    attitude: tuple[ArrayLike, float] | None = None,
+    position: tuple[ArrayLike, float] | None = None,
+    velocity: tuple[ArrayLike, float] | None = None,
+    deviations: Sequence[float] = WIDE,
+) -> Start:
+    """Return what is known of a start: values, each with its standard deviation.
+
+    Parameters
+    ----------
+    imu : Imu
+        By whose first seconds the body is levelled where the attitude is not known.
+    time : float
+        s.
+    heading : (float, float), optional
+        Of the body's x axis against x, to the left, rad.
+    attitude : (array_like (3, 3), float), optional
+        Turns vectors of the body into the frame; rad.
+    position, velocity : (array_like (3,), float), optional
+        m and m/s.
+    deviations : sequence of float
+        What is assumed of the rest, as in `align`.
+
+    Raises
+    ------
+    ParameterError
+        If the attitude is no rotation, or a deviation is not positive.
+
+    Examples
+    --------
+    A body at rest that looks along y, to 5 degrees:
+
+    >>> import numpy as np
+    >>> from inswsn_lib.estimation import known_start
+    >>> from inswsn_lib.streams import Imu
+    >>> still = Imu(np.arange(3.0), np.zeros((3, 3)), np.tile([0.0, 0.0, 9.8], (3, 1)))
+    >>> start = known_start(still, 0.0, heading=(np.pi / 2, np.radians(5)))
+    >>> start.state.attitude.round(3)[:, 0].tolist()
+    [0.0, 1.0, 0.0]
+    >>> np.degrees(np.sqrt(np.diag(start.covariance)[6:9])).round().tolist()
+    [115.0, 115.0, 5.0]
+    """
+    sizes = np.repeat(np.asarray(deviations, dtype=float), 3)
+    values = np.zeros((2, 3))
+    for i, (name, known) in enumerate((("position", position), ("velocity", velocity))):
+        if known is not None:
+            values[i] = array(name, known[0], (3,))
+            sizes[3 * i : 3 * i + 3] = number(f"deviation of the {name}", known[1], above=0)
+    turned = level(imu.part(imu.time[0], imu.time[0] + _FIRST), heading[0] if heading else 0.0)
+    if attitude is not None:
+        turned = array("attitude", attitude[0], (3, 3))
+        if np.abs(turned @ turned.T - np.eye(3)).max() > 1e-6 or np.linalg.det(turned) < 0:
+            raise ParameterError("attitude", turned.tolist(), "a rotation matrix")
+        sizes[ATTITUDE] = number("deviation of the attitude", attitude[1], above=0)
+    P = np.diag(np.square(sizes))
+    if heading is not None and attitude is None:
+        up = turned[2]
+        wide = sizes[ATTITUDE][0] ** 2
+        narrow = number("deviation of the heading", heading[1], above=0) ** 2
+        P[ATTITUDE, ATTITUDE] = wide * np.eye(3) + (narrow - wide) * np.outer(up, up)
+    return Start(time, InertialState(values[0], values[1], turned), P)
+
+
+def _after_rest(prior: Start, imu: Imu, observations: Sequence[Observation]) -> Start:
+    """Return what is known two seconds before the body moves, if it stands still until then."""
+    until, slowest = _rest(imu, observations)
+    if until - prior.time < _FIRST:
+        return prior
+    still = imu.part(prior.time, until)
+    told = np.concatenate([np.zeros(3), still.rate.mean(axis=0)])
+    sizes = np.repeat([slowest, _EARTH_RATE], 3)
+    sizes[3:] += still.rate.std(axis=0) / np.sqrt(len(still))
+    parts = np.r_[VELOCITY, RATE_BIAS]
+    state, P = prior.state, prior.covariance.copy()
+    change = np.zeros(ERRORS)
+    change[parts] = told - np.concatenate([state.velocity, state.rate_bias])
+    assumed = np.sqrt(np.diag(P)[parts])
+    if (np.abs(change[parts]) > _PRIOR * np.hypot(assumed, sizes)).any():
+        return prior  # the body turns steadily, or its user knows better
+    P[parts], P[:, parts] = 0.0, 0.0
+    P[parts, parts] = np.square(sizes)
+    return Start(max(prior.time, until - _FIRST), state.plus(change), P)
+
+
+def _rest(imu: Imu, observations: Sequence[Observation]) -> tuple[float, float]:
+    """Return until when a body certainly stands still, and how fast it is then at most, m/s.
+
+    Until then the means of the IMU over half seconds are those of the first two, and a line through
+    the fixes says that it moves by less than a fifth of a metre a second.
+    """
+    begin = float(imu.time[0])
+    blocks = np.floor((imu.time - begin) / _BLOCK).astype(int)
+    counts: Array = np.maximum(np.bincount(blocks), 1.0)
+    values = np.column_stack([imu.rate, imu.force])
+    means = np.stack([np.bincount(blocks, column) for column in values.T], axis=1)
+    means = means / counts[:, None]
+    first = blocks < _FIRST / _BLOCK
+    white = (values[first] - means[blocks[first]]).std(axis=0)
+    apart = np.abs(means - values[first].mean(axis=0))
+    moved = (apart > _MOVED * white / np.sqrt(counts)[:, None]).any(axis=1) | (counts < 2)
+    until = begin + _BLOCK * int(np.argmax(np.append(moved, True)))
+    speed = min((_fastest(each, begin, until) for each in observations), default=np.inf)
+    return (until, speed) if speed < _SLOW else (begin, np.inf)
+
+
+def _fastest(seen: Observation, begin: float, until: float) -> float:
+    """Return how fast a body is at most, by a line through its fixes or its mean velocity, m/s."""
+    if isinstance(seen, PositionFixes):
+        values, order = seen.fixes.position, 1
+    elif isinstance(seen, Velocities):
+        values, order = seen.velocity, 0
+    else:
+        return np.inf
+    rows = np.isfinite(values).all(axis=1) & (seen.time >= begin) & (seen.time <= until)
+    if rows.sum() < _FEWEST:
+        return np.inf
+    apart = (seen.time[rows] - seen.time[rows].mean()) ** order
+    squares = apart @ apart
+    speed = np.abs(apart @ values[rows]) / squares
+    return float(np.max(speed + _PRIOR * seen.white / np.sqrt(squares)))
+
+
+def _ends(observations: Sequence[Observation], begin: float, end: float) -> list[float]:
+    """Return where windows end: each is twice as long as the one before, the last is whole."""
+    when = np.unique(np.concatenate([each.time for each in observations]))
+    when = when[(when > begin) & (when <= end)]
+    if not len(when):
+        raise InswsnError(f"There is no measurement between {begin:.6g} and {end:.6g} s.")
+    first = max(_FIRST, float(when[min(_FEWEST, len(when)) - 1]) - begin)
+    ends = first * 2.0 ** np.arange(max(0, np.ceil(np.log2((end - begin) / first / 1.25))))
+    return [*(begin + ends).tolist(), end]
+
+
+@dataclass(frozen=True, eq=False)
+class _Fit:
+    """A start, and what the measurements say of its errors, linearised about its motion."""
+
+    motion: InertialMotion
+    observations: Sequence[Observation]
+    prior: Start
+    about: InertialState
+    last: float  # s, of the window
+    solution: Solution
+    step: Array  # (15,), the estimate of the errors
+    covariance: Array  # of them
+    size: float  # mean square of the step in its deviations
+    cost: float
+
+    @classmethod
+    def of(
+        cls, motion: InertialMotion, observations: Sequence[Observation], prior: Start,
+        about: InertialState, last: float,
+    ) -> _Fit:  # fmt: skip
+        """Run the filter, with the errors of the start as states."""
+        P0 = prior.covariance
+        remembered = Start(prior.time, prior.state, np.block([[P0, P0], [P0, P0]]))
+        observed = [Constants(ERRORS), *observations]
+        found = run_error_state(motion, remembered, observed, end=last, about=about, kept=False)
+        before = prior.state.minus(about)
+        step = before + found.end.state.own[:ERRORS]
+        P = found.end.covariance[ERRORS : 2 * ERRORS, ERRORS : 2 * ERRORS]
+        scale = np.sqrt(np.diag(P))
+        scaled = P / np.outer(scale, scale)
+        square = float(step / scale @ np.linalg.solve(scaled, step / scale))
+        logarithm = np.linalg.slogdet(scaled)[1] + 2 * np.log(scale).sum()
+        cost = -found.log_likelihood + 0.5 * (square + float(logarithm))
+        return cls(motion, observations, prior, about, last, found, step, P, square / ERRORS, cost)
+
+    def until(self, last: float) -> _Fit:
+        """Return the same start by a longer window."""
+        return self if last == self.last else self._at(self.about, last)
+
+    def settled(self, passes: int) -> _Fit:
+        """Go down by the steps of Gauss and Newton, shortened until each leads down."""
+        fit = self
+        for _ in range(passes):
+            if fit.size < _SETTLED:
+                break
+            share = min(1.0, _LARGEST_TURN / float(np.linalg.norm(fit.step[ATTITUDE])))
+            tried = fit._at(fit.about.plus(share * fit.step), fit.last)
+            while not tried.cost < fit.cost and share > _SHORTEST:
+                share /= 3
+                tried = fit._at(fit.about.plus(share * fit.step), fit.last)
+            if not tried.cost < fit.cost:
+                break
+            fit = tried
+        return fit
+
+    def _at(self, about: InertialState, last: float) -> _Fit:
+        return _Fit.of(self.motion, self.observations, self.prior, about, last)
+
+    @property
+    def end(self) -> Start:
+        """Where the filter starts: at the end of the window."""
+        found = self.solution.end
+        state = replace(found.state, own=np.zeros(0))
+        return Start(found.time, state, found.covariance[:ERRORS, :ERRORS])
+
+    @property
+    def spread(self) -> float:
+        """Standard deviation of the heading at the end, degrees."""
+        return _spread(self.end)
+
+    def is_like(self, other: _Fit) -> bool:
+        """Return whether both searches found one start, within its deviations."""
+        if max(self.spread, other.spread) > LARGEST_HEADING / 2:
+            return False
+        mine = self.end
+        apart = mine.state.minus(other.end.state)
+        return float(apart @ np.linalg.solve(mine.covariance, apart)) < ERRORS
+
+
+def _apart(fits: list[_Fit]) -> list[_Fit]:
+    """Return fits from the best on, without those that are like a better one or far less likely."""
+    found: list[_Fit] = []
+    for fit in sorted(fits, key=lambda fit: fit.cost):
+        if found and fit.cost > found[0].cost + _UNLIKELY:
+            break
+        if not any(fit.is_like(better) for better in found):
+            found.append(fit)
+    return found
+
+
+def _refuse_unlike(fits: list[_Fit], window: str) -> None:
+    """Raise an error where the best of some fits is no start to trust."""
+    best = fits[0]
+    if not best.spread < LARGEST_HEADING:
         raise InswsnError(
-            f"The heading cannot be told between {begin:.6g} and {end:.6g} s: its standard "
-            f"deviation is {spread:.0f} degrees, for want of acceleration. Take a longer window, "
-            "or one with turns."
+            f"The heading cannot be told {window}: its standard deviation is {best.spread:.0f} "
+            "degrees, for want of acceleration. Take a longer window, or one with turns."
         )
-    return Start(float(best.time[-1]), replace(state, own=np.zeros(0)), P)
+    if best.size > _SETTLED:
+        raise InswsnError(
+            f"The search for a start {window} has not settled: its last step is "
+            f"{best.size**0.5:.2g} deviations. Take a longer window, or say what is known."
+        )
+    if len(fits) > 1 and fits[1].cost < best.cost + _AS_LIKELY:
+        one, other = (f"{_heading(fit.end.state):.0f}" for fit in fits[:2])
+        raise InswsnError(
+            f"Two starts fit alike {window}, with headings of {one} and {other} degrees. Take a "
+            "longer window, or one with turns."
+        )
+    assumed = np.sqrt(np.diag(best.prior.covariance))
+    for name, part, bias, unit in (
+        ("accelerometers", FORCE_BIAS, best.about.force_bias, "m/s^2"),
+        ("gyroscopes", RATE_BIAS, best.about.rate_bias, "rad/s"),
+    ):
+        off = np.abs(best.about.minus(best.prior.state)[part])
+        if (off > _PRIOR * assumed[part]).any():
+            raise InswsnError(
+                f"The start {window} needs a bias of the {name} of {np.abs(bias).max():.2g} "
+                f"{unit}, which its assumed deviation of {assumed[part].max():.2g} {unit} "
+                "excludes. Check units and axes, or give larger deviations."
+            )
+    missed = [float(np.nanmean(each.squares)) for each in best.solution.innovations[1:]]
+    if max(missed) > _MISSED**2:
+        raise InswsnError(
+            f"The start {window} misses measurements by {max(missed) ** 0.5:.2g} times their "
+            "deviations in the mean. Check clocks, units and axes, or give larger deviations."
+        )
+
+
+def _spread(start: Start) -> float:
+    """Return the standard deviation of the heading, degrees."""
+    up = start.state.attitude[2]  # the axis upwards, in axes of the body
+    return float(np.degrees(np.sqrt(up @ start.covariance[ATTITUDE, ATTITUDE] @ up)))
+
+
+def _heading(state: InertialState) -> float:
+    """Return the heading of the body's x axis, degrees."""
+    return float(np.degrees(np.arctan2(state.attitude[1, 0], state.attitude[0, 0])))

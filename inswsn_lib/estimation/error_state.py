@@ -87,8 +87,8 @@ class Start:
     time : float
         s.
     state : InertialState or PlanarState
-    covariance : ndarray, (errors, errors)
-        Of its errors.
+    covariance : ndarray, (errors, errors) or (n, n)
+        Of its errors, or of these and of the observations' own states.
     """
 
     time: float
@@ -141,8 +141,8 @@ class Solution:
     log_likelihood : float
         Of all measurements, by the innovations; of a component that was left out, what it is at the
         gate.
-    start : Start
-        With the observations' own states.
+    start, end : Start
+        The first and the last, with the observations' own states.
     """
 
     time: Array
@@ -154,6 +154,7 @@ class Solution:
     innovations: list[Innovations]
     log_likelihood: float
     start: Start
+    end: Start
 
     @property
     def position(self) -> Array:
@@ -251,7 +252,7 @@ def run_error_state(
         times if kept else times[:0], [make(x) for x in found.states], found.filtered,
         [make(x) for x in found.before], found.priors, found.transitions,
         [found.innovations(events, i, kept=kept) for i in range(len(observations))],
-        run.log_likelihood, whole,
+        run.log_likelihood, whole, Start(run.time, run.state, run.covariance),
     )  # fmt: skip
 
 
@@ -342,8 +343,10 @@ class ErrorStateFilter:
         iterations: int = 1, about: Any = None,
     ) -> None:  # fmt: skip
         errors = start.state.errors
-        P0 = covariance("covariance", start.covariance, (errors, errors))
         variances = np.concatenate([each.initial for each in observations])
+        whole = len(start.covariance) > errors
+        n = errors + len(variances) * whole
+        P0 = covariance("covariance", start.covariance, (n, n))
         ends = np.cumsum([0, *(len(each.initial) for each in observations)])
         own = np.zeros(len(variances))
         first = replace(start.state, own=own)
@@ -353,7 +356,7 @@ class ErrorStateFilter:
         self._nominal = first if about is None else replace(about, own=own)
         self._error: Array = first.minus(self._nominal)
         self.time = start.time
-        self.covariance: Array = block_diag(P0, np.diag(variances))
+        self.covariance: Array = P0 if whole else block_diag(P0, np.diag(variances))
         self.log_likelihood = 0.0
 
     @property

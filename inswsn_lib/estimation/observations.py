@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -303,6 +303,39 @@ class WheelSpeeds:
         there = ~np.isnan(value)
         noise = np.diag(np.square(self.white)[there])
         return Innovation(value[there], rows[there], np.zeros((there.sum(), 0)), noise)
+
+
+@dataclass(frozen=True)
+class Constants:
+    """States that nothing measures and that do not change: what is remembered of a start.
+
+    Attributes
+    ----------
+    count : int
+    """
+
+    count: int
+    time: ClassVar[Array] = _NONE
+
+    @property
+    def initial(self) -> Array:
+        """Variances, which a start has that goes with them."""
+        return np.zeros(self.count)
+
+    def transition(self, dt: float) -> tuple[Array, Array]:
+        """Return that they stay."""
+        return np.ones(self.count), np.zeros(self.count)
+
+    @property
+    def components(self) -> Components:
+        """An empty table.
+
+        :meta private:
+        """
+        return _along(_PLACE, np.zeros((0, 3)), np.eye(3), np.ones(3))._replace(arm=np.zeros(3))
+
+    def innovation(self, k: int, state: Any, own: Array) -> None:
+        """Return nothing."""
 
 
 def _along(kind: int, told: Array, axes: Array, white: Array) -> Components:

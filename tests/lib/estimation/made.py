@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import PchipInterpolator
 from scipy.spatial.transform import Rotation
 
-from inswsn_lib.estimation import InertialState
+from inswsn_lib.estimation import (
+    ImuNoise,
+    InertialMotion,
+    InertialState,
+    PositionFixes,
+    Start,
+    Velocities,
+)
 from inswsn_lib.estimation.mechanization import GRAVITY
 from inswsn_lib.streams import Fixes, Imu, Ranges
 
@@ -94,3 +103,78 @@ def ranges_of(path: Path, seconds: float, rng: np.random.Generator, deviation: f
     distance = np.linalg.norm(path.antenna(t) - ANCHORS[anchor], axis=1)
     noise = deviation * rng.standard_normal(len(t))
     return Ranges(t, anchor, distance + noise, ANCHORS, tuple("abcdef"))
+
+
+#: Of a cheap IMU: noises, and the largest biases, m/s^2 and rad/s
+CHEAP = ImuNoise(0.0047, 0.0008, 1e-4, 1e-5)
+LARGEST_BIASES = 0.1 * GRAVITY, np.radians(5)
+
+
+@dataclass(frozen=True, eq=False)
+class Log:
+    """A vehicle's log of 70 s: 100 Hz IMU with biases, 5 Hz fixes, perhaps with velocities.
+
+    At rest or moving at the beginning, with turns or without; the IMU is mounted at some angles.
+    """
+
+    seed: int
+    rest: float  # s
+    turns: bool
+    velocities: bool
+
+    @classmethod
+    def drawn(cls, seed: int) -> Log:
+        rng = np.random.default_rng([1, seed])
+        rest = rng.uniform(5, 25) * (rng.random() < 0.5)
+        return cls(seed, rest, rng.random() < 0.5, rng.random() < 0.7)
+
+    def make(self) -> tuple[InertialMotion, list, Callable[[float], Rotation], Array]:
+        """Return motion, observations, the attitude at a time, and both biases, (2, 3)."""
+        rng, t = np.random.default_rng([2, self.seed]), np.arange(0, 70, PERIOD)
+        knots = np.cumsum([self.rest, *rng.uniform(3, 8, 24)])
+        speeds = np.where(rng.random(25) < 0.1, 0, rng.uniform(3, 14, 25))
+        speeds[0] = 0 if self.rest else rng.uniform(2, 12)
+        speed = PchipInterpolator([-5, *knots], [speeds[0], *speeds])(t)
+        rate = np.zeros(len(t))
+        begin = self.rest + rng.uniform(4, 20)
+        while self.turns and begin < 70:
+            long, angle = rng.uniform(3, 7), rng.choice([-1, 1]) * rng.uniform(0.6, 1.7)
+            inside = (t > begin) & (t < begin + long)
+            rate[inside] = 2 * angle / long * np.sin(np.pi * (t[inside] - begin) / long) ** 2
+            begin += long + rng.uniform(3, 20)
+        rate *= speed > 0.5
+        yaw = rng.uniform(0, 2 * np.pi) + np.cumsum(rate) * PERIOD
+        velocity = np.stack([speed * np.cos(yaw), speed * np.sin(yaw), 0 * yaw], -1)
+        steps = 0.5 * (velocity[1:] + velocity[:-1]) * PERIOD
+        position = np.vstack([np.zeros(3), np.cumsum(steps, axis=0)])
+        mounted = Rotation.from_euler("ZYX", rng.normal(size=3) * [0.2, 0.05, 0.05])
+        attitude = Rotation.from_euler("z", yaw[:, None]) * mounted
+        turned = (attitude[:-2].inv() * attitude[2:]).as_rotvec() / (2 * PERIOD)
+        pushed = np.gradient(velocity, PERIOD, axis=0) + np.array([0.0, 0.0, GRAVITY])
+        biases = rng.uniform(-1, 1, (2, 3)) * np.array(LARGEST_BIASES)[:, None]
+        white = rng.standard_normal((2, len(t), 3)) / PERIOD**0.5
+        imu = Imu(
+            t,
+            np.pad(turned, ((1, 1), (0, 0)), "edge") + biases[1] + CHEAP.rate * white[1],
+            attitude.inv().apply(pushed) + biases[0] + CHEAP.force * white[0],
+        )
+        rows = slice(0, None, 20)
+        size = np.array([5.0, 5.0, 10.0]) if self.velocities else np.array([0.5, 0.5, 1.0])
+        noise = rng.standard_normal((2, *position[rows].shape))
+        fixes = Fixes(t[rows], position[rows] + size * noise[0])
+        seen: list = [PositionFixes(fixes, np.zeros(3), size)]
+        if self.velocities:
+            told = velocity[rows] + 0.05 * noise[1]
+            seen.append(Velocities(fixes.time, told, np.full(3, 0.05)))
+        return (
+            InertialMotion(imu, CHEAP), seen,
+            lambda time: attitude[round(time / PERIOD)], biases,
+        )  # fmt: skip
+
+
+def off_by(start: Start, true: Rotation) -> Array:
+    """Return the errors of attitude about the axes of the frame, in their deviations, (3,)."""
+    found = start.state.attitude
+    error = found @ Rotation.from_matrix(true.as_matrix().T @ found).as_rotvec()
+    turn = found @ start.covariance[6:9, 6:9] @ found.T
+    return np.asarray(error / np.sqrt(np.diag(turn)))
