@@ -17,10 +17,10 @@ from scipy.spatial.transform import Rotation
 
 from inswsn_lib.checks import Array
 from inswsn_lib.errors import InswsnError
-from inswsn_lib.estimation.error_state import Observation, Start, run_error_state
+from inswsn_lib.estimation.error_state import Start, run_error_state
 from inswsn_lib.estimation.inertial import ATTITUDE, InertialMotion, InertialState
 from inswsn_lib.estimation.mechanization import ERRORS
-from inswsn_lib.estimation.observations import RangesToAnchors
+from inswsn_lib.estimation.observations import Observation, RangesToAnchors
 from inswsn_lib.estimation.smoothing import smooth_start
 from inswsn_lib.streams import Imu
 
