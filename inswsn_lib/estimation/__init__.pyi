@@ -1,9 +1,8 @@
 from .alignment import align as align, level as level
+from .earth import Earth as Earth
 from .error_state import (
     ErrorStateFilter as ErrorStateFilter,
-    Innovation as Innovation,
     Innovations as Innovations,
-    Observation as Observation,
     Solution as Solution,
     Start as Start,
     run_error_state as run_error_state,
@@ -15,8 +14,12 @@ from .inertial import (
     InertialState as InertialState,
 )
 from .observations import (
+    Headings as Headings,
+    Innovation as Innovation,
+    Observation as Observation,
     PositionFixes as PositionFixes,
     RangesToAnchors as RangesToAnchors,
+    Sensor as Sensor,
     Velocities as Velocities,
     WheelSpeeds as WheelSpeeds,
     gauss_markov as gauss_markov,

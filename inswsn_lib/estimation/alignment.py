@@ -27,7 +27,7 @@ from scipy.spatial.transform import Rotation
 
 from inswsn_lib.checks import Array, array, number
 from inswsn_lib.errors import InswsnError, ParameterError
-from inswsn_lib.estimation.error_state import Observation, Solution, Start, run_error_state
+from inswsn_lib.estimation.error_state import Solution, Start, run_error_state
 from inswsn_lib.estimation.inertial import (
     ATTITUDE,
     FORCE_BIAS,
@@ -38,11 +38,13 @@ from inswsn_lib.estimation.inertial import (
 )
 from inswsn_lib.estimation.mechanization import ERRORS
 from inswsn_lib.estimation.observations import (
-    Constants,
+    Observation,
     PositionFixes,
     RangesToAnchors,
+    Sensor,
     Velocities,
 )
+from inswsn_lib.estimation.sensors import position as place
 from inswsn_lib.streams import Imu
 
 #: Standard deviations that are assumed of position, velocity, attitude and both biases: wide
@@ -279,8 +281,8 @@ def _rest(imu: Imu, observations: Sequence[Observation]) -> tuple[float, float]:
     blocks = np.floor((imu.time - begin) / _BLOCK).astype(int)
     counts: Array = np.maximum(np.bincount(blocks), 1.0)
     values = np.column_stack([imu.rate, imu.force])
-    means = np.stack([np.bincount(blocks, column) for column in values.T], axis=1)
-    means = means / counts[:, None]
+    sums = [np.bincount(blocks, column) for column in values.T]
+    means = np.column_stack(sums) / counts[:, None]
     first = blocks < _FIRST / _BLOCK
     white = (values[first] - means[blocks[first]]).std(axis=0)
     apart = np.abs(means - values[first].mean(axis=0))
@@ -341,7 +343,10 @@ class _Fit:
         """Run the filter, with the errors of the start as states."""
         P0 = prior.covariance
         remembered = Start(prior.time, prior.state, np.block([[P0, P0], [P0, P0]]))
-        observed = [Constants(ERRORS), *observations]
+        none, constant = np.zeros((0, 1)), np.full(ERRORS, np.inf)
+        axis, zeros = np.zeros((1, 4)), np.zeros(ERRORS)
+        memory = Sensor(place, none[:, 0], none, np.ones(1), axis, zeros, constant)
+        observed: list[Observation] = [memory, *observations]
         found = run_error_state(motion, remembered, observed, end=last, about=about, kept=False)
         before = prior.state.minus(about)
         step = before + found.end.state.own[:ERRORS]

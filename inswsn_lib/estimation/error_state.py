@@ -13,69 +13,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.linalg import block_diag
 
 from inswsn_lib.checks import Array, Mask, covariance
 from inswsn_lib.errors import InswsnError
-from inswsn_lib.kernels import choose
+from inswsn_lib.estimation.observations import Components, Observation
+from inswsn_lib.estimation.runs import AT_ONCE, BESIDE, Outcome, Table, run_table
+from inswsn_lib.estimation.sensors import position
+from inswsn_lib.estimation.steps import Steps
 from inswsn_lib.streams import Whole
-
-
-class Innovation(NamedTuple):
-    """A measurement less what was expected of it.
-
-    Attributes
-    ----------
-    value : ndarray, (m,)
-    rows : ndarray, (m, errors)
-        Derivatives of what is expected by the errors of the motion.
-    own : ndarray, (m, states)
-        The same by the observation's own states.
-    noise : ndarray, (m, m)
-        Covariance of the measurement.
-    """
-
-    value: Array
-    rows: Array
-    own: Array
-    noise: Array
-
-
-class Components(NamedTuple):
-    """Measurements as a table of their components, which the compiled filter reads.
-
-    Of a component u are expected, by `kind`: 0 the antenna's place along an axis; 1 its distance
-    from an anchor; 2 the velocity along an axis; 3 the same along an axis of the body.
-    """
-
-    first: Whole  # (measurements + 1,), of the components of each
-    kind: int
-    vector: Array  # (components, d), the axis, or the anchor's place
-    arm: Array  # (d,), the lever arm
-    told: Array  # (components,)
-    variance: Array  # (components,)
-    own: Whole  # (components, 3), own states, or -1: the scale, and two that are added
-
-
-class Observation(Protocol):
-    """Measurements of one kind, and the states that they need for themselves."""
-
-    @property
-    def time(self) -> Array:
-        """When there is one, s, increasing."""
-
-    @property
-    def initial(self) -> Array:
-        """Variances of its own states at the start, (states,)."""
-
-    def transition(self, dt: float) -> tuple[Array, Array]:
-        """Return by what its own states are multiplied, and the variance they gain, in a time."""
-
-    def innovation(self, k: int, state: Any, own: Array) -> Innovation | None:
-        """Return the innovation of its measurement k, or None if nothing was measured."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +37,7 @@ class Start:
         s.
     state : InertialState or PlanarState
     covariance : ndarray, (errors, errors) or (n, n)
-        Of its errors, or of these and of the observations' own states.
+        Of its errors, or of those and of the observations' own states, with what they share.
     """
 
     time: float
@@ -129,10 +78,10 @@ class Solution:
     ----------
     time : ndarray, (events,)
         s.
-    states : list of InertialState or PlanarState
+    states : sequence of InertialState or PlanarState
     covariances : ndarray, (events, n, n)
         Of the errors of the motion and of the observations' own states.
-    before : list of InertialState or PlanarState
+    before : sequence of InertialState or PlanarState
         The states before the measurements of an event.
     priors, transitions : ndarray, (events, n, n)
         Covariances before the measurements, and the transition from the event before.
@@ -146,9 +95,9 @@ class Solution:
     """
 
     time: Array
-    states: list[Any]
+    states: Sequence[Any]
     covariances: Array
-    before: list[Any]
+    before: Sequence[Any]
     priors: Array
     transitions: Array
     innovations: list[Innovations]
@@ -246,12 +195,15 @@ def run_error_state(
     events = _Events(times, np.append(first, len(order)), kind[order], row[order])
     run = ErrorStateFilter(start, observations, gate, iterations, about)
     whole = Start(start.time, run.state, run.covariance)
-    found = run._go(motion.between(start.time, times), events, observations, kept=kept)
+    found, table = run._go(motion.between(start.time, times), events, observations, kept=kept)
     make = type(start.state).of_row
+    filtered, priors, transitions = (
+        x[:, 0] for x in (found.filtered, found.priors, found.transitions)
+    )
     return Solution(
-        times if kept else times[:0], [make(x) for x in found.states], found.filtered,
-        [make(x) for x in found.before], found.priors, found.transitions,
-        [found.innovations(events, i, kept=kept) for i in range(len(observations))],
+        times if kept else times[:0], _States(make, found.states[:, 0]), filtered,
+        _States(make, found.before[:, 0]), priors, transitions,
+        [_innovations(found, table, events, i, kept=kept) for i in range(len(observations))],
         run.log_likelihood, whole, Start(run.time, run.state, run.covariance),
     )  # fmt: skip
 
@@ -265,36 +217,20 @@ class _Events(NamedTuple):
     row: Whole  # (measurements,)
 
 
-class _Found(NamedTuple):
-    """What a run over events leaves; the first five are empty unless they are to be kept."""
-
-    states: Array  # (events, numbers)
-    before: Array
-    filtered: Array  # (events, n, n)
-    priors: Array
-    transitions: Array
-    sizes: Whole  # (measurements,), how many components there were
-    values: Array  # (components,), of all measurements
-    deviations: Array
-    used: Mask
-    squares: Array  # (measurements,)
-    likelihood: float
-    state: Array  # (numbers,), at the end
-    covariance: Array
-    error: Array
-
-    def innovations(self, events: _Events, i: int, *, kept: bool) -> Innovations:
-        """Return those of an observation."""
-        there = self.sizes > 0
-        mine = there & (events.kind == i)
-        time = np.repeat(events.time, np.diff(events.first))[mine]
-        if not kept:
-            return Innovations(time, [], [], [], self.squares[mine])
-        ends = np.cumsum(self.sizes)
-        parts = [slice(a, b) for a, b in zip((ends - self.sizes)[mine], ends[mine], strict=True)]
-        values, deviations = ([of[p] for p in parts] for of in (self.values, self.deviations))
-        used = [self.used[p] for p in parts]
-        return Innovations(time, values, deviations, used, self.squares[mine])
+def _innovations(
+    found: Outcome, table: Table, events: _Events, i: int, *, kept: bool
+) -> Innovations:
+    """Return those of an observation."""
+    mine = np.flatnonzero(~np.isnan(found.squares[0]) & (events.kind == i))
+    time, squares = np.repeat(events.time, np.diff(events.first))[mine], found.squares[0, mine]
+    if not kept:
+        return Innovations(time, [], [], [], squares)
+    parts = [
+        np.arange(a, b)[~np.isnan(found.values[0, a:b])]
+        for a, b in zip(table.begins[mine], table.stops[mine], strict=True)
+    ]
+    values, deviations = ([of[0, p] for p in parts] for of in (found.values, found.deviations))
+    return Innovations(time, values, deviations, [found.used[0, p] for p in parts], squares)
 
 
 class ErrorStateFilter:
@@ -344,9 +280,8 @@ class ErrorStateFilter:
     ) -> None:  # fmt: skip
         errors = start.state.errors
         variances = np.concatenate([each.initial for each in observations])
-        whole = len(start.covariance) > errors
-        n = errors + len(variances) * whole
-        P0 = covariance("covariance", start.covariance, (n, n))
+        whole = errors + len(variances)
+        P0 = covariance("covariance", start.covariance, (errors, errors), (whole, whole))
         ends = np.cumsum([0, *(len(each.initial) for each in observations)])
         own = np.zeros(len(variances))
         first = replace(start.state, own=own)
@@ -356,7 +291,7 @@ class ErrorStateFilter:
         self._nominal = first if about is None else replace(about, own=own)
         self._error: Array = first.minus(self._nominal)
         self.time = start.time
-        self.covariance: Array = P0 if whole else block_diag(P0, np.diag(variances))
+        self.covariance: Array = P0 if len(P0) == whole else block_diag(P0, np.diag(variances))
         self.log_likelihood = 0.0
 
     @property
@@ -397,67 +332,32 @@ class ErrorStateFilter:
         self._go(None, events, known)
 
     def _go(
-        self, steps: Any, events: _Events, observations: Sequence[Any], *, kept: bool = False
-    ) -> _Found:
+        self, steps: Steps | None, events: _Events, observations: Sequence[Observation], *,
+        kept: bool = False,
+    ) -> tuple[Outcome, Table]:  # fmt: skip
         """Take events; without steps no time passes."""
-
-        def by_hand(*_: Any) -> tuple[Any, ...]:
-            return self._by_hand(steps, events, observations, kept)
-
-        # an iterated filter has no table, nor have observations of a kind of its user's
-        table = self._table(steps, events, observations)
-        run = by_hand if table is None else choose("error_state", by_hand)
-        found = _Found(*run(*(table or ()), kept))
-        self._nominal = type(self._nominal).of_row(found.state)
-        self.time, self.covariance, self._error = float(events.time[-1]), *found[-2:]
-        self.log_likelihood += found.likelihood
-        return found
-
-    def _table(
-        self, steps: Any, events: _Events, observations: Sequence[Any]
-    ) -> tuple[Any, ...] | None:
-        """Return what the compiled filter takes, or None."""
-        parts: list[Any] = [getattr(each, "components", None) for each in observations]
-        d = len(self._nominal.position)
-        iterated = self._feedback and self.iterations > 1
-        if iterated or any(part is None or len(part.arm) != d for part in parts):
-            return None
-        # places of components, and of measurements, among those of all observations
-        before = np.cumsum([0, *(len(part.told) for part in parts)])
-        begins, stops = (
-            np.concatenate([p.first[s] + b for p, b in zip(parts, before, strict=False)])
-            for s in (slice(-1), slice(1, None))
-        )
-        rows = np.cumsum([0, *(len(part.first) - 1 for part in parts)])[events.kind] + events.row
-        counts = np.diff(before)
-        vectors = np.concatenate([part.vector for part in parts])
-        arms = np.repeat([part.arm for part in parts], counts, axis=0)
-        own = np.concatenate([
-            np.where(part.own < 0, -1, part.own + own.start)
-            for part, own in zip(parts, self._own, strict=True)
-        ])  # fmt: skip
-        factors, gained = self._coloured(steps, events.time, observations)
-        nothing = np.zeros(1, dtype=int)
-        motion = (
-            (np.zeros((0, 7 if d > 2 else 3)), nothing, np.zeros(4))
-            if steps is None
-            else (np.ascontiguousarray(steps.pieces), steps.ends, steps.densities)
-        )
-        return (
-            *motion, self._nominal.row, self.covariance, self._error, factors, gained,
-            events.first, begins[rows], stops[rows],
-            np.repeat([part.kind for part in parts], counts), _wide(vectors), _wide(arms),
-            np.concatenate([part.told for part in parts]),
-            np.concatenate([part.variance for part in parts]), own,
-            float(self.gate), self._feedback,
+        parts = [each.components for each in observations]
+        sensors = list(dict.fromkeys(part.sensor for part in parts)) or [position]
+        table = _table(parts, self._own, sensors, self.gate, events)
+        found = run_table(
+            type(self.state), _still(self.state, len(events.time)) if steps is None else steps,
+            (self._nominal.row[None], self.covariance[None], self._error[None]),
+            self._coloured(steps, events.time, observations), sensors, table,
+            mode=AT_ONCE if self._feedback else BESIDE, kept=2 * kept,
+            iterations=self.iterations if self._feedback else 1,
         )  # fmt: skip
+        self._nominal = type(self._nominal).of_row(found.state[0])
+        self.time, self.covariance = float(events.time[-1]), found.covariance[0]
+        self._error = found.error[0]
+        self.log_likelihood += float(found.likelihoods[0])
+        return found, table
 
     def _coloured(
-        self, steps: Any, times: Array, observations: Sequence[Any]
+        self, steps: Steps | None, times: Array, observations: Sequence[Observation]
     ) -> tuple[Array, Array]:
         """Return factors and gained variances of all own states, (events, states)."""
         shape = len(times), len(self.covariance) - self._nominal.errors
-        if steps is None:
+        if steps is None or not shape[1]:
             return np.ones(shape), np.zeros(shape)
         passed = np.diff(times, prepend=self.time)[:, None]
         moved = [each.transition(passed) for each in observations]
@@ -468,125 +368,57 @@ class ErrorStateFilter:
         factors, gained = (np.concatenate(parts, axis=1) for parts in zip(*wide, strict=True))
         return factors, gained
 
-    def _by_hand(
-        self, steps: Any, events: _Events, observations: Sequence[Any], kept: bool
-    ) -> tuple[Any, ...]:
-        """Return what `_Found` holds, by numpy, an event at a time."""
-        states, before, filtered, priors, transitions = ([] for _ in range(5))
-        taken: list[tuple[Array, Array, Mask, float] | None] = []
-        begin = self.log_likelihood
-        for k, time in enumerate(events.time.tolist()):
-            if steps is not None:
-                transition = self._ahead(steps, k, time)
-            if kept:
-                before.append(self.state.row)
-                priors.append(self.covariance)
-                transitions.append(transition)
-            for j in range(events.first[k], events.first[k + 1]):
-                i = events.kind[j]
-                taken.append(self._measure(i, observations[i], int(events.row[j])))
-            if kept:
-                states.append(self.state.row)
-                filtered.append(self.covariance)
-        n, numbers = len(self.covariance), len(self._nominal.row)
-        there = [each for each in taken if each is not None]
-        values, deviations, used = (
-            (
-                np.concatenate([np.zeros(0), *column])
-                for column in list(zip(*there, strict=True))[:3]
-            )
-            if there
-            else np.zeros((3, 0))
-        )
-        likelihood, self.log_likelihood = self.log_likelihood - begin, begin
-        return (
-            np.reshape(states, (-1, numbers)), np.reshape(before, (-1, numbers)),
-            *(np.reshape(each, (-1, n, n)) for each in (filtered, priors, transitions)),
-            np.array([0 if each is None else len(each[0]) for each in taken], dtype=int),
-            values, deviations, used.astype(bool),
-            np.array([np.nan if each is None else each[3] for each in taken]),
-            likelihood, self._nominal.row, self.covariance, self._error,
-        )  # fmt: skip
 
-    def _ahead(self, steps: Any, k: int, time: float) -> Array:
-        """Go to the end of step k, and return the transition."""
-        ahead, Phi, Q = steps.ahead(k, self._nominal)
-        moved = [each.transition(time - self.time) for each in self.observations]
-        factor, gained = (np.concatenate(parts) for parts in zip(*moved, strict=True))
-        n, errors = len(self.covariance), len(Phi)
-        whole = np.zeros((n, n))
-        whole[:errors, :errors] = Phi
-        whole.flat[errors * (n + 1) :: n + 1] = factor
-        P = whole @ self.covariance @ whole.T
-        P[:errors, :errors] += Q
-        P.flat[errors * (n + 1) :: n + 1] += gained
-        self._nominal = replace(ahead, own=factor * self._nominal.own)
-        self._error = whole @ self._error
-        self.time, self.covariance = time, P
-        return whole
+def _table(
+    parts: Sequence[Components], own: Sequence[slice], sensors: list[Any], gate: float,
+    events: _Events,
+) -> Table:  # fmt: skip
+    """Return the components of all observations; a gate is a sensor's own or that of the run."""
+    # places of components, and of measurements, among those of all observations
+    before = np.cumsum([0, *(len(part.told) for part in parts)])
+    counts, zero = np.diff(before), np.zeros(0, dtype=int)
+    begins, stops = (
+        np.concatenate(
+            [zero, *(p.first[s] + b for p, b in zip(parts, before, strict=False))]
+        ).astype(np.int64)
+        for s in (slice(-1), slice(1, None))
+    )
+    rows = np.cumsum([0, *(len(part.first) - 1 for part in parts)])[events.kind] + events.row
+    data = np.zeros((before[-1], max((part.data.shape[1] for part in parts), default=0)))
+    for part, b in zip(parts, before, strict=False):
+        data[b : b + len(part.told), : part.data.shape[1]] = part.data
+    noise = np.concatenate([np.zeros((0, 3)), *(part.noise for part in parts)])
+    noise[:, 1] = np.minimum(noise[:, 1], gate)
 
-    def _measure(
-        self, i: int, observation: Observation, k: int
-    ) -> tuple[Array, Array, Mask, float] | None:
-        """Take a measurement; return its innovation, deviations, what is used, and NIS."""
-        got, rows = self._expected(i, observation, k, self._nominal)
-        if got is None:
-            return None
-        value = got.value - rows @ self._error
-        S = rows @ self.covariance @ rows.T + got.noise
-        variances = np.diag(S)
-        used = value**2 <= self.gate * variances
-        size = float(value @ np.linalg.solve(S, value))
-        self.log_likelihood += self._log_likelihood(value, S, used, size)
-        if used.any():
-            self._update(i, observation, k, used, got, rows)
-        return value, np.sqrt(variances), used, size / len(value)
+    def spread(rows: list[Any], size: int) -> Array:
+        return np.repeat(np.reshape(rows, (-1, size)).astype(float), counts, axis=0)
 
-    def _log_likelihood(self, value: Array, S: Array, used: Mask, size: float) -> float:
-        """Return that of an innovation; a component beyond the gate counts as one at the gate."""
-        beyond = 0.0
-        if not used.all():
-            out = np.diag(S)[~used]
-            beyond = float(np.sum(self.gate + np.log(2 * np.pi * out)))
-            value, S = value[used], S[np.ix_(used, used)]
-            size = float(value @ np.linalg.solve(S, value))
-        return -0.5 * (size + float(np.linalg.slogdet(2 * np.pi * S)[1]) + beyond)
-
-    def _update(
-        self, i: int, observation: Observation, k: int, used: Mask, got: Innovation, rows: Array
-    ) -> None:
-        """Correct the state; in each iteration but the first all is linearised anew."""
-        P, begin, nominal, correction = self.covariance, self._nominal, self._nominal, self._error
-        for iteration in range(self.iterations if self._feedback else 1):
-            if iteration:
-                nominal = begin.plus(correction)
-                got, rows = self._expected(i, observation, k, nominal)
-            H, R = (rows, got.noise) if used.all() else (rows[used], got.noise[np.ix_(used, used)])
-            gain = np.linalg.solve(H @ P @ H.T + R, H @ P).T
-            before = begin.minus(nominal) if iteration else self._error
-            value = got.value[used] - H @ before
-            correction = gain @ value if self._feedback else self._error + gain @ value
-        left = np.eye(len(P)) - gain @ H
-        P = left @ P @ left.T + gain @ R @ gain.T
-        self.covariance = 0.5 * (P + P.T)
-        if self._feedback:
-            self._nominal = begin.plus(correction)
-        else:
-            self._error = correction
-
-    def _expected(self, i: int, observation: Observation, k: int, state: Any) -> tuple[Any, Array]:
-        own = self._own[i]
-        got = observation.innovation(k, state, state.own[own])
-        if got is None:
-            return None, np.empty(0)
-        rows = np.zeros((len(got.value), len(self.covariance)))
-        rows[:, : state.errors] = got.rows
-        rows[:, state.errors + own.start : state.errors + own.stop] = got.own
-        return got, rows
+    kinds = np.repeat([sensors.index(part.sensor) for part in parts], counts).astype(np.int64)
+    return Table(
+        events.first, begins[rows], stops[rows], kinds, data,
+        spread([part.arm for part in parts], 3), noise,
+        spread([[s.start, s.stop - s.start] for s in own], 2),
+        np.concatenate([np.zeros(0), *(part.told for part in parts)])[None],
+    )  # fmt: skip
 
 
-def _wide(vectors: Array) -> Array:
-    """Return vectors (rows, 2 or 3) with three coordinates, of which the third may be zero."""
-    wide = np.zeros((len(vectors), 3))
-    wide[:, : vectors.shape[1]] = vectors
-    return wide
+def _still(state: Any, events: int) -> Steps:
+    """Return steps in which no time passes."""
+    nothing = np.zeros((1, 0, 3 if state.errors > 5 else 2))
+    return Steps(np.zeros(0), nothing, nothing, np.zeros(events, dtype=int), np.zeros(4))
+
+
+class _States(Sequence[Any]):
+    """States that are made of their numbers when they are asked for."""
+
+    def __init__(self, make: Any, rows: Array) -> None:
+        self._make, self._rows = make, rows
+
+    def __len__(self) -> int:
+        return len(self._rows)
+
+    def __getitem__(self, k: Any) -> Any:
+        """Return one, or a list of some."""
+        if isinstance(k, slice):
+            return [self._make(row) for row in self._rows[k]]
+        return self._make(self._rows[k])

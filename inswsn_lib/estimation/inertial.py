@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
 
 from inswsn_lib.checks import Array
-from inswsn_lib.estimation.mechanization import ERRORS, advance, cut, rotation_vector, turned
-from inswsn_lib.streams import Imu, Whole
+from inswsn_lib.estimation.earth import Earth
+from inswsn_lib.estimation.mechanization import ERRORS, cut, rotation_vector, skew, turned
+from inswsn_lib.estimation.steps import Steps
+from inswsn_lib.streams import Imu
 
 POSITION, VELOCITY, ATTITUDE = slice(0, 3), slice(3, 6), slice(6, 9)
 FORCE_BIAS, RATE_BIAS = slice(9, 12), slice(12, 15)
@@ -136,42 +138,29 @@ class InertialMotion:
     ----------
     imu : Imu
     noise : ImuNoise
+    earth : Earth, optional
+        Without one the frame is flat and does not turn.
+    substep : float
+        For how long at most the covariance is carried in one step, s. White noise comes half before
+        a step and half after it; ...
     """
 
     imu: Imu
     noise: ImuNoise
+    earth: Earth | None = None
+    substep: float = 0.2
 
-    def between(self, begin: float, events: Array) -> InertialSteps:
+    def between(self, begin: float, events: Array) -> Steps:
         """Return the steps from a time to the first event, and from each to the next.
 
         :meta private:
         """
-        return InertialSteps(
-            *cut(self.imu.time, self.imu.rate, self.imu.force, begin, events),
-            np.array(
-                [getattr(self.noise, n) for n in ("force", "rate", "force_walk", "rate_walk")]
-            ),
+        lengths, of, ends = cut(self.imu.time, begin, events)
+        rates, forces = (
+            0.5 * (values[of - 1] + values[of])[None] for values in (self.imu.rate, self.imu.force)
         )
-
-
-@dataclass(frozen=True, eq=False)
-class InertialSteps:
-    """The integration from one event to the next; `pieces` and `ends` are those of `cut`."""
-
-    pieces: Array
-    ends: Whole
-    densities: Array
-
-    def ahead(self, k: int, state: InertialState) -> tuple[InertialState, Array, Array]:
-        """Return the state at event k, from that before it, with transition and covariance."""
-        p, v, R, Phi, Q = advance(
-            state.position, state.velocity, state.attitude, state.force_bias, state.rate_bias,
-            self.pieces[self.ends[k - 1] if k else 0 : self.ends[k]], self.densities,
+        names = ("force", "rate", "force_walk", "rate_walk")
+        return Steps(
+            lengths, rates, forces, ends, np.array([getattr(self.noise, n) for n in names]),
+            substep=self.substep, earth=np.zeros(4) if self.earth is None else self.earth.numbers,
         )  # fmt: skip
-        return replace(state, position=p, velocity=v, attitude=R), Phi, Q
-
-
-def skew(vector: Array) -> Array:
-    """Return the matrix (3, 3) of the cross product with a vector from the left."""
-    x, y, z = vector
-    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])

@@ -1,8 +1,7 @@
-r"""Strapdown mechanization in a level frame that does not turn, with the transition of its errors.
+r"""Strapdown mechanization in a level frame, fixed to a turning `Earth` or to a flat one at rest.
 
-For the minutes and metres of a tag in a room, or of a car between satellite fixes, the turn of the
-Earth is below the noise of the sensors that this room is for: 15 degrees an hour is 7e-5 rad/s, and
-is taken up by the biases of the gyroscopes. `inswsn_lib.vehicle` has it.
+Flat, the turn of the Earth, 7e-5 rad/s, is taken up by the biases of the gyroscopes; for the
+minutes and metres of a tag in a room it is below their noise.
 
 The errors are those of Sola, "Quaternion kinematics for the error-state Kalman filter" (2017),
 section 5: the true attitude is :math:`R \exp([\theta]_\times)`, a turn about axes of the body,
@@ -20,6 +19,7 @@ import math
 import numpy as np
 
 from inswsn_lib.checks import Array
+from inswsn_lib.estimation.earth import AXIS, RATE, over
 from inswsn_lib.streams import Whole
 
 #: Standard gravity, m/s^2; what is missing to that of the place is in the accelerometers' biases
@@ -28,31 +28,35 @@ GRAVITY = 9.80665
 ERRORS = 15
 
 
-def cut(time: Array, rate: Array, force: Array, begin: float, events: Array) -> tuple[Array, Whole]:
-    """Return pieces from a time to the last of some events, which lie at ends of pieces.
+def cut(time: Array, begin: float, events: Array) -> tuple[Array, Whole, Whole]:
+    """Return the lengths of pieces from a time to the last of some events, which lie at their ends.
 
-    A piece, (7,), is its length, s, and the means of rate and force at both ends of the interval of
-    samples that it is of. With them is told how many lie before each event.
+    With them are told the row of the samples' interval in which each lies, and how many lie before
+    each event.
     """
-    inside = time[(time > begin) & (time < events[-1])]
-    edges = np.unique(np.concatenate([[begin], inside, events]))
-    # the interval of samples in which a piece lies; the first and the last go on beyond their ends
+    inside = time[slice(*np.searchsorted(time, [begin, events[-1]], side="right"))]
+    inside = inside[inside < events[-1]]
+    edges = np.union1d(inside, np.append(events, begin))
+    # the first and the last interval go on beyond their ends
     of = np.clip(np.searchsorted(time, edges[:-1], side="right"), 1, len(time) - 1)
-    means = [0.5 * (values[of - 1] + values[of]) for values in (rate, force)]
-    return np.column_stack([np.diff(edges), *means]), np.searchsorted(edges, events)
+    return np.diff(edges), of, np.searchsorted(edges, events)
 
 
 def turned(angle: Array) -> Array:
-    """Return the rotation matrix of a rotation vector (3,), rad, by Rodrigues' formula."""
-    size = np.sqrt((angle * angle).sum())
-    cross = np.array(
-        [[0.0, -angle[2], angle[1]], [angle[2], 0.0, -angle[0]], [-angle[1], angle[0], 0.0]]
-    )
-    if size < 1e-6:
-        first, second = 1.0, 0.5
-    else:
-        first, second = np.sin(size) / size, (1 - np.cos(size)) / size**2
-    found: Array = np.eye(3) + first * cross + second * cross @ cross
+    """Return rotation matrices, (..., 3, 3), of rotation vectors (..., 3), rad, by Rodrigues."""
+    x, y, z = np.moveaxis(np.asarray(angle, dtype=float), -1, 0)
+    square = x * x + y * y + z * z
+    size = np.sqrt(square)
+    small = size < 1e-4
+    safe = np.where(small, 1.0, size)
+    a = np.where(small, 1 - square / 6, np.sin(safe) / safe)
+    b = np.where(small, 0.5 - square / 24, (1 - np.cos(safe)) / safe**2)
+    found = np.empty((*square.shape, 3, 3))
+    found[..., 0, 0] = 1 - b * (y * y + z * z)
+    found[..., 1, 1] = 1 - b * (x * x + z * z)
+    found[..., 2, 2] = 1 - b * (x * x + y * y)
+    for i, j, product, sine in ((0, 1, x * y, z), (1, 2, y * z, x), (2, 0, x * z, y)):
+        found[..., i, j], found[..., j, i] = b * product - a * sine, b * product + a * sine
     return found
 
 
@@ -79,39 +83,111 @@ def rotation_vector(turn: Array) -> Array:
     return np.array(vector) * (angle / sine if sine else 0.0)
 
 
-def advance(
-    p: Array, v: Array, R: Array, accelerometer: Array, gyro: Array, pieces: Array, noise: Array
-) -> tuple[Array, Array, Array, Array, Array]:  # fmt: skip
-    """Integrate over pieces; return position, velocity, attitude, transition and covariance.
+def skew(vector: Array) -> Array:
+    """Return the matrices (..., 3, 3) of the cross product with vectors (..., 3) from the left."""
+    x, y, z = np.moveaxis(vector, -1, 0)
+    zero = np.zeros_like(x)
+    rows = [[zero, -z, y], [z, zero, -x], [-y, x, zero]]
+    return np.moveaxis(np.array(rows), (0, 1), (-2, -1))
 
-    `noise` has the densities of accelerometers and gyroscopes and of the walks of their biases.
+
+def advance(
+    x: Array, pieces: tuple[Array, Array, Array], increments: bool, densities: Array, earth: Array
+) -> tuple[Array, Array, Array]:
+    """Integrate states over some pieces; return them, the transition, and half of the noise.
+
+    Sums over the samples are those of `kernels.error_state`, which explains them. `pieces` are
+    lengths, rates and forces, (runs, pieces, 3) each; where they are `increments`, integrals over a
+    piece, the force in axes of the body at its beginning.
     """
-    down = np.array([0.0, 0.0, -GRAVITY])
-    Phi, Q, F = np.eye(ERRORS), np.zeros((ERRORS, ERRORS)), np.eye(ERRORS)
-    p, v, R = p.copy(), v.copy(), R.copy()
-    for piece in pieces:
-        T, f, turn = piece[0], piece[4:] - accelerometer, (piece[1:4] - gyro) * piece[0]
-        middle = R @ turned(0.5 * turn)
-        acceleration = middle @ f + down
-        cross = np.array([[0.0, -f[2], f[1]], [f[2], 0.0, -f[0]], [-f[1], f[0], 0.0]])
-        for i in range(3):
-            F[i, 3 + i] = T
-        # of the error of the attitude half a piece later
-        tilted, half = -T * (middle @ cross), turned(0.5 * turn).T
-        F[3:6, 6:9] = tilted @ half
-        F[3:6, 9:12] = -T * middle
-        F[3:6, 12:15] = -0.5 * T * tilted
-        F[:3, 6:15] = 0.5 * T * F[3:6, 6:15]
-        F[6:9, 6:9] = turned(turn).T
-        F[6:9, 12:15] = -T * half
-        Phi = F @ Phi
-        Q = F @ Q @ F.T
-        for i in range(3):
-            Q[3 + i, 3 + i] += noise[0] ** 2 * T
-            Q[6 + i, 6 + i] += noise[1] ** 2 * T
-            Q[9 + i, 9 + i] += noise[2] ** 2 * T
-            Q[12 + i, 12 + i] += noise[3] ** 2 * T
-        p += T * v + 0.5 * T**2 * acceleration
-        v += T * acceleration
-        R = R @ turned(turn)
-    return p, v, R, Phi, Q
+    T, rates, forces = pieces
+    T, long = T[:, None], float(T.sum())
+    R0, (force_bias, rate_bias) = (
+        x[:, 6:15].reshape(-1, 3, 3),
+        (x[:, None, 15:18], x[:, None, 18:21]),
+    )
+    if increments:
+        turns, pushes = rates - rate_bias * T, forces - force_bias * T
+    else:
+        turns = (rates - rate_bias) * T
+        pushes = (turned(0.5 * turns) @ ((forces - force_bias) * T)[..., None])[..., 0]
+    R, steps = [R0], turned(turns)
+    for k in range(len(T)):
+        R.append(R[-1] @ steps[:, k])
+    begun, ended = np.stack(R[:-1], axis=1), np.stack(R[1:], axis=1)
+    wide = T[:, :, None]
+    dv, dA = (begun @ pushes[..., None])[..., 0], 0.5 * wide * (begun + ended)
+    A = np.cumsum(dA, axis=1) - 0.5 * dA
+    dB = skew(dv) @ A
+    V, B = dv.sum(axis=1), dB.sum(axis=1)
+    S = (T * (np.cumsum(dv, axis=1) - 0.5 * dv)).sum(axis=1)
+    AA, BB = (wide * A).sum(axis=1), (wide * (np.cumsum(dB, axis=1) - 0.5 * dB)).sum(axis=1)
+    A, Rt = dA.sum(axis=1), np.swapaxes(R[-1], 1, 2)
+    return (
+        _moved(x, long, R[-1], V, S, earth),
+        _transition(long, R0, Rt, V, S, A, AA, B, BB, earth),
+        np.diag(0.5 * long * np.repeat([0.0, *np.square(densities)], 3)),
+    )
+
+
+def _moved(x: Array, T: float, R: Array, V: Array, S: Array, earth: Array) -> Array:
+    """Return the states after a step."""
+    rate = _rate(earth)
+    pull = gravity(x[:, :3] + 0.5 * T * x[:, 3:6], earth)
+    way = T * x[:, 3:6] + S + 0.5 * T**2 * pull
+    # Coriolis, and what turns the force while the frame turns: the integral of t R f is T V - S
+    pull = pull - np.cross(rate, 2 * way + T * V - S) / T
+    moved = x.copy()
+    moved[:, :3] += T * x[:, 3:6] + S + 0.5 * T**2 * pull
+    moved[:, 3:6] += V + T * pull
+    moved[:, 6:15] = (turned(-T * rate) @ R).reshape(-1, 9)
+    return moved
+
+
+def _transition(
+    T: float, R0: Array, Rt: Array, V: Array, S: Array, A: Array, AA: Array, B: Array, BB: Array,
+    earth: Array,
+) -> Array:  # fmt: skip
+    Phi = np.tile(np.eye(ERRORS), (len(R0), 1, 1))
+    Phi[:, 0:3, 3:6] += T * np.eye(3)
+    Phi[:, 0:3, 6:9], Phi[:, 3:6, 6:9] = -skew(S) @ R0, -skew(V) @ R0
+    Phi[:, 0:3, 9:12], Phi[:, 3:6, 9:12] = -AA, -A
+    Phi[:, 0:3, 12:15], Phi[:, 3:6, 12:15] = BB, B
+    Phi[:, 6:9, 6:9], Phi[:, 6:9, 12:15] = Rt @ R0, -Rt @ A
+    if earth[3]:
+        size = T * np.linalg.norm(gravity(np.zeros((1, 3)), earth)) / AXIS
+        Phi[:, 3:6, 3:6] -= 2 * T * skew(_rate(earth))
+        Phi[:, 3:6, 0:3] += np.diag([-size, -size, 2 * size])
+    return Phi
+
+
+def _rate(earth: Array) -> Array:
+    return np.array([0.0, RATE * earth[0], RATE * earth[1]])
+
+
+def gravity(place: Array, earth: Array) -> Array:
+    """Return gravity at places in a frame, (..., 3), by the numbers of an `Earth` or four zeros."""
+    if not earth[3]:
+        return np.array([0.0, 0.0, -GRAVITY]) + np.zeros_like(place)
+    return over(place, earth)[0].gravity
+
+
+def reckon(
+    x: Array, pieces: tuple[Array, Array, Array], densities: Array
+) -> tuple[Array, Array, Array]:
+    """Go along a piece on the plane; return states, transition and covariance."""
+    lengths, rates, _ = pieces
+    T, speed, rate = float(lengths[0]), rates[:, 0, 0], rates[:, 0, 1]
+    way, turn = T * speed * (1 + x[:, 3]), T * (rate - x[:, 4])
+    c, s = np.cos(x[:, 2] + turn / 2), np.sin(x[:, 2] + turn / 2)
+    F, G = np.tile(np.eye(5), (len(x), 1, 1)), np.zeros((len(x), 5, 4))
+    F[:, 0, 2], F[:, 1, 2], F[:, 0, 3], F[:, 1, 3] = -way * s, way * c, T * speed * c, T * speed * s
+    F[:, 0, 4], F[:, 1, 4], F[:, 2, 4] = way * T / 2 * s, -way * T / 2 * c, -T
+    G[:, 0, 0], G[:, 1, 0], G[:, 2, 1] = T * c, T * s, T
+    G[:, 0, 1], G[:, 1, 1] = -way * T / 2 * s, way * T / 2 * c
+    G[:, 3, 2] = G[:, 4, 3] = T
+    moved = x.copy()
+    moved[:, 0], moved[:, 1] = x[:, 0] + way * c, x[:, 1] + way * s
+    moved[:, 2], moved[:, 5] = x[:, 2] + turn, speed
+    # densities are squared over the length of the piece
+    return moved, F, (G * np.square(densities) / T) @ np.swapaxes(G, 1, 2)

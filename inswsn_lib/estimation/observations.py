@@ -1,24 +1,187 @@
-"""What a filter can be given: fixes, ranges, velocities, and that a body stands still or rolls."""
+"""What a filter can be given: fixes, ranges, velocities, headings, wheels, and a user's own."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
 from inswsn_lib.checks import Array
-from inswsn_lib.estimation.error_state import Components, Innovation
+from inswsn_lib.estimation import sensors
+from inswsn_lib.estimation.earth import Earth
+from inswsn_lib.estimation.plain import expected, wrapped
 from inswsn_lib.streams import Fixes, Ranges, Whole
 
 _NONE = np.zeros(0)
-# Kinds of components
-_PLACE, _RANGE, _VELOCITY, _ACROSS = range(4)
+
+
+class Innovation(NamedTuple):
+    """A measurement less what was expected of it.
+
+    Attributes
+    ----------
+    value : ndarray, (m,)
+    rows : ndarray, (m, errors)
+        Derivatives of what is expected by the errors of the motion.
+    own : ndarray, (m, states)
+        The same by the observation's own states.
+    noise : ndarray, (m, m)
+        Covariance of the measurement.
+    """
+
+    value: Array
+    rows: Array
+    own: Array
+    noise: Array
+
+
+class Components(NamedTuple):
+    """Measurements as a table of their components, which the filter reads."""
+
+    first: Whole  # (measurements + 1,), of the components of each
+    sensor: Callable[..., Any]  # of `sensors`, or a user's
+    data: Array  # (components, numbers), for the sensor
+    arm: Array  # (3,), the lever arm
+    told: Array  # (components,); NaN where missing
+    noise: Array  # (components, 3): variance, gate, and after what a value repeats, or 0
+
+
+class Observation(Protocol):
+    """Measurements of one kind, and the states that they need for themselves.
+
+    A user's own is a `Sensor`.
+    """
+
+    @property
+    def time(self) -> Array:
+        """When there is one, s, increasing."""
+
+    @property
+    def initial(self) -> Array:
+        """Variances of its own states at the start, (states,)."""
+
+    @property
+    def components(self) -> Components:
+        """The measurements as a table.
+
+        :meta private:
+        """
+
+    def transition(self, dt: Any) -> tuple[Array, Array]:
+        """Return by what its own states are multiplied, and the variance they gain, in a time."""
+
+    def innovation(self, k: int, state: Any, own: Array) -> Innovation | None:
+        """Return the innovation of its measurement k, or None if nothing was measured."""
+
+
+class _Observed:
+    """What follows from a table."""
+
+    @property
+    def initial(self) -> Array:
+        """Variances of its own states at the start, (states,)."""
+        return _NONE
+
+    def transition(self, dt: Any) -> tuple[Array, Array]:
+        """Return by what its own states are multiplied, and the variance they gain, in a time."""
+        constant = np.full(len(self.initial), np.inf)
+        return gauss_markov(dt, getattr(self, "times", constant), np.sqrt(self.initial))
+
+    def innovation(self: Any, k: int, state: Any, own: Array) -> Innovation | None:
+        """Return the innovation of its measurement k, or None if nothing was measured."""
+        table, d = self.components, state.errors
+        part = np.arange(*table.first[k : k + 2])
+        part = part[~np.isnan(table.told[part])]
+        if not part.size:
+            return None
+        count = len(state.row) - len(state.own)
+        x = np.concatenate([state.row[:count], own])[None]
+        owns = np.tile([0.0, len(own)], (len(part), 1))
+        arms = np.tile(table.arm, (len(part), 1))
+        found, H = expected(
+            x, d, d + len(own), [table.sensor] * len(part), table.data[part], arms, owns
+        )
+        value = wrapped(table.told[part] - found[0], table.noise[part, 2])
+        return Innovation(value, H[0, :, :d], H[0, :, d:], np.diag(table.noise[part, 0]))
 
 
 @dataclass(frozen=True, eq=False)
-class PositionFixes:
+class Sensor(_Observed):
+    """Measurements by a user's own sensor: a function; see `inswsn_lib.estimation.sensors`.
+
+    Attributes
+    ----------
+    function : callable
+        From the state, the sensor's own states, data and a row to be filled, to what is expected of
+        a component. It is compiled where there is numba, so it stands in a module.
+    time : ndarray, (rows,)
+        s.
+    told : ndarray, (rows, m)
+        What was measured; NaN where missing.
+    white : ndarray, (m,) or (rows, m)
+        Standard deviations.
+    data : ndarray, (m, numbers) or (rows, m, numbers)
+        What the function is told of each component.
+    deviations, times : ndarray, (states,)
+        Of its own states at the start, and their correlation times, s: infinite for constants.
+    lever_arm : ndarray, (3,)
+        From the IMU, in axes of the body, m.
+    gate : float
+        As that of `run_error_state`, for this sensor.
+    period : float
+        After what a value repeats, such as a whole turn; 0 for none.
+
+    Examples
+    --------
+    A barometer, whose height has a lasting error:
+
+    >>> import numpy as np
+    >>> from inswsn_lib import estimation as est
+    >>> def height(x, own, data, row):
+    ...     row[2] = row[15] = 1.0
+    ...     return x[2] + own[0]
+    >>> t, bias = np.arange(1.0, 5.0), {"deviations": np.array([3.0]), "times": np.array([1e3])}
+    >>> heard = est.Sensor(height, t, np.full((4, 1), 20.0), np.array([0.5]), **bias)
+    >>> state = est.InertialState(np.array([0.0, 0.0, 18.5]), np.zeros(3), np.eye(3))
+    >>> got = heard.innovation(0, state, own=np.array([1.0]))
+    >>> got.value.tolist(), got.own.tolist()
+    ([0.5], [[1.0]])
+    """
+
+    function: Callable[..., Any]
+    time: Array
+    told: Array
+    white: Array
+    data: Array = field(default_factory=lambda: np.zeros((1, 0)))
+    deviations: Array = field(default_factory=lambda: _NONE)
+    times: Array = field(default_factory=lambda: _NONE)
+    lever_arm: Array = field(default_factory=lambda: np.zeros(3))
+    gate: float = np.inf
+    period: float = 0.0
+
+    @property
+    def initial(self) -> Array:
+        """Variances of its own states."""
+        return np.square(self.deviations)
+
+    @property
+    def components(self) -> Components:
+        """The measurements as a table.
+
+        :meta private:
+        """
+        shape = *self.told.shape, self.data.shape[-1]
+        data = np.broadcast_to(self.data, shape).reshape(self.told.size, shape[2])
+        return _table(
+            self.function, self.told, self.white, data, self.lever_arm, self.gate, self.period
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class PositionFixes(_Observed):
     r"""Fixes of the tag or antenna, whose errors are white, or coloured, or both.
 
     The coloured error is a Gauss-Markov process for each axis, a state of the filter,
@@ -53,38 +216,22 @@ class PositionFixes:
         """Variances of the coloured errors."""
         return np.square(self.coloured)
 
-    def transition(self, dt: float) -> tuple[Array, Array]:
-        """Return factors and gained variances of the coloured errors."""
-        return gauss_markov(dt, self.times, self.coloured)
-
     @property
     def components(self) -> Components:
         """The measurements as a table.
 
         :meta private:
         """
-        found = _along(_PLACE, self.fixes.position, np.eye(len(self.white)), self.white)
-        if len(self.coloured):
-            found.own[:, 1] = np.argmax(found.vector, axis=1)
-        return found._replace(arm=self.lever_arm)
-
-    def innovation(self, k: int, state: Any, own: Array) -> Innovation | None:
-        """Return the innovation of fix k; components that are NaN are left out."""
-        value, rows = state.antenna(self.lever_arm)
-        value = self.fixes.position[k] - value
-        there = ~np.isnan(value)
-        if not there.any():
-            return None
-        colours = np.eye(len(value))[:, : len(own)]
-        if len(own):
-            value = value - own
-        return Innovation(
-            value[there], rows[there], colours[there], np.diag(np.square(self.white)[there])
-        )
+        axes = np.eye(self.fixes.position.shape[1], 3)
+        own = np.where(len(self.coloured), np.arange(len(axes)), -1)
+        return _table(
+            sensors.position, self.fixes.position, self.white,
+            np.column_stack([axes, own]), self.lever_arm,
+        )  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
-class RangesToAnchors:
+class RangesToAnchors(_Observed):
     """Ranges from the tag to anchors: what a tightly coupled filter takes.
 
     Ranges of one time stamp are one measurement. Each anchor may have a constant bias and a
@@ -149,12 +296,9 @@ class RangesToAnchors:
         each = np.repeat(self._deviations, len(self.ranges.anchors))
         return np.asarray(np.square(np.append([self.scale] * bool(self.scale), each)))
 
-    def transition(self, dt: float) -> tuple[Array, Array]:
-        """Return factors and gained variances of the same."""
-        return gauss_markov(dt, self._times, np.sqrt(self.initial))
-
     @cached_property
-    def _times(self) -> Array:
+    def times(self) -> Array:
+        """Correlation times of the same, s."""
         times = [np.inf] * bool(self.bias) + [self.correlation_time] * bool(self.coloured)
         each = np.repeat(times, len(self.ranges.anchors))
         return np.append([np.inf] * bool(self.scale), each)
@@ -165,36 +309,23 @@ class RangesToAnchors:
 
         :meta private:
         """
-        count, scaled = len(self.ranges), int(bool(self.scale))
-        own = np.full((count, 3), -1)
-        own[:, 0] += scaled
+        of, count = self.ranges.anchor, len(self.ranges.anchors)
+        scaled = int(bool(self.scale))
+        data = np.full((len(of), 6), -1.0)
+        data[:, :3] = _wide(self.ranges.anchors)[of]
+        data[:, 3] += scaled
         for k in range(len(self._deviations)):
-            own[:, 1 + k] = scaled + k * len(self.ranges.anchors) + self.ranges.anchor
+            data[:, 4 + k] = scaled + k * count + of
+        noise = np.zeros((len(of), 3))
+        noise[:, 0], noise[:, 1] = self.white**2, np.inf
         return Components(
-            self._stamps[1], _RANGE, self.ranges.anchors[self.ranges.anchor], self.lever_arm,
-            self.ranges.distance, np.full(count, self.white**2), own,
+            self._stamps[1], sensors.distance, data, _wide(self.lever_arm), self.ranges.distance,
+            noise,
         )  # fmt: skip
-
-    def innovation(self, k: int, state: Any, own: Array) -> Innovation | None:
-        """Return the innovation of the ranges of stamp k."""
-        part = slice(*self._stamps[1][k : k + 2])
-        anchor = self.ranges.anchor[part]
-        tag, rows = state.antenna(self.lever_arm)
-        away = tag - self.ranges.anchors[anchor]
-        distance = np.linalg.norm(away, axis=1)
-        errors = np.zeros((len(anchor), len(own)))
-        first, factor = int(bool(self.scale)), 1.0
-        if first:
-            errors[:, 0], factor = distance, 1 + own[0]
-        for begin in range(first, len(own), len(self.ranges.anchors)):
-            errors[np.arange(len(anchor)), begin + anchor] = 1.0
-        value = self.ranges.distance[part] - distance - errors @ own
-        noise = self.white**2 * np.eye(len(anchor))
-        return Innovation(value, factor * away / distance[:, None] @ rows, errors, noise)
 
 
 @dataclass(frozen=True, eq=False)
-class Velocities:
+class Velocities(_Observed):
     """Velocities that were measured, white; with zeros, that the body stands still (ZUPT).
 
     Attributes
@@ -221,11 +352,6 @@ class Velocities:
     time: Array
     velocity: Array
     white: Array
-    initial: Array = field(default_factory=lambda: _NONE, init=False)
-
-    def transition(self, dt: float) -> tuple[Array, Array]:
-        """Return nothing: there is no state."""
-        return _NONE, _NONE
 
     @property
     def components(self) -> Components:
@@ -233,21 +359,12 @@ class Velocities:
 
         :meta private:
         """
-        return _along(_VELOCITY, self.velocity, np.eye(len(self.white)), self.white)
-
-    def innovation(self, k: int, state: Any, own: Array) -> Innovation | None:
-        """Return the innovation of row k."""
-        value, rows = state.moving()
-        value = self.velocity[k] - value
-        there = ~np.isnan(value)
-        if not there.any():
-            return None
-        noise = np.diag(np.square(self.white)[there])
-        return Innovation(value[there], rows[there], np.zeros((there.sum(), 0)), noise)
+        axes = np.eye(self.velocity.shape[1], 3)
+        return _table(sensors.velocity, self.velocity, self.white, axes)
 
 
 @dataclass(frozen=True, eq=False)
-class WheelSpeeds:
+class WheelSpeeds(_Observed):
     """Speeds by wheels, and that these do not slip to the side nor leave the ground.
 
     A vehicle's velocity in its own axes is (speed, 0, 0): the odometer's update and the
@@ -280,11 +397,6 @@ class WheelSpeeds:
     speed: Array
     axes: Array
     white: Array
-    initial: Array = field(default_factory=lambda: _NONE, init=False)
-
-    def transition(self, dt: float) -> tuple[Array, Array]:
-        """Return nothing: there is no state."""
-        return _NONE, _NONE
 
     @property
     def components(self) -> Components:
@@ -292,59 +404,93 @@ class WheelSpeeds:
 
         :meta private:
         """
-        rest = np.zeros((len(self.speed), 2))
-        told = np.column_stack([self.speed, rest])
-        return _along(_ACROSS, told, self.axes, self.white)
-
-    def innovation(self, k: int, state: Any, own: Array) -> Innovation:
-        """Return the innovation of row k."""
-        value, rows = state.moving_in(self.axes)
-        value = np.array([self.speed[k], 0.0, 0.0]) - value
-        there = ~np.isnan(value)
-        noise = np.diag(np.square(self.white)[there])
-        return Innovation(value[there], rows[there], np.zeros((there.sum(), 0)), noise)
+        told = np.column_stack([self.speed, np.zeros((len(self.speed), 2))])
+        data = np.column_stack([self.axes, np.zeros((3, 3)), np.full(3, -1.0)])
+        return _table(sensors.body_velocity, told, self.white, data)
 
 
-@dataclass(frozen=True)
-class Constants:
-    """States that nothing measures and that do not change: what is remembered of a start.
+@dataclass(frozen=True, eq=False)
+class Headings(_Observed):
+    """Headings by a compass, or by two antennas, which may have a constant bias.
 
     Attributes
     ----------
-    count : int
+    time : ndarray, (rows,)
+        s.
+    heading : ndarray, (rows,)
+        Of an axis of the body against x (east) to the left, rad; NaN where missing.
+    white : float or ndarray, (rows,)
+        Standard deviation, rad.
+    axis : ndarray, (3,)
+        In the body.
+    bias : float
+        Standard deviation of a constant bias, rad; 0 for none.
+    earth : Earth, optional
+        That of the motion: then east and north are those of the place.
+    gate : float
+        A heading the square of whose innovation is more than this many times its variance is left
+        out.
+
+    Examples
+    --------
+    A body that looks 0.1 rad too far to the right:
+
+    >>> import numpy as np
+    >>> from inswsn_lib import estimation as est
+    >>> compass = est.Headings(np.ones(1), np.array([0.1]), white=0.01)
+    >>> thought = est.InertialState(np.zeros(3), np.zeros(3), np.eye(3))
+    >>> got = compass.innovation(0, thought, own=np.zeros(0))
+    >>> got.value.tolist(), got.rows[0, 6:9].tolist()
+    ([0.1], [0.0, 0.0, 1.0])
     """
 
-    count: int
-    time: ClassVar[Array] = _NONE
+    time: Array
+    heading: Array
+    white: float | Array
+    axis: Array = field(default_factory=lambda: np.array([1.0, 0.0, 0.0]))
+    bias: float = 0.0
+    earth: Earth | None = None
+    gate: float = np.inf
 
     @property
     def initial(self) -> Array:
-        """Variances, which a start has that goes with them."""
-        return np.zeros(self.count)
-
-    def transition(self, dt: float) -> tuple[Array, Array]:
-        """Return that they stay."""
-        return np.ones(self.count), np.zeros(self.count)
+        """The variance of the bias."""
+        return np.array([self.bias**2] * bool(self.bias))
 
     @property
     def components(self) -> Components:
-        """An empty table.
+        """The measurements as a table.
 
         :meta private:
         """
-        return _along(_PLACE, np.zeros((0, 3)), np.eye(3), np.ones(3))._replace(arm=np.zeros(3))
+        numbers = np.zeros(4) if self.earth is None else self.earth.numbers
+        data = np.concatenate([self.axis, numbers, [float(bool(self.bias)) - 1, -1.0]])[None]
+        white = np.reshape(self.white, (-1, 1))
+        return _table(
+            sensors.heading, self.heading[:, None], white, data, gate=self.gate, period=2 * np.pi
+        )
 
-    def innovation(self, k: int, state: Any, own: Array) -> None:
-        """Return nothing."""
+
+def _table(
+    sensor: Callable[..., Any], told: Array, white: Array, data: Array,
+    arm: Array = _NONE, gate: float = np.inf, period: float = 0.0,
+) -> Components:  # fmt: skip
+    """Return components of what was told, (rows, m); data of each, or of one row for all."""
+    rows, m = told.shape
+    noise = np.empty((rows * m, 3))
+    noise[:, 0] = np.broadcast_to(np.square(white), told.shape).ravel()
+    noise[:, 1], noise[:, 2] = gate, period
+    every = data if len(data) == rows * m else np.tile(data, (rows, 1))
+    return Components(
+        m * np.arange(rows + 1), sensor, every.astype(float), _wide(arm), told.ravel(), noise
+    )
 
 
-def _along(kind: int, told: Array, axes: Array, white: Array) -> Components:
-    """Return the components along axes that are not NaN, of what was told (rows, axes)."""
-    row, axis = np.nonzero(~np.isnan(told))
-    first = np.searchsorted(row, np.arange(len(told) + 1))
-    own = np.full((len(row), 3), -1)
-    noise = np.square(white)[axis]
-    return Components(first, kind, axes[axis], np.zeros(len(axes)), told[row, axis], noise, own)
+def _wide(vectors: Array) -> Array:
+    """Return vectors (..., up to 3) with three coordinates, of which the rest are zero."""
+    wide = np.zeros((*vectors.shape[:-1], 3))
+    wide[..., : vectors.shape[-1]] = vectors
+    return wide
 
 
 def gauss_markov(dt: float, times: Array, deviations: Array) -> tuple[Array, Array]:

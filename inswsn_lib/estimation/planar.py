@@ -17,7 +17,8 @@ from typing import ClassVar
 import numpy as np
 
 from inswsn_lib.checks import Array
-from inswsn_lib.streams import Odometry, Whole
+from inswsn_lib.estimation.steps import Steps
+from inswsn_lib.streams import Odometry
 
 _X, _Y, _HEADING, _SCALE, _BIAS = range(5)
 
@@ -137,54 +138,18 @@ class OdometryMotion:
     odometry: Odometry
     noise: OdometryNoise
 
-    def between(self, begin: float, events: Array) -> OdometrySteps:
+    def between(self, begin: float, events: Array) -> Steps:
         """Return the steps from a time to the first event, and from each to the next.
 
         :meta private:
         """
         time = self.odometry.time
-        edges = np.unique(
-            np.concatenate([[begin], time[(time > begin) & (time < events[-1])], events])
-        )
+        edges = np.union1d(time[(time > begin) & (time < events[-1])], np.append(events, begin))
         # a row speaks of the interval that ends with it; after the last one it goes on
         of = np.minimum(np.searchsorted(time, edges[1:]), len(time) - 1)
         names = ("speed", "rate", "scale_walk", "rate_walk")
-        return OdometrySteps(
-            np.column_stack([np.diff(edges), self.odometry.speed[of], self.odometry.rate[of]]),
-            np.searchsorted(edges, events),
+        rates = np.column_stack([self.odometry.speed[of], self.odometry.rate[of]])[None]
+        return Steps(
+            np.diff(edges), rates, rates, np.searchsorted(edges, events),
             np.array([getattr(self.noise, name) for name in names]),
-        )
-
-
-@dataclass(frozen=True, eq=False)
-class OdometrySteps:
-    """Dead reckoning from one event to the next.
-
-    A piece, (3,), is its length, s, its speed and its rate; `ends` tells how many pieces lie before
-    each event.
-    """
-
-    pieces: Array
-    ends: Whole
-    densities: Array
-
-    def ahead(self, k: int, state: PlanarState) -> tuple[PlanarState, Array, Array]:
-        """Return the state at event k, from that before it, with transition and covariance."""
-        Phi, Q = np.eye(5), np.zeros((5, 5))
-        for T, speed, rate in self.pieces[self.ends[k - 1] if k else 0 : self.ends[k]].tolist():
-            way, turn = T * speed * (1 + state.scale), T * (rate - state.rate_bias)
-            middle = state.heading + turn / 2
-            ahead = np.array([np.cos(middle), np.sin(middle)])
-            left = np.array([-ahead[1], ahead[0]])
-            F, G = np.eye(5), np.zeros((5, 4))
-            F[:2, _HEADING], F[:2, _SCALE] = way * left, T * speed * ahead
-            F[:2, _BIAS], F[_HEADING, _BIAS] = -way * T / 2 * left, -T
-            G[:2, 0], G[:2, 1], G[_HEADING, 1] = T * ahead, way * T / 2 * left, T
-            G[_SCALE, 2] = G[_BIAS, 3] = T
-            # densities are squared over the length of the piece
-            Phi, Q = F @ Phi, F @ Q @ F.T + (G * np.square(self.densities) / T) @ G.T
-            state = replace(
-                state, position=state.position + way * ahead, heading=state.heading + turn,
-                speed=speed,
-            )  # fmt: skip
-        return state, Phi, Q
+        )  # fmt: skip

@@ -10,7 +10,8 @@ import numpy as np
 from inswsn_lib.checks import Array
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.estimation.alignment import LARGEST_HEADING
-from inswsn_lib.estimation.error_state import Observation, Start, run_error_state
+from inswsn_lib.estimation.error_state import Start, run_error_state
+from inswsn_lib.estimation.observations import Observation
 from inswsn_lib.estimation.planar import OdometryMotion, PlanarState
 
 _HEADINGS = 36

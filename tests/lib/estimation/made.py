@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,7 @@ from inswsn_lib.estimation import (
     PositionFixes,
     Start,
     Velocities,
+    run_error_state,
 )
 from inswsn_lib.estimation.mechanization import GRAVITY
 from inswsn_lib.streams import Fixes, Imu, Ranges
@@ -103,6 +105,14 @@ def ranges_of(path: Path, seconds: float, rng: np.random.Generator, deviation: f
     distance = np.linalg.norm(path.antenna(t) - ANCHORS[anchor], axis=1)
     noise = deviation * rng.standard_normal(len(t))
     return Ranges(t, anchor, distance + noise, ANCHORS, tuple("abcdef"))
+
+
+def ahead(motion: Any, begin: float, end: float, state: Any) -> tuple[Any, Array, Array]:
+    """Return the state at a later time, with transition and covariance from one that is certain."""
+    silent = Velocities(np.array([end]), np.full((1, 2), np.nan), np.ones(2))
+    start = Start(begin, state, np.zeros((state.errors, state.errors)))
+    found = run_error_state(motion, start, [silent])
+    return found.states[0], found.transitions[0], found.covariances[0]
 
 
 #: Of a cheap IMU: noises, and the largest biases, m/s^2 and rad/s

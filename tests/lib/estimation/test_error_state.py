@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from lib.estimation.made import ANCHORS, LEVER_ARM, Path, fixes_of, imu_of, ranges_of
+from lib.estimation.made import ANCHORS, LEVER_ARM, Path, ahead, fixes_of, imu_of, ranges_of
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.stats import chi2
@@ -86,7 +86,7 @@ def test_the_smoother_is_least_squares_over_everything(seed: int) -> None:
     They agree to what is left of linearisation: a twentieth of the standard deviation.
     """
     motion, start, ranges, times = planar_case(seed)
-    steps = motion.between(0.0, times)
+    edges = np.append(0.0, times)
     found = smooth(run_error_state(motion, start, [ranges], iterations=10))
 
     def residuals(x: Array) -> Array:
@@ -94,8 +94,8 @@ def test_the_smoother_is_least_squares_over_everything(seed: int) -> None:
         states = [start.state.plus(corrections[0])]
         parts = [corrections[0] / np.sqrt(np.diag(start.covariance))]
         for k in range(len(times)):
-            ahead, _, Q = steps.ahead(k, states[-1])
-            states.append(ahead.plus(corrections[k + 1]))
+            end, _, Q = ahead(motion, edges[k], times[k], states[-1])
+            states.append(end.plus(corrections[k + 1]))
             parts.append(np.linalg.solve(np.linalg.cholesky(Q), corrections[k + 1]))
             got = ranges.innovation(k, states[-1], np.zeros(0))
             parts.append(got.value / 0.03)
@@ -107,7 +107,7 @@ def test_the_smoother_is_least_squares_over_everything(seed: int) -> None:
     corrections, state = best.x.reshape(-1, 5), start.state
     state = state.plus(corrections[0])
     for k in range(len(times)):
-        state = steps.ahead(k, state)[0].plus(corrections[k + 1])
+        state = ahead(motion, edges[k], times[k], state)[0].plus(corrections[k + 1])
         deviation = np.sqrt(np.diag(found.covariances[k]))
         assert np.abs(found.states[k].minus(state) / deviation).max() < 0.05
 
@@ -119,13 +119,13 @@ def test_the_covariance_of_the_smoother_is_that_of_least_squares() -> None:
     n, K = 5, len(times)
     information = np.zeros((n * (K + 1), n * (K + 1)))
     information[:n, :n] = np.linalg.inv(start.covariance)
-    steps, state = motion.between(0.0, times), start.state
+    edges, state = np.append(0.0, times), start.state
     for k in range(K):
-        ahead, Phi, Q = steps.ahead(k, state)
+        end, Phi, Q = ahead(motion, edges[k], times[k], state)
         rows = np.zeros((n, n * (K + 1)))
         rows[:, n * k : n * k + n], rows[:, n * (k + 1) : n * (k + 2)] = -Phi, np.eye(n)
         information += rows.T @ np.linalg.solve(Q, rows)
-        got = ranges.innovation(k, ahead, np.zeros(0))
+        got = ranges.innovation(k, end, np.zeros(0))
         part = slice(n * (k + 1), n * (k + 2))
         information[part, part] += got.rows.T @ got.rows / 0.03**2
         state = filtered.states[k]
