@@ -1,4 +1,4 @@
-from .alignment import align as align, level as level
+from .alignment import align as align, known_start as known_start, level as level
 from .earth import Earth as Earth
 from .error_state import (
     ErrorStateFilter as ErrorStateFilter,

@@ -48,7 +48,7 @@ from inswsn_lib.estimation.sensors import position as place
 from inswsn_lib.streams import Imu
 
 #: Standard deviations that are assumed of position, velocity, attitude and both biases: wide
-WIDE = (1000.0, 30.0, 2.0, 0.3, 0.02)
+WIDE = (1000.0, 30.0, 2.0, 0.6, 0.06)
 #: A heading is told if its standard deviation is below this, degrees
 LARGEST_HEADING = 20.0
 _HEADINGS = 6

@@ -336,6 +336,9 @@ class Velocities(_Observed):
         m/s, in the frame of the recording; NaN where missing.
     white : ndarray, (d,)
         Standard deviations, m/s.
+    arm : ndarray, (rows, 3), optional
+        By how much the antenna is faster than the IMU, along axes of the body, m/s: the angular
+        rate times the lever arm. By default it is not.
 
     Examples
     --------
@@ -352,6 +355,7 @@ class Velocities(_Observed):
     time: Array
     velocity: Array
     white: Array
+    arm: Array | None = None
 
     @property
     def components(self) -> Components:
@@ -359,8 +363,10 @@ class Velocities(_Observed):
 
         :meta private:
         """
-        axes = np.eye(self.velocity.shape[1], 3)
-        return _table(sensors.velocity, self.velocity, self.white, axes)
+        rows, d = self.velocity.shape
+        arms = np.zeros((rows, 3)) if self.arm is None else self.arm
+        data = np.hstack([np.tile(np.eye(d, 3), (rows, 1)), np.repeat(arms, d, axis=0)])
+        return _table(sensors.velocity, self.velocity, self.white, data)
 
 
 @dataclass(frozen=True, eq=False)

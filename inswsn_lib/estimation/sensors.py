@@ -39,9 +39,19 @@ def position(x: Any, own: Any, data: Any, row: Any) -> Any:
 
 
 def velocity(x: Any, own: Any, data: Any, row: Any) -> Any:
-    """Return the velocity along an axis of the frame, which is `data`."""
+    """Return the velocity along an axis of the frame, `data[:3]`.
+
+    It is that of an antenna that moves against the IMU by `data[3:]` along axes of the body.
+    """
     row[3], row[4], row[5] = data[0], data[1], data[2]
-    return data[0] * x[3] + data[1] * x[4] + data[2] * x[5]
+    a = data[0] * x[6] + data[1] * x[9] + data[2] * x[12]
+    b = data[0] * x[7] + data[1] * x[10] + data[2] * x[13]
+    c = data[0] * x[8] + data[1] * x[11] + data[2] * x[14]
+    row[6] = data[4] * c - data[5] * b
+    row[7] = data[5] * a - data[3] * c
+    row[8] = data[3] * b - data[4] * a
+    found = data[0] * x[3] + data[1] * x[4] + data[2] * x[5]
+    return found + a * data[3] + b * data[4] + c * data[5]
 
 
 def distance(x: Any, own: Any, data: Any, row: Any) -> Any:

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.linalg.lapack import dposv
 
 from inswsn_lib.checks import Array, number
-from inswsn_lib.estimation.error_state import Solution, Start
+from inswsn_lib.estimation.error_state import Solution
 
 
 def smooth(solution: Solution) -> Solution:
@@ -79,21 +79,6 @@ def smooth_with_lag(solution: Solution, lag: float) -> Solution:
             )
         states[k], P[k] = state, 0.5 * (spread + spread.T)
     return replace(solution, states=states, covariances=P)
-
-
-def smooth_start(solution: Solution) -> Start:
-    """Return where the filter started, by all measurements.
-
-    Parameters
-    ----------
-    solution : Solution
-        Of `run_error_state`.
-    """
-    begin, first = solution.start, smooth(solution)
-    back = _gain(begin.covariance, solution.transitions[0], solution.priors[0])
-    error = back @ first.states[0].minus(solution.before[0])
-    P = begin.covariance + back @ (first.covariances[0] - solution.priors[0]) @ back.T
-    return Start(begin.time, begin.state.plus(error), 0.5 * (P + P.T))
 
 
 def _back(solution: Solution, k: int) -> Array:

@@ -8,12 +8,16 @@ from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 
 from inswsn_lib.checks import Array, Mask
-from inswsn_lib.errors import InswsnError
+from inswsn_lib.errors import InswsnError, ParameterError
 from inswsn_lib.estimation import (
     ImuNoise,
     InertialMotion,
+    InertialState,
+    Innovations,
+    Observation,
     OdometryMotion,
     OdometryNoise,
     PlanarState,
@@ -21,6 +25,7 @@ from inswsn_lib.estimation import (
     RangesToAnchors,
     Solution,
     Start,
+    Velocities,
     align,
     multilaterate_track,
     run_error_state,
@@ -33,7 +38,8 @@ _PERIODS = (0.2, 0.5, 1.0, 2.0)  # s, of fixes by ranges: the first in which mos
 _MOST_FIXES = 0.5  # of the intervals, that must have one
 _LASTING = 3.0  # s, of the coloured errors of fixes at the begin of the search
 _OF_SECOND_DIFFERENCES = 1.4826 / np.sqrt(6)  # from their median size to a deviation
-_LEAST = 1e-3  # m, of a deviation
+_LEAST, _LEAST_SHARE = 1e-3, 0.1  # m, of a deviation, and of one over the median
+_BEFORE, _LONGEST = 0.1, 0.4  # s before the first fix, and share of all, of an alignment
 # Of the odometry: the bias of each anchor's ranges is a number, their common scale is not
 _SCALE, _ODOMETRY_WALKS = 0.1, (1e-4, 1e-4)
 _HEADINGS = 8
@@ -74,8 +80,11 @@ class Correction(Protocol):
     def run(self, *numbers: float, end: float = np.inf, kept: bool = True) -> Solution:
         """Run the filter, which has an event at the time of each fix."""
 
+    def told(self, solution: Solution) -> list[Innovations]:
+        """Return the innovations of what is tuned and judged by."""
+
     def series(self, solution: Solution) -> Whole:
-        """Return of which series each component of the innovations is: an axis, or an anchor."""
+        """Return of which series each component of those is: an axis, or an anchor."""
 
     def without(self, withheld: Mask) -> Any:
         """Return the same without some fixes."""
@@ -85,8 +94,10 @@ class Correction(Protocol):
 class InertialCorrection:
     """An INS, loosely coupled to fixes whose errors are white, or white and coloured.
 
-    Its numbers are those of `ImuNoise`, force and rate, and the deviation of the white errors of
-    fixes to the side, m; then, if some are coloured, their deviation, m, and correlation time, s.
+    Its numbers are those of `ImuNoise`, force and rate, the deviation of the white errors of fixes
+    to the side, m, and that of their velocities, m/s, if these were measured; then, if errors of
+    fixes are coloured, their deviation, m, and correlation time, s. Where fixes say how good each
+    is, the white errors go with that.
 
     Attributes
     ----------
@@ -95,12 +106,16 @@ class InertialCorrection:
     fixes : Fixes
         With velocities, in three dimensions.
     alignment : float
-        For how long after the first fix the start is aligned, s.
+        For how long after the first fix the start is aligned, s; for longer where the heading does
+        not show yet.
+    given : Start, optional
+        What is known of the start.
     """
 
     recording: Recording
     fixes: Fixes
     alignment: float
+    given: Start | None = None
 
     @property
     def lever_arm(self) -> Array:
@@ -120,16 +135,27 @@ class InertialCorrection:
     @cached_property
     def begins(self) -> list[tuple[float, ...]]:
         """The numbers at which searches begin: with white errors, and with coloured ones, too."""
-        return _begins((0.02, 0.002), self.fixes)
+        velocity = self.fixes.velocity
+        speeds = [_size(velocity[:, :2])] if velocity is not None and self._measured else []
+        return _begins((0.02, 0.002), self.fixes, speeds)
+
+    @property
+    def _measured(self) -> bool:
+        """Whether velocities of fixes were measured, and are not slopes of fixes."""
+        fixes = self.recording.fixes
+        return self.recording.ranges is None and fixes is not None and fixes.velocity is not None
 
     @cached_property
     def start(self) -> Start:
-        """Where the filter starts, by an alignment in motion."""
-        first = first_fix(self.fixes)
-        white = PositionFixes(self.fixes, self.lever_arm, deviation_of(self.fixes) * UP)
+        """Where the filter starts, by an alignment."""
+        force, rate, *sizes = self.begins[0]
+        first, last = first_fix(self.fixes), float(self.fixes.time[-1])
+        begin = first - _BEFORE if self.given is None else self.given.time
+        end = max(begin, first) + self.alignment
         return align(
-            self._motion(*self.begins[0][:2]), [white], first - 0.1, first + self.alignment
-        )
+            self._motion(force, rate), self._observed(*sizes), begin, end, prior=self.given,
+            latest=max(end, first + _LONGEST * (last - first)),
+        )  # fmt: skip
 
     def run(self, *numbers: float, end: float = np.inf, kept: bool = True) -> Solution:
         """Run the filter, which has an event at the time of each fix.
@@ -140,16 +166,38 @@ class InertialCorrection:
         end, kept
             When the data end, s, and what is kept, as in `run_error_state`.
         """
-        force, rate, white, *colour = numbers
-        colours = _colour(colour, UP)
-        observed = PositionFixes(self.fixes, self.lever_arm, white * UP, *colours)
+        force, rate, *sizes = numbers
         return run_error_state(
-            self._motion(force, rate), self.start, [observed], end=end, kept=kept
+            self._motion(force, rate), self.start, self._observed(*sizes), end=end, kept=kept
         )
 
+    def _observed(self, white: float, *numbers: float) -> list[Observation]:
+        fixes, measured = self.fixes, self._measured
+        colours = _colour(numbers[measured:], UP)
+        observed: list[Observation] = [
+            PositionFixes(fixes, self.lever_arm, white * shares_of(fixes), *colours)
+        ]
+        if measured:
+            imu = self.recording.imu
+            assert fixes.velocity is not None
+            assert imu is not None
+            turned = np.column_stack([np.interp(fixes.time, imu.time, x) for x in imu.rate.T])
+            arms = np.cross(turned, self.lever_arm)
+            observed.append(Velocities(fixes.time, fixes.velocity, numbers[0] * UP, arms))
+        return observed
+
+    def told(self, solution: Solution) -> list[Innovations]:
+        """Return the innovations of fixes, and of their velocities if they were measured."""
+        return solution.innovations[: 1 + self._measured]
+
     def series(self, solution: Solution) -> Whole:
-        """Return of which axis each component of the innovations is."""
-        return axes_of(self.fixes, self.start, solution)
+        """Return of which axis each component of the innovations is; those of velocities follow."""
+        found = axes_of(self.fixes.time, self.fixes.position, self.start, solution)
+        if not self._measured:
+            return found
+        assert self.fixes.velocity is not None
+        moving = axes_of(self.fixes.time, self.fixes.velocity, self.start, solution)
+        return np.append(found, 3 + moving)
 
     def without(self, withheld: Mask) -> InertialCorrection:
         """Return the same without some fixes; it starts where this one does."""
@@ -180,12 +228,15 @@ class OdometryCorrection:
         On the plane.
     alignment : float
         By how much of the data the heading is chosen at which the filter starts, s.
+    given : Start, optional
+        Where the filter starts.
     """
 
     recording: Recording
     fixes: Fixes
     ranges: Ranges | None
     alignment: float
+    given: Start | None = None
 
     @property
     def lever_arm(self) -> Array:
@@ -211,7 +262,9 @@ class OdometryCorrection:
 
     @cached_property
     def start(self) -> Start:
-        """The most likely of some headings, at the first fix."""
+        """The given one, or the most likely of some headings, at the first fix."""
+        if self.given is not None:
+            return self.given
         first = first_fix(self.fixes)
         place = self.fixes.position[self.fixes.time == first][0, :2]
         far = 3 * deviation_of(self.fixes) + float(np.linalg.norm(self.lever_arm))
@@ -236,10 +289,14 @@ class OdometryCorrection:
         """
         return self._run(self.start, numbers, end, kept=kept)
 
+    def told(self, solution: Solution) -> list[Innovations]:
+        """Return the innovations of fixes or ranges."""
+        return solution.innovations[:1]
+
     def series(self, solution: Solution) -> Whole:
         """Return of which axis, or anchor, each component of the innovations is."""
         if self.ranges is None:
-            return axes_of(self.fixes, self.start, solution)
+            return axes_of(self.fixes.time, self.fixes.position, self.start, solution)
         return self.ranges.anchor[self.ranges.time > self.start.time]
 
     def without(self, withheld: Mask) -> OdometryCorrection:
@@ -265,7 +322,8 @@ class OdometryCorrection:
         else:
             two = np.ones(2)
             colours = _colour(others, two)
-            observed = PositionFixes(_planar(self.fixes), self.lever_arm, white * two, *colours)
+            sizes = white * shares_of(self.fixes)[:, :2]
+            observed = PositionFixes(_planar(self.fixes), self.lever_arm, sizes, *colours)
         # at the time of each fix the filter says where it is, whether it takes it or not
         silent = Fixes(self.fixes.time, np.full((len(self.fixes), 2), np.nan))
         events = PositionFixes(silent, self.lever_arm, np.ones(2))
@@ -274,7 +332,7 @@ class OdometryCorrection:
 
 
 def correction_of(
-    recording: Recording, alignment: float
+    recording: Recording, alignment: float, start: Start | None = None
 ) -> InertialCorrection | OdometryCorrection:
     """Return the filter for the streams that there are.
 
@@ -284,11 +342,13 @@ def correction_of(
         Odometry comes before an IMU, ranges before fixes.
     alignment : float
         s.
+    start : Start, optional
+        What is known of it, of `known_start`, or for odometry with a `PlanarState`.
 
     Raises
     ------
     InswsnError
-        If there is nothing that moves, or no network while it does.
+        If there is nothing that moves, or no network while it does, or the start is another kind's.
     """
     motion = recording.odometry if recording.odometry is not None else recording.imu
     if motion is None or not len(motion):
@@ -299,6 +359,9 @@ def correction_of(
     whole = recording
     recording = recording.part(float(motion.time[0]), float(np.nextafter(motion.time[-1], np.inf)))
     fixes = network_of(recording)
+    kind = InertialState if recording.odometry is None else PlanarState
+    if start is not None and not isinstance(start.state, kind):
+        raise ParameterError("start", type(start.state).__name__, f"one with a {kind.__name__}")
     if recording.odometry is not None:
         ranges = recording.ranges
         if ranges is not None and ranges.anchors.shape[1] > 2:
@@ -306,13 +369,38 @@ def correction_of(
                 f"The recording {whole.name} has odometry, which moves on a plane, and anchors in "
                 "three dimensions: leave out z_m, and have ranges along the plane."
             )
-        return OdometryCorrection(recording, fixes, ranges, alignment)
+        return OdometryCorrection(recording, fixes, ranges, alignment, start)
     if fixes.position.shape[1] < 3:
         raise InswsnError(
             f"The recording {whole.name} has an IMU, which moves in space, and a network on a "
             "plane: give the third coordinate, z_m."
         )
-    return InertialCorrection(recording, fixes, alignment)
+    return InertialCorrection(recording, fixes, alignment, start)
+
+
+def turned_by_gyroscope(recording: Recording) -> Recording | None:
+    """Return a recording whose odometry turns as its IMU does about the vertical, if it has both.
+
+    Up is the mean specific force: the vehicle goes on a plane, and comes to rest as fast as it
+    began to move.
+
+    Parameters
+    ----------
+    recording : Recording
+    """
+    odometry, imu = recording.odometry, recording.imu
+    if odometry is None or imu is None or len(imu) < 2:
+        return None
+    up = imu.force.mean(axis=0)
+    size = float(np.linalg.norm(up))
+    rate = imu.rate @ up / (size if size > 0 else 1.0)
+    turned = cumulative_trapezoid(rate, imu.time, initial=0.0)
+    ends = np.interp(odometry.time, imu.time, turned)
+    steps = np.diff(odometry.time)
+    mean = np.append(rate[0], np.diff(ends) / steps)
+    inside = (odometry.time >= imu.time[0]) & (odometry.time <= imu.time[-1])
+    mean = np.where(inside, mean, odometry.rate)
+    return replace(recording, odometry=replace(odometry, rate=mean), imu=None)
 
 
 def network_of(recording: Recording) -> Fixes:
@@ -361,31 +449,55 @@ def deviation_of(fixes: Fixes) -> float:
     """
     if fixes.deviation is not None and np.isfinite(fixes.deviation).any():
         return max(float(np.nanmedian(fixes.deviation[:, :2])), _LEAST)
-    there = np.isfinite(fixes.position).all(axis=1)
-    second = np.diff(fixes.position[there, :2], 2, axis=0)
+    return _size(fixes.position[:, :2])
+
+
+def _size(values: Array) -> float:
+    """Return about how large errors of values (rows, 2) are, by their second differences."""
+    second = np.diff(values[np.isfinite(values).all(axis=1)], 2, axis=0)
     if not len(second):
         return 1.0
     return max(float(_OF_SECOND_DIFFERENCES * np.median(np.abs(second))), _LEAST)
 
 
-def axes_of(fixes: Fixes, start: Start, solution: Solution) -> Whole:
-    """Return of which axis each component of the innovations of fixes is.
+def shares_of(fixes: Fixes) -> Array:
+    """Return deviations of fixes by axis over the median one to the side, (rows, 3).
+
+    Those that a fix does not say are as in the median, and twice as large upwards.
 
     Parameters
     ----------
     fixes : Fixes
+    """
+    found = np.tile(UP, (len(fixes), 1))
+    if fixes.deviation is not None and np.isfinite(fixes.deviation).any():
+        said = fixes.deviation / deviation_of(fixes)
+        part = found[:, : said.shape[1]]
+        part[:] = np.where(np.isfinite(said), np.maximum(said, _LEAST_SHARE), part)
+    return found
+
+
+def axes_of(time: Array, values: Array, start: Start, solution: Solution) -> Whole:
+    """Return of which axis each component of the innovations of fixes or velocities is.
+
+    Parameters
+    ----------
+    time : ndarray, (rows,)
+    values : ndarray, (rows, d)
     start : Start
     solution : Solution
     """
     d = len(solution.states[0].position)
-    told = np.isfinite(fixes.position[:, :d])
-    return np.asarray(np.nonzero(told[fixes.time > start.time])[1], dtype=np.int64)
+    told = np.isfinite(values[:, :d])
+    return np.asarray(np.nonzero(told[time > start.time])[1], dtype=np.int64)
 
 
-def _begins(motion: tuple[float, float], fixes: Fixes) -> list[tuple[float, ...]]:
+def _begins(
+    motion: tuple[float, float], fixes: Fixes, speeds: Sequence[float] = ()
+) -> list[tuple[float, ...]]:
     """Return the numbers of a filter on fixes with white errors, and with coloured ones, too."""
     size = deviation_of(fixes)
-    return [(*motion, size), (*motion, size / 2, size, _LASTING)]
+    return [(*motion, size, *speeds), (*motion, size / 2, *speeds, size, _LASTING)]
 
 
 def _colour(numbers: Sequence[float], axes: Array) -> list[Array]:

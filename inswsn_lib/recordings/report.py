@@ -7,13 +7,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
+from scipy.spatial.transform import Rotation, Slerp
 
 from inswsn_lib.checks import Array, Mask
 from inswsn_lib.errors import InswsnError
-from inswsn_lib.estimation import Solution, smooth
+from inswsn_lib.estimation import InertialState, Solution, Start, smooth
 from inswsn_lib.evaluation import search_pattern
 from inswsn_lib.recordings.contest import TRIALS
-from inswsn_lib.recordings.correction import Correction, correction_of, network_of
+from inswsn_lib.recordings.correction import (
+    Correction,
+    correction_of,
+    network_of,
+    turned_by_gyroscope,
+)
 from inswsn_lib.recordings.estimates import (
     Estimate,
     normalised,
@@ -35,7 +41,6 @@ from inswsn_lib.streams import Fixes, Recording
 
 _ALIGNMENT = 20.0  # s
 _RATIO = 2.0  # of the steps of a search
-_DEVIATIONS = 4  # of the numbers of a filter; a fifth is a time
 _FEWEST = 12  # fixes by which a track is judged
 _TRACK = ("x", "y", "vx", "vy")
 _SCORES = (
@@ -52,7 +57,7 @@ class Report:
     ----------
     findings : list of Finding
         Of the set-up, as of `check_set_up`; then ``axes`` of a network that fits the motion better
-        if it is mirrored; then of the filter: ``start`` if it cannot start, ``outliers``, ``size``
+        if it is mirrored, and ``gyroscope`` of an IMU beside odometry; then of the filter: ``start`` if it cannot start, ``outliers``, ``size``
         (mean NIS of the others), ``colour`` and ``whiteness`` of the innovations, and ``errors``
         (NEES) with a reference.
     table : DataFrame
@@ -81,11 +86,18 @@ class Report:
     numbers: tuple[float, ...] = ()
 
 
-def report(recording: Recording, *, alignment: float = _ALIGNMENT, trials: int = TRIALS) -> Report:
+def report(
+    recording: Recording,
+    *,
+    alignment: float = _ALIGNMENT,
+    trials: int = TRIALS,
+    start: Start | None = None,
+) -> Report:
     """Check a recording, correct its motion by its network, and report how good that is.
 
     Stamps are taken as they are. Ranges beside an IMU are made into fixes; beside odometry they are
-    taken one by one. The start is found from the data, without the reference. The few numbers of
+    taken one by one. Of an IMU beside odometry the rate about the vertical is taken where it makes
+    the network more likely. The start is found from the data, without the reference. The few numbers of
     the filter are tuned by the likelihood of its innovations in the first half of the recording,
     with white and with coloured errors of fixes, and all is judged in the second half. Without a
     reference every second fix of it is withheld, and errors are those there; the network has a line
@@ -96,9 +108,11 @@ def report(recording: Recording, *, alignment: float = _ALIGNMENT, trials: int =
     recording : Recording
         From `load`; of any streams.
     alignment : float
-        By how much of the data the start is found, s.
+        By how much of the data the start is found, s; by more where the heading does not show yet.
     trials : int
         Of each search for the filter's numbers.
+    start : Start, optional
+        What is known of the start, of `known_start`; for odometry with a `PlanarState`.
 
     Returns
     -------
@@ -122,14 +136,17 @@ def report(recording: Recording, *, alignment: float = _ALIGNMENT, trials: int =
     """
     findings = check_set_up(recording)
     try:
-        filtered = correction_of(recording, alignment)
-        start = filtered.start
+        filtered = correction_of(recording, alignment, start)
+        begun = filtered.start.time
     except InswsnError as error:
         return _without_filter(recording, findings, str(error))
     split = float(np.mean(filtered.fixes.time[[0, -1]]))
-    if not filtered.known < filtered.fixes.time[-1] or not start.time < split:
-        said = f"The start takes {alignment:g} s, more than half of the recording."
+    if not filtered.known < filtered.fixes.time[-1] or not begun < split:
+        taken = filtered.known - filtered.fixes.time[0]
+        said = f"The start takes {taken:.3g} s, more than half of the recording."
         return _without_filter(recording, findings, said)
+    filtered, more = _by_gyroscope(filtered, alignment, split)
+    findings += more
     if not any(found.name == "axes" and found.fits for found in findings):
         findings += _mirrored(recording, filtered, alignment, split)
     numbers = _tuned(filtered, split, trials)
@@ -162,10 +179,14 @@ def _tuned(filtered: Correction, end: float, trials: int) -> tuple[float, ...]:
         for begin in filtered.begins
     ]
     best = min(searches, key=lambda search: search.loss).best
-    told = filtered.run(*best, end=end).innovations[0]
-    near = inside(told.values, told.deviations)
-    factor = float(np.sqrt(np.mean(told.squares[near]))) if near.any() else 1.0
-    return (*(factor * number for number in best[:_DEVIATIONS]), *best[_DEVIATIONS:])
+    near = [
+        told.squares[inside(told.values, told.deviations)]
+        for told in filtered.told(filtered.run(*best, end=end))
+    ]
+    squares = np.concatenate(near)
+    factor = float(np.sqrt(np.mean(squares))) if squares.size else 1.0
+    count = min(len(best), len(filtered.begins[0]) + 1)  # what may follow is a time
+    return (*(factor * number for number in best[:count]), *best[count:])
 
 
 _Judged = tuple[pd.DataFrame, str, list[Finding]]
@@ -176,7 +197,7 @@ def _by_reference(
 ) -> _Judged:
     """Judge by the reference."""
     times = filtered.fixes.time
-    truth = truth_at(filtered.recording, times)
+    truth = truth_at(turned_by(filtered.recording, solution), times)
     estimates = _estimates(filtered, solution) | {"network": _of_network(filtered.fixes)}
     table = _table(estimates, truth, times > since, times)
     corrected, told = estimates["corrected"], slice(0, filtered.stated)
@@ -188,6 +209,28 @@ def _by_reference(
     squares = normalised(errors[rows], corrected.covariance[rows, told, told])
     period = float(np.median(np.diff(times)))
     return table, _judge(table, "reference"), [check_errors(squares, filtered.stated, period)]
+
+
+def turned_by(recording: Recording, solution: Solution) -> Recording:
+    """Return a recording whose reference has attitudes: its own, or those of a filter in space.
+
+    By them the reference, which is the body's, is brought to the tag.
+
+    Parameters
+    ----------
+    recording : Recording
+        With a reference.
+    solution : Solution
+    """
+    reference, states = recording.reference, solution.states
+    assert reference is not None
+    told = reference.attitude is not None or not np.any(recording.lever_arm)
+    if told or not isinstance(states[0], InertialState):
+        return recording
+    inside = reference.part(float(solution.time[0]), float(solution.time[-1]))
+    turns = Rotation.from_matrix(np.array([state.attitude for state in states]))
+    quaternions = Slerp(solution.time, turns)(inside.time).as_quat()
+    return replace(recording, reference=replace(inside, attitude=quaternions))
 
 
 def _at_withheld(
@@ -280,13 +323,9 @@ def _mirrored(
 ) -> list[Finding]:
     """Ask whether the motion fits the network better if that is mirrored."""
     who = "network and motion"
-    straight = filtered.run(*filtered.begins[0], end=end)
-    try:
-        other = correction_of(_mirror(recording), alignment)
-        mirrored = other.run(*filtered.begins[0], end=end)
-    except InswsnError:
+    gain = _more_likely(_mirror(recording), filtered, alignment, end)[0]
+    if np.isnan(gain):
         return []
-    gain = mirrored.log_likelihood - straight.log_likelihood
     bound = float(-np.log(FALSE_ALARM))
     if abs(gain) < bound:
         says = "the motion turns too little to tell a mirrored network"
@@ -295,6 +334,36 @@ def _mirrored(
     if gain > 0:
         says = "the network is mirrored, its x and y exchanged, or rates have the other sign"
     return [Finding("axes", who, gain, -np.inf, bound, gain < 0, says)]
+
+
+def _by_gyroscope(
+    filtered: Correction, alignment: float, end: float
+) -> tuple[Correction, list[Finding]]:
+    """Ask whether the rate of an IMU beside odometry fits the network better, and take that."""
+    other = turned_by_gyroscope(filtered.recording)
+    if other is None:
+        return filtered, []
+    gain, turned = _more_likely(other, filtered, alignment, end)
+    bound = float(np.log(FALSE_ALARM))
+    fits = bool(gain > bound)
+    says = "the IMU's rate about the vertical fits the network as well, and is left out"
+    if gain > 0:
+        says, filtered = "the IMU's rate about the vertical fits the network better: taken", turned
+    elif not fits:
+        says = "the IMU's rate about the vertical does not fit the network, and is left out"
+    return filtered, [Finding("gyroscope", "IMU and odometry", gain, bound, np.inf, fits, says)]
+
+
+def _more_likely(
+    recording: Recording, filtered: Correction, alignment: float, end: float
+) -> tuple[float, Correction]:
+    """Return by how much more likely another recording is, in logarithms, and its correction."""
+    straight = filtered.run(*filtered.begins[0], end=end, kept=False).log_likelihood
+    try:
+        other = correction_of(recording, alignment)
+        return other.run(*filtered.begins[0], end=end, kept=False).log_likelihood - straight, other
+    except InswsnError:
+        return np.nan, filtered
 
 
 def _mirror(recording: Recording) -> Recording:
@@ -313,13 +382,16 @@ def _other_side(vectors: Array) -> Array:
 
 
 def _of_innovations(filtered: Correction, solution: Solution, since: float) -> list[Finding]:
-    told = solution.innovations[0]
-    near = inside(told.values, told.deviations)
-    judged = told.time > since
-    sizes = np.array([len(value) for value in told.values])
+    told = filtered.told(solution)
+    values = [value for each in told for value in each.values]
+    deviations = [deviation for each in told for deviation in each.deviations]
+    near = inside(values, deviations)
+    judged = np.concatenate([each.time for each in told]) > since
+    sizes = np.array([len(value) for value in values])
     rows = np.repeat(judged & near, sizes)
-    scaled = np.concatenate(told.values) / np.concatenate(told.deviations)
-    squares, series = np.repeat(told.squares, sizes), filtered.series(solution)
+    scaled = np.concatenate(values) / np.concatenate(deviations)
+    squares = np.repeat(np.concatenate([each.squares for each in told]), sizes)
+    series = filtered.series(solution)
     return [
         check_outliers(near[judged]),
         *check_innovations(squares[rows], scaled[rows], series[rows]),
