@@ -56,10 +56,10 @@ class Report:
     Attributes
     ----------
     findings : list of Finding
-        Of the set-up, as of `check_set_up`; then ``axes`` of a network that fits the motion better
-        if it is mirrored, and ``gyroscope`` of an IMU beside odometry; then of the filter: ``start`` if it cannot start, ``outliers``, ``size``
-        (mean NIS of the others), ``colour`` and ``whiteness`` of the innovations, and ``errors``
-        (NEES) with a reference.
+        Of the set-up, as of `check_set_up`; then ``gyroscope`` of an IMU beside odometry, and
+        ``axes`` of a network that fits the motion better if it is mirrored; then of the filter:
+        ``start`` if it cannot start, ``outliers``, ``size`` (mean NIS of the others), ``colour``
+        and ``whiteness`` of the innovations, and ``errors`` (NEES) with a reference.
     table : DataFrame
         Rows ``network``, ``corrected`` and ``smoothed``: horizontal RMS errors ``position`` (m) and
         ``velocity`` (m/s) in the second half; their ratios to the network's with intervals
@@ -96,12 +96,12 @@ def report(
     """Check a recording, correct its motion by its network, and report how good that is.
 
     Stamps are taken as they are. Ranges beside an IMU are made into fixes; beside odometry they are
-    taken one by one. Of an IMU beside odometry the rate about the vertical is taken where it makes
-    the network more likely. The start is found from the data, without the reference. The few numbers of
-    the filter are tuned by the likelihood of its innovations in the first half of the recording,
-    with white and with coloured errors of fixes, and all is judged in the second half. Without a
-    reference every second fix of it is withheld, and errors are those there; the network has a line
-    between the fixes beside.
+    taken one by one, and of an IMU beside odometry the rate about the vertical is taken where it
+    makes the network more likely. The start is found from the data, without the reference. The few
+    numbers of the filter are tuned by the likelihood of its innovations in the first half of the
+    recording, with white and with coloured errors of fixes, and all is judged in the second half.
+    Without a reference every second fix of it is withheld, and errors are those there; the network
+    has a line between the fixes beside.
 
     Parameters
     ----------
@@ -136,7 +136,7 @@ def report(
     """
     findings = check_set_up(recording)
     try:
-        filtered = correction_of(recording, alignment, start)
+        filtered: Correction = correction_of(recording, alignment, start)
         begun = filtered.start.time
     except InswsnError as error:
         return _without_filter(recording, findings, str(error))

@@ -48,7 +48,7 @@ def test_lag_one_is_of_neighbours_of_one_series() -> None:
         np.arange(float(count)), values, [np.ones(2)] * count, [np.ones(2, bool)] * count,
         np.ones(count),
     )  # fmt: skip
-    solution = Solution(*[None] * 6, [told], 0.0, None)  # type: ignore[arg-type]
+    solution = Solution(*[None] * 6, [told], 0.0, None, None)  # type: ignore[arg-type]
     found = lag_one(solution, np.tile([0, 1], count), -1.0)
     assert found == {"nis": 1.0, "lag1": pytest.approx(100 / 101)}
     alone = lag_one(solution, np.tile([0, 0], count), -1.0)
