@@ -51,9 +51,13 @@ class Ground(NamedTuple):
     @property
     def gravity(self) -> Array:
         """Normal gravity in the frame, (..., 3), m/s^2."""
-        square = self.sine**2
-        size = _EQUATOR * (1 + _GROWTH * square) / np.sqrt(1 - ECCENTRICITY * square)
-        return np.asarray(-(size * (1 - 2 * self.height / AXIS))[..., None] * self.axes[..., :, 2])
+        return -normal_gravity(self.sine, self.height)[..., None] * self.axes[..., :, 2]
+
+
+def normal_gravity(sine: Array, height: Array | float) -> Array:
+    """Return normal gravity, (...), m/s^2, by the sine of the latitude and the height, m."""
+    size = _EQUATOR * (1 + _GROWTH * sine**2) / np.sqrt(1 - ECCENTRICITY * sine**2)
+    return np.asarray(size * (1 - 2 * height / AXIS))
 
 
 @dataclass(frozen=True)

@@ -132,7 +132,7 @@ class InertialState:
 
 @dataclass(frozen=True, eq=False)
 class InertialMotion:
-    """Strapdown integration of an IMU between events; see `mechanization`.
+    r"""Strapdown integration of an IMU between events; see `mechanization`.
 
     Attributes
     ----------
@@ -141,8 +141,9 @@ class InertialMotion:
     earth : Earth, optional
         Without one the frame is flat and does not turn.
     substep : float
-        For how long at most the covariance is carried in one step, s. White noise comes half before
-        a step and half after it; ...
+        How long a step of the covariance is, s, or as long as there is to the next event; states
+        are integrated sample by sample. White noise comes half before a step and half after it,
+        which errs with the square: of 0.2 s, deviations of a car and of a tag in a hand by 0.05 %.
     """
 
     imu: Imu

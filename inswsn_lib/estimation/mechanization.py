@@ -102,16 +102,13 @@ def advance(
     """
     T, rates, forces = pieces
     T, long = T[:, None], float(T.sum())
-    R0, (force_bias, rate_bias) = (
-        x[:, 6:15].reshape(-1, 3, 3),
-        (x[:, None, 15:18], x[:, None, 18:21]),
-    )
+    force_bias, rate_bias = x[:, None, 15:18], x[:, None, 18:21]
     if increments:
         turns, pushes = rates - rate_bias * T, forces - force_bias * T
     else:
         turns = (rates - rate_bias) * T
         pushes = (turned(0.5 * turns) @ ((forces - force_bias) * T)[..., None])[..., 0]
-    R, steps = [R0], turned(turns)
+    R, steps = [x[:, 6:15].reshape(-1, 3, 3)], turned(turns)
     for k in range(len(T)):
         R.append(R[-1] @ steps[:, k])
     begun, ended = np.stack(R[:-1], axis=1), np.stack(R[1:], axis=1)
@@ -123,11 +120,9 @@ def advance(
     S = (T * (np.cumsum(dv, axis=1) - 0.5 * dv)).sum(axis=1)
     AA, BB = (wide * A).sum(axis=1), (wide * (np.cumsum(dB, axis=1) - 0.5 * dB)).sum(axis=1)
     A, Rt = dA.sum(axis=1), np.swapaxes(R[-1], 1, 2)
-    return (
-        _moved(x, long, R[-1], V, S, earth),
-        _transition(long, R0, Rt, V, S, A, AA, B, BB, earth),
-        np.diag(0.5 * long * np.repeat([0.0, *np.square(densities)], 3)),
-    )
+    Phi = _transition(x, long, Rt, V, S, A, AA, B, BB, earth)
+    half = np.diag(0.5 * long * np.repeat([0.0, *np.square(densities)], 3))
+    return _moved(x, long, R[-1], V, S, earth), Phi, half
 
 
 def _moved(x: Array, T: float, R: Array, V: Array, S: Array, earth: Array) -> Array:
@@ -145,19 +140,20 @@ def _moved(x: Array, T: float, R: Array, V: Array, S: Array, earth: Array) -> Ar
 
 
 def _transition(
-    T: float, R0: Array, Rt: Array, V: Array, S: Array, A: Array, AA: Array, B: Array, BB: Array,
+    x: Array, T: float, Rt: Array, V: Array, S: Array, A: Array, AA: Array, B: Array, BB: Array,
     earth: Array,
 ) -> Array:  # fmt: skip
-    Phi = np.tile(np.eye(ERRORS), (len(R0), 1, 1))
+    R0, Phi = x[:, 6:15].reshape(-1, 3, 3), np.tile(np.eye(ERRORS), (len(x), 1, 1))
     Phi[:, 0:3, 3:6] += T * np.eye(3)
     Phi[:, 0:3, 6:9], Phi[:, 3:6, 6:9] = -skew(S) @ R0, -skew(V) @ R0
     Phi[:, 0:3, 9:12], Phi[:, 3:6, 9:12] = -AA, -A
     Phi[:, 0:3, 12:15], Phi[:, 3:6, 12:15] = BB, B
     Phi[:, 6:9, 6:9], Phi[:, 6:9, 12:15] = Rt @ R0, -Rt @ A
     if earth[3]:
-        size = T * np.linalg.norm(gravity(np.zeros((1, 3)), earth)) / AXIS
+        pull = gravity(x[:, :3] + 0.5 * T * x[:, 3:6], earth)
+        size = T * np.linalg.norm(pull, axis=1)[:, None, None] / AXIS
         Phi[:, 3:6, 3:6] -= 2 * T * skew(_rate(earth))
-        Phi[:, 3:6, 0:3] += np.diag([-size, -size, 2 * size])
+        Phi[:, 3:6, 0:3] += size * np.diag([-1.0, -1.0, 2.0])
     return Phi
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from inswsn_lib.checks import Array, Mask
-from inswsn_lib.estimation.mechanization import advance, reckon
+from inswsn_lib.estimation.mechanization import advance, reckon, turned
 from inswsn_lib.streams import Whole
 
 
@@ -51,7 +51,7 @@ def error_state(
                 if j == taken[k]:
                     firsts.append(run.x[:, :3] + run.e[:, :3])
         if mode == 2:
-            run.feed_back()
+            run.feed_back_motion()
         if kept:
             states.append(run.shown() if kept > 1 else run.x.copy())
             filtered.append(run.P)
@@ -85,6 +85,19 @@ class _Runs:
     def feed_back(self) -> None:
         """Take the errors into the states."""
         self.x, self.e = self.shown(), np.zeros_like(self.e)
+
+    def feed_back_motion(self) -> None:
+        """Take the errors of the motion alone into the states.
+
+        The covariance of the attitude is kept about axes of the frame.
+        """
+        d = self.d
+        if d > 5:
+            turn = np.swapaxes(turned(self.e[:, 6:9]), 1, 2)
+            self.P[:, 6:9] = turn @ self.P[:, 6:9]
+            self.P[:, :, 6:9] = self.P[:, :, 6:9] @ np.swapaxes(turn, 1, 2)
+        self.x[:, : self.own] = self.shown()[:, : self.own]
+        self.e[:, :d] = 0.0
 
     def go(
         self, sensed: tuple[Array, Array, Array], increments: bool, densities: Array,

@@ -16,8 +16,9 @@ from inswsn_lib.streams import Whole
 
 #: How many kinds of sensors the compiled filter takes
 _MOST = 8
-#: Of what an error makes a correction: kept beside the state, fed back after each measurement, or
-#: after all of an event
+#: What is done with a correction: it is kept beside the state, fed back after each measurement, or
+#: after all of an event; then own states stay beside, and the covariance of the attitude is kept
+#: about axes of the frame, which differs in second order
 BESIDE, AT_ONCE, AFTER = 0, 1, 2
 
 

@@ -284,14 +284,29 @@ def _plus(x, P, d, work, out):
         out[len(x) - n + i] += P[i, n]
 
 
-@numba.njit("void(f8[::1], f8[:,::1], i8, f8[:,:,::1], f8[::1])", **_FAST)
-def _feed_back(x, P, d, work, out):
-    """Take the error into the state."""
+@numba.njit("void(f8[::1], f8[:,::1], i8, i8, f8[:,:,::1], f8[::1])", **_FAST)
+def _feed_back(x, P, count, d, work, out):
+    """Take the first errors into the state."""
     _plus(x, P, d, work, out)
-    for i in range(len(x)):
+    for i in range(len(x) - len(P) + count):
         x[i] = out[i]
-    for i in range(len(P)):
+    for i in range(count):
         P[i, len(P)] = 0.0
+
+
+@numba.njit("void(f8[:,::1], f8[:,::1], f8[::1])", **_FAST)
+def _turn_attitude(P, turn, before):
+    """Keep the covariance of the attitude about axes of the frame where the body is turned."""
+    n = len(P)
+    _turned(P[6, n], P[7, n], P[8, n], turn)
+    for i in range(n):
+        before[:] = P[6:9, i]
+        for j in range(3):
+            P[6 + j, i] = turn[0, j] * before[0] + turn[1, j] * before[1] + turn[2, j] * before[2]
+    for i in range(n):
+        before[:] = P[i, 6:9]
+        for j in range(3):
+            P[i, 6 + j] = turn[0, j] * before[0] + turn[1, j] * before[1] + turn[2, j] * before[2]
 
 
 @numba.njit("void(f8[::1], i8, f8[::1])", **_FAST)
@@ -538,14 +553,15 @@ def _run(
                     _spread(H, P, R, v, m, W, S)
                     logarithm = _factor(S, L, v, white, m)
                     square = 0.0
+                    if kept == 1:
+                        for a in range(m):
+                            for b in range(m):
+                                spreads[j, r, there[a] - begins[j], there[b] - begins[j]] = S[a, b]
                     for a in range(m):
                         c = there[a]
                         square += white[a] * white[a]
                         values[r, c], deviations[r, c] = v[a], math.sqrt(S[a, a])
                         used[r, c] = v[a] * v[a] <= noise[c, 1] * S[a, a]
-                        if kept == 1:
-                            for b in range(m):
-                                spreads[j, r, c - begins[j], there[b] - begins[j]] = S[a, b]
                         if not used[r, c]:
                             likelihoods[r] -= 0.5 * (noise[c, 1] + _LOG + math.log(S[a, a]))
                             continue
@@ -569,12 +585,14 @@ def _run(
                         likelihoods[r] -= 0.5 * (logarithm + passed * _LOG + square)
                         _update(P, L, H, R, v, W, B, passed)
                         if mode == 1:
-                            _feed_back(x, P, d, work, out)
+                            _feed_back(x, P, n, d, work, out)
                 if kept == 1 and j == taken[k]:
                     for i in range(3):
                         firsts[k, r, i] = x[i] + P[i, n]
             if mode == 2:
-                _feed_back(x, P, d, work, out)
+                if d == 15:
+                    _turn_attitude(P, work[0], place)
+                _feed_back(x, P, d, d, work, out)
             if kept > 0:
                 _keep(P, filtered[k, r])
                 for i in range(numbers):

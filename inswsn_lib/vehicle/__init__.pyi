@@ -7,6 +7,7 @@ from .error_model import (
     gps_rows as gps_rows,
     lateral_row as lateral_row,
     metres as metres,
+    sequential_update as sequential_update,
     yaw as yaw,
 )
 from .errors import (
@@ -36,4 +37,3 @@ from .simulated import (
     true_motion as true_motion,
 )
 from .strapdown import VehicleState as VehicleState, integrate_strapdown as integrate_strapdown
-from .updates import sequential_update as sequential_update

@@ -20,10 +20,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from inswsn_lib.checks import Array
-from inswsn_lib.kernels import import_numba_user
-
-earth = import_numba_user("pyins.earth")
+from inswsn_lib.checks import Array, Mask
+from inswsn_lib.estimation.earth import AXIS, ECCENTRICITY, RATE, normal_gravity
+from inswsn_lib.estimation.mechanization import skew
 
 #: How many states P3 has
 STATES = 15
@@ -34,20 +33,11 @@ ACCELEROMETER_BIAS, GYRO_DRIFT = slice(9, 12), slice(12, 15)
 TURN = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 
 
-def skew(vector: Array) -> Array:
-    r"""Return :math:`[v\times]`, (..., 3, 3), of vectors (..., 3)."""
-    x, y, z = vector[..., 0], vector[..., 1], vector[..., 2]
-    result = np.zeros((*vector.shape[:-1], 3, 3))
-    result[..., 0, 1], result[..., 0, 2], result[..., 1, 2] = -z, y, -x
-    result[..., 1, 0], result[..., 2, 0], result[..., 2, 1] = z, -y, x
-    return result
-
-
 def radii(position: Array) -> tuple[Array, Array]:
     r"""Return the radii of curvature with the height, :math:`R_M + h` and :math:`R_N + h` (m)."""
-    square = 1 - earth.E2 * np.sin(position[..., 0]) ** 2
-    transverse: Array = earth.A / np.sqrt(square)
-    meridian: Array = transverse * (1 - earth.E2) / square
+    square = 1 - ECCENTRICITY * np.sin(position[..., 0]) ** 2
+    transverse: Array = AXIS / np.sqrt(square)
+    meridian: Array = transverse * (1 - ECCENTRICITY) / square
     return meridian + position[..., 2], transverse + position[..., 2]
 
 
@@ -74,7 +64,7 @@ def earth_rate(position: Array) -> Array:
     r"""Return :math:`\omega_{ie} = \Omega\,(0, \cos L, \sin L)`, (..., 3), rad/s."""
     latitude = position[..., 0]
     rate = np.zeros(position.shape)
-    rate[..., 1], rate[..., 2] = earth.RATE * np.cos(latitude), earth.RATE * np.sin(latitude)
+    rate[..., 1], rate[..., 2] = RATE * np.cos(latitude), RATE * np.sin(latitude)
     return rate
 
 
@@ -132,8 +122,8 @@ def error_dynamics(position: Array, velocity: Array, attitude: Array, force: Arr
 
     # what errors of position and velocity do to the two rates
     rate_by_position = np.zeros((*latitude.shape, 3, 3))
-    rate_by_position[..., 1, 0] = -earth.RATE * sine
-    rate_by_position[..., 2, 0] = earth.RATE * cosine
+    rate_by_position[..., 1, 0] = -RATE * sine
+    rate_by_position[..., 2, 0] = RATE * cosine
     transport_by_position = np.zeros_like(rate_by_position)
     transport_by_position[..., 0, 2] = north / meridian**2
     transport_by_position[..., 1, 2] = -east / transverse**2
@@ -153,7 +143,7 @@ def error_dynamics(position: Array, velocity: Array, attitude: Array, force: Arr
 
     across = skew(velocity)
     F[..., VELOCITY, POSITION] = across @ (2 * rate_by_position + transport_by_position)
-    F[..., 5, 2] += 2 * earth.gravity(np.rad2deg(latitude), 0.0) / earth.A
+    F[..., 5, 2] += 2 * normal_gravity(sine, 0.0) / AXIS
     F[..., VELOCITY, VELOCITY] = across @ transport_by_velocity - skew(2 * rate + transport)
     F[..., VELOCITY, ATTITUDE] = skew(force)
     F[..., VELOCITY, ACCELEROMETER_BIAS] = attitude
@@ -163,20 +153,6 @@ def error_dynamics(position: Array, velocity: Array, attitude: Array, force: Arr
     F[..., ATTITUDE, ATTITUDE] = -skew(rate + transport)
     F[..., ATTITUDE, GYRO_DRIFT] = -attitude
     return F
-
-
-def noise_input(attitude: Array) -> Array:
-    r"""Return G of P3 (3), (..., 15, 12).
-
-    The twelve noises are those of the accelerometers (3), of the gyros (3), and what drives the
-    biases (3) and the drifts (3).
-    """
-    G = np.zeros((*attitude.shape[:-2], STATES, 12))
-    G[..., VELOCITY, 0:3] = attitude
-    G[..., ATTITUDE, 3:6] = -attitude
-    G[..., ACCELEROMETER_BIAS, 6:9] = np.eye(3)
-    G[..., GYRO_DRIFT, 9:12] = np.eye(3)
-    return G
 
 
 def discretise(F: Array, density: Array, step: ArrayLike) -> tuple[Array, Array]:
@@ -292,3 +268,48 @@ def gps_rows() -> Array:
     array([0., 1., 2., 3., 4., 5.])
     """
     return np.eye(6, STATES)
+
+
+def sequential_update(
+    x: Array, P: Array, z: Array, H: Array, R: Array, used: Mask
+) -> tuple[Array, Array, Array, Array]:
+    r"""Update estimates with one group of measurements (P3 (24)-(26)).
+
+    .. math::
+        S = H P H' + R, \quad K = P H' S^{-1}, \quad x \leftarrow x + K (z - H x), \quad
+        P \leftarrow (I - K H) P (I - K H)' + K R K'
+
+    Parameters
+    ----------
+    x, P : ndarray, (runs, n) and (runs, n, n)
+    z, H : ndarray, (runs, m) and (runs, m, n)
+        INS less sensor, and its rows.
+    R : ndarray, (m,) or (runs, m)
+        Variances.
+    used : ndarray of bool, (runs, m)
+        A measurement that is not used has no effect.
+
+    Returns
+    -------
+    x, P, innovation, covariance : ndarray
+        The last two are those of all measurements, used or not.
+
+    Examples
+    --------
+    As uncertain as the measurement, the estimate goes half of the way:
+
+    >>> import numpy as np, inswsn_lib as iw
+    >>> one, matrix = np.ones((1, 1)), np.ones((1, 1, 1))
+    >>> iw.vehicle.sequential_update(0 * one, matrix, 2 * one, matrix, one[0], one > 0)[0].item()
+    1.0
+    """
+    innovation = z - (H @ x[..., None])[..., 0]
+    noise = R[..., None] * np.eye(R.shape[-1])
+    covariance = H @ P @ np.swapaxes(H, 1, 2) + noise
+    rows = H * used[..., None]
+    PH = P @ np.swapaxes(rows, 1, 2)
+    K = np.swapaxes(np.linalg.solve(rows @ PH + noise, np.swapaxes(PH, 1, 2)), 1, 2)
+    x = x + (K @ np.where(used, innovation, 0.0)[..., None])[..., 0]
+    keep = np.eye(P.shape[-1]) - K @ rows
+    P = keep @ P @ np.swapaxes(keep, 1, 2) + (K * R[..., None, :]) @ np.swapaxes(K, 1, 2)
+    return x, P, innovation, covariance

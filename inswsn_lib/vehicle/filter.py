@@ -11,12 +11,13 @@ from scipy.spatial.transform import Rotation
 
 from inswsn_lib.checks import Array, Mask, whole
 from inswsn_lib.errors import Described, ParameterError
-from inswsn_lib.kernels import choose
+from inswsn_lib.estimation.inertial import InertialState
+from inswsn_lib.estimation.runs import AFTER, BESIDE, run_table
 from inswsn_lib.vehicle.drive import Drive
 from inswsn_lib.vehicle.error_model import POSITION, TURN, VELOCITY
+from inswsn_lib.vehicle.frame import SENSORS, DriveFrame
 from inswsn_lib.vehicle.settings import FilterSettings
 from inswsn_lib.vehicle.strapdown import VehicleState
-from inswsn_lib.vehicle.updates import measure, propagate, substep_edges, update
 
 Integers = NDArray[np.intp]
 
@@ -275,63 +276,26 @@ def _advance(
     feedback: bool,
 ) -> VehicleRun:
     """Go on from a start for as many epochs as `heard` and `sensed` tell of."""
-    whole("substeps", settings.substeps, 1, drive.samples_per_epoch)
-    if "gps" in settings.extra and settings.gps_time < drive.interval:
-        raise ParameterError("gps_time", settings.gps_time, f"at least {drive.interval}")
+    frame = DriveFrame(drive, settings)
     begun = state.corrected() if feedback else state
-    parts = [np.ascontiguousarray(getattr(begun, f.name), dtype=float) for f in fields(begun)]
-    # of one layout, since numba compiles each anew, and rounds otherwise
-    turns, pushes = map(np.ascontiguousarray, drive.increments)
-    told = np.ascontiguousarray(drive.measurements)
-    which, begin = np.array(which), np.array(begin)  # copies: a view may be read-only, a new type
-    states, first, innovations, covariances = choose("vehicle_filter", _epochs)(
-        tuple(parts), turns, pushes, drive.period,
-        substep_edges(drive.samples_per_epoch, settings.substeps), told,
-        which, begin, heard, sensed, settings.numbers, settings.columns, feedback,
+    epochs = begin[:, None] + np.arange(1, len(heard))
+    table = frame.table(epochs, which, heard[1:], sensed[1:])
+    found = run_table(
+        InertialState, frame.steps(epochs, which), frame.from_vehicle(begun, feedback),
+        frame.own(len(heard) - 1), SENSORS, table, mode=AFTER if feedback else BESIDE, kept=1,
     )  # fmt: skip
+    states = frame.to_vehicle(found.states, found.errors, found.filtered)
+    firsts = np.moveaxis(frame.earth.geodetic(found.firsts), 1, 2)
+    nu, S = frame.innovations(found, states)
+    before = begun.position - begun.error[:, POSITION]
     return VehicleRun(
-        epochs=begin + np.arange(len(heard))[:, None],
+        epochs=np.concatenate([begin[None], epochs.T]),
         which=which,
-        states=VehicleState(*states),
-        first=np.moveaxis(first, 1, 2),
-        innovations=np.moveaxis(innovations, 1, 2),
-        innovation_covariances=np.moveaxis(covariances, 1, 3),
-    )
-
-
-def _epochs(
-    start: tuple[Array, ...],
-    turns: Array,
-    pushes: Array,
-    period: float,
-    edges: Integers,
-    told: Array,
-    which: Integers,
-    begin: Integers,
-    heard: Mask,
-    sensed: Mask,
-    numbers: tuple[float, ...],
-    columns: tuple[int, ...],
-    feedback: bool,
-) -> tuple[tuple[Array, ...], Array, Array, Array]:
-    """Return the fields of the states, and the other parts of the run, runs before axes.
-
-    The plain form of the kernel, from the fields of a `VehicleState`, `Drive.increments` and
-    `Drive.measurements`, and the settings as `FilterSettings.from_numbers` takes them.
-    """
-    settings = FilterSettings.from_numbers(numbers, columns, len(edges) - 1)
-    state, runs = VehicleState(*start), len(which)
-    firsts = [state.position - state.error[:, POSITION]]
-    innovations, covariances = [np.full((runs, 8), np.nan)], [np.zeros((runs, 8, 8))]
-    states = [state]
-    for k in range(1, len(heard)):
-        increments = turns[which, begin + k - 1], pushes[which, begin + k - 1]
-        state = propagate(settings, states[-1], *increments, period)
-        measured = measure(settings, state, told[begin + k, which])
-        state, first, nu, S = update(settings, state, *measured, sensed=sensed[k], heard=heard[k])
-        firsts.append(first)
-        innovations.append(nu)
-        covariances.append(S)
-        states.append(state.corrected() if feedback else state)
-    stacked = tuple(np.stack([getattr(s, f.name) for s in states]) for f in fields(state))
-    return stacked, np.stack(firsts), np.stack(innovations), np.stack(covariances)
+        states=VehicleState(*(
+            np.concatenate([getattr(begun, f.name)[None], getattr(states, f.name)])
+            for f in fields(states)
+        )),
+        first=np.concatenate([before.T[None], firsts]),
+        innovations=np.concatenate([np.full((1, *nu.shape[1:]), np.nan), nu]),
+        innovation_covariances=np.concatenate([np.zeros((1, *S.shape[1:])), S]),
+    )  # fmt: skip

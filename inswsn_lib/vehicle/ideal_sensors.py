@@ -14,9 +14,8 @@ from scipy.interpolate import CubicHermiteSpline, CubicSpline
 from scipy.linalg import solve_banded
 
 from inswsn_lib.checks import Array
-from inswsn_lib.kernels import import_numba_user
-
-earth, transform = map(import_numba_user, ("pyins.earth", "pyins.transform"))
+from inswsn_lib.estimation.earth import ECCENTRICITY, RATE, normal_gravity
+from inswsn_lib.vehicle.error_model import radii
 
 _MOST, _CLOSE = 20, 1e-12  # solutions, and rad/s from one to the next
 
@@ -46,22 +45,23 @@ def ideal_sensors(
         has them.
     """
     place = _places(time, start, velocity)
-    inertial = place.copy()
-    inertial[:, 1] += np.rad2deg(earth.RATE) * time
-    latitude, longitude = np.deg2rad(inertial[:, :2].T)
+    latitude, longitude = np.deg2rad(place[:, :2].T)
+    longitude += RATE * time
+    _, transverse = radii(np.column_stack([latitude, longitude, place[:, 2]]))
+    parallel = transverse * np.cos(latitude)
     frame = _turn(longitude, 2, _turn(-np.pi / 2 - latitude, 1))
     body = _turn(attitude[:, 2], 2, _turn(attitude[:, 1], 1, _turn(attitude[:, 0], 0)))
     axes = frame @ body
 
-    r = transform.lla_to_ecef(inertial)
+    along = (transverse - ECCENTRICITY * (transverse - place[:, 2])) * np.sin(latitude)
+    r = np.column_stack([parallel * np.cos(longitude), parallel * np.sin(longitude), along])
     moved = (frame @ velocity[:, :, None])[..., 0]
-    moved[:, 0] -= earth.RATE * r[:, 1]
-    moved[:, 1] += earth.RATE * r[:, 0]
-    _, _, parallel = earth.principal_radii(place[:, 0], place[:, 2])
+    moved[:, 0] -= RATE * r[:, 1]
+    moved[:, 1] += RATE * r[:, 0]
     pull = np.zeros((len(time), 3))  # of the mass of the Earth alone
-    pull[:, 0] = earth.RATE**2 * parallel * np.sin(latitude)
-    pull[:, 2] = earth.gravity(place[:, 0], place[:, 2])
-    pull[:, 2] += earth.RATE**2 * parallel * np.cos(latitude)
+    pull[:, 0] = RATE**2 * parallel * np.sin(latitude)
+    pull[:, 2] = normal_gravity(np.sin(latitude), place[:, 2])
+    pull[:, 2] += RATE**2 * parallel * np.cos(latitude)
     pull = (frame @ pull[:, :, None])[..., 0]
 
     steps = np.diff(time)
@@ -134,17 +134,16 @@ def _places(time: Array, start: Array, velocity: Array) -> Array:
     """Integrate the velocity on the ellipsoid, degrees and m, (steps, 3)."""
     north, east, down = velocity.T
     height = start[2] + CubicSpline(time, -down).antiderivative()(time)
-    first = latitude = np.deg2rad(start[0])
+    first = latitude = np.deg2rad(start[0]) + 0.0 * height
     for _ in range(3):
-        meridian, _, _ = earth.principal_radii(np.rad2deg(latitude), height)
+        meridian, _ = radii(np.stack([latitude, 0.0 * height, height], axis=-1))
         before = latitude
         latitude = first + CubicSpline(time, north / meridian).antiderivative()(time)
         if np.all(np.abs((before - latitude) * meridian) < 0.01):
             break
-    degrees = np.rad2deg(latitude)
-    _, _, parallel = earth.principal_radii(degrees, height)
-    turned = CubicSpline(time, east / parallel).antiderivative()(time)
-    return np.column_stack([degrees, start[1] + np.rad2deg(turned), height])
+    _, transverse = radii(np.stack([latitude, 0.0 * height, height], axis=-1))
+    turned = CubicSpline(time, east / (transverse * np.cos(latitude))).antiderivative()(time)
+    return np.column_stack([np.rad2deg(latitude), start[1] + np.rad2deg(turned), height])
 
 
 def _turn(angle: Array, axis: int, right: Array | None = None) -> Array:

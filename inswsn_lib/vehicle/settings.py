@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import MISSING, dataclass, field, fields
 from typing import Any, Self
 
@@ -131,14 +131,6 @@ class FilterSettings:
     def columns(self) -> tuple[int, ...]:
         """The first state of each of `EXTRA_STATES`, -1 where the filter does not have it."""
         return tuple(self.column(name) if name in self.extra else -1 for name in EXTRA_STATES)
-
-    @classmethod
-    def from_numbers(cls, numbers: Sequence[float], columns: Sequence[int], substeps: int) -> Self:
-        """Return the settings that have these `numbers` and `columns`."""
-        first = dict(zip(EXTRA_STATES, columns, strict=True))
-        extra = sorted((name for name in first if first[name] >= 0), key=lambda name: first[name])
-        told = dict(zip(_NUMBERS, numbers, strict=True))
-        return cls(**told, substeps=substeps, extra=tuple(extra))
 
     def initial_covariance(self, position: Array) -> Array:
         """Return P at the start, (runs, n, n), at positions (runs, 3).

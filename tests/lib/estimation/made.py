@@ -61,6 +61,10 @@ class Path:
         """Yaw, then pitch, then roll."""
         return Rotation.from_euler("ZYX", np.stack([0.6 * t, 0.3 * np.sin(t), 0.2 * np.cos(t)], -1))
 
+    def heading(self, t: Array) -> Array:
+        """Of the x axis of the body, to the left."""
+        return 0.6 * t
+
     def rate(self, t: Array) -> Array:
         """By a central difference over 0.1 ms, exact to 1e-8."""
         h = 5e-5

@@ -344,3 +344,16 @@ def test_an_axis_without_a_fix_is_left_out() -> None:
     solution = run_error_state(motion, start, [PositionFixes(flat, LEVER_ARM, np.full(3, 0.1))])
     assert {len(v) for v in solution.innovations[0].values} == {2}
     assert solution.covariances[-1][2, 2] > solution.covariances[-1][0, 0]
+
+
+def test_steps_of_the_covariance_err_by_their_square() -> None:
+    rng, path = np.random.default_rng(1), Path()
+    imu, start = imu_of(path, 20.0, rng, force=0.02, rate=0.002), begun(path, rng)[0]
+    fixes = PositionFixes(fixes_of(path, 20.0, 0.0, 2.0), LEVER_ARM, np.full(3, 0.05))
+    sizes = []
+    for substep in (0.01, 0.1, 0.2):
+        run = run_error_state(InertialMotion(imu, NOISE, None, substep), start, [fixes])
+        sizes.append(np.sqrt(np.diagonal(run.covariances, axis1=1, axis2=2)))
+    errors = [np.abs(size / sizes[0] - 1).max() for size in sizes[1:]]
+    assert errors[1] < 1e-3
+    assert errors[1] / errors[0] == pytest.approx(4, rel=0.1)

@@ -18,11 +18,20 @@ from inswsn_lib.streams import Fixes, Odometry, Ranges
 NAMES = tuple("ABCDEF")
 
 
+EARTH = est.Earth(0.9)
+
+
+def height(x: Any, own: Any, data: Any, row: Any) -> Any:
+    """Return a height with an error that lasts, in some units."""
+    row[2], row[15] = 1.0, data[0]
+    return x[2] + data[0] * own[0]
+
+
 def inertial(seed: int) -> tuple[Any, est.Start, list[Any], dict[str, Any]]:
     """Return an INS with all that it can observe: told badly, with gaps, two at a time."""
     rng, path = np.random.default_rng(seed), Path()
     imu = imu_of(path, 4.0, rng, force=0.02, rate=0.002)
-    motion = est.InertialMotion(imu, est.ImuNoise(0.05, 0.005, 1e-3, 1e-4))
+    motion = est.InertialMotion(imu, est.ImuNoise(0.05, 0.005, 1e-3, 1e-4), EARTH)
     t = np.arange(0.1, 4.05, 0.1)
     place = path.antenna(t) + 0.1 * rng.standard_normal((len(t), 3))
     place[rng.random(place.shape) < 0.2] = np.nan
@@ -43,6 +52,11 @@ def inertial(seed: int) -> tuple[Any, est.Start, list[Any], dict[str, Any]]:
     observed = [
         fixes, ranges, est.Velocities(t[::5], moved, np.full(3, 0.1)),
         est.WheelSpeeds(t[::5], wheels, np.eye(3)[[1, 2, 0]], np.array([0.3, 2.0, 2.0])),
+        est.Headings(t[::4], path.heading(t[::4]), 0.05, bias=0.1, earth=EARTH),
+        est.Sensor(
+            height, t[::3], path.antenna(t[::3])[:, 2:], np.array([0.1]), np.array([[2.0]]),
+            np.ones(1), np.array([30.0]), LEVER_ARM,
+        ),
     ]  # fmt: skip
     root = 0.1 * rng.standard_normal((15, 15)) + 0.2 * np.eye(15)
     begun = path.start().plus(0.05 * rng.standard_normal(15))

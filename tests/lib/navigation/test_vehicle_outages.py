@@ -54,7 +54,7 @@ def test_a_filter_without_learning_is_a_free_run_of_it(name: str, options: dict[
         run = run_vehicle_filter(drive, there.beliefs, outages=[gone], last=start + LONG, **options)
         expected = horizontal_error(run, drive)[start : start + LONG + 1]
         found = there.errors[name][:, place, 2 * route : 2 * route + 2]
-        np.testing.assert_array_equal(found, expected)
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-6)
 
 
 def test_aids_that_say_nothing_are_no_aids() -> None:

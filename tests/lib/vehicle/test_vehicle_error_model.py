@@ -30,7 +30,6 @@ from inswsn_lib.vehicle.error_model import (
     POSITION,
     VELOCITY,
     earth_rate,
-    noise_input,
     radii,
     skew,
     transport_rate,
@@ -142,13 +141,12 @@ def test_stacks_are_what_their_parts_are() -> None:
     ]  # fmt: skip
     F = error_dynamics(*stack)
     assert F.shape == (2, 3, 15, 15)
-    rows = compass_row(stack[2]), lateral_row(stack[2], stack[1]), noise_input(stack[2])
+    rows = compass_row(stack[2]), lateral_row(stack[2], stack[1])
     for i, motion in enumerate(parts):
         at = np.unravel_index(i, (2, 3))
         assert F[at] == pytest.approx(motion.dynamics(), rel=1e-12, abs=1e-18)
         alone = (
             compass_row(motion.attitude), lateral_row(motion.attitude, motion.velocity),
-            noise_input(motion.attitude),
         )  # fmt: skip
         for whole, part in zip(rows, alone, strict=True):
             assert np.array_equal(whole[at], part)
@@ -265,15 +263,6 @@ def test_the_lateral_row_is_the_derivative_of_the_lateral_velocity(seed: int) ->
 
 def test_gps_sees_position_and_velocity() -> None:
     assert np.array_equal(gps_rows() @ np.arange(15), np.arange(6))
-
-
-@given(st.integers(0, 2**32 - 1))
-def test_noise_enters_as_biases_do_and_drives_them(seed: int) -> None:
-    """White noise is a bias that lasts no time: the same columns of F; a walk is its integral."""
-    motion = Motion(seed)
-    G, F = noise_input(motion.attitude), motion.dynamics()
-    assert np.array_equal(G[:, 0:6], np.hstack([F[:, ACCELEROMETER_BIAS], F[:, GYRO_DRIFT]]))
-    assert np.array_equal(G[:, 6:], np.eye(15)[:, 9:])
 
 
 def van_loan(F: np.ndarray, S: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
