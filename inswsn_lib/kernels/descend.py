@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import numba
 import numpy as np
+
+from inswsn_lib.kernels.choice import kernel
 
 _LANES = 64
 _CUSP = 1e-9  # m, the least distance from a node
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+@kernel(error_model="numpy", fastmath={"contract"})
 def descend(nodes, r, weight, start, limits):
     """Return positions (2, places, runs); arguments as in `simulation.multilateration`."""
     least, iterations, damp, stuck, small, flat = limits
@@ -58,7 +59,7 @@ def descend(nodes, r, weight, start, limits):
     return found
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+@kernel(error_model="numpy", fastmath={"contract"})
 def _moments(nodes, r, weight, place, first, width, at, out):
     """Set out to the cost, the entries of J'J, and the gradient J'e of positions."""
     for i in range(6):

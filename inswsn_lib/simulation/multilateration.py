@@ -86,7 +86,7 @@ def _multilaterated(nodes: Sequence[Array], ranges: Sequence[Array]) -> Array:
     r, weight = np.where(there, measured, 0.0), there.astype(float)
     centre, start = _linear_start(heard, r, weight)
     limits = LEAST, _ITERATIONS, _DAMPING, _STUCK, _GRADIENT, _FLAT
-    position = choose("descend", _descend)(heard, r, weight, start, limits)
+    position: Array = choose("descend", _descend)(heard, r, weight, start, limits)
     position[:, ~((there.sum(axis=0) >= LEAST) & np.isfinite(centre).all(axis=0))] = np.nan
     return position
 

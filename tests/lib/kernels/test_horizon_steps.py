@@ -1,40 +1,63 @@
-"""The recursion over a finite horizon, compiled, against the one of numpy."""
+"""How long a gain holds, compiled and not, by singular values and by LAPACK's factors."""
 
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 import pytest
 
+from inswsn_lib.kernels import choose
 from inswsn_lib.kernels.horizon_steps import horizon_steps
-from inswsn_lib.lmi.stochastic import _steps_held
+from inswsn_lib.lmi.stochastic import _first
+
+FORMS = [choose("horizon_steps"), horizon_steps]
 
 
-@pytest.mark.parametrize("seed", range(20))
-def test_it_holds_for_as_many_steps(seed: int) -> None:
+def drawn(seed: int) -> tuple[np.ndarray, ...]:
     rng = np.random.default_rng(seed)
     n, p, outputs, jitters = rng.integers(1, 7, size=4)
     A = rng.standard_normal((n, n)) / n**0.5
     E = 0.3 * rng.standard_normal((jitters - 1, n, n)) / n**0.5
-    B, L = rng.standard_normal((n, p)), rng.standard_normal((outputs, n))
-    given = [matrix.copy() for matrix in (A, E, B, L)]
-    held = [
-        (_steps_held(A, E, B, L, gain, 40), horizon_steps(A, E, B, L, gain, 40))
-        for gain in np.geomspace(0.1, 1e4, 60)
+    return A, E, rng.standard_normal((n, p)), rng.standard_normal((outputs, n))
+
+
+@pytest.mark.parametrize("run", FORMS)
+@pytest.mark.parametrize("seed", range(8))
+def test_without_jitter_it_holds_above_the_norm_of_so_many_steps(seed: int, run: Any) -> None:
+    A, _, B, L = drawn(seed)
+    blocks = [L @ np.linalg.matrix_power(A, k) @ B for k in range(12)]
+    zero = np.zeros_like(blocks[0])
+    norms = [
+        np.linalg.norm(
+            np.block([[blocks[k - j] if k >= j else zero for j in range(N)] for k in range(N)]), 2
+        )
+        for N in range(1, 13)
     ]
-    assert all(plain == compiled for plain, compiled in held)
-    assert held[0][0] == 0
-    assert len({plain for plain, _ in held}) > 2
-    assert all(np.array_equal(*each) for each in zip(given, (A, E, B, L), strict=True))
+    none = np.zeros((0, *A.shape))
+    for gain in np.geomspace(0.5 * norms[0], 1.5 * norms[-1], 40):
+        assert run(A, none, B, L, gain, 12) == np.searchsorted(norms, gain)
 
 
+@pytest.mark.parametrize("run", FORMS)
+@pytest.mark.parametrize("seed", range(20))
+def test_it_holds_for_as_many_steps_as_by_lapack(seed: int, run: Any) -> None:
+    A, E, B, L = given = drawn(seed)
+    before = [matrix.copy() for matrix in given]
+    gains = np.geomspace(0.1, 1e4, 60)
+    held = [run(A, E, B, L, gain, 40) for gain in gains]
+    assert held == [len(_first(40, A, E, B, L, gain)) for gain in gains]
+    assert held[0] == 0
+    assert len(set(held)) > 2
+    assert all(np.array_equal(*each) for each in zip(given, before, strict=True))
+
+
+@pytest.mark.parametrize("run", FORMS)
 @pytest.mark.parametrize("first", [1e200, np.inf, np.nan])
-def test_it_ends_where_numbers_do(first: float) -> None:
+def test_it_ends_where_numbers_do(first: float, run: Any) -> None:
     """And after no steps, if none are asked for."""
     one, none = np.ones((1, 1)), np.zeros((0, 1, 1))
-    for A, L in ((first * one, one), (one, first * one)):
-        plain = _steps_held(A, none, one, L, 1e150, 5)
-        assert plain < 5
-        assert horizon_steps(A, none, one, L, 1e150, 5) == plain
-    assert (
-        horizon_steps(one, none, one, one, 2.0, 0) == _steps_held(one, none, one, one, 2.0, 0) == 0
-    )
+    with np.errstate(all="ignore"):
+        for A, L in ((first * one, one), (one, first * one)):
+            assert run(A, none, one, L, 1e150, 5) < 5
+    assert run(one, none, one, one, 2.0, 0) == 0
