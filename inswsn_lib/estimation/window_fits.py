@@ -11,7 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inswsn_lib.checks import Array, Mask
-from inswsn_lib.simulation.position_search import least_positions, misses_from
+from inswsn_lib.simulation.position_search import (
+    least_positions,
+    linear_start,
+    misses_from,
+    scatter,
+    squares,
+)
 from inswsn_lib.streams import Ranges, Whole
 
 Kind = TypeVar("Kind", bound=np.generic)
@@ -116,10 +122,12 @@ def fit_windows(
     """
     d = rows.place.shape[1]
     anchors = np.diff(np.append(rows.in_window, len(rows.groups)))
-    open_side = (anchors <= d) | _is_flat(_scatter(rows, anchors))
-    position = _linear_start(rows, open_side) if near is None else near.position.copy()
+    open_side = (anchors <= d) | _is_flat(scatter(rows.place[rows.groups], rows.in_window))
     if near is None:
-        position = _descended(rows, position, np.inf)
+        start = linear_start(rows.place, rows.height, rows.distance, rows.windows, open_side)
+        position = _descended(rows, start, np.inf)
+    else:
+        position = near.position
     direction, miss = misses(rows, position)
     noise = _scale(rows, miss, ~open_side)
     weight = np.ones(len(miss))
@@ -133,14 +141,6 @@ def fit_windows(
             break
     fit = WindowFit(position, open_side, direction, miss, weight, noise)
     return fit._replace(bad=open_side | _is_flat(fit.information(rows)))
-
-
-def squares(direction: Array) -> Array:
-    """Return u u' of each row u, (rows, d, d)."""
-    columns = direction.T
-    return np.asarray(
-        np.stack([a * b for a in columns for b in columns], axis=1).reshape(-1, *[len(columns)] * 2)
-    )
 
 
 def by_window(rows: WindowRanges, values: Array) -> Array:
@@ -161,31 +161,6 @@ def _is_flat(matrices: Array) -> Mask:
     """Tell of symmetric matrices whether one direction is lost beside another."""
     values = np.linalg.eigvalsh(matrices)
     return np.asarray(values[:, 0] <= _FLAT * values[:, -1])
-
-
-def _scatter(rows: WindowRanges, anchors: NDArray[np.intp]) -> Array:
-    """Return how the distinct anchors of each window are spread, (windows, d, d)."""
-    place = rows.place[rows.groups]
-    middle = np.add.reduceat(place, rows.in_window, axis=0) / anchors[:, None]
-    return np.add.reduceat(
-        squares(place - np.repeat(middle, anchors, axis=0)), rows.in_window, axis=0
-    )
-
-
-def _linear_start(rows: WindowRanges, open_side: Mask) -> Array:
-    """Solve |p - a_i|^2 = r_i^2 less its mean over i, which is linear in p."""
-    counts = _counts(rows)[:, None]
-    middle = by_window(rows, rows.place) / counts
-    apart = rows.place - each_row(rows, middle)
-    # r below the anchor's height, which noise makes, has no horizontal distance
-    flat = np.maximum(rows.distance**2 - rows.height**2, 0.0)
-    square = np.sum(apart**2, axis=1) - flat
-    square -= each_row(rows, by_window(rows, square) / counts[:, 0])
-    A = by_window(rows, squares(apart))
-    A[open_side] = np.eye(A.shape[1])
-    right = by_window(rows, apart * square[:, None] / 2)
-    start = middle + np.linalg.solve(A, right[:, :, None])[:, :, 0]
-    return np.where(open_side[:, None], middle, start)
 
 
 def misses(rows: WindowRanges, position: Array) -> tuple[Array, Array]:

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from inswsn_lib.checks import Array, Back, Mask, array, of_runs
 from inswsn_lib.errors import ParameterError
-from inswsn_lib.simulation.position_search import least_positions
+from inswsn_lib.simulation.position_search import least_positions, linear_start, scatter
 
 #: Ranges that a fix takes
 LEAST = 3
@@ -53,7 +53,7 @@ def multilaterate(nodes: Sequence[ArrayLike], ranges: Sequence[ArrayLike]) -> Ar
     at_once = max(1, _AT_ONCE // max([1, *(each.size for each in measured)]))
     for first in range(0, len(at), at_once):
         part = slice(first, first + at_once)
-        found[part] = np.moveaxis(_multilaterated(at[part], measured[part]), 1, 0)
+        found[part] = _multilaterated(at[part], measured[part])
     return back(found)
 
 
@@ -75,45 +75,21 @@ def _places(
 
 
 def _multilaterated(nodes: Sequence[Array], ranges: Sequence[Array]) -> Array:
-    """Return positions (2, places, runs); nodes that a place does not hear count as lost there."""
-    places, runs, most = len(nodes), ranges[0].shape[1], max(map(len, nodes))
-    heard, measured = np.zeros((most, 2, places, 1)), np.full((most, places, runs), np.nan)
-    for place, (at, lengths) in enumerate(zip(nodes, ranges, strict=True)):
-        heard[: len(at), :, place, 0], measured[: len(at), place] = at, lengths
-    there = ~np.isnan(measured)
-    centre, start = _linear_start(heard, np.where(there, measured, 0.0), there.astype(float))
-    fixed = (there.sum(axis=0) >= LEAST) & np.isfinite(centre).all(axis=0)
-    position = np.full((2, places, runs), np.nan)
-    # the ranges of a fix beside one another
-    which, run, node = np.nonzero(np.moveaxis(there & fixed, 0, 2))
-    begins = np.flatnonzero(np.diff(which * runs + run, prepend=-1))
-    position[:, fixed] = least_positions(
-        heard[node, :, which, 0], np.zeros(len(node)), measured[node, which, run], begins,
-        start[:, fixed].T,
-    ).T  # fmt: skip
-    return position
-
-
-def _linear_start(nodes: Array, r: Array, weight: Array) -> tuple[Array, Array]:
-    """Solve |p - n_i|^2 = r_i^2 less its mean over i, which is linear in p; (2, places, runs)."""
-    count = np.maximum(weight.sum(axis=0), 1)
-    mean_node = (nodes * weight[:, None]).sum(axis=0) / count
-    square = (nodes**2).sum(axis=1) - r**2
-    mean_square = (weight * square).sum(axis=0) / count
-    start = _solve_two(nodes - mean_node, weight, weight * (square - mean_square) / 2)
-    return start, np.where(np.isfinite(start), start, mean_node)
-
-
-def _solve_two(rows: Array, weight: Array, right: Array) -> Array:
-    """Return the weighted least-squares solution in two unknowns of every run, or NaN."""
-    a = (weight * rows[:, 0] ** 2).sum(axis=0)
-    b = (weight * rows[:, 0] * rows[:, 1]).sum(axis=0)
-    d = (weight * rows[:, 1] ** 2).sum(axis=0)
-    u, v = (rows[:, 0] * right).sum(axis=0), (rows[:, 1] * right).sum(axis=0)
+    """Return positions (places, 2, runs)."""
+    places, runs, measured = len(nodes), ranges[0].shape[1], np.concatenate(ranges)
+    found = np.full((runs, places, 2), np.nan)
+    # the ranges of a fix beside one another, those of a run one after the other
+    run, node = np.nonzero(~np.isnan(measured.T))
+    fix = run * places + np.repeat(np.arange(places), [len(each) for each in nodes])[node]
+    windows, at = np.flatnonzero(np.diff(fix, prepend=-1)), np.concatenate(nodes)[node]
+    spread = scatter(at, windows)
     # nodes almost on a line leave the side of it open
-    flat = a * d - b * b <= _FLAT * np.maximum(a + d, 1e-300) ** 2
-    safe = np.where(flat, np.nan, a * d - b * b)
-    return np.stack([(d * u - b * v) / safe, (a * v - b * u) / safe])
+    lost = np.linalg.det(spread) <= _FLAT * np.trace(spread, axis1=1, axis2=2) ** 2
+    lost |= np.diff(np.append(windows, len(fix))) < LEAST
+    rows = at, np.zeros(len(at)), measured[node, run], windows
+    position = least_positions(*rows, linear_start(*rows, lost))
+    found.reshape(-1, 2)[fix[windows]] = np.where(lost[:, None], np.nan, position)
+    return np.moveaxis(found, 0, 2)
 
 
 def position_covariance(nodes: Array, position: Array, noise: float) -> Array:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from inswsn_lib.checks import Array
+from inswsn_lib.checks import Array, Mask
 from inswsn_lib.kernels import choose
 
 Indices = NDArray[np.intp]
@@ -45,6 +45,42 @@ def least_positions(
     # a form in numpy for the page: of lesson 1 it takes 0.3 s, the uncompiled kernel 8 s
     run = choose("descend", _descend, saves=saves)
     return np.asarray(run(*packed, float(scale), _LIMITS))
+
+
+def linear_start(
+    place: Array, height: Array, distance: Array, windows: Indices, open_side: Mask
+) -> Array:
+    """Return where |p - a_k|^2 = r_k^2 less its mean over k, which is linear in p, is met best.
+
+    Arguments are as in `least_positions`; where a side is open it is the mean of the anchors.
+    """
+    counts = np.diff(np.append(windows, len(distance)))
+    middle = np.add.reduceat(place, windows, axis=0) / counts[:, None]
+    apart = place - np.repeat(middle, counts, axis=0)
+    # r below the anchor's height, which noise makes, has no horizontal distance
+    square = np.sum(apart**2, axis=1) - np.maximum(distance**2 - height**2, 0.0)
+    square -= np.repeat(np.add.reduceat(square, windows) / counts, counts)
+    A = scatter(place, windows)
+    A[open_side] = np.eye(A.shape[1])
+    right = np.add.reduceat(apart * square[:, None] / 2, windows, axis=0)
+    start = middle + np.linalg.solve(A, right[:, :, None])[:, :, 0]
+    return np.where(open_side[:, None], middle, start)
+
+
+def scatter(place: Array, windows: Indices) -> Array:
+    """Return how the anchors of each window are spread about their mean, (windows, d, d), m^2."""
+    counts = np.diff(np.append(windows, len(place)))
+    middle = np.add.reduceat(place, windows, axis=0) / counts[:, None]
+    apart = place - np.repeat(middle, counts, axis=0)
+    return np.asarray(np.add.reduceat(squares(apart), windows, axis=0))
+
+
+def squares(direction: Array) -> Array:
+    """Return u u' of each row u, (rows, d, d)."""
+    columns = direction.T
+    return np.asarray(
+        np.stack([a * b for a in columns for b in columns], axis=1).reshape(-1, *[len(columns)] * 2)
+    )
 
 
 def _descend(
