@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 
+from inswsn_lib.kernels.choice import kernel
 
-@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+
+@kernel(error_model="numpy", fastmath={"contract"})
 def kalman_gains(A, C, Q, R, limits, P, there, out):
     """Fill out with K and I - K C of each step; arguments and results as in `filters.kalman`."""
     (m, n), certain = C.shape, False
@@ -60,7 +61,7 @@ def kalman_gains(A, C, Q, R, limits, P, there, out):
     return len(there), P, after, certain
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+@kernel(error_model="numpy", fastmath={"contract"})
 def _product(left, right, out):
     for i in range(len(left)):
         for j in range(right.shape[1]):
@@ -69,7 +70,7 @@ def _product(left, right, out):
                 out[i, j] += left[i, a] * right[a, j]
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+@kernel(error_model="numpy", fastmath={"contract"})
 def _solve(S, X):
     """Set X to S^-1 X for a symmetric positive definite S; tell whether it is singular."""
     m, n = X.shape
