@@ -19,10 +19,10 @@ from inswsn_lib.estimation.window_fits import (
     each_row,
     enough_ranges,
     fit_windows,
-    squares,
     window_ranges,
     window_rows,
 )
+from inswsn_lib.simulation.position_search import squares
 from inswsn_lib.streams import Ranges
 
 _PERIODS = (0.2, 0.5, 1.0, 2.0)  # s

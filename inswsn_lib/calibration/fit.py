@@ -43,8 +43,8 @@ def calibrate(
 
     where :math:`t' = t - \mathrm{clock} - \mathrm{rate}\,(t - t_m)`; a fix is the place between the
     bars with :math:`a_k = 0`. The sum of the soft-l1 loss (see `multilaterate_track`) of all e is
-    made least by Levenberg and Marquardt's method (Marquardt 1963), from a clock found by trial and
-    a frame found in closed form (Umeyama 1991). The loss's scale is the residuals' own deviation.
+    made least by `scipy.optimize.least_squares`, from a clock found by trial and a frame found in
+    closed form (Umeyama 1991). The loss's scale is the residuals' own deviation.
 
     Errors of ranges last for seconds: of anchors that are hidden, of antennas that are turned away.
     So the covariance is a jackknife over blocks of time (Liang and Zeger 1986; MacKinnon, Nielsen

@@ -7,6 +7,7 @@ from typing import Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import least_squares
 
 from inswsn_lib.calibration.blocks import block_sums, jackknife
 from inswsn_lib.checks import Array, Mask
@@ -15,9 +16,8 @@ State = TypeVar("State")
 
 _ROUNDS, _SAME = 6, 0.02  # of the scale of residuals, and what is no change of it
 _FLOOR = 1e-6  # of that scale
-_STEPS, _SETTLED = 60, 1e-4  # most, and of an unknown's size
+_SETTLED, _REACH = 1e-10, 1e4  # of the loss, and how many sizes the first step may go
 _FAR = 0.1  # of a size: a way after which the scale is looked at again
-_DAMPING, _STUCK = 1e-4, 1e8
 _NULL = 1e-9  # of the singular values of the scaled Jacobian
 _TO_DEVIATION = 1.4826  # from the median of absolute values, of a normal distribution
 
@@ -59,47 +59,34 @@ def fit(
     noise = max(noise, _FLOOR)
     for _ in range(_ROUNDS):
         size = sizes(noise)
-        state, moved = _descended(problem, state, noise, size)
+        way = _least(problem, state, noise, size)
+        state, moved = problem.moved(state, way * size), float(np.abs(way).max())
         before, noise = noise, max(deviation_of(problem.residual(state), len(size)), _FLOOR)
         if abs(noise / before - 1) < _SAME and moved < _FAR:
             break
     return state, noise
 
 
-def _descended(
-    problem: Problem[State], state: State, noise: float, size: Array
-) -> tuple[State, float]:
-    """Return the state of the least loss by Levenberg and Marquardt's method, and how far it is."""
-    damping, way = _DAMPING, np.zeros(len(size))
-    miss, jacobian = problem.residual(state), problem.jacobian(state) * size
-    for _ in range(_STEPS):
-        push, bend = _soft(miss, noise)
-        A = (jacobian * bend[:, None]).T @ jacobian
-        A += damping * np.diag(np.diag(A) + 1e-12 * np.trace(A) + 1e-300)
-        step = -np.linalg.solve(A, push @ jacobian)
-        tried = problem.moved(state, step * size)
-        there = problem.residual(tried)
-        if _loss(there, noise) <= _loss(miss, noise):
-            state, miss, way, damping = tried, there, way + step, max(damping / 10, 1e-9)
-            if np.abs(step).max() < _SETTLED:
-                break
-            jacobian = problem.jacobian(state) * size
-        else:
-            damping *= 10
-            if damping > _STUCK:
-                break
-    return state, float(np.abs(way).max())
+def _least(problem: Problem[State], state: State, noise: float, size: Array) -> Array:
+    """Return the way from a state to where the loss is least, in sizes of the unknowns."""
+
+    def residual(way: Array) -> Array:
+        return problem.residual(problem.moved(state, way * size))
+
+    def jacobian(way: Array) -> Array:
+        return problem.jacobian(problem.moved(state, way * size)) * size
+
+    found = least_squares(
+        residual, np.zeros(len(size)), jacobian, loss="soft_l1", f_scale=noise, x_scale=_REACH,
+        ftol=_SETTLED, xtol=_SETTLED**0.5, gtol=1e-15,
+    )  # fmt: skip
+    return np.asarray(found.x)
 
 
 def _soft(miss: Array, noise: float) -> tuple[Array, Array]:
     """Return the first and the second derivative of half the loss by each residual."""
     weight = 1 / np.sqrt(1 + (miss / noise) ** 2)
     return weight * miss, weight**3
-
-
-def _loss(miss: Array, noise: float) -> float:
-    x = (miss / noise) ** 2
-    return float(np.sum(x / (np.sqrt(1 + x) + 1)))  # sqrt(1 + x) - 1 without cancellation
 
 
 def covariance(

@@ -13,10 +13,10 @@ from inswsn_lib.estimation.window_fits import (
     WindowFit,
     WindowRanges,
     fit_windows,
-    squares,
     window_ranges,
     window_rows,
 )
+from inswsn_lib.simulation.position_search import squares
 from inswsn_lib.streams import Fixes, Ranges
 
 

@@ -11,13 +11,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inswsn_lib.checks import Array, Mask
+from inswsn_lib.simulation.position_search import (
+    least_positions,
+    linear_start,
+    misses_from,
+    scatter,
+    squares,
+)
 from inswsn_lib.streams import Ranges, Whole
 
 Kind = TypeVar("Kind", bound=np.generic)
 
-_ITERATIONS = 60  # most fixes need six
-_NEAR = 1e-5  # m, a step after which a fix has settled
-_DAMPING, _STUCK = 1e-3, 1e6
+_SAVED = 1e-6  # s that compiled loops save a range
 _ROUNDS, _SAME = 3, 0.8  # of the scale of robust residuals, and what is no change of it
 _ENOUGH = 0.7  # of the intervals
 _ROUNDING = 1e-6  # of an interval
@@ -117,15 +122,17 @@ def fit_windows(
     """
     d = rows.place.shape[1]
     anchors = np.diff(np.append(rows.in_window, len(rows.groups)))
-    open_side = (anchors <= d) | _is_flat(_scatter(rows, anchors))
-    position = _linear_start(rows, open_side) if near is None else near.position.copy()
+    open_side = (anchors <= d) | _is_flat(scatter(rows.place[rows.groups], rows.in_window))
     if near is None:
-        _descend(rows, position, np.inf)
+        start = linear_start(rows.place, rows.height, rows.distance, rows.windows, open_side)
+        position = _descended(rows, start, np.inf)
+    else:
+        position = near.position
     direction, miss = misses(rows, position)
     noise = _scale(rows, miss, ~open_side)
     weight = np.ones(len(miss))
     for _ in range(_ROUNDS if robust and noise > 0 else 0):
-        _descend(rows, position, noise)
+        position = _descended(rows, position, noise)
         direction, miss = misses(rows, position)
         weight = _soft_weights(miss, noise)
         noise, before = _scale(rows, miss, ~open_side), noise
@@ -134,14 +141,6 @@ def fit_windows(
             break
     fit = WindowFit(position, open_side, direction, miss, weight, noise)
     return fit._replace(bad=open_side | _is_flat(fit.information(rows)))
-
-
-def squares(direction: Array) -> Array:
-    """Return u u' of each row u, (rows, d, d)."""
-    columns = direction.T
-    return np.asarray(
-        np.stack([a * b for a in columns for b in columns], axis=1).reshape(-1, *[len(columns)] * 2)
-    )
 
 
 def by_window(rows: WindowRanges, values: Array) -> Array:
@@ -164,36 +163,9 @@ def _is_flat(matrices: Array) -> Mask:
     return np.asarray(values[:, 0] <= _FLAT * values[:, -1])
 
 
-def _scatter(rows: WindowRanges, anchors: NDArray[np.intp]) -> Array:
-    """Return how the distinct anchors of each window are spread, (windows, d, d)."""
-    place = rows.place[rows.groups]
-    middle = np.add.reduceat(place, rows.in_window, axis=0) / anchors[:, None]
-    return np.add.reduceat(
-        squares(place - np.repeat(middle, anchors, axis=0)), rows.in_window, axis=0
-    )
-
-
-def _linear_start(rows: WindowRanges, open_side: Mask) -> Array:
-    """Solve |p - a_i|^2 = r_i^2 less its mean over i, which is linear in p."""
-    counts = _counts(rows)[:, None]
-    middle = by_window(rows, rows.place) / counts
-    apart = rows.place - each_row(rows, middle)
-    # r below the anchor's height, which noise makes, has no horizontal distance
-    flat = np.maximum(rows.distance**2 - rows.height**2, 0.0)
-    square = np.sum(apart**2, axis=1) - flat
-    square -= each_row(rows, by_window(rows, square) / counts[:, 0])
-    A = by_window(rows, squares(apart))
-    A[open_side] = np.eye(A.shape[1])
-    right = by_window(rows, apart * square[:, None] / 2)
-    start = middle + np.linalg.solve(A, right[:, :, None])[:, :, 0]
-    return np.where(open_side[:, None], middle, start)
-
-
 def misses(rows: WindowRanges, position: Array) -> tuple[Array, Array]:
     """Return the directions from the anchors, and what the ranges have more than the distances."""
-    apart = each_row(rows, position) - rows.place
-    distance = np.maximum(np.sqrt(np.sum(apart**2, axis=1) + rows.height**2), 1e-9)
-    return apart / distance[:, None], rows.distance - distance
+    return misses_from(rows.place, rows.height, rows.distance, each_row(rows, position))
 
 
 def _soft_weights(miss: Array, scale: float) -> Array:
@@ -201,53 +173,10 @@ def _soft_weights(miss: Array, scale: float) -> Array:
     return np.asarray(1 / np.sqrt(1 + (miss / scale) ** 2))
 
 
-def _cost(rows: WindowRanges, miss: Array, scale: float) -> Array:
-    if np.isinf(scale):
-        return by_window(rows, miss**2)
-    # (sqrt(1 + x^2) - 1) without cancellation
-    x = (miss / scale) ** 2
-    return by_window(rows, 2 * scale**2 * x / (np.sqrt(1 + x) + 1))
-
-
-def _descend(rows: WindowRanges, position: Array, scale: float) -> None:
-    """Take positions to where the cost is least; a step that makes it worse is tried shorter."""
-    left, here, damping = np.arange(len(position)), position, np.full(len(position), _DAMPING)
-    direction, miss = misses(rows, here)
-    cost = _cost(rows, miss, scale)
-    for _ in range(_ITERATIONS):
-        weight = _soft_weights(miss, scale)
-        H = by_window(rows, weight[:, None, None] * squares(direction))
-        gradient = by_window(rows, (weight * miss)[:, None] * direction)
-        size = np.trace(H, axis1=1, axis2=2) + 1e-12
-        H += (damping * size)[:, None, None] * np.eye(H.shape[1])
-        step = np.linalg.solve(H, gradient[:, :, None])[:, :, 0]
-        new_direction, new_miss = misses(rows, here + step)
-        new_cost = _cost(rows, new_miss, scale)
-        better = new_cost <= cost
-        here = np.where(better[:, None], here + step, here)
-        position[left], cost = here, np.where(better, new_cost, cost)
-        there = each_row(rows, better)
-        direction = np.where(there[:, None], new_direction, direction)
-        miss = np.where(there, new_miss, miss)
-        damping = np.clip(np.where(better, damping / 10, damping * 10), 1e-12, 10 * _STUCK)
-        on = (np.abs(step).max(axis=1) >= _NEAR) & (damping <= _STUCK)
-        if not on.any():
-            return
-        if on.sum() < len(on) / 2:  # the few that take long need not take the others along
-            kept = each_row(rows, on)
-            left, here, damping, cost = left[on], here[on], damping[on], cost[on]
-            rows, direction, miss = _part(rows, on), direction[kept], miss[kept]
-
-
-def _part(rows: WindowRanges, on: Mask) -> WindowRanges:
-    """Return the ranges of some windows, as far as positions need them."""
-    kept = each_row(rows, on)
-    first = np.append(0, np.cumsum(_counts(rows)[on])[:-1])
-    return rows._replace(
-        place=rows.place[kept],
-        height=rows.height[kept],
-        distance=rows.distance[kept],
-        windows=first,
+def _descended(rows: WindowRanges, position: Array, scale: float) -> Array:
+    saves = _SAVED * len(rows.distance)
+    return least_positions(
+        rows.place, rows.height, rows.distance, rows.windows, position, scale, saves=saves
     )
 
 

@@ -366,13 +366,7 @@ class _Cells:
     @cached_property
     def value_and_slope(self) -> Callable[[Array], tuple[Array, Array]]:
         """From one drift its expected cells, and their derivatives (cells, numbers)."""
-        return partial(choose("mean_sizes", _mean_sizes), self.basis, self.deviation, self.mean)
-
-
-def _mean_sizes(basis: Array, deviation: Array, mean: Array, drift: Array) -> tuple[Array, Array]:
-    """Return the fields of `_Cells` and one drift as expected cells and their derivatives."""
-    size, sign = _sizes(basis @ drift, deviation)
-    return mean @ size, (mean * sign) @ basis
+        return partial(choose("mean_sizes"), self.basis, self.deviation, self.mean)
 
 
 def _sizes(mean: Array, deviation: Array) -> tuple[Array, Array]:

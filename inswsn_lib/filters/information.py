@@ -41,7 +41,7 @@ def _inverses(matrices: Array) -> tuple[Array, float]:
         return found[..., None], _largest(np.einsum("...ii,...ii->...i", one, found))
     count = int(np.prod(matrices.shape[:-3]))  # one for a matrix alone
     many = np.ascontiguousarray(matrices.reshape(count, *matrices.shape[-3:]))
-    found = choose("eliminated", _eliminated)(many).reshape(matrices.shape)
+    found = choose("eliminated")(many).reshape(matrices.shape)
     return found, _largest(np.einsum("...iik,...iik->...ik", matrices, found))
 
 
@@ -54,50 +54,11 @@ def _lost() -> ParameterError:
     return ParameterError("measurement_covariance", got, "larger")
 
 
-def _eliminated(matrices: Array) -> Array:
-    """Return inverses (filters, n, n, K), by the elimination of Gauss and Jordan of all K at once.
-
-    It needs no pivoting for positive definite matrices; for small n it is far quicker than a call
-    for each. One that has none is infinite or NaN.
-    """
-    work = matrices.copy()
-    with np.errstate(divide="ignore", invalid="ignore"):
-        for p in range(work.shape[-2]):
-            pivot = 1 / work[..., p, p, :]
-            row = work[..., p, :, :] * pivot[..., None, :]
-            column = work[..., :, p, :].copy()
-            work -= column[..., :, None, :] * row[..., None, :, :]
-            work[..., p, :, :] = row
-            work[..., :, p, :] = -column * pivot[..., None, :]
-            work[..., p, p, :] = pivot
-    return work
-
-
 def applied(matrices: Array, vectors: Array) -> Array:
     """Return the products of matrices (..., i, j, K) with vectors (..., j, runs)."""
     if matrices.shape[-1] == 1:
         return np.asarray(matrices[..., 0] @ vectors)
     return np.asarray(np.einsum("...ijr,...jr->...ir", matrices, vectors))
-
-
-def _moved(Y: Array, A: Array, Q: Array, shares: Array) -> tuple[Array, Array, float]:
-    r"""Return what a step makes of informations Y (filters, n, n) that all runs share.
-
-    Returns
-    -------
-    Y+, weights : ndarray, (filters, n, n)
-        :math:`Y^+ = (A Y^{-1} A' + Q/\beta)^{-1}`, and :math:`Y^+ A Y^{-1}`, by which Y x is
-        multiplied; zero for a share of zero.
-    inflation : float
-        The largest product of a variance and its place in the information.
-    """
-    some = shares > 0
-    ahead, weights = np.zeros((2, *Y.shape))
-    P, first = _inverses(Y[some][..., None])
-    moved = A @ P[..., 0] @ A.T + Q / shares[some, None, None]
-    found, second = _inverses(moved[..., None])
-    ahead[some], weights[some] = found[..., 0], found[..., 0] @ A @ P[..., 0]
-    return ahead, weights, max(first, second)
 
 
 class Filters(NamedTuple):
@@ -140,12 +101,6 @@ class Filters(NamedTuple):
 
         One without a share (filters,) of the noise forgets all it knows.
         """
-        if self.Y.shape[-1] == 1:
-            moved, c = choose("moved_information", _moved), np.ascontiguousarray
-            Y, weights, inflation = moved(c(self.Y[..., 0]), c(A), c(Q), shares)
-            if not inflation <= _INFLATION:  # nor NaN
-                raise _lost()
-            return type(self)(Y[..., None], weights @ self.i)
         some = shares > 0
         ahead = type(self)(np.zeros(self.Y.shape), np.zeros(self.i.shape))
         mine = self.part(some)
@@ -244,9 +199,11 @@ def centre_states(
 
     `how` is the rule of the fusion, 0 for the sum, 1 for covariance intersection, 2 for the best;
     after how many steps the sum is shared out, 0 for never; whether states are before their
-    measurements. `plain` gives the same, step by step.
+    measurements. `plain` gives the same, step by step: the way of lost messages and of gaps that
+    runs do not share, 4 to 30 times as quick as the kernel where that is not compiled.
     """
     packed = np.ascontiguousarray
+    found: Array
     found, inflation = choose("information_steps", plain)(
         packed(A), packed(Qs), shares, packed(start.Y[..., 0]), packed(start.i),
         *map(packed, observed.all()), *how,

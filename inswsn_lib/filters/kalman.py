@@ -107,7 +107,7 @@ def design_kalman(
     """
     there = mask("available", available, ("steps", len(model.C)))
     noise = _Noise.of(model, process_covariance, measurement_covariance, len(there))
-    covariances = _Covariances.start(model, initial_covariance, len(there))
+    covariances = _Covariances.start(model, initial_covariance)
     steps = [covariances.step(here, noise, k) for k, here in enumerate(there[:, None])]
     m, n = model.C.shape
     gains, _, *others = (
@@ -163,7 +163,7 @@ def run_kalman(
     """
     there, y, back = measured(measurements, "steps", len(model.C), "runs")
     noise = _Noise.of(model, process_covariance, measurement_covariance, len(y))
-    covariances = _Covariances.start(model, initial_covariance, len(y))
+    covariances = _Covariances.start(model, initial_covariance)
     x = first_state(initial_state, len(model.A), y.shape[2])
     return back(_run(covariances, noise, there, y, x, predicted)[0])
 
@@ -270,22 +270,18 @@ class _Covariances:
     there P is carried as a square root.
     """
 
-    def __init__(
-        self, A: Array, C: Array, P: Array, root: Array, steps: float = float("inf")
-    ) -> None:
-        self.A, self.C, self.P, self._saves = A, C, P, _SAVED * steps
+    def __init__(self, A: Array, C: Array, P: Array, root: Array) -> None:
+        self.A, self.C, self.P = A, C, P
         self._root: Array | None = root
         self._before: tuple[Array, Array] | None = None
         # where P comes back to what it was, to the last bit, so does all that follows
         self._known: dict[bytes, tuple[_Step, Array, Array | None]] = {}
 
     @classmethod
-    def start(
-        cls, model: ErrorModel, initial_covariance: ArrayLike, steps: float = float("inf")
-    ) -> Self:
+    def start(cls, model: ErrorModel, initial_covariance: ArrayLike) -> Self:
         """Return the one of all filters before the first of steps, P_0 (n, n)."""
         P = covariance("initial_covariance", initial_covariance, model.A.shape)[None]
-        return cls(model.A, model.C, P, _root(P), steps)
+        return cls(model.A, model.C, P, _root(P))
 
     @property
     def root(self) -> Array:
@@ -325,7 +321,7 @@ class _Covariances:
         The pattern of each step is `there`, (steps, m).
         """
         (m, n), saves, k = self.C.shape, _SAVED * len(there), 0
-        run = choose("kalman_updates", _gains, "kalman_gains", saves=saves)
+        run = choose("kalman_gains", _gains, saves=saves)
         found = np.empty((len(there), n, m + n))
         while k < len(there):
             if noise.steady:
@@ -354,7 +350,7 @@ class _Covariances:
             keep = np.eye(len(self.A)) - gain @ self.C
             root = self._moved(root, driving)
         else:
-            gain, keep, after = updated(self.C, self.P, S, R, here, saves=self._saves)
+            gain, keep, after = updated(self.C, self.P, S, R, here)
         return (gain, keep, self.P, after, S), self.A @ after @ self.A.T + Q, root
 
 
@@ -412,7 +408,7 @@ def _gains(
             S = C @ P @ C.T + R
             if (S.diagonal() > limits).any():
                 return k, P, after, False
-            gain, keep, (after,), _ = _updated(C, P[None], S[None], R[None], here[None])
+            gain, keep, (after,) = updated(C, P[None], S[None], R, here[None])
             found = np.hstack([gain[0], keep[0]]), after, A @ after @ A.T + Q
         known[key] = found
         if len(known) > _REMEMBERED:
@@ -544,30 +540,17 @@ def _updated_root(C: Array, W: Array, noise: Array, there: Mask) -> tuple[Array,
     return gain, root @ np.swapaxes(root, 1, 2), root
 
 
-def updated(
-    C: Array, P: Array, S: Array, R: Array, there: Mask, *, saves: float = float("inf")
-) -> tuple[Array, Array, Array]:
+def updated(C: Array, P: Array, S: Array, R: Array, there: Mask) -> tuple[Array, Array, Array]:
     """Return K, I - K C and P+ (filters, ., .) for what is there (filters, m) of a measurement.
 
-    P, S and R may be one for all filters. What a kernel `saves` is of all calls together, s.
+    P, S and R may be one for all filters.
     """
-    run, c = choose("kalman_updates", _updated, saves=saves), np.ascontiguousarray
-    P, S = (np.broadcast_to(X, (len(there), *X.shape[1:])) for X in (P, S))
-    *found, certain = run(c(C), c(P), c(S), c(R if R.ndim == 3 else R[None]), c(there))
-    if certain:
-        raise certain_innovation()
-    return found[0], found[1], found[2]
-
-
-def _updated(
-    C: Array, P: Array, S: Array, R: Array, there: Mask
-) -> tuple[Array, Array, Array, bool]:
-    """Return what `updated` does, and whether an innovation is certain; here that is an error."""
+    S = np.broadcast_to(S, (len(there), *S.shape[1:]))
     gain = np.swapaxes(solve_present(there, S, C @ P), 1, 2)
     keep = np.eye(C.shape[1]) - gain @ C
     # Joseph's form stays symmetric and positive for any gain
     after = keep @ P @ np.swapaxes(keep, 1, 2) + gain @ R @ np.swapaxes(gain, 1, 2)
-    return gain, keep, after, False
+    return gain, keep, after
 
 
 def predictor_gain(model: ErrorModel) -> Array:

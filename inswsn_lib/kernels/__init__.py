@@ -1,12 +1,12 @@
 """Inner loops that numpy cannot vectorise, compiled by numba.
 
 Each file holds the loops of one kernel, in the part of Python that numba compiles, and calls no
-other file of this room: numba does not see that a function of another file has changed. The plain
-numpy that a kernel is tested against stands where it is called from, and `choose` says which of the
-two runs, by the size of the work. What is compiled is kept on disk, so that it is compiled once and
-not in each process.
+other file of this room: numba does not see that a function of another file has changed. `choose`
+says by the size of the work whether a kernel is compiled, or runs as the Python that it is. A few
+have a form in plain numpy besides, which stands where it is called from. What is compiled is kept
+on disk, so that it is compiled once and not in each process.
 """
 
-from inswsn_lib.kernels.choice import PLAIN, choose, import_numba_user, keeping
+from inswsn_lib.kernels.choice import PLAIN, choose, import_numba_user, keeping, kernel
 
-__all__ = ["PLAIN", "choose", "import_numba_user", "keeping"]
+__all__ = ["PLAIN", "choose", "import_numba_user", "keeping", "kernel"]

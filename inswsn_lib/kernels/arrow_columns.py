@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
 import numpy as np
 
+from inswsn_lib.kernels.choice import kernel
 
-@numba.njit(cache=True)
+
+@kernel()
 def arrow_columns(J: Any, unknown: Any, row: Any, column: Any, weight: Any) -> Any:
     """Return the sums of w (j k' + k j') / 2 over the places of each unknown, j and k rows of J.
 

@@ -1,4 +1,4 @@
-"""The one place where it is chosen whether a kernel runs compiled or as plain numpy."""
+"""The one place where it is chosen whether a kernel runs compiled or not."""
 
 from __future__ import annotations
 
@@ -9,40 +9,76 @@ from functools import cache, partial
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, ClassVar, TypeVar, cast
+from types import FunctionType, ModuleType
+from typing import Any, ClassVar, TypeVar
 
-#: Set in the environment to 1, it makes every kernel run as plain numpy; to 0, compiled, whatever
-#: the size of the work, and without a word. By default the size decides.
+import numpy as np
+
+#: Set in the environment to 1, it makes no kernel run compiled; to 0, every one, whatever the size
+#: of the work, and without a word. By default the size decides.
 PLAIN = "INSWSN_PLAIN"
 
 # What a compiled kernel must save to be worth it, s: numba is loaded with what it kept on disk in
 # about one, and compiles in about eight (Python 3.11, numba 0.68, one core).
 _LOADED, _COMPILED = 1.0, 8.0
 
-_Kernel = TypeVar("_Kernel", bound=Callable[..., Any])
 _Given = TypeVar("_Given")
 
 
-def choose(
-    name: str, plain: _Kernel, function: str = "", *, saves: float = float("inf")
-) -> _Kernel:
-    """Return what runs in place of `plain`: a function of the kernel file `name`.
+def kernel(**options: Any) -> Callable[[_Given], _Given]:
+    """Mark a function of a kernel file for numba's ``njit``, with these options.
 
-    By default it is the function of that name.
-    It is plain numpy where numba is missing or broken, where ``INSWSN_PLAIN`` is 1, and where the
-    compiled kernel would save less time than it costs: `saves`, in seconds, as it has been measured
-    where this is called. Both take the same arguments, give the same to rounding, and change none
-    of their arguments but one named `out`, which they fill: numpy gets large memory more quickly
-    than numba.
+    The function stays what it is in Python, and calls others of its file as such.
+
+    Examples
+    --------
+    >>> from inswsn_lib.kernels import kernel
+    >>> @kernel(error_model="numpy")
+    ... def doubled(x):
+    ...     return 2 * x
+    >>> doubled(3)
+    6
+    """
+
+    def marked(function: Any) -> Any:
+        function.of_numba = options
+        return function
+
+    return marked
+
+
+def choose(
+    name: str,
+    plain: Callable[..., Any] | None = None,
+    function: str = "",
+    *,
+    saves: float = float("inf"),
+) -> Callable[..., Any]:
+    """Return a function of the kernel file `name`, by default the one of that name.
+
+    It is compiled, but where numba is missing or broken, where ``INSWSN_PLAIN`` is 1, and where
+    compiled it would save less time than it costs: `saves`, in seconds, as it has been measured
+    where this is called. There the source itself runs in Python, or what is given as `plain`: a
+    form of it in numpy, where the page would be too slow without. Both take the same arguments,
+    give the same to rounding, and change none of their arguments but one named `out`, which they
+    fill: numpy gets large memory more quickly than numba.
     """
     asked = os.environ.get(PLAIN, "")
     always = asked == "0"
-    if not always and (asked or saves < _LOADED):
-        return plain
-    found = _compiled(name, function or name)
+    found = None
+    if always or not (asked or saves < _LOADED):
+        found = _compiled(name, function or name)
     if found is None or not (always or saves >= _COMPILED or _is_kept(found)):
-        return plain
-    return cast(_Kernel, _Lasting(found, plain))
+        return plain or _in_python(name, function or name)
+    return _Lasting(found, plain or _in_python(name, function or name))
+
+
+@cache
+def _in_python(name: str, function: str) -> Callable[..., Any]:
+    """Return a kernel as it stands in its file; like numba's it does not warn of a division."""
+    source = getattr(import_module(f"inswsn_lib.kernels.{name}"), function)
+    quietly: Callable[..., Any] = np.errstate(all="ignore")(source)
+    return quietly
 
 
 @cache
@@ -52,13 +88,25 @@ def _compiled(name: str, function: str) -> Any:
         return None
     try:
         _tell_of_compiling()
-        return getattr(import_numba_user(f"inswsn_lib.kernels.{name}"), function)
+        module = import_numba_user(f"inswsn_lib.kernels.{name}")
+        return keeping(partial(_by_numba, module))[function]
     except (ImportError, OSError, RuntimeError):
         return None
 
 
+def _by_numba(module: ModuleType) -> dict[str, Any]:
+    """Return what a module names, its marked functions decorated, which call one another so."""
+    from numba import njit  # noqa: PLC0415  # it takes long
+
+    names = dict(vars(module))
+    for name, own in vars(module).items():
+        if hasattr(own, "of_numba"):
+            names[name] = njit(cache=True, **own.of_numba)(FunctionType(own.__code__, names, name))
+    return names
+
+
 class _Lasting:
-    """A compiled function, and plain numpy where what is compiled cannot be written to disk."""
+    """A compiled function, and another where what is compiled cannot be written to disk."""
 
     lost: ClassVar[set[Any]] = set()
 

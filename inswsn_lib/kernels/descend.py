@@ -1,79 +1,96 @@
-"""Damped Gauss-Newton iteration of positions from ranges, runs of a place side by side."""
+"""Positions of least squares from ranges, one after the other."""
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 
-_LANES = 64
-_CUSP = 1e-9  # m, the least distance from a node
+from inswsn_lib.kernels.choice import kernel
+
+_CUSP = 1e-9  # m, the least distance from an anchor
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
-def descend(nodes, r, weight, start, limits):
-    """Return positions (2, places, runs); arguments as in `simulation.multilateration`."""
-    least, iterations, damp, stuck, small, flat = limits
-    places, runs = r.shape[1:]
-    found = start.copy()
-    sums, new = np.empty((6, _LANES)), np.empty((6, _LANES))
-    here, tried = np.empty((2, _LANES)), np.empty((2, _LANES))
-    damping, enough = np.empty(_LANES), np.empty(_LANES, np.bool_)
-    for place in range(places):
-        for first in range(0, runs, _LANES):
-            width = min(_LANES, runs - first)
-            for q in range(width):
-                here[0, q], here[1, q] = start[0, place, first + q], start[1, place, first + q]
-                heard, damping[q] = 0.0, 0.0
-                for i in range(len(r)):
-                    heard += weight[i, place, first + q]
-                enough[q] = heard >= least
-            _moments(nodes, r, weight, place, first, width, here, sums)
-            for _ in range(iterations):
-                for q in range(width):
-                    a, b, d, u, v = sums[1, q], sums[2, q], sums[3, q], sums[4, q], sums[5, q]
-                    level = a * d - b * b <= flat * max(a + d, 1e-300) ** 2
-                    a, d = a * (1 + damping[q]) + damping[q], d * (1 + damping[q]) + damping[q]
-                    whole = a * d - b * b
-                    east, north = (d * u - b * v) / whole, (a * v - b * u) / whole
-                    stays = level and damping[q] == 0
-                    tried[0, q] = here[0, q] + (east if np.isfinite(east) and not stays else 0.0)
-                    tried[1, q] = here[1, q] + (north if np.isfinite(north) and not stays else 0.0)
-                _moments(nodes, r, weight, place, first, width, tried, new)
-                on = False
-                for q in range(width):
-                    if new[0, q] < sums[0, q]:
-                        here[0, q], here[1, q] = tried[0, q], tried[1, q]
-                        for i in range(6):
-                            sums[i, q] = new[i, q]
-                        damping[q] /= 10
-                    else:  # a step that makes it worse is tried again, shorter
-                        damping[q] = min(max(10 * damping[q], damp), 10 * stuck)
-                    # at a node the cost has a cusp: there no step, however short, makes it smaller
-                    steep = max(abs(sums[4, q]), abs(sums[5, q]))
-                    on |= enough[q] and not (steep < small or damping[q] > stuck)
-                if not on:
-                    break
-            for q in range(width):
-                found[0, place, first + q], found[1, place, first + q] = here[0, q], here[1, q]
+@kernel(error_model="numpy", fastmath={"contract"})
+def descend(place, height, distance, windows, start, scale, limits):
+    """Return positions (windows, d); arguments as in `simulation.position_search`."""
+    iterations, damp, stuck, small, flat = limits
+    d, found = place.shape[1], start.copy()
+    tried, solved = np.empty(d), np.empty((d, d + 1))
+    equations, new = np.empty((d, d + 1)), np.empty((d, d + 1))
+    for w in range(len(windows)):
+        first = windows[w]
+        last = windows[w + 1] if w + 1 < len(windows) else len(distance)
+        here, damping = found[w], 0.0
+        cost = _equations(place, height, distance, first, last, here, scale, equations)
+        for _ in range(iterations):
+            step = _solved(equations, damping, flat, solved)
+            for i in range(d):
+                tried[i] = here[i] + (solved[i, d] if step else 0.0)
+            new_cost = _equations(place, height, distance, first, last, tried, scale, new)
+            if new_cost < cost:
+                cost, damping = new_cost, damping / 10
+                for i in range(d):
+                    here[i] = tried[i]
+                    for j in range(d + 1):
+                        equations[i, j] = new[i, j]
+            else:  # a step that makes it worse is tried again, shorter
+                damping = min(max(10 * damping, damp), 10 * stuck)
+            steep = 0.0
+            for i in range(d):
+                steep = max(steep, abs(equations[i, d]))
+            # at an anchor the cost has a cusp: there no step, however short, makes it smaller
+            if steep < small or damping > stuck:
+                break
     return found
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
-def _moments(nodes, r, weight, place, first, width, at, out):
-    """Set out to the cost, the entries of J'J, and the gradient J'e of positions."""
-    for i in range(6):
-        for q in range(width):
-            out[i, q] = 0.0
-    for i in range(len(r)):
-        x, y = nodes[i, 0, place, 0], nodes[i, 1, place, 0]
-        for q in range(width):
-            east, north, w = at[0, q] - x, at[1, q] - y, weight[i, place, first + q]
-            away = max(np.sqrt(east * east + north * north), _CUSP)
-            miss = w * (r[i, place, first + q] - away)
-            east, north = east / away, north / away
-            out[0, q] += miss * miss
-            out[1, q] += w * east * east
-            out[2, q] += w * east * north
-            out[3, q] += w * north * north
-            out[4, q] += east * miss
-            out[5, q] += north * miss
+@kernel(error_model="numpy", fastmath={"contract"})
+def _equations(place, height, distance, first, last, at, scale, out):
+    """Set out (d, d + 1) to the normal equations J'WJ and J'We of a position; return the cost."""
+    d, cost = len(at), 0.0
+    for i in range(d):
+        for j in range(d + 1):
+            out[i, j] = 0.0
+    for k in range(first, last):
+        square = height[k] * height[k]
+        for i in range(d):
+            square += (at[i] - place[k, i]) ** 2
+        away = max(np.sqrt(square), _CUSP)
+        miss, weight = distance[k] - away, 1.0
+        if scale < np.inf:
+            root = np.sqrt(1.0 + (miss / scale) ** 2)
+            weight = 1.0 / root
+            cost += 2.0 * miss * miss / (1.0 + root)  # without the cancellation in root - 1
+        else:
+            cost += miss * miss
+        for i in range(d):
+            slope = weight * (at[i] - place[k, i]) / away
+            for j in range(i + 1):
+                out[i, j] += slope * (at[j] - place[k, j]) / away
+            out[i, d] += slope * miss
+    for i in range(d):
+        for j in range(i):
+            out[j, i] = out[i, j]
+    return cost
+
+
+@kernel(error_model="numpy", fastmath={"contract"})
+def _solved(equations, damping, flat, out):
+    """Set the last column of out to the damped step; tell whether it may be taken."""
+    d, trace, whole = len(out), 0.0, 1.0
+    for i in range(d):
+        trace += equations[i, i]
+        for j in range(d + 1):
+            out[i, j] = equations[i, j]
+        out[i, i] += damping * (1.0 + equations[i, i])
+    for p in range(d):
+        whole *= out[p, p]
+        for i in range(d):
+            if i != p:
+                factor = out[i, p] / out[p, p]
+                for j in range(p, d + 1):
+                    out[i, j] -= factor * out[p, j]
+    sound = damping > 0.0 or whole > flat * max(trace, 1e-300) ** d
+    for i in range(d):
+        out[i, d] /= out[i, i]
+        sound &= np.isfinite(out[i, d])
+    return sound

@@ -2,30 +2,29 @@
 
 from __future__ import annotations
 
-import numba
-import numpy as np
+from inswsn_lib.kernels.choice import kernel
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+@kernel(error_model="numpy", fastmath={"contract"})
 def eliminated(matrices):
-    """Return the inverses of matrices (filters, n, n, K); infinite where there is none."""
-    filters, n, _, K = matrices.shape
-    work, pivot = matrices.copy(), np.empty(K)
+    """Return the inverses of matrices (filters, n, n, K); infinite where there is none.
+
+    By the elimination of Gauss and Jordan, which needs no pivoting for positive definite matrices.
+    """
+    filters, n = matrices.shape[:2]
+    work = matrices.copy()
     for f in range(filters):
         for p in range(n):
-            for k in range(K):
-                pivot[k] = 1.0 / work[f, p, p, k]
-                work[f, p, p, k] = 1.0
+            pivot = 1.0 / work[f, p, p]
             for j in range(n):
-                for k in range(K):
-                    work[f, p, j, k] *= pivot[k]
+                if j != p:
+                    work[f, p, j] *= pivot
             for i in range(n):
-                if i == p:
-                    continue
+                factor = work[f, i, p]
                 for j in range(n):
-                    if j != p:
-                        for k in range(K):
-                            work[f, i, j, k] -= work[f, i, p, k] * work[f, p, j, k]
-                for k in range(K):
-                    work[f, i, p, k] *= -work[f, p, p, k]
+                    if i != p != j:
+                        work[f, i, j] -= factor * work[f, p, j]
+                if i != p:
+                    factor *= -pivot
+            work[f, p, p] = pivot
     return work

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
 import numpy as np
 
+from inswsn_lib.kernels.choice import kernel
 
-@numba.njit(cache=True)
+
+@kernel()
 def horizon_steps(A: Any, E: Any, B: Any, L: Any, gain: float, steps: int) -> int:
     """Return for how many steps, at most `steps`, no disturbance costs less than it gains.
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 
+from inswsn_lib.kernels.choice import kernel
 
-@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+
+@kernel(error_model="numpy", fastmath={"contract"})
 def information_steps(A, Qs, shares, Y, i, added, told, heard, rule, every, predicted):
     """Return the centre's states (steps, n, runs) and the inflation; see `filters.information`."""
     steps, n, runs = len(Qs), len(A), i.shape[2]
@@ -58,7 +59,7 @@ def information_steps(A, Qs, shares, Y, i, added, told, heard, rule, every, pred
     return found, most
 
 
-@numba.njit(cache=True)
+@kernel()
 def _weights(rule, omega, last, held):
     """Set the weights to the centre's alone, or to the sum of all for a rule of 0."""
     omega[:] = 1.0 if rule == 0 else 0.0
@@ -66,7 +67,7 @@ def _weights(rule, omega, last, held):
     return omega
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+@kernel(error_model="numpy", fastmath={"contract"})
 def _mix(omega, Y, i, fused, state):
     fused[:] = 0.0
     state[:] = 0.0
@@ -76,7 +77,7 @@ def _mix(omega, Y, i, fused, state):
             state += omega[c] * i[c]
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+@kernel(error_model="numpy", fastmath={"contract"})
 def _predict(A, Q, share, Y, i, P, half, moved, W):
     """Move one filter a step ahead, in place; return how much its inverses are inflated."""
     if not share > 0.0:
@@ -98,7 +99,7 @@ def _predict(A, Q, share, Y, i, P, half, moved, W):
     return most
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+@kernel(error_model="numpy", fastmath={"contract"})
 def _apply(X, Y, out):
     for i in range(len(X)):
         out[i] = 0.0
@@ -107,7 +108,7 @@ def _apply(X, Y, out):
                 out[i, r] += X[i, a] * Y[a, r]
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+@kernel(error_model="numpy", fastmath={"contract"})
 def _inverse(matrix, out):
     """Set out to the inverse of a positive definite matrix, and return how much it is inflated.
 

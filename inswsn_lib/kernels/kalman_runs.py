@@ -7,14 +7,15 @@ step, and computed by square roots of covariances.
 
 from __future__ import annotations
 
-import numba
 import numpy as np
+
+from inswsn_lib.kernels.choice import kernel
 
 _LANES = 128
 _ZERO = 1e-14  # of a variance: what a Cholesky factor takes for zero
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+@kernel(error_model="numpy", fastmath={"contract"})
 def kalman_runs(
     A, C, Q, driving, R, noise, limits, P, W, x, there, y, states, outputs, predicted, out
 ):
@@ -109,7 +110,7 @@ def kalman_runs(
     return x_after, P_after, W_after, certain
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+@kernel(error_model="numpy", fastmath={"contract"})
 def _times(M, X, out):
     """Set out to M X, for a matrix that all runs share; it is often sparse."""
     lanes = out.shape[2]
@@ -129,7 +130,7 @@ def _times(M, X, out):
                 out[i, j] = 0.0
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+@kernel(error_model="numpy", fastmath={"contract"})
 def _times_transposed(X, M, added, out):
     """Set out to the symmetric matrix X M' + added."""
     lanes = out.shape[2]
@@ -152,7 +153,7 @@ def _times_transposed(X, M, added, out):
                     out[j, i, r] = out[i, j, r]
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+@kernel(error_model="numpy", fastmath={"contract"})
 def _solve(S, seen, here, gain):
     """Set gain (m, n) to S^-1 C P of what is here, zero elsewhere; tell whether S is singular."""
     lanes = S.shape[2]
@@ -189,7 +190,7 @@ def _solve(S, seen, here, gain):
     return singular
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+@kernel(error_model="numpy", fastmath={"contract"})
 def _joseph(C, R, prior, gain, keep, work, weighed, after):
     """Set after to (I - K C) P (I - K C)' + K R K'."""
     lanes = prior.shape[2]
@@ -224,7 +225,7 @@ def _joseph(C, R, prior, gain, keep, work, weighed, after):
                 after[j, i, r] = after[i, j, r]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _predicted_root(A, after, driving, root, r):
     """Set root (n, .) to that of A P A' + Q, of the run in place r."""
     n, p = len(A), root.shape[1] - len(A)
@@ -245,7 +246,7 @@ def _predicted_root(A, after, driving, root, r):
     _moved_root(A, driving, root)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _moved_root(A, driving, root):
     """Set root (n, .) to [driving, 0, A W] of the W in its last columns."""
     n, p = len(A), root.shape[1] - len(A)
@@ -259,7 +260,7 @@ def _moved_root(A, driving, root):
             root[i, j] = driving[i, j] if j < driving.shape[1] else 0.0
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _updated_root(C, noise, here, root, gain, after, r):
     """Set gain, P+, and the last columns of root to its root; tell if an innovation is certain.
 
@@ -297,7 +298,7 @@ def _updated_root(C, noise, here, root, gain, after, r):
     return certain
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _reflected(whole, p):
     """Make zeros below the diagonal of column p, by Householder's reflection."""
     rows, columns = whole.shape

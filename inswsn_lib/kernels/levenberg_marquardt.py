@@ -17,14 +17,15 @@ rows that were taken out before: with two indices numba does not vectorise them.
 
 import math
 
-import numba
 import numpy as np
+
+from inswsn_lib.kernels.choice import kernel
 
 # Sums may be formed in any order, so that several terms are added at a time
 _SUMS = {"reassoc", "contract"}
 
 
-@numba.njit(cache=True)
+@kernel()
 def levenberg_marquardt(X, Y, trains, weights, decay, epochs, patience, rules):
     """Return the best weights, and the steps of each network; arguments as in `backprop`."""
     (networks, samples, inputs), outputs = X.shape, Y.shape[2]
@@ -58,7 +59,7 @@ def levenberg_marquardt(X, Y, trains, weights, decay, epochs, patience, rules):
     return best, steps
 
 
-@numba.njit(cache=True)
+@kernel()
 def _sorted(X, Y, trains):
     """Return inputs and targets, samples that train first, and how many do."""
     (samples, inputs), outputs = X.shape, Y.shape[1]
@@ -78,7 +79,7 @@ def _sorted(X, Y, trains):
     return Z, T, m
 
 
-@numba.njit(cache=True)
+@kernel()
 def _places(inputs, hidden, outputs):
     """Return where the weights, in the order of this file, stand in the caller's."""
     places = np.empty(hidden * (inputs + 1) + outputs * (hidden + 1), np.int64)
@@ -95,14 +96,14 @@ def _places(inputs, hidden, outputs):
     return places
 
 
-@numba.njit(cache=True)
+@kernel()
 def _parts(weights, inputs, hidden, outputs):
     """Return (W1, b1) and (W2, b2), parts of the weights."""
     q = hidden * (inputs + 1)
     return weights[:q].reshape(hidden, inputs + 1), weights[q:].reshape(outputs, hidden + 1)
 
 
-@numba.njit(cache=True, fastmath=_SUMS)
+@kernel(fastmath=_SUMS)
 def _forward(weights, Z, T, m, decay):
     """Return the loss, the error that is watched, the bent layer H, and the residuals R.
 
@@ -133,7 +134,7 @@ def _forward(weights, Z, T, m, decay):
     return loss, held / ((samples - m) * outputs) if m < samples else loss, H, R
 
 
-@numba.njit(cache=True)
+@kernel()
 def _normal(weights, Z, H, R, m, decay):
     """Return the weight ahead of each column of G, by output, G'G, H'G, H'H, and the slope.
 
@@ -172,7 +173,7 @@ def _normal(weights, Z, H, R, m, decay):
     return wide, GG, HG, HH, slope
 
 
-@numba.njit(cache=True)
+@kernel()
 def _solve(wide, GG, HG, HH, slope, damping):
     """Return whether the damped equations are definite, and if so the step."""
     (r, q), outputs = HG.shape, len(wide)
@@ -217,7 +218,7 @@ def _solve(wide, GG, HG, HH, slope, damping):
     return True, step
 
 
-@numba.njit(cache=True)
+@kernel()
 def _factor(A):
     """Overwrite the upper triangle of A by its factor U, A = U'U; return whether there is one."""
     for k in range(len(A)):
@@ -230,7 +231,7 @@ def _factor(A):
     return True
 
 
-@numba.njit(cache=True)
+@kernel()
 def _down(U, b):
     """Overwrite b by U'^-1 b."""
     for k in range(len(U)):
@@ -238,14 +239,14 @@ def _down(U, b):
         _add(b[k + 1 :], -b[k], U[k, k + 1 :])
 
 
-@numba.njit(cache=True)
+@kernel()
 def _up(U, b):
     """Overwrite b by U^-1 b."""
     for k in range(len(U) - 1, -1, -1):
         b[k] = (b[k] - _dot(U[k, k + 1 :], b[k + 1 :])) / U[k, k]
 
 
-@numba.njit(cache=True, fastmath=_SUMS)
+@kernel(fastmath=_SUMS)
 def _dot(a, b):
     """Return the sum of products of a and as many entries of b."""
     total = 0.0
@@ -254,20 +255,20 @@ def _dot(a, b):
     return total
 
 
-@numba.njit(cache=True)
+@kernel()
 def _add(row, factor, other):
     """Add a multiple of as many entries of another row."""
     for b in range(len(row)):
         row[b] += factor * other[b]
 
 
-@numba.njit(cache=True)
+@kernel()
 def _divide(row, by):
     for b in range(len(row)):
         row[b] /= by
 
 
-@numba.njit(cache=True)
+@kernel()
 def _largest(values):
     """Return the largest size."""
     found = 0.0

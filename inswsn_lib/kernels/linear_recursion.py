@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import numba
+from inswsn_lib.kernels.choice import kernel
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+@kernel(error_model="numpy", fastmath={"contract"})
 def linear_recursion(F, G, x, y, out):
     """Fill out with x_k; arguments as in `filters.kalman`."""
     # by entries: to assign whole rows takes the compiler seconds, for what a wrong shape is told
@@ -21,7 +21,7 @@ def linear_recursion(F, G, x, y, out):
                     out[k + 1, i, r] = 0.0
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+@kernel(error_model="numpy", fastmath={"contract"})
 def _add(weights, rows, k, out, i, fresh):
     """Add weighted rows to a row of the next step, two at a time; tell whether it is still fresh.
 

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from math import erf, exp, pi, sqrt
 
-import numba
 import numpy as np
 
+from inswsn_lib.kernels.choice import kernel
 
-@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+
+@kernel(error_model="numpy", fastmath={"contract"})
 def mean_sizes(basis, deviation, mean, numbers):
     """Return cells, (cells,), and slopes, (cells, numbers); arguments as in `drift_family`."""
     cells, slopes = np.zeros(len(mean)), np.zeros((len(mean), len(numbers)))

@@ -284,7 +284,7 @@ def _train(copies: Sequence[BackpropRegressor], samples: Sequence[tuple[Array, A
             moving, still = weights.clone().requires_grad_(), torch.zeros_like(weights)
             weights, steps = _repeat(descend, work, moving, still, epochs, patience)
         else:
-            train = choose("levenberg_marquardt", _levenberg_marquardt)
+            train = choose("levenberg_marquardt")
             found = train(X, Y, trains, start, decay, epochs, patience, _RULES)
             weights, steps = map(torch.from_numpy, found)
         losses = _mean(work.squares(weights), work.trains)
@@ -342,93 +342,6 @@ def _descend(
     speed = momentum * speed - rate * gradient
     moved = (weights.detach() + speed).requires_grad_()
     return moved, speed, gradient.abs().amax(dim=-1) < _FLAT
-
-
-def _levenberg_marquardt(
-    X: Array,
-    Y: Array,
-    trains: NDArray[np.bool_],
-    weights: Array,
-    decay: float,
-    epochs: int,
-    patience: int,
-    rules: tuple[float, ...],
-) -> tuple[Array, NDArray[np.int64]]:
-    """Return the best weights and the steps of networks (networks, samples, ...) by `_RULES`."""
-    work, start = _Work.on(X, Y, trains, weights, decay), torch.from_numpy(weights)
-    damping = torch.full_like(start[:, 0], rules[0])
-    step = partial(_damped_step, rules)
-    best, steps = _repeat(step, work, start, damping, epochs, patience)
-    return best.numpy(), steps.numpy()
-
-
-def _damped_step(
-    rules: tuple[float, ...],
-    work: _Work,
-    weights: torch.Tensor,
-    squares: torch.Tensor,
-    damping: torch.Tensor,
-) -> _Stepped:
-    """Make a damped Gauss-Newton step, each network with its own damping, which lowers its loss."""
-    _, worse, good, most, least, flat = rules
-    normal, slope = _normal_equations(work, weights)
-    unit = torch.eye(normal.shape[-1], dtype=normal.dtype)
-    done = slope.abs().amax(dim=-1) < flat
-    moved, damping, before = weights.clone(), damping.clone(), work.losses(weights, squares)
-    left = torch.arange(len(weights))  # networks that look for a step that lowers their loss
-    while len(left):
-        now = damping[left]
-        factor, lacking = torch.linalg.cholesky_ex(normal + now[:, None, None] * unit)
-        tried = weights - torch.cholesky_solve(slope.unsqueeze(-1), factor).squeeze(-1)
-        # not so for what is not a number
-        better = (work.losses(tried, work.squares(tried)) < before) & (lacking == 0)
-        moved[left[better]] = tried[better]
-        now = torch.where(better, good * now, worse * now).clamp(min=least)
-        damping[left], again = now, ~better & (now <= most)
-        work = work.of(again)
-        normal, slope, weights, before, left = (
-            x[again] for x in (normal, slope, weights, before, left)
-        )
-    return moved, damping, done | (damping > most)
-
-
-def _normal_equations(work: _Work, weights: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-    r"""Return J'J and J'r of each network, the Jacobian J of its residuals r, never formed.
-
-    With z = (x, 1), the bent layer h = (tanh(V z), 1) and its slopes d, the derivative of output o
-    is :math:`W_{2,oj} d_j z_a` in :math:`V_{ja}` and :math:`\delta_{op} h_k` in :math:`(W_2,
-    b_2)_{pk}`. So the blocks of J'J are those of F'F, F'H and H'H, with F = d z and H = h for each
-    sample, times products of :math:`W_2`. The factor 2 of loss and slope is left out of both.
-    """
-    W1, b1, W2, b2 = work.layers.parts(weights)
-    inputs, hidden, outputs = work.layers
-    bent = torch.tanh(work.X @ W1.mT + b1.unsqueeze(-2))
-    trains = work.trains.to(weights.dtype)  # before the division, which is else one of float32
-    share = (trains / trains.sum(dim=-1, keepdim=True)).unsqueeze(-1) / outputs
-    residual = (bent @ W2.mT + b2.unsqueeze(-2) - work.Y) * share
-    slopes, H = 1 - bent.square(), torch.cat([bent, torch.ones_like(bent[..., :1])], dim=-1)
-    # first W1 and b1: the neuron of each, and the weight from it to each output
-    F = torch.cat([(slopes.unsqueeze(-1) * work.X.unsqueeze(-2)).flatten(2), slopes], dim=-1)
-    neuron = torch.arange(hidden)
-    ahead = W2[:, :, torch.cat([neuron.repeat_interleave(inputs), neuron])]
-    weighted = F * share
-    first = (weighted.mT @ F) * (ahead.mT @ ahead)
-    # then W2 and b2, which stand output by output, until they are put in order
-    places = torch.arange(outputs * (hidden + 1)).reshape(outputs, hidden + 1)
-    order = torch.cat([places[:, :hidden].flatten(), places[:, hidden]])
-    cross = (weighted.mT @ H).unsqueeze(-2) * ahead.mT.unsqueeze(-1)
-    cross = cross.flatten(2)[:, :, order]
-    each = torch.eye(outputs, dtype=weights.dtype)
-    last = torch.einsum("nkl,op->nokpl", H.mT @ (H * share), each)
-    last = last.flatten(3).flatten(1, 2)[:, order][:, :, order]
-    normal = torch.cat(
-        [torch.cat([first, cross], dim=-1), torch.cat([cross.mT, last], dim=-1)], dim=-2
-    )
-    slope = torch.cat(
-        [(F * (residual @ ahead)).sum(dim=-2), (residual.mT @ H).flatten(1)[:, order]], dim=-1
-    )
-    unit = torch.eye(normal.shape[-1], dtype=normal.dtype)
-    return normal + work.decay * unit, slope + work.decay * weights
 
 
 @contextmanager

@@ -65,16 +65,12 @@ class Places:
         """
         free = slice(-(self.corner * (self.corner + 1) // 2))
         places = (each[free] for each in (self.unknown, self.row, self.column, self._weight))
-        return choose("arrow_columns", _columns)(J, *places)
+        columns: Array = choose("arrow_columns")(J, *places)
+        return columns
 
     @cached_property
     def _weight(self) -> Array:
         return self.sign * np.where(self.row == self.column, 1.0, 2.0)
-
-
-def _columns(J: Array, unknown: Any, row: Array, column: Array, weight: Array) -> Array:
-    outer = J[:, row, :, None] * J[:, column, None, :] * (weight / 2)[:, None, None]
-    return _summed(_upper(outer + outer.mT), unknown)
 
 
 def _summed(values: Array, unknown: Array) -> Array:
@@ -238,7 +234,7 @@ class _State:
         outside, corner = np.split(rows, [-len(a)], axis=2)
         factor = np.asarray(np.linalg.qr(outside.mT, mode="r"))
         self.back, along = np.linalg.inv(factor[:, :-1, :-1]), factor[:, :-1, -1:]
-        columns = choose("arrow_columns", _columns)
+        columns = choose("arrow_columns")
         last = columns(np.linalg.inv(root.mT), np.arange(len(a)), a, b, -weight) / weight
         none, across = np.zeros((len(last), len(a), len(given.h))), corner[:, :-1] @ last
         self.border = np.block([

@@ -164,7 +164,7 @@ def finite_horizon_gain(
     B, L, size = of_size_one(B, L)
     low = float(np.linalg.norm(L @ B, 2))  # what one step does
     A, E, B, L = (np.ascontiguousarray(matrix) for matrix in (A, E[E.any(axis=(1, 2))], B, L))
-    steps_held = choose("horizon_steps", _steps_held)
+    steps_held = choose("horizon_steps")
     gain = least_level(
         lambda level: steps_held(A, E, B, L, level, steps) == steps,
         low, max(low, _NOTHING), relative, _DOUBLINGS_FROM_NOTHING,
@@ -315,10 +315,6 @@ def _recursion(
         jitter = (E.transpose(0, 2, 1) @ P @ E).sum(axis=0)
         P = A.T @ P @ A + jitter + source + BPA.T @ feedback
         P = (P + P.T) / 2
-
-
-def _steps_held(A: Array, E: Array, B: Array, L: Array, gain: float, steps: int) -> int:
-    return len(_first(steps, A, E, B, L, gain))
 
 
 def _first(

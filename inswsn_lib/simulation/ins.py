@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from inswsn_lib.checks import Array, array
-from inswsn_lib.kernels import choose
 from inswsn_lib.scenario import ANY, NOT_NEGATIVE, Pair, between
 from inswsn_lib.simulation.trajectory import Motion
+
+_AT_ONCE = 16  # runs; a dozen arrays of so many are held by a processor's cache
 
 
 @dataclass(frozen=True)
@@ -88,53 +89,29 @@ def simulate_ins(motion: Motion, errors: InertialErrors, noise: ArrayLike | None
     [0.0, 10.0, 20.0]
     """
     velocity, angle = _true_increments(motion)
-    dt = np.diff(motion.time)
+    dt = np.diff(motion.time)[:, None]
     normal = np.zeros((len(dt), 3, 1))
     if noise is not None:
         normal = array("noise", noise, (len(dt), 3, "runs"))
     pushed = velocity * (1 + np.array(errors.accelerometer_scale))
-    pushed += dt[:, None] * np.array(errors.accelerometer_bias)
-    turned = angle * (1 + errors.gyro_scale) + dt * errors.gyro_bias
+    pushed += dt * np.array(errors.accelerometer_bias)
+    turned = angle[:, None] * (1 + errors.gyro_scale) + dt * errors.gyro_bias
     position = motion.position[0] + np.array(errors.position)
     moving = motion.velocity[0] + np.array(errors.velocity)
-    start = np.array([*position, *moving, motion.heading[0] + errors.heading])
-    sizes = float(errors.accelerometer_noise), float(errors.gyro_noise)
+    heading = motion.heading[0] + errors.heading
+    pushes, turns = errors.accelerometer_noise * np.sqrt(dt), errors.gyro_noise * np.sqrt(dt)
     out = np.empty((len(dt) + 1, 4, normal.shape[2]))
-    packed = np.ascontiguousarray(normal)
-    return choose("planar_ins", _integrated)(start, pushed, turned, dt, *sizes, packed, out)
-
-
-def _integrated(
-    start: Array,
-    pushed: Array,
-    turned: Array,
-    dt: Array,
-    accelerometer_noise: float,
-    gyro_noise: float,
-    normal: Array,
-    out: Array,
-) -> Array:
-    """Fill out with positions and velocities, (steps, 4, runs), and return it.
-
-    `start` is x, y, v_x, v_y and the heading; `pushed` (steps - 1, 2) and `turned` are what the
-    sensors indicate without noise.
-    """
-    root = np.sqrt(dt)
-    heading = np.empty((len(dt) + 1, normal.shape[2]))
-    heading[0] = start[4]
-    heading[1:] = start[4] + np.cumsum(
-        turned[:, None] + gyro_noise * root[:, None] * normal[:, 2], axis=0
-    )
-    middle = (heading[1:] + heading[:-1]) / 2
-    c, s = np.cos(middle), np.sin(middle)
-    along, across = np.moveaxis(
-        pushed[:, :, None] + accelerometer_noise * root[:, None, None] * normal[:, :2], 1, 0
-    )
-    out[0] = start[:4, None]
-    out[1:, 2], out[1:, 3] = c * along - s * across, s * along + c * across
-    np.cumsum(out[:, 2:], axis=0, out=out[:, 2:])
-    out[1:, :2] = dt[:, None, None] * (out[1:, 2:] + out[:-1, 2:]) / 2
-    np.cumsum(out[:, :2], axis=0, out=out[:, :2])
+    for first in range(0, normal.shape[2], _AT_ONCE):
+        runs = slice(first, first + _AT_ONCE)
+        turn = turned + turns * normal[:, 2, runs]
+        middle = heading + np.cumsum(turn, axis=0) - turn / 2
+        c, s = np.cos(middle), np.sin(middle)
+        along, across = (pushed[:, [i]] + pushes * normal[:, i, runs] for i in range(2))
+        out[0, :, runs] = np.append(position, moving)[:, None]
+        for i, push in enumerate((c * along - s * across, s * along + c * across)):
+            out[1:, 2 + i, runs] = moving[i] + np.cumsum(push, axis=0)
+            mean = (out[1:, 2 + i, runs] + out[:-1, 2 + i, runs]) / 2
+            out[1:, i, runs] = position[i] + np.cumsum(dt * mean, axis=0)
     return out
 
 

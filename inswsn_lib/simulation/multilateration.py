@@ -9,22 +9,20 @@ from numpy.typing import ArrayLike
 
 from inswsn_lib.checks import Array, Back, Mask, array, of_runs
 from inswsn_lib.errors import ParameterError
-from inswsn_lib.kernels import choose
+from inswsn_lib.simulation.position_search import least_positions, linear_start, scatter
 
 #: Ranges that a fix takes
 LEAST = 3
 
-_ITERATIONS = 200  # most fixes need five; beside a node that is nearer than the noise, it is slow
-_DAMPING, _STUCK, _GRADIENT, _FLAT = 0.1, 1e6, 1e-7, 1e-4
+_FLAT = 1e-4
 _AT_ONCE = 2**14  # ranges; several arrays of so many are held by a processor's cache
 
 
 def multilaterate(nodes: Sequence[ArrayLike], ranges: Sequence[ArrayLike]) -> Array:
-    r"""Return least-squares positions of many places and runs by damped Gauss-Newton iteration.
+    r"""Return least-squares positions of many places and runs by `least_positions`.
 
     Each minimises :math:`\sum_i (r_i - |p - n_i|)^2` over the ranges that are there, from the
-    solution of the linear problem that differences of squared ranges pose. The cost never rises, so
-    that an outlier cannot send a fix to infinity; with gross outliers it may be a local minimum.
+    solution of the linear problem that differences of squared ranges pose.
 
     Parameters
     ----------
@@ -55,7 +53,7 @@ def multilaterate(nodes: Sequence[ArrayLike], ranges: Sequence[ArrayLike]) -> Ar
     at_once = max(1, _AT_ONCE // max([1, *(each.size for each in measured)]))
     for first in range(0, len(at), at_once):
         part = slice(first, first + at_once)
-        found[part] = np.moveaxis(_multilaterated(at[part], measured[part]), 1, 0)
+        found[part] = _multilaterated(at[part], measured[part])
     return back(found)
 
 
@@ -77,103 +75,21 @@ def _places(
 
 
 def _multilaterated(nodes: Sequence[Array], ranges: Sequence[Array]) -> Array:
-    """Return positions (2, places, runs); nodes that a place does not hear count as lost there."""
-    places, runs, most = len(nodes), ranges[0].shape[1], max(map(len, nodes))
-    heard, measured = np.zeros((most, 2, places, 1)), np.full((most, places, runs), np.nan)
-    for place, (at, lengths) in enumerate(zip(nodes, ranges, strict=True)):
-        heard[: len(at), :, place, 0], measured[: len(at), place] = at, lengths
-    there = ~np.isnan(measured)
-    r, weight = np.where(there, measured, 0.0), there.astype(float)
-    centre, start = _linear_start(heard, r, weight)
-    limits = LEAST, _ITERATIONS, _DAMPING, _STUCK, _GRADIENT, _FLAT
-    position = choose("descend", _descend)(heard, r, weight, start, limits)
-    position[:, ~((there.sum(axis=0) >= LEAST) & np.isfinite(centre).all(axis=0))] = np.nan
-    return position
-
-
-def _descend(
-    nodes: Array, r: Array, weight: Array, start: Array, limits: tuple[float, ...]
-) -> Array:
-    """Return positions (2, places, runs) where the cost is least, each place by itself.
-
-    Parameters
-    ----------
-    nodes : ndarray, (most, 2, places, 1)
-    r, weight : ndarray, (most, places, runs)
-        Ranges, and whether they are there, 1 or 0.
-    start : ndarray, (2, places, runs)
-    limits : tuple
-        Fewest ranges, most iterations, the first damping and that which is stuck, the gradient of
-        what is settled, and how flat is too flat.
-    """
-    least, iterations, damp, stuck, small, _ = limits
-    enough, position = weight.sum(axis=0) >= least, start.copy()
-    left, here, damping = np.arange(start.shape[1]), start, np.zeros(start.shape[1:])
-    distance, miss = _miss(nodes, r, weight, here)
-    cost = (miss**2).sum(axis=0)
-    _, step = _newton(nodes, weight, here, distance, miss, damping)
-    for _ in range(int(iterations)):
-        tried = here + np.where(np.isfinite(step), step, 0.0)
-        new_distance, new_miss = _miss(nodes, r, weight, tried)
-        new_cost = (new_miss**2).sum(axis=0)
-        better = new_cost < cost
-        here, cost = np.where(better, tried, here), np.where(better, new_cost, cost)
-        distance = np.where(better, new_distance, distance)
-        miss = np.where(better, new_miss, miss)
-        # a step that makes it worse is tried again, shorter
-        damping = np.where(better, damping / 10, np.clip(10 * damping, damp, 10 * stuck))
-        gradient, step = _newton(nodes, weight, here, distance, miss, damping)
-        # at a node the cost has a cusp: there no step, however short, makes it smaller
-        settled = (np.abs(gradient).max(axis=0) < small) | (damping > stuck)
-        on = ~(settled | ~enough).all(axis=1)
-        if not on.all():
-            position[:, left] = here
-            left, nodes, r, weight = left[on], nodes[:, :, on], r[:, on], weight[:, on]
-            here, step, distance, miss = here[:, on], step[:, on], distance[:, on], miss[:, on]
-            cost, damping, enough = cost[on], damping[on], enough[on]
-        if not left.size:
-            return position
-    position[:, left] = here
-    return position
-
-
-def _newton(
-    nodes: Array, weight: Array, position: Array, distance: Array, miss: Array, damping: Array
-) -> tuple[Array, Array]:
-    """Return the gradient of the cost and the damped Gauss-Newton step, (2, places, runs)."""
-    direction = (position[None] - nodes) / distance[:, None]
-    gradient = (direction * miss[:, None]).sum(axis=0)
-    return gradient, _solve_two(direction, weight, miss, damping)
-
-
-def _miss(nodes: Array, r: Array, weight: Array, position: Array) -> tuple[Array, Array]:
-    """Return the distances from the nodes, and the misses of the ranges that are there."""
-    east, north = position[0] - nodes[:, 0], position[1] - nodes[:, 1]
-    distance = np.maximum(np.hypot(east, north), 1e-9)
-    return distance, weight * (r - distance)
-
-
-def _linear_start(nodes: Array, r: Array, weight: Array) -> tuple[Array, Array]:
-    """Solve |p - n_i|^2 = r_i^2 less its mean over i, which is linear in p; (2, places, runs)."""
-    count = np.maximum(weight.sum(axis=0), 1)
-    mean_node = (nodes * weight[:, None]).sum(axis=0) / count
-    square = (nodes**2).sum(axis=1) - r**2
-    mean_square = (weight * square).sum(axis=0) / count
-    start = _solve_two(nodes - mean_node, weight, weight * (square - mean_square) / 2)
-    return start, np.where(np.isfinite(start), start, mean_node)
-
-
-def _solve_two(rows: Array, weight: Array, right: Array, damping: Array | float = 0.0) -> Array:
-    """Return the weighted least-squares solution in two unknowns of every run, or NaN."""
-    a = (weight * rows[:, 0] ** 2).sum(axis=0)
-    b = (weight * rows[:, 0] * rows[:, 1]).sum(axis=0)
-    d = (weight * rows[:, 1] ** 2).sum(axis=0)
-    u, v = (rows[:, 0] * right).sum(axis=0), (rows[:, 1] * right).sum(axis=0)
+    """Return positions (places, 2, runs)."""
+    places, runs, measured = len(nodes), ranges[0].shape[1], np.concatenate(ranges)
+    found = np.full((runs, places, 2), np.nan)
+    # the ranges of a fix beside one another, those of a run one after the other
+    run, node = np.nonzero(~np.isnan(measured.T))
+    fix = run * places + np.repeat(np.arange(places), [len(each) for each in nodes])[node]
+    windows, at = np.flatnonzero(np.diff(fix, prepend=-1)), np.concatenate(nodes)[node]
+    spread = scatter(at, windows)
     # nodes almost on a line leave the side of it open
-    flat = a * d - b * b <= _FLAT * np.maximum(a + d, 1e-300) ** 2
-    a, d = a * (1 + damping) + damping, d * (1 + damping) + damping
-    safe = np.where(flat & (np.asarray(damping) == 0), np.nan, a * d - b * b)
-    return np.stack([(d * u - b * v) / safe, (a * v - b * u) / safe])
+    lost = np.linalg.det(spread) <= _FLAT * np.trace(spread, axis1=1, axis2=2) ** 2
+    lost |= np.diff(np.append(windows, len(fix))) < LEAST
+    rows = at, np.zeros(len(at)), measured[node, run], windows
+    position = least_positions(*rows, linear_start(*rows, lost))
+    found.reshape(-1, 2)[fix[windows]] = np.where(lost[:, None], np.nan, position)
+    return np.moveaxis(found, 0, 2)
 
 
 def position_covariance(nodes: Array, position: Array, noise: float) -> Array:

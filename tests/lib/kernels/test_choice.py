@@ -1,4 +1,4 @@
-"""Kernels run compiled where numba is there, and as plain numpy where it is not."""
+"""Kernels run compiled where numba is there, and as Python or numpy where it is not."""
 
 from __future__ import annotations
 
@@ -6,8 +6,10 @@ import ast
 import os
 import subprocess
 import sys
+import warnings
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import inswsn_lib
@@ -32,6 +34,17 @@ def test_a_kernel_runs_compiled_unless_plain_is_asked_for(
         assert hasattr(choose(name, plain).kernel, "py_func")  # numba's mark
     monkeypatch.setenv(PLAIN, "1")
     assert choose(name, plain) is plain
+
+
+def test_without_another_form_its_own_source_runs(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In silence, as compiled: of a matrix without an inverse it divides by zero."""
+    monkeypatch.setenv(PLAIN, "1")
+    run = choose("eliminated")
+    assert not hasattr(run, "kernel")
+    with warnings.catch_warnings(action="error"):
+        assert np.isinf(run(np.zeros((1, 1, 1, 1)))).all()
+    monkeypatch.delenv(PLAIN)
+    assert choose("eliminated", saves=0.5) is run
 
 
 def test_small_work_is_plain_and_what_must_compile_pays_later(
@@ -117,6 +130,7 @@ def test_a_kernel_calls_no_other_file(name: str) -> None:
     imported = [n.module for n in ast.walk(tree) if isinstance(n, ast.ImportFrom)]
     named = [a.name for n in ast.walk(tree) if isinstance(n, ast.Import) for a in n.names]
     allowed = {"__future__", "numba", "numpy", "math", "typing", "numpy.typing"}
+    allowed |= {"inswsn_lib.kernels.choice"}
     assert {*imported, *named} <= allowed
 
 

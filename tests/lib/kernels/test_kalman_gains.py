@@ -9,7 +9,7 @@ from random_filters import random_covariances
 from inswsn_lib.filters import kalman
 from inswsn_lib.kernels import choose
 
-compiled = choose("kalman_updates", kalman._gains, "kalman_gains")
+compiled = choose("kalman_gains", kalman._gains)
 
 
 @pytest.mark.parametrize("seed", range(20))

@@ -15,7 +15,6 @@ from sklearn.neural_network import MLPRegressor
 
 from inswsn_lib.errors import ParameterError
 from inswsn_lib.learning import BackpropRegressor
-from inswsn_lib.learning.backprop import _Layers, _normal_equations, _Work
 
 TRAINERS: list[Any] = ["levenberg-marquardt", "gradient-descent"]
 
@@ -251,19 +250,6 @@ def test_a_network_that_overflows_holds_up_no_other() -> None:
     assert broken.steps_.max() < 100
     assert beside.weights_ == pytest.approx(alone.weights_)
     assert beside.steps_ == alone.steps_
-
-
-def test_decay_is_added_to_the_normal_equations_to_the_last_digit() -> None:
-    X, y = data(9, n=8)
-    X, y = (torch.from_numpy(values[None]) for values in (X, y))
-    layers = _Layers(2, 3, 2)
-    weights = torch.linspace(-1, 1, 3 * 2 + 3 + 2 * 3 + 2, dtype=torch.float64)[None]
-    trains = torch.ones((1, 8), dtype=torch.bool)
-    (plain, flat), (normal, slope) = (
-        _normal_equations(_Work(layers, X, y, trains, decay), weights) for decay in (0.0, 0.1)
-    )
-    assert (normal - plain)[0].numpy() == pytest.approx(0.1 * np.eye(17), abs=1e-15)
-    assert (slope - flat)[0].numpy() == pytest.approx(0.1 * weights[0].numpy(), abs=1e-15)
 
 
 def test_a_damping_that_has_fallen_far_can_rise_again() -> None:

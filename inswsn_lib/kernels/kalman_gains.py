@@ -1,60 +1,13 @@
-"""Updates of Kalman filters: one of each of many, and those of one filter over steps."""
+"""The gains of one Kalman filter over steps."""
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 
-
-@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
-def kalman_updates(C, P, S, R, there):
-    """Return K, I - K C and P+ of each, and whether an innovation is certain."""
-    filters, m, n = len(P), len(C), C.shape[1]
-    gains, keeps = np.empty((filters, n, m)), np.empty((filters, n, n))
-    after, certain = np.empty((filters, n, n)), False
-    seen, X, half = np.empty((m, m)), np.empty((m, n)), np.empty((n, n))
-    for f in range(filters):
-        gain, keep = gains[f], keeps[f]
-        for i in range(m):
-            for j in range(m):
-                both = there[f, i] and there[f, j]
-                seen[i, j] = S[f, i, j] if both else (1.0 if i == j else 0.0)
-            for j in range(n):
-                X[i, j] = 0.0
-                if there[f, i]:
-                    for a in range(n):
-                        X[i, j] += C[i, a] * P[f, a, j]
-        certain |= _solve(seen, X)
-        for i in range(n):
-            for a in range(m):
-                gain[i, a] = X[a, i]
-        for i in range(n):
-            for j in range(n):
-                keep[i, j] = 1.0 if i == j else 0.0
-                for a in range(m):
-                    keep[i, j] -= gain[i, a] * C[a, j]
-            for j in range(n):
-                half[i, j] = 0.0
-                for a in range(n):
-                    half[i, j] += keep[i, a] * P[f, a, j]
-        own = R[min(f, len(R) - 1)]
-        for i in range(m):  # R K'
-            for j in range(n):
-                X[i, j] = 0.0
-                for a in range(m):
-                    X[i, j] += own[i, a] * gain[j, a]
-        for i in range(n):
-            for j in range(i + 1):
-                value = 0.0
-                for a in range(n):
-                    value += half[i, a] * keep[j, a]
-                for a in range(m):
-                    value += gain[i, a] * X[a, j]
-                after[f, i, j] = after[f, j, i] = value
-    return gains, keeps, after, certain
+from inswsn_lib.kernels.choice import kernel
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+@kernel(error_model="numpy", fastmath={"contract"})
 def kalman_gains(A, C, Q, R, limits, P, there, out):
     """Fill out with K and I - K C of each step; arguments and results as in `filters.kalman`."""
     (m, n), certain = C.shape, False
@@ -108,7 +61,7 @@ def kalman_gains(A, C, Q, R, limits, P, there, out):
     return len(there), P, after, certain
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+@kernel(error_model="numpy", fastmath={"contract"})
 def _product(left, right, out):
     for i in range(len(left)):
         for j in range(right.shape[1]):
@@ -117,7 +70,7 @@ def _product(left, right, out):
                 out[i, j] += left[i, a] * right[a, j]
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+@kernel(error_model="numpy", fastmath={"contract"})
 def _solve(S, X):
     """Set X to S^-1 X for a symmetric positive definite S; tell whether it is singular."""
     m, n = X.shape
