@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
-from lib.estimation.made import LEVER_ARM, Path, fixes_of, imu_of, ranges_of
+from lib.estimation.made import LEVER_ARM, Log, Path, fixes_of, imu_of, off_by, ranges_of
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from inswsn_lib.errors import InswsnError
+from inswsn_lib.errors import InswsnError, ParameterError
 from inswsn_lib.estimation import (
     ImuNoise,
     InertialMotion,
     PositionFixes,
     RangesToAnchors,
     align,
+    known_start,
     level,
 )
 from inswsn_lib.estimation.mechanization import GRAVITY
@@ -97,3 +100,53 @@ def test_a_steady_motion_does_not_tell_the_heading() -> None:
         align(InertialMotion(imu, NOISE), [ranges], 0.0, 10.0)
     with pytest.raises(InswsnError, match="The IMU says nothing between 20 and 30 s"):
         align(InertialMotion(imu, NOISE), observed, 20.0, 30.0)
+
+
+def test_rest_tells_the_biases_of_the_gyroscopes_and_a_user_the_heading() -> None:
+    """At rest for 25 s: nothing tells the heading before the first motion, but its user may."""
+    log = Log(seed=5, rest=25.0, turns=True, velocities=True)
+    motion, seen, attitude, biases = log.make()
+    with pytest.raises(InswsnError, match="The heading cannot be told between 0 and 20 s"):
+        align(motion, seen, 0.0, 20.0)
+    true = attitude(0.0).as_matrix()
+    told = np.arctan2(true[1, 0], true[0, 0]) + 0.02, 0.03
+    for start in (
+        align(motion, seen, 0.0, 20.0, latest=60.0),
+        align(motion, seen, 0.0, 20.0, prior=known_start(motion.imu, 0.0, heading=told)),
+    ):
+        assert np.abs(off_by(start, attitude(start.time))).max() < 3.5
+        sizes = np.sqrt(np.diag(start.covariance)[12:])
+        assert sizes.max() < 5e-4  # of 0.06 rad/s
+        assert (np.abs(start.state.rate_bias - biases[1]) < 3.5 * sizes).all()
+    assert start.time == pytest.approx(20.0, abs=0.3)
+
+
+def test_a_start_that_its_own_deviations_exclude_is_refused() -> None:
+    motion, seen, _, biases = Log(seed=7, rest=0.0, turns=True, velocities=True).make()
+    imu, fixes = motion.imu, seen[0].fixes
+    small = (1000.0, 30.0, 2.0, 0.6, float(np.abs(biases[1]).max() / 6))
+    with pytest.raises(InswsnError, match=r"bias of the gyroscopes of 0.0\d+ rad/s, which its"):
+        align(motion, seen, 0.0, 60.0, deviations=small)
+    late = PositionFixes(replace(fixes, time=fixes.time - 2.0), np.zeros(3), np.full(3, 0.5))
+    with pytest.raises(InswsnError, match=r"misses measurements by \d+ times|not settled"):
+        align(motion, [late, *seen[1:]], 0.0, 60.0)
+    degrees = replace(motion, imu=replace(imu, rate=np.degrees(imu.rate)))
+    with pytest.raises(InswsnError, match="between 0 and 60 s"):
+        align(degrees, seen, 0.0, 60.0)
+
+
+@pytest.mark.parametrize(
+    ("known", "said"),
+    [
+        ({"attitude": (2 * np.eye(3), 0.1)}, "attitude must be a rotation matrix"),
+        ({"heading": (0.0, -1.0)}, "deviation of the heading must be"),
+        ({"velocity": ([1.0, 2.0], 1.0)}, "velocity must be finite numbers of shape"),
+    ],
+)
+def test_what_is_known_of_a_start_is_checked(known: dict, said: str) -> None:
+    still = Imu(np.arange(3.0), np.zeros((3, 3)), np.tile([0.0, 0.0, GRAVITY], (3, 1)))
+    with pytest.raises(ParameterError, match=said):
+        known_start(still, 0.0, **known)
+    start = known_start(still, 1.0, position=([1, 2, 3], 0.5), attitude=(np.eye(3), 0.1))
+    assert start.state.position.tolist() == [1, 2, 3]
+    assert np.diag(start.covariance)[[0, 6]] == pytest.approx([0.25, 0.01])
