@@ -91,12 +91,12 @@ def _descend(
     iterations, damp, stuck, small, flat = limits
     rows, counts = (place, height, distance), np.diff(np.append(windows, len(distance)))
     found, here, left = start.copy(), start.copy(), np.arange(len(start))
-    damping = np.zeros(len(start))
+    damping, on = np.zeros(len(start)), np.ones(len(start), dtype=bool)
     cost, A, b = _equations(*rows, counts, here, scale)
     for _ in range(int(iterations)):
         tried = here + _steps(A, b, damping, flat)
         new = _equations(*rows, counts, tried, scale)
-        better = new[0] < cost
+        better = on & (new[0] < cost)  # what has settled stays, whatever is beside it
         for old, value in zip((here, cost, A, b), (tried, *new), strict=True):
             old[better] = value[better]
         # a step that makes it worse is tried again, shorter
@@ -109,7 +109,7 @@ def _descend(
         if on.sum() < len(on) / 2:  # the few that take long need not take the others along
             rows = tuple(each[np.repeat(on, counts)] for each in rows)
             left, counts, here, damping = left[on], counts[on], here[on], damping[on]
-            cost, A, b = cost[on], A[on], b[on]
+            cost, A, b, on = cost[on], A[on], b[on], on[on]
     return found
 
 
