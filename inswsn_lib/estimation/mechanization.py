@@ -131,9 +131,11 @@ def _moved(x: Array, T: float, R: Array, V: Array, S: Array, earth: Array) -> Ar
     pull = gravity(x[:, :3] + 0.5 * T * x[:, 3:6], earth)
     way = T * x[:, 3:6] + S + 0.5 * T**2 * pull
     # Coriolis, and what turns the force while the frame turns: the integral of t R f is T V - S
-    pull = pull - np.cross(rate, 2 * way + T * V - S) / T
+    turning = np.cross(rate, T * V - S)
+    pull = pull - (2 * np.cross(rate, way) + turning) / T
     moved = x.copy()
-    moved[:, :3] += T * x[:, 3:6] + S + 0.5 * T**2 * pull
+    # what turns grows with the square of the time, of which a third is the mean, not a half
+    moved[:, :3] += T * x[:, 3:6] + S + 0.5 * T**2 * pull + T / 6 * turning
     moved[:, 3:6] += V + T * pull
     moved[:, 6:15] = (turned(-T * rate) @ R).reshape(-1, 9)
     return moved

@@ -63,6 +63,15 @@ def _product(a, b, out):
             out[i, j] = a[i, 0] * b[0, j] + a[i, 1] * b[1, j] + a[i, 2] * b[2, j]
 
 
+@numba.njit("void(f8[::1], f8[:,:,::1])", **_FAST)
+def _begin(x, sums):
+    """Begin the sums with the attitude."""
+    for k in range(7):
+        for i in range(3):
+            for j in range(3):
+                sums[k, i, j] = x[6 + 3 * i + j] if k == 0 else 0.0
+
+
 @numba.njit("void(f8[::1], f8, f8[::1], f8[::1], b1, f8[:,:,::1], f8[:,::1])", **_FAST)
 def _add_sample(x, T, rate, force, increments, sums, turn):
     """Add a sample to the sums R, A, AA, B, BB, and V and S, which are rows of the sixth."""
@@ -140,13 +149,18 @@ def _step(x, T, sums, earth, M, work):
     size = _gravity(x[:3], x[3:6], 0.5 * T, earth, extra)
     wy, wz = _RATE * earth[0], _RATE * earth[1]
     if earth[3] != 0.0:
-        # twice the way, and the integral of the time times the force, as the frame turns meanwhile
-        a = 2 * (T * x[3] + S[0] + 0.5 * T * T * extra[0]) + T * V[0] - S[0]
-        b = 2 * (T * x[4] + S[1] + 0.5 * T * T * extra[1]) + T * V[1] - S[1]
-        c = 2 * (T * x[5] + S[2] + 0.5 * T * T * extra[2]) + T * V[2] - S[2]
-        extra[0] -= (wy * c - wz * b) / T
-        extra[1] -= wz * a / T
-        extra[2] += wy * a / T
+        # Coriolis by the way, and what turns the force as the frame turns: the integral of t R f is
+        # T V - S, which grows with the square of the time, so that a third of it is its mean
+        a, b, c = T * V[0] - S[0], T * V[1] - S[1], T * V[2] - S[2]
+        p = 2 * (T * x[3] + S[0] + 0.5 * T * T * extra[0]) + a
+        q = 2 * (T * x[4] + S[1] + 0.5 * T * T * extra[1]) + b
+        r = 2 * (T * x[5] + S[2] + 0.5 * T * T * extra[2]) + c
+        extra[0] -= (wy * r - wz * q) / T
+        extra[1] -= wz * p / T
+        extra[2] += wy * p / T
+        x[0] += T / 6 * (wy * c - wz * b)
+        x[1] += T / 6 * wz * a
+        x[2] -= T / 6 * wy * a
     for i in range(3):
         k, m = (i + 1) % 3, (i + 2) % 3
         p, q, r = x[6 + 3 * k], x[7 + 3 * k], x[8 + 3 * k]
@@ -294,19 +308,19 @@ def _feed_back(x, P, count, d, work, out):
         P[i, len(P)] = 0.0
 
 
-@numba.njit("void(f8[:,::1], f8[:,::1], f8[::1])", **_FAST)
-def _turn_attitude(P, turn, before):
+@numba.njit("void(f8[:,::1], f8[:,::1])", **_FAST)
+def _turn_attitude(P, turn):
     """Keep the covariance of the attitude about axes of the frame where the body is turned."""
     n = len(P)
     _turned(P[6, n], P[7, n], P[8, n], turn)
     for i in range(n):
-        before[:] = P[6:9, i]
+        a, b, c = P[6, i], P[7, i], P[8, i]
         for j in range(3):
-            P[6 + j, i] = turn[0, j] * before[0] + turn[1, j] * before[1] + turn[2, j] * before[2]
+            P[6 + j, i] = turn[0, j] * a + turn[1, j] * b + turn[2, j] * c
     for i in range(n):
-        before[:] = P[i, 6:9]
+        a, b, c = P[i, 6], P[i, 7], P[i, 8]
         for j in range(3):
-            P[i, 6 + j] = turn[0, j] * before[0] + turn[1, j] * before[1] + turn[2, j] * before[2]
+            P[i, 6 + j] = turn[0, j] * a + turn[1, j] * b + turn[2, j] * c
 
 
 @numba.njit("void(f8[::1], i8, f8[::1])", **_FAST)
@@ -496,9 +510,7 @@ def _run(
                     _reckon(x, lengths[piece], rate[here, 0], rate[here, 1], densities, M, Q)
                 else:
                     if T == 0.0:
-                        sums[:] = 0.0
-                        for i in range(9):
-                            sums[0, i // 3, i % 3] = x[6 + i]
+                        _begin(x, sums)
                     _add_sample(
                         x, lengths[piece], rate[here], force[here], increments, sums, work[0]
                     )
@@ -539,7 +551,8 @@ def _run(
                             seen[6 + 3 * i] * arm[0] + seen[7 + 3 * i] * arm[1]
                             + seen[8 + 3 * i] * arm[2]
                         )  # fmt: skip
-                    row[:count] = 0.0
+                    for i in range(count):
+                        row[i] = 0.0
                     first = numbers - n + d + int(own[0])
                     v[m] = told[r, c] - sensors[kinds[c]](
                         seen, x[first : first + count - 15], data[c], row[:count]
@@ -591,7 +604,7 @@ def _run(
                         firsts[k, r, i] = x[i] + P[i, n]
             if mode == 2:
                 if d == 15:
-                    _turn_attitude(P, work[0], place)
+                    _turn_attitude(P, work[0])
                 _feed_back(x, P, d, d, work, out)
             if kept > 0:
                 _keep(P, filtered[k, r])

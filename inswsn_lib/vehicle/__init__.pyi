@@ -36,4 +36,4 @@ from .simulated import (
     simulate_sensors as simulate_sensors,
     true_motion as true_motion,
 )
-from .strapdown import VehicleState as VehicleState, integrate_strapdown as integrate_strapdown
+from .state import VehicleState as VehicleState

@@ -17,7 +17,7 @@ from inswsn_lib.vehicle.drive import Drive
 from inswsn_lib.vehicle.error_model import POSITION, TURN, VELOCITY
 from inswsn_lib.vehicle.frame import SENSORS, DriveFrame
 from inswsn_lib.vehicle.settings import FilterSettings
-from inswsn_lib.vehicle.strapdown import VehicleState
+from inswsn_lib.vehicle.state import VehicleState
 
 Integers = NDArray[np.intp]
 

@@ -34,7 +34,7 @@ from inswsn_lib.estimation.steps import Steps
 from inswsn_lib.vehicle.drive import Drive
 from inswsn_lib.vehicle.error_model import ATTITUDE, POSITION, STATES, VELOCITY, metres
 from inswsn_lib.vehicle.settings import FilterSettings
-from inswsn_lib.vehicle.strapdown import VehicleState
+from inswsn_lib.vehicle.state import VehicleState
 
 Integers = NDArray[np.intp]
 

@@ -13,8 +13,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from pyins import sim, strapdown, transform
+from pyins.util import TRAJECTORY_COLS, VEL_COLS
 
-from inswsn_lib.vehicle import Drive, FilterSettings, Place, Reference
+from inswsn_lib.vehicle import Drive, FilterSettings, Place, Reference, VehicleState
 
 #: North-east-down to east-north-up
 TURN = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
@@ -107,6 +108,28 @@ def make_drive(
         reference=Reference(position, velocity, attitude, gyro_bias, accel_bias),
         places=(Place("middle", len(epochs) // 2),),
         origin="simulated",
+    )
+
+
+def flown(begun: VehicleState, theta: np.ndarray, dv: np.ndarray) -> VehicleState:
+    """Let pyins' public Integrator go on from some runs, by increments (runs, samples, 3)."""
+    ends = []
+    for r, position in enumerate(begun.position):
+        rph = transform.mat_to_rph(TURN @ begun.attitude[r])
+        lla = np.append(np.rad2deg(position[:2]), position[2])
+        pva = np.concatenate([lla, TURN @ begun.velocity[r], rph])
+        drift, bias = begun.gyro_drift[r] * PERIOD, begun.accelerometer_bias[r] * PERIOD
+        time = PERIOD * np.arange(1, len(theta[r]) + 1)
+        data = np.column_stack([np.full(len(time), PERIOD), theta[r] - drift, dv[r] - bias])
+        increments = pd.DataFrame(data, pd.Index(time, name="time"), ["dt", *THETA, *DV])
+        start = pd.Series(pva, TRAJECTORY_COLS, name=0.0)
+        ends.append(strapdown.Integrator(start).integrate(increments).iloc[-1])
+    last = pd.DataFrame(ends)
+    return replace(
+        begun,
+        position=np.column_stack([np.deg2rad(last.lat), np.deg2rad(last.lon), last.alt]),
+        velocity=last[VEL_COLS].to_numpy(float) @ TURN,
+        attitude=TURN @ transform.mat_from_rph(last[["roll", "pitch", "heading"]]),
     )
 
 
