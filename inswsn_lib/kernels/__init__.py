@@ -7,6 +7,6 @@ two runs, by the size of the work. What is compiled is kept on disk, so that it 
 not in each process.
 """
 
-from inswsn_lib.kernels.choice import PLAIN, choose, import_numba_user, keeping
+from inswsn_lib.kernels.choice import PLAIN, choose, compiled, import_numba_user, keeping
 
-__all__ = ["PLAIN", "choose", "import_numba_user", "keeping"]
+__all__ = ["PLAIN", "choose", "compiled", "import_numba_user", "keeping"]
