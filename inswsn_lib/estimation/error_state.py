@@ -105,6 +105,25 @@ class Solution:
     start: Start
     end: Start
 
+    @classmethod
+    def of(
+        cls, found: Outcome, time: Array, start: Start, innovations: list[Innovations], end: Start
+    ) -> Solution:
+        """Return that of the first run of an outcome that kept what a smoother needs.
+
+        :meta private:
+        """
+        states, before = (
+            _States(type(start.state).of_row, x[:, 0]) for x in (found.states, found.before)
+        )
+        filtered, priors, transitions = (
+            x[:, 0] for x in (found.filtered, found.priors, found.transitions)
+        )
+        return cls(
+            time, states, filtered, before, priors, transitions, innovations,
+            float(found.likelihoods[0]), start, end,
+        )  # fmt: skip
+
     @property
     def position(self) -> Array:
         """(events, 2 or 3), m."""
@@ -196,16 +215,11 @@ def run_error_state(
     run = ErrorStateFilter(start, observations, gate, iterations, about)
     whole = Start(start.time, run.state, run.covariance)
     found, table = run._go(motion.between(start.time, times), events, observations, kept=kept)
-    make = type(start.state).of_row
-    filtered, priors, transitions = (
-        x[:, 0] for x in (found.filtered, found.priors, found.transitions)
-    )
-    return Solution(
-        times if kept else times[:0], _States(make, found.states[:, 0]), filtered,
-        _States(make, found.before[:, 0]), priors, transitions,
-        [_innovations(found, table, events, i, kept=kept) for i in range(len(observations))],
-        run.log_likelihood, whole, Start(run.time, run.state, run.covariance),
-    )  # fmt: skip
+    innovations = [
+        _innovations(found, table, events, i, kept=kept) for i in range(len(observations))
+    ]
+    last = Start(run.time, run.state, run.covariance)
+    return Solution.of(found, times if kept else times[:0], whole, innovations, last)
 
 
 class _Events(NamedTuple):

@@ -118,17 +118,6 @@ class InertialState:
         rows[:, VELOCITY] = np.eye(3)
         return self.velocity, rows
 
-    def moving_in(self, axes: Array) -> tuple[Array, Array]:
-        """Return the velocity in a vehicle's axes, (3,), and its derivatives, (3, 15).
-
-        `axes` turns vectors of the body into axes forward, left and up.
-        """
-        turn = axes @ self.attitude.T
-        rows = np.zeros((3, ERRORS))
-        rows[:, VELOCITY] = turn
-        rows[:, ATTITUDE] = axes @ skew(self.attitude.T @ self.velocity)
-        return turn @ self.velocity, rows
-
 
 @dataclass(frozen=True, eq=False)
 class InertialMotion:

@@ -336,9 +336,10 @@ class Velocities(_Observed):
         m/s, in the frame of the recording; NaN where missing.
     white : ndarray, (d,)
         Standard deviations, m/s.
-    arm : ndarray, (rows, 3), optional
-        By how much the antenna is faster than the IMU, along axes of the body, m/s: the angular
-        rate times the lever arm. By default it is not.
+    rate : ndarray, (rows, 3), optional
+        What the gyroscopes said then, rad/s; with it the velocity is that of an antenna.
+    lever_arm : ndarray, (3,), optional
+        From the IMU to the antenna, in axes of the body, m.
 
     Examples
     --------
@@ -355,7 +356,8 @@ class Velocities(_Observed):
     time: Array
     velocity: Array
     white: Array
-    arm: Array | None = None
+    rate: Array | None = None
+    lever_arm: Array | None = None
 
     @property
     def components(self) -> Components:
@@ -364,8 +366,11 @@ class Velocities(_Observed):
         :meta private:
         """
         rows, d = self.velocity.shape
-        arms = np.zeros((rows, 3)) if self.arm is None else self.arm
-        data = np.hstack([np.tile(np.eye(d, 3), (rows, 1)), np.repeat(arms, d, axis=0)])
+        arm, turned = np.zeros(3), np.zeros((rows, 3))
+        if self.rate is not None and self.lever_arm is not None:
+            arm, turned = self.lever_arm, np.cross(self.rate, self.lever_arm)
+        moved = np.column_stack([turned, np.tile(arm, (rows, 1))])
+        data = np.hstack([np.tile(np.eye(d, 3), (rows, 1)), np.repeat(moved, d, axis=0)])
         return _table(sensors.velocity, self.velocity, self.white, data)
 
 

@@ -11,7 +11,8 @@ import numpy as np
 from inswsn_lib.checks import Array, Mask
 from inswsn_lib.estimation.plain import error_state
 from inswsn_lib.estimation.steps import Steps
-from inswsn_lib.kernels import choose
+from inswsn_lib.kernels import choose, compiled
+from inswsn_lib.kernels.choice import quiet
 from inswsn_lib.streams import Whole
 
 #: How many kinds of sensors the compiled filter takes
@@ -126,5 +127,9 @@ def run_table(
     plain: Callable[..., Any] = partial(error_state, make=make, iterations=iterations)
     by_numpy = iterations > 1 or len(sensors) > _MOST
     run = plain if by_numpy else choose("error_state", plain)
+    if run is not plain:
+        sensors = [compiled(sensor, 4) for sensor in sensors]
+        sensors = sensors + sensors[:1] * (_MOST - len(sensors))
     begun = [np.ascontiguousarray(x, dtype=float) for x in (*start, *own)]
-    return Outcome(*run(list(sensors), *steps.numbers, *begun, *table, mode, kept))
+    with quiet():
+        return Outcome(*run(tuple(sensors), *steps.numbers, *begun, *table, mode, kept))

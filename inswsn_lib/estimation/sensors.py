@@ -39,19 +39,23 @@ def position(x: Any, own: Any, data: Any, row: Any) -> Any:
 
 
 def velocity(x: Any, own: Any, data: Any, row: Any) -> Any:
-    """Return the velocity along an axis of the frame, `data[:3]`.
+    """Return the velocity along an axis of the frame, `data[:3]`, of an antenna.
 
-    It is that of an antenna that moves against the IMU by `data[3:]` along axes of the body.
+    `data[3:6]` is what the gyroscopes said times the lever arm, and `data[6:]` that, which their
+    biases turn as well; both along axes of the body.
     """
     row[3], row[4], row[5] = data[0], data[1], data[2]
     a = data[0] * x[6] + data[1] * x[9] + data[2] * x[12]
     b = data[0] * x[7] + data[1] * x[10] + data[2] * x[13]
     c = data[0] * x[8] + data[1] * x[11] + data[2] * x[14]
-    row[6] = data[4] * c - data[5] * b
-    row[7] = data[5] * a - data[3] * c
-    row[8] = data[3] * b - data[4] * a
-    found = data[0] * x[3] + data[1] * x[4] + data[2] * x[5]
-    return found + a * data[3] + b * data[4] + c * data[5]
+    u = data[3] + data[7] * x[20] - data[8] * x[19]
+    v = data[4] + data[8] * x[18] - data[6] * x[20]
+    w = data[5] + data[6] * x[19] - data[7] * x[18]
+    row[6], row[7], row[8] = v * c - w * b, w * a - u * c, u * b - v * a
+    row[12] = b * data[8] - c * data[7]
+    row[13] = c * data[6] - a * data[8]
+    row[14] = a * data[7] - b * data[6]
+    return data[0] * x[3] + data[1] * x[4] + data[2] * x[5] + a * u + b * v + c * w
 
 
 def distance(x: Any, own: Any, data: Any, row: Any) -> Any:

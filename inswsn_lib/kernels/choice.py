@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import cache, partial
 from importlib import import_module
 from importlib.util import find_spec
@@ -88,8 +90,9 @@ def _compiled(name: str, function: str) -> Any:
         return None
     try:
         _tell_of_compiling()
-        module = import_numba_user(f"inswsn_lib.kernels.{name}")
-        return keeping(partial(_by_numba, module))[function]
+        with quiet():
+            module = import_numba_user(f"inswsn_lib.kernels.{name}")
+            return keeping(partial(_by_numba, module))[function]
     except (ImportError, OSError, RuntimeError):
         return None
 
@@ -163,6 +166,46 @@ def import_numba_user(module: str) -> Any:
     7.292115e-05
     """
     return keeping(partial(import_module, module))
+
+
+@contextmanager
+def quiet() -> Iterator[None]:
+    """Keep numba from warning that functions as arguments are new to it.
+
+    Examples
+    --------
+    >>> from inswsn_lib.kernels.choice import quiet
+    >>> with quiet():
+    ...     print("done")
+    done
+    """
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "First-class function type feature")
+        yield
+
+
+@cache
+def compiled(function: Callable[..., Any], arrays: int) -> Any:
+    """Return a function of some arrays of floats that gives a float, compiled.
+
+    Where the function stands in a file, it is kept on disk.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from inswsn_lib.kernels import compiled
+    >>> def first(x):
+    ...     return x[0]
+    >>> compiled(first, 1)(np.ones(3))
+    1.0
+    """
+    import numba  # noqa: PLC0415  # it takes long
+
+    told = numba.float64(*[numba.float64[::1]] * arrays)
+    try:
+        return keeping(lambda: numba.njit(told, cache=True)(function))
+    except RuntimeError:  # it stands in no file
+        return numba.njit(told)(function)
 
 
 @cache

@@ -13,13 +13,10 @@ so with the other. Helpers have signatures, so that each is compiled once.
 """
 
 import math
-import warnings
-from functools import cache
 
 import numba
 import numpy as np
 from numba import types
-from numba.core.errors import NumbaExperimentalFeatureWarning
 
 # Standard gravity (m/s^2), where no Earth is given; of WGS84 the rate (rad/s), the semi-major axis
 # (m), the squared eccentricity, gravity at the equator (m/s^2) and by how much it grows to the pole
@@ -30,8 +27,7 @@ _MINOR = _A * math.sqrt(1 - _E2)
 _LOG = math.log(2 * math.pi)
 
 _SENSOR = types.float64(*[types.float64[::1]] * 4)
-#: How many functions of sensors there may be
-MOST = 8
+_MOST = 8  # functions of sensors
 _FAST = {"cache": True, "error_model": "numpy", "fastmath": {"contract"}}
 
 
@@ -451,7 +447,7 @@ def _keep(P, kept):
 
 
 _RUN = (
-    types.UniTuple(types.FunctionType(_SENSOR), MOST),
+    types.UniTuple(types.FunctionType(_SENSOR), _MOST),
     *(types.float64[::1], types.float64[:, :, ::1], types.float64[:, :, ::1], types.boolean),
     *(types.int64[::1], types.float64[::1], types.float64, types.float64[::1]),
     *(types.int64[::1], types.int64[::1]),
@@ -463,7 +459,8 @@ _RUN = (
 )
 
 
-def _run(
+@numba.njit(_RUN, **_FAST)
+def error_state(
     sensors, lengths, rates, forces, increments, ends, densities, substep, earth, which, offsets,
     starts, covariances, errors, factors, gained, taken, begins, stops, kinds, data, arms, noise,
     owns, told, mode, kept,
@@ -621,22 +618,3 @@ def _run(
         states, before, filtered, priors, transitions, left, firsts, values, deviations, used,
         squares, spreads, likelihoods, ended, last, errors,
     )  # fmt: skip
-
-
-@cache
-def _compiled(sensor):
-    """Return the function of a sensor, compiled."""
-    return numba.njit(_SENSOR, cache=True)(sensor)
-
-
-with warnings.catch_warnings():
-    warnings.simplefilter("ignore", NumbaExperimentalFeatureWarning)  # functions as arguments
-    _compiled_run = numba.njit(_RUN, **_FAST)(_run)
-
-
-def error_state(sensors, *rest):
-    """Compile the functions of the sensors, and run it."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", NumbaExperimentalFeatureWarning)
-        compiled = [_compiled(sensor) for sensor in sensors]
-        return _compiled_run((*compiled, *compiled[:1] * (MOST - len(compiled))), *rest)

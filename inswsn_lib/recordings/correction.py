@@ -77,6 +77,10 @@ class Correction(Protocol):
     def stated(self) -> int:
         """Of how many of x, y, vx, vy the filter states the errors."""
 
+    @property
+    def rate(self) -> Array | None:
+        """The angular rate at the times of fixes, if the lever arm turns in space, rad/s."""
+
     def run(self, *numbers: float, end: float = np.inf, kept: bool = True) -> Solution:
         """Run the filter, which has an event at the time of each fix."""
 
@@ -139,6 +143,13 @@ class InertialCorrection:
         speeds = [_size(velocity[:, :2])] if velocity is not None and self._measured else []
         return _begins((0.02, 0.002), self.fixes, speeds)
 
+    @cached_property
+    def rate(self) -> Array:
+        """What the gyroscopes say at the times of fixes, (fixes, 3), rad/s."""
+        imu = self.recording.imu
+        assert imu is not None
+        return np.column_stack([np.interp(self.fixes.time, imu.time, x) for x in imu.rate.T])
+
     @property
     def _measured(self) -> bool:
         """Whether velocities of fixes were measured, and are not slopes of fixes."""
@@ -178,12 +189,10 @@ class InertialCorrection:
             PositionFixes(fixes, self.lever_arm, white * shares_of(fixes), *colours)
         ]
         if measured:
-            imu = self.recording.imu
             assert fixes.velocity is not None
-            assert imu is not None
-            turned = np.column_stack([np.interp(fixes.time, imu.time, x) for x in imu.rate.T])
-            arms = np.cross(turned, self.lever_arm)
-            observed.append(Velocities(fixes.time, fixes.velocity, numbers[0] * UP, arms))
+            observed.append(
+                Velocities(fixes.time, fixes.velocity, numbers[0] * UP, self.rate, self.lever_arm)
+            )
         return observed
 
     def told(self, solution: Solution) -> list[Innovations]:
@@ -247,6 +256,11 @@ class OdometryCorrection:
     def stated(self) -> int:
         """Of how many of x, y, vx, vy the filter states the errors: the speed is no state."""
         return 2
+
+    @property
+    def rate(self) -> None:
+        """None: the velocity is that of the wheels."""
+        return None
 
     @property
     def known(self) -> float:
@@ -361,7 +375,7 @@ def correction_of(
     fixes = network_of(recording)
     kind = InertialState if recording.odometry is None else PlanarState
     if start is not None and not isinstance(start.state, kind):
-        raise ParameterError("start", type(start.state).__name__, f"one with a {kind.__name__}")
+        raise ParameterError("start", type(start.state).__name__, f"one with {kind.__name__}")
     if recording.odometry is not None:
         ranges = recording.ranges
         if ranges is not None and ranges.anchors.shape[1] > 2:

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from inswsn_lib.checks import Array, Mask
-from inswsn_lib.estimation import Solution
+from inswsn_lib.estimation import Solution, Velocities
 from inswsn_lib.evaluation import block_ratio
 from inswsn_lib.streams import Recording, Whole
 
@@ -48,10 +48,12 @@ class Estimate:
         return Estimate(self.state[:, :2], None if P is None else P[:, :2, :2])
 
 
-def of_solution(solution: Solution, lever_arm: Array, times: Array) -> Estimate:
+def of_solution(
+    solution: Solution, lever_arm: Array, times: Array, rate: Array | None = None
+) -> Estimate:
     """Return what a solution says of the tag at some times, which must be times of its events.
 
-    Before the first event it says nothing. The velocity is that of the IMU.
+    Before the first event it says nothing.
 
     Parameters
     ----------
@@ -60,12 +62,19 @@ def of_solution(solution: Solution, lever_arm: Array, times: Array) -> Estimate:
         m.
     times : ndarray, (fixes,)
         s.
+    rate : ndarray, (fixes, 3), optional
+        What the gyroscopes say then, rad/s; without it the velocity is that of the IMU.
     """
     state, P = np.full((len(times), 4), np.nan), np.full((len(times), 4, 4), np.nan)
     inside = np.flatnonzero((times >= solution.time[0]) & (times <= solution.time[-1]))
     for k, j in zip(inside, solution.at(times[inside]), strict=True):
         where, rows = solution.states[j].antenna(lever_arm)
         moving, its = solution.states[j].moving()
+        if rate is not None:
+            told = Velocities(times[:1], np.zeros((1, 3)), np.ones(3), rate[k : k + 1], lever_arm)
+            found = told.innovation(0, solution.states[j], np.zeros(0))
+            assert found is not None
+            moving, its = -found.value, found.rows
         state[k] = np.concatenate([where[:2], moving[:2]])
         H = np.vstack([rows[:2], its[:2]])
         P[k] = H @ solution.covariances[j][: H.shape[1], : H.shape[1]] @ H.T

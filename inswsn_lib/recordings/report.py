@@ -10,7 +10,7 @@ import pandas as pd
 from scipy.spatial.transform import Rotation, Slerp
 
 from inswsn_lib.checks import Array, Mask
-from inswsn_lib.errors import InswsnError
+from inswsn_lib.errors import InswsnError, ParameterError
 from inswsn_lib.estimation import InertialState, Solution, Start, smooth
 from inswsn_lib.evaluation import search_pattern
 from inswsn_lib.recordings.contest import TRIALS
@@ -138,6 +138,8 @@ def report(
     try:
         filtered: Correction = correction_of(recording, alignment, start)
         begun = filtered.start.time
+    except ParameterError:
+        raise
     except InswsnError as error:
         return _without_filter(recording, findings, str(error))
     split = float(np.mean(filtered.fixes.time[[0, -1]]))
@@ -151,7 +153,7 @@ def report(
         findings += _mirrored(recording, filtered, alignment, split)
     numbers = _tuned(filtered, split, trials)
     solution = filtered.run(*numbers)
-    corrected = of_solution(solution, filtered.lever_arm, filtered.fixes.time)
+    corrected = of_solution(solution, filtered.lever_arm, filtered.fixes.time, filtered.rate)
     since = max(split, filtered.known)
     findings += _of_innovations(filtered, solution, since)
     judged = _by_reference if recording.reference is not None else _at_withheld
@@ -256,10 +258,10 @@ def _judge(table: pd.DataFrame, by: str) -> str:
 
 
 def _estimates(filtered: Correction, solution: Solution) -> dict[str, Estimate]:
-    times, arm = filtered.fixes.time, filtered.lever_arm
+    others = filtered.lever_arm, filtered.fixes.time, filtered.rate
     return {
-        "corrected": of_solution(solution, arm, times),
-        "smoothed": of_solution(smooth(solution), arm, times),
+        "corrected": of_solution(solution, *others),
+        "smoothed": of_solution(smooth(solution), *others),
     }
 
 

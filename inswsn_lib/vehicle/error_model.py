@@ -1,4 +1,7 @@
-r"""The error model of a strapdown INS with fifteen states, and what aids it (P3 3.1, 3.2).
+r"""P3's error model of a strapdown INS with fifteen states, and what aids it (P3 3.1 to 3.3).
+
+The filter is that of `inswsn_lib.estimation`; what it makes of these equations is the same, and
+`frame` tells how its states and errors become these. Evidence holds P3's equations against pyins.
 
 The text of P3 at hand has lost its equations; what stands here is the standard form that its words
 describe (Titterton and Weston 2004; Groves 2013), in the frame east, north, up. Errors are what the

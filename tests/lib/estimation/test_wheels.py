@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
@@ -91,16 +90,3 @@ def test_a_speed_and_a_road_hold_the_drift_of_half_a_minute() -> None:
         ratio = np.sqrt(((found[:, 0] / found[:, 1]) ** 2).mean())
         assert 0.25 < ratio < 2  # of five, twice two components: false alarms of 1e-4
     assert held[:, 0].max() < 3
-
-
-def test_the_derivatives_of_the_speed_in_the_car_are_differences() -> None:
-    rng = np.random.default_rng(3)
-    state = InertialState(*rng.normal(size=(2, 3)), Rotation.random(rng=rng).as_matrix())
-    axes = Rotation.random(rng=rng).as_matrix()
-    value, rows = state.moving_in(axes)
-    for column in range(15):
-        step = np.zeros(15)
-        step[column] = 1e-6
-        assert (state.plus(step).moving_in(axes)[0] - value) / 1e-6 == pytest.approx(
-            rows[:, column], abs=1e-5
-        )

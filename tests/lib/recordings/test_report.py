@@ -8,15 +8,16 @@ import numpy as np
 import pandas as pd
 import pytest
 from made_folders import needs
-from made_recording import made, made_drive, made_imu
+from made_recording import made, made_drive, made_imu, motion
 
 from inswsn_lib import recordings
 from inswsn_lib.errors import InswsnError
+from inswsn_lib.estimation import PlanarState, Start, known_start
 from inswsn_lib.recordings import Finding, Report, report
 from inswsn_lib.recordings.correction import correction_of, deviation_of, network_of
 from inswsn_lib.recordings.report import withheld_rows
 from inswsn_lib.recordings.report_words import sentence_of
-from inswsn_lib.streams import Fixes, Recording, Reference
+from inswsn_lib.streams import Fixes, Imu, Recording, Reference
 
 NOISE = 0.3
 
@@ -121,6 +122,104 @@ def test_an_imu_is_aligned_without_the_reference() -> None:
     assert failing(found) <= {"outliers", "size", "colour", "whiteness"}
     assert found.table.loc["corrected", "velocity"] < 0.5 * found.table.loc["network", "velocity"]
     assert (found.track[["sd_x", "sd_vx"]] > 0).all(axis=None)
+
+
+def beside(recording: Recording, rate: float, noise: float) -> Recording:
+    """Add an IMU whose rate about the vertical is that of the odometry times a number."""
+    rng, odometry = np.random.default_rng(3), recording.odometry
+    assert odometry is not None
+    time = np.arange(0.0, 119.8, 0.02)
+    turned = np.interp(time + 0.05, odometry.time, odometry.rate)
+    values = noise * rng.standard_normal((2, len(time), 3))
+    values[0, :, 2] += rate * turned
+    return replace(recording, imu=Imu(time, values[0], values[1] + [[0.0, 0.0, 9.81]]))
+
+
+def test_an_imu_beside_odometry_is_taken_or_refused_in_words() -> None:
+    """Odometry that turns by too much is mended by a gyroscope; nonsense is left out."""
+    right = drive()
+    assert right.odometry is not None
+    wrong = replace(right.odometry, rate=1.3 * right.odometry.rate)
+    alone = report(right, trials=1)
+    good = report(beside(replace(right, odometry=wrong), 1 / 1.3, 0.001), trials=1)
+    bad = report(beside(right, -20.0, 5.0), trials=1)
+    found = {each: [f for f in each.findings if f.name == "gyroscope"] for each in (good, bad)}
+    assert [f.fits for f in found[good]] == [True]
+    assert "taken" in found[good][0].says
+    assert good.table.loc["corrected", "position"] < 1.1 * alone.table.loc["corrected", "position"]
+    assert [f.fits for f in found[bad]] == [False]
+    assert "IMU and odometry: the IMU's rate about the vertical does not fit" in bad.sentence
+    assert bad.numbers == alone.numbers
+
+
+def carried(**changes: object) -> Recording:
+    """A body in a room with an IMU, 5 Hz fixes of 0.3 m at the end of an arm, and velocities."""
+    arm = np.array([0.3, 0.0, 0.2])
+    right = replace(made(4, seconds=90, rate=1.0), ranges=None, imu=made_imu(4, seconds=90))
+    rng, time, step = np.random.default_rng(4), np.arange(0.2, 89.5, 0.2), 1e-3
+    tags = [where + how.apply(arm) for where, how in (motion(time + h) for h in (-step, 0, step))]
+    fixes = Fixes(
+        time,
+        tags[1] + 0.3 * rng.normal(size=(len(time), 3)),
+        (tags[2] - tags[0]) / (2 * step) + 0.03 * rng.normal(size=(len(time), 3)),
+    )
+    return replace(right, fixes=fixes, lever_arm=arm, **changes)
+
+
+def test_velocities_of_fixes_are_used() -> None:
+    """With velocities of 0.03 m/s the track is better than without, and says their size."""
+    right = carried()
+    assert right.fixes is not None
+    told, without = (
+        report(each, trials=6)
+        for each in (right, replace(right, fixes=replace(right.fixes, velocity=None)))
+    )
+    assert told.numbers[3] == pytest.approx(0.03, rel=0.3)
+    for name in ("position", "velocity"):
+        assert told.table.loc["corrected", name] < 0.6 * without.table.loc["corrected", name]
+
+
+def test_the_deviation_of_each_fix_is_used() -> None:
+    """Every second fix is ten times worse, and says so."""
+    right = carried()
+    assert right.fixes is not None
+    rng, sizes = np.random.default_rng(6), np.where(np.arange(len(right.fixes)) % 2, 3.0, 0.3)
+    fixes = replace(right.fixes, velocity=None)
+    fixes = replace(
+        fixes, position=fixes.position + sizes[:, None] * rng.normal(size=fixes.position.shape)
+    )
+    said = replace(fixes, deviation=np.tile(sizes[:, None], (1, 3)))
+    told, without = (report(replace(right, fixes=each), trials=6) for each in (said, fixes))
+    assert (
+        told.table.loc["corrected", "position"] < 0.8 * without.table.loc["corrected", "position"]
+    )
+
+
+def test_a_lever_arm_counts_where_the_reference_has_no_attitude() -> None:
+    right = carried()
+    assert right.reference is not None
+    bare = replace(right, reference=replace(right.reference, attitude=None))
+    with_attitude, without = (
+        report(each, trials=1).table.loc["corrected", "position"] for each in (right, bare)
+    )
+    assert without == pytest.approx(with_attitude, rel=0.1)
+
+
+def test_what_is_known_of_the_start_is_used() -> None:
+    """Of odometry it is where the filter starts; of an IMU what an alignment knows before."""
+    right = drive()
+    state = PlanarState(np.array([1.0, 2.0]), heading=0.5)
+    given = Start(1.0, state, np.eye(5))
+    assert correction_of(right, 20.0, given).start is given
+    with pytest.raises(InswsnError, match="start must be one with InertialState"):
+        report(carried(), start=given)
+    body = carried()
+    assert body.imu is not None
+    true = motion(np.array([0.1]))[1]
+    begun = known_start(body.imu, 0.1, attitude=(true.as_matrix()[0], 0.05))
+    mine, found = (correction_of(body, 5.0, each).start for each in (begun, None))
+    assert mine.time == pytest.approx(5.0, abs=0.3)
+    assert np.linalg.det(mine.covariance[6:9, 6:9]) < np.linalg.det(found.covariance[6:9, 6:9])
 
 
 def test_a_short_recording_is_told_by_its_network_alone() -> None:

@@ -41,6 +41,7 @@ from inswsn_lib.vehicle import (
     replay,
     run_vehicle_filter,
     sequential_update,
+    smooth_vehicle_run,
 )
 
 WIDE = replace(KNOWN, gate=1e6)
@@ -602,6 +603,39 @@ def test_the_start_is_as_good_as_what_it_is_made_of() -> None:
     assert P[1, 1] == pytest.approx(KNOWN.position**2 + settings.gps_error**2)
     yaws = KNOWN.yaw**2 + settings.compass_bias**2 + settings.mounting_yaw**2
     assert P[8, 8] == pytest.approx(yaws)
+
+
+# --- the smoother ---
+
+
+def test_the_smoother_ends_where_the_filter_does() -> None:
+    """And is surer before that, the more so in an outage."""
+    settings = replace(KNOWN, extra=("gps", "compass"))
+    smoothed = smooth_vehicle_run(eight(), settings, 3, outages=[(30, 50)])
+    run = run_vehicle_filter(eight(), settings, outages=[(30, 50)])
+    ends = [x[-1] for x in (smoothed, run.states[:, 3])]
+    deviations = [np.sqrt(np.diagonal(x.covariance)) for x in ends]
+    assert deviations[0] == pytest.approx(deviations[1], rel=0.05)
+    assert np.abs((ends[0].position - ends[1].position) / deviations[1][:3]).max() < 0.05
+    spread = [
+        np.diagonal(x, axis1=1, axis2=2)
+        for x in (smoothed.covariance, run.states[1:, 3].covariance)
+    ]
+    assert (spread[0][:-1] <= spread[1][:-1] * (1 + 1e-3)).all()
+    assert (spread[0][44, :2] < 0.5 * spread[1][44, :2]).all()
+
+
+def test_the_smoothers_errors_are_as_large_as_it_says() -> None:
+    """Three epochs far from each other of eight runs, three components: once in 1000 times."""
+    drive, total = make_drive(120, 8, seed=11), []
+    for r in range(8):
+        states = smooth_vehicle_run(drive, KNOWN, r, aiding=False)
+        for k in (30, 60, 90):
+            apart = states.position[k - 1] - drive.reference.position[k]
+            P = states.covariance[k - 1, :3, :3]
+            total.append(apart @ np.linalg.solve(P, apart))
+    low, high = chi2.ppf([5e-4, 1 - 5e-4], 3 * 24)
+    assert low < np.sum(total) < high
 
 
 # --- the start ---
