@@ -393,13 +393,15 @@ class _Fit:
         """Standard deviation of the heading at the end, degrees."""
         return _spread(self.end)
 
+    def off(self, other: _Fit, part: slice = slice(None)) -> float:
+        """Return the square of how far another start lies from this one, in its deviations."""
+        apart = self.end.state.minus(other.end.state)[part]
+        return float(apart @ np.linalg.solve(self.end.covariance[part, part], apart))
+
     def is_like(self, other: _Fit) -> bool:
         """Return whether both searches found one start, within its deviations."""
-        if max(self.spread, other.spread) > LARGEST_HEADING / 2:
-            return False
-        mine = self.end
-        apart = mine.state.minus(other.end.state)
-        return float(apart @ np.linalg.solve(mine.covariance, apart)) < ERRORS
+        told = max(self.spread, other.spread) < LARGEST_HEADING / 2
+        return told and self.off(other) < ERRORS
 
 
 def _apart(fits: list[_Fit]) -> list[_Fit]:
@@ -426,12 +428,13 @@ def _refuse_unlike(fits: list[_Fit], window: str) -> None:
             f"The search for a start {window} has not settled: its last step is "
             f"{best.size**0.5:.2g} deviations. Take a longer window, or say what is known."
         )
-    if len(fits) > 1 and fits[1].cost < best.cost + _AS_LIKELY:
-        one, other = (f"{_heading(fit.end.state):.0f}" for fit in fits[:2])
-        raise InswsnError(
-            f"Two starts fit alike {window}, with headings of {one} and {other} degrees. Take a "
-            "longer window, or one with turns."
-        )
+    for fit in fits[1:]:
+        if fit.cost < best.cost + _AS_LIKELY and best.off(fit, ATTITUDE) > _PRIOR**2:
+            one, other = (f"{_heading(each.end.state):.0f}" for each in (best, fit))
+            raise InswsnError(
+                f"Two starts fit alike {window}, with headings of {one} and {other} degrees. Take "
+                "a longer window, or one with turns."
+            )
     assumed = np.sqrt(np.diag(best.prior.covariance))
     for name, part, bias, unit in (
         ("accelerometers", FORCE_BIAS, best.about.force_bias, "m/s^2"),
