@@ -97,7 +97,8 @@ class DriveFrame:
         data = np.full((8, 9), -1.0)
         data[0] = [1.0, 0.0, 0.0, *self.earth.numbers, *own[:2]]
         data[1, :7] = [0.0, -1.0, 0.0, 1.0, 0.0, 0.0, own[1]]
-        data[2:5, :3] = data[5:, :3] = np.eye(3)
+        data[2:5, :3] = np.eye(3)
+        data[5:] = np.eye(3, 9)
         if own[2] >= 0:
             data[2:4, 3] = own[2], own[2] + 1
         noise, each = np.zeros((8, 3)), self.settings

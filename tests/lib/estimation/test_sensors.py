@@ -21,7 +21,7 @@ NOISE = est.ImuNoise(0.02, 0.002, 1e-3, 1e-5)
 #: A sensor, what it is told, and how exact its row is: a heading leaves out how east turns
 CASES: list[tuple[Any, list[float]]] = [
     (sensors.position, [0.6, 0.0, 0.8, 1]),
-    (sensors.velocity, [0.6, 0.0, 0.8]),
+    (sensors.velocity, [0.6, 0.0, 0.8, 0.3, -0.2, 0.5, 0.4, 0.1, -0.3]),
     (sensors.distance, [3.0, -4.0, 1.0, 0, 1, 2]),
     (sensors.body_velocity, [0.0, -1.0, 0.1, 1.0, 0.0, 0.2, 2]),
     (sensors.body_velocity, [0.6, 0.8, 0.0, 0.0, 0.0, 0.0, -1]),
