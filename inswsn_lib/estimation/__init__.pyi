@@ -1,5 +1,5 @@
 from .alignment import align as align, known_start as known_start, level as level
-from .earth import Earth as Earth
+from .earth import Earth as Earth, Ground as Ground
 from .error_state import (
     ErrorStateFilter as ErrorStateFilter,
     Innovations as Innovations,
