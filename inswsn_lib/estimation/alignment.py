@@ -32,17 +32,14 @@ from inswsn_lib.estimation.inertial import (
     ATTITUDE,
     FORCE_BIAS,
     RATE_BIAS,
-    VELOCITY,
     InertialMotion,
     InertialState,
 )
 from inswsn_lib.estimation.mechanization import ERRORS
 from inswsn_lib.estimation.observations import (
     Observation,
-    PositionFixes,
     RangesToAnchors,
     Sensor,
-    Velocities,
 )
 from inswsn_lib.estimation.sensors import position as place
 from inswsn_lib.streams import Imu
@@ -59,10 +56,11 @@ _SHORTEST = 1e-3  # share of a step that is tried last
 _SETTLED = 0.05  # mean square of a step in deviations, below which a search has settled
 _UNLIKELY = 150.0  # by how much less likely a search is, in logarithms, that is given up
 _AS_LIKELY = 12.0  # less than this, and two starts fit alike
+_AGREEING = 2  # searches that must lead to a start
 _PRIOR, _MISSED = 3.5, 3.0  # deviations of a bias, and of innovations in the mean
-# At rest: s of which the IMU's means are compared, and in how many deviations they agree; m/s that
-# fixes must exclude; rad/s that the mean rate is off, by the Earth
-_BLOCK, _MOVED, _SLOW, _EARTH_RATE = 0.5, 6.0, 0.2, 1e-4
+# s of which an IMU's means are compared, and in how many deviations they agree; m/s, and rad/s by
+# the Earth, at rest
+_BLOCK, _MOVED, _STILL, _EARTH_RATE = 0.5, 6.0, 0.02, 1e-4
 
 
 def level(imu: Imu, heading: float = 0.0) -> Array:
@@ -105,8 +103,9 @@ def align(
 ) -> Start:
     """Return where a filter starts at the end of a window, by the measurements in it.
 
-    Where the body stands still at the beginning, by its IMU and by fixes that would show a motion,
-    the mean rate is the bias of the gyroscopes, and the search begins two seconds before it moves.
+    While the IMU says the same all the time nothing tells a heading that is not known, so that the
+    search begins two seconds before that changes. A body at rest is not told from one that turns
+    steadily: what that would say of the gyroscopes' biases is taken from `known_start` alone.
 
     Parameters
     ----------
@@ -121,15 +120,16 @@ def align(
     prior : Start, optional
         What is known of the state at the beginning, of `known_start`, in place of `deviations`.
     latest : float, optional
-        Until when the window is made longer where it does not tell the heading, s; by default it
+        Until when the window is made longer where no start in it can be trusted, s; by default it
         is not.
 
     Raises
     ------
     InswsnError
         If the window has no measurement, or there are ranges; and where no start can be trusted:
-        the heading is not told, the search has not settled, starts with other headings fit as well,
-        biases are not those of the deviations, or measurements are missed by more than theirs.
+        the heading is not told, the search has not settled or is the only one that leads there,
+        starts with other headings fit as well, biases are not those of the deviations, or
+        measurements are missed by more than theirs.
 
     Examples
     --------
@@ -156,23 +156,28 @@ def align(
         raise InswsnError(f"The IMU says nothing between {begin:.6g} and {end:.6g} s.")
     if prior is None:
         prior = known_start(motion.imu.part(begin, end), begin, deviations=deviations)
-    fits = _fitted(motion, observations, prior, end)
-    while latest is not None and end < latest and not fits[0].spread < LARGEST_HEADING:
-        end = min(2 * end - begin, latest)
+    while True:
         fits = _fitted(motion, observations, prior, end)
-    _refuse_unlike(fits, f"between {begin:.6g} and {end:.6g} s")
-    return fits[0].end
+        try:
+            _refuse_unlike(fits, f"between {begin:.6g} and {end:.6g} s")
+        except InswsnError:
+            if latest is None or end >= latest:
+                raise
+            end = min(2 * end - begin, latest)
+        else:
+            return fits[0].end
 
 
 def _fitted(
     motion: InertialMotion, observations: Sequence[Observation], prior: Start, end: float
 ) -> list[_Fit]:
     """Return the searches' ends that are apart, the best first."""
-    prior = _after_rest(prior, motion.imu.part(prior.time, end), observations)
+    imu = motion.imu.part(prior.time, end)
+    headings = np.zeros(1)
+    if _spread(prior) > np.degrees(_LARGEST_TURN):
+        prior = replace(prior, time=max(prior.time, _steady(imu) - _FIRST))
+        headings = np.linspace(0, 2 * np.pi, _HEADINGS, endpoint=False)
     ends = _ends(observations, prior.time, end)
-    headings = np.linspace(0, 2 * np.pi, _HEADINGS, endpoint=False)
-    if _spread(prior) < np.degrees(_LARGEST_TURN):
-        headings = headings[:1]
     turns = np.zeros((len(headings), ERRORS))
     turns[:, ATTITUDE] = np.outer(headings, prior.state.attitude[2])
     states = [prior.state.plus(turn) for turn in turns]
@@ -180,6 +185,10 @@ def _fitted(
     for last in ends:
         passes = _PASSES if last == end else _FIRST_PASSES
         fits = _apart([fit.until(last).settled(passes) for fit in fits])
+    if fits[0].begins < _AGREEING:
+        turns = np.outer([-_LARGEST_TURN, _LARGEST_TURN], fits[0].about.attitude[2])
+        others = [fits[0].turned(turn).settled(_PASSES) for turn in turns]
+        fits = _apart([*fits, *others])
     return fits
 
 
@@ -191,9 +200,13 @@ def known_start(
     attitude: tuple[ArrayLike, float] | None = None,
     position: tuple[ArrayLike, float] | None = None,
     velocity: tuple[ArrayLike, float] | None = None,
+    rest: float | None = None,
     deviations: Sequence[float] = WIDE,
 ) -> Start:
     """Return what is known of a start: values, each with its standard deviation.
+
+    Of a body that is known to stand still the mean rate is the gyroscopes' bias, but for the turn
+    of the Earth.
 
     Parameters
     ----------
@@ -207,13 +220,15 @@ def known_start(
         Turns vectors of the body into the frame; rad.
     position, velocity : (array_like (3,), float), optional
         m and m/s.
+    rest : float, optional
+        Until when the body stands still, s: that is the time of the start.
     deviations : sequence of float
         What is assumed of the rest, as in `align`.
 
     Raises
     ------
     ParameterError
-        If the attitude is no rotation, or a deviation is not positive.
+        If the attitude is no rotation, a deviation is not positive, or the rest has no samples.
 
     Examples
     --------
@@ -230,12 +245,20 @@ def known_start(
     [115.0, 115.0, 5.0]
     """
     sizes = np.repeat(np.asarray(deviations, dtype=float), 3)
-    values = np.zeros((2, 3))
+    values = np.zeros((3, 3))
+    steady = imu.part(time, time + _FIRST)
+    if rest is not None:
+        steady = imu.part(time, number("rest", rest, above=time))
+        if len(steady) < 2:
+            raise ParameterError("rest", rest, "a time with samples of the IMU before it")
+        velocity = velocity or (np.zeros(3), _STILL)
+        values[2] = steady.rate.mean(axis=0)
+        sizes[RATE_BIAS] = steady.rate.std(axis=0) / np.sqrt(len(steady)) + _EARTH_RATE
     for i, (name, known) in enumerate((("position", position), ("velocity", velocity))):
         if known is not None:
             values[i] = array(name, known[0], (3,))
             sizes[3 * i : 3 * i + 3] = number(f"deviation of the {name}", known[1], above=0)
-    turned = level(imu.part(imu.time[0], imu.time[0] + _FIRST), heading[0] if heading else 0.0)
+    turned = level(steady, heading[0] if heading else 0.0)
     if attitude is not None:
         turned = array("attitude", attitude[0], (3, 3))
         if np.abs(turned @ turned.T - np.eye(3)).max() > 1e-6 or np.linalg.det(turned) < 0:
@@ -247,36 +270,12 @@ def known_start(
         wide = sizes[ATTITUDE][0] ** 2
         narrow = number("deviation of the heading", heading[1], above=0) ** 2
         P[ATTITUDE, ATTITUDE] = wide * np.eye(3) + (narrow - wide) * np.outer(up, up)
-    return Start(time, InertialState(values[0], values[1], turned), P)
+    state = InertialState(values[0], values[1], turned, rate_bias=values[2])
+    return Start(time if rest is None else rest, state, P)
 
 
-def _after_rest(prior: Start, imu: Imu, observations: Sequence[Observation]) -> Start:
-    """Return what is known two seconds before the body moves, if it stands still until then."""
-    until, slowest = _rest(imu, observations)
-    if until - prior.time < _FIRST:
-        return prior
-    still = imu.part(prior.time, until)
-    told = np.concatenate([np.zeros(3), still.rate.mean(axis=0)])
-    sizes = np.repeat([slowest, _EARTH_RATE], 3)
-    sizes[3:] += still.rate.std(axis=0) / np.sqrt(len(still))
-    parts = np.r_[VELOCITY, RATE_BIAS]
-    state, P = prior.state, prior.covariance.copy()
-    change = np.zeros(ERRORS)
-    change[parts] = told - np.concatenate([state.velocity, state.rate_bias])
-    assumed = np.sqrt(np.diag(P)[parts])
-    if (np.abs(change[parts]) > _PRIOR * np.hypot(assumed, sizes)).any():
-        return prior  # the body turns steadily, or its user knows better
-    P[parts], P[:, parts] = 0.0, 0.0
-    P[parts, parts] = np.square(sizes)
-    return Start(max(prior.time, until - _FIRST), state.plus(change), P)
-
-
-def _rest(imu: Imu, observations: Sequence[Observation]) -> tuple[float, float]:
-    """Return until when a body certainly stands still, and how fast it is then at most, m/s.
-
-    Until then the means of the IMU over half seconds are those of the first two, and a line through
-    the fixes says that it moves by less than a fifth of a metre a second.
-    """
+def _steady(imu: Imu) -> float:
+    """Return until when the means of an IMU over half seconds are those of its first two, s."""
     begin = float(imu.time[0])
     blocks = np.floor((imu.time - begin) / _BLOCK).astype(int)
     counts: Array = np.maximum(np.bincount(blocks), 1.0)
@@ -287,26 +286,7 @@ def _rest(imu: Imu, observations: Sequence[Observation]) -> tuple[float, float]:
     white = (values[first] - means[blocks[first]]).std(axis=0)
     apart = np.abs(means - values[first].mean(axis=0))
     moved = (apart > _MOVED * white / np.sqrt(counts)[:, None]).any(axis=1) | (counts < 2)
-    until = begin + _BLOCK * int(np.argmax(np.append(moved, True)))
-    speed = min((_fastest(each, begin, until) for each in observations), default=np.inf)
-    return (until, speed) if speed < _SLOW else (begin, np.inf)
-
-
-def _fastest(seen: Observation, begin: float, until: float) -> float:
-    """Return how fast a body is at most, by a line through its fixes or its mean velocity, m/s."""
-    if isinstance(seen, PositionFixes):
-        values, order = seen.fixes.position, 1
-    elif isinstance(seen, Velocities):
-        values, order = seen.velocity, 0
-    else:
-        return np.inf
-    rows = np.isfinite(values).all(axis=1) & (seen.time >= begin) & (seen.time <= until)
-    if rows.sum() < _FEWEST:
-        return np.inf
-    apart = (seen.time[rows] - seen.time[rows].mean()) ** order
-    squares = apart @ apart
-    speed = np.abs(apart @ values[rows]) / squares
-    return float(np.max(speed + _PRIOR * seen.white / np.sqrt(squares)))
+    return begin + _BLOCK * int(np.argmax(np.append(moved, True)))
 
 
 def _ends(observations: Sequence[Observation], begin: float, end: float) -> list[float]:
@@ -331,9 +311,9 @@ class _Fit:
     last: float  # s, of the window
     solution: Solution
     step: Array  # (15,), the estimate of the errors
-    covariance: Array  # of them
     size: float  # mean square of the step in its deviations
     cost: float
+    begins: int = 1  # of how many searches it is the end
 
     @classmethod
     def of(
@@ -356,7 +336,7 @@ class _Fit:
         square = float(step / scale @ np.linalg.solve(scaled, step / scale))
         logarithm = np.linalg.slogdet(scaled)[1] + 2 * np.log(scale).sum()
         cost = -found.log_likelihood + 0.5 * (square + float(logarithm))
-        return cls(motion, observations, prior, about, last, found, step, P, square / ERRORS, cost)
+        return cls(motion, observations, prior, about, last, found, step, square / ERRORS, cost)
 
     def until(self, last: float) -> _Fit:
         """Return the same start by a longer window."""
@@ -378,8 +358,15 @@ class _Fit:
             fit = tried
         return fit
 
+    def turned(self, turn: Array) -> _Fit:
+        """Return another begin of a search: a start that is turned about axes of the body."""
+        error = np.zeros(ERRORS)
+        error[ATTITUDE] = turn
+        return replace(self._at(self.about.plus(error), self.last), begins=1)
+
     def _at(self, about: InertialState, last: float) -> _Fit:
-        return _Fit.of(self.motion, self.observations, self.prior, about, last)
+        found = _Fit.of(self.motion, self.observations, self.prior, about, last)
+        return replace(found, begins=self.begins)
 
     @property
     def end(self) -> Start:
@@ -405,13 +392,16 @@ class _Fit:
 
 
 def _apart(fits: list[_Fit]) -> list[_Fit]:
-    """Return fits from the best on, without those that are like a better one or far less likely."""
+    """Return fits from the best on that are not alike, without far less likely ones."""
     found: list[_Fit] = []
     for fit in sorted(fits, key=lambda fit: fit.cost):
         if found and fit.cost > found[0].cost + _UNLIKELY:
             break
-        if not any(fit.is_like(better) for better in found):
+        like = next((k for k, better in enumerate(found) if fit.is_like(better)), None)
+        if like is None:
             found.append(fit)
+        else:
+            found[like] = replace(found[like], begins=found[like].begins + fit.begins)
     return found
 
 
@@ -427,6 +417,11 @@ def _refuse_unlike(fits: list[_Fit], window: str) -> None:
         raise InswsnError(
             f"The search for a start {window} has not settled: its last step is "
             f"{best.size**0.5:.2g} deviations. Take a longer window, or say what is known."
+        )
+    if best.begins < _AGREEING:
+        raise InswsnError(
+            f"Of the searches for a start {window} only one leads there. Take a longer window, or "
+            "say what is known."
         )
     for fit in fits[1:]:
         if fit.cost < best.cost + _AS_LIKELY and best.off(fit, ATTITUDE) > _PRIOR**2:

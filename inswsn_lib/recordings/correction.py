@@ -11,11 +11,10 @@ import numpy as np
 from scipy.integrate import cumulative_trapezoid
 
 from inswsn_lib.checks import Array, Mask
-from inswsn_lib.errors import InswsnError, ParameterError
+from inswsn_lib.errors import InswsnError
 from inswsn_lib.estimation import (
     ImuNoise,
     InertialMotion,
-    InertialState,
     Innovations,
     Observation,
     OdometryMotion,
@@ -362,7 +361,7 @@ def correction_of(
     Raises
     ------
     InswsnError
-        If there is nothing that moves, or no network while it does, or the start is another kind's.
+        If there is nothing that moves, or no network while it does.
     """
     motion = recording.odometry if recording.odometry is not None else recording.imu
     if motion is None or not len(motion):
@@ -373,9 +372,6 @@ def correction_of(
     whole = recording
     recording = recording.part(float(motion.time[0]), float(np.nextafter(motion.time[-1], np.inf)))
     fixes = network_of(recording)
-    kind = InertialState if recording.odometry is None else PlanarState
-    if start is not None and not isinstance(start.state, kind):
-        raise ParameterError("start", type(start.state).__name__, f"one with {kind.__name__}")
     if recording.odometry is not None:
         ranges = recording.ranges
         if ranges is not None and ranges.anchors.shape[1] > 2:

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from inswsn_lib.checks import Array, Mask
 from inswsn_lib.errors import InswsnError, ParameterError
-from inswsn_lib.estimation import InertialState, Solution, Start, smooth
+from inswsn_lib.estimation import InertialState, PlanarState, Solution, Start, smooth
 from inswsn_lib.evaluation import search_pattern
 from inswsn_lib.recordings.contest import TRIALS
 from inswsn_lib.recordings.correction import (
@@ -41,6 +41,7 @@ from inswsn_lib.streams import Fixes, Recording
 
 _ALIGNMENT = 20.0  # s
 _RATIO = 2.0  # of the steps of a search
+_MIRRORED = "the network is mirrored, its x and y exchanged, or rates have the other sign"
 _FEWEST = 12  # fixes by which a track is judged
 _TRACK = ("x", "y", "vx", "vy")
 _SCORES = (
@@ -134,20 +135,22 @@ def report(
     >>> print(recordings.report(streams.Recording("walk", fixes=fixes)).sentence)
     The recording walk has neither an IMU nor odometry: there is nothing to correct fixes with.
     """
+    kind = InertialState if recording.odometry is None else PlanarState
+    if start is not None and not isinstance(start.state, kind):
+        raise ParameterError("start", type(start.state).__name__, f"one with {kind.__name__}")
     findings = check_set_up(recording)
     try:
         filtered: Correction = correction_of(recording, alignment, start)
         begun = filtered.start.time
-    except ParameterError:
-        raise
     except InswsnError as error:
+        findings += _mirrored_start(recording, alignment)
         return _without_filter(recording, findings, str(error))
     split = float(np.mean(filtered.fixes.time[[0, -1]]))
     if not filtered.known < filtered.fixes.time[-1] or not begun < split:
         taken = filtered.known - filtered.fixes.time[0]
         said = f"The start takes {taken:.3g} s, more than half of the recording."
         return _without_filter(recording, findings, said)
-    filtered, more = _by_gyroscope(filtered, alignment, split)
+    filtered, more = _by_gyroscope(filtered, alignment, split, start)
     findings += more
     if not any(found.name == "axes" and found.fits for found in findings):
         findings += _mirrored(recording, filtered, alignment, split)
@@ -332,20 +335,27 @@ def _mirrored(
     if abs(gain) < bound:
         says = "the motion turns too little to tell a mirrored network"
         return [Finding("axes", who, gain, -np.inf, bound, None, says)]
-    says = "they turn to the same side"
-    if gain > 0:
-        says = "the network is mirrored, its x and y exchanged, or rates have the other sign"
+    says = _MIRRORED if gain > 0 else "they turn to the same side"
     return [Finding("axes", who, gain, -np.inf, bound, gain < 0, says)]
 
 
+def _mirrored_start(recording: Recording, alignment: float) -> list[Finding]:
+    """Ask whether a filter that cannot start would, if the network were mirrored."""
+    try:
+        _ = correction_of(_mirror(recording), alignment).start
+    except InswsnError:
+        return []
+    return [Finding("axes", "network and motion", np.inf, -np.inf, 0.0, False, _MIRRORED)]
+
+
 def _by_gyroscope(
-    filtered: Correction, alignment: float, end: float
+    filtered: Correction, alignment: float, end: float, start: Start | None
 ) -> tuple[Correction, list[Finding]]:
     """Ask whether the rate of an IMU beside odometry fits the network better, and take that."""
     other = turned_by_gyroscope(filtered.recording)
     if other is None:
         return filtered, []
-    gain, turned = _more_likely(other, filtered, alignment, end)
+    gain, turned = _more_likely(other, filtered, alignment, end, start)
     bound = float(np.log(FALSE_ALARM))
     fits = bool(gain > bound)
     says = "the IMU's rate about the vertical fits the network as well, and is left out"
@@ -357,15 +367,25 @@ def _by_gyroscope(
 
 
 def _more_likely(
-    recording: Recording, filtered: Correction, alignment: float, end: float
-) -> tuple[float, Correction]:
-    """Return by how much more likely another recording is, in logarithms, and its correction."""
-    straight = filtered.run(*filtered.begins[0], end=end, kept=False).log_likelihood
+    recording: Recording, filtered: Correction, alignment: float, end: float,
+    start: Start | None = None,
+) -> tuple[float, Correction]:  # fmt: skip
+    """Return by how much more likely another recording is, in logarithms, and its correction.
+
+    NaN where its filter cannot start, or has fewer measurements, since it starts later.
+    """
     try:
-        other = correction_of(recording, alignment)
-        return other.run(*filtered.begins[0], end=end, kept=False).log_likelihood - straight, other
+        other = correction_of(recording, alignment, start)
+        later = other.start.time != filtered.start.time
     except InswsnError:
+        later = True
+    if later:
         return np.nan, filtered
+    mine, its = (
+        each.run(*filtered.begins[0], end=end, kept=False).log_likelihood
+        for each in (filtered, other)
+    )
+    return its - mine, other
 
 
 def _mirror(recording: Recording) -> Recording:

@@ -45,15 +45,15 @@ def ideal_sensors(
         has them.
     """
     place = _places(time, start, velocity)
-    latitude, longitude = np.deg2rad(place[:, :2].T)
-    longitude += RATE * time
-    _, transverse = radii(np.column_stack([latitude, longitude, place[:, 2]]))
-    parallel = transverse * np.cos(latitude)
+    # in this order, so that positions are rounded as by pyins: they are differentiated twice
+    latitude, longitude = np.deg2rad(place[:, 0]), np.deg2rad(place[:, 1] + np.rad2deg(RATE) * time)
+    _, normal = radii(np.column_stack([latitude, longitude, 0.0 * latitude]))
+    parallel = (normal + place[:, 2]) * np.cos(latitude)
     frame = _turn(longitude, 2, _turn(-np.pi / 2 - latitude, 1))
     body = _turn(attitude[:, 2], 2, _turn(attitude[:, 1], 1, _turn(attitude[:, 0], 0)))
     axes = frame @ body
 
-    along = (transverse - ECCENTRICITY * (transverse - place[:, 2])) * np.sin(latitude)
+    along = ((1 - ECCENTRICITY) * normal + place[:, 2]) * np.sin(latitude)
     r = np.column_stack([parallel * np.cos(longitude), parallel * np.sin(longitude), along])
     moved = (frame @ velocity[:, :, None])[..., 0]
     moved[:, 0] -= RATE * r[:, 1]
@@ -136,14 +136,20 @@ def _places(time: Array, start: Array, velocity: Array) -> Array:
     height = start[2] + CubicSpline(time, -down).antiderivative()(time)
     first = latitude = np.deg2rad(start[0]) + 0.0 * height
     for _ in range(3):
-        meridian, _ = radii(np.stack([latitude, 0.0 * height, height], axis=-1))
+        meridian, _ = _radii(latitude, height)
         before = latitude
         latitude = first + CubicSpline(time, north / meridian).antiderivative()(time)
         if np.all(np.abs((before - latitude) * meridian) < 0.01):
             break
-    _, transverse = radii(np.stack([latitude, 0.0 * height, height], axis=-1))
-    turned = CubicSpline(time, east / (transverse * np.cos(latitude))).antiderivative()(time)
+    turned = CubicSpline(time, east / _radii(latitude, height)[1]).antiderivative()(time)
     return np.column_stack([np.rad2deg(latitude), start[1] + np.rad2deg(turned), height])
+
+
+def _radii(latitude: Array, height: Array) -> tuple[Array, Array]:
+    """Return the radii of the meridian and of the parallel, m, rounded as by pyins."""
+    latitude = np.deg2rad(np.rad2deg(latitude))
+    meridian, transverse = radii(np.stack([latitude, 0.0 * height, height], axis=-1))
+    return meridian, transverse * np.sqrt(1 - np.sin(latitude) ** 2)
 
 
 def _turn(angle: Array, axis: int, right: Array | None = None) -> Array:

@@ -135,6 +135,7 @@ class Log:
     rest: float  # s
     turns: bool
     velocities: bool
+    spin: float = 0.0  # rad/s, in place, as long as it would be at rest
 
     @classmethod
     def drawn(cls, seed: int) -> Log:
@@ -157,6 +158,7 @@ class Log:
             rate[inside] = 2 * angle / long * np.sin(np.pi * (t[inside] - begin) / long) ** 2
             begin += long + rng.uniform(3, 20)
         rate *= speed > 0.5
+        rate[t < self.rest] = self.spin
         yaw = rng.uniform(0, 2 * np.pi) + np.cumsum(rate) * PERIOD
         velocity = np.stack([speed * np.cos(yaw), speed * np.sin(yaw), 0 * yaw], -1)
         steps = 0.5 * (velocity[1:] + velocity[:-1]) * PERIOD

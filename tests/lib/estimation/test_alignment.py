@@ -102,23 +102,32 @@ def test_a_steady_motion_does_not_tell_the_heading() -> None:
         align(InertialMotion(imu, NOISE), observed, 20.0, 30.0)
 
 
-def test_rest_tells_the_biases_of_the_gyroscopes_and_a_user_the_heading() -> None:
-    """At rest for 25 s: nothing tells the heading before the first motion, but its user may."""
+def test_the_first_motion_tells_the_heading_or_the_user_does() -> None:
+    """At rest for 25 s nothing tells the heading; who knows that it rests knows the biases, too."""
     log = Log(seed=5, rest=25.0, turns=True, velocities=True)
     motion, seen, attitude, biases = log.make()
     with pytest.raises(InswsnError, match="The heading cannot be told between 0 and 20 s"):
         align(motion, seen, 0.0, 20.0)
+    found = align(motion, seen, 0.0, 20.0, latest=60.0)
     true = attitude(0.0).as_matrix()
     told = np.arctan2(true[1, 0], true[0, 0]) + 0.02, 0.03
-    for start in (
-        align(motion, seen, 0.0, 20.0, latest=60.0),
-        align(motion, seen, 0.0, 20.0, prior=known_start(motion.imu, 0.0, heading=told)),
-    ):
+    known = known_start(motion.imu, 0.0, heading=told, rest=18.0)
+    mine = align(motion, seen, 18.0, 20.0, prior=known)
+    for start in (found, mine):
         assert np.abs(off_by(start, attitude(start.time))).max() < 3.5
         sizes = np.sqrt(np.diag(start.covariance)[12:])
-        assert sizes.max() < 5e-4  # of 0.06 rad/s
         assert (np.abs(start.state.rate_bias - biases[1]) < 3.5 * sizes).all()
-    assert start.time == pytest.approx(20.0, abs=0.3)
+    assert sizes.max() < 5e-4  # of 0.06 rad/s
+    assert mine.time == pytest.approx(20.0, abs=0.3)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_steady_spin_in_place_is_not_taken_for_rest(seed: int) -> None:
+    """An IMU says then what it says at rest with another bias."""
+    log = Log(seed, rest=20.0, turns=True, velocities=seed % 2 > 0, spin=0.05)
+    motion, seen, attitude, _ = log.make()
+    start = align(motion, seen, 0.0, 40.0, latest=60.0)
+    assert np.abs(off_by(start, attitude(start.time))).max() < 3.5
 
 
 def test_a_start_that_its_own_deviations_exclude_is_refused() -> None:
@@ -140,6 +149,7 @@ def test_a_start_that_its_own_deviations_exclude_is_refused() -> None:
     [
         ({"attitude": (2 * np.eye(3), 0.1)}, "attitude must be a rotation matrix"),
         ({"heading": (0.0, -1.0)}, "deviation of the heading must be"),
+        ({"rest": 0.5}, "rest must be a time with samples of the IMU before it, not 0.5"),
         ({"velocity": ([1.0, 2.0], 1.0)}, "velocity must be finite numbers of shape"),
     ],
 )

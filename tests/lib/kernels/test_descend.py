@@ -38,7 +38,7 @@ def test_they_are_those_of_scipy(seed: int, run: Any) -> None:
     before = [np.copy(each) for each in given]
     found = run(*given, search._LIMITS)
     assert all(np.array_equal(*each) for each in zip(given, before, strict=True))
-    same = []
+    apart = []
     for w, part in enumerate(np.split(np.arange(len(distance)), windows[1:])):
 
         def miss(p: np.ndarray, part: np.ndarray = part) -> np.ndarray:
@@ -47,13 +47,12 @@ def test_they_are_those_of_scipy(seed: int, run: Any) -> None:
 
         loss = {"loss": "linear"} if np.isinf(scale) else {"loss": "soft_l1", "f_scale": scale}
         ends = dict.fromkeys(("ftol", "xtol", "gtol"), 1e-12)
-        # nothing near is better, but at an anchor's cusp a little; mostly another way leads there
         near, far = (least_squares(miss, p, **loss, **ends) for p in (found[w], start[w]))
-        assert near.cost == pytest.approx(
-            least_squares(miss, found[w], max_nfev=1, **loss).cost, rel=1e-4
-        )
-        same.append(np.abs(far.x - found[w]).max() < 1e-5)
-    assert np.mean(same) > 0.6
+        cost = least_squares(miss, found[w], max_nfev=1, **loss).cost
+        # nothing is better, but at an anchor's cusp a little, and another way leads there
+        assert min(near.cost, far.cost) > (1 - 1e-5) * cost
+        apart.append(np.abs(far.x - found[w]).max())
+    assert np.sum(np.array(apart) > 1e-5) <= 1
 
 
 def test_no_windows_and_windows_that_tell_nothing() -> None:

@@ -166,6 +166,20 @@ def carried(**changes: object) -> Recording:
     return replace(right, fixes=fixes, lever_arm=arm, **changes)
 
 
+@pytest.mark.parametrize("velocities", [True, False])
+def test_a_mirrored_network_beside_an_imu_is_told(velocities: bool) -> None:
+    """The filter starts as badly as it may; or it cannot, but with the other sign of y it could."""
+    right = carried()
+    assert right.fixes is not None
+    assert right.fixes.velocity is not None
+    other = np.array([1.0, -1.0, 1.0])
+    moving = right.fixes.velocity * other if velocities else None
+    fixes = Fixes(right.fixes.time, right.fixes.position * other, moving)
+    found = report(replace(right, fixes=fixes, reference=None), trials=1)
+    assert "network and motion: the network is mirrored" in found.sentence
+    assert bool(found.numbers) != velocities
+
+
 def test_velocities_of_fixes_are_used() -> None:
     """With velocities of 0.03 m/s the track is better than without, and says their size."""
     right = carried()

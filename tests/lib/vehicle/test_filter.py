@@ -435,7 +435,7 @@ def test_the_first_update_is_that_of_compass_and_lateral_velocity(
     increments = [x[:, 49] for x in drive.increments]
     foreseen = flown(deaf.states[49], *increments).position
     apart = np.abs((deaf.first[50].T - foreseen) * size[50]).max()
-    assert apart < 1e-5  # m
+    assert apart < 1e-6  # m
     aided = flown(outage.states[49], *increments).position
     assert np.abs((outage.first[50].T - aided) * size[50]).max() > 1e-4
 

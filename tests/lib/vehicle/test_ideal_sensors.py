@@ -28,9 +28,9 @@ def test_they_are_what_pyins_simulates(seed: int, size: float, period: float) ->
     track, imu = sim.generate_imu(time, start, np.degrees(attitude), velocity, "increment")
     assert place == pytest.approx(track[LLA_COLS].to_numpy(), rel=1e-14, abs=1e-12)
     assert body == pytest.approx(transform.mat_from_rph(track[RPH_COLS]), abs=1e-14)
-    # scipy's spline stops at 1e-9 rad/s; a position is rounded to 1e-9 m, twice differentiated
-    assert np.abs(rotation - imu[GYRO_COLS].to_numpy().T).max() < 1e-8 * period
-    assert np.abs(push - imu[ACCEL_COLS].to_numpy().T).max() < 1e-8
+    # scipy's spline stops at 1e-9 rad/s
+    assert np.abs(rotation - imu[GYRO_COLS].to_numpy().T).max() < 1e-10 * period
+    assert np.abs(push - imu[ACCEL_COLS].to_numpy().T).max() < 1e-10
 
     told = strapdown.compute_increments_from_imu(imu, "increment")
     theta, dv = as_increments(*(imu[names].to_numpy().T for names in (GYRO_COLS, ACCEL_COLS)))
