@@ -128,5 +128,5 @@ def test_on_the_recorded_walk_one_causal_filter_meets_all_that_was_asked() -> No
     found = contest.compare("smoother", COLOURED)
     assert found["position"][2] < 1
     assert found["velocity"][2] < 1
-    # P1's own form has no gain in position on this recording
-    assert table.loc["KF", "position_low"] < 1 < table.loc["KF", "position_high"]
+    # P1's own form has no sure gain in position on this recording
+    assert table.loc["KF", "position_high"] >= 1
