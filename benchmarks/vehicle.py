@@ -30,17 +30,10 @@ from pyins import filters, inertial_sensor, measurements, sim, strapdown, transf
 from pyins.util import DV_COLS, LLA_COLS, RPH_COLS, THETA_COLS, TRAJECTORY_COLS, VEL_COLS
 from throughput import Row, row
 
+from inswsn_lib.inertial import metres
 from inswsn_lib.learning import SelectedLSSVM
-from inswsn_lib.vehicle import (
-    Drive,
-    FilterSettings,
-    Reference,
-    VehicleRun,
-    align,
-    metres,
-    position_error,
-    run_vehicle_filter,
-)
+from inswsn_lib.simulation import Drive, DriveReference
+from inswsn_lib.vehicle import FilterSettings, VehicleRun, align, position_error, run_vehicle_filter
 
 OUT = Path(__file__).parent.parent / "data" / "benchmarks-vehicle.yaml"
 DURATION, PERIOD, RUNS = 1800, 0.01, 8
@@ -107,7 +100,7 @@ def make_drive(runs: int = RUNS, seed: int = 7) -> Drive:
         + rng.normal(0, SETTINGS.gps_position, wide) / metres(position)[:, :, None],
         gps_velocity=velocity[:, :, None] + rng.normal(0, SETTINGS.gps_velocity, wide),
         compass=np.angle(np.exp(1j * compass)),
-        reference=Reference(
+        reference=DriveReference(
             position, velocity, TURN @ transform.mat_from_rph(at[RPH_COLS]), gyro, accel
         ),
         places=(),

@@ -4,7 +4,7 @@
 from . import (
     benchmark as benchmark,
     calibration as calibration,
-    estimation as estimation,
+    inertial as inertial,
     evaluation as evaluation,
     filters as filters,
     learning as learning,
@@ -44,15 +44,18 @@ from .streams import (
     Reference as Reference,
     Stream as Stream,
 )
-from .estimation import (
+from .inertial import (
     align as align,
-    multilaterate_track as multilaterate_track,
     run_error_state as run_error_state,
-    slope_velocity as slope_velocity,
     smooth as smooth,
     smooth_with_lag as smooth_with_lag,
 )
-from .calibration import calibrate as calibrate, imu_clock as imu_clock
+from .calibration import (
+    calibrate as calibrate,
+    imu_clock as imu_clock,
+    multilaterate_track as multilaterate_track,
+    slope_velocity as slope_velocity,
+)
 
 # Run a filter: a model or a design and measurements (steps, outputs) give estimates
 from .filters import (
@@ -106,21 +109,21 @@ from .navigation import HybridNavigator as HybridNavigator, observable_inputs as
 # Follow a vehicle
 from .recordings import load_drive as load_drive
 from .vehicle import (
-    Drive as Drive,
     FilterSettings as FilterSettings,
     RecordedDrive as RecordedDrive,
     emulate_sensors as emulate_sensors,
     horizontal_error as horizontal_error,
     position_error as position_error,
     run_vehicle_filter as run_vehicle_filter,
-    simulate_drive as simulate_drive,
 )
 
 # Simulate many runs
 from .simulation import (
     ClusterScene as ClusterScene,
+    Drive as Drive,
     Scene as Scene,
     multilaterate as multilaterate,
+    simulate_drive as simulate_drive,
 )
 from .evaluation import monte_carlo as monte_carlo
 

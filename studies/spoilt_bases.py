@@ -15,9 +15,10 @@ from made_recording import made, made_drive, made_imu
 from numpy.typing import NDArray
 
 from inswsn_lib import recordings
+from inswsn_lib.calibration import multilaterate_track
 from inswsn_lib.calibration.reference_motion import ReferenceMotion
 from inswsn_lib.errors import InswsnError
-from inswsn_lib.estimation import (
+from inswsn_lib.inertial import (
     ImuNoise,
     InertialMotion,
     OdometryMotion,
@@ -27,7 +28,6 @@ from inswsn_lib.estimation import (
     RangesToAnchors,
     Start,
     align,
-    multilaterate_track,
     run_error_state,
 )
 from inswsn_lib.streams import Fixes, Recording

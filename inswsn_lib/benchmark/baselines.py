@@ -8,8 +8,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from inswsn_lib import estimation as est
+from inswsn_lib import inertial as nav
 from inswsn_lib.benchmark.events import Answer, Event, Task
+from inswsn_lib.calibration import multilaterate_track
 from inswsn_lib.checks import Array
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.streams import Fixes, Imu, Odometry, Ranges
@@ -65,7 +66,7 @@ class LastFixes:
             self.task.anchors,
             self.task.names,
         )
-        fixes = est.multilaterate_track(ranges, 2 * self.task.period)
+        fixes = multilaterate_track(ranges, 2 * self.task.period)
         place = fixes.position[0]
         return [] if np.isnan(place).any() else [Event(float(fixes.time[0]), "fix", place)]
 
@@ -136,7 +137,7 @@ class LooselyCoupled:
         self.task, self.before = task, GoOn(task)
         self.imu: list[Event] = []
         self.seen: list[tuple[float, Array, int]] = []
-        self.filter: est.ErrorStateFilter | None = None
+        self.filter: nav.ErrorStateFilter | None = None
         self.first, self.next = -np.inf, np.inf
 
     def step(self, event: Event) -> Answer | None:
@@ -185,29 +186,29 @@ class LooselyCoupled:
         white = np.full(3, 0.1) * _UP
         try:
             observed = [
-                est.PositionFixes(fixes_of([f[0] for f in mine], [f[1] for f in mine]),
+                nav.PositionFixes(fixes_of([f[0] for f in mine], [f[1] for f in mine]),
                                   self.task.lever_arm, white)
                 for mine in own if mine
             ]  # fmt: skip
-            start = est.align(self._motion(), observed, time - window, time)
+            start = nav.align(self._motion(), observed, time - window, time)
         except InswsnError:
             self.next = time + _AGAIN
             return
         kinds = [self._fixes([0.0], [np.zeros(3)])] * self.task.sources
-        self.filter = est.ErrorStateFilter(start, kinds)
+        self.filter = nav.ErrorStateFilter(start, kinds)
 
-    def _fixes(self, times: list[float], places: list[Array]) -> est.PositionFixes:
+    def _fixes(self, times: list[float], places: list[Array]) -> nav.PositionFixes:
         numbers = self.task.numbers
-        return est.PositionFixes(
+        return nav.PositionFixes(
             fixes_of(times, places), self.task.lever_arm, numbers["white"] * _UP,
             numbers["coloured"] * _UP, np.full(3, numbers["time"]),
         )  # fmt: skip
 
-    def _motion(self) -> est.InertialMotion:
+    def _motion(self) -> nav.InertialMotion:
         values = np.array([event.values for event in self.imu])
         imu = Imu(np.array([event.time for event in self.imu]), values[:, :3], values[:, 3:])
-        noise = est.ImuNoise(self.task.numbers["force"], self.task.numbers["rate"], *_WALKS)
-        return est.InertialMotion(imu, noise)
+        noise = nav.ImuNoise(self.task.numbers["force"], self.task.numbers["rate"], *_WALKS)
+        return nav.InertialMotion(imu, noise)
 
 
 class PlanarFilter:
@@ -225,7 +226,7 @@ class PlanarFilter:
         self.task, self.before = task, GoOn(task)
         self.new: list[Event] = []
         self.last: Event | None = None
-        self.filter: est.ErrorStateFilter | None = None
+        self.filter: nav.ErrorStateFilter | None = None
         self.begin = np.inf
 
     def step(self, event: Event) -> Answer | None:
@@ -254,10 +255,10 @@ class PlanarFilter:
         assert row is not None
         if event.time > running.time:
             odometry = Odometry(np.array([event.time]), row.values[:1], row.values[1:])
-            noise = est.OdometryNoise(
+            noise = nav.OdometryNoise(
                 self.task.numbers["speed"], self.task.numbers["rate"], 1e-4, 1e-4
             )
-            running.predict(est.OdometryMotion(odometry, noise), event.time)
+            running.predict(nav.OdometryMotion(odometry, noise), event.time)
         if event.kind == "range" and event.time <= self.begin + self.ends * self.task.warm_up:
             running.measure(0, self._ranges(event))
 
@@ -265,19 +266,19 @@ class PlanarFilter:
         since, place, slope = self.before.fixes.line()
         if self.last is None or np.hypot(*slope) < _SLOWEST:
             return
-        state = est.PlanarState(place + (time - since) * slope, float(np.arctan2(*slope[::-1])))
+        state = nav.PlanarState(place + (time - since) * slope, float(np.arctan2(*slope[::-1])))
         spread = np.square([self.task.period, self.task.period, 0.5, 0.1, 0.05])
-        start = est.Start(time, state, np.diag(spread))
+        start = nav.Start(time, state, np.diag(spread))
         event = Event(time, "range", np.zeros(1))
-        self.filter = est.ErrorStateFilter(start, [self._ranges(event)])
+        self.filter = nav.ErrorStateFilter(start, [self._ranges(event)])
 
-    def _ranges(self, event: Event) -> est.RangesToAnchors:
+    def _ranges(self, event: Event) -> nav.RangesToAnchors:
         heard = Ranges(
             np.array([event.time]), np.array([event.source]), event.values, self.task.anchors,
             self.task.names,
         )  # fmt: skip
         numbers = self.task.numbers
-        return est.RangesToAnchors(
+        return nav.RangesToAnchors(
             heard, self.task.lever_arm[:2], numbers["white"], scale=numbers["scale"]
         )
 
@@ -294,7 +295,7 @@ def fixes_of(times: list[float], places: list[Array]) -> Fixes:
     return Fixes(np.array(times)[order], np.array(places)[order])
 
 
-def answer_of(running: est.ErrorStateFilter, lever_arm: Array) -> Answer:
+def answer_of(running: nav.ErrorStateFilter, lever_arm: Array) -> Answer:
     """Return a filter's estimate of the tag.
 
     Parameters

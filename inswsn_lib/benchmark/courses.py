@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 
 from inswsn_lib.benchmark.events import Event, Task
+from inswsn_lib.calibration import multilaterate_track
 from inswsn_lib.checks import Array, Mask, one_of
 from inswsn_lib.errors import InswsnError
-from inswsn_lib.estimation import multilaterate_track
-from inswsn_lib.estimation.mechanization import GRAVITY
+from inswsn_lib.inertial.mechanization import GRAVITY
 from inswsn_lib.recordings import load
 from inswsn_lib.recordings.estimates import line_through, tag_track
 from inswsn_lib.recordings.files import RecordingUnavailableError

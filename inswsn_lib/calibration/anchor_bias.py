@@ -10,9 +10,7 @@ from numpy.typing import NDArray
 from inswsn_lib.calibration.blocks import FEWEST, block_starts, jackknife
 from inswsn_lib.calibration.model import State
 from inswsn_lib.calibration.results import Calibration
-from inswsn_lib.checks import Array
-from inswsn_lib.errors import InswsnError
-from inswsn_lib.estimation.window_fits import (
+from inswsn_lib.calibration.window_fits import (
     WindowFit,
     WindowRanges,
     by_window,
@@ -22,6 +20,8 @@ from inswsn_lib.estimation.window_fits import (
     window_ranges,
     window_rows,
 )
+from inswsn_lib.checks import Array
+from inswsn_lib.errors import InswsnError
 from inswsn_lib.simulation.position_search import squares
 from inswsn_lib.streams import Ranges
 

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 
 from inswsn_lib.calibration.model import Model, Rows, State
+from inswsn_lib.calibration.range_fixes import multilaterate_track
 from inswsn_lib.calibration.reference_motion import ReferenceMotion
+from inswsn_lib.calibration.window_fits import enough_ranges
 from inswsn_lib.checks import Array
 from inswsn_lib.errors import InswsnError
-from inswsn_lib.estimation.range_fixes import multilaterate_track
-from inswsn_lib.estimation.window_fits import enough_ranges
 from inswsn_lib.streams import Fixes, Ranges
 
 _STEP = 0.1  # s, of the clocks that are tried

@@ -109,7 +109,7 @@ def _add_sample(x, T, rate, force, increments, sums, turn):
 def _gravity(place, velocity, ahead, earth, out):
     """Write gravity at the place some time ahead, and return its size.
 
-    As `Ground.gravity` of `inswsn_lib.estimation.earth`.
+    As `Ground.gravity` of `inswsn_lib.inertial.earth`.
     """
     if earth[3] == 0.0:
         out[0], out[1], out[2] = 0.0, 0.0, -_STANDARD
@@ -465,7 +465,7 @@ def error_state(
     starts, covariances, errors, factors, gained, taken, begins, stops, kinds, data, arms, noise,
     owns, told, mode, kept,
 ):  # fmt: skip
-    """Run it; see `inswsn_lib.estimation.error_state`."""
+    """Run it; see `inswsn_lib.inertial.error_state`."""
     runs, events, n, most = len(starts), len(ends), covariances.shape[1], 1
     numbers, d = starts.shape[1], 15 if rates.shape[2] == 3 else 5
     for j in range(len(begins)):

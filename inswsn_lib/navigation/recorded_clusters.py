@@ -8,9 +8,10 @@ from functools import cached_property
 import numpy as np
 import pandas as pd
 
+from inswsn_lib.calibration import multilaterate_track
 from inswsn_lib.checks import Array, Mask
-from inswsn_lib.estimation import PositionFixes, multilaterate_track, run_error_state
 from inswsn_lib.filters import intersect
+from inswsn_lib.inertial import PositionFixes, run_error_state
 from inswsn_lib.recordings import RecordedContest
 from inswsn_lib.recordings.contest import COLOURED, UP
 from inswsn_lib.recordings.estimates import Estimate, of_solution, scores

@@ -13,9 +13,9 @@ import pandas as pd
 from inswsn_lib import learning
 from inswsn_lib.checks import Array
 from inswsn_lib.errors import InswsnError
-from inswsn_lib.estimation import PositionFixes, Start, run_error_state, smooth
 from inswsn_lib.evaluation import block_ratio
 from inswsn_lib.filters import run_kalman
+from inswsn_lib.inertial import PositionFixes, Start, run_error_state, smooth
 from inswsn_lib.navigation.hybrid import HybridNavigator, observable_inputs
 from inswsn_lib.recordings import FixesContest, RecordedContest
 from inswsn_lib.recordings.contest import COLOURED, UP

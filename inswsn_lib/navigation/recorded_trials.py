@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from inswsn_lib.checks import Array
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.files import WRITTEN, read_text
+from inswsn_lib.inertial import metres
 from inswsn_lib.navigation.trials import as_starts, run_outages
 from inswsn_lib.navigation.vehicle_hybrid import VehicleHybrid
 from inswsn_lib.vehicle import (
@@ -21,7 +22,6 @@ from inswsn_lib.vehicle import (
     RecordedDrive,
     emulate_sensors,
     estimate_mounting,
-    metres,
     run_vehicle_filter,
 )
 

@@ -14,8 +14,8 @@ from inswsn_lib.checks import Array, one_of, unmasked, whole
 from inswsn_lib.errors import Described, ParameterError
 from inswsn_lib.learning import HoldRegressor, RBFNetworkRegressor, SelectedLSSVM
 from inswsn_lib.navigation.vehicle_hybrid import Bridge, Ramps, VehicleHybrid
+from inswsn_lib.simulation import Drive
 from inswsn_lib.vehicle import (
-    Drive,
     FilterSettings,
     VehicleRun,
     horizontal_error,

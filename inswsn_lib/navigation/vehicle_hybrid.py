@@ -13,8 +13,10 @@ from sklearn.base import clone
 
 from inswsn_lib.checks import Array, one_of, whole
 from inswsn_lib.errors import ParameterError
+from inswsn_lib.inertial import metres
 from inswsn_lib.learning import Scale
-from inswsn_lib.vehicle import Drive, FilterSettings, VehicleRun, metres, replay, yaw
+from inswsn_lib.simulation import Drive
+from inswsn_lib.vehicle import FilterSettings, VehicleRun, replay, yaw
 
 Integers = NDArray[np.intp]
 _AS_IS = Scale(np.zeros(1), np.ones(1))

@@ -25,13 +25,8 @@ from inswsn_lib.navigation.trials import (
 )
 from inswsn_lib.navigation.vehicle_hybrid import VehicleHybrid
 from inswsn_lib.scenario import Setting, load_scenario, with_values
-from inswsn_lib.vehicle import (
-    Drive,
-    FilterSettings,
-    Truth,
-    simulate_sensors,
-    true_motion,
-)
+from inswsn_lib.simulation import Drive, Truth, simulate_sensors, true_motion
+from inswsn_lib.vehicle import FilterSettings
 
 #: Length of an outage and of a longer one, as printed, s
 OUTAGE, LONG = 40, 50

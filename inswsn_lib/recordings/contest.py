@@ -10,9 +10,11 @@ from typing import Any, ClassVar
 import numpy as np
 import pandas as pd
 
+from inswsn_lib.calibration import multilaterate_track, slope_velocity
 from inswsn_lib.checks import Array, Mask
 from inswsn_lib.errors import InswsnError
-from inswsn_lib.estimation import (
+from inswsn_lib.evaluation import Tuning, search_pattern
+from inswsn_lib.inertial import (
     ImuNoise,
     InertialMotion,
     PositionFixes,
@@ -20,13 +22,10 @@ from inswsn_lib.estimation import (
     Solution,
     Start,
     align,
-    multilaterate_track,
     run_error_state,
-    slope_velocity,
     smooth,
     smooth_with_lag,
 )
-from inswsn_lib.evaluation import Tuning, search_pattern
 from inswsn_lib.recordings.difference_filters import FAMILIES, DifferenceFilters, Family
 from inswsn_lib.recordings.estimates import (
     Estimate,

@@ -10,9 +10,10 @@ from typing import Any, Protocol
 import numpy as np
 from scipy.integrate import cumulative_trapezoid
 
+from inswsn_lib.calibration import multilaterate_track, slope_velocity
 from inswsn_lib.checks import Array, Mask
 from inswsn_lib.errors import InswsnError
-from inswsn_lib.estimation import (
+from inswsn_lib.inertial import (
     ImuNoise,
     InertialMotion,
     Innovations,
@@ -26,9 +27,7 @@ from inswsn_lib.estimation import (
     Start,
     Velocities,
     align,
-    multilaterate_track,
     run_error_state,
-    slope_velocity,
 )
 from inswsn_lib.recordings.contest import GATE, UP, WALKS
 from inswsn_lib.streams import Fixes, Ranges, Recording, Whole

@@ -9,8 +9,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from inswsn_lib.checks import Array, Mask
-from inswsn_lib.estimation import Solution, Velocities
 from inswsn_lib.evaluation import block_ratio
+from inswsn_lib.inertial import Solution, Velocities
 from inswsn_lib.streams import Recording, Whole
 
 #: Blocks of the bootstrap, s

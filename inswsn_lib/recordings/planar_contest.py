@@ -9,15 +9,15 @@ from typing import ClassVar
 
 import numpy as np
 
+from inswsn_lib.calibration import multilaterate_track
 from inswsn_lib.checks import Array
-from inswsn_lib.estimation import (
+from inswsn_lib.inertial import (
     OdometryMotion,
     OdometryNoise,
     RangesToAnchors,
     Solution,
     Start,
     align_planar,
-    multilaterate_track,
     run_error_state,
     smooth,
 )

@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from inswsn_lib.checks import Array, Mask
 from inswsn_lib.errors import InswsnError, ParameterError
-from inswsn_lib.estimation import InertialState, PlanarState, Solution, Start, smooth
 from inswsn_lib.evaluation import search_pattern
+from inswsn_lib.inertial import InertialState, PlanarState, Solution, Start, smooth
 from inswsn_lib.recordings.contest import TRIALS
 from inswsn_lib.recordings.correction import (
     Correction,

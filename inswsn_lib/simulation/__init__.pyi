@@ -7,6 +7,7 @@ from .disturbances import (
     losing as losing,
     shaped_drift as shaped_drift,
 )
+from .drive import Drive as Drive, DriveReference as DriveReference, Place as Place
 from .ins import InertialErrors as InertialErrors, simulate_ins as simulate_ins
 from .multilateration import (
     multilaterate as multilaterate,
@@ -17,6 +18,13 @@ from .network import (
     nodes_heard as nodes_heard,
     velocity_slopes as velocity_slopes,
 )
+from .route import Kinematics as Kinematics, Piece as Piece, Route as Route
 from .scene import Scene as Scene, Window as Window
 from .traffic import OPERATIONS as OPERATIONS, Traffic as Traffic, count_traffic as count_traffic
 from .trajectory import Motion as Motion, Path as Path
+from .vehicle_sensors import (
+    Truth as Truth,
+    simulate_drive as simulate_drive,
+    simulate_sensors as simulate_sensors,
+    true_motion as true_motion,
+)

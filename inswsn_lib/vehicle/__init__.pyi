@@ -1,15 +1,3 @@
-from .drive import Drive as Drive, Place as Place, Reference as Reference
-from .error_model import (
-    STATES as STATES,
-    compass_row as compass_row,
-    discretise as discretise,
-    error_dynamics as error_dynamics,
-    gps_rows as gps_rows,
-    lateral_row as lateral_row,
-    metres as metres,
-    sequential_update as sequential_update,
-    yaw as yaw,
-)
 from .errors import (
     horizontal_error as horizontal_error,
     navigation_error as navigation_error,
@@ -29,12 +17,5 @@ from .recorded import (
     emulate_sensors as emulate_sensors,
     estimate_mounting as estimate_mounting,
 )
-from .route import Kinematics as Kinematics, Piece as Piece, Route as Route
 from .settings import FilterSettings as FilterSettings
-from .simulated import (
-    Truth as Truth,
-    simulate_drive as simulate_drive,
-    simulate_sensors as simulate_sensors,
-    true_motion as true_motion,
-)
-from .state import VehicleState as VehicleState
+from .state import STATES as STATES, VehicleState as VehicleState, yaw as yaw

@@ -7,8 +7,8 @@ from scipy.spatial.transform import Rotation
 
 from inswsn_lib.checks import Array
 from inswsn_lib.errors import Described, ParameterError
-from inswsn_lib.vehicle.drive import Drive
-from inswsn_lib.vehicle.error_model import metres
+from inswsn_lib.inertial.earth import metres
+from inswsn_lib.simulation.drive import Drive
 from inswsn_lib.vehicle.filter import VehicleRun
 
 

@@ -11,15 +11,15 @@ from scipy.spatial.transform import Rotation
 
 from inswsn_lib.checks import Array, Mask, whole
 from inswsn_lib.errors import Described, ParameterError
-from inswsn_lib.estimation.error_state import Solution, Start
-from inswsn_lib.estimation.inertial import InertialState
-from inswsn_lib.estimation.runs import AFTER, AT_ONCE, BESIDE, run_table
-from inswsn_lib.estimation.smoothing import smooth
-from inswsn_lib.vehicle.drive import Drive
-from inswsn_lib.vehicle.error_model import POSITION, STATES, TURN, VELOCITY
+from inswsn_lib.inertial.earth import TURN
+from inswsn_lib.inertial.error_state import Solution, Start
+from inswsn_lib.inertial.runs import AFTER, AT_ONCE, BESIDE, run_table
+from inswsn_lib.inertial.smoothing import smooth
+from inswsn_lib.inertial.strapdown import InertialState
+from inswsn_lib.simulation.drive import Drive
 from inswsn_lib.vehicle.frame import SENSORS, DriveFrame
 from inswsn_lib.vehicle.settings import FilterSettings
-from inswsn_lib.vehicle.state import VehicleState
+from inswsn_lib.vehicle.state import POSITION, STATES, VELOCITY, VehicleState
 
 Integers = NDArray[np.intp]
 
@@ -134,7 +134,7 @@ def smooth_vehicle_run(
 ) -> VehicleState:
     """Return the states of one run of a drive by all measurements, before and after: not causal.
 
-    The smoother of Rauch, Tung and Striebel over a closed loop; see `inswsn_lib.estimation.smooth`.
+    The smoother of Rauch, Tung and Striebel over a closed loop; see `inswsn_lib.inertial.smooth`.
 
     Parameters
     ----------
@@ -164,7 +164,7 @@ def smooth_vehicle_run(
     >>> states = iw.vehicle.smooth_vehicle_run(drive, told, 0, outages=gone, last=200)
     >>> run = iw.run_vehicle_filter(drive, told, outages=gone, last=139)
     >>> apart = states.position[138] - drive.reference.position[139]
-    >>> smoothed = np.hypot(*(apart * iw.vehicle.metres(states.position[138]))[:2])
+    >>> smoothed = np.hypot(*(apart * iw.inertial.metres(states.position[138]))[:2])
     >>> print(f"{smoothed:.1f} m for {iw.horizontal_error(run, drive)[-1, 0]:.1f} m")
     0.5 m for 9.2 m
     """

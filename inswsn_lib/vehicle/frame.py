@@ -1,6 +1,6 @@
 r"""P3's car in the inertial filter: its sensors as a table, its states as P3 has them.
 
-The filter is `inswsn_lib.estimation`'s, in a level frame about the start of the drive. P3's states
+The filter is `inswsn_lib.inertial`'s, in a level frame about the start of the drive. P3's states
 are latitude, longitude and height, and vectors along east, north and up of the place; its errors
 are what the INS computes less the truth, and the attitude error turns about axes of the place,
 :math:`C' = (I - [\varphi\times])\,C`. With E the axes of the place in the frame, covariances of the
@@ -24,17 +24,16 @@ from scipy.spatial.transform import Rotation
 
 from inswsn_lib.checks import Array, Mask, whole
 from inswsn_lib.errors import ParameterError
-from inswsn_lib.estimation import sensors
-from inswsn_lib.estimation.earth import Earth
-from inswsn_lib.estimation.inertial import InertialState
-from inswsn_lib.estimation.mechanization import turned
-from inswsn_lib.estimation.observations import gauss_markov
-from inswsn_lib.estimation.runs import Outcome, Table
-from inswsn_lib.estimation.steps import Steps
-from inswsn_lib.vehicle.drive import Drive
-from inswsn_lib.vehicle.error_model import ATTITUDE, POSITION, STATES, VELOCITY, metres
+from inswsn_lib.inertial import sensors
+from inswsn_lib.inertial.earth import Earth, metres
+from inswsn_lib.inertial.mechanization import turned
+from inswsn_lib.inertial.observations import gauss_markov
+from inswsn_lib.inertial.runs import Outcome, Table
+from inswsn_lib.inertial.steps import Steps
+from inswsn_lib.inertial.strapdown import InertialState
+from inswsn_lib.simulation.drive import Drive
 from inswsn_lib.vehicle.settings import FilterSettings
-from inswsn_lib.vehicle.state import VehicleState
+from inswsn_lib.vehicle.state import ATTITUDE, POSITION, STATES, VELOCITY, VehicleState
 
 Integers = NDArray[np.intp]
 

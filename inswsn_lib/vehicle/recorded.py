@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from inswsn_lib.checks import Array, array, number, whole
 from inswsn_lib.errors import ParameterError
-from inswsn_lib.vehicle.drive import Drive, Place, Reference
-from inswsn_lib.vehicle.error_model import metres, wrapped
+from inswsn_lib.inertial.earth import metres
+from inswsn_lib.simulation.drive import Drive, DriveReference, Place, wrapped
 from inswsn_lib.vehicle.filter import VehicleRun, run_vehicle_filter
 from inswsn_lib.vehicle.settings import FilterSettings
 
@@ -134,7 +134,7 @@ def emulate_sensors(
         gps_position=recorded.position[:, :, None] + moved / metres(recorded.position)[:, :, None],
         gps_velocity=recorded.velocity[:, :, None] + speeds,
         compass=wrapped(course[:, None] + angles),
-        reference=Reference(position=recorded.position, velocity=recorded.velocity),
+        reference=DriveReference(position=recorded.position, velocity=recorded.velocity),
         places=tuple(places),
         origin="recorded",
     )

@@ -11,14 +11,14 @@ import numpy as np
 from inswsn_lib import scenario
 from inswsn_lib.checks import Array, number, whole
 from inswsn_lib.errors import ParameterError
-from inswsn_lib.vehicle.error_model import (
+from inswsn_lib.inertial.earth import metres
+from inswsn_lib.vehicle.state import (
     ACCELEROMETER_BIAS,
     ATTITUDE,
     GYRO_DRIFT,
     POSITION,
     STATES,
     VELOCITY,
-    metres,
 )
 
 #: States that may stand beyond P3's fifteen: how many each takes, and the setting of its deviation

@@ -1,21 +1,27 @@
-"""What P3's filter knows: the state of its INS and of the errors."""
+r"""What P3's filter knows: the state of its INS and of the errors (P3 3.1).
+
+The filter is that of `inswsn_lib.inertial`; `frame` tells how its states and errors become P3's:
+:math:`x = (\delta L, \delta\lambda, \delta h, \delta v_E, \delta v_N, \delta v_U, \varphi_E,
+\varphi_N, \varphi_U, \nabla_x, \nabla_y, \nabla_z, \varepsilon_x, \varepsilon_y, \varepsilon_z)`,
+what the INS computes less the truth. They are latitude and longitude (rad), height (m), velocity
+(m/s), the turn of the true frame into the computed one, :math:`C' = (I - [\varphi\times])\,C`
+(rad), the accelerometers' biases (m/s^2) and the gyros' drifts (rad/s) in the body frame.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
 from typing import Any, Self
 
+import numpy as np
 from scipy.spatial.transform import Rotation
 
 from inswsn_lib.checks import Array
-from inswsn_lib.vehicle.error_model import (
-    ACCELEROMETER_BIAS,
-    ATTITUDE,
-    GYRO_DRIFT,
-    POSITION,
-    STATES,
-    VELOCITY,
-)
+
+#: How many states P3 has
+STATES = 15
+POSITION, VELOCITY, ATTITUDE = slice(0, 3), slice(3, 6), slice(6, 9)
+ACCELEROMETER_BIAS, GYRO_DRIFT = slice(9, 12), slice(12, 15)
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,3 +85,17 @@ class VehicleState:
             gyro_drift=self.gyro_drift + x[..., GYRO_DRIFT],
             error=error,
         )
+
+
+def yaw(attitude: Array) -> Array:
+    r"""Return the yaw :math:`\psi = \mathrm{atan2}(c_E, c_N)`, (...), clockwise from north (rad).
+
+    Examples
+    --------
+    A body whose forward axis c, the first column, points east:
+
+    >>> import numpy as np, inswsn_lib as iw
+    >>> float(np.degrees(iw.vehicle.yaw(np.eye(3))))
+    90.0
+    """
+    return np.asarray(np.arctan2(attitude[..., 0, 0], attitude[..., 1, 0]))

@@ -23,16 +23,8 @@ from scipy.stats import t as student
 from inswsn_lib import papers
 from inswsn_lib.files import DATA_VARIABLE
 from inswsn_lib.scenario import Setting, load_scenario, with_values
-from inswsn_lib.vehicle import (
-    Drive,
-    FilterSettings,
-    Truth,
-    VehicleRun,
-    navigation_error,
-    run_vehicle_filter,
-    simulate_sensors,
-    true_motion,
-)
+from inswsn_lib.simulation import Drive, Truth, simulate_sensors, true_motion
+from inswsn_lib.vehicle import FilterSettings, VehicleRun, navigation_error, run_vehicle_filter
 
 Array = NDArray[np.float64]
 

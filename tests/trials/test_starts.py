@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from lib.estimation.made import Log, off_by
+from lib.inertial.made import Log, off_by
 
 from inswsn_lib.errors import InswsnError
-from inswsn_lib.estimation import align
+from inswsn_lib.inertial import align
 
 WHOLE = 200
 #: Deviations that are assumed: those of what is drawn are half as large

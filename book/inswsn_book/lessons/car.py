@@ -14,6 +14,7 @@ from scipy.optimize import brentq
 from inswsn_book import record as book
 from inswsn_book.moving import Moving, Slider
 from inswsn_lib.evaluation import Finding
+from inswsn_lib.inertial import metres
 from inswsn_lib.navigation import (
     OutageTrials,
     RecordedTrials,
@@ -23,12 +24,11 @@ from inswsn_lib.navigation import (
     rebuild_recorded,
 )
 from inswsn_lib.papers import read_numbers
+from inswsn_lib.simulation import Drive
 from inswsn_lib.vehicle import (
-    Drive,
     FilterSettings,
     VehicleRun,
     VehicleState,
-    metres,
     position_error,
     replay,
     run_vehicle_filter,

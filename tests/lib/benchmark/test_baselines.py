@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from lib.estimation.made import LEVER_ARM, Path, imu_of
+from lib.inertial.made import LEVER_ARM, Path, imu_of
 from made_recording import made_drive
 
 from inswsn_lib.benchmark import TRACKS, Answer, Course, Event, Task

@@ -14,9 +14,8 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 from scipy.stats import binom
 
-from inswsn_lib.calibration import Calibration, calibrate
+from inswsn_lib.calibration import Calibration, calibrate, multilaterate_track
 from inswsn_lib.errors import InswsnError, ParameterError
-from inswsn_lib.estimation import multilaterate_track
 from inswsn_lib.streams import Fixes, Ranges, Recording, Reference
 
 Array = NDArray[np.float64]

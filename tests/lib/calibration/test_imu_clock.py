@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from scipy.stats import binom, t
 
-from inswsn_lib.calibration import imu_clock
+from inswsn_lib.calibration import imu_clock, slope_velocity
 from inswsn_lib.errors import InswsnError, ParameterError
-from inswsn_lib.estimation import slope_velocity
 from inswsn_lib.streams import Fixes, Imu, Recording
 
 Array = NDArray[np.float64]

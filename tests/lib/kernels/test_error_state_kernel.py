@@ -7,18 +7,18 @@ from typing import Any
 
 import numpy as np
 import pytest
-from lib.estimation.made import ANCHORS, LEVER_ARM, Path, imu_of
+from lib.inertial.made import ANCHORS, LEVER_ARM, Path, imu_of
 from scipy.spatial.transform import Rotation
 
-from inswsn_lib import estimation as est
-from inswsn_lib.estimation.mechanization import rotation_vector
+from inswsn_lib import inertial as nav
+from inswsn_lib.inertial.mechanization import rotation_vector
 from inswsn_lib.kernels import PLAIN
 from inswsn_lib.streams import Fixes, Odometry, Ranges
 
 NAMES = tuple("ABCDEF")
 
 
-EARTH = est.Earth(0.9)
+EARTH = nav.Earth(0.9)
 
 
 def height(x: Any, own: Any, data: Any, row: Any) -> Any:
@@ -27,59 +27,59 @@ def height(x: Any, own: Any, data: Any, row: Any) -> Any:
     return x[2] + data[0] * own[0]
 
 
-def inertial(seed: int) -> tuple[Any, est.Start, list[Any], dict[str, Any]]:
+def inertial(seed: int) -> tuple[Any, nav.Start, list[Any], dict[str, Any]]:
     """Return an INS with all that it can observe: told badly, with gaps, two at a time."""
     rng, path = np.random.default_rng(seed), Path()
     imu = imu_of(path, 4.0, rng, force=0.02, rate=0.002)
-    motion = est.InertialMotion(imu, est.ImuNoise(0.05, 0.005, 1e-3, 1e-4), EARTH)
+    motion = nav.InertialMotion(imu, nav.ImuNoise(0.05, 0.005, 1e-3, 1e-4), EARTH)
     t = np.arange(0.1, 4.05, 0.1)
     place = path.antenna(t) + 0.1 * rng.standard_normal((len(t), 3))
     place[rng.random(place.shape) < 0.2] = np.nan
     place[7] = np.nan
-    fixes = est.PositionFixes(
+    fixes = nav.PositionFixes(
         Fixes(t, place), LEVER_ARM, np.array([0.1, 0.1, 0.2]), np.full(3, 0.05), np.full(3, 2.0)
     )
     heard = np.sort(rng.choice(t, 60))
     anchor = rng.integers(0, len(ANCHORS), 60)
     distance = np.linalg.norm(path.antenna(heard) - ANCHORS[anchor], axis=1)
     distance += 0.1 * rng.standard_normal(60) + 3 * (rng.random(60) < 0.1)
-    ranges = est.RangesToAnchors(
+    ranges = nav.RangesToAnchors(
         Ranges(heard, anchor, distance, ANCHORS, NAMES), LEVER_ARM, 0.1, 0.05, 0.1, 1.0, scale=0.01
     )
     moved = path.velocity(t[::5])
     moved[2, 1] = np.nan
     wheels = np.linalg.norm(moved, axis=1)
     observed = [
-        fixes, ranges, est.Velocities(t[::5], moved, np.full(3, 0.1)),
-        est.WheelSpeeds(t[::5], wheels, np.eye(3)[[1, 2, 0]], np.array([0.3, 2.0, 2.0])),
-        est.Headings(t[::4], path.heading(t[::4]), 0.05, bias=0.1, earth=EARTH),
-        est.Sensor(
+        fixes, ranges, nav.Velocities(t[::5], moved, np.full(3, 0.1)),
+        nav.WheelSpeeds(t[::5], wheels, np.eye(3)[[1, 2, 0]], np.array([0.3, 2.0, 2.0])),
+        nav.Headings(t[::4], path.heading(t[::4]), 0.05, bias=0.1, earth=EARTH),
+        nav.Sensor(
             height, t[::3], path.antenna(t[::3])[:, 2:], np.array([0.1]), np.array([[2.0]]),
             np.ones(1), np.array([30.0]), LEVER_ARM,
         ),
     ]  # fmt: skip
     root = 0.1 * rng.standard_normal((15, 15)) + 0.2 * np.eye(15)
     begun = path.start().plus(0.05 * rng.standard_normal(15))
-    start = est.Start(0.0, begun, root @ root.T)
+    start = nav.Start(0.0, begun, root @ root.T)
     about = path.start().plus(0.2 * rng.standard_normal(15))
     return motion, start, observed, {"about": about}
 
 
-def planar(seed: int) -> tuple[Any, est.Start, list[Any], dict[str, Any]]:
+def planar(seed: int) -> tuple[Any, nav.Start, list[Any], dict[str, Any]]:
     """Return the same of a vehicle on a plane."""
     rng, t = np.random.default_rng(seed), np.arange(0, 10.05, 0.1)
     odometry = Odometry(t, 1 + 0.1 * rng.standard_normal(101), 0.3 * rng.standard_normal(101))
-    motion = est.OdometryMotion(odometry, est.OdometryNoise(0.1, 0.05, 1e-3, 1e-3))
+    motion = nav.OdometryMotion(odometry, nav.OdometryNoise(0.1, 0.05, 1e-3, 1e-3))
     arm, anchors = np.array([0.3, -0.1]), 8 * rng.standard_normal((4, 2))
     place = np.column_stack([t, 0.1 * t])[::3] + 0.1 * rng.standard_normal((34, 2))
     place[rng.random(place.shape) < 0.2] = np.nan
-    fixes = est.PositionFixes(
+    fixes = nav.PositionFixes(
         Fixes(t[::3], place), arm, np.full(2, 0.1), np.full(2, 0.1), np.full(2, 3.0)
     )
     heard, anchor = np.sort(rng.choice(t, 50)), rng.integers(0, 4, 50)
     distance = np.linalg.norm(np.column_stack([heard, 0.1 * heard]) - anchors[anchor], axis=1)
     distance += 0.1 * rng.standard_normal(50) + 4 * (rng.random(50) < 0.1)
-    ranges = est.RangesToAnchors(
+    ranges = nav.RangesToAnchors(
         Ranges(heard, anchor, np.abs(distance), anchors, NAMES[:4]),
         arm,
         0.1,
@@ -90,10 +90,10 @@ def planar(seed: int) -> tuple[Any, est.Start, list[Any], dict[str, Any]]:
     )
     moved = np.tile([1.0, 0.1], (len(t[::7]), 1))
     moved[3] = np.nan, 0.1
-    observed = [fixes, ranges, est.Velocities(t[::7], moved, np.full(2, 0.2))]
+    observed = [fixes, ranges, nav.Velocities(t[::7], moved, np.full(2, 0.2))]
     root = 0.05 * rng.standard_normal((5, 5)) + 0.1 * np.eye(5)
-    start = est.Start(0.0, est.PlanarState(np.zeros(2), 0.1), root @ root.T)
-    return motion, start, observed, {"about": est.PlanarState(np.array([0.1, 0.0]), 0.3, 0.01)}
+    start = nav.Start(0.0, nav.PlanarState(np.zeros(2), 0.1), root @ root.T)
+    return motion, start, observed, {"about": nav.PlanarState(np.array([0.1, 0.0]), 0.3, 0.01)}
 
 
 def numbers(found: Any) -> list[Any]:
@@ -107,12 +107,12 @@ def numbers(found: Any) -> list[Any]:
     ]  # fmt: skip
 
 
-def same(monkeypatch: pytest.MonkeyPatch, *told: Any, **more: Any) -> est.Solution:
+def same(monkeypatch: pytest.MonkeyPatch, *told: Any, **more: Any) -> nav.Solution:
     """Hold the compiled run against the plain one, to rounding, and return it."""
     monkeypatch.delenv(PLAIN, raising=False)
-    compiled = est.run_error_state(*told, **more)
+    compiled = nav.run_error_state(*told, **more)
     monkeypatch.setenv(PLAIN, "1")
-    plain = est.run_error_state(*told, **more)
+    plain = nav.run_error_state(*told, **more)
     mine, theirs = numbers(compiled), numbers(plain)
     assert len(mine) == len(theirs)
     for one, other in zip(mine, theirs, strict=True):
@@ -149,7 +149,7 @@ def test_edges(made: Any, kept: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     assert len(found.states) == kept * np.sum(nothing.time > 0)
     # beyond the last sample of the sensor, and an observation without states of its own
     late = replace(nothing, time=nothing.time + 2.0)
-    bare = est.PositionFixes(late, fixes.lever_arm, fixes.white)
+    bare = nav.PositionFixes(late, fixes.lever_arm, fixes.white)
     same(monkeypatch, motion, start, [bare, observed[2]], kept=kept)
 
 
@@ -159,7 +159,7 @@ def test_what_comes_one_after_the_other(made: Any, monkeypatch: pytest.MonkeyPat
     states = []
     for plain in ("", "1"):
         monkeypatch.setenv(PLAIN, plain)
-        running = est.ErrorStateFilter(start, observed, gate=9.0)
+        running = nav.ErrorStateFilter(start, observed, gate=9.0)
         for k in range(1, 5):
             running.predict(motion, float(observed[0].fixes.time[k]))
             running.measure(0, observed[0], k)
@@ -173,7 +173,7 @@ def test_what_comes_one_after_the_other(made: Any, monkeypatch: pytest.MonkeyPat
 def test_without_what_is_kept_the_likelihood_is_the_same(made: Any) -> None:
     motion, start, observed, _ = made(5)
     whole, bare = (
-        est.run_error_state(motion, start, observed, gate=9.0, kept=kept) for kept in (True, False)
+        nav.run_error_state(motion, start, observed, gate=9.0, kept=kept) for kept in (True, False)
     )
     assert bare.log_likelihood == whole.log_likelihood
     for one, other in zip(bare.innovations, whole.innovations, strict=True):

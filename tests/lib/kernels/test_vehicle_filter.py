@@ -11,8 +11,10 @@ import pytest
 from lib.vehicle.made_drive import KNOWN, PERIOD, make_drive
 from scipy.spatial.transform import Rotation
 
+from inswsn_lib.inertial import metres
 from inswsn_lib.kernels import PLAIN
-from inswsn_lib.vehicle import Drive, FilterSettings, VehicleRun, VehicleState, metres
+from inswsn_lib.simulation import Drive
+from inswsn_lib.vehicle import FilterSettings, VehicleRun, VehicleState
 from inswsn_lib.vehicle.filter import _advance
 
 EXTRAS = [(), ("compass",), ("gps", "mounting"), ("mounting", "compass", "gps")]

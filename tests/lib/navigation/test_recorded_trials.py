@@ -17,9 +17,10 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from inswsn_lib.errors import InswsnError
+from inswsn_lib.inertial import metres
 from inswsn_lib.learning import HoldRegressor
 from inswsn_lib.navigation import RecordedTrials, VehicleHybrid, read_trials, run_recorded_outages
-from inswsn_lib.vehicle import FilterSettings, RecordedDrive, Track, metres
+from inswsn_lib.vehicle import FilterSettings, RecordedDrive, Track
 
 Array = NDArray[np.float64]
 

@@ -18,6 +18,7 @@ from sklearn.linear_model import LinearRegression
 
 from inswsn_lib import papers
 from inswsn_lib.errors import ParameterError
+from inswsn_lib.inertial import metres
 from inswsn_lib.learning import HoldRegressor, RBFNetworkRegressor, SelectedLSSVM
 from inswsn_lib.navigation import (
     OutageTrials,
@@ -26,7 +27,8 @@ from inswsn_lib.navigation import (
     p3_hybrids,
     run_outages,
 )
-from inswsn_lib.vehicle import Drive, metres, run_vehicle_filter
+from inswsn_lib.simulation import Drive
+from inswsn_lib.vehicle import run_vehicle_filter
 
 Array = NDArray[np.float64]
 

@@ -16,9 +16,11 @@ from sklearn.dummy import DummyRegressor
 from sklearn.linear_model import LinearRegression
 
 from inswsn_lib.errors import ParameterError
+from inswsn_lib.inertial import metres
 from inswsn_lib.learning import HoldRegressor, SelectedLSSVM
 from inswsn_lib.navigation.vehicle_hybrid import Bridge, Ramps, VehicleHybrid, sensed_motion
-from inswsn_lib.vehicle import Drive, VehicleRun, metres, replay, run_vehicle_filter
+from inswsn_lib.simulation import Drive
+from inswsn_lib.vehicle import VehicleRun, replay, run_vehicle_filter
 
 START, STEPS = 70, 20
 ZERO = DummyRegressor(strategy="constant", constant=[0.0, 0.0])

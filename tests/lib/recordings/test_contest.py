@@ -11,7 +11,7 @@ from made_recording import made, made_imu
 
 from inswsn_lib import recordings
 from inswsn_lib.errors import InswsnError
-from inswsn_lib.estimation import Innovations, Solution
+from inswsn_lib.inertial import Innovations, Solution
 from inswsn_lib.recordings import RecordedContest
 from inswsn_lib.recordings.difference_filters import FAMILIES, DifferenceFilters
 from inswsn_lib.recordings.estimates import Estimate, lag_one, line_through, scores

@@ -11,7 +11,7 @@ from made_recording import YARD, made_drive
 
 from inswsn_lib import recordings
 from inswsn_lib.errors import InswsnError
-from inswsn_lib.estimation import (
+from inswsn_lib.inertial import (
     OdometryMotion,
     OdometryNoise,
     RangesToAnchors,

@@ -12,7 +12,7 @@ from made_recording import made, made_drive, made_imu, motion
 
 from inswsn_lib import recordings
 from inswsn_lib.errors import InswsnError
-from inswsn_lib.estimation import PlanarState, Start, known_start
+from inswsn_lib.inertial import PlanarState, Start, known_start
 from inswsn_lib.recordings import Finding, Report, report
 from inswsn_lib.recordings.correction import correction_of, deviation_of, network_of
 from inswsn_lib.recordings.report import withheld_rows

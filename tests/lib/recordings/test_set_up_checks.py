@@ -13,7 +13,7 @@ import pytest
 from made_recording import ROOM, made, made_drive, made_imu
 from scipy.spatial.transform import Rotation
 
-from inswsn_lib.estimation import multilaterate_track
+from inswsn_lib.calibration import multilaterate_track
 from inswsn_lib.recordings import Finding, check_set_up, verdict
 from inswsn_lib.streams import Fixes, Imu, Ranges, Recording
 

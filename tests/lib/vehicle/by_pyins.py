@@ -8,7 +8,8 @@ from lib.vehicle.made_drive import DV, PERIOD, THETA, TURN
 from pyins import filters, inertial_sensor, measurements, transform
 from pyins.util import LLA_COLS, RPH_COLS, TRAJECTORY_COLS, VEL_COLS, Bunch
 
-from inswsn_lib.vehicle import Drive, FilterSettings, align
+from inswsn_lib.simulation import Drive
+from inswsn_lib.vehicle import FilterSettings, align
 
 
 class Compass(measurements.Measurement):

@@ -15,7 +15,8 @@ import pandas as pd
 from pyins import sim, strapdown, transform
 from pyins.util import TRAJECTORY_COLS, VEL_COLS
 
-from inswsn_lib.vehicle import Drive, FilterSettings, Place, Reference, VehicleState
+from inswsn_lib.simulation import Drive, DriveReference, Place
+from inswsn_lib.vehicle import FilterSettings, VehicleState
 
 #: North-east-down to east-north-up
 TURN = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
@@ -105,7 +106,7 @@ def make_drive(
         gps_position=np.moveaxis(gps, 1, 2),
         gps_velocity=velocity[:, :, None] + rng.normal(0, GPS_VELOCITY, (len(epochs), *size)),
         compass=np.angle(np.exp(1j * compass)),
-        reference=Reference(position, velocity, attitude, gyro_bias, accel_bias),
+        reference=DriveReference(position, velocity, attitude, gyro_bias, accel_bias),
         places=(Place("middle", len(epochs) // 2),),
         origin="simulated",
     )

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
+from inswsn_book.evidence.p3_equations import sequential_update
 from lib.vehicle.by_pyins import run_by_pyins
 from lib.vehicle.made_drive import (
     KNOWN,
@@ -25,22 +26,20 @@ from scipy.stats import chi2, norm
 
 from inswsn_lib.errors import InswsnError, ParameterError
 from inswsn_lib.evaluation import mean_bounds
+from inswsn_lib.inertial import metres
 from inswsn_lib.kernels import PLAIN
 from inswsn_lib.scenario import Setting
+from inswsn_lib.simulation import Drive, Place
 from inswsn_lib.vehicle import (
-    Drive,
     FilterSettings,
-    Place,
     VehicleRun,
     VehicleState,
     align,
     horizontal_error,
-    metres,
     navigation_error,
     position_error,
     replay,
     run_vehicle_filter,
-    sequential_update,
     smooth_vehicle_run,
 )
 

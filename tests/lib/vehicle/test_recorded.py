@@ -14,9 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
 from inswsn_lib.errors import ParameterError
+from inswsn_lib.simulation import Drive, Place
 from inswsn_lib.vehicle import (
-    Drive,
-    Place,
     RecordedDrive,
     Track,
     VehicleRun,

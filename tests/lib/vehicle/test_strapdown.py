@@ -11,12 +11,12 @@ from lib.vehicle.made_drive import DV, PERIOD, THETA, TURN, driven, flown
 from pyins import earth, transform
 from scipy.spatial.transform import Rotation
 
-from inswsn_lib.estimation import Earth, InertialState
-from inswsn_lib.estimation.runs import AFTER, Table, run_table
-from inswsn_lib.estimation.sensors import position
-from inswsn_lib.estimation.steps import Steps
+from inswsn_lib.inertial import Earth, InertialState, metres
+from inswsn_lib.inertial.runs import AFTER, Table, run_table
+from inswsn_lib.inertial.sensors import position
+from inswsn_lib.inertial.steps import Steps
 from inswsn_lib.kernels import PLAIN
-from inswsn_lib.vehicle import VehicleState, metres
+from inswsn_lib.vehicle import VehicleState
 
 
 def state(position: np.ndarray, velocity: np.ndarray, attitude: np.ndarray) -> VehicleState:

@@ -1,0 +1,1 @@
+"""What the evidence alone computes with."""
