@@ -30,6 +30,7 @@ from inswsn_lib.inertial import (
     align,
     run_error_state,
 )
+from inswsn_lib.inertial.error_state import antenna
 from inswsn_lib.streams import Fixes, Recording
 
 Array = NDArray[np.float64]
@@ -92,8 +93,9 @@ class Base:
         arm = spoilt.lever_arm[:d]
         found = run_error_state(motion, start, [observed, silent])
         times = times[times > start.time]
-        states = [found.states[k] for k in found.at(times)]
-        return times, np.array([state.antenna(arm)[0][:2] for state in states])
+        at = found.at(times)
+        where, _ = antenna([found.states[k] for k in at], found.covariances[at], arm)
+        return times, where[:, :2]
 
     def _spatial(self, spoilt: Recording) -> tuple[Start, PositionFixes, InertialMotion]:
         if spoilt.imu is None:

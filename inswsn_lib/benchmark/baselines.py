@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import replace
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from inswsn_lib.benchmark.events import Answer, Event, Task
 from inswsn_lib.calibration import multilaterate_track
 from inswsn_lib.checks import Array
 from inswsn_lib.errors import InswsnError
+from inswsn_lib.inertial.error_state import antenna
 from inswsn_lib.streams import Fixes, Imu, Odometry, Ranges
 
 _SLOPE = 5  # fixes
@@ -303,9 +304,5 @@ def answer_of(running: nav.ErrorStateFilter, lever_arm: Array) -> Answer:
     running : ErrorStateFilter
     lever_arm : ndarray, (3,) or (2,)
     """
-    state: Any = running.state
-    where, rows = state.antenna(lever_arm)
-    moving, its = state.moving()
-    H = np.vstack([rows[:2], its[:2]])
-    n = H.shape[1]
-    return Answer(where[:2], moving[:2], H @ running.covariance[:n, :n] @ H.T)
+    found, P = antenna([running.state], running.covariance[None], lever_arm)
+    return Answer(found[0, :2], found[0, 2:], P[0])

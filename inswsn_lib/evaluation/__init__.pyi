@@ -13,12 +13,6 @@ from .drift import (
     drift_bound as drift_bound,
     longest_period as longest_period,
 )
-from .drift_family import (
-    Correction as Correction,
-    DriftFamily as DriftFamily,
-    DriftFits as DriftFits,
-    fit_drifts as fit_drifts,
-)
 from .metrics import (
     Spread as Spread,
     largest_error as largest_error,

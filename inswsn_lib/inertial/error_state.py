@@ -21,10 +21,13 @@ from scipy.linalg import block_diag
 from inswsn_lib.checks import Array, Mask, covariance
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.inertial.observations import Components, Observation
+from inswsn_lib.inertial.plain import expected
 from inswsn_lib.inertial.runs import AT_ONCE, BESIDE, Outcome, Table, run_table
-from inswsn_lib.inertial.sensors import position
+from inswsn_lib.inertial.sensors import position, velocity
 from inswsn_lib.inertial.steps import Steps
 from inswsn_lib.streams import Whole
+
+_NUMBERS = {15: 21, 5: 6}  # of a state, by how many errors it has
 
 
 @dataclass(frozen=True, eq=False)
@@ -420,6 +423,36 @@ def _still(state: Any, events: int) -> Steps:
     """Return steps in which no time passes."""
     nothing = np.zeros((1, 0, 3 if state.errors > 5 else 2))
     return Steps(np.zeros(0), nothing, nothing, np.zeros(events, dtype=int), np.zeros(4))
+
+
+def antenna(
+    states: Sequence[Any], covariances: Array, lever_arm: Array, rate: Array | None = None
+) -> tuple[Array, Array]:
+    """Return horizontal position and velocity of an antenna, (k, 4), and covariances, (k, 4, 4).
+
+    Parameters
+    ----------
+    states : sequence of InertialState or PlanarState
+    covariances : ndarray, (k, n, n)
+    lever_arm : ndarray, (3,) or (2,)
+        m.
+    rate : ndarray, (k, 3), optional
+        What the gyroscopes say, rad/s; without it the velocity is that of the IMU.
+    """
+    errors = states[0].errors
+    x = np.array([state.row for state in states])[:, : _NUMBERS[errors]]
+    arm, nothing = np.append(lever_arm, 0.0)[:3], np.zeros(3)
+    about = np.zeros((6, len(x)))
+    if rate is not None:
+        about[:3], about[3:] = np.cross(rate, arm).T, arm[:, None]
+    axes = [*np.eye(4)[:2, :3]]
+    data = [*(np.append(axis, -1.0) for axis in axes)]
+    moved = [np.vstack([np.tile(axis[:, None], len(x)), about]) for axis in axes]
+    found, H = expected(
+        x, errors, errors, [position, position, velocity, velocity], [*data, *moved],
+        np.array([arm, arm, nothing, nothing]), np.zeros((4, 2)),
+    )  # fmt: skip
+    return found, H @ covariances[:, :errors, :errors] @ np.swapaxes(H, 1, 2)
 
 
 class _States(Sequence[Any]):

@@ -198,8 +198,8 @@ class _Runs:
 
 
 def expected(
-    x: Array, d: int, n: int, chosen: Sequence[Callable[..., Any]], data: Array, arms: Array,
-    owns: Array,
+    x: Array, d: int, n: int, chosen: Sequence[Callable[..., Any]], data: Sequence[Any],
+    arms: Array, owns: Array,
 ) -> tuple[Array, Array]:  # fmt: skip
     """Return what sensors expect of states, (runs, m), and derivatives by errors, (runs, m, n)."""
     found, H = np.empty((len(x), len(chosen))), np.zeros((len(x), len(chosen), n))

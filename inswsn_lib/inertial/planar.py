@@ -109,21 +109,6 @@ class PlanarState:
         rest = [turn, self.scale - other.scale, self.rate_bias - other.rate_bias]
         return np.concatenate([self.position - other.position, rest, self.own - other.own])
 
-    def antenna(self, lever_arm: Array) -> tuple[Array, Array]:
-        """Return where the antenna is, (2,), and its derivatives by the errors, (2, 5)."""
-        ahead, left = self.forward, np.array([-self.forward[1], self.forward[0]])
-        rows = np.zeros((2, 5))
-        rows[:, :2] = np.eye(2)
-        rows[:, _HEADING] = lever_arm[0] * left - lever_arm[1] * ahead
-        return self.position + lever_arm[0] * ahead + lever_arm[1] * left, rows
-
-    def moving(self) -> tuple[Array, Array]:
-        """Return the velocity, (2,), and its derivatives by the errors, (2, 5)."""
-        rows = np.zeros((2, 5))
-        rows[:, _HEADING] = [-self.velocity[1], self.velocity[0]]
-        rows[:, _SCALE] = self.speed * self.forward
-        return self.velocity, rows
-
 
 @dataclass(frozen=True, eq=False)
 class OdometryMotion:

@@ -9,9 +9,9 @@ import numpy as np
 
 from inswsn_lib.checks import Array
 from inswsn_lib.inertial.earth import Earth
-from inswsn_lib.inertial.mechanization import ERRORS, cut, rotation_vector, skew, turned
+from inswsn_lib.inertial.mechanization import ERRORS, cut, rotation_vector, turned
 from inswsn_lib.inertial.steps import Steps
-from inswsn_lib.streams import Imu
+from inswsn_lib.streams import Imu, Recording
 
 POSITION, VELOCITY, ATTITUDE = slice(0, 3), slice(3, 6), slice(6, 9)
 FORCE_BIAS, RATE_BIAS = slice(9, 12), slice(12, 15)
@@ -105,19 +105,6 @@ class InertialState:
             self.own - other.own,
         ])  # fmt: skip
 
-    def antenna(self, lever_arm: Array) -> tuple[Array, Array]:
-        """Return where the antenna is, (3,), and its derivatives by the errors, (3, 15)."""
-        rows = np.zeros((3, ERRORS))
-        rows[:, POSITION] = np.eye(3)
-        rows[:, ATTITUDE] = -self.attitude @ skew(lever_arm)
-        return self.position + self.attitude @ lever_arm, rows
-
-    def moving(self) -> tuple[Array, Array]:
-        """Return the velocity, (3,), and its derivatives by the errors, (3, 15)."""
-        rows = np.zeros((3, ERRORS))
-        rows[:, VELOCITY] = np.eye(3)
-        return self.velocity, rows
-
 
 @dataclass(frozen=True, eq=False)
 class InertialMotion:
@@ -139,6 +126,19 @@ class InertialMotion:
     noise: ImuNoise
     earth: Earth | None = None
     substep: float = 0.2
+
+    @classmethod
+    def of(cls, recording: Recording, noise: ImuNoise) -> InertialMotion:
+        """Return that of a recording's IMU, on the Earth where its origin is known.
+
+        Parameters
+        ----------
+        recording : Recording
+        noise : ImuNoise
+        """
+        assert recording.imu is not None
+        earth = None if recording.origin is None else Earth(*recording.origin.tolist())
+        return cls(recording.imu, noise, earth)
 
     def between(self, begin: float, events: Array) -> Steps:
         """Return the steps from a time to the first event, and from each to the next.

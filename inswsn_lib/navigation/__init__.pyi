@@ -2,6 +2,7 @@ from .bridged_outages import (
     BridgedOutages as BridgedOutages,
     Judged as Judged,
     Passage as Passage,
+    with_outage as with_outage,
 )
 from .cluster_fusion import (
     ClusterFusion as ClusterFusion,
@@ -22,35 +23,12 @@ from .filter_contest import (
     relative_loss as relative_loss,
     run_wandering as run_wandering,
 )
-from .filter_gammas import printed_clocks as printed_clocks, rebuild_gammas as rebuild_gammas
-from .filter_map import GROUNDS as GROUNDS, FilterMap as FilterMap
-from .fusion_percentages import (
-    FirstReading as FirstReading,
-    rebuild_percentages as rebuild_percentages,
-)
 from .hybrid import (
     HybridNavigator as HybridNavigator,
     HybridRun as HybridRun,
     observable_inputs as observable_inputs,
 )
 from .lmi_designs import LMIDesigns as LMIDesigns, gain_and_error as gain_and_error
-from .outage_cells import (
-    ByDrive as ByDrive,
-    outages_by_drive as outages_by_drive,
-    rebuild_outages as rebuild_outages,
-    rebuild_recorded as rebuild_recorded,
-)
-from .outage_tables import (
-    bridge_as_printed as bridge_as_printed,
-    equal_findings as equal_findings,
-    rebuild_table1 as rebuild_table1,
-    rebuild_table3 as rebuild_table3,
-    table1_cells as table1_cells,
-    table1_findings as table1_findings,
-    table3_cells as table3_cells,
-    table3_findings as table3_findings,
-    with_outage as with_outage,
-)
 from .recorded_clusters import RecordedClusters as RecordedClusters
 from .recorded_outages import RecordedOutages as RecordedOutages
 from .recorded_study import (
@@ -71,11 +49,6 @@ from .training_areas import (
     run_coloured as run_coloured,
     table2_cells as table2_cells,
     table2_findings as table2_findings,
-)
-from .training_table import (
-    rebuild_table2 as rebuild_table2,
-    recorded_errors as recorded_errors,
-    with_recorded as with_recorded,
 )
 from .trials import (
     FILTERS as FILTERS,

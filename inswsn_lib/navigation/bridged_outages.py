@@ -539,3 +539,24 @@ class _GaussianProcess(Regressor):
 
 def _slug(name: str) -> str:
     return name.lower().replace(", ", "-").replace(" ", "-")
+
+
+def with_outage(settings: Mapping[str, Setting], samples: int) -> dict[str, Setting]:
+    """Return the settings of P1's scene with outages of so many samples, both areas where they are.
+
+    Parameters
+    ----------
+    settings : mapping of str to Setting
+        The scenario files ``p1`` and ``p1-inertial``, joined.
+    samples : int
+
+    Examples
+    --------
+    >>> from inswsn_lib.navigation import BridgedOutages, with_outage
+    >>> outages = [BridgedOutages(with_outage(BridgedOutages().published, n)) for n in (50, 100)]
+    >>> [round(each.scene.windows["area2"].start, 3) for each in outages]
+    [61.3, 61.3]
+    """
+    longer = (samples - settings["outage_samples"].value) * settings["periods"].value[0]
+    between = settings["between"].value - longer
+    return with_values(settings, outage_samples=samples, between=between)

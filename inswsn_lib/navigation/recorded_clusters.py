@@ -13,7 +13,8 @@ from inswsn_lib.checks import Array, Mask
 from inswsn_lib.filters import intersect
 from inswsn_lib.inertial import PositionFixes, run_error_state
 from inswsn_lib.recordings import RecordedContest
-from inswsn_lib.recordings.contest import COLOURED, UP
+from inswsn_lib.recordings.contest import COLOURED
+from inswsn_lib.recordings.correction import UP
 from inswsn_lib.recordings.estimates import Estimate, of_solution, scores
 from inswsn_lib.streams import Fixes, Ranges, Whole
 

@@ -18,7 +18,8 @@ from inswsn_lib.filters import run_kalman
 from inswsn_lib.inertial import PositionFixes, Start, run_error_state, smooth
 from inswsn_lib.navigation.hybrid import HybridNavigator, observable_inputs
 from inswsn_lib.recordings import FixesContest, RecordedContest
-from inswsn_lib.recordings.contest import COLOURED, UP
+from inswsn_lib.recordings.contest import COLOURED
+from inswsn_lib.recordings.correction import UP
 from inswsn_lib.recordings.difference_filters import difference_model
 from inswsn_lib.recordings.estimates import of_solution
 from inswsn_lib.streams import Whole

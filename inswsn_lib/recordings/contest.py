@@ -21,11 +21,11 @@ from inswsn_lib.inertial import (
     RangesToAnchors,
     Solution,
     Start,
-    align,
     run_error_state,
     smooth,
     smooth_with_lag,
 )
+from inswsn_lib.recordings.correction import GATE, UP, WALKS, InertialCorrection
 from inswsn_lib.recordings.difference_filters import FAMILIES, DifferenceFilters, Family
 from inswsn_lib.recordings.estimates import (
     Estimate,
@@ -39,14 +39,7 @@ from inswsn_lib.streams import Fixes, Ranges, Recording, Whole
 
 #: Trials that the search for the numbers of a filter has
 TRIALS = 24
-#: What the errors of fixes upwards are taken for, times those to the side
-UP = np.array([1.0, 1.0, 2.0])
-#: Of the random walks of the IMU's biases, which no short recording tells
-WALKS = (1e-3, 1e-4)
-#: Ranges that lie four deviations from what is expected are left out
-GATE = 16.0
 _LAG = 2.0  # s, of the fixed-lag smoother
-_BEFORE = 0.1  # s, from the begin of the alignment to the first fix
 #: The filter that others are compared with
 COLOURED = "loosely coupled, coloured fixes"
 _AXES = (2.0, 2.0, 1.5)  # ratios of the steps of a search
@@ -145,11 +138,7 @@ class FixesContest:
     @cached_property
     def start(self) -> Start:
         """Where filters start, aligned on the first fixes."""
-        begin = float(self.fixes.time[0])
-        deviation = self.fixes.deviation
-        size = np.ones(3) if deviation is None else np.nanmedian(deviation, axis=0)
-        white = PositionFixes(self.fixes, self.recording.lever_arm, size)
-        return align(self.motion(0.02, 0.002), [white], begin - _BEFORE, begin + self.alignment)
+        return InertialCorrection(self.recording, self.fixes, self.alignment).start
 
     @cached_property
     def network(self) -> Estimate:
@@ -215,7 +204,7 @@ class FixesContest:
         ----------
         force, rate : float
         """
-        return InertialMotion(self.moved, ImuNoise(force, rate, *WALKS))
+        return InertialMotion.of(self.recording, ImuNoise(force, rate, *WALKS))
 
     @property
     def silent(self) -> PositionFixes:

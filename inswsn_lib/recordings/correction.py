@@ -29,9 +29,14 @@ from inswsn_lib.inertial import (
     align,
     run_error_state,
 )
-from inswsn_lib.recordings.contest import GATE, UP, WALKS
 from inswsn_lib.streams import Fixes, Ranges, Recording, Whole
 
+#: What the errors of fixes upwards are taken for, times those to the side
+UP = np.array([1.0, 1.0, 2.0])
+#: Of the random walks of the IMU's biases, which no short recording tells
+WALKS = (1e-3, 1e-4)
+#: Ranges that lie four deviations from what is expected are left out
+GATE = 16.0
 _PERIODS = (0.2, 0.5, 1.0, 2.0)  # s, of fixes by ranges: the first in which most have one
 _MOST_FIXES = 0.5  # of the intervals, that must have one
 _LASTING = 3.0  # s, of the coloured errors of fixes at the begin of the search
@@ -213,8 +218,7 @@ class InertialCorrection:
         return found
 
     def _motion(self, force: float, rate: float) -> InertialMotion:
-        assert self.recording.imu is not None
-        return InertialMotion(self.recording.imu, ImuNoise(force, rate, *WALKS))
+        return InertialMotion.of(self.recording, ImuNoise(force, rate, *WALKS))
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from inswsn_lib.checks import Array, Mask
 from inswsn_lib.evaluation import block_ratio
-from inswsn_lib.inertial import Solution, Velocities
+from inswsn_lib.inertial import Solution
+from inswsn_lib.inertial.error_state import antenna
 from inswsn_lib.streams import Recording, Whole
 
 #: Blocks of the bootstrap, s
@@ -67,17 +68,11 @@ def of_solution(
     """
     state, P = np.full((len(times), 4), np.nan), np.full((len(times), 4, 4), np.nan)
     inside = np.flatnonzero((times >= solution.time[0]) & (times <= solution.time[-1]))
-    for k, j in zip(inside, solution.at(times[inside]), strict=True):
-        where, rows = solution.states[j].antenna(lever_arm)
-        moving, its = solution.states[j].moving()
-        if rate is not None:
-            told = Velocities(times[:1], np.zeros((1, 3)), np.ones(3), rate[k : k + 1], lever_arm)
-            found = told.innovation(0, solution.states[j], np.zeros(0))
-            assert found is not None
-            moving, its = -found.value, found.rows
-        state[k] = np.concatenate([where[:2], moving[:2]])
-        H = np.vstack([rows[:2], its[:2]])
-        P[k] = H @ solution.covariances[j][: H.shape[1], : H.shape[1]] @ H.T
+    if len(inside):
+        at = solution.at(times[inside])
+        states = [solution.states[j] for j in at]
+        said = None if rate is None else rate[inside]
+        state[inside], P[inside] = antenna(states, solution.covariances[at], lever_arm, said)
     return Estimate(state, P)
 
 

@@ -314,13 +314,14 @@ def hold(
 def show_table2(record: book.ChapterRecord, areas: TrainingAreas) -> None:
     """Show P1's Table 2 beside what the scene gives for it."""
     # none of it is there in the page, where all else of this lesson runs
+    from inswsn_book.evidence import training_table as core  # noqa: PLC0415
     from inswsn_book.lessons.printed import Cell, show_printed  # noqa: PLC0415
-    from inswsn_lib.navigation import FilterContest, recorded_errors, training_table  # noqa: PLC0415
+    from inswsn_lib.navigation import FilterContest  # noqa: PLC0415
 
     printed = read_rows(record.data("papers/p1-table2.csv"), index="method")
     radio = record.data("recorded/uwb-fixes.json")
     filters = {"KF": "kalman", "HF": "hf-exact-lmi"}
-    rebuilt = dict(zip(printed, training_table.REBUILT, strict=True))
+    rebuilt = dict(zip(printed, core.REBUILT, strict=True))
 
     def cell(method: str, column: str, text: str) -> Cell:
         kind = filters.get(method)
@@ -332,7 +333,7 @@ def show_table2(record: book.ChapterRecord, areas: TrainingAreas) -> None:
     found = show_printed(
         record, "p1-training",
         [cell(m, c, text) for m, row in printed.items() for c, text in row.items()],
-        lambda: training_table.rebuild_table2(FilterContest(areas), recorded_errors(radio)),
+        lambda: core.rebuild_table2(FilterContest(areas), core.recorded_errors(radio)),
         by=("range_noise", "correlation_time", "inertial_scale"),
         name="tbl-l2-table2",
         caption="P1's Table 2, mean absolute errors (m, m/s), medians and 95 % of runs. Rebuilt: a "

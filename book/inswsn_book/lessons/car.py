@@ -12,17 +12,11 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from inswsn_book import record as book
+from inswsn_book.evidence.outage_cells import rebuild_outages, rebuild_recorded
 from inswsn_book.moving import Moving, Slider
 from inswsn_lib.evaluation import Finding
 from inswsn_lib.inertial import metres
-from inswsn_lib.navigation import (
-    OutageTrials,
-    RecordedTrials,
-    VehicleOutages,
-    read_trials,
-    rebuild_outages,
-    rebuild_recorded,
-)
+from inswsn_lib.navigation import OutageTrials, RecordedTrials, VehicleOutages, read_trials
 from inswsn_lib.papers import read_numbers
 from inswsn_lib.simulation import Drive
 from inswsn_lib.vehicle import (

@@ -550,8 +550,11 @@ def show_reductions(
 def show_percentages(record: book.ChapterRecord, printed: Any, fusion: ClusterFusion) -> None:
     """Show P2's percentages beside what a scene gives for them."""
     # what shows tables is not there in the page
+    from inswsn_book.evidence.fusion_percentages import (  # noqa: PLC0415
+        FirstReading,
+        rebuild_percentages,
+    )
     from inswsn_book.lessons.printed import Cell, show_printed  # noqa: PLC0415
-    from inswsn_lib.navigation import FirstReading, rebuild_percentages  # noqa: PLC0415
 
     results = {**printed["results"]}
     for part in ("position", "velocity"):

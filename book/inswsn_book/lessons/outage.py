@@ -494,8 +494,8 @@ def show_table3(printed: Any, sizes: Mapping[str, Array]) -> None:
 def show_tables(record: ChapterRecord, outages: BridgedOutages) -> None:
     """Show P1's Tables 3 and 1 beside what the scene gives for them."""
     # none of it is there in the page, where all else of this lesson runs
+    from inswsn_book.evidence import outage_tables as core  # noqa: PLC0415
     from inswsn_book.lessons.printed import Cell, show_printed  # noqa: PLC0415
-    from inswsn_lib.navigation import outage_tables as core  # noqa: PLC0415
 
     printed = {n: read_rows(record.data(f"papers/p1-table{n}.csv"), i) for n, i in _INDEX.items()}
     equal = {name: slug for slug, name in core.EQUAL.items()}

@@ -465,9 +465,8 @@ def hold(
 def show_gammas(record: ChapterRecord, **scene: float) -> None:
     """Show the gamma that P1 prints beside the least one of its inequality and of the exact one."""
     # none of it is there in the page
+    from inswsn_book.evidence.filter_gammas import FITTED, rebuild_gammas  # noqa: PLC0415
     from inswsn_book.lessons.printed import Cell, show_printed  # noqa: PLC0415
-    from inswsn_lib.navigation import rebuild_gammas  # noqa: PLC0415
-    from inswsn_lib.navigation.filter_gammas import FITTED  # noqa: PLC0415
     from inswsn_lib.papers import read_numbers  # noqa: PLC0415
 
     filters = read_numbers(record.data("papers/p1.yaml"))["filters"]

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from inswsn_book.evidence.filter_map import FilterMap
 
 from inswsn_lib.filters import run_kalman
-from inswsn_lib.navigation import CONTESTANTS, FilterContest, FilterMap, TrainingAreas
+from inswsn_lib.navigation import CONTESTANTS, FilterContest, TrainingAreas
 from inswsn_lib.navigation.filter_contest import TRIALS, run_wandering
 from inswsn_lib.navigation.training_areas import UNKNOWN, run_coloured
 

@@ -19,7 +19,6 @@ from inswsn_lib.navigation.bridged_outages import (
     share_findings,
 )
 from inswsn_lib.papers import AXES, COLUMNS
-from inswsn_lib.scenario import Setting, with_values
 
 #: The methods of Table 3 by the names of its findings
 METHODS = {"ins": "INS-only", "bp": "BP", "lssvm": "LS-SVM"}
@@ -40,7 +39,8 @@ def rebuild_table3(outages: BridgedOutages) -> dict[str, Finding]:
     --------
     Each run trains a network in either area:
 
-    >>> from inswsn_lib.navigation import BridgedOutages, rebuild_table3
+    >>> from inswsn_book.evidence.outage_tables import rebuild_table3
+    >>> from inswsn_lib.navigation import BridgedOutages
     >>> found = rebuild_table3(BridgedOutages(runs=2, tuning_runs=1))
     >>> len(found), found["table3.lssvm.rx1"].unit  # 24, 16 on equal terms, 3 shares
     (43, 'm')
@@ -53,27 +53,6 @@ def rebuild_table3(outages: BridgedOutages) -> dict[str, Finding]:
     cells = {method: table3_cells(errors) for method, errors in left.items()}
     equal = equal_findings(passages, compared)
     return table3_findings(cells) | equal | share_findings(compared)
-
-
-def with_outage(settings: Mapping[str, Setting], samples: int) -> dict[str, Setting]:
-    """Return the settings of P1's scene with outages of so many samples, both areas where they are.
-
-    Parameters
-    ----------
-    settings : mapping of str to Setting
-        The scenario files ``p1`` and ``p1-inertial``, joined.
-    samples : int
-
-    Examples
-    --------
-    >>> from inswsn_lib.navigation import BridgedOutages, with_outage
-    >>> outages = [BridgedOutages(with_outage(BridgedOutages().published, n)) for n in (50, 100)]
-    >>> [round(each.scene.windows["area2"].start, 3) for each in outages]
-    [61.3, 61.3]
-    """
-    longer = (samples - settings["outage_samples"].value) * settings["periods"].value[0]
-    between = settings["between"].value - longer
-    return with_values(settings, outage_samples=samples, between=between)
 
 
 def bridge_as_printed(
@@ -89,7 +68,8 @@ def bridge_as_printed(
 
     Examples
     --------
-    >>> from inswsn_lib.navigation import BridgedOutages, bridge_as_printed
+    >>> from inswsn_book.evidence.outage_tables import bridge_as_printed
+    >>> from inswsn_lib.navigation import BridgedOutages
     >>> outages = BridgedOutages(runs=2)
     >>> left = bridge_as_printed(outages, {"2": outages.judged["2"]})
     >>> [float(abs(left[method]["2"]).mean().round()) for method in ("ins", "lssvm")]
@@ -108,7 +88,7 @@ def table3_cells(left: Left) -> dict[str, Array]:
     Examples
     --------
     >>> import numpy as np
-    >>> from inswsn_lib.navigation import table3_cells
+    >>> from inswsn_book.evidence.outage_tables import table3_cells
     >>> cells = table3_cells({a: int(a) * np.ones((50, 4, 3)) for a in "12"})
     >>> cells["vy2"].tolist()
     [2.0, 2.0, 2.0]
@@ -122,7 +102,7 @@ def table3_findings(cells: Mapping[str, Mapping[str, ArrayLike]]) -> dict[str, F
 
     Examples
     --------
-    >>> from inswsn_lib.navigation import table3_findings
+    >>> from inswsn_book.evidence.outage_tables import table3_findings
     >>> found = table3_findings({"bp": {"rx1": [1.0, 2.0, 3.0]}})["table3.bp.rx1"]
     >>> found.value, found.how
     (2.0, 'Mean absolute error over outage 1, rx, BP: median over runs.')
@@ -148,7 +128,8 @@ def equal_findings(
     Half of the error of the INS:
 
     >>> import numpy as np
-    >>> from inswsn_lib.navigation import BridgedOutages, Judged, equal_findings
+    >>> from inswsn_book.evidence.outage_tables import equal_findings
+    >>> from inswsn_lib.navigation import BridgedOutages, Judged
     >>> passages = [*BridgedOutages(runs=3).judged.values()]
     >>> half = Judged(None, np.full((8, 3), 0.5))
     >>> found = equal_findings(passages, {("BP", "motion"): half, ("LS-SVM", "motion"): half})
@@ -183,7 +164,8 @@ def rebuild_table1(
     --------
     A narrow kernel without regularisation passes through every point:
 
-    >>> from inswsn_lib.navigation import BridgedOutages, rebuild_table1
+    >>> from inswsn_book.evidence.outage_tables import rebuild_table1
+    >>> from inswsn_lib.navigation import BridgedOutages
     >>> found = rebuild_table1(BridgedOutages(runs=2), {1: (0.01, 1e9)})
     >>> [*found], round(found["table1.row01.rx"].value, 6)  # doctest: +NORMALIZE_WHITESPACE
     (['table1.row01.rx', 'table1.row01.ry', 'table1.row01.vx', 'table1.row01.vy',
@@ -222,7 +204,8 @@ def table1_cells(
 
     Examples
     --------
-    >>> from inswsn_lib.navigation import BridgedOutages, table1_cells
+    >>> from inswsn_book.evidence.outage_tables import table1_cells
+    >>> from inswsn_lib.navigation import BridgedOutages
     >>> passage = BridgedOutages(runs=2).judged["1"]
     >>> table1_cells(passage, [(1.0, 1.0), (30.0, 100.0)], range(50), range(50, 100)).shape
     (2, 4, 2)
@@ -259,7 +242,7 @@ def table1_findings(rows: Iterable[int], cells: Array) -> dict[str, Finding]:
     Examples
     --------
     >>> import numpy as np
-    >>> from inswsn_lib.navigation import table1_findings
+    >>> from inswsn_book.evidence.outage_tables import table1_findings
     >>> cells = np.repeat([[[1.0], [2.0], [0.1], [0.3]]], 3, axis=2)
     >>> table1_findings([10], cells)["table1.row10.mean-position"].value
     1.5

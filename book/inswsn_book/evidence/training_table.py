@@ -49,7 +49,7 @@ def rebuild_table2(contest: FilterContest, recorded: Array) -> dict[str, Finding
     --------
     >>> import inswsn_lib as iw
     >>> from inswsn_lib.navigation import FilterContest, TrainingAreas
-    >>> from inswsn_lib.navigation import rebuild_table2, recorded_errors
+    >>> from inswsn_book.evidence.training_table import rebuild_table2, recorded_errors
     >>> radio = recorded_errors(iw.data_file("recorded/uwb-fixes.json"))
     >>> contest = FilterContest(TrainingAreas(runs=4, other_runs=4))
     >>> len(rebuild_table2(contest, radio))  # 24, 16 on equal terms, 8 recorded, 8 in all
@@ -96,7 +96,7 @@ def recorded_errors(path: Path) -> Array:
     Examples
     --------
     >>> import inswsn_lib as iw, numpy as np
-    >>> from inswsn_lib.navigation import recorded_errors
+    >>> from inswsn_book.evidence.training_table import recorded_errors
     >>> errors = recorded_errors(iw.data_file("recorded/uwb-fixes.json"))
     >>> round(float(np.sqrt((errors**2).sum(axis=1).mean())), 3)
     0.2
@@ -124,7 +124,7 @@ def with_recorded(
     Velocities stay what they were:
 
     >>> import numpy as np
-    >>> from inswsn_lib.navigation import with_recorded
+    >>> from inswsn_book.evidence.training_table import with_recorded
     >>> drawn = {part: {a: np.zeros((5, 4, 2)) for a in "12"} for part in ("ins", "wsn")}
     >>> changed = with_recorded(drawn, np.ones((9, 2)), np.random.default_rng(0))
     >>> changed["wsn"]["1"][0, :, 0].tolist()

@@ -35,7 +35,8 @@ class FirstReading:
     Neither filter knows of the bias, and DHF lags more behind it in velocity:
 
     >>> import numpy as np
-    >>> from inswsn_lib.navigation import ClusterFusion, FirstReading
+    >>> from inswsn_book.evidence.fusion_percentages import FirstReading
+    >>> from inswsn_lib.navigation import ClusterFusion
     >>> errors = FirstReading(ClusterFusion(runs=4, speed=6.0)).errors
     >>> size = {name: float(np.abs(e[:, 2:]).mean()) for name, e in errors.items()}
     >>> size["FKF"] < size["DHF"] < size["INS-only"]
@@ -82,7 +83,8 @@ def rebuild_percentages(first: FirstReading) -> dict[str, Finding]:
 
     Examples
     --------
-    >>> from inswsn_lib.navigation import ClusterFusion, FirstReading, rebuild_percentages
+    >>> from inswsn_book.evidence.fusion_percentages import FirstReading, rebuild_percentages
+    >>> from inswsn_lib.navigation import ClusterFusion
     >>> fusion = ClusterFusion(runs=40, speed=6.0)
     >>> numbers = {"fkf-reset": (0.4, 10.0), "dhf": (1.0, 1.0, 1.0, 0.5)}  # in place of a search
     >>> vars(fusion)["chosen"] = numbers

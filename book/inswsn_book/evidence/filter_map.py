@@ -68,7 +68,8 @@ class FilterMap:
     --------
     Where there is no bias, a filter that knows so is the tuned one:
 
-    >>> from inswsn_lib.navigation import FilterContest, FilterMap, TrainingAreas
+    >>> from inswsn_book.evidence.filter_map import FilterMap
+    >>> from inswsn_lib.navigation import FilterContest, TrainingAreas
     >>> contest = FilterContest(TrainingAreas(runs=4, other_runs=4))
     >>> found = FilterMap(contest, runs=4).errors("bias", 0.0)
     >>> found["told"] == found["kalman"], found["network"]

@@ -59,7 +59,7 @@ class DriftFamily:
     --------
     An error of 2 m that does not move, and one that begins at zero and grows by 1 m in 10 s:
 
-    >>> from inswsn_lib.evaluation import DriftFamily
+    >>> from inswsn_book.evidence.drift_family import DriftFamily
     >>> family = DriftFamily(period=1.0, samples=5, silent=5, degree=1)
     >>> family.cells([[2.0, 0.0], [0.0, 1.0]]).round(3).tolist()
     [[2.0, 0.0, 2.0, 0.0], [0.2, 0.1, 0.7, 0.1]]
@@ -153,7 +153,7 @@ class Correction:
     After a correction by three quarters a quarter remains:
 
     >>> import numpy as np
-    >>> from inswsn_lib.evaluation import Correction, DriftFamily
+    >>> from inswsn_book.evidence.drift_family import Correction, DriftFamily
     >>> family = DriftFamily(period=1.0, samples=5, silent=5, degree=1)
     >>> kept = Correction.of(lambda y: 0.75 * y, samples=5, noise=(0.0, 0.0))
     >>> kept.cells(family, [[0.0, 1.0]]).round(4).tolist()
@@ -321,7 +321,7 @@ def fit_drifts(
     From the cells of a drift, the drift, up to its sign, from some of the starts:
 
     >>> import numpy as np
-    >>> from inswsn_lib.evaluation import DriftFamily, fit_drifts
+    >>> from inswsn_book.evidence.drift_family import DriftFamily, fit_drifts
     >>> family, drift = DriftFamily(period=0.2), [3.0, -5.0, 40.0, 9.0]
     >>> cells = family.cells([drift])[0]
     >>> fits = fit_drifts(family, cells, family.draw_starts(cells, 20, np.random.default_rng(1)))

@@ -34,7 +34,7 @@ class ByDrive(NamedTuple):
     Examples
     --------
     >>> import numpy as np
-    >>> from inswsn_lib.navigation import ByDrive
+    >>> from inswsn_book.evidence.outage_cells import ByDrive
     >>> ByDrive(np.array([1.0, 2.0]), "m", "Largest error in 40 s.").unit
     'm'
     """
@@ -64,7 +64,7 @@ def outages_by_drive(errors: Mapping[str, Array]) -> dict[str, ByDrive]:
     Errors that grow with time, half as fast with P3's method:
 
     >>> import numpy as np
-    >>> from inswsn_lib.navigation import outages_by_drive
+    >>> from inswsn_book.evidence.outage_cells import outages_by_drive
     >>> grows = np.tile(np.arange(51.0)[:, None, None], (1, 8, 3))
     >>> errors = dict.fromkeys(("never", "through", "rbf"), grows) | {"lssvm": grows / 2}
     >>> found = outages_by_drive(errors)
@@ -122,7 +122,7 @@ def rebuild_outages(errors: Mapping[str, Array]) -> dict[str, Finding]:
     Examples
     --------
     >>> import numpy as np
-    >>> from inswsn_lib.navigation import rebuild_outages
+    >>> from inswsn_book.evidence.outage_cells import rebuild_outages
     >>> errors = {m: np.ones((51, 8, 3)) for m in ("never", "through", "lssvm", "rbf")}
     >>> rebuild_outages(errors)["fair.cells.40.gain.place8.max"][:4]
     (0.0, 0.0, 0.0, '%')
@@ -148,7 +148,8 @@ def rebuild_recorded(trials: RecordedTrials) -> dict[str, Finding]:
     Examples
     --------
     >>> import inswsn_lib as iw
-    >>> from inswsn_lib.navigation import read_trials, rebuild_recorded
+    >>> from inswsn_book.evidence.outage_cells import rebuild_recorded
+    >>> from inswsn_lib.navigation import read_trials
     >>> trials, _ = read_trials(iw.data_file("recorded/p3-drive.json"))
     >>> found = rebuild_recorded(trials)
     >>> found["recorded.cells.40.never.max"].value > found["recorded.cells.40.lssvm.max"].value

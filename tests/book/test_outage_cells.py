@@ -6,14 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from inswsn_book.evidence.outage_cells import outages_by_drive, rebuild_outages, rebuild_recorded
 
-from inswsn_lib.navigation import (
-    VehicleOutages,
-    outages_by_drive,
-    read_trials,
-    rebuild_outages,
-    rebuild_recorded,
-)
+from inswsn_lib.navigation import VehicleOutages, read_trials
 from inswsn_lib.navigation.vehicle_outages import p3_settings
 from inswsn_lib.scenario import with_values
 

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from inswsn_book.evidence.fusion_percentages import FirstReading, rebuild_percentages
 
 from inswsn_lib.evaluation import mean_absolute_error
 from inswsn_lib.filters import patterns_of
-from inswsn_lib.navigation import ClusterFusion, FirstReading, rebuild_percentages
+from inswsn_lib.navigation import ClusterFusion
 
 
 def test_percentages_are_those_of_the_runs() -> None:

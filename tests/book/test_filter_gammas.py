@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
+from inswsn_book.evidence.filter_gammas import printed_clocks, rebuild_gammas
 
 from inswsn_lib import data_file
-from inswsn_lib.navigation import printed_clocks, rebuild_gammas
 from inswsn_lib.papers import read_numbers
 
 

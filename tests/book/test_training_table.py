@@ -4,15 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from inswsn_book.evidence.training_table import rebuild_table2, with_recorded
 
 from inswsn_lib.evaluation import Finding
-from inswsn_lib.navigation import (
-    FilterContest,
-    TrainingAreas,
-    rebuild_table2,
-    table2_cells,
-    with_recorded,
-)
+from inswsn_lib.navigation import FilterContest, TrainingAreas, table2_cells
 
 
 @pytest.fixture(scope="module")

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-
-from inswsn_lib.evaluation import Finding
-from inswsn_lib.learning import LSSVMRegressor
-from inswsn_lib.navigation import (
-    BridgedOutages,
+from inswsn_book.evidence.outage_tables import (
     rebuild_table1,
     rebuild_table3,
     table1_cells,
-    with_outage,
 )
+
+from inswsn_lib.evaluation import Finding
+from inswsn_lib.learning import LSSVMRegressor
+from inswsn_lib.navigation import BridgedOutages, with_outage
 from inswsn_lib.papers import COLUMNS
 
 

@@ -31,7 +31,7 @@ def printed_clocks(filters: Mapping[str, Any]) -> dict[str, tuple[float, float]]
     Examples
     --------
     >>> import inswsn_lib as iw
-    >>> from inswsn_lib.navigation import printed_clocks
+    >>> from inswsn_book.evidence.filter_gammas import printed_clocks
     >>> from inswsn_lib.papers import read_numbers
     >>> text = read_numbers(iw.data_file("papers/p1.yaml"))
     >>> printed_clocks(text["filters"])["area1"]
@@ -70,7 +70,7 @@ def rebuild_gammas(
     Examples
     --------
     >>> import inswsn_lib as iw
-    >>> from inswsn_lib.navigation import rebuild_gammas
+    >>> from inswsn_book.evidence.filter_gammas import rebuild_gammas
     >>> from inswsn_lib.papers import read_numbers
     >>> text = read_numbers(iw.data_file("papers/p1.yaml"))
     >>> found = rebuild_gammas(text["filters"])

@@ -6,12 +6,12 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from inswsn_book.evidence.drift_family import Correction, DriftFamily, fit_drifts
 from scipy.integrate import quad
 from scipy.optimize import approx_fprime
 from scipy.stats import norm
 
 from inswsn_lib.errors import ParameterError
-from inswsn_lib.evaluation import Correction, DriftFamily, fit_drifts
 
 SAMPLES, SILENT, PERIOD = 40, 20, 0.2
 FAMILY = DriftFamily(PERIOD, SAMPLES, SILENT)
