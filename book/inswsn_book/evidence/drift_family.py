@@ -54,15 +54,6 @@ class DriftFamily:
     ------
     ParameterError
         If a size is none of these.
-
-    Examples
-    --------
-    An error of 2 m that does not move, and one that begins at zero and grows by 1 m in 10 s:
-
-    >>> from inswsn_book.evidence.drift_family import DriftFamily
-    >>> family = DriftFamily(period=1.0, samples=5, silent=5, degree=1)
-    >>> family.cells([[2.0, 0.0], [0.0, 1.0]]).round(3).tolist()
-    [[2.0, 0.0, 2.0, 0.0], [0.2, 0.1, 0.7, 0.1]]
     """
 
     period: float
@@ -147,17 +138,6 @@ class Correction:
         Standard deviations of v in position and velocity, m and m/s; white.
     first : int
         Samples at the start that are left out of mean errors.
-
-    Examples
-    --------
-    After a correction by three quarters a quarter remains:
-
-    >>> import numpy as np
-    >>> from inswsn_book.evidence.drift_family import Correction, DriftFamily
-    >>> family = DriftFamily(period=1.0, samples=5, silent=5, degree=1)
-    >>> kept = Correction.of(lambda y: 0.75 * y, samples=5, noise=(0.0, 0.0))
-    >>> kept.cells(family, [[0.0, 1.0]]).round(4).tolist()
-    [[0.05, 0.025]]
     """
 
     response: Array
@@ -315,18 +295,6 @@ def fit_drifts(
     ------
     ParameterError
         If there are not as many cells as are to be fitted.
-
-    Examples
-    --------
-    From the cells of a drift, the drift, up to its sign, from some of the starts:
-
-    >>> import numpy as np
-    >>> from inswsn_book.evidence.drift_family import DriftFamily, fit_drifts
-    >>> family, drift = DriftFamily(period=0.2), [3.0, -5.0, 40.0, 9.0]
-    >>> cells = family.cells([drift])[0]
-    >>> fits = fit_drifts(family, cells, family.draw_starts(cells, 20, np.random.default_rng(1)))
-    >>> bool(np.abs(np.abs(fits.meeting(1e-6)) - np.abs(drift)).max(axis=1).min() < 1e-6)
-    True
     """
     fitted = family._cells.beside(correction._cells(family)) if correction else family._cells
     printed = _positive("cells", cells, len(fitted.mean))

@@ -27,15 +27,6 @@ def printed_clocks(filters: Mapping[str, Any]) -> dict[str, tuple[float, float]]
     ----------
     filters : mapping
         ``filters`` of the numbers of P1's text, from `read_numbers`.
-
-    Examples
-    --------
-    >>> import inswsn_lib as iw
-    >>> from inswsn_book.evidence.filter_gammas import printed_clocks
-    >>> from inswsn_lib.papers import read_numbers
-    >>> text = read_numbers(iw.data_file("papers/p1.yaml"))
-    >>> printed_clocks(text["filters"])["area1"]
-    (0.2, 0.0012)
     """
     return {
         area: (float(of["B_f"][0][2]), abs(float(of["E"][0][2])) * float(of["E_factor"]))
@@ -66,16 +57,6 @@ def rebuild_gammas(
         Of the first area, s; that of the second is to it as in print.
     solver
         As `minimise_gamma` takes it.
-
-    Examples
-    --------
-    >>> import inswsn_lib as iw
-    >>> from inswsn_book.evidence.filter_gammas import rebuild_gammas
-    >>> from inswsn_lib.papers import read_numbers
-    >>> text = read_numbers(iw.data_file("papers/p1.yaml"))
-    >>> found = rebuild_gammas(text["filters"])
-    >>> [f"{found[f'gamma.{noise}.printed.area1'].value:.4f}" for noise in ("alike", "fitted")]
-    ['1.4897', '4.0055']
     """
     alike = (process_noise, process_noise), (measurement_noise, measurement_noise)
     found = {}

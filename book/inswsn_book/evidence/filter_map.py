@@ -63,17 +63,6 @@ class FilterMap:
         The tuned filters.
     runs : int
         Of each size of a ground, with another seed than those that tuned.
-
-    Examples
-    --------
-    Where there is no bias, a filter that knows so is the tuned one:
-
-    >>> from inswsn_book.evidence.filter_map import FilterMap
-    >>> from inswsn_lib.navigation import FilterContest, TrainingAreas
-    >>> contest = FilterContest(TrainingAreas(runs=4, other_runs=4))
-    >>> found = FilterMap(contest, runs=4).errors("bias", 0.0)
-    >>> found["told"] == found["kalman"], found["network"]
-    (True, (1.0, 1.0))
     """
 
     contest: FilterContest

@@ -29,18 +29,6 @@ class FirstReading:
     ----------
     fusion : ClusterFusion
         The scene.
-
-    Examples
-    --------
-    Neither filter knows of the bias, and DHF lags more behind it in velocity:
-
-    >>> import numpy as np
-    >>> from inswsn_book.evidence.fusion_percentages import FirstReading
-    >>> from inswsn_lib.navigation import ClusterFusion
-    >>> errors = FirstReading(ClusterFusion(runs=4, speed=6.0)).errors
-    >>> size = {name: float(np.abs(e[:, 2:]).mean()) for name, e in errors.items()}
-    >>> size["FKF"] < size["DHF"] < size["INS-only"]
-    True
     """
 
     fusion: ClusterFusion
@@ -80,17 +68,6 @@ def rebuild_percentages(first: FirstReading) -> dict[str, Finding]:
     ----------
     first : FirstReading
         In a scene of 40 runs or more.
-
-    Examples
-    --------
-    >>> from inswsn_book.evidence.fusion_percentages import FirstReading, rebuild_percentages
-    >>> from inswsn_lib.navigation import ClusterFusion
-    >>> fusion = ClusterFusion(runs=40, speed=6.0)
-    >>> numbers = {"fkf-reset": (0.4, 10.0), "dhf": (1.0, 1.0, 1.0, 0.5)}  # in place of a search
-    >>> vars(fusion)["chosen"] = numbers
-    >>> found = rebuild_percentages(FirstReading(fusion))
-    >>> len(found), found["percent.rx.vs-ins"].value > found["percent.rx.vs-fkf"].value
-    (20, True)
     """
     fusion = first.fusion
     tuned = [fusion.drawn["ins"], fusion.errors["fkf-reset"], fusion.errors["dhf"]]

@@ -29,15 +29,7 @@ _AGAINST = {"sim": "never", "fair.cells": "through"}  # what a reduction is one 
 
 
 class ByDrive(NamedTuple):
-    """A number of each drive, its unit, and what it is.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from inswsn_book.evidence.outage_cells import ByDrive
-    >>> ByDrive(np.array([1.0, 2.0]), "m", "Largest error in 40 s.").unit
-    'm'
-    """
+    """A number of each drive, its unit, and what it is."""
 
     values: Array
     unit: str
@@ -58,20 +50,6 @@ def outages_by_drive(errors: Mapping[str, Array]) -> dict[str, ByDrive]:
     errors : mapping of str to ndarray, (51 epochs, 8 places, drives)
         Of some methods, as `VehicleOutages.errors`; of ``never``, ``through``, ``lssvm``, ``rbf``
         at least.
-
-    Examples
-    --------
-    Errors that grow with time, half as fast with P3's method:
-
-    >>> import numpy as np
-    >>> from inswsn_book.evidence.outage_cells import outages_by_drive
-    >>> grows = np.tile(np.arange(51.0)[:, None, None], (1, 8, 3))
-    >>> errors = dict.fromkeys(("never", "through", "rbf"), grows) | {"lssvm": grows / 2}
-    >>> found = outages_by_drive(errors)
-    >>> found["sim.40.never.place1.max"].values.tolist()
-    [40.0, 40.0, 40.0]
-    >>> found["sim.40.gain.seven.rms"].values.tolist()
-    [50.0, 50.0, 50.0]
     """
     sizes = _sizes(errors)
     found: dict[str, ByDrive] = {}
@@ -118,14 +96,6 @@ def rebuild_outages(errors: Mapping[str, Array]) -> dict[str, Finding]:
     Parameters
     ----------
     errors : mapping of str to ndarray, (51 epochs, 8 places, drives)
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from inswsn_book.evidence.outage_cells import rebuild_outages
-    >>> errors = {m: np.ones((51, 8, 3)) for m in ("never", "through", "lssvm", "rbf")}
-    >>> rebuild_outages(errors)["fair.cells.40.gain.place8.max"][:4]
-    (0.0, 0.0, 0.0, '%')
     """
     return {
         name: Finding.of_runs(values, unit, f"{how} Median over the drives.")
@@ -144,16 +114,6 @@ def rebuild_recorded(trials: RecordedTrials) -> dict[str, Finding]:
     ----------
     trials : RecordedTrials
         With 50 s of ``never``, ``lssvm`` and ``rbf``.
-
-    Examples
-    --------
-    >>> import inswsn_lib as iw
-    >>> from inswsn_book.evidence.outage_cells import rebuild_recorded
-    >>> from inswsn_lib.navigation import read_trials
-    >>> trials, _ = read_trials(iw.data_file("recorded/p3-drive.json"))
-    >>> found = rebuild_recorded(trials)
-    >>> found["recorded.cells.40.never.max"].value > found["recorded.cells.40.lssvm.max"].value
-    True
     """
     sizes, found = _sizes(trials.errors), {}
 

@@ -34,16 +34,6 @@ def rebuild_table3(outages: BridgedOutages) -> dict[str, Finding]:
     ``table3.METHOD.CELL`` for `METHODS`, the learners with their settings of then, fed with the
     true error of the INS; ``fair.cells.LEARNER.CELL`` for `EQUAL`, tuned alike by rehearsal, fed
     with the indicated motion. Then what is left of the error of the INS, `share_findings`.
-
-    Examples
-    --------
-    Each run trains a network in either area:
-
-    >>> from inswsn_book.evidence.outage_tables import rebuild_table3
-    >>> from inswsn_lib.navigation import BridgedOutages
-    >>> found = rebuild_table3(BridgedOutages(runs=2, tuning_runs=1))
-    >>> len(found), found["table3.lssvm.rx1"].unit  # 24, 16 on equal terms, 3 shares
-    (43, 'm')
     """
     passages, methods = [*outages.judged.values()], outages.methods(("motion",))
     compared = {
@@ -65,15 +55,6 @@ def bridge_as_printed(
     outages : BridgedOutages
     passages : mapping of str to Passage
         By area.
-
-    Examples
-    --------
-    >>> from inswsn_book.evidence.outage_tables import bridge_as_printed
-    >>> from inswsn_lib.navigation import BridgedOutages
-    >>> outages = BridgedOutages(runs=2)
-    >>> left = bridge_as_printed(outages, {"2": outages.judged["2"]})
-    >>> [float(abs(left[method]["2"]).mean().round()) for method in ("ins", "lssvm")]
-    [39.0, 2.0]
     """
     machines = {"bp": outages.toolbox, "lssvm": outages.printed}
     return {"ins": {a: p.error[p.heard :] for a, p in passages.items()}} | {
@@ -83,30 +64,13 @@ def bridge_as_printed(
 
 
 def table3_cells(left: Left) -> dict[str, Array]:
-    """Return the mean absolute errors of every run by column of Table 3, each (runs,).
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from inswsn_book.evidence.outage_tables import table3_cells
-    >>> cells = table3_cells({a: int(a) * np.ones((50, 4, 3)) for a in "12"})
-    >>> cells["vy2"].tolist()
-    [2.0, 2.0, 2.0]
-    """
+    """Return the mean absolute errors of every run by column of Table 3, each (runs,)."""
     means = {a: mean_absolute_error(errors) for a, errors in left.items()}
     return {c: means[c[2]][AXES.index(c[:2])] for c in COLUMNS}
 
 
 def table3_findings(cells: Mapping[str, Mapping[str, ArrayLike]]) -> dict[str, Finding]:
-    """Return the medians of the cells by method and column, with the ends of 95 % of runs.
-
-    Examples
-    --------
-    >>> from inswsn_book.evidence.outage_tables import table3_findings
-    >>> found = table3_findings({"bp": {"rx1": [1.0, 2.0, 3.0]}})["table3.bp.rx1"]
-    >>> found.value, found.how
-    (2.0, 'Mean absolute error over outage 1, rx, BP: median over runs.')
-    """
+    """Return the medians of the cells by method and column, with the ends of 95 % of runs."""
     each = (_outage(f"table3.{m}", columns, METHODS[m]) for m, columns in cells.items())
     return {name: finding for found in each for name, finding in found}
 
@@ -122,20 +86,6 @@ def equal_findings(
         Those in which the learners were judged.
     compared : mapping of tuple to Judged
         Methods by name and input, as `BridgedOutages.compare` gives them.
-
-    Examples
-    --------
-    Half of the error of the INS:
-
-    >>> import numpy as np
-    >>> from inswsn_book.evidence.outage_tables import equal_findings
-    >>> from inswsn_lib.navigation import BridgedOutages, Judged
-    >>> passages = [*BridgedOutages(runs=3).judged.values()]
-    >>> half = Judged(None, np.full((8, 3), 0.5))
-    >>> found = equal_findings(passages, {("BP", "motion"): half, ("LS-SVM", "motion"): half})
-    >>> alone = np.median(abs(passages[0].error[100:, 0]).mean(axis=0))
-    >>> round(float(found["fair.cells.bp.rx1"].value / alone), 6)
-    0.5
     """
     alone = np.concatenate([mean_absolute_error(p.error[p.heard :]) for p in passages])
     names = [axis + p.area for p in passages for axis in AXES]
@@ -159,17 +109,6 @@ def rebuild_table1(
     outages : BridgedOutages
     pairs : mapping of int to tuple of two floats
         Kernel width and regularisation by the number of the row.
-
-    Examples
-    --------
-    A narrow kernel without regularisation passes through every point:
-
-    >>> from inswsn_book.evidence.outage_tables import rebuild_table1
-    >>> from inswsn_lib.navigation import BridgedOutages
-    >>> found = rebuild_table1(BridgedOutages(runs=2), {1: (0.01, 1e9)})
-    >>> [*found], round(found["table1.row01.rx"].value, 6)  # doctest: +NORMALIZE_WHITESPACE
-    (['table1.row01.rx', 'table1.row01.ry', 'table1.row01.vx', 'table1.row01.vy',
-      'table1.row01.mean-position', 'table1.row01.mean-velocity'], 0.0)
     """
     passage = outages.passage(outages.drawn, "1")
     first = np.arange(passage.heard // 2)
@@ -201,14 +140,6 @@ def table1_cells(
         How many of the runs; all if not given.
     width : callable
         Makes the width of the kernel of a printed one.
-
-    Examples
-    --------
-    >>> from inswsn_book.evidence.outage_tables import table1_cells
-    >>> from inswsn_lib.navigation import BridgedOutages
-    >>> passage = BridgedOutages(runs=2).judged["1"]
-    >>> table1_cells(passage, [(1.0, 1.0), (30.0, 100.0)], range(50), range(50, 100)).shape
-    (2, 4, 2)
     """
     train, score = np.asarray(train), np.asarray(score)
 
@@ -238,14 +169,6 @@ def table1_findings(rows: Iterable[int], cells: Array) -> dict[str, Finding]:
         The numbers of the rows.
     cells : ndarray, (rows, 4, runs)
         From `table1_cells`.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from inswsn_book.evidence.outage_tables import table1_findings
-    >>> cells = np.repeat([[[1.0], [2.0], [0.1], [0.3]]], 3, axis=2)
-    >>> table1_findings([10], cells)["table1.row10.mean-position"].value
-    1.5
     """
     how = "Mean absolute error on the 50 points that trained"
     found: dict[str, Finding] = {}

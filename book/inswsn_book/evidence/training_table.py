@@ -44,16 +44,6 @@ def rebuild_table2(contest: FilterContest, recorded: Array) -> dict[str, Finding
         The scene, its filters and their searches.
     recorded : ndarray, (fixes, 2)
         Errors of recorded fixes, from `recorded_errors`.
-
-    Examples
-    --------
-    >>> import inswsn_lib as iw
-    >>> from inswsn_lib.navigation import FilterContest, TrainingAreas
-    >>> from inswsn_book.evidence.training_table import rebuild_table2, recorded_errors
-    >>> radio = recorded_errors(iw.data_file("recorded/uwb-fixes.json"))
-    >>> contest = FilterContest(TrainingAreas(runs=4, other_runs=4))
-    >>> len(rebuild_table2(contest, radio))  # 24, 16 on equal terms, 8 recorded, 8 in all
-    56
     """
     areas = contest.areas
     methods = [*REBUILT, "kf-identity-filtered", "hf-printed-filtered", "hf-exact-matched-filtered"]
@@ -92,14 +82,6 @@ def recorded_errors(path: Path) -> Array:
     ----------
     path : Path
         The kept study of recorded fixes, ``recorded/uwb-fixes.json`` of the data.
-
-    Examples
-    --------
-    >>> import inswsn_lib as iw, numpy as np
-    >>> from inswsn_book.evidence.training_table import recorded_errors
-    >>> errors = recorded_errors(iw.data_file("recorded/uwb-fixes.json"))
-    >>> round(float(np.sqrt((errors**2).sum(axis=1).mean())), 3)
-    0.2
     """
     kept = json.loads(path.read_text(encoding="utf-8"))["horizontal_errors"]
     series = np.array([each for each in kept if each is not None], dtype=float)
@@ -118,17 +100,6 @@ def with_recorded(
     recorded : ndarray, (fixes, 2)
         In the order of the recording, or in another one.
     rng : numpy.random.Generator
-
-    Examples
-    --------
-    Velocities stay what they were:
-
-    >>> import numpy as np
-    >>> from inswsn_book.evidence.training_table import with_recorded
-    >>> drawn = {part: {a: np.zeros((5, 4, 2)) for a in "12"} for part in ("ins", "wsn")}
-    >>> changed = with_recorded(drawn, np.ones((9, 2)), np.random.default_rng(0))
-    >>> changed["wsn"]["1"][0, :, 0].tolist()
-    [1.0, 1.0, 0.0, 0.0]
     """
     network = {a: drawn["wsn"][a].copy() for a in AREAS}
     for errors in network.values():
