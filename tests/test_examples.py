@@ -83,7 +83,6 @@ EXEMPT = {
     "simulation.Kinematics": "shown by Route",
     "simulation.Piece": "shown by Route",
     "simulation.Place": "shown by Drive",
-    "simulation.Traffic": "given by count_traffic",
     "simulation.Truth": "shown by true_motion",
     "simulation.Window": "a part of Scene",
     "streams.Fixes": "shown by Recording",

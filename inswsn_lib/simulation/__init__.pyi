@@ -20,7 +20,6 @@ from .network import (
 )
 from .route import Kinematics as Kinematics, Piece as Piece, Route as Route
 from .scene import Scene as Scene, Window as Window
-from .traffic import OPERATIONS as OPERATIONS, Traffic as Traffic, count_traffic as count_traffic
 from .trajectory import Motion as Motion, Path as Path
 from .vehicle_sensors import (
     Truth as Truth,

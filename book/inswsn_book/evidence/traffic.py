@@ -66,18 +66,6 @@ def count_traffic(scene: ClusterScene) -> dict[str, Traffic]:
     -------
     dict of str to Traffic
         By the names in `OPERATIONS`; each has transmissions and numbers, (steps,).
-
-    Examples
-    --------
-    Covariances take no message more:
-
-    >>> import inswsn_lib as iw
-    >>> from inswsn_lib.simulation import count_traffic
-    >>> settings = iw.load_scenario(iw.data_file("scenarios/p2.yaml"))
-    >>> traffic = count_traffic(iw.from_settings(iw.ClusterScene, settings))
-    >>> local, full = (traffic[f"local estimates{more}"] for more in ("", " with covariances"))
-    >>> bool((local.transmissions == full.transmissions).all())
-    True
     """
     hops = count_hops(scene.nodes, scene.ranging.reach)
     to_centre = hops[:, scene.centre]

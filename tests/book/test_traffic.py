@@ -10,12 +10,12 @@ import networkx
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
+from inswsn_book.evidence.traffic import OPERATIONS, count_hops, count_traffic
 
 from inswsn_lib.errors import ParameterError
 from inswsn_lib.scenario import from_settings, load_scenario, with_values
-from inswsn_lib.simulation import OPERATIONS, ClusterScene, count_traffic
+from inswsn_lib.simulation import ClusterScene
 from inswsn_lib.simulation.network import node_grid
-from inswsn_lib.simulation.traffic import count_hops
 
 Build = Callable[..., ClusterScene]
 
