@@ -1,11 +1,9 @@
 from .clusters import ClusterScene as ClusterScene
 from .disturbances import (
-    SHAPES as SHAPES,
     coloured as coloured,
     drifting as drifting,
     heavy_tailed as heavy_tailed,
     losing as losing,
-    shaped_drift as shaped_drift,
 )
 from .drive import Drive as Drive, DriveReference as DriveReference, Place as Place
 from .ins import InertialErrors as InertialErrors, simulate_ins as simulate_ins
