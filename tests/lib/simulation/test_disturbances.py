@@ -8,12 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
-from inswsn_book.evidence.drift_shapes import SHAPES, shaped_drift
+from inswsn_book.evidence.drift_shapes import SHAPES, Shape, shaped_drift
 from scipy.integrate import cumulative_simpson
 
 from inswsn_lib.errors import ParameterError
 from inswsn_lib.simulation import drifting, heavy_tailed, losing
-from inswsn_lib.simulation.disturbances import Shape
 
 TIME = np.linspace(0, 90, 3601)
 
