@@ -110,7 +110,6 @@ from .navigation import HybridNavigator as HybridNavigator, observable_inputs as
 from .recordings import load_drive as load_drive
 from .vehicle import (
     FilterSettings as FilterSettings,
-    RecordedDrive as RecordedDrive,
     emulate_sensors as emulate_sensors,
     horizontal_error as horizontal_error,
     position_error as position_error,

@@ -92,8 +92,6 @@ EXEMPT = {
     "streams.Reference": "a part of Recording, as Fixes is",
     "streams.Stream": "what Imu, Fixes and others share",
     "streams.check_increase": "for the readers",
-    "vehicle.RecordedDrive": "shown by emulate_sensors",
-    "vehicle.Track": "a part of RecordedDrive",
     "vehicle.VehicleRun": "shown by run_vehicle_filter",
 }
 

@@ -7,6 +7,6 @@ have a form in plain numpy besides, which stands where it is called from. What i
 on disk, so that it is compiled once and not in each process.
 """
 
-from inswsn_lib.kernels.choice import PLAIN, choose, compiled, import_numba_user, keeping, kernel
+from inswsn_lib.kernels.choice import PLAIN, choose, compiled, keeping, kernel
 
-__all__ = ["PLAIN", "choose", "compiled", "import_numba_user", "keeping", "kernel"]
+__all__ = ["PLAIN", "choose", "compiled", "keeping", "kernel"]

@@ -11,7 +11,7 @@ from functools import cache, partial
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
-from types import FunctionType, ModuleType
+from types import FunctionType
 from typing import Any, ClassVar, TypeVar
 
 import numpy as np
@@ -91,18 +91,18 @@ def _compiled(name: str, function: str) -> Any:
     try:
         _tell_of_compiling()
         with quiet():
-            module = import_numba_user(f"inswsn_lib.kernels.{name}")
-            return keeping(partial(_by_numba, module))[function]
+            return keeping(partial(_by_numba, f"inswsn_lib.kernels.{name}"))[function]
     except (ImportError, OSError, RuntimeError):
         return None
 
 
-def _by_numba(module: ModuleType) -> dict[str, Any]:
+def _by_numba(module: str) -> dict[str, Any]:
     """Return what a module names, its marked functions decorated, which call one another so."""
     from numba import njit  # noqa: PLC0415  # it takes long
 
-    names = dict(vars(module))
-    for name, own in vars(module).items():
+    found = vars(import_module(module))
+    names = dict(found)
+    for name, own in found.items():
         if hasattr(own, "of_numba"):
             names[name] = njit(cache=True, **own.of_numba)(FunctionType(own.__code__, names, name))
     return names
@@ -154,18 +154,6 @@ def keeping(action: Callable[[], _Given]) -> _Given:
             return action()
         finally:
             numba.config.CACHE_DIR = before
-
-
-def import_numba_user(module: str) -> Any:
-    """Import a module whose functions numba compiles and keeps, such as those of pyins.
-
-    Examples
-    --------
-    >>> from inswsn_lib.kernels import import_numba_user
-    >>> import_numba_user("pyins.earth").RATE
-    7.292115e-05
-    """
-    return keeping(partial(import_module, module))
 
 
 @contextmanager

@@ -17,9 +17,9 @@ from inswsn_lib.files import WRITTEN, read_text
 from inswsn_lib.inertial import metres
 from inswsn_lib.navigation.trials import as_starts, run_outages
 from inswsn_lib.navigation.vehicle_hybrid import VehicleHybrid
+from inswsn_lib.streams import Recording
 from inswsn_lib.vehicle import (
     FilterSettings,
-    RecordedDrive,
     emulate_sensors,
     estimate_mounting,
     run_vehicle_filter,
@@ -105,7 +105,7 @@ def read_trials(path: Path) -> tuple[RecordedTrials, dict[str, Any]]:
 
 
 def run_recorded_outages(
-    recorded: RecordedDrive,
+    recording: Recording,
     settings: FilterSettings,
     starts: ArrayLike,
     steps: int,
@@ -122,7 +122,8 @@ def run_recorded_outages(
 
     Parameters
     ----------
-    recorded : RecordedDrive
+    recording : Recording
+        As in `emulate_sensors`.
     settings, starts, steps
         As in `run_outages`.
     hybrids : callable
@@ -139,27 +140,31 @@ def run_recorded_outages(
     Examples
     --------
     >>> import numpy as np, inswsn_lib as iw
+    >>> from inswsn_lib.streams import Fixes, Imu
     >>> p3 = iw.with_values(iw.load_scenario(iw.data_file("scenarios/p3.yaml")), imu_period=0.1)
     >>> drive, told = iw.simulate_drive(p3, runs=1, seed=0), iw.FilterSettings.from_settings(p3)
-    >>> imu = drive.rotation_increments[..., 0], drive.velocity_increments[..., 0]
-    >>> true = drive.reference.position, drive.reference.velocity
-    >>> recorded = iw.RecordedDrive(0.0, drive.time, drive.period, *imu, *true, track=None)
+    >>> rate, force = 10 * drive.rotation_increments.T[0], 10 * drive.velocity_increments.T[0]
+    >>> imu = Imu(0.1 * np.arange(len(rate.T)) + 0.05, rate.T, force.T)
+    >>> origin, way = drive.reference.position[0], drive.reference
+    >>> fixes = Fixes(drive.time, iw.inertial.Earth(*origin).local(way.position), way.velocity)
+    >>> recording = iw.Recording("made", imu=imu, fixes=fixes, origin=origin)
     >>> trials = iw.navigation.run_recorded_outages(
-    ...     recorded, told, [110], 10, lambda told: {}, runs=2, seed=0
+    ...     recording, told, [110], 10, lambda told: {}, runs=2, seed=0
     ... )
     >>> bool(np.degrees(np.abs(trials.mounting)).max() < 3)  # the IMU is not turned in this car
     True
     """
     begin = as_starts(starts)
-    raw = emulate_sensors(recorded, runs=runs, seed=seed)
+    raw = emulate_sensors(recording, runs=runs, seed=seed)
+    position, velocity = raw.reference.position, raw.reference.velocity
     free = run_vehicle_filter(raw, settings, aiding=False, last=int(begin.max()))
-    origin, size = recorded.position[0], metres(recorded.position[0])
+    origin, size = position[0], metres(position[0])
     trials, mountings = [], []
     for start in begin:
         rotation = estimate_mounting(free, int(start))
         forward, right, down = np.moveaxis(rotation[:, 0], 1, 0)
         mountings.append([np.arctan2(right, forward), np.arctan2(-down, np.hypot(forward, right))])
-        drive = emulate_sensors(recorded, runs=runs, seed=seed, mounting=rotation)
+        drive = emulate_sensors(recording, runs=runs, seed=seed, mounting=rotation)
         trials.append(run_outages(drive, settings, [start], steps, hybrids(settings)))
     methods = list(trials[0].errors)
     return RecordedTrials(
@@ -171,7 +176,7 @@ def run_recorded_outages(
             )
             for m in methods
         },
-        reference=((recorded.position - origin) * size)[:, [1, 0]],
-        speed=np.hypot(recorded.velocity[:, 0], recorded.velocity[:, 1]),
+        reference=((position - origin) * size)[:, [1, 0]],
+        speed=np.hypot(velocity[:, 0], velocity[:, 1]),
         mounting=np.stack(mountings, axis=1),
     )

@@ -9,10 +9,9 @@ from .estimates import Estimate as Estimate
 from .files import RecordingUnavailableError as RecordingUnavailableError
 from .filter_checks import check_errors as check_errors, check_innovations as check_innovations
 from .findings import Finding as Finding, verdict as verdict
-from .gnss_imu import load_drive as load_drive
 from .ins_wsn import TrackPair as TrackPair, read_recording as read_recording
 from .planar_contest import PlanarContest as PlanarContest
-from .registry import load as load, names as names
+from .registry import load as load, load_drive as load_drive, names as names
 from .report import Report as Report, report as report
 from .set_up_checks import check_set_up as check_set_up
 from .track_checks import check_recording as check_recording

@@ -6,11 +6,12 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
 from inswsn_lib.checks import one_of
 from inswsn_lib.errors import ParameterError
 from inswsn_lib.recordings.csv_folder import read_csv_folder
 from inswsn_lib.recordings.files import Place, Source, locate
-from inswsn_lib.recordings.gnss_imu import DRIVE
 from inswsn_lib.recordings.inrol import read_inrol
 from inswsn_lib.recordings.labyrinth import read_labyrinth
 from inswsn_lib.recordings.plaza import read_plaza
@@ -36,6 +37,7 @@ class Known:
     dimension: int
 
 
+_GNSS_IMU = "rtklibexplorer/GNSS_IMU", "8235ee6c5f349db529bf43ad556a3769b346b5a1"
 _OF_ITS_REPOSITORY = "stated by the repository that holds it, whose words speak of software"
 #: By name; what stands before the slash is the kind
 KNOWN = {
@@ -81,11 +83,26 @@ KNOWN = {
         "CC-BY-SA-4.0",
         2,
     ),
-    "rtklib/drive-0708": Known(DRIVE, f"BSD-3-Clause, {_OF_ITS_REPOSITORY}", 3),
+    "rtklib/drive-0708": Known(
+        Source(
+            *_GNSS_IMU,
+            "data/drive_0708",
+            {
+                "imu_1934.csv": "f1126bf3b36efc4bef2dd2c7d93bb2a0e1b4ce714005cbea00a9218ad0b3b7a9",
+                "imu_1934.csv.tag": (
+                    "d30d13d5641df367559472b91b48325601a87c986bf2bb6af368684a36b5ec96"
+                ),
+                "gnss_1934_sf.pos": (
+                    "618fba5c7193e8eb448faf95c79c0d198233d5f4e5ad8ffec652893911ff7133"
+                ),
+            },
+        ),
+        f"BSD-3-Clause, {_OF_ITS_REPOSITORY}",
+        3,
+    ),
     "rtklib/walk-0827": Known(
         Source(
-            DRIVE.repository,
-            DRIVE.commit,
+            *_GNSS_IMU,
             "data/walk_0827",
             {
                 "imu_1730.csv": "d2626cd6dfcf27a7ceaf6c1e50a4bdcd3f39dfd8b051e5326c47865f4e99a46a",
@@ -159,3 +176,36 @@ def load(name: str, folder: str | Path | None = None, cache: Path | None = None)
     known = KNOWN[name]
     found = READERS[kind](locate(known.source, cache))
     return replace(found, name=name, licence=known.licence, source=known.source.address)
+
+
+def load_drive(cache: Path | None = None) -> Recording:
+    """Return ``"rtklib/drive-0708"`` with the axes of the IMU forward, right, down.
+
+    A car with an IMU of a phone's class at 100 Hz, which lies with x back, y right, z up, and RTK
+    positions and velocities at 4 Hz. Its files are fetched once, or come from a local mirror.
+
+    Parameters
+    ----------
+    cache : Path, optional
+        Folder for what is fetched; the user's cache by default.
+
+    Raises
+    ------
+    InswsnError
+        If the files cannot be fetched (`RecordingUnavailableError`), or the mirror that
+        ``INSWSN_DATA`` names lacks one or has another in its place.
+
+    Examples
+    --------
+    >>> from unittest.mock import patch
+    >>> import inswsn_lib as iw
+    >>> with patch.dict("os.environ", INSWSN_DATA="nowhere"):
+    ...     iw.load_drive()  # doctest: +ELLIPSIS
+    Traceback (most recent call last):
+        ...
+    inswsn_lib.recordings.files.RecordingUnavailableError: There is no file nowhere...
+    """
+    found, axes = load("rtklib/drive-0708", cache=cache), np.array([-1.0, 1.0, -1.0])
+    assert found.imu is not None
+    imu = replace(found.imu, rate=found.imu.rate * axes, force=found.imu.force * axes)
+    return replace(found, imu=imu)

@@ -14,12 +14,10 @@ import numpy as np
 from inswsn_lib.checks import Array, number
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.files import read_bytes
-from inswsn_lib.kernels import import_numba_user
+from inswsn_lib.inertial import Earth
 from inswsn_lib.recordings.files import Place, digests_of, files_of, pick
 from inswsn_lib.recordings.rows import Row, all_lines, lines_of, numbers, reading
 from inswsn_lib.streams import Fixes, Imu, Recording, check_increase
-
-lla_to_ned = import_numba_user("pyins.transform").lla_to_ned
 
 #: From a sample to its arrival in the log (s). The files do not tell it: with this one the IMU's
 #: forward acceleration agrees best with the RTK speed, early in the drive and late. (The author of
@@ -76,12 +74,12 @@ def read_rtklib(place: Place, latency: float = LATENCY) -> Recording:
         imu = Imu(time, rate, force)
     moments, values = read_solution(solution)
     good = values[:, 3] == 1
-    origin = values[int(np.argmax(good)), :3]
-    north, east, down = lla_to_ned(values[:, :3], origin).T
+    places = np.column_stack([np.deg2rad(values[:, :2]), values[:, 2]])
+    origin = places[int(np.argmax(good))]
     with reading(solution):
         fixes = Fixes(
             time=moments,
-            position=np.column_stack([east, north, -down]),
+            position=Earth(*origin).local(places),
             velocity=values[:, [14, 13, 15]] if values.shape[1] >= _VELOCITY else None,
             deviation=values[:, [6, 5, 7]],
             good=good,
@@ -90,7 +88,7 @@ def read_rtklib(place: Place, latency: float = LATENCY) -> Recording:
         "rtklib",
         imu=imu,
         fixes=fixes,
-        origin=np.array([*np.deg2rad(origin[:2]), origin[2]]),
+        origin=origin,
         digests=digests_of(log, tag, solution),
     )
 

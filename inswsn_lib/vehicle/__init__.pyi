@@ -11,8 +11,6 @@ from .filter import (
     smooth_vehicle_run as smooth_vehicle_run,
 )
 from .recorded import (
-    RecordedDrive as RecordedDrive,
-    Track as Track,
     calibrate_inertial_noise as calibrate_inertial_noise,
     emulate_sensors as emulate_sensors,
     estimate_mounting as estimate_mounting,

@@ -3,72 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
+from scipy.integrate import cumulative_trapezoid
 
 from inswsn_lib.checks import Array, array, number, whole
-from inswsn_lib.errors import ParameterError
-from inswsn_lib.inertial.earth import metres
+from inswsn_lib.errors import InswsnError, ParameterError
+from inswsn_lib.inertial.earth import Earth, metres
 from inswsn_lib.simulation.drive import Drive, DriveReference, Place, wrapped
+from inswsn_lib.simulation.ideal_sensors import as_increments
+from inswsn_lib.streams import Recording
 from inswsn_lib.vehicle.filter import VehicleRun, run_vehicle_filter
 from inswsn_lib.vehicle.settings import FilterSettings
 
 #: By how much the noises may be multiplied
 LEVELS = (0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0)
-
-
-@dataclass(frozen=True, eq=False)
-class Track:
-    """Position (latitude, longitude, height; rad, m) and velocity (east, north, up; m/s) by RTK.
-
-    Quality is Q of RTKLIB: 1 with whole-number ambiguities, 2 with real ones, more for less.
-    """
-
-    time: Array
-    position: Array
-    velocity: Array
-    quality: NDArray[np.int64]
-
-
-@dataclass(frozen=True, eq=False)
-class RecordedDrive:
-    """A recording on even grids: the IMU at 100 Hz, epochs at 1 Hz.
-
-    The epochs are rows of the RTK solution, those nearest to whole GPS seconds; nothing of RTK is
-    interpolated. The IMU's grid goes through the epochs.
-
-    Attributes
-    ----------
-    start : float
-        The first epoch, GPS time as RTKLIB counts it: seconds since 1970, without leap seconds.
-    time : ndarray, (epochs,)
-        Seconds from the first epoch.
-    period : float
-        Of the IMU (s).
-    rotation_increments, velocity_increments : ndarray, (samples, 3)
-        As in `Drive` (rad, m/s), along the IMU's axes forward, right, down: how it is mounted in
-        the car is not corrected.
-    position, velocity : ndarray, (epochs, 3)
-        Of RTK: latitude, longitude (rad), height (m), and east, north, up (m/s).
-    track : Track
-        The whole RTK solution, at 4 Hz, with its quality.
-    """
-
-    start: float
-    time: Array
-    period: float
-    rotation_increments: Array
-    velocity_increments: Array
-    position: Array
-    velocity: Array
-    track: Track
+_JITTER = 0.01  # of the seconds between two epochs, at most
 
 
 def emulate_sensors(
-    recorded: RecordedDrive,
+    recording: Recording,
     *,
     runs: int,
     seed: int,
@@ -76,27 +33,37 @@ def emulate_sensors(
     gps_velocity_sd: float = 0.05,
     compass_sd: float = float(np.deg2rad(0.15)),
     hold_below: float = 1.0,
+    period: float = 0.01,
     mounting: ArrayLike | None = None,
     places: Sequence[Place] = (),
 ) -> Drive:
     """Return a drive of the recorded IMU with GPS and compass emulated from RTK.
 
-    White noise makes them, new in each run; the IMU is the same in all. The car has no compass: it
-    is emulated by the course over ground, which is the yaw of a car that does not slip. At low
-    speed there is no course, and the last one is held; before the car has moved for the first
-    time, the first course it will have is taken. Noise is on top of held courses too.
+    The epochs are fixes, those nearest to whole seconds; nothing of RTK is interpolated. The IMU's
+    grid goes through them: its samples are integrated (trapezoids), the integrals interpolated on
+    the grid, and their differences taken, so that what the IMU summed up to is kept. Coning,
+    sculling and the rotation within a sample are then corrected.
+
+    White noise makes GPS and compass, new in each run; the IMU is the same in all. The car has no
+    compass: it is emulated by the course over ground, which is the yaw of a car that does not slip.
+    At low speed there is no course, and the last one is held; before the car has moved for the
+    first time, the first course it will have is taken. Noise is on top of held courses too.
 
     Parameters
     ----------
-    recorded : RecordedDrive
+    recording : Recording
+        With an IMU, fixes with velocities, and their origin. The lever arm is left out.
     runs, seed : int
         How many, and of the noise.
     gps_position_sd, gps_velocity_sd, compass_sd : float
         Standard deviations, of each axis (m, m/s) and of the compass (rad).
     hold_below : float
         The speed below which the course is held (m/s).
+    period : float
+        Of the IMU on the even grid (s).
     mounting : ndarray, (3, 3) or (runs, 3, 3), optional
-        Rotation from the IMU's axes to those of the vehicle; the same axes by default.
+        Rotation from the IMU's axes to those of the vehicle, forward, right, down; the same axes by
+        default.
     places : sequence of Place
         Where outages are to begin.
 
@@ -104,40 +71,72 @@ def emulate_sensors(
     ------
     ParameterError
         If a number or a place may not be what it is, or the car is never as fast as `hold_below`.
+    InswsnError
+        If the recording lacks what is needed, or a second that its IMU covers has no fix.
 
     Examples
     --------
     A car on its way north at 10 m/s for two seconds; without noise the compass is the course.
 
     >>> import numpy as np, inswsn_lib as iw
-    >>> v, zero, imu = np.array([[0, 10, 0]] * 3), np.zeros((3, 3)), np.zeros((20, 3))
-    >>> recorded = iw.vehicle.RecordedDrive(0.0, np.arange(3.0), 0.1, imu, imu, zero, v, None)
-    >>> iw.vehicle.emulate_sensors(recorded, runs=2, seed=0, compass_sd=0.0).compass[:, 0]
+    >>> from inswsn_lib.streams import Fixes, Imu
+    >>> time, zero, v = np.arange(-1.0, 4.0), np.zeros((5, 3)), np.array([[0.0, 10.0, 0.0]] * 5)
+    >>> imu, fixes = Imu(time, rate=zero, force=zero), Fixes(time, time[:, None] * v, velocity=v)
+    >>> recording = iw.Recording("north", imu=imu, fixes=fixes, origin=np.zeros(3))
+    >>> iw.emulate_sensors(recording, runs=2, seed=0, compass_sd=0.0).compass[:, 0]
     array([0., 0., 0.])
     """
     rotation = array("mounting", np.eye(3) if mounting is None else mounting, (3, 3), (runs, 3, 3))
-    turn = np.broadcast_to(np.swapaxes(rotation, -1, -2), (whole("runs", runs, 1), 3, 3))
-    east, north, _ = recorded.velocity.T
+    turn = np.broadcast_to(rotation, (whole("runs", runs, 1), 3, 3))
+    step = number("period", period, least=1e-4, most=1)
+    rotations, pushes, position, velocity = _on_even_grids(recording, step)
+    east, north, _ = velocity.T
     speed = np.hypot(east, north)
     known = speed >= number("hold_below", hold_below, least=0, most=float(speed.max()))
     course = pd.Series(np.arctan2(east, north)).where(known).ffill().bfill().to_numpy()
     rng = np.random.default_rng(whole("seed", seed))
-    shape = (len(recorded.time), 3, runs)
+    shape = (len(position), 3, runs)
     moved = number("gps_position_sd", gps_position_sd, least=0) * rng.standard_normal(shape)
     speeds = number("gps_velocity_sd", gps_velocity_sd, least=0) * rng.standard_normal(shape)
     angles = number("compass_sd", compass_sd, least=0) * rng.standard_normal(shape[::2])
     return Drive(
-        time=recorded.time,
-        period=recorded.period,
-        rotation_increments=np.moveaxis(recorded.rotation_increments @ turn, 0, 2),
-        velocity_increments=np.moveaxis(recorded.velocity_increments @ turn, 0, 2),
-        gps_position=recorded.position[:, :, None] + moved / metres(recorded.position)[:, :, None],
-        gps_velocity=recorded.velocity[:, :, None] + speeds,
+        time=np.arange(float(len(position))),
+        period=step,
+        rotation_increments=(turn @ rotations).T,
+        velocity_increments=(turn @ pushes).T,
+        gps_position=position[:, :, None] + moved / metres(position)[:, :, None],
+        gps_velocity=velocity[:, :, None] + speeds,
         compass=wrapped(course[:, None] + angles),
-        reference=DriveReference(position=recorded.position, velocity=recorded.velocity),
+        reference=DriveReference(position=position, velocity=velocity),
         places=tuple(places),
         origin="recorded",
     )
+
+
+def _on_even_grids(recording: Recording, period: float) -> tuple[Array, Array, Array, Array]:
+    """Return increments, each (3, samples), and positions and velocities, each (epochs, 3)."""
+    imu, fixes, origin = recording.imu, recording.fixes, recording.origin
+    if not imu or not fixes or fixes.velocity is None or origin is None:
+        there = {"imu": imu, "fixes": fixes, "origin": origin is not None}
+        lacks = next((name for name in there if not there[name]), "velocities of fixes")
+        raise InswsnError(f"The recording {recording.name} has no {lacks}: a drive needs it.")
+    sensed = array("imu", np.hstack([imu.rate, imu.force]), ("samples", 6))
+    at = fixes.time
+    first = at[np.argmin(np.abs(at - np.round(at))[at < at[0] + 1])]
+    seconds = first + np.arange(at[-1] - first + _JITTER)
+    rows = np.searchsorted((at[1:] + at[:-1]) / 2, seconds)
+    # epochs that the IMU covers, with a sample before the first and a little more
+    begin, end = imu.time[0] + 1.5 * period, imu.time[-1] - 0.5 * period
+    rows = rows[(at[rows] > begin) & (at[rows] < end)]
+    if len(rows) < 2 or np.abs(np.diff(at[rows]) - 1).max() > _JITTER:
+        raise InswsnError(f"The recording {recording.name} has no fix each second of its IMU.")
+    time = imu.time - at[rows[0]]
+    grid = period * np.arange(-1.0, round((len(rows) - 1) / period) + 1)
+    integrals = cumulative_trapezoid(sensed, time, axis=0, initial=0)
+    felt = np.diff([np.interp(grid, time, each) for each in integrals.T])
+    place = array("fixes", fixes.position[rows], ("epochs", 3))
+    velocity = array("velocities of fixes", fixes.velocity[rows], ("epochs", 3))
+    return *as_increments(felt[:3], felt[3:]), Earth(*origin).geodetic(place), velocity
 
 
 def estimate_mounting(run: VehicleRun, until: int, *, slowest: float = 5.0) -> Array:

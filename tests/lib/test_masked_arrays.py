@@ -13,7 +13,7 @@ import inswsn_lib as iw
 from inswsn_lib.evaluation import cluster_mean, largest_error
 from inswsn_lib.navigation.trials import as_starts
 from inswsn_lib.simulation import coloured
-from inswsn_lib.streams import Fixes, Ranges
+from inswsn_lib.streams import Fixes, Imu, Ranges
 
 MODEL = iw.ErrorModel.p1(0.2, process_noise=(0.05, 0.1), measurement_noise=(0.2, 0.3))
 EYE, RNG = np.eye(4), np.random.default_rng(7)
@@ -97,9 +97,10 @@ def test_one_run_needs_no_axis_of_runs(name: str) -> None:
 
 
 def test_what_is_masked_of_a_drive_is_missing() -> None:
-    v, zero, imu = np.array([[0, 10, 0]] * 3), np.zeros((3, 3)), np.zeros((20, 3))
-    recorded = iw.RecordedDrive(0.0, np.arange(3.0), 0.1, imu, imu, zero, v, None)  # type: ignore[arg-type]
-    drive = iw.emulate_sensors(recorded, runs=2, seed=0)
+    time, v, zero = np.arange(-1.0, 4.0), np.array([[0.0, 10.0, 0.0]] * 5), np.zeros((5, 3))
+    imu, fixes = Imu(time, zero, zero), Fixes(time, zero, v)
+    recording = iw.Recording("north", imu=imu, fixes=fixes, origin=np.zeros(3))
+    drive = iw.emulate_sensors(recording, runs=2, seed=0)
     hidden = np.array([[False, False], [True, False], [False, False]])
     held = replace(drive, compass=np.ma.masked_array(drive.compass, hidden))
     assert np.array_equal(np.isnan(held.measurements[:, :, 0]), hidden)

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings, strategies as st
 from hypothesis.extra.numpy import arrays
-from lib.vehicle.made_drive import DV, KNOWN, PERIOD, THETA, TURN, driven
+from lib.vehicle.made_drive import KNOWN, driven, logged
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
@@ -20,7 +20,8 @@ from inswsn_lib.errors import InswsnError
 from inswsn_lib.inertial import metres
 from inswsn_lib.learning import HoldRegressor
 from inswsn_lib.navigation import RecordedTrials, VehicleHybrid, read_trials, run_recorded_outages
-from inswsn_lib.vehicle import FilterSettings, RecordedDrive, Track
+from inswsn_lib.streams import Recording
+from inswsn_lib.vehicle import FilterSettings
 
 Array = NDArray[np.float64]
 
@@ -118,23 +119,10 @@ def turned() -> Array:
 
 
 @cache
-def recording() -> RecordedDrive:
+def recording() -> Recording:
     """A recording of the made drive: an IMU without errors, turned in the car."""
     made = driven(125)
-    epochs = made.trajectory.iloc[::100]
-    position = np.column_stack([np.deg2rad(epochs.lat), np.deg2rad(epochs.lon), epochs.alt])
-    velocity = epochs[["VN", "VE", "VD"]].to_numpy() @ TURN
-    time = np.arange(len(epochs)) * 1.0
-    return RecordedDrive(
-        start=0.0,
-        time=time,
-        period=PERIOD,
-        rotation_increments=made.increments[THETA].to_numpy() @ turned(),
-        velocity_increments=made.increments[DV].to_numpy() @ turned(),
-        position=position,
-        velocity=velocity,
-        track=Track(time, position, velocity, np.ones(len(time), dtype=np.int64)),
-    )
+    return logged(made, np.hstack([x @ turned() for x in np.split(made.integrals, 2, axis=1)]))
 
 
 def beliefs() -> FilterSettings:
@@ -145,7 +133,7 @@ def methods(told: FilterSettings) -> dict[str, VehicleHybrid]:
     return {"hold": VehicleHybrid(told, HoldRegressor(), tau=10, window=20)}
 
 
-def taken(recorded: RecordedDrive, starts: tuple[int, ...] = STARTS) -> RecordedTrials:
+def taken(recorded: Recording, starts: tuple[int, ...] = STARTS) -> RecordedTrials:
     return run_recorded_outages(recorded, beliefs(), starts, STEPS, methods, runs=2, seed=4)
 
 
@@ -171,16 +159,16 @@ def test_with_the_mounting_the_constraint_holds() -> None:
 
 
 def test_shapes_and_the_reference() -> None:
-    found, recorded = trials(), recording()
+    found, way = trials(), driven(125).trajectory.iloc[::100]
     assert set(found.errors) == set(found.tracks) == {"never", "until", "through", "hold"}
     assert all(e.shape == (STEPS + 1, 2, 2) for e in found.errors.values())
     assert all(t.shape == (STEPS + 1, 2, 2) for t in found.tracks.values())
     assert found.starts.tolist() == list(STARTS)
     assert not found.reference[0].any()
-    size = metres(recorded.position[0])
-    moved = recorded.position - recorded.position[0]
-    east, north = moved[:, 1] * size[1], moved[:, 0] * size[0]
-    assert found.reference == pytest.approx(np.column_stack([east, north]))
+    latitude, longitude = np.deg2rad(way[["lat", "lon"]].to_numpy()).T
+    size = metres(np.array([latitude[0], longitude[0], way.alt.iloc[0]]))
+    east, north = (longitude - longitude[0]) * size[1], (latitude - latitude[0]) * size[0]
+    assert found.reference == pytest.approx(np.column_stack([east, north]), abs=1e-6)
     # the way along it is as long as the speed says, to the second difference of a second
     length = np.hypot(*np.diff(found.reference, axis=0).T).sum()
     assert length == pytest.approx(np.trapezoid(found.speed), rel=0.01)
@@ -203,22 +191,20 @@ def test_an_outage_is_the_same_alone() -> None:
     assert np.array_equal(alone.mounting[:, 0], trials().mounting[:, 1])
 
 
-def changed_after(epoch: int, names: tuple[str, ...]) -> RecordedDrive:
-    """Return the recording with other data after an epoch."""
-    rng, recorded = np.random.default_rng(3), recording()
-    values = {}
-    for name in names:
-        x = getattr(recorded, name).copy()
-        first = epoch * 100 if "increments" in name else epoch + 1
-        size = {"position": 1e-5, "velocity": 3.0}.get(name, 0.05)
-        x[first:] += size * rng.normal(size=x[first:].shape)
-        values[name] = x
-    return replace(recorded, **values)
+def changed_after(epoch: int, stream: str, **sizes: float) -> Recording:
+    """Return the recording with other data after an epoch, and after a sample that begins there."""
+    rng, found = np.random.default_rng(3), getattr(recording(), stream)
+    later = found.time[:, None] > epoch + 1e-3
+    values = {
+        name: getattr(found, name) + size * later * rng.normal(size=(len(found), 3))
+        for name, size in sizes.items()
+    }
+    return replace(recording(), **{stream: replace(found, **values)})
 
 
 def test_rtk_after_the_start_is_the_reference_alone() -> None:
     """GPS and compass are emulated from it: nothing of them may reach an outage from behind."""
-    other = taken(changed_after(STARTS[0], ("position",)))
+    other = taken(changed_after(STARTS[0], "fixes", position=60.0))
     assert np.array_equal(other.mounting[:, 0], trials().mounting[:, 0])
     for name, track in trials().tracks.items():
         assert np.array_equal(other.tracks[name][:, :, 0], track[:, :, 0]), name
@@ -227,7 +213,7 @@ def test_rtk_after_the_start_is_the_reference_alone() -> None:
 
 
 def test_velocity_after_the_start_tells_the_compass_and_nothing_else() -> None:
-    other = taken(changed_after(STARTS[0], ("velocity",)))
+    other = taken(changed_after(STARTS[0], "fixes", velocity=3.0))
     assert np.array_equal(other.mounting[:, 0], trials().mounting[:, 0])
     for name in ("never", "until"):
         assert np.array_equal(other.tracks[name][:, :, 0], trials().tracks[name][:, :, 0])
@@ -235,11 +221,11 @@ def test_velocity_after_the_start_tells_the_compass_and_nothing_else() -> None:
 
 
 def test_the_imu_after_the_start_does_not_tell_the_mounting() -> None:
-    both = ("rotation_increments", "velocity_increments")
-    other = taken(changed_after(STARTS[0], both))
+    both = {"rate": 5.0, "force": 5.0}
+    other = taken(changed_after(STARTS[0], "imu", **both))
     assert np.array_equal(other.mounting[:, 0], trials().mounting[:, 0])
     assert not np.array_equal(other.mounting[:, 1], trials().mounting[:, 1])
-    later = taken(changed_after(STARTS[0] + 5, both))
+    later = taken(changed_after(STARTS[0] + 5, "imu", **both))
     for name, track in trials().tracks.items():
         assert np.array_equal(later.tracks[name][:6, :, 0], track[:6, :, 0]), name
         assert not np.array_equal(later.tracks[name][6:, :, 0], track[6:, :, 0])

@@ -15,7 +15,6 @@ from made_folders import MADE, needs, values_of
 from inswsn_lib import recordings
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.files import DATA_VARIABLE
-from inswsn_lib.recordings import gnss_imu
 from inswsn_lib.recordings.registry import KNOWN, READERS
 
 
@@ -76,7 +75,6 @@ def test_all_that_is_known_has_a_reader_a_source_and_a_licence() -> None:
         assert len(known.source.commit) == 40
         assert all(re.fullmatch(r"[0-9a-f]{64}", d) for d in known.source.digests.values())
         assert known.licence
-    assert KNOWN["rtklib/drive-0708"].source is gnss_imu.DRIVE
 
 
 @pytest.mark.parametrize("name", [pytest.param(name, marks=needs(name)) for name in KNOWN])

@@ -13,9 +13,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from pyins import sim, strapdown, transform
-from pyins.util import TRAJECTORY_COLS, VEL_COLS
+from pyins.util import ACCEL_COLS, GYRO_COLS, LLA_COLS, TRAJECTORY_COLS, VEL_COLS
 
 from inswsn_lib.simulation import Drive, DriveReference, Place
+from inswsn_lib.streams import Fixes, Imu, Recording
 from inswsn_lib.vehicle import FilterSettings, VehicleState
 
 #: North-east-down to east-north-up
@@ -38,9 +39,13 @@ KNOWN = FilterSettings(
 
 @dataclass(frozen=True, eq=False)
 class Made:
-    """What was driven: the trajectory (north-east-down, degrees) and increments without error."""
+    """What was driven: the trajectory (north-east-down, degrees) and increments without error.
+
+    The integrals of rate and force, (samples + 1, 6), begin with a sample before the first.
+    """
 
     trajectory: pd.DataFrame
+    integrals: np.ndarray
     increments: pd.DataFrame
 
 
@@ -61,7 +66,24 @@ def driven(duration: int, mounting: float = 0.0) -> Made:
     trajectory, imu = sim.generate_imu(
         time, [50.0, 60.0, 100.0], rph, speed[:, None] * forward, "increment"
     )
-    return Made(trajectory, strapdown.compute_increments_from_imu(imu, "increment"))
+    integrals = imu[[*GYRO_COLS, *ACCEL_COLS]].to_numpy()
+    return Made(trajectory, integrals, strapdown.compute_increments_from_imu(imu, "increment"))
+
+
+def logged(made: Made, integrals: np.ndarray) -> Recording:
+    """Return a recording of the drive with other integrals: each sample is logged at both ends."""
+    epochs = made.trajectory.iloc[::100]
+    lla = epochs[LLA_COLS].to_numpy()
+    position, velocity = transform.lla_to_ned(lla) @ TURN, epochs[VEL_COLS].to_numpy() @ TURN
+    steps = np.arange(-1, len(integrals) + 1)
+    time = PERIOD * np.column_stack([steps - 1 + 1e-4, steps - 1e-4]).ravel()
+    rate, force = np.split(np.pad(integrals, ((1, 1), (0, 0)), "edge").repeat(2, 0) / PERIOD, 2, 1)
+    return Recording(
+        "made",
+        imu=Imu(time, rate, force),
+        fixes=Fixes(np.arange(float(len(epochs))), position, velocity),
+        origin=np.array([*np.deg2rad(lla[0, :2]), lla[0, 2]]),
+    )
 
 
 def make_drive(

@@ -2,22 +2,28 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 from hypothesis import given, strategies as st
-from lib.vehicle.made_drive import DV, KNOWN, PERIOD, THETA, TURN, driven, make_drive
+from lib.vehicle.made_drive import DV, KNOWN, PERIOD, THETA, TURN, driven, logged, make_drive
+from made_folders import needs
 from numpy.typing import ArrayLike, NDArray
+from pyins import strapdown, transform
+from pyins.util import ACCEL_COLS, GYRO_COLS
 from scipy.spatial.transform import Rotation
 
-from inswsn_lib.errors import ParameterError
+from inswsn_lib.errors import InswsnError, ParameterError
+from inswsn_lib.recordings import load_drive
 from inswsn_lib.simulation import Drive, Place
+from inswsn_lib.streams import Fixes, Imu, Recording
 from inswsn_lib.vehicle import (
-    RecordedDrive,
-    Track,
     VehicleRun,
     VehicleState,
     calibrate_inertial_noise,
@@ -37,22 +43,99 @@ QUIET = {"gps_position_sd": 0.0, "gps_velocity_sd": 0.0, "compass_sd": 0.0}
 # --- emulation ---
 
 
-def recording(velocity: ArrayLike | None = None) -> RecordedDrive:
-    """A recording of a car that goes by these velocities (epochs, 3), with any IMU."""
+ORIGIN = np.array([np.deg2rad(40.0), np.deg2rad(-105.0), 1600.0])
+
+
+def recording(velocity: ArrayLike | None = None) -> Recording:
+    """A recording of a car that stays, with these velocities (epochs, 3), and any uneven IMU."""
     v = np.tile([-6.0, 8.0, 0.2], (50, 1)) if velocity is None else np.array(velocity, dtype=float)
-    time = np.arange(float(len(v)))
-    position = np.tile([np.deg2rad(40.0), np.deg2rad(-105.0), 1600.0], (len(v), 1))
-    rotation, push = np.random.default_rng(5).normal(size=(2, 100 * (len(v) - 1), 3))
-    track = Track(time, position, v, np.ones(len(v), dtype=np.int64))
-    return RecordedDrive(0.0, time, 0.01, rotation, push, position, v, track)
+    rng = np.random.default_rng(5)
+    time = np.cumsum(rng.uniform(0.004, 0.012, 130 * len(v))) - 0.5
+    imu = Imu(time, *rng.normal(size=(2, len(time), 3)))
+    fixes = Fixes(np.arange(float(len(v))), 0 * v, v)
+    return Recording("any", imu=imu, fixes=fixes, origin=ORIGIN)
+
+
+def increments(recording: Recording, first: float, seconds: int) -> Array:
+    """Return those of even samples from a time on, (samples, 6): piece by piece, and by pyins.
+
+    Between two stamps, of the IMU or the grid, rate and force are the mean of the rows around.
+    """
+    time = recording.imu.time - first
+    sensed = np.hstack([recording.imu.rate, recording.imu.force])
+    grid = PERIOD * np.arange(-1, 100 * seconds + 1)
+    ends = np.union1d(grid, time[(time > grid[0]) & (time < grid[-1])])
+    after = np.searchsorted(time, (ends[1:] + ends[:-1]) / 2)
+    pieces = (sensed[after] + sensed[after - 1]) / 2 * np.diff(ends)[:, None]
+    sums = np.add.reduceat(pieces, np.searchsorted(ends, grid[:-1]))
+    samples = pd.DataFrame(sums, grid[1:], [*GYRO_COLS, *ACCEL_COLS])
+    told = strapdown.compute_increments_from_imu(samples, "increment")
+    return told[[*THETA, *DV]].to_numpy()
+
+
+@pytest.mark.parametrize(
+    ("read", "first", "seconds"),
+    [
+        (recording, 0.0, 49),
+        pytest.param(load_drive, 1752003261.999, 545, marks=needs("rtklib/drive-0708")),
+    ],
+)
+def test_sensors_without_noise_are_those_of_the_recording(
+    read: Callable[[], Recording], first: float, seconds: int
+) -> None:
+    made = read()
+    drive = emulate_sensors(made, runs=1, seed=1, **QUIET)
+    found = np.concatenate([drive.rotation_increments, drive.velocity_increments], axis=1)
+    assert found[..., 0] == pytest.approx(increments(made, first, seconds), rel=0, abs=1e-11)
+    fixes = made.fixes
+    rows = [np.argmin(np.abs(fixes.time - first - k)) for k in range(seconds + 1)]
+    assert np.array_equal(drive.gps_velocity[..., 0], fixes.velocity[rows])
+    degrees = np.array([180 / np.pi, 180 / np.pi, 1.0])
+    ned = transform.lla_to_ned(drive.gps_position[..., 0] * degrees, made.origin * degrees)
+    assert ned == pytest.approx(fixes.position[rows] @ TURN, rel=0, abs=1e-6)
+
+
+def test_the_period_and_where_epochs_are() -> None:
+    """Fixes at 4 Hz, the third nearest to a whole second, and an IMU from 8.4 s to 12.5 s."""
+    time = 7.48 + 0.25 * np.arange(30)
+    fixes = Fixes(time, np.outer(time, [0, 0, 1]), np.outer(time, [1, 0, 0]))
+    imu = Imu(np.linspace(8.4, 12.5, 42), np.zeros((42, 3)), np.ones((42, 3)))
+    made = Recording("4 Hz", imu=imu, fixes=fixes, origin=ORIGIN)
+    drive = emulate_sensors(made, runs=1, seed=0, period=0.25, **QUIET)
+    assert drive.gps_velocity[:, 0, 0] == pytest.approx([8.98, 9.98, 10.98, 11.98])
+    assert drive.reference.position[:, 2] - 1600 == pytest.approx([8.98, 9.98, 10.98, 11.98])
+    assert drive.velocity_increments == pytest.approx(np.full((12, 3, 1), 0.25))
+    assert drive.period == 0.25
+    assert len(emulate_sensors(made, runs=1, seed=0, period=0.5).time) == 3
+    with pytest.raises(ParameterError, match="a whole number of IMU samples per step"):
+        emulate_sensors(made, runs=1, seed=0, period=0.4)
+
+
+def test_what_a_recording_lacks_is_told() -> None:
+    whole, there = recording(), np.arange(50) != 7
+    fixes = whole.fixes
+    gap = Fixes(fixes.time[there], fixes.position[there], fixes.velocity[there])
+    unknown = replace(fixes, position=np.where(there[:, None], fixes.position, np.nan))
+    for other, said in (
+        (whole.without("imu"), "The recording any has no imu: a drive needs it."),
+        (whole.part(end=-9), "any has no imu: a drive needs it."),
+        (whole.without("fixes"), "any has no fixes: a drive needs it."),
+        (replace(whole, fixes=replace(fixes, velocity=None)), "any has no velocities of fixes: a"),
+        (replace(whole, origin=None), "any has no origin: a drive needs it."),
+        (replace(whole, fixes=gap), "any has no fix each second of its IMU."),
+        (whole.part(end=1.0), "any has no fix each second of its IMU."),
+        (replace(whole, fixes=unknown), "fixes must be finite numbers of shape (epochs, 3), not"),
+    ):
+        with pytest.raises(InswsnError, match=re.escape(said)):
+            emulate_sensors(other, runs=1, seed=0)
 
 
 def test_the_noise_is_as_asked_and_white() -> None:
     made = recording()
     drive = emulate_sensors(made, runs=400, seed=1)
-    moved = np.rad2deg(drive.gps_position[:, :2] - made.position[:, :2, None])
+    moved = np.rad2deg(drive.gps_position[:, :2] - ORIGIN[:2, None])
     metres = [moved[:, 0] / NORTHWARDS, moved[:, 1] / EASTWARDS, drive.gps_position[:, 2] - 1600.0]
-    speeds = np.moveaxis(drive.gps_velocity - made.velocity[:, :, None], 1, 0)
+    speeds = np.moveaxis(drive.gps_velocity - made.fixes.velocity[:, :, None], 1, 0)
     angles = drive.compass - np.arctan2(-6.0, 8.0)
     # 20000 numbers: five of their standard errors are 2.5 per cent of a deviation
     sizes = [3.0] * 3 + [0.05] * 3 + [np.deg2rad(0.15)]
@@ -70,13 +153,11 @@ def test_without_noise_gps_is_rtk_and_the_compass_the_course() -> None:
     made = recording()
     drive = emulate_sensors(made, runs=3, seed=1, places=[Place("bend", 7)], **QUIET)
     for run in range(3):
-        assert np.array_equal(drive.gps_position[..., run], made.position)
-        assert np.array_equal(drive.gps_velocity[..., run], made.velocity)
-        assert np.array_equal(drive.rotation_increments[..., run], made.rotation_increments)
-        assert np.array_equal(drive.velocity_increments[..., run], made.velocity_increments)
+        assert np.array_equal(drive.gps_position[..., run], drive.reference.position)
+        assert np.array_equal(drive.gps_velocity[..., run], made.fixes.velocity)
     assert drive.compass == pytest.approx(np.full((50, 3), np.arctan2(-6.0, 8.0)))
-    assert np.array_equal(drive.reference.position, made.position)
-    assert np.array_equal(drive.reference.velocity, made.velocity)
+    assert drive.reference.position == pytest.approx(np.tile(ORIGIN, (50, 1)), rel=1e-12)
+    assert np.array_equal(drive.reference.velocity, made.fixes.velocity)
     assert drive.reference.attitude is None
     assert (drive.origin, drive.places, drive.period) == ("recorded", (Place("bend", 7),), 0.01)
 
@@ -87,8 +168,8 @@ def test_sizes_are_taken_one_by_one_and_the_seed_tells_the_draws() -> None:
         drive = emulate_sensors(made, runs=300, seed=1, **(QUIET | {name: size}))
         off = {
             "compass_sd": drive.compass - np.arctan2(-6.0, 8.0),
-            "gps_velocity_sd": drive.gps_velocity - made.velocity[:, :, None],
-            "gps_position_sd": drive.gps_position - made.position[:, :, None],
+            "gps_velocity_sd": drive.gps_velocity - made.fixes.velocity[:, :, None],
+            "gps_position_sd": drive.gps_position - ORIGIN[:, None],
         }
         assert off.pop(name).std() == pytest.approx(size, rel=0.03)
         assert all(np.abs(x).max() < 1e-9 for x in off.values())
@@ -139,7 +220,7 @@ def test_a_mounting_turns_both_increments_of_each_run() -> None:
     each = emulate_sensors(made, runs=4, seed=1, mounting=[np.eye(3), left, tilt, some])
     shared = emulate_sensors(made, runs=2, seed=1, mounting=left)
     for name in ("rotation_increments", "velocity_increments"):
-        x, y, z = source = getattr(made, name).T
+        x, y, z = source = getattr(emulate_sensors(made, runs=1, seed=1), name)[..., 0].T
         turned = [source, [-y, x, z], [z, y, -x], [c * x - s * y, s * x + c * y, z]]
         expected = np.moveaxis(np.array(turned), 0, 2).swapaxes(0, 1)
         assert getattr(each, name) == pytest.approx(expected, abs=1e-12)
@@ -150,7 +231,8 @@ def test_a_mounting_turns_both_increments_of_each_run() -> None:
     ("name", "value"),
     [
         ("runs", 0), ("seed", -1), ("gps_position_sd", -1.0), ("gps_velocity_sd", np.nan),
-        ("compass_sd", np.inf), ("hold_below", -0.1), ("hold_below", 10.1),
+        ("gps_velocity_sd", -0.1), ("compass_sd", np.inf), ("compass_sd", -0.1),
+        ("hold_below", -0.1), ("hold_below", 10.1), ("period", 0.0),
         ("mounting", np.eye(2)), ("mounting", np.tile(np.eye(3), (3, 1, 1))),
         ("places", [Place("late", 50)]),
     ],
@@ -216,13 +298,6 @@ def test_any_mounting_is_found(mounted: list[tuple[float, float]], speeds: list[
         # no turn about the forward axis: what is to the right stays level in the IMU's axes
         assert R[1, 2] == pytest.approx(0, abs=1e-12)
         assert R[2, 2] >= 0
-
-
-@pytest.mark.parametrize("name", ["gps_position_sd", "gps_velocity_sd", "compass_sd"])
-def test_no_noise_is_negative(name: str) -> None:
-    still = np.tile([20.0, 0.0, 0.0], (3, 1))
-    with pytest.raises(ParameterError, match=rf"{name} must be a number of at least 0"):
-        emulate_sensors(recording(still), runs=1, seed=1, **{name: -0.1})  # type: ignore[arg-type]
 
 
 def test_signs_by_hand() -> None:
@@ -292,17 +367,10 @@ def louder(level: float) -> Any:
 def noisy(level: float) -> Drive:
     """Four draws of GPS with an IMU that has `level` times the noise that the settings tell."""
     made, rng = driven(90), np.random.default_rng(14)
-    epochs = made.trajectory.iloc[::100]
-    position = np.column_stack([np.deg2rad(epochs.lat), np.deg2rad(epochs.lon), epochs.alt])
-    velocity = epochs[["VN", "VE", "VD"]].to_numpy() @ TURN
-    theta, dv = (
-        made.increments[names].to_numpy()
-        + level * noise * np.sqrt(PERIOD) * rng.normal(size=(len(made.increments), 3))
-        for names, noise in ((THETA, TOLD.gyro_noise), (DV, TOLD.accelerometer_noise))
-    )
-    still = replace(recording(velocity), position=position, period=PERIOD)
-    recorded = replace(still, rotation_increments=theta, velocity_increments=dv)
-    return emulate_sensors(recorded, runs=4, seed=3)
+    noise = np.repeat([TOLD.gyro_noise, TOLD.accelerometer_noise], 3)
+    sizes = level * np.sqrt(PERIOD) * noise
+    noisy = made.integrals + sizes * rng.normal(size=made.integrals.shape)
+    return emulate_sensors(logged(made, noisy), runs=4, seed=3)
 
 
 @pytest.mark.parametrize("level", [0.5, 3.0])
