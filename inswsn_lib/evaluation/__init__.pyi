@@ -2,7 +2,9 @@ from .block_bootstrap import block_ratio as block_ratio
 from .clusters import cluster_mean as cluster_mean, cluster_median as cluster_median
 from .consistency import (
     NoiseFit as NoiseFit,
+    autocorrelation as autocorrelation,
     fit_noise as fit_noise,
+    ljung_box as ljung_box,
     mean_bounds as mean_bounds,
     normalised_squares as normalised_squares,
 )

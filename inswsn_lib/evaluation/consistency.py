@@ -183,3 +183,65 @@ def mean_bounds(count: int, degrees: int, probability: float = 0.95) -> tuple[fl
     tail = (1 - number("probability", probability, above=0, below=1)) / 2
     low, high = chi2.ppf([tail, 1 - tail], count * degrees) / count
     return float(low), float(high)
+
+
+def autocorrelation(values: ArrayLike, lags: ArrayLike) -> Array:
+    r"""Return the autocorrelation of series about zero at some lags, (lags, ...).
+
+    .. math::
+        \rho_k = \overline{x_t x_{t+k}} \,/\, \overline{x_t^2}
+
+    with means over what is there (Box, Jenkins, Reinsel and Ljung 2016, Section 2.1).
+
+    Parameters
+    ----------
+    values : array_like, (n, ...)
+        NaN where missing.
+    lags : array_like of int, (lags,)
+        From 0 to less than n. NaN is returned where no two values are so far apart.
+
+    Examples
+    --------
+    >>> from inswsn_lib.evaluation import autocorrelation
+    >>> autocorrelation([1.0, -1.0, 1.0, -1.0], [0, 1, 2]).tolist()
+    [1.0, -1.0, 1.0]
+    """
+    x = np.asarray(values, dtype=float)
+    x = x.reshape(len(x), -1)
+    found = [_mean(x[lag:] * x[: len(x) - lag]) for lag in np.asarray(lags).tolist()]
+    shape = (len(found), *np.shape(values)[1:])
+    return np.asarray(np.array(found) / _mean(np.square(x))).reshape(shape)
+
+
+def _mean(columns: Array) -> Array:
+    """Return the means of what is there, NaN of nothing."""
+    there = np.isfinite(columns)
+    count: Array = there.sum(axis=0).astype(float)
+    count[count == 0] = np.nan
+    return np.asarray(np.where(there, columns, 0.0).sum(axis=0) / count)
+
+
+def ljung_box(values: ArrayLike, lags: int = 10) -> float:
+    r"""Return the statistic of Ljung and Box (Biometrika 65(2), 1978) of a series about zero.
+
+    .. math:: Q = n (n + 2) \sum_{k=1}^{m} r_k^2 / (n - k), \qquad r_k = (1 - k / n)\, \rho_k ,
+
+    which has the chi-square distribution with m degrees of freedom if the series is white.
+
+    Parameters
+    ----------
+    values : array_like, (n,)
+    lags : int
+        m.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from inswsn_lib.evaluation import ljung_box
+    >>> white = np.random.default_rng(0).normal(size=1000)
+    >>> print(f"{ljung_box(white):.0f} and {ljung_box(np.cumsum(white)):.0f}")
+    6 and 9391
+    """
+    n, k = len(np.asarray(values)), np.arange(1, lags + 1)
+    r = (1 - k / n) * autocorrelation(values, k)
+    return float(n * (n + 2) * np.sum(r**2 / (n - k)))

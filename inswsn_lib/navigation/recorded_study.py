@@ -17,6 +17,7 @@ from inswsn_lib import recordings
 from inswsn_lib.calibration import calibrate
 from inswsn_lib.checks import Array
 from inswsn_lib.errors import InswsnError
+from inswsn_lib.evaluation import autocorrelation
 from inswsn_lib.files import WRITTEN, read_text
 from inswsn_lib.navigation.recorded_clusters import RecordedClusters
 from inswsn_lib.navigation.recorded_outages import RecordedOutages
@@ -207,9 +208,8 @@ class RecordedStudy:
         columns = {}
         for name, (period, errors) in series.items():
             lags = np.arange(round(_LAG / period) + 1)
-            columns[name] = pd.Series(
-                [_correlation(errors, int(lag)) for lag in lags], index=np.round(lags * period, 6)
-            )
+            found = autocorrelation(errors - np.nanmean(errors, axis=0), lags)
+            columns[name] = pd.Series(found.mean(axis=1), index=np.round(lags * period, 6))
         return pd.DataFrame(columns)
 
     def _facts(self, clusters: RecordedClusters, outages: RecordedOutages) -> pd.DataFrame:
@@ -322,13 +322,6 @@ def _profiles(outages: RecordedOutages) -> pd.DataFrame:
         {n: np.sqrt(np.nanmean(np.square(e), axis=0)) for n, e in everything.items()},
         index=np.round(passed, 4),
     )
-
-
-def _correlation(errors: Array, lag: int) -> float:
-    """Return the autocorrelation of errors (n, 2) about their means at a lag, mean of both axes."""
-    apart = errors - np.nanmean(errors, axis=0)
-    products = apart[lag:] * apart[: len(apart) - lag]
-    return float(np.mean(np.nanmean(products, axis=0) / np.nanmean(np.square(apart), axis=0)))
 
 
 def _jumps(recording: Recording) -> int:

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from inswsn_lib.checks import Array, Mask
-from inswsn_lib.evaluation import block_ratio
+from inswsn_lib.evaluation import autocorrelation, block_ratio
 from inswsn_lib.inertial import Solution
 from inswsn_lib.inertial.error_state import antenna
 from inswsn_lib.streams import Recording, Whole
@@ -188,7 +188,7 @@ def lag_one(solution: Solution, labels: Whole, begin: float) -> dict[str, float]
     largest = 0.0
     for label in np.unique(labels):
         series = values[(labels == label) & (times > begin)]
-        largest = max(largest, abs(float(series[1:] @ series[:-1] / (series @ series))))
+        largest = max(largest, abs(float(autocorrelation(series, [1])[0])))
     return {"nis": float(told.squares[told.time > begin].mean()), "lag1": largest}
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from scipy.stats import chi2, norm
 
 from inswsn_lib.checks import Array, Mask
+from inswsn_lib.evaluation import autocorrelation, ljung_box
 from inswsn_lib.recordings.estimates import BLOCK
 from inswsn_lib.recordings.findings import FALSE_ALARM, Finding
 from inswsn_lib.streams import Whole
@@ -22,12 +23,8 @@ def check_innovations(squares: Array, scaled: Array, series: Whole) -> Iterator[
 
     The mean of their normalised squares (NIS) over the number of components is held against
     quantiles of the chi-square distribution. Of each series, such as one axis, the autocorrelation
-    :math:`\rho_1` of neighbours is held against :math:`z / \sqrt n`, and the first ten against
-    Ljung and Box (Biometrika 65(2), 1978),
-
-    .. math:: Q = n (n + 2) \sum_k \rho_k^2 / (n - k) ;
-
-    of all series the worst is told, with bounds for that.
+    of neighbours is held against :math:`z / \sqrt n`, and the first ten by Ljung and Box; of all
+    series the worst is told, with bounds for that.
 
     Parameters
     ----------
@@ -139,7 +136,7 @@ def _mean_bounds(count: int) -> tuple[float, float]:
 
 def _lag_one(values: Array, tests: int) -> Finding:
     bound = float(norm.isf(FALSE_ALARM / (2 * tests)) / np.sqrt(len(values)))
-    value = float(autocorrelation(values, 1)[0])
+    [value] = autocorrelation(values, [1]).tolist()
     fits = abs(value) <= bound
     says = "neighbours are not correlated" if fits else (
         "neighbours are correlated: the filter leaves errors that it could know, or takes coloured "
@@ -149,25 +146,11 @@ def _lag_one(values: Array, tests: int) -> Finding:
 
 
 def _ljung_box(values: Array, tests: int) -> Finding:
-    n = len(values)
-    k = np.arange(1, _LAGS + 1)
-    value = float(n * (n + 2) * np.sum(autocorrelation(values, _LAGS) ** 2 / (n - k)))
+    value = ljung_box(values, _LAGS)
     bound = float(chi2.isf(FALSE_ALARM / tests, _LAGS))
     fits = value <= bound
     says = f"they are {'' if fits else 'not '}white over {_LAGS} lags (Ljung and Box)"
     return Finding("whiteness", "innovations", value, 0.0, bound, fits, says)
-
-
-def autocorrelation(values: Array, lags: int) -> Array:
-    """Return the autocorrelations of a series about zero at lags from 1 on, (lags,).
-
-    Parameters
-    ----------
-    values : ndarray, (n,)
-    lags : int
-    """
-    whole = values @ values
-    return np.array([values[k:] @ values[:-k] / whole for k in range(1, lags + 1)])
 
 
 def _excess(found: Finding) -> float:

@@ -17,6 +17,7 @@ from scipy.stats import chi2, f, norm, poisson
 
 from inswsn_lib.checks import Array, Mask, covariance, positive_definite
 from inswsn_lib.errors import Described, ParameterError
+from inswsn_lib.evaluation import ljung_box
 from inswsn_lib.evaluation.alignment import Comparison
 from inswsn_lib.filters import design_kalman, run_kalman
 from inswsn_lib.models import ErrorModel
@@ -285,13 +286,9 @@ def _colour(white: Array, there: Mask) -> Finding:
     total, degrees = 0.0, 0
     for values, known in zip(white.T, there.T, strict=True):
         e = values[known]
-        n = len(e)
-        if n < 5 * _LAGS:
+        if len(e) < 5 * _LAGS:
             continue
-        r = np.array([np.sum(e[lag:] * e[:-lag]) for lag in range(1, _LAGS + 1)]) / max(
-            np.sum(e**2), 1e-300
-        )
-        total += n * (n + 2) * float(np.sum(r**2 / (n - np.arange(1, _LAGS + 1))))
+        total += ljung_box(e, _LAGS) if e.any() else 0.0
         degrees += _LAGS
     if not degrees:
         return Finding("colour", "innovations", np.nan, 0, np.nan, None, "too few fixes")

@@ -13,6 +13,7 @@ from inswsn_book.lessons.dots import show_dots
 from inswsn_book.lessons.nodes import model_of
 from inswsn_book.moving import Moving, Slider
 from inswsn_book.record import ChapterRecord
+from inswsn_lib.evaluation import autocorrelation
 from inswsn_lib.filters import design_kalman, run_kalman
 from inswsn_lib.navigation import ExampleRun, TrainingAreas, read_tables
 from inswsn_lib.navigation.training_areas import p1_settings
@@ -312,20 +313,16 @@ def innovations(run: ExampleRun, states: Array, tau: float) -> Array:
     return np.asarray((run.ins - run.network)[1:, 0] - ahead[:, 0])
 
 
-def alike(series: Array, lags: int = 26) -> Array:
-    """Return the autocorrelation of a series, by lag."""
-    flat = series - series.mean()
-    return np.array([flat[lag:] @ flat[: len(flat) - lag] / (flat @ flat) for lag in range(lags)])
-
-
 def show_innovations(runs: Mapping[float, ExampleRun], knowing: Filter) -> None:
     """Show the autocorrelation of the innovations of two filters, and the bounds of chance."""
     lasting = [tau for tau in runs if tau]
     found = {}
     for tau in lasting:
         run = runs[tau]
-        found["kalman", tau] = alike(innovations(run, plain(run, tau)[0], tau))
-        found["coloured", tau] = alike(innovations(run, knowing(run, tau)[0], tau))
+        found["kalman", tau] = autocorrelation(innovations(run, plain(run, tau)[0], tau), range(26))
+        found["coloured", tau] = autocorrelation(
+            innovations(run, knowing(run, tau)[0], tau), range(26)
+        )
     lags = runs[0.0].period * np.arange(26)
     chance = 2 / np.sqrt(len(runs[0.0].truth) - 1)
     shown = Moving(

@@ -17,7 +17,7 @@ import numpy as np
 from inswsn_book.live.chi_square import bounds
 from inswsn_lib.checks import Array, number
 from inswsn_lib.errors import InswsnError
-from inswsn_lib.evaluation.consistency import normalised_squares
+from inswsn_lib.evaluation.consistency import autocorrelation, normalised_squares
 from inswsn_lib.filters.kalman import design_kalman, run_kalman
 from inswsn_lib.models import ErrorModel
 from inswsn_lib.recordings.columns import columns_of
@@ -182,7 +182,8 @@ def _whiteness(data: TrackPair, found: Filtered) -> dict[str, Any]:
     seen = [k for k in range(len(_COMPONENTS)) if pairs[:, k].any()]
     lags = [lag for lag in range(1, _LAGS + 1) if lag * usual < len(whitened)]
     series = {
-        _COMPONENTS[k]: [_correlation(whitened[:, k], lag * usual) for lag in lags] for k in seen
+        _COMPONENTS[k]: autocorrelation(whitened[:, k], usual * np.array(lags, dtype=int)).tolist()
+        for k in seen
     }
     first = [abs(values[0]) for values in series.values() if values]
     return {
@@ -192,12 +193,6 @@ def _whiteness(data: TrackPair, found: Filtered) -> dict[str, Any]:
         "largest": max(first, default=None),
         "bound": _CHANCE / float(np.sqrt(pairs[:, seen].sum(axis=0).min())) if seen else None,
     }
-
-
-def _correlation(values: Array, lag: int) -> float:
-    """Return the mean product of values that are a lag apart over the mean square; NaN of none."""
-    both = values[lag:] * values[:-lag]
-    return float(np.nanmean(both) / np.nanmean(values**2)) if np.isfinite(both).any() else np.nan
 
 
 def _errors(data: TrackPair, found: Filtered) -> list[dict[str, Any]]:

@@ -10,7 +10,7 @@ from hypothesis import given, strategies as st
 from scipy.stats import norm
 
 from inswsn_lib.errors import ParameterError
-from inswsn_lib.evaluation import fit_noise, mean_bounds, normalised_squares
+from inswsn_lib.evaluation import autocorrelation, fit_noise, mean_bounds, normalised_squares
 from inswsn_lib.models import ErrorModel
 
 
@@ -131,3 +131,15 @@ def test_patterns_of_more_components_than_a_number_has_bits() -> None:
     rng = np.random.default_rng(3)
     e = np.where(rng.random((4, 70, 3)) < 0.5, np.nan, rng.normal(size=(4, 70, 3)))
     assert normalised_squares(e, np.eye(70)) == pytest.approx(np.nansum(e**2, axis=1))
+
+
+def test_gaps_do_not_change_an_autocorrelation() -> None:
+    """Of x_k = 0.8 x_{k-1} + w it is 0.8^k; 100,000 steps tell it to 0.01."""
+    rng = np.random.default_rng(3)
+    x = np.zeros((100_000, 2))
+    for k, w in enumerate(0.6 * rng.standard_normal((len(x) - 1, 2))):
+        x[k + 1] = 0.8 * x[k] + w
+    x[rng.random(x.shape) < 0.5] = np.nan
+    expected = np.tile(0.8 ** np.arange(6), (2, 1)).T
+    assert autocorrelation(x, range(6)) == pytest.approx(expected, abs=0.03)
+    assert np.isnan(autocorrelation([1.0, np.nan, 1.0], [1])).all()
