@@ -12,6 +12,7 @@ from scipy.interpolate import PchipInterpolator
 from scipy.spatial.transform import Rotation
 
 from inswsn_lib.inertial import (
+    Earth,
     ImuNoise,
     InertialMotion,
     InertialState,
@@ -84,7 +85,7 @@ def imu_of(
     *,
     force: float = 0.0,
     rate: float = 0.0,
-    biases: tuple[Array, Array] | None = None,
+    biases: Array | tuple[Array, Array] | None = None,
 ) -> Imu:
     """Return an IMU's samples with white noise of some densities and constant biases."""
     t = np.arange(0, seconds + PERIOD / 2, PERIOD)
@@ -95,6 +96,19 @@ def imu_of(
     if biases is not None:
         f, w = f + biases[0], w + biases[1]
     return Imu(t, w, f)
+
+
+#: What a filter is told of an IMU as in `motion_on`
+NOISE = ImuNoise(0.02, 0.002, 1e-3, 1e-5)
+
+
+def motion_on(
+    path: Path, seconds: float, rng: np.random.Generator | None = None, *,
+    biases: Array | None = None, earth: Earth | None = None,
+) -> InertialMotion:  # fmt: skip
+    """Return the motion by an IMU on a path, as noisy as is told of it."""
+    imu = imu_of(path, seconds, rng, force=NOISE.force, rate=NOISE.rate, biases=biases)
+    return InertialMotion(imu, NOISE, earth)
 
 
 def fixes_of(path: Path, seconds: float, errors: Array | float, period: float = 0.2) -> Fixes:

@@ -7,14 +7,23 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
-from lib.inertial.made import LEVER_ARM, Log, Path, fixes_of, imu_of, off_by, ranges_of
+from lib.inertial.made import (
+    LEVER_ARM,
+    NOISE,
+    Log,
+    Path,
+    fixes_of,
+    motion_on,
+    off_by,
+    ranges_of,
+)
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from inswsn_lib.errors import InswsnError, ParameterError
 from inswsn_lib.inertial import (
-    ImuNoise,
     InertialMotion,
+    InertialState,
     PositionFixes,
     RangesToAnchors,
     align,
@@ -24,7 +33,6 @@ from inswsn_lib.inertial import (
 from inswsn_lib.inertial.mechanization import GRAVITY
 from inswsn_lib.streams import Fixes, Imu
 
-NOISE = ImuNoise(0.02, 0.002, 1e-3, 1e-5)
 RUNS = 8
 
 
@@ -43,39 +51,20 @@ def test_a_body_at_rest_is_levelled(seed: int, heading: float) -> None:
         assert np.arctan2(ahead[1], ahead[0]) == pytest.approx(heading, abs=1e-6)
 
 
-@pytest.fixture(scope="module")
-def starts() -> list[tuple[Path, object]]:
-    """Eight starts in motion, at up to 1.6 m/s, nothing of which is told."""
-    made = []
+def test_a_moving_start_is_found_as_well_as_it_says() -> None:
+    """Nothing is told of eight starts, at up to 1.6 m/s: 72 numbers, false alarms of 1e-4."""
+    total, headings = 0.0, []
     for seed in range(RUNS):
         rng, path = np.random.default_rng([3, seed]), Path(float(seed))
-        biases = 0.05 * rng.standard_normal(3), 0.003 * rng.standard_normal(3)
-        imu = imu_of(path, 11.0, rng, force=0.02, rate=0.002, biases=biases)
-        count = len(np.arange(0.2, 11.0, 0.2))
-        fixes = PositionFixes(
-            fixes_of(path, 11.0, 0.05 * rng.standard_normal((count, 3))),
-            LEVER_ARM,
-            np.full(3, 0.05),
-        )
-        made.append((path, align(InertialMotion(imu, NOISE), [fixes], 0.0, 10.0)))
-    return made
-
-
-def test_a_moving_start_is_found_as_well_as_it_says(starts: list) -> None:
-    """Position, velocity and attitude of eight starts: 72 numbers, false alarms of 1e-4."""
-    total, headings = 0.0, []
-    for path, start in starts:
+        biases = np.array([[0.05], [0.003]]) * rng.standard_normal((2, 3))
+        motion = motion_on(path, 11.0, rng, biases=biases)
+        fixed = fixes_of(path, 11.0, 0.05 * rng.standard_normal((54, 3)))
+        start = align(motion, [PositionFixes(fixed, LEVER_ARM, np.full(3, 0.05))], 0.0, 10.0)
         at = np.array(start.time)
-        turn = (Rotation.from_matrix(start.state.attitude).inv() * path.attitude(at)).as_rotvec()
-        error = np.concatenate(
-            [
-                path.position(at) - start.state.position,
-                path.velocity(at) - start.state.velocity,
-                turn,
-            ]
-        )
+        true = InertialState(path.position(at), path.velocity(at), path.attitude(at).as_matrix())
+        error = true.minus(start.state)[:9]
         total += error @ np.linalg.solve(start.covariance[:9, :9], error)
-        headings.append(np.degrees(np.abs(turn).max()))
+        headings.append(np.degrees(np.abs(error[6:]).max()))
     assert chi2.ppf(5e-5, 9 * RUNS) < total < chi2.ppf(1 - 5e-5, 9 * RUNS)
     assert max(headings) < 10
 
@@ -83,23 +72,19 @@ def test_a_moving_start_is_found_as_well_as_it_says(starts: list) -> None:
 def test_a_steady_motion_does_not_tell_the_heading() -> None:
     """At constant velocity nothing turns the specific force: any heading fits."""
     rng, t = np.random.default_rng(2), np.arange(0, 11, 0.01)
-    imu = Imu(
-        t,
-        0.02 * rng.standard_normal((len(t), 3)),
-        0.2 * rng.standard_normal((len(t), 3)) + [0, 0, GRAVITY],
-    )
+    rate, force = np.array([[[0.02]], [[0.2]]]) * rng.standard_normal((2, len(t), 3))
+    motion = InertialMotion(Imu(t, rate, force + np.array([0, 0, GRAVITY])), NOISE)
     times = np.arange(0.2, 11, 0.2)
-    fixes = Fixes(
-        times, np.outer(times, [8.0, 1.0, 0.0]) + 0.05 * rng.standard_normal((len(times), 3))
-    )
+    track = np.outer(times, [8.0, 1.0, 0.0])
+    fixes = Fixes(times, track + 0.05 * rng.standard_normal(track.shape))
     observed = [PositionFixes(fixes, np.zeros(3), np.full(3, 0.05))]
     with pytest.raises(InswsnError, match="The heading cannot be told between 0 and 10 s"):
-        align(InertialMotion(imu, NOISE), observed, 0.0, 10.0)
+        align(motion, observed, 0.0, 10.0)
     ranges = RangesToAnchors(ranges_of(Path(), 11.0, rng, 0.05), LEVER_ARM, 0.05)
     with pytest.raises(InswsnError, match="Ranges do not align an INS"):
-        align(InertialMotion(imu, NOISE), [ranges], 0.0, 10.0)
+        align(motion, [ranges], 0.0, 10.0)
     with pytest.raises(InswsnError, match="The IMU says nothing between 20 and 30 s"):
-        align(InertialMotion(imu, NOISE), observed, 20.0, 30.0)
+        align(motion, observed, 20.0, 30.0)
 
 
 def test_the_first_motion_tells_the_heading_or_the_user_does() -> None:
@@ -121,7 +106,7 @@ def test_the_first_motion_tells_the_heading_or_the_user_does() -> None:
     assert mine.time == pytest.approx(20.0, abs=0.3)
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_a_steady_spin_in_place_is_not_taken_for_rest(seed: int) -> None:
     """An IMU says then what it says at rest with another bias."""
     log = Log(seed, rest=20.0, turns=True, velocities=seed % 2 > 0, spin=0.05)

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from lib.vehicle.made_drive import TURN
 from pyins import earth, transform
 
 from inswsn_lib.errors import ParameterError
-from inswsn_lib.inertial import Earth
+from inswsn_lib.inertial import Earth, metres
+from inswsn_lib.inertial.earth import radii
 
-#: North-east-down to east-north-up
-TURN = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 ORIGINS = [Earth(0.56, 2.07, 20.0), Earth(-1.2, -3.0, 3000.0), Earth(0.0), Earth(1.4, 0.1, -400.0)]
 
 
@@ -47,6 +47,18 @@ def test_axes_and_gravity_are_those_of_pyins(origin: Earth) -> None:
     down = earth.gravity_n(degrees[:, 0], there[:, 2])
     assert ground.gravity == pytest.approx((axes @ TURN @ down[..., None])[..., 0], abs=1e-6)
     assert origin.rate == pytest.approx(TURN @ earth.rate_n(np.degrees(origin.latitude)))
+
+
+@pytest.mark.parametrize("origin", ORIGINS)
+def test_metres_are_those_of_the_ellipsoid(origin: Earth) -> None:
+    """By differences of places, and by the radii of pyins."""
+    there, h = around(origin, 3), 1e-5
+    steps = np.diag([h, h, 1.0])
+    ends = (origin.local(there[:, None] + sign * steps) for sign in (1, -1))
+    size = np.linalg.norm(next(ends) - next(ends), axis=-1) / (2 * np.diag(steps))
+    assert metres(there) == pytest.approx(size, rel=1e-6)
+    expected = earth.principal_radii(np.degrees(there[:, 0]), there[:, 2])[:2]
+    assert np.array(radii(there)) == pytest.approx(np.array(expected), rel=1e-13)
 
 
 def test_a_latitude_is_within_a_quarter_turn() -> None:

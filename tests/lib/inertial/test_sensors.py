@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from lib.inertial.made import LEVER_ARM, Path, fixes_of, imu_of
+from lib.inertial.made import LEVER_ARM, Path, fixes_of, motion_on
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
@@ -17,7 +17,6 @@ from inswsn_lib.streams import Fixes
 
 Array = NDArray[np.float64]
 EARTH = nav.Earth(0.56, 2.07, 20.0)
-NOISE = nav.ImuNoise(0.02, 0.002, 1e-3, 1e-5)
 #: A sensor, what it is told, and how exact its row is: a heading leaves out how east turns
 CASES: list[tuple[Any, list[float]]] = [
     (sensors.position, [0.6, 0.0, 0.8, 1]),
@@ -63,6 +62,22 @@ def test_a_heading_is_that_at_its_place(away: float) -> None:
     assert found[0] == pytest.approx(2.5, abs=1e-7)
 
 
+def test_velocities_of_antenna_and_wheels_are_those_of_the_body() -> None:
+    """The way of the antenna, by differences; a car whose IMU is turned in it."""
+    path, t = Path(), np.array([0.7])
+    moved = (path.antenna(t + 1e-4) - path.antenna(t - 1e-4)) / 2e-4
+    turned = path.attitude(t[0]).as_matrix()
+    state = nav.InertialState(path.position(t[0]), path.velocity(t[0]), turned)
+    seen = nav.Velocities(t, moved, np.ones(3), path.rate(t), LEVER_ARM)
+    axes = Rotation.from_euler("ZYX", [0.4, 0.2, -0.1]).as_matrix()
+    car = nav.InertialState(np.zeros(3), turned @ axes.T @ [9.0, 0.0, 0.0], turned)
+    wheels = nav.WheelSpeeds(t, np.array([9.0]), axes, np.ones(3))
+    for one, where in ((seen, state), (wheels, car)):
+        got = one.innovation(0, where, np.zeros(0))
+        assert got is not None
+        assert got.value == pytest.approx(np.zeros(3), abs=1e-6)
+
+
 def along(x: Any, own: Any, data: Any, row: Any) -> Any:
     """Return the position along an axis, as a user would write it."""
     found = 0.0 * x[0]
@@ -75,7 +90,7 @@ def along(x: Any, own: Any, data: Any, row: Any) -> Any:
 def case() -> tuple[Any, nav.Start, Fixes]:
     rng, path = np.random.default_rng(3), Path()
     fixes = fixes_of(path, 10.0, 0.1 * rng.standard_normal((49, 3)))
-    motion = nav.InertialMotion(imu_of(path, 10.0, rng, force=0.02, rate=0.002), NOISE, EARTH)
+    motion = motion_on(path, 10.0, rng, earth=EARTH)
     spread = np.repeat([0.1, 0.05, 0.05, 0.05, 0.003], 3)
     return motion, nav.Start(0.0, path.start(), np.diag(spread**2)), fixes
 

@@ -8,12 +8,12 @@ s without, and when GPS is back.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from lib.vehicle.made_drive import on_the_way
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
@@ -54,20 +54,7 @@ def scenario(period: float) -> Any:
 def drive_of(period: float, begin: int) -> Drive:
     """Return two runs of P3's drive, from an epoch on."""
     drive = iw.simulate_drive(scenario(period), runs=2, seed=52)
-    first, true = begin * drive.samples_per_epoch, drive.reference
-    assert true.attitude is not None
-    return replace(
-        drive,
-        time=drive.time[: len(drive.time) - begin],
-        rotation_increments=drive.rotation_increments[first:],
-        velocity_increments=drive.velocity_increments[first:],
-        gps_position=drive.gps_position[begin:], gps_velocity=drive.gps_velocity[begin:],
-        compass=drive.compass[begin:], places=(),
-        reference=replace(
-            true, position=true.position[begin:], velocity=true.velocity[begin:],
-            attitude=true.attitude[begin:],
-        ),
-    )  # fmt: skip
+    return on_the_way(drive, begin)
 
 
 def on_the_round_earth(name: str) -> dict[str, Array]:

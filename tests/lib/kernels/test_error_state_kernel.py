@@ -8,10 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 from lib.inertial.made import ANCHORS, LEVER_ARM, Path, imu_of
-from scipy.spatial.transform import Rotation
 
 from inswsn_lib import inertial as nav
-from inswsn_lib.inertial.mechanization import rotation_vector
 from inswsn_lib.kernels import PLAIN
 from inswsn_lib.streams import Fixes, Odometry, Ranges
 
@@ -80,14 +78,9 @@ def planar(seed: int) -> tuple[Any, nav.Start, list[Any], dict[str, Any]]:
     distance = np.linalg.norm(np.column_stack([heard, 0.1 * heard]) - anchors[anchor], axis=1)
     distance += 0.1 * rng.standard_normal(50) + 4 * (rng.random(50) < 0.1)
     ranges = nav.RangesToAnchors(
-        Ranges(heard, anchor, np.abs(distance), anchors, NAMES[:4]),
-        arm,
-        0.1,
-        0.05,
-        0.1,
-        1.0,
+        Ranges(heard, anchor, np.abs(distance), anchors, NAMES[:4]), arm, 0.1, 0.05, 0.1, 1.0,
         scale=0.02,
-    )
+    )  # fmt: skip
     moved = np.tile([1.0, 0.1], (len(t[::7]), 1))
     moved[3] = np.nan, 0.1
     observed = [fixes, ranges, nav.Velocities(t[::7], moved, np.full(2, 0.2))]
@@ -133,6 +126,11 @@ def test_both_find_the_same(
     found = same(monkeypatch, motion, start, observed, gate=gate)
     used = np.concatenate([part for each in found.innovations for part in each.used])
     assert used.all() == np.isinf(gate)  # a gate leaves out some
+    bare = same(monkeypatch, motion, start, observed, gate=gate, kept=False)
+    assert bare.log_likelihood == pytest.approx(found.log_likelihood, rel=1e-12)
+    for one, other in zip(bare.innovations, found.innovations, strict=True):
+        assert np.array_equal(one.squares, other.squares)
+        assert np.array_equal(one.time, other.time)
     same(monkeypatch, motion, start, observed, gate=gate, **about)
 
 
@@ -167,25 +165,3 @@ def test_what_comes_one_after_the_other(made: Any, monkeypatch: pytest.MonkeyPat
         states.append((running.state.row, running.covariance, running.log_likelihood))
     for one, other in zip(*states, strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-11)
-
-
-@pytest.mark.parametrize("made", [inertial, planar])
-def test_without_what_is_kept_the_likelihood_is_the_same(made: Any) -> None:
-    motion, start, observed, _ = made(5)
-    whole, bare = (
-        nav.run_error_state(motion, start, observed, gate=9.0, kept=kept) for kept in (True, False)
-    )
-    assert bare.log_likelihood == whole.log_likelihood
-    for one, other in zip(bare.innovations, whole.innovations, strict=True):
-        assert one.squares.tolist() == other.squares.tolist()
-        assert one.time.tolist() == other.time.tolist()
-
-
-@pytest.mark.parametrize("size", [0.0, 1e-12, 1e-7, 0.1, 3.0, np.pi - 1e-9, np.pi])
-def test_rotation_vectors_are_those_of_scipy(size: float) -> None:
-    rng = np.random.default_rng(6)
-    for axis in (*rng.standard_normal((20, 3)), *np.eye(3), *-np.eye(3)):
-        turn = Rotation.from_rotvec(size * axis / np.linalg.norm(axis)).as_matrix()
-        found = rotation_vector(turn)
-        np.testing.assert_allclose(Rotation.from_rotvec(found).as_matrix(), turn, atol=1e-12)
-        assert abs(np.linalg.norm(found) - size) < 1e-12 + 1e-7 * (size > 3.1)

@@ -65,39 +65,18 @@ def turns(course_rate: np.ndarray) -> list[tuple[int, int]]:
     return list(zip(edges[::2], edges[1::2] - 1, strict=True))
 
 
-def test_places_are_in_order_and_apart(routes: list[Route]) -> None:
-    for route in routes:
-        assert [name for name, _ in route.places] == KINDS
-        starts = [start for _, start in route.places]
-        assert all(isinstance(start, int) for start in starts)
-        assert starts[0] >= 90
-        assert min(np.diff(starts)) >= 100
-        assert starts[-1] + 50 <= route.duration
-
-
-def test_all_routes_last_equally_long(routes: list[Route]) -> None:
-    assert [route.duration for route in routes] == pytest.approx([1500] * len(routes), abs=1e-9)
-
-
 @hypothesis_settings(max_examples=60)
 @given(seed=st.integers(0, 2**32), duration=st.sampled_from([1200, 1357, 1500, 1800]))
 def test_any_seed_gives_a_route(settings: Settings, seed: int, duration: int) -> None:
     route = plan_route(with_values(settings, duration=duration), seed)
-    starts = [start for _, start in route.places]
+    names, starts = zip(*route.places, strict=True)
+    assert list(names) == KINDS
+    assert all(isinstance(start, int) for start in starts)
+    assert route.seed == seed
     assert route.duration == pytest.approx(duration, abs=1e-9)
     assert starts[0] >= 90
     assert min(np.diff(starts)) >= 100
     assert starts[-1] + 50 <= duration
-
-
-def test_a_seed_is_a_route_and_another_is_another(settings: Settings, routes: list[Route]) -> None:
-    again = plan_route(settings, 3)
-    for name in ("pieces", "places", "course", "seed"):
-        assert getattr(again, name) == getattr(routes[3], name)
-    assert np.array_equal(again.waves, routes[3].waves)
-    assert len({route.course for route in routes}) == len(routes)
-    assert len({route.pieces[1].duration for route in routes}) == len(routes)
-    assert [route.seed for route in routes] == list(SEEDS)
 
 
 def test_pieces_join(routes: list[Route]) -> None:
@@ -122,34 +101,20 @@ def test_a_route_by_hand() -> None:
     """
     turn = Piece(4.0, 10.0, (1.0, -1.0), (0.2, 0.4))
     waves = np.array([[0.02, 2 * np.pi / 10, np.pi / 2]])
-    route = Route((Piece(1.0, 10.0), turn), course=0.3, waves=waves)
+    route = Route((turn, Piece(1.0, 10.0)), course=0.3, waves=waves)
     assert route.duration == 5
-    found = route.kinematics([0.5, 3.0, 5.0])
-    assert found.distance == pytest.approx(
-        [5, 10 + 20 + 2 - 16 * 2 / 112, 10 + 40 + 8 - 16 * 2 / 7]
-    )
-    assert found.speed == pytest.approx([10, 12 - 8 * 5 / 64, 10 + 4 - 8 / 2])
-    assert found.acceleration == pytest.approx([0, 0, -1])
-    assert found.course == pytest.approx([0.3, 0.7 + 0.8 * 5 / 64, 0.3 + 4 * 0.3])
-    assert found.course_rate == pytest.approx([0, 0.3, 0.4])
+    found = route.kinematics([2.0, 4.0, 4.5])
+    end = 40 + 8 - 16 * 2 / 7
+    assert found.distance == pytest.approx([20 + 2 - 16 * 2 / 112, end, end + 5])
+    assert found.speed == pytest.approx([12 - 8 * 5 / 64, 10, 10])
+    assert found.acceleration == pytest.approx([0, 0, 0])
+    assert found.course == pytest.approx([0.7 + 0.8 * 5 / 64, 1.5, 1.5])
+    assert found.course_rate == pytest.approx([0.3, 0, 0])
     assert found.lateral_acceleration == pytest.approx(found.speed * found.course_rate)
     slope = 0.02 * np.cos(2 * np.pi / 10 * found.distance)
     assert found.grade == pytest.approx(slope, abs=1e-12)
-    assert Route((turn,)).kinematics([0.0]).grade.tolist() == [0.0]
-
-
-def test_speed_and_course_are_the_integrals(routes: list[Route]) -> None:
-    # the error of central differences is at most the third derivative times h^2 / 6
-    h, t = 1e-3, np.arange(1, 1499, 0.37)
-    for route in routes[:3]:
-        before, at, after = (route.kinematics(t + shift) for shift in (-h, 0, h))
-        for quantity, rate in (
-            ("distance", "speed"),
-            ("speed", "acceleration"),
-            ("course", "course_rate"),
-        ):
-            slope = (getattr(after, quantity) - getattr(before, quantity)) / (2 * h)
-            assert slope == pytest.approx(getattr(at, rate), abs=1e-5)
+    last = Route((turn,)).kinematics([4.0])
+    assert [last.acceleration[0], last.course_rate[0], last.grade[0]] == pytest.approx([-1, 0.4, 0])
 
 
 def test_a_driver_keeps_to_the_limits(drives: list[Kinematics]) -> None:
@@ -273,11 +238,6 @@ def test_what_may_not_be(settings: Settings, changes: dict[str, Any], said: str)
     with pytest.raises(InswsnError) as refused:
         plan_route(with_values(settings, **changes))
     assert str(refused.value).startswith(said)
-
-
-def test_a_seed_is_a_whole_number(settings: Settings) -> None:
-    with pytest.raises(ParameterError, match=r"route .* not -1"):
-        plan_route(settings, -1)
 
 
 #: Of two routes: how many pieces, their durations (s), each times its number, the length (m), the

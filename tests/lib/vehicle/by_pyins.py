@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pandas as pd
-from lib.vehicle.made_drive import DV, PERIOD, THETA, TURN
+from lib.vehicle.made_drive import PERIOD, TURN, as_pva, as_table
 from pyins import filters, inertial_sensor, measurements, transform
-from pyins.util import LLA_COLS, RPH_COLS, TRAJECTORY_COLS, VEL_COLS, Bunch
+from pyins.util import LLA_COLS, RPH_COLS, VEL_COLS, Bunch
 
 from inswsn_lib.simulation import Drive
 from inswsn_lib.vehicle import FilterSettings, align
@@ -46,18 +46,8 @@ def run_by_pyins(
 ) -> Bunch:
     """Run pyins' feedback filter over the first run of a drive, from the same start."""
     begun = align(drive, settings)[0]
-    lla = np.append(np.rad2deg(begun.position[:2]), begun.position[2])
-    rph = transform.mat_to_rph(TURN @ begun.attitude)
-    pva = pd.Series(np.concatenate([lla, TURN @ begun.velocity, rph]), TRAJECTORY_COLS, name=0.0)
-    samples = len(drive.rotation_increments)
-    increments = pd.DataFrame(
-        np.column_stack([
-            np.full(samples, PERIOD),
-            drive.rotation_increments[..., 0], drive.velocity_increments[..., 0],
-        ]),
-        index=pd.Index(np.arange(1, samples + 1) * PERIOD, name="time"),
-        columns=["dt", *THETA, *DV],
-    )  # fmt: skip
+    pva = as_pva(begun.position, begun.velocity, begun.attitude)
+    increments = as_table(drive.rotation_increments[..., 0], drive.velocity_increments[..., 0])
     time = np.arange(len(drive.time)) * 100 * PERIOD
     gps = drive.gps_position[..., 0].copy()
     gps[:, :2] = np.rad2deg(gps[:, :2])

@@ -17,7 +17,7 @@ from pyins.util import ACCEL_COLS, GYRO_COLS, LLA_COLS, TRAJECTORY_COLS, VEL_COL
 
 from inswsn_lib.simulation import Drive, DriveReference, Place
 from inswsn_lib.streams import Fixes, Imu, Recording
-from inswsn_lib.vehicle import FilterSettings, VehicleState
+from inswsn_lib.vehicle import FilterSettings, VehicleRun, VehicleState
 
 #: North-east-down to east-north-up
 TURN = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
@@ -134,19 +134,27 @@ def make_drive(
     )
 
 
+def as_table(theta: np.ndarray, dv: np.ndarray, period: float = PERIOD) -> pd.DataFrame:
+    """Return increments, (samples, 3) each, as pyins has them."""
+    time = period * np.arange(1, len(theta) + 1)
+    data = np.column_stack([np.full(len(time), period), theta, dv])
+    return pd.DataFrame(data, pd.Index(time, name="time"), ["dt", *THETA, *DV])
+
+
+def as_pva(position: np.ndarray, velocity: np.ndarray, attitude: np.ndarray) -> pd.Series:
+    """Return what is known of a start as pyins has it."""
+    lla, rph = np.append(np.rad2deg(position[:2]), position[2]), transform.mat_to_rph
+    return pd.Series([*lla, *(TURN @ velocity), *rph(TURN @ attitude)], TRAJECTORY_COLS, name=0.0)
+
+
 def flown(begun: VehicleState, theta: np.ndarray, dv: np.ndarray) -> VehicleState:
     """Let pyins' public Integrator go on from some runs, by increments (runs, samples, 3)."""
     ends = []
     for r, position in enumerate(begun.position):
-        rph = transform.mat_to_rph(TURN @ begun.attitude[r])
-        lla = np.append(np.rad2deg(position[:2]), position[2])
-        pva = np.concatenate([lla, TURN @ begun.velocity[r], rph])
         drift, bias = begun.gyro_drift[r] * PERIOD, begun.accelerometer_bias[r] * PERIOD
-        time = PERIOD * np.arange(1, len(theta[r]) + 1)
-        data = np.column_stack([np.full(len(time), PERIOD), theta[r] - drift, dv[r] - bias])
-        increments = pd.DataFrame(data, pd.Index(time, name="time"), ["dt", *THETA, *DV])
-        start = pd.Series(pva, TRAJECTORY_COLS, name=0.0)
-        ends.append(strapdown.Integrator(start).integrate(increments).iloc[-1])
+        start = as_pva(position, begun.velocity[r], begun.attitude[r])
+        table = as_table(theta[r] - drift, dv[r] - bias)
+        ends.append(strapdown.Integrator(start).integrate(table).iloc[-1])
     last = pd.DataFrame(ends)
     return replace(
         begun,
@@ -168,3 +176,30 @@ def changed(drive: Drive, **values: Any) -> Drive:
 
 
 SENSORS = ("rotation_increments", "velocity_increments", "gps_position", "gps_velocity", "compass")
+
+
+def on_the_way(drive: Drive, epoch: int) -> Drive:
+    """Return the drive from an epoch on, when the car moves."""
+    first, true = epoch * drive.samples_per_epoch, drive.reference
+    assert true.attitude is not None
+    later = {name: getattr(true, name)[epoch:] for name in ("position", "velocity", "attitude")}
+    samples = {name: getattr(drive, name)[first:] for name in SENSORS[:2]}
+    epochs = {name: getattr(drive, name)[epoch:] for name in SENSORS[2:]}
+    time, reference = drive.time[: len(drive.time) - epoch], replace(true, **later)
+    return replace(drive, time=time, reference=reference, places=(), **samples, **epochs)
+
+
+def off(one: VehicleRun, two: VehicleRun, a: Any = slice(None), b: Any = slice(None)) -> float:
+    """Return how far two runs are apart, at some steps and runs of each: states in deviations."""
+    mine, other = one.states[a], two.states[b]
+    size = np.sqrt(np.diagonal(other.covariance, axis1=-2, axis2=-1))
+    parts = [
+        np.abs(getattr(mine, name) - getattr(other, name)) / size[..., where]
+        for name, where in (
+            ("position", slice(0, 3)), ("velocity", slice(3, 6)), ("error", slice(None)),
+            ("accelerometer_bias", slice(9, 12)), ("gyro_drift", slice(12, 15)),
+        )
+    ]  # fmt: skip
+    spread = (mine.covariance - other.covariance) / (size[..., None] * size[..., None, :])
+    turned = mine.attitude - other.attitude
+    return float(max(np.abs(part).max() for part in (*parts, spread, turned)))
