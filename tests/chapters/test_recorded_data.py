@@ -18,7 +18,7 @@ from made_folders import needs
 from inswsn_lib import recordings
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.navigation import read_tables, write_tables
-from inswsn_lib.navigation.recorded_study import Tables, _correlation
+from inswsn_lib.navigation.recorded_study import Tables
 from inswsn_lib.recordings.registry import KNOWN
 
 
@@ -102,16 +102,6 @@ def test_the_network_is_one_in_every_ratio(kept: Tables) -> None:
     assert np.hypot(errors.x, errors.y).pow(2).mean() ** 0.5 == pytest.approx(
         kept["inrol/1"].loc["network alone", "position"], rel=0.15
     )
-
-
-def test_the_autocorrelation_of_a_gauss_markov_process_falls_by_the_same_factor() -> None:
-    rng, share = np.random.default_rng(6), 0.9
-    noise = rng.normal(size=(200_000, 2)) * np.sqrt(1 - share**2)
-    x = np.zeros_like(noise)
-    for k in range(1, len(x)):
-        x[k] = share * x[k - 1] + noise[k]
-    x[::7] = np.nan  # fixes are missing
-    assert [_correlation(x, lag) for lag in (0, 1, 5)] == pytest.approx([1, 0.9, 0.9**5], abs=0.02)
 
 
 def test_tables_come_back_as_they_were_kept(tmp_path: Path) -> None:
