@@ -65,7 +65,7 @@ _FIRST = 2  # the row after the header
 _IN_G, _MOST_FORCE = (0.95, 1.05), 50.0
 _MOST_RATE = 35.0  # rad/s: no gyroscope of a phone, a car or a hand goes so far
 _SLOWEST = {"imu.csv": 1.0, "odometry.csv": 10.0}  # s, a period with which a motion is lost
-_ROWS = 20  # that tell a period, or a motion
+_ROWS, _LONGER = 20, 1.5  # that tell a period, or a motion; by how much streams are longer, or less
 # A degree is 1.1e5 m. Positions in degrees are farther from 0 than they go, by times; and what else
 # tells of the motion tells of more, by times, as does their height, which is in m
 _AWAY, _DEGREES, _UPWARDS, _PACE = 30.0, 2e4, 100.0, 2.0  # the last in s
@@ -110,6 +110,11 @@ def read_csv_folder(place: Place) -> Recording:
     if "ranges.csv" in used and ANCHORS not in used:
         raise InswsnError(f"{used['ranges.csv']} needs {ANCHORS} beside it; there is none.")
     tables = {name: _table(used[name], layout) for name, layout in LAYOUTS.items() if name in used}
+    spans = [float(np.ptp(tables[name][TIME])) for name in _SLOWEST if name in tables]
+    for name, table in tables.items():
+        if TIME in table:
+            with reading(used[name]):
+                _refuse_small_units(name, table[TIME], min(spans, default=0.0))
     streams: dict[str, Any] = {}
     for what, read in _READERS.items():
         if (name := f"{what}.csv") in tables:
@@ -148,19 +153,27 @@ def _table(path: Path, layout: Layout) -> Table:
         if TIME in table:
             repeats = path.name == "ranges.csv"
             check_clock(f"in {TIME}", table[TIME], repeats=repeats, first=_FIRST)
-            _refuse_small_units(path.name, table[TIME])
         if path.name == ANCHORS:
             check_twins(table["anchor"].tolist())
     return table
 
 
-def _refuse_small_units(name: str, time: Array) -> None:
-    """Refuse time stamps of a motion that seem to be in a smaller unit than s."""
-    if name not in _SLOWEST or len(time) < _ROWS:
+def _refuse_small_units(name: str, time: Array, span: float) -> None:
+    """Refuse time stamps that seem to be in a smaller unit than s.
+
+    The motion would be sampled too rarely; another stream would last a thousand times as long.
+    """
+    period = float(np.median(np.diff(time))) if len(time) >= _ROWS else 0.0
+    most = _SLOWEST.get(name, min(_SLOWEST.values()))
+    if period < most:
         return
-    period, most = float(np.median(np.diff(time))), _SLOWEST[name]
-    if period >= most:
-        unit = next((unit for unit, size in UNITS.items() if 10 * period < most * size), "ns")
+    units = [unit for unit, size in UNITS.items() if 10 * period < most * size] or ["ns"]
+    if name not in _SLOWEST:
+        longer = float(np.ptp(time)) / max(span, 1e-9)
+        smaller = UNITS.items() - {("s", 1.0)}
+        units = [unit for unit, n in smaller if 1 / _LONGER < longer / n < _LONGER]
+    if units:
+        unit = units[0]
         raise InswsnError(
             f"{TIME} has a median step of {period:.4g}; it seems to be in {unit}, of which the "
             f"column is time_{unit}, but must be in s."

@@ -146,6 +146,19 @@ def test_stamps_of_a_motion_in_a_smaller_unit_are_refused(
                 recordings.load("csv", tmp_path)
 
 
+@pytest.mark.parametrize(("unit", "size"), [("ms", 1e3), ("us", 1e6), ("ns", 1e9)])
+def test_one_stream_in_a_smaller_unit_is_refused(tmp_path: Path, unit: str, size: float) -> None:
+    car = drive(0, 1.0)
+    assert car.fixes is not None
+    other = replace(car, fixes=replace(car.fixes, time=size * (car.fixes.time + 0.3)))
+    recordings.write_csv(other, tmp_path / "new")
+    with pytest.raises(InswsnError, match=f"fixes.csv: time_s has a median step .* in {unit}, of"):
+        recordings.load("csv", tmp_path / "new")
+    slow = replace(car, fixes=replace(car.fixes, time=30 * car.fixes.time))
+    recordings.write_csv(slow, tmp_path / "slow")
+    assert recordings.load("csv", tmp_path / "slow").fixes is not None
+
+
 def drive(seed: int, noise: float) -> Recording:
     """A car at 8 m/s that winds, with an IMU, fixes, a reference and odometry."""
     rng, time = np.random.default_rng(seed), np.arange(0, 60, 0.02)
