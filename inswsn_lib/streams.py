@@ -14,7 +14,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from inswsn_lib.checks import Array, array, one_of, unmasked
+from inswsn_lib.checks import Array, Mask, array, one_of, unmasked
 from inswsn_lib.errors import Described, InswsnError, ParameterError
 
 Whole = NDArray[np.int64]
@@ -43,7 +43,10 @@ class Stream:
 
     def part(self, begin: float = -np.inf, end: float = np.inf) -> Self:
         """Return the rows from a time on and before another, s."""
-        rows = slice(*np.searchsorted(self.time, [begin, end]).tolist())
+        return self.kept(slice(*np.searchsorted(self.time, [begin, end]).tolist()))
+
+    def kept(self, rows: slice | Mask) -> Self:
+        """Return some of the rows."""
         return replace(self, time=self.time[rows], **{n: v[rows] for n, v in self._columns()})
 
     def _columns(self) -> Iterator[tuple[str, Array]]:

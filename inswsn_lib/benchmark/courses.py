@@ -269,10 +269,7 @@ def _given(recording: Recording, track: Track, period: float) -> tuple[list[Even
         raise InswsnError(f"Two clusters in space need 8 anchors; {recording.name} has too few.")
     events = []
     for number, members in enumerate(CLUSTERS):
-        own = np.isin(ranges.anchor, members)
-        heard = replace(
-            ranges, time=ranges.time[own], anchor=ranges.anchor[own], distance=ranges.distance[own]
-        )
+        heard = ranges.kept(np.isin(ranges.anchor, members))
         events += _fix_events(multilaterate_track(heard, period), number)
     return events, Task((), dimension=3, period=period, sources=len(CLUSTERS))
 

@@ -6,12 +6,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inswsn_lib.checks import Array, Mask
+from inswsn_lib.errors import InswsnError
 
 #: Blocks below which a covariance says nothing
 FEWEST = 6
 
 _ROUNDING = 1e-6  # of a block
+_MOST, _ALWAYS = 20.0, 2e4  # windows for each row, and those that are no matter
 _SINGULAR = 1e-10  # of eigenvalues of a scaled information
+
+
+def spaced(begin: float, end: float, step: float, rows: int) -> Array:
+    """Return the times from one to another, as `numpy.arange`; refuse far more than rows."""
+    if end - begin > step * max(_ALWAYS, _MOST * rows):
+        raise InswsnError(
+            f"{rows} rows are spread over {end - begin:.3g} s: a clock was set in between, or time "
+            "stamps are not in s."
+        )
+    return np.arange(begin, end, step)
 
 
 def block_starts(time: Array, seconds: float) -> NDArray[np.intp]:

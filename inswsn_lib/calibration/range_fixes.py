@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -98,12 +96,7 @@ def multilaterate_track(
     if not sound.any():
         raise InswsnError("There is no range to make fixes of.")
     if not sound.all():
-        ranges = replace(
-            ranges,
-            time=ranges.time[sound],
-            anchor=ranges.anchor[sound],
-            distance=ranges.distance[sound],
-        )
+        ranges = ranges.kept(sound)
     d, level = _dimensions(ranges, height)
     each = (
         np.zeros(len(ranges.anchors))

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid
 from scipy.spatial.transform import Rotation, Slerp
 
+from inswsn_lib.calibration.blocks import spaced
 from inswsn_lib.calibration.start import aligned
 from inswsn_lib.checks import Array, Mask
 from inswsn_lib.errors import InswsnError
@@ -72,7 +73,7 @@ def told_by(recording: Recording, window: float | None, slowest: float) -> Told:
 
 def _grid(time: Array, window: float) -> tuple[Array, Mask]:
     """Return the middles of windows over some stamps, and which have no gap."""
-    middle = np.arange(time[0] + window / 2, time[-1] - window / 2, window)
+    middle = spaced(time[0] + window / 2, time[-1] - window / 2, window, len(time))
     steps = np.diff(time)
     wide = np.append(0, np.cumsum(steps > max(_GAP, 3 * float(np.median(steps)))))
     first, last = (np.searchsorted(time, middle + side * window / 2) for side in (-1, 1))

@@ -277,7 +277,8 @@ def known_start(
 def _steady(imu: Imu) -> float:
     """Return until when the means of an IMU over half seconds are those of its first two, s."""
     begin = float(imu.time[0])
-    blocks = np.floor((imu.time - begin) / _BLOCK).astype(int)
+    # of as many blocks as there are rows, one has fewer than two
+    blocks = np.floor((imu.time - begin) / _BLOCK).clip(max=len(imu)).astype(int)
     counts: Array = np.maximum(np.bincount(blocks), 1.0)
     values = np.column_stack([imu.rate, imu.force])
     sums = [np.bincount(blocks, column) for column in values.T]

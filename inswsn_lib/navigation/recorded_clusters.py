@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -162,10 +162,7 @@ class RecordedClusters:
 
 
 def _only(ranges: Ranges, anchors: Whole) -> Ranges:
-    rows = np.isin(ranges.anchor, anchors)
-    return replace(
-        ranges, time=ranges.time[rows], anchor=ranges.anchor[rows], distance=ranges.distance[rows]
-    )
+    return ranges.kept(np.isin(ranges.anchor, anchors))
 
 
 def _nearest(fixes: Fixes, times: Array, most: float) -> Array:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,9 +16,10 @@ from inswsn_lib.checks import Array
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.files import read_bytes
 from inswsn_lib.recordings import plain_cells
-from inswsn_lib.recordings.cells import Column, Sheet
+from inswsn_lib.recordings.cells import UNITS, Column, Sheet
 
-#: The column of time stamps, s, or dates and times by ISO 8601
+#: The column of time stamps, s, or dates and times by ISO 8601. A file may have it as ``t_s``, or
+#: in another unit, which its name tells: ``time_ms``, ``t_us``, ``time_ns``.
 TIME = "time_s"
 #: The columns of the INS: position (m) and velocity (m/s) in the horizontal frame of the network
 INS = ("ins_x_m", "ins_y_m", "ins_vx_mps", "ins_vy_mps")
@@ -56,6 +58,7 @@ class Layout:
 
 
 _TRACKS = Layout((TIME, *INS, *WSN[:2]), (WSN[2:], REFERENCE), gaps=(*WSN, *REFERENCE))
+_STAMPS = {f"{word}_{unit}": unit for unit in UNITS for word in ("time", "t")}
 _SEPARATORS = ",;\t"
 _SMALL = 500_000  # bytes that are read without pandas in the time in which it is loaded
 _Table = dict[str, NDArray[Any]]
@@ -97,19 +100,22 @@ def read_table(path: Path, layout: Layout) -> _Table:
 
 def _table_of(path: Path, data: bytes, layout: Layout, parse: Callable[[Sheet], _Table]) -> _Table:
     try:
-        data = _without_comments(_as_utf8(data))
+        data = _headed(_as_utf8(data), {*layout.names, *_STAMPS})
         head = data[: data.find(b"\n") + 1].decode().strip()
         separator = max(_SEPARATORS, key=head.count)
         header = [name.strip() for name in _cells(head, separator)] if data else []
+        stamps = _stamps(path, header)
+        renamed = [TIME if name == stamps else name for name in header]
         columns = tuple(
             Column(
-                name, header.index(name), words=name in layout.texts, gaps=name in layout.gaps,
-                dates=name == TIME,
+                header[k := renamed.index(name)], k, name in layout.texts, name in layout.gaps,
+                _STAMPS[stamps] if name == TIME else "",
             )
-            for name in _wanted(path, header, layout)
+            for name in _wanted(path, renamed, layout)
         )  # fmt: skip
         _refuse_other_lengths(path, data, separator, len(header))
-        return parse(Sheet(path, data, separator, len(header), columns))
+        table = parse(Sheet(path, data, separator, len(header), columns))
+        return {TIME if name == stamps else name: cells for name, cells in table.items()}
     except UnicodeDecodeError:
         raise InswsnError(f"{path} is not a CSV file: it is not UTF-8.") from None
     except csv.Error as error:
@@ -130,10 +136,30 @@ def _ends(data: bytes, sign: str = "\n") -> NDArray[np.intp]:
     return np.flatnonzero(np.frombuffer(data, np.uint8) == ord(sign))
 
 
+def _headed(data: bytes, names: set[str]) -> bytes:
+    """Return the header, which may stand behind ``#`` or ``%``, and the lines that are no comments.
+
+    It is the first line that is no comment, or of the comments before it, if a name of a column
+    stands in none of its cells, the one in which most do.
+    """
+    end, lines = 0, [(0, b"", 0)]  # how many names each has, and where it ends
+    while end < len(data):
+        begin, end = end, data.index(b"\n", end) + 1
+        line = data[begin:end].lstrip(b"#% ")
+        cells = re.split(f"[{_SEPARATORS} ]", line.decode())
+        lines.append((sum(cell.strip(' "\n') in names for cell in cells), line, end))
+        if data[begin : begin + 1] not in b"#%" and line.strip():
+            break
+    else:
+        lines.append((0, b"", end))
+    _, header, end = lines[-1] if lines[-1][0] else max(lines[::-1], key=lambda each: each[0])
+    return header + _without_comments(data[end:])
+
+
 def _without_comments(data: bytes) -> bytes:
     """Return the lines that neither are blank nor begin with ``#``."""
     ends = _ends(data)
-    begins = np.append(0, ends[:-1] + 1)
+    begins = np.append(0, ends + 1)[:-1]
     first = np.frombuffer(data, np.uint8)[begins]
     kept, done = [], 0
     for line in np.flatnonzero((first <= ord(" ")) | (first == ord("#"))).tolist():
@@ -146,6 +172,16 @@ def _without_comments(data: bytes) -> bytes:
 
 def _cells(line: str, separator: str) -> list[str]:
     return next(csv.reader([line], delimiter=separator, skipinitialspace=True, strict=True))
+
+
+def _stamps(path: Path, header: list[str]) -> str:
+    """Return the column of time stamps: that in s, or else the one in another unit."""
+    there = [name for name in header if name in _STAMPS]
+    if TIME in there or not there:
+        return TIME
+    if len(there) > 1:
+        raise InswsnError(f"{path} has the columns {', '.join(there)}; it must have one of them.")
+    return there[0]
 
 
 def _wanted(path: Path, header: list[str], layout: Layout) -> list[str]:

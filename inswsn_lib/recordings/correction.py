@@ -321,7 +321,7 @@ class OdometryCorrection:
         if self.ranges is not None:
             # the stamp of a fix is between those of its ranges
             nearest = np.abs(self.ranges.time[:, None] - self.fixes.time).argmin(axis=1)
-            found = replace(found, ranges=_rows(self.ranges, ~withheld[nearest]))
+            found = replace(found, ranges=self.ranges.kept(~withheld[nearest]))
         vars(found).update(start=self.start, begins=self.begins)
         return found
 
@@ -532,12 +532,3 @@ def _without(fixes: Fixes, withheld: Mask) -> Fixes:
     if velocity is not None:
         velocity = np.where(withheld[:, None], np.nan, velocity)
     return replace(fixes, position=position, velocity=velocity)
-
-
-def _rows(ranges: Ranges, rows: Mask) -> Ranges:
-    return replace(
-        ranges,
-        time=ranges.time[rows],
-        anchor=ranges.anchor[rows],
-        distance=ranges.distance[rows],
-    )

@@ -8,20 +8,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from inswsn_lib.calibration.blocks import block_starts
+from inswsn_lib.checks import Array
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.recordings.about import ABOUT, read_about
+from inswsn_lib.recordings.cells import UNITS
 from inswsn_lib.recordings.columns import TIME, Layout, read_table
 from inswsn_lib.recordings.files import Place, digests_of, files_of
-from inswsn_lib.recordings.rows import check_twins, places_of, reading, unit_quaternions
-from inswsn_lib.streams import (
-    Fixes,
-    Imu,
-    Odometry,
-    Ranges,
-    Recording,
-    Reference,
-    check_increase,
+from inswsn_lib.recordings.rows import (
+    check_clock,
+    check_twins,
+    places_of,
+    reading,
+    unit_quaternions,
 )
+from inswsn_lib.streams import Fixes, Imu, Odometry, Ranges, Recording, Reference
 
 Table = dict[str, NDArray[Any]]
 
@@ -63,6 +64,11 @@ _FIRST = 2  # the row after the header
 # Median size of a specific force: of one that may be in g, and above which it is in smaller units
 _IN_G, _MOST_FORCE = (0.95, 1.05), 50.0
 _MOST_RATE = 35.0  # rad/s: no gyroscope of a phone, a car or a hand goes so far
+_SLOWEST = {"imu.csv": 1.0, "odometry.csv": 10.0}  # s, a period with which a motion is lost
+_ROWS, _LONGER = 20, 1.5  # that tell a period, or a motion; by how much streams are longer, or less
+# A degree is 1.1e5 m. Positions in degrees are farther from 0 than they go, by times; and what else
+# tells of the motion tells of more, by times, as does their height, which is in m
+_AWAY, _DEGREES, _UPWARDS, _PACE = 30.0, 2e4, 100.0, 2.0  # the last in s
 
 
 def read_csv_folder(place: Place) -> Recording:
@@ -79,14 +85,15 @@ def read_csv_folder(place: Place) -> Recording:
     - ``recording.yaml``: ``name``, ``licence``, ``source``, ``lever_arm_m`` (x, y, z),
       ``origin_rad_m`` (latitude and longitude, rad, and height, m), each of them optional
 
-    What stands after a semicolon may be left out; other columns are ignored. Comments, separators,
-    decimal signs and time stamps may be as in `read_recording`.
+    What stands after a semicolon may be left out; other columns are ignored. Header, comments,
+    separators, decimal signs and time stamps may be as in `read_recording`.
 
     Raises
     ------
     InswsnError
         In one sentence that names the file, and the column and row (the header is row 1), if
-        something is missing, is no number, does not increase, or looks like another unit.
+        something is missing, is no number, does not increase, or looks like another unit, or if a
+        clock was set while it was logged.
 
     Examples
     --------
@@ -103,11 +110,20 @@ def read_csv_folder(place: Place) -> Recording:
     if "ranges.csv" in used and ANCHORS not in used:
         raise InswsnError(f"{used['ranges.csv']} needs {ANCHORS} beside it; there is none.")
     tables = {name: _table(used[name], layout) for name, layout in LAYOUTS.items() if name in used}
+    spans = [float(np.ptp(tables[name][TIME])) for name in _SLOWEST if name in tables]
+    for name, table in tables.items():
+        if TIME in table:
+            with reading(used[name]):
+                _refuse_small_units(name, table[TIME], min(spans, default=0.0))
     streams: dict[str, Any] = {}
     for what, read in _READERS.items():
         if (name := f"{what}.csv") in tables:
             with reading(used[name]):
                 streams[what] = read(tables[name], tables.get(ANCHORS, {}))
+    for what in ("fixes", "reference"):
+        if what in streams:
+            with reading(used[f"{what}.csv"]):
+                _refuse_degrees(what, streams)
     if not any(len(stream) for stream in streams.values()):
         where = next(iter(files.values())).parent if files else place
         raise InswsnError(
@@ -136,10 +152,32 @@ def _table(path: Path, layout: Layout) -> Table:
                 )
         if TIME in table:
             repeats = path.name == "ranges.csv"
-            check_increase(f"in {TIME}", table[TIME], repeats=repeats, first=_FIRST)
+            check_clock(f"in {TIME}", table[TIME], repeats=repeats, first=_FIRST)
         if path.name == ANCHORS:
             check_twins(table["anchor"].tolist())
     return table
+
+
+def _refuse_small_units(name: str, time: Array, span: float) -> None:
+    """Refuse time stamps that seem to be in a smaller unit than s.
+
+    The motion would be sampled too rarely; another stream would last a thousand times as long.
+    """
+    period = float(np.median(np.diff(time))) if len(time) >= _ROWS else 0.0
+    most = _SLOWEST.get(name, min(_SLOWEST.values()))
+    if period < most:
+        return
+    units = [unit for unit, size in UNITS.items() if 10 * period < most * size] or ["ns"]
+    if name not in _SLOWEST:
+        longer = float(np.ptp(time)) / max(span, 1e-9)
+        smaller = UNITS.items() - {("s", 1.0)}
+        units = [unit for unit, n in smaller if 1 / _LONGER < longer / n < _LONGER]
+    if units:
+        unit = units[0]
+        raise InswsnError(
+            f"{TIME} has a median step of {period:.4g}; it seems to be in {unit}, of which the "
+            f"column is time_{unit}, but must be in s."
+        )
 
 
 def _parts(what: str, table: Table) -> dict[str, NDArray[Any]]:
@@ -203,6 +241,52 @@ def _reference(table: Table, _: Table) -> Reference:
     if "attitude" in parts:
         parts["attitude"] = unit_quaternions(parts["attitude"], first=_FIRST)
     return Reference(**parts)
+
+
+def _refuse_degrees(what: str, streams: dict[str, Any]) -> None:
+    """Refuse positions that seem to be latitude and longitude, by what else tells of the motion."""
+    stream = streams[what]
+    there = np.isfinite(stream.position).all(axis=1)
+    time, place = stream.time[there], stream.position[there]
+    if len(time) < _ROWS:
+        return
+    speed, change = _paces(time, place[:, :2])
+    near, far = np.sort(np.abs(place[:, :2]).max(axis=0))
+    reach = _AWAY * np.ptp(place[:, :2], axis=0).max()
+    if not (near <= 90 and far <= 360 and reach < far and min(speed, change) > 0):
+        return
+    told = {}
+    if place.shape[1] > 2 and np.ptp(place[:, 2]) > 0:
+        told[PLACE[2]] = _paces(time, place[:, 2:])[1] / change
+        if told[PLACE[2]] < _UPWARDS:
+            return
+    if "imu" in streams and len(streams["imu"]) >= _ROWS:
+        imu = streams["imu"]
+        starts = block_starts(imu.time, _PACE)
+        means = np.add.reduceat(imu.force, starts) / np.diff(starts, append=len(imu))[:, None]
+        told["the IMU"] = float(np.linalg.norm(means.std(axis=0))) / change
+    if "odometry" in streams:
+        told["the odometry"] = float(np.abs(streams["odometry"].speed).mean()) / speed
+    if what == "fixes" and "reference" in streams and len(streams["reference"]) >= _ROWS:
+        reference = streams["reference"]
+        told["the reference"] = _paces(reference.time, reference.position)[0] / speed
+    most = max(told, key=lambda by: told[by], default="")
+    if told and told[most] > _DEGREES:
+        raise InswsnError(
+            f"the positions in columns {', '.join(_X)} seem to be latitude and longitude in "
+            f"degrees, but must be in m: they go by {speed:.2g} a second, and {most} tells of "
+            f"{told[most]:.0e} times as much."
+        )
+
+
+def _paces(time: Array, place: Array) -> tuple[float, float]:
+    """Return mean sizes of velocity and acceleration, over some seconds."""
+    rows = block_starts(time, _PACE)
+    steps = np.diff(time[rows])[:, None]
+    velocity = np.diff(place[rows], axis=0) / steps
+    change = np.diff(velocity, axis=0) / (steps[1:] + steps[:-1]) * 2
+    speed, pushed = (float(np.linalg.norm(x, axis=1).mean()) for x in (velocity, change))
+    return speed, pushed
 
 
 _READERS = {

@@ -103,9 +103,10 @@ def read_recording(path: str | Path, *, resample: bool = False) -> TrackPair:
     ``ins_vx_mps``, ``ins_vy_mps``, ``wsn_x_m``, ``wsn_y_m``; of the network there may be
     ``wsn_vx_mps`` and ``wsn_vy_mps``, of a reference ``ref_x_m``, ``ref_y_m``, ``ref_vx_mps`` and
     ``ref_vy_mps``. Other columns are ignored. Lines that begin with ``#`` are comments, and do not
-    count when a row is named. Commas, semicolons or tabs separate columns; decimals have a point
-    or, where it does not separate, a comma. ``time_s`` has seconds, or dates and times by ISO 8601,
-    which become seconds since 1970 (UTC where no zone is named). The period comes from the time
+    count when a row is named; the header may stand behind ``#`` or ``%``. Commas, semicolons or
+    tabs separate columns; decimals have a point or, where it does not separate, a comma. ``time_s``
+    has seconds, or dates and times by ISO 8601, which become seconds since 1970 (UTC where no zone
+    is named); it may be ``time_ms``, ``time_us`` or ``time_ns``. The period comes from the time
     stamps. Rows may be missing, and cells of the network may be empty: both are gaps.
 
     Parameters

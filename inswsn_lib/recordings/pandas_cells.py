@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from inswsn_lib.checks import Array
 from inswsn_lib.recordings.cells import (
     ISO,
-    LARGEST,
     NOT_THERE,
     PEEK,
     Column,
@@ -68,19 +67,19 @@ def _numbers(path: Path, column: Column, cells: pd.Series, decimal: str) -> Arra
     """Return cells as floats; refuse words and what is no length, speed or time."""
     if cells.dtype.kind in "iuf":
         numbers, none = cells.astype(float), cells.isna()
-        if numbers.abs().max() < LARGEST:
-            return np.asarray(numbers)
+        if numbers.abs().max() < column.largest:
+            return np.asarray(numbers) / column.per_second
     else:
         texts = cells.astype("str").str.strip()
         none = cells.isna() | texts.str.lower().isin(NOT_THERE)
         numbers = pd.to_numeric(texts, errors="coerce").astype(float)
         if column.dates and (iso := _seconds(texts, decimal)).count() > numbers.count():
             numbers = iso
-    wrong = np.asarray((numbers.isna() & ~none) | (numbers.abs() > LARGEST))
+    wrong = np.asarray((numbers.isna() & ~none) | (numbers.abs() > column.largest))
     if wrong.any():
         row = int(np.flatnonzero(wrong)[0])
         raise refused(path, column, str(cells.iloc[row]), row)
-    return np.asarray(numbers)
+    return np.asarray(numbers) / column.per_second
 
 
 def _seconds(texts: pd.Series, decimal: str) -> pd.Series:

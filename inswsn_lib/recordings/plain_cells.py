@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from inswsn_lib.checks import Array
 from inswsn_lib.recordings.cells import (
     ISO,
-    LARGEST,
     NOT_THERE,
     PEEK,
     Column,
@@ -59,11 +58,11 @@ def _numbers(sheet: Sheet, column: Column, texts: Sequence[str], decimal: str) -
         if column.dates:
             dates = np.array([_seconds(text.replace(decimal, ".")) for text in texts])
             found = max(found, dates, key=lambda each: int(np.isfinite(each).sum()))
-    wrong = (np.isnan(found) & there) | (np.abs(found) > LARGEST)
+    wrong = (np.isnan(found) & there) | (np.abs(found) > column.largest)
     if wrong.any():
         row = int(np.argmax(wrong))
         raise refused(sheet.path, column, texts[row], row)
-    return found
+    return found / column.per_second
 
 
 def _number(text: str) -> float:

@@ -37,6 +37,7 @@ from inswsn_lib.recordings.filter_checks import (
 from inswsn_lib.recordings.findings import FALSE_ALARM, Finding
 from inswsn_lib.recordings.report_words import of_set_up, sentence_of
 from inswsn_lib.recordings.set_up_checks import check_set_up
+from inswsn_lib.recordings.set_up_streams import check_failed
 from inswsn_lib.streams import Fixes, Recording
 
 _ALIGNMENT = 20.0  # s
@@ -96,7 +97,8 @@ def report(
 ) -> Report:
     """Check a recording, correct its motion by its network, and report how good that is.
 
-    Stamps are taken as they are. Ranges beside an IMU are made into fixes; beside odometry they are
+    Stamps are taken as they are. Ranges that mean that nothing was measured, such as -1, are left
+    out. Ranges beside an IMU are made into fixes; beside odometry they are
     taken one by one, and of an IMU beside odometry the rate about the vertical is taken where it
     makes the network more likely. The start is found from the data, without the reference. The few
     numbers of the filter are tuned by the likelihood of its innovations in the first half of the
@@ -139,6 +141,7 @@ def report(
     if start is not None and not isinstance(start.state, kind):
         raise ParameterError("start", type(start.state).__name__, f"one with {kind.__name__}")
     findings = check_set_up(recording)
+    recording = check_failed(recording)[1]
     try:
         filtered: Correction = correction_of(recording, alignment, start)
         begun = filtered.start.time

@@ -12,11 +12,14 @@ from numpy.typing import NDArray
 from inswsn_lib.checks import Array
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.files import read_text
+from inswsn_lib.streams import check_increase
 
 #: The number of a line, from 1, and its cells
 Row = tuple[int, Sequence[str]]
 
 _LARGEST = 1e15  # numbers of this size are no lengths, speeds or seconds
+# A clock was set where stamps jump by more seconds, and by more times all others, if there are some
+_SET, _JUMP, _FEWEST = 3600.0, 50.0, 5
 _UNIT = 1e-3  # a quaternion whose length differs from 1 by more is something else
 _ROUNDING = 1e-9  # one that differs by less is left as it is
 
@@ -89,6 +92,22 @@ def _is_number(cell: str) -> bool:
         return abs(float(cell)) < _LARGEST
     except ValueError:
         return False
+
+
+def check_clock(what: str, time: Array, *, repeats: bool = False, first: int = 1) -> None:
+    """Refuse what `check_increase` does, and time stamps of a clock that was set in between."""
+    check_increase(what, time, repeats=repeats, first=first)
+    if len(time) < _FEWEST:
+        return
+    steps = np.diff(time)
+    row = int(np.argmax(steps)) + 1
+    longest = float(steps[row - 1])
+    rest = float(time[-1] - time[row] + time[row - 1] - time[0])
+    if longest > max(_SET, _JUMP * rest):
+        raise InswsnError(
+            f"{what}: the time stamp jumps by {longest:.6g} s in row {row + first}, and all others "
+            f"are within {rest:.6g} s; a clock may not have been set in between."
+        )
 
 
 def check_twins(anchors: Sequence[object]) -> None:

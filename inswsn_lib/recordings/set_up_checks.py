@@ -6,7 +6,7 @@ from inswsn_lib.recordings.findings import Finding
 from inswsn_lib.recordings.set_up_imu import check_imu
 from inswsn_lib.recordings.set_up_odometry import check_odometry
 from inswsn_lib.recordings.set_up_ranges import check_positions
-from inswsn_lib.recordings.set_up_streams import check_stamps
+from inswsn_lib.recordings.set_up_streams import check_failed, check_stamps
 from inswsn_lib.recordings.set_up_velocities import check_velocities
 from inswsn_lib.streams import Recording
 
@@ -30,6 +30,8 @@ def check_set_up(recording: Recording) -> list[Finding]:
     span      a stream is not there while others are               a fiftieth of its time, or more
     itself    fixes do not move as their velocities say            half of the speed
     values    a sensor sticks, saturates, or is quantised coarsely 20 equal rows, 1 % at a limit
+    values    a range means that nothing was measured: it is not   2 % of the rows
+          above 0, or always the same and far from others
     axes      exchanged, reversed or mirrored, of all signed       none
               permutations, 48 in space
     gravity   the specific force, by the attitude, is not upwards  5 degrees on average
@@ -45,7 +47,8 @@ def check_set_up(recording: Recording) -> list[Finding]:
 
     What the data cannot tell, because nothing turns or moves, or there is no reference, has None
     for `fits`, and `says` tells why. Where a unit or the axes are wrong, what depends on them is
-    not asked. `verdict` makes a sentence of the findings.
+    not asked. Ranges that mean that nothing was measured are left out of the rest. `verdict` makes
+    a sentence of the findings.
 
     Parameters
     ----------
@@ -71,7 +74,9 @@ def check_set_up(recording: Recording) -> list[Finding]:
     """
     if recording.reference is not None and len(recording.reference) < _FEWEST:
         recording = recording.without("reference")
+    failed, recording = check_failed(recording)
     return [
+        *failed,
         *check_stamps(recording),
         *check_imu(recording),
         *check_velocities(recording),

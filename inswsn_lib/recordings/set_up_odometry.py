@@ -8,9 +8,11 @@ from dataclasses import replace
 import numpy as np
 from scipy.stats import t
 
+from inswsn_lib.calibration.blocks import spaced
 from inswsn_lib.calibration.linear_fit import fit_linear
 from inswsn_lib.calibration.reference_motion import ReferenceMotion
 from inswsn_lib.checks import Array, Mask
+from inswsn_lib.errors import InswsnError
 from inswsn_lib.recordings.findings import FALSE_ALARM, Finding
 from inswsn_lib.recordings.signed_axes import unit_of
 from inswsn_lib.streams import Odometry, Recording
@@ -38,7 +40,12 @@ def check_odometry(recording: Recording) -> Iterator[Finding]:
     motion = ReferenceMotion(reference, 2)
     begin = max(motion.time[0], odometry.time[0])
     end = min(motion.time[-1], odometry.time[-1])
-    ends = np.arange(begin, end, _WINDOW)
+    try:
+        ends = spaced(begin, end, _WINDOW, len(odometry) + len(reference))
+    except InswsnError as error:
+        says = str(error).rstrip(".")
+        yield Finding("odometry", "odometry", np.nan, np.nan, np.nan, None, says)
+        return
     if len(ends) < 4:
         return
     whole = motion.covers(ends)

@@ -138,12 +138,7 @@ def _ranges(recording: Recording, ranges: Ranges) -> Iterator[Finding]:
 
 def _seen(recording: Recording, ranges: Ranges, motion: ReferenceMotion) -> _Sight:
     rows = motion.covers(ranges.time) & np.isfinite(ranges.distance)
-    kept = replace(
-        ranges,
-        time=ranges.time[rows],
-        anchor=ranges.anchor[rows],
-        distance=ranges.distance[rows],
-    )
+    kept = ranges.kept(rows)
     tag = motion.carried(kept.time, np.asarray(recording.lever_arm, dtype=float))
     apart = tag - kept.anchors[kept.anchor]
     distance = np.maximum(np.linalg.norm(apart, axis=1), 1e-9)
@@ -203,10 +198,4 @@ def _scale(sight: _Sight) -> Finding:
 def _without(ranges: Ranges | None, wrong: list[int]) -> Ranges:
     """Return ranges to anchors that are right."""
     assert ranges is not None
-    right = ~np.isin(ranges.anchor, wrong)
-    return replace(
-        ranges,
-        time=ranges.time[right],
-        anchor=ranges.anchor[right],
-        distance=ranges.distance[right],
-    )
+    return ranges.kept(~np.isin(ranges.anchor, wrong))

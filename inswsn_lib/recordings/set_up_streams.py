@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
@@ -15,7 +16,51 @@ _ROWS = 20
 _STUCK = 20  # rows that may say the same, as of a fix at rest
 _CLIPPED = 0.01  # share of the rows that may have the largest or the least value of their column
 _FEW = 4  # such rows of a short recording
+_COMMON = 0.02  # share of the rows above which a range may mean that nothing was measured
+# Times usual changes, times the finest difference, m: how far from its neighbours it must be
+_APART, _STEPS, _LEAST_APART = 10.0, 3.0, 1.0
 _SHARED = 0.02  # of a stream's time, in which another one is there, too
+
+
+def check_failed(recording: Recording) -> tuple[list[Finding], Recording]:
+    """Return what rows of ranges say that nothing was measured, and a recording without them.
+
+    These are distances that are not above 0; and one that stands exactly in more than a fiftieth of
+    all rows, and is far from what the rows to the same anchor before and after have.
+    """
+    ranges = recording.ranges
+    if ranges is None or not (failed := _failed(ranges)).any():
+        return [], recording
+    values, counts = np.unique(ranges.distance[failed], return_counts=True)
+    share, others = float(failed.mean()), " or another such value" if len(values) > 1 else ""
+    says = (
+        f"{values[np.argmax(counts)]:.6g}{others} stands in {100 * share:.3g} % of the rows, first "
+        f"at {ranges.time[failed][0]:.12g} s: it seems to mean that nothing was measured, and such "
+        "rows are left out"
+    )
+    found = Finding("values", "ranges, failed", share, 0, 0, False, says)
+    return [found], replace(recording, ranges=ranges.kept(~failed))
+
+
+def _failed(ranges: Ranges) -> Mask:
+    """Tell which rows are no distances."""
+    failed: Mask = np.asarray(ranges.distance <= 0)
+    values, counts = np.unique(ranges.distance[ranges.distance > 0], return_counts=True)
+    finest = float(np.diff(values).min(initial=np.inf))
+    for value in values[counts > max(_COMMON * len(ranges), _FEW)]:
+        mine: Mask = np.asarray(ranges.distance == value)
+        off, usual = [], []
+        for anchor in np.unique(ranges.anchor[mine]):
+            own = ranges.kept(~failed & (ranges.anchor == anchor))
+            others = own.kept(own.distance != value)
+            if len(others) > 1:
+                at = own.time[own.distance == value]
+                off.append(value - np.interp(at, others.time, others.distance))
+                usual.append(np.diff(others.distance))
+        far, near = (np.median(np.abs(np.concatenate([*x, [0.0]]))) for x in (off, usual))
+        if off and far > max(_APART * near, _STEPS * finest, _LEAST_APART):
+            failed = failed | mine
+    return failed
 
 
 def check_stamps(recording: Recording) -> Iterator[Finding]:

@@ -106,7 +106,9 @@ def make_rtklib(folder: Path) -> None:
             f"{2 - (i > 0)} 9 0.02 0.01 0.03 0 0 0 0 0 1.5 0.5 -0.25 0 0 0 0 0 0"
             for i in range(4)
         ],
-        "%  GPST            latitude(deg) longitude(deg) height(m) Q ...",
+        "%  GPST            latitude(deg) longitude(deg) height(m) Q ns sdn(m) sde(m) sdu(m) "
+        "sdne(m) sdeu(m) sdun(m) age(s) ratio vn(m/s) ve(m/s) vu(m/s) sdvn sdve sdvu sdvne sdveu "
+        "sdvun",
     )
 
 

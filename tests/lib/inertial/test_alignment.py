@@ -30,6 +30,7 @@ from inswsn_lib.inertial import (
     known_start,
     level,
 )
+from inswsn_lib.inertial.alignment import _steady
 from inswsn_lib.inertial.mechanization import GRAVITY
 from inswsn_lib.streams import Fixes, Imu
 
@@ -113,6 +114,14 @@ def test_a_steady_spin_in_place_is_not_taken_for_rest(seed: int) -> None:
     motion, seen, attitude, _ = log.make()
     start = align(motion, seen, 0.0, 40.0, latest=60.0)
     assert np.abs(off_by(start, attitude(start.time))).max() < 3.5
+
+
+def test_rest_ends_where_the_clock_was_set() -> None:
+    """However far: the work is that of the rows."""
+    rng = np.random.default_rng(3)
+    time = np.append(np.arange(0, 4, 0.01), 1e12)
+    imu = Imu(time, rng.normal(size=(401, 3)), rng.normal(size=(401, 3)))
+    assert _steady(imu) == _steady(imu.part(end=4)) == 4.0
 
 
 def test_a_start_that_its_own_deviations_exclude_is_refused() -> None:

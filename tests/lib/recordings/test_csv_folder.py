@@ -15,6 +15,7 @@ from made_folders import HALF, make_csv, values_of
 
 from inswsn_lib import recordings
 from inswsn_lib.errors import InswsnError
+from inswsn_lib.recordings import columns
 from inswsn_lib.streams import Fixes, Imu, Odometry, Ranges, Recording, Reference
 
 
@@ -82,6 +83,131 @@ def test_a_quaternion_of_nearly_unit_length_is_made_one(tmp_path: Path) -> None:
     assert reference.attitude[0, 0] / reference.attitude[0, 3] == pytest.approx(0.6004 / 0.8)
 
 
+@pytest.mark.parametrize("sign", ["#", "# ", "%", "%  "])
+def test_a_header_may_stand_behind_a_sign(tmp_path: Path, sign: str) -> None:
+    make_csv(tmp_path)
+    expected = values_of(recordings.load("csv", tmp_path))
+    for path in tmp_path.glob("*.csv"):
+        before = "% x_m and time_s are columns\n\n# by me\n"
+        path.write_text(before + path.read_text())  # the header is plain
+        np.testing.assert_equal(values_of(recordings.load("csv", tmp_path)), expected)
+        path.write_text(path.read_text().replace("by me\n", f"by me\n{sign}"))
+    np.testing.assert_equal(values_of(recordings.load("csv", tmp_path)), expected)
+
+
+@pytest.mark.parametrize("parser", ["plain", "pandas"])
+@pytest.mark.parametrize("name", ["t_s", "time_ms", "t_ms", "time_us", "time_ns"])
+def test_time_stamps_may_be_in_smaller_units(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, parser: str, name: str
+) -> None:
+    monkeypatch.setattr(columns, "_SMALL", 10**9 if parser == "plain" else 0)
+    size = {"s": 1, "ms": 10**3, "us": 10**6, "ns": 10**9}[name.partition("_")[2]]
+    stamps = [1_700_000_000, 1_700_000_001, 1_700_000_003]
+    rows = "".join(f"{k * size + size // 2 if size > 1 else k + 0.5},1,0\n" for k in stamps)
+    (tmp_path / "odometry.csv").write_text(f"{name},speed_mps,rate_radps\n{rows}")
+    odometry = recordings.load("csv", tmp_path).odometry
+    assert odometry is not None
+    assert odometry.time.tolist() == [k + 0.5 for k in stamps]
+
+
+def odometry_at(path: Path, time: Any) -> None:
+    rows = "".join(f"{t!r},1,0\n" for t in np.asarray(time, dtype=float).tolist())
+    (path / "odometry.csv").write_text(f"time_s,speed_mps,rate_radps\n{rows}")
+
+
+@pytest.mark.parametrize("early", [1, 15, 29])
+def test_a_clock_that_was_set_is_told_with_its_row(tmp_path: Path, early: int) -> None:
+    time = 1.7e9 + 0.1 * np.arange(30)
+    time[:early] -= 1.7e9
+    odometry_at(tmp_path, time)
+    with pytest.raises(InswsnError, match=rf"time_s: .* jumps by 1.7e\+09 s in row {early + 2}, "):
+        recordings.load("csv", tmp_path)
+    for gap, rest in ((3500.0, 0.1), (6900.0, 5.0)):  # a break of a logger
+        odometry_at(tmp_path, rest * np.arange(30) + gap * (np.arange(30) >= early))
+        assert recordings.load("csv", tmp_path).odometry is not None
+
+
+@pytest.mark.parametrize(("unit", "size"), [(None, 1.0), ("ms", 1e3), ("us", 1e6), ("ns", 1e9)])
+@pytest.mark.parametrize("rate", [1.5, 10, 50, 400])
+def test_stamps_of_a_motion_in_a_smaller_unit_are_refused(
+    tmp_path: Path, unit: str | None, size: float, rate: float
+) -> None:
+    make_csv(tmp_path)
+    head = (tmp_path / "imu.csv").read_text().partition("\n")[0]
+    rows = "".join(f"{k / rate * size!r},0.1,0.2,0.3,0,0,9.8\n" for k in range(30))
+    (tmp_path / "imu.csv").write_text(f"{head}\n{rows}")
+    if unit is None:
+        assert recordings.load("csv", tmp_path).imu is not None
+    else:
+        with pytest.raises(InswsnError, match=r"imu.csv: time_s has a median step of .* in .s, of"):
+            recordings.load("csv", tmp_path)
+        if rate > 10:
+            with pytest.raises(InswsnError, match=f"seems to be in {unit}, of which the column"):
+                recordings.load("csv", tmp_path)
+
+
+@pytest.mark.parametrize(("unit", "size"), [("ms", 1e3), ("us", 1e6), ("ns", 1e9)])
+def test_one_stream_in_a_smaller_unit_is_refused(tmp_path: Path, unit: str, size: float) -> None:
+    car = drive(0, 1.0)
+    assert car.fixes is not None
+    other = replace(car, fixes=replace(car.fixes, time=size * (car.fixes.time + 0.3)))
+    recordings.write_csv(other, tmp_path / "new")
+    with pytest.raises(InswsnError, match=f"fixes.csv: time_s has a median step .* in {unit}, of"):
+        recordings.load("csv", tmp_path / "new")
+    slow = replace(car, fixes=replace(car.fixes, time=30 * car.fixes.time))
+    recordings.write_csv(slow, tmp_path / "slow")
+    assert recordings.load("csv", tmp_path / "slow").fixes is not None
+
+
+def drive(seed: int, noise: float) -> Recording:
+    """A car at 8 m/s that winds, with an IMU, fixes, a reference and odometry."""
+    rng, time = np.random.default_rng(seed), np.arange(0, 60, 0.02)
+    turn = 0.3 * np.cos(0.4 * time + seed)
+    heading = np.cumsum(turn) * 0.02
+    place = 0.16 * np.cumsum([np.cos(heading), np.sin(heading), 0 * time], axis=1).T
+    force = np.column_stack([0 * time, 8 * turn, 0 * time + 9.81]) + rng.normal(0, 0.05, (3000, 3))
+    rate = np.outer(turn, [0, 0, 1])
+    fixes = Fixes(time[::10], place[::10] + noise * rng.normal(size=(300, 3)))
+    odometry = Odometry(time, 8 + 0 * time, turn)
+    reference = Reference(time, place)
+    return Recording("car", Imu(time, rate, force), odometry, None, fixes, reference)
+
+
+@pytest.mark.parametrize("only", ["imu", "odometry", "reference", "height"])
+@pytest.mark.parametrize("north", [0, 1])
+@pytest.mark.parametrize("noise", [0.01, 2.0])
+def test_degrees_are_no_metres(tmp_path: Path, only: str, north: int, noise: float) -> None:
+    right = drive(north, noise)
+    assert right.fixes is not None
+    position = right.fixes.position[:, : 3 if only == "height" else 2] + 20.0
+    metres = replace(right.fixes, position=position)
+    others = [name for name in ("imu", "odometry", "reference") if name != only]
+    kept = replace(right, fixes=metres).without(*others)
+    recordings.write_csv(kept, tmp_path / "metres")
+    assert recordings.load("csv", tmp_path / "metres").fixes is not None
+    degrees = position.copy()
+    degrees[:, :2] = np.roll([48.1, 11.5], north) + position[:, :2] / 111e3
+    recordings.write_csv(replace(kept, fixes=replace(metres, position=degrees)), tmp_path / "new")
+    said = r"fixes.csv: the positions in columns x_m, y_m seem to be latitude and longitude in deg"
+    if only == "height" and noise < 1:  # a flat way, exactly measured
+        return
+    with pytest.raises(InswsnError, match=said):
+        recordings.load("csv", tmp_path / "new")
+
+
+@pytest.mark.parametrize("noise", [1e-3, 0.05])
+def test_a_tag_at_rest_is_not_in_degrees(tmp_path: Path, noise: float) -> None:
+    """An antenna about which an IMU turns by hand, far from the origin of its frame."""
+    rng, right = np.random.default_rng(4), drive(0, 0.0)
+    assert right.imu is not None
+    time = right.imu.time
+    force = 9.81 * np.column_stack([np.sin(time), np.cos(time), 0 * time])
+    fixes = Fixes(time[::10], [11.5, 48.1, 1.0] + noise * rng.normal(size=(300, 3)))
+    still = Recording("still", imu=replace(right.imu, force=force), fixes=fixes)
+    recordings.write_csv(still, tmp_path / "new")
+    assert recordings.load("csv", tmp_path / "new").fixes is not None
+
+
 WRONG = [
     ("imu.csv", "force_z_mps2", "force_z", r"imu.csv has no column force_z_mps2; it has time_s, "),
     (
@@ -98,6 +224,8 @@ WRONG = [
     ("imu.csv", "0.01,0.1", "0.01,0.1,1", r"imu.csv has 8 cells in row 3; there must be 7"),
     ("imu.csv", "9.", "1000.", r"has a median size of 1001; it seems to be in mg or cm/s\^2, but"),
     ("imu.csv", "9.9", "9e99", r"imu.csv has '9e\+?99' in column force_z_mps2, row 3; it must be"),
+    ("imu.csv", "0.01,0.1", "17e11,0.1", r"'17e11' in column time_s, .* in ms, of which the colu"),
+    ("odometry.csv", "time_s,speed_mps", "time_ms,t_us", r"has the columns time_ms, t_us; it mus"),
     ("odometry.csv", "0.2,1", "0.1,1", r"odometry.csv: in time_s: the time stamp repeats in row 3"),
     ("ranges.csv", "007", "7", r"ranges.csv: the anchor is '7' in row 3; it .* '007', 'A 1'\."),
     ("ranges.csv", "007", "", r"ranges.csv: an empty cell is in column anchor, row 3; .* a word\."),

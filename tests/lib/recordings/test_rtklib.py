@@ -81,8 +81,8 @@ def test_without_a_good_fix_the_first_is_the_origin_and_velocities_may_lack(tmp_
         (
             "gnss_1.pos",
             "2025/08/28 17:30:40.500",
-            "2381 408658.5",
-            r"has '2381 408658.5' in line 4",
+            "2381 608658.5",
+            r"has '2381 608658.5' in line 4",
         ),
         (
             "gnss_1.pos",
@@ -91,6 +91,20 @@ def test_without_a_good_fix_the_first_is_the_origin_and_velocities_may_lack(tmp_
             r"it must be a date an",
         ),
         ("gnss_1.pos", "%  GPST", "%  UTC", r"gnss_1.pos has UTC in its head; it must be GPST\."),
+        (
+            "gnss_1.pos",
+            "latitude(deg) longitude(deg) height(m)",
+            "x-ecef(m) y-ecef(m) z-ecef(m)",
+            r"gnss_1.pos has x-ecef\(m\), y-ecef\(m\), .* head; it must have latitude\(deg\), lon",
+        ),
+        ("gnss_1.pos", "(deg)", "(d'\")", r"has latitude\(d'\"\), longitude\(d'\"\), height\(m\)"),
+        ("gnss_1.pos", " ratio", "", r"gnss_1.pos has 24 cells in line 2; there must be 23"),
+        (
+            "gnss_1.pos",
+            "2025/08/28 17:30:40.500",
+            "%  GPST e-baseline(m)\n2025/08/28 17:30:40.5",
+            r"gnss_1.pos has heads that differ",
+        ),
         ("gnss_1.pos", "-105.0000000", "-4870000.1", r"no latitude and longitude in degrees"),
         ("gnss_1.pos", "40.0000200 -1", "40:00:00.1 -1", r"gnss_1.pos has '40:00:00.1' in li"),
     ],
@@ -102,6 +116,47 @@ def test_spoilt_files_are_refused(tmp_path: Path, name: str, old: str, new: str,
     (tmp_path / name).write_text(text.replace(old, new))
     with pytest.raises(InswsnError, match=said):
         read_rtklib(tmp_path)
+
+
+def test_columns_are_found_by_the_head_and_weeks_are_time(tmp_path: Path) -> None:
+    make_rtklib(tmp_path)
+    path = tmp_path / "gnss_1.pos"
+    _, expected = streams(read_rtklib(tmp_path))
+    head, *rows = [line.split() for line in path.read_text().splitlines()]
+    # 2025-08-28 is a Thursday: it begins 4 days after the week does
+    weeks = [["2381", f"{408640 + 0.25 * k:.2f}", *row[2:]] for k, row in enumerate(rows)]
+
+    def written(*lines: list[str]) -> Fixes:
+        path.write_text("% program : RTKLIB\n" + "".join(" ".join(each) + "\n" for each in lines))
+        return streams(read_rtklib(tmp_path))[1]
+
+    other = [row[:5] + row[15:] + row[5:15] for row in rows]  # velocities come first
+    names = head[:5] + head[15:] + head[5:15]
+    for lines in ([*weeks], [head, *weeks], [names, *other], [*rows]):
+        found = written(*lines)
+        for name, value in vars(expected).items():
+            assert getattr(found, name) == pytest.approx(value, abs=1e-9), name
+
+
+def test_baselines_are_positions(tmp_path: Path) -> None:
+    make_rtklib(tmp_path)
+    path = tmp_path / "gnss_1.pos"
+    rows = [
+        f"2025/08/28 17:30:4{k}.000 {5 + k}.0000 -2.5000 0.5000 1 9 0.02 0.01 0.03 0 0 0 0 9.9\n"
+        for k in range(4)
+    ]
+    head = "%  GPST e-baseline(m) n-baseline(m) u-baseline(m) Q ns sde(m) sdn(m) sdu(m) sden(m) "
+    path.write_text(f"{head} sdnu(m) sdue(m) age(s) ratio\n{''.join(rows)}")
+    read = read_rtklib(tmp_path)
+    _, fixes = streams(read)
+    assert read.origin is None
+    assert fixes.position.tolist() == [[5.0 + k, -2.5, 0.5] for k in range(4)]
+    assert fixes.deviation is not None
+    assert fixes.deviation[0].tolist() == [0.02, 0.01, 0.03]
+    for text in ("".join(rows), "".join(rows).replace(".0000 -2.5000", " -2.5")):
+        path.write_text(text)  # metres by their decimals, or since nothing goes so fast
+        with pytest.raises(InswsnError, match=r"has no head, and its columns may not be latitude"):
+            read_rtklib(tmp_path)
 
 
 @pytest.mark.parametrize(

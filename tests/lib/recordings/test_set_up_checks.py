@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import tracemalloc
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
@@ -15,6 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from inswsn_lib.calibration import multilaterate_track
 from inswsn_lib.recordings import Finding, check_set_up, verdict
+from inswsn_lib.recordings.set_up_streams import check_failed
 from inswsn_lib.streams import Fixes, Imu, Ranges, Recording
 
 NAMES = {"unit", "repeats", "gaps", "axes", "gravity", "time", "mounting", "place", "bias", "scale",
@@ -277,6 +279,55 @@ def test_a_reference_of_one_row_tells_as_much_as_none() -> None:
     assert [(f.name, f.subject, f.fits) for f in told] == [
         (f.name, f.subject, f.fits) for f in without
     ]
+
+
+def test_work_does_not_grow_with_the_span_of_a_clock() -> None:
+    for right in (room(1), made_drive(1)):
+        for name, stream in right.streams.items():
+            time = np.append(stream.time[0] - 1.7e9, stream.time[1:])
+            tracemalloc.start()
+            findings = check_set_up(replace(right, **{name: replace(stream, time=time)}))
+            assert tracemalloc.get_traced_memory()[1] < 1e8
+            tracemalloc.stop()
+            assert f"gaps: {name}" in wrong(findings)
+
+
+def with_failed(right: Recording, value: float, share: float) -> tuple[Recording, int]:
+    assert right.ranges is not None
+    distance = right.ranges.distance.copy()
+    rows = np.random.default_rng(7).random(len(distance)).argsort()[: int(share * len(distance))]
+    distance[rows] = value
+    return replace(right, ranges=replace(right.ranges, distance=distance)), len(rows)
+
+
+@pytest.mark.parametrize("value", [65.535, 20.0, 0.0, -1.0])
+@pytest.mark.parametrize("share", [0.01, 0.025, 0.1, 0.6])
+def test_ranges_that_mean_nothing_are_named_and_left_out(value: float, share: float) -> None:
+    """Above 0 they must stand in a fiftieth of the rows."""
+    for seed in range(3):
+        spoilt, count = with_failed(made(seed), value, share)
+        assert spoilt.ranges is not None
+        found, right = check_failed(spoilt)
+        assert right.ranges is not None
+        if value > 0 and share < 0.02:
+            assert (found, right) == ([], spoilt)
+            continue
+        assert found[0].says.startswith(f"{value:g} stands in {100 * count / len(spoilt.ranges):g}")
+        assert right.ranges.time.tolist() == (
+            spoilt.ranges.time[spoilt.ranges.distance != value].tolist()
+        )
+    findings = check_set_up(with_failed(room(1), value, 0.1)[0])
+    assert wrong(findings) == ["values: ranges, failed"]
+
+
+def test_no_range_of_a_hundred_recordings_is_taken_for_a_failed_one() -> None:
+    for seed in range(100):
+        right = made_drive(seed) if seed % 4 == 0 else made(seed, still=seed % 2 == 0)
+        assert right.ranges is not None
+        for digits in (9, 2, 1, 0):
+            distance = right.ranges.distance.round(digits)
+            rounded = replace(right, ranges=replace(right.ranges, distance=distance))
+            assert check_failed(rounded) == ([], rounded)
 
 
 def test_a_stream_in_milliseconds_is_at_another_time() -> None:
