@@ -31,7 +31,7 @@ def check_set_up(recording: Recording) -> list[Finding]:
     itself    fixes do not move as their velocities say            half of the speed
     values    a sensor sticks, saturates, or is quantised coarsely 20 equal rows, 1 % at a limit
     values    a range means that nothing was measured: it is not   2 % of the rows
-          above 0, or always the same and far from others
+              above 0, or always the same and far from others
     axes      exchanged, reversed or mirrored, of all signed       none
               permutations, 48 in space
     gravity   the specific force, by the attitude, is not upwards  5 degrees on average
