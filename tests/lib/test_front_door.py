@@ -52,3 +52,13 @@ def test_the_kalman_filter_loads_little_beside_numpy() -> None:
 
     more = modules("from inswsn_lib.filters import run_kalman") - modules("import numpy")
     assert len(more) <= 30
+
+
+def test_the_room_that_was_called_estimation_is_found_where_it_is() -> None:
+    with pytest.warns(DeprecationWarning, match=r"align is now inswsn_lib\.inertial\.align"):
+        from inswsn_lib.estimation import align
+    with pytest.warns(DeprecationWarning, match=r"is now inswsn_lib\.calibration\.slope_velocity"):
+        from inswsn_lib.estimation import slope_velocity
+    assert (align, slope_velocity) == (iw.inertial.align, iw.calibration.slope_velocity)
+    with pytest.raises(ImportError, match="anything"):
+        from inswsn_lib.estimation import anything  # noqa: F401
