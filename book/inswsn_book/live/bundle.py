@@ -13,8 +13,10 @@ from inswsn_book.project import Project
 from inswsn_book.results import read_results
 from inswsn_lib.files import read_yaml
 
-# of the book's package: what lessons import, what shows it, and this room
-_BOOK = ("__init__.py", "legible.py", "moving.py", "parameters.py", "show.py", "lessons", "live")
+# of the book's package: what lessons import, and it, what shows it, and this room
+_BOOK = (
+    "__init__.py", "legible.py", "moving.py", "parameters.py", "show.py", "evidence", "lessons", "live",
+)  # fmt: skip
 _DATA = ("examples/*.csv", "papers/*.csv", "papers/*.yaml", "scenarios/*.yaml")
 _PACKAGES = ("lazy_loader", "mpmath")  # that others made, of Python alone
 _TIME = (1980, 1, 1, 0, 0, 0)  # of every file, so that the same files make the same archive
