@@ -15,7 +15,8 @@ from inswsn_lib.files import read_yaml
 
 # of the book's package: what lessons import, and it, what shows it, and this room
 _BOOK = (
-    "__init__.py", "legible.py", "moving.py", "parameters.py", "show.py", "evidence", "lessons", "live",
+    "__init__.py", "legible.py", "moving.py", "parameters.py", "show.py", "evidence", "lessons",
+    "live",
 )  # fmt: skip
 _DATA = ("examples/*.csv", "papers/*.csv", "papers/*.yaml", "scenarios/*.yaml")
 _PACKAGES = ("lazy_loader", "mpmath")  # that others made, of Python alone
