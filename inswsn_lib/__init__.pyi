@@ -2,7 +2,6 @@
 
 # Rooms
 from . import (
-    benchmark as benchmark,
     calibration as calibration,
     inertial as inertial,
     evaluation as evaluation,

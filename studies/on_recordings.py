@@ -28,7 +28,6 @@ def main() -> None:
         made=datetime.datetime.now(datetime.UTC).date().isoformat(),
         commit=commit,
         clean=clean,
-        trials=study.trials,
         digests={name: dict(recordings.load(name).digests) for name in recordings.names()},
     )
     write_whole(ROOT / "data/recorded/on-recordings.json", text)

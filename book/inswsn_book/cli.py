@@ -71,30 +71,21 @@ def book(root: Path | None, fresh: bool, jobs: int | None) -> None:
 
 
 @cli.command()
-@click.argument("entry", required=False)
-@click.option("--track", default="network", show_default=True, help="The task of the entry.")
-@click.option(
-    "--trials", type=click.IntRange(min=1), default=24, show_default=True, help="Trials per search."
-)
-@click.option("--keep", is_flag=True, help="Keep the rows in data/leaderboard.json.")
-@click.pass_obj
-def benchmark(root: Path | None, entry: str | None, track: str, trials: int, keep: bool) -> None:
-    """Judge an entry, a class in a file, against the baselines, or only the baselines.
+@click.argument("entry")
+@click.argument("recording")
+def judge(entry: str, recording: str) -> None:
+    """Put an entry, a class in a file, on the ladder of a recording.
 
-    For example: inswsn benchmark mine.py:Mine --track outage-5
+    RECORDING is a published one, such as inrol/1, or a folder with your logs. The file is run as it
+    is, with your rights.
+
+    For example: inswsn judge mine.py:Mine my-logs
     """
-    from inswsn_book.leaderboard import keep_rows, result_lines
-    from inswsn_book.progress import Progress
-    from inswsn_lib.benchmark import compare
+    from inswsn_lib import recordings
 
-    project = _project(root)
-    entries = [] if entry is None else [entry]
-    with Progress() as progress:
-        results = compare(entries, track, trials=trials, say=progress.say)
-    for result in results if entry is None else results[:1]:
-        click.echo("\n".join(result_lines(result)))
-    if keep:
-        click.echo(f"wrote {keep_rows(project, results)}")
+    there = Path(recording).is_dir()
+    logs = recordings.load("csv", recording) if there else recordings.load(recording)
+    click.echo(recordings.judge(entry, logs).round(3).to_string())
 
 
 @cli.command()

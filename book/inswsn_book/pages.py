@@ -175,6 +175,7 @@ def _kept(project: Project) -> dict[str, Any]:
     assumed = data / "assumptions.yaml"
     return {
         **{path.stem: read_json(path) for path in data.glob("*.json")},
+        "ladders": _ladders(data / "recorded/on-recordings.json"),
         "benchmarks": {path.stem: read_yaml(path) for path in data.glob("benchmarks*.yaml")},
         "assumptions": read_yaml(assumed) if assumed.is_file() else {},
         "settings": {path.stem: load_scenario(path) for path in data.glob("scenarios/*.yaml")},
@@ -182,6 +183,18 @@ def _kept(project: Project) -> dict[str, Any]:
         "changed_since": lambda sources: [
             name for name, digest in sources.items() if now.get(name, digest) != digest
         ],
+    }
+
+
+def _ladders(path: Path) -> dict[str, list[dict[str, Any]]]:
+    """Return the tables of a study of recordings, each row by its columns."""
+    tables = read_json(path)["tables"] if path.is_file() else {}
+    return {
+        name: [
+            {"name": label, **dict(zip(table["columns"], row, strict=True))}
+            for label, row in zip(table["index"], table["data"], strict=True)
+        ]
+        for name, table in tables.items()
     }
 
 

@@ -1,4 +1,3 @@
-from .block_bootstrap import block_ratio as block_ratio
 from .clusters import cluster_mean as cluster_mean, cluster_median as cluster_median
 from .consistency import (
     NoiseFit as NoiseFit,
@@ -15,6 +14,7 @@ from .drift import (
     drift_bound as drift_bound,
     longest_period as longest_period,
 )
+from .error_ratios import block_ratio as block_ratio, correlation_length as correlation_length
 from .metrics import (
     Spread as Spread,
     largest_error as largest_error,
@@ -35,4 +35,9 @@ from .scores import (
     quotient as quotient,
     score_hypothesis as score_hypothesis,
 )
-from .tuning import Tuning as Tuning, search_pattern as search_pattern, tune as tune
+from .tuning import (
+    Tuning as Tuning,
+    most_likely as most_likely,
+    search_pattern as search_pattern,
+    tune as tune,
+)

@@ -10,12 +10,12 @@ import pandas as pd
 
 from inswsn_lib.calibration import multilaterate_track
 from inswsn_lib.checks import Array, Mask
+from inswsn_lib.errors import InswsnError
 from inswsn_lib.filters import intersect
-from inswsn_lib.inertial import PositionFixes, run_error_state
-from inswsn_lib.recordings import RecordedContest
-from inswsn_lib.recordings.contest import COLOURED
-from inswsn_lib.recordings.correction import UP
-from inswsn_lib.recordings.estimates import Estimate, of_solution, scores
+from inswsn_lib.inertial import PositionFixes
+from inswsn_lib.recordings import Ladder
+from inswsn_lib.recordings.correction import COLOURED, UP, InertialCorrection
+from inswsn_lib.recordings.estimates import Estimate, scores
 from inswsn_lib.streams import Fixes, Ranges, Whole
 
 
@@ -29,49 +29,52 @@ class RecordedClusters:
 
     Attributes
     ----------
-    contest : RecordedContest
+    ladder : Ladder
         With eight anchors or more.
 
     Examples
     --------
     >>> from inswsn_lib.navigation import RecordedClusters
-    >>> from inswsn_lib.recordings import RecordedContest
+    >>> from inswsn_lib.recordings import Ladder
     >>> from inswsn_lib.streams import Recording
-    >>> RecordedClusters(RecordedContest(Recording("empty"))).fixes
+    >>> RecordedClusters(Ladder(Recording("empty"))).fixes
     Traceback (most recent call last):
     ...
-    inswsn_lib.errors.InswsnError: The recording empty has no imu: a contest of filters needs one.
+    inswsn_lib.errors.InswsnError: The recording empty has no ranges to cluster.
     """
 
-    contest: RecordedContest
+    ladder: Ladder
 
     @cached_property
     def fixes(self) -> tuple[Fixes, Fixes]:
         """Those of each cluster."""
-        heard = self.contest.heard
+        heard = self.ladder.recording.ranges
+        if heard is None:
+            raise InswsnError(
+                f"The recording {self.ladder.recording.name} has no ranges to cluster."
+            )
         place = heard.anchors[:, :2] - heard.anchors[:, :2].mean(axis=0)
         order = np.argsort(np.arctan2(place[:, 1], place[:, 0]))
         first, second = (
-            multilaterate_track(_only(heard, order[half::2]), self.contest.period)
-            for half in (0, 1)
+            multilaterate_track(_only(heard, order[half::2]), self.ladder.window) for half in (0, 1)
         )
         return first, second
 
     @cached_property
     def positions(self) -> Array:
         """Horizontal fixes of both clusters at the network's times, (2, fixes, 2); NaN if none."""
-        times = self.contest.fixes.time
-        return np.stack([_nearest(each, times, self.contest.period / 2) for each in self.fixes])
+        times = self.ladder.fixes.time
+        return np.stack([_nearest(each, times, self.ladder.window / 2) for each in self.fixes])
 
     @cached_property
     def errors(self) -> Array:
         """Errors of both clusters, x and y of the first and of the second, (fixes, 4)."""
-        return np.hstack(list(self.positions - self.contest.truth[:, :2]))
+        return np.hstack(list(self.positions - self.ladder.truth[:, :2]))
 
     @cached_property
     def covariance(self) -> Array:
         """Of these errors about zero, in the first part, (4, 4)."""
-        first = self.contest.usable & (self.contest.fixes.time <= self.contest.split)
+        first = self.ladder.usable & (self.ladder.fixes.time <= self.ladder.split)
         errors = self.errors[first & np.isfinite(self.errors).all(axis=1)]
         return np.asarray(errors.T @ errors / len(errors))
 
@@ -86,7 +89,7 @@ class RecordedClusters:
     @cached_property
     def judged(self) -> Mask:
         """The judged fixes of the contest at which both clusters have one."""
-        return np.asarray(self.contest.judged & np.isfinite(self.errors).all(axis=1))
+        return np.asarray(self.ladder.judged & np.isfinite(self.errors).all(axis=1))
 
     @cached_property
     def estimates(self) -> dict[str, Estimate]:
@@ -101,9 +104,9 @@ class RecordedClusters:
             "weighted, as if independent": self._weighted(independent),
             "covariance intersection": self._intersected(blocks),
             "weighted, correlation known": self._weighted(P),
-            "all anchors at once": self.contest.network.places(),
+            "all anchors at once": self.ladder.network.places(),
             "filter on the fixes of both": self._filtered(),
-            "filter on all anchors at once": self.contest.estimates[COLOURED].places(),
+            "filter on all anchors at once": self.ladder.estimates[COLOURED].places(),
         }
 
     def table(self) -> pd.DataFrame:
@@ -112,16 +115,16 @@ class RecordedClusters:
         Returns
         -------
         DataFrame
-            ``position`` (m), ``position_ratio``, ``position_low``, ``position_high`` by a block
-            bootstrap, and ``nees`` over 2 of what says a covariance.
+            ``position`` (m), ``position_ratio``, ``position_low``, ``position_high`` by
+            `block_ratio`, and ``nees`` over 2 of what says a covariance.
         """
-        rows, truth = self.judged, self.contest.truth[:, :2]
-        others = self.contest.network.state[rows, :2] - truth[rows]
+        rows, truth = self.judged, self.ladder.truth[:, :2]
+        others = self.ladder.network.state[rows, :2] - truth[rows]
         found = {
-            name: scores(each.part(rows), truth[rows], others, self.contest.period)
+            name: scores(each.part(rows), truth[rows], others)
             for name, each in self.estimates.items()
         }
-        return pd.DataFrame(found).T.drop(columns=["nis", "lag1"])
+        return pd.DataFrame(found).T
 
     def _weighted(self, covariance: Array) -> Estimate:
         """Return the best linear fusion for a covariance of both (Bar-Shalom and Campo 1986)."""
@@ -145,20 +148,21 @@ class RecordedClusters:
         Its noises are those tuned for all anchors, times what the errors of a cluster are larger by
         in the first part.
         """
-        contest = self.contest
-        force, rate, white, coloured, time = contest.tuned[COLOURED].best
-        first = contest.usable & (contest.fixes.time <= contest.split)
-        whole = np.square(contest.network.state - contest.truth)[first, :2].mean()
+        ladder = self.ladder
+        force, rate, white, coloured, time = ladder.tuned(COLOURED).best
+        first = ladder.usable & (ladder.fixes.time <= ladder.split)
+        whole = np.square(ladder.network.state - ladder.truth)[first, :2].mean()
         larger = np.sqrt(np.diag(self.covariance).reshape(2, 2).mean(axis=1) / whole)
         both = [
             PositionFixes(
-                fixes, contest.recording.lever_arm, more * white * UP, more * coloured * UP,
+                fixes, ladder.recording.lever_arm, more * white * UP, more * coloured * UP,
                 np.full(3, time),
             )
             for fixes, more in zip(self.fixes, larger, strict=True)
         ]  # fmt: skip
-        run = run_error_state(contest.motion(force, rate), contest.start, [*both, contest.silent])
-        return of_solution(run, contest.recording.lever_arm, contest.fixes.time).places()
+        filters = ladder.filters
+        assert isinstance(filters, InertialCorrection)
+        return ladder.of(filters.run([*both, filters.silent], force, rate)).places()
 
 
 def _only(ranges: Ranges, anchors: Whole) -> Ranges:

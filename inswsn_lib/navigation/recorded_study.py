@@ -21,14 +21,14 @@ from inswsn_lib.evaluation import autocorrelation
 from inswsn_lib.files import WRITTEN, read_text
 from inswsn_lib.navigation.recorded_clusters import RecordedClusters
 from inswsn_lib.navigation.recorded_outages import RecordedOutages
-from inswsn_lib.recordings import FixesContest, PlanarContest, RecordedContest
-from inswsn_lib.recordings.contest import COLOURED
-from inswsn_lib.recordings.estimates import of_solution, scores, tag_track, unlikely
-from inswsn_lib.streams import Recording
+from inswsn_lib.recordings import Ladder, Outages
+from inswsn_lib.recordings.correction import COLOURED, TIGHT
+from inswsn_lib.recordings.estimates import scores, tag_track
+from inswsn_lib.recordings.ladder import FIXED_LAG, SMOOTHER
+from inswsn_lib.streams import Ranges, Recording
 
 Tables = dict[str, pd.DataFrame]
 
-TIGHT = "tightly coupled, coloured ranges"
 _FORM = 1
 _LAG = 10.0  # s, to which autocorrelations are taken
 # what a tight filter may assume beside the tuned numbers: errors that soon fade
@@ -43,8 +43,6 @@ class RecordedStudy:
 
     Attributes
     ----------
-    trials : int
-        Of the search for the numbers of each filter.
     cache : Path, optional
         Where the recordings are kept; the user's cache by default.
 
@@ -60,35 +58,32 @@ class RecordedStudy:
     >>> import inswsn_lib as iw
     >>> kept = iw.data_file("recorded/on-recordings.json")
     >>> tables, facts = iw.navigation.read_tables(kept)
-    >>> facts["trials"] == iw.navigation.RecordedStudy().trials, len(tables["inrol/1"])
-    (True, 11)
+    >>> len(tables["inrol/1"]), facts["digests"]["inrol/1"] is not None
+    (12, True)
     """
 
-    trials: int = 20
     cache: Path | None = None
 
     @cached_property
-    def room(self) -> RecordedContest:
+    def room(self) -> Ladder:
         """A tag that is carried in a room."""
-        return RecordedContest(self._load("inrol/1"), trials=self.trials)
+        return Ladder(self._load("inrol/1"))
 
     @cached_property
-    def planar(self) -> dict[str, PlanarContest]:
+    def planar(self) -> dict[str, Ladder]:
         """A mower, and a robot in a labyrinth."""
         return {
-            name: PlanarContest(self._load(name), alignment=alignment, trials=self.trials)
+            name: Ladder(self._load(name), alignment=alignment)
             for name, alignment in (("plaza/2", 40.0), ("labyrinth/1", 5.0))
         }
 
     @cached_property
-    def outages(self) -> dict[str, RecordedOutages]:
+    def outages(self) -> dict[str, Outages]:
         """On foot and by car."""
         walk, car = self._load("rtklib/walk-0827"), self._load("rtklib/drive-0708")
         return {
-            "rtklib/walk-0827": RecordedOutages(FixesContest(walk, trials=self.trials), 10.0, 3.0),
-            "rtklib/drive-0708": RecordedOutages(
-                FixesContest(car, alignment=60.0, trials=self.trials), 20.0, 8.0
-            ),
+            "rtklib/walk-0827": Outages(Ladder(walk), 10.0, 3.0),
+            "rtklib/drive-0708": Outages(Ladder(car, alignment=60.0), 20.0, 8.0),
         }
 
     def tables(self) -> Tables:
@@ -105,7 +100,7 @@ class RecordedStudy:
             **_of_outages("inrol/1", outages),
             "autocorrelation": self._autocorrelations(),
         }
-        found |= {name: contest.table() for name, contest in self.planar.items()}
+        found |= {name: ladder.table() for name, ladder in self.planar.items()}
         for name, each in self.outages.items():
             found |= _of_outages(name, each)
         return found
@@ -134,8 +129,8 @@ class RecordedStudy:
     def _smoother(self) -> pd.DataFrame:
         """Return the smoothers over the causal filter, and the filters over each other."""
         pairs = {
-            "smoother": COLOURED,
-            "fixed-lag smoother, 2 s": COLOURED,
+            SMOOTHER: COLOURED,
+            FIXED_LAG: COLOURED,
             TIGHT: COLOURED,
             COLOURED: "KF",
             "HF": "KF",
@@ -155,7 +150,7 @@ class RecordedStudy:
 
         What is taken away is known from the reference: these are experiments, not filters.
         """
-        room, ranges = self.room, self.room.heard
+        room, ranges = self.room, self._heard
         point = calibrate(
             room.recording.part(end=room.split), ["bias", "lever arm"]
         ).state.lever_arm
@@ -177,24 +172,35 @@ class RecordedStudy:
         }
         return pd.DataFrame({n: self._tight_row(true + each) for n, each in kinds.items()}).T
 
+    @property
+    def _heard(self) -> Ranges:
+        """The ranges of the room while the IMU is on."""
+        heard = self.room.filters.recording.ranges
+        assert heard is not None
+        return heard
+
     def _tight_row(self, distance: Array) -> dict[str, float]:
         """Return the tight filter over the loose one for these ranges, by the likelier of two."""
         room = self.room
-        heard = replace(room.heard, distance=distance)
-        contest = replace(room, recording=replace(room.recording, ranges=heard))
-        loss = unlikely(contest.tight, contest.start.time + _CHOICE)
-        told = min([room.tuned[TIGHT].best, _FADING], key=lambda numbers: loss(*numbers))
-        solutions = contest.tight(*told), contest.loose(*room.tuned[COLOURED].best)
-        rows, lever_arm = contest.judged, room.recording.lever_arm
-        tight, loose = (of_solution(s, lever_arm, contest.fixes.time).part(rows) for s in solutions)
-        truth = contest.truth[rows]
-        row = scores(tight, truth, loose.state - truth, room.period)
+        heard = replace(self._heard, distance=distance)
+        ladder = replace(room, recording=replace(room.recording, ranges=heard))
+        tight, loose = (ladder.rungs[name].run for name in (TIGHT, COLOURED))
+        told = max(
+            [room.tuned(TIGHT).best, _FADING],
+            key=lambda n: tight(*n, end=ladder.start.time + _CHOICE, kept=False).log_likelihood,
+        )
+        rows, truth = ladder.judged, ladder.truth[ladder.judged]
+        mine, others = (
+            ladder.of(solution).part(rows)
+            for solution in (tight(*told), loose(*room.tuned(COLOURED).best))
+        )
+        row = scores(mine, truth, others.state - truth)
         kept = {end: row[f"position_{end}"] for end in ("ratio", "low", "high")}
         return {"position": row["position"], **kept, "correlation time": told[4]}
 
     def _distances(self, arm: Array) -> Array:
         """Return the true distances of a point of the body to the anchors that were heard."""
-        ranges = self.room.heard
+        ranges = self._heard
         time, track = tag_track(replace(self.room.recording, lever_arm=arm))
         place = np.column_stack([np.interp(ranges.time, time, x) for x in track.T])
         return np.asarray(np.linalg.norm(place - ranges.anchors[ranges.anchor], axis=1))
@@ -202,9 +208,10 @@ class RecordedStudy:
     def _autocorrelations(self) -> pd.DataFrame:
         """Return those of fix errors along an axis, mean of both, by recording and lag."""
         room = self.room
-        series = {"inrol/1": (room.period, (room.network.state - room.truth)[:, :2])}
-        for name, contest in self.planar.items():
-            series[name] = contest.period, contest.fixes.position - contest.truth
+        series = {
+            name: (ladder.step, (ladder.network.state - ladder.truth)[:, :2])
+            for name, ladder in {"inrol/1": room, **self.planar}.items()
+        }
         columns = {}
         for name, (period, errors) in series.items():
             lags = np.arange(round(_LAG / period) + 1)
@@ -216,7 +223,7 @@ class RecordedStudy:
         """Return single numbers by name."""
         room = self.room
         # what the learners' INS, which is never corrected, is off by when an outage begins
-        astray = (room.difference.ins - room.truth)[outages.starts, :2]
+        astray = (room.alone.state - room.truth)[outages.starts, :2]
         begun = np.linalg.norm(astray, axis=1)
         fixes = np.asarray(np.isfinite(room.fixes.position).all(axis=1))
         x, y = clusters.correlation
@@ -231,12 +238,11 @@ class RecordedStudy:
             "outages ins most": float(begun.max()),
             "clusters correlation x": x,
             "clusters correlation y": y,
-            "trials": self.trials,
         }
         return pd.DataFrame({"value": facts})
 
 
-def _of_outages(name: str, outages: RecordedOutages) -> Tables:
+def _of_outages(name: str, outages: Outages) -> Tables:
     lengths = [length for length in (2.0, 5.0, 10.0, 20.0) if length <= outages.longest]
     return {
         f"outages {name}": outages.table(lengths),
@@ -313,10 +319,10 @@ def _plain(cell: Any) -> Any:
     return None if np.isnan(cell) else float(f"{float(cell):.10g}")
 
 
-def _profiles(outages: RecordedOutages) -> pd.DataFrame:
+def _profiles(outages: Outages) -> pd.DataFrame:
     """Return the RMS error of each method by the time without fixes, s."""
     everything = outages.errors | outages.oracles
-    time = outages.contest.fixes.time
+    time = outages.ladder.fixes.time
     passed = (1 + np.arange(outages.steps)) * float(np.median(np.diff(time)))
     return pd.DataFrame(
         {n: np.sqrt(np.nanmean(np.square(e), axis=0)) for n, e in everything.items()},

@@ -1,11 +1,11 @@
-"""A filter of any recording with an IMU or odometry, and fixes or ranges, that starts by itself."""
+"""Filters of recordings with an IMU or odometry, and fixes or ranges, that start by themselves."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from scipy.integrate import cumulative_trapezoid
@@ -16,17 +16,16 @@ from inswsn_lib.errors import InswsnError
 from inswsn_lib.inertial import (
     ImuNoise,
     InertialMotion,
-    Innovations,
     Observation,
     OdometryMotion,
     OdometryNoise,
-    PlanarState,
     PositionFixes,
     RangesToAnchors,
     Solution,
     Start,
     Velocities,
     align,
+    align_planar,
     run_error_state,
 )
 from inswsn_lib.streams import Fixes, Ranges, Recording, Whole
@@ -37,74 +36,55 @@ UP = np.array([1.0, 1.0, 2.0])
 WALKS = (1e-3, 1e-4)
 #: Ranges that lie four deviations from what is expected are left out
 GATE = 16.0
-_PERIODS = (0.2, 0.5, 1.0, 2.0)  # s, of fixes by ranges: the first in which most have one
+#: Of fixes by ranges, s: the first in which most have one
+PERIODS = (0.2, 0.5, 1.0, 2.0)
 _MOST_FIXES = 0.5  # of the intervals, that must have one
 _LASTING = 3.0  # s, of the coloured errors of fixes at the begin of the search
 _OF_SECOND_DIFFERENCES = 1.4826 / np.sqrt(6)  # from their median size to a deviation
 _LEAST, _LEAST_SHARE = 1e-3, 0.1  # m, of a deviation, and of one over the median
-_BEFORE, _LONGEST = 0.1, 0.4  # s before the first fix, and share of all, of an alignment
+# Of an alignment: s before the first fix, and shares of all at which it ends, first and at last
+_BEFORE, _SHORTER, _LONGEST = 0.1, 0.25, 0.4
 # Of the odometry: the bias of each anchor's ranges is a number, their common scale is not
-_SCALE, _ODOMETRY_WALKS = 0.1, (1e-4, 1e-4)
-_HEADINGS = 8
-_TURNED, _SCALED, _DRIFTING = 0.4, 0.2, 0.05  # rad, 1, rad/s: at the start of odometry
+_SCALE, _ODOMETRY_WALKS = 0.1, (1e-3, 1e-5)
+_SCALED, _DRIFTING = 0.2, 0.05  # 1, rad/s: at the start of odometry
+# Names of filters
+WHITE = "loosely coupled, white fixes"
+COLOURED = "loosely coupled, coloured fixes"
+TIGHT = "tightly coupled, coloured ranges"
+PLANAR_TIGHT = "tightly coupled, biases and a scale"
 
 
-class Correction(Protocol):
-    """What corrects a motion by a network, with some numbers that are tuned."""
+@dataclass(frozen=True, eq=False)
+class Rung:
+    """A filter on a recording.
 
-    @property
-    def recording(self) -> Recording:
-        """What is corrected."""
+    Attributes
+    ----------
+    run : callable
+        Takes the numbers, and by name ``end``, the time at which the data end (s), and ``kept``, as
+        `run_error_state`; returns a solution, which has an event at the time of each fix.
+    begin : tuple of float
+        The numbers, where the search for them begins.
+    series : list of (ndarray, ndarray)
+        Of each observation that is judged, the times of the components of its measurements, s, and
+        of which series each is: an axis, or an anchor.
+    """
 
-    @property
-    def fixes(self) -> Fixes:
-        """The network."""
-
-    @property
-    def start(self) -> Start:
-        """Where the filter starts."""
-
-    @property
-    def known(self) -> float:
-        """From when the start is known well enough to judge, s."""
-
-    @property
-    def lever_arm(self) -> Array:
-        """From what moves to the tag, m."""
-
-    @property
-    def begins(self) -> list[tuple[float, ...]]:
-        """The numbers at which searches begin; the most likely of what they find is taken."""
-
-    @property
-    def stated(self) -> int:
-        """Of how many of x, y, vx, vy the filter states the errors."""
-
-    @property
-    def rate(self) -> Array | None:
-        """The angular rate at the times of fixes, if the lever arm turns in space, rad/s."""
-
-    def run(self, *numbers: float, end: float = np.inf, kept: bool = True) -> Solution:
-        """Run the filter, which has an event at the time of each fix."""
-
-    def told(self, solution: Solution) -> list[Innovations]:
-        """Return the innovations of what is tuned and judged by."""
-
-    def series(self, solution: Solution) -> Whole:
-        """Return of which series each component of those is: an axis, or an anchor."""
-
-    def without(self, withheld: Mask) -> Any:
-        """Return the same without some fixes."""
+    run: Callable[..., Solution]
+    begin: tuple[float, ...]
+    series: list[tuple[Array, Whole]]
 
 
 @dataclass(frozen=True, eq=False)
 class InertialCorrection:
-    """An INS, loosely coupled to fixes whose errors are white, or white and coloured.
+    """An INS in space, coupled to fixes, or to ranges, whose errors are white, or lasting, too.
 
-    Its numbers are those of `ImuNoise`, force and rate, the deviation of the white errors of fixes
-    to the side, m, and that of their velocities, m/s, if these were measured; then, if errors of
-    fixes are coloured, their deviation, m, and correlation time, s. Where fixes say how good each
-    is, the white errors go with that.
+    Numbers of all its filters are first those of `ImuNoise`, force and rate. On fixes they go on
+    with the deviation of the white errors of fixes to the side, m, and that of their velocities,
+    m/s, if these were measured; then, if errors of fixes last, their deviation, m, and correlation
+    time, s. Where fixes say how good each is, their errors go with that. On ranges: the deviation
+    of white errors, that of coloured ones, m, the correlation time of these, s, and the deviation
+    of a bias of each anchor, m.
 
     Attributes
     ----------
@@ -113,8 +93,8 @@ class InertialCorrection:
     fixes : Fixes
         With velocities, in three dimensions.
     alignment : float
-        For how long after the first fix the start is aligned, s; for longer where the heading does
-        not show yet.
+        For how long after the first fix the start is aligned, s, or a quarter of the recording if
+        that is shorter; for longer where the heading does not show yet.
     given : Start, optional
         What is known of the start.
     """
@@ -131,20 +111,27 @@ class InertialCorrection:
 
     @property
     def stated(self) -> int:
-        """Of how many of x, y, vx, vy the filter states the errors: of all."""
+        """Of how many of x, y, vx, vy the filters state the errors: of all."""
         return 4
 
-    @property
-    def known(self) -> float:
-        """The end of the alignment, s."""
-        return self.start.time
-
     @cached_property
-    def begins(self) -> list[tuple[float, ...]]:
-        """The numbers at which searches begin: with white errors, and with coloured ones, too."""
-        velocity = self.fixes.velocity
+    def rungs(self) -> dict[str, Rung]:
+        """The filters by name."""
+        velocity, size = self.fixes.velocity, deviation_of(self.fixes)
         speeds = [_size(velocity[:, :2])] if velocity is not None and self._measured else []
-        return _begins((0.02, 0.002), self.fixes, speeds)
+        series = [series_of(self.fixes.time, self.fixes.position)]
+        if velocity is not None and self._measured:
+            series.append(series_of(self.fixes.time, velocity, first=3))
+        white = (0.02, 0.002, size, *speeds)
+        coloured = (0.02, 0.002, size / 2, *speeds, size, _LASTING)
+        found = {
+            WHITE: Rung(self._loose, white, series),
+            COLOURED: Rung(self._loose, coloured, series),
+        }
+        if (heard := self.recording.ranges) is not None:
+            begin = (0.02, 0.001, size / 2, size / 2, 1.0, size / 4)
+            found[TIGHT] = Rung(self._tight, begin, [(heard.time, heard.anchor)])
+        return found
 
     @cached_property
     def rate(self) -> Array:
@@ -161,35 +148,73 @@ class InertialCorrection:
 
     @cached_property
     def start(self) -> Start:
-        """Where the filter starts, by an alignment."""
-        force, rate, *sizes = self.begins[0]
+        """Where the filters start, by an alignment."""
+        force, rate, *sizes = self.rungs[WHITE].begin
         first, last = first_fix(self.fixes), float(self.fixes.time[-1])
         begin = first - _BEFORE if self.given is None else self.given.time
-        end = max(begin, first) + self.alignment
+        end = max(begin, first) + min(self.alignment, _SHORTER * (last - first))
         return align(
-            self._motion(force, rate), self._observed(*sizes), begin, end, prior=self.given,
+            self.motion(force, rate), self._observed(*sizes), begin, end, prior=self.given,
             latest=max(end, first + _LONGEST * (last - first)),
         )  # fmt: skip
 
-    def run(self, *numbers: float, end: float = np.inf, kept: bool = True) -> Solution:
-        """Run the filter, which has an event at the time of each fix.
+    def run(
+        self, observed: Sequence[Observation], force: float, rate: float,
+        start: Start | None = None, *, end: float = np.inf, kept: bool = True, gate: float = np.inf,
+    ) -> Solution:  # fmt: skip
+        """Run a filter on observations of one's own.
 
         Parameters
         ----------
-        numbers : float
-        end, kept
-            When the data end, s, and what is kept, as in `run_error_state`.
+        observed : sequence of Observation
+        force, rate : float
+            Of `ImuNoise`.
+        start : Start, optional
+            By default that of the recording.
+        end, kept, gate
+            As in `run_error_state`.
         """
-        force, rate, *sizes = numbers
         return run_error_state(
-            self._motion(force, rate), self.start, self._observed(*sizes), end=end, kept=kept
-        )
+            self.motion(force, rate), self.start if start is None else start, observed,
+            end=end, kept=kept, gate=gate,
+        )  # fmt: skip
 
-    def _observed(self, white: float, *numbers: float) -> list[Observation]:
-        fixes, measured = self.fixes, self._measured
+    def withheld(
+        self, name: str, numbers: Sequence[float], gone: Mask, start: Start, end: float
+    ) -> Solution:
+        """Run a filter on fixes without some of them.
+
+        Parameters
+        ----------
+        name : str
+            One of `rungs`, on fixes.
+        numbers : sequence of float
+        gone : ndarray of bool, (fixes,)
+        start : Start
+        end : float
+            s.
+        """
+        return self.rungs[name].run(*numbers, start=start, end=end, fixes=without(self.fixes, gone))
+
+    def _loose(self, force: float, rate: float, *sizes: float, **how: Any) -> Solution:
+        fixes = how.pop("fixes", self.fixes)
+        return self.run(self._observed(*sizes, fixes=fixes), force, rate, **how)
+
+    def _tight(
+        self, force: float, rate: float, white: float, coloured: float, time: float, bias: float,
+        **how: Any,
+    ) -> Solution:  # fmt: skip
+        assert self.recording.ranges is not None
+        ranges = RangesToAnchors(self.recording.ranges, self.lever_arm, white, bias, coloured, time)
+        return self.run([ranges, self.silent], force, rate, gate=GATE, **how)
+
+    def _observed(
+        self, white: float, *numbers: float, fixes: Fixes | None = None
+    ) -> list[Observation]:
+        fixes, measured = self.fixes if fixes is None else fixes, self._measured
         colours = _colour(numbers[measured:], UP)
         observed: list[Observation] = [
-            PositionFixes(fixes, self.lever_arm, white * shares_of(fixes), *colours)
+            PositionFixes(fixes, self.lever_arm, white * shares_of(self.fixes), *colours)
         ]
         if measured:
             assert fixes.velocity is not None
@@ -198,26 +223,19 @@ class InertialCorrection:
             )
         return observed
 
-    def told(self, solution: Solution) -> list[Innovations]:
-        """Return the innovations of fixes, and of their velocities if they were measured."""
-        return solution.innovations[: 1 + self._measured]
+    @property
+    def silent(self) -> PositionFixes:
+        """The times of fixes without any: events at which a filter says where it is."""
+        nothing = Fixes(self.fixes.time, np.full((len(self.fixes), 3), np.nan))
+        return PositionFixes(nothing, np.zeros(3), np.ones(3))
 
-    def series(self, solution: Solution) -> Whole:
-        """Return of which axis each component of the innovations is; those of velocities follow."""
-        found = axes_of(self.fixes.time, self.fixes.position, self.start, solution)
-        if not self._measured:
-            return found
-        assert self.fixes.velocity is not None
-        moving = axes_of(self.fixes.time, self.fixes.velocity, self.start, solution)
-        return np.append(found, 3 + moving)
+    def motion(self, force: float, rate: float) -> InertialMotion:
+        """Return the integration of the IMU with these noises of `ImuNoise`.
 
-    def without(self, withheld: Mask) -> InertialCorrection:
-        """Return the same without some fixes; it starts where this one does."""
-        found = replace(self, fixes=_without(self.fixes, withheld))
-        vars(found).update(start=self.start, begins=self.begins)
-        return found
-
-    def _motion(self, force: float, rate: float) -> InertialMotion:
+        Parameters
+        ----------
+        force, rate : float
+        """
         return InertialMotion.of(self.recording, ImuNoise(force, rate, *WALKS))
 
 
@@ -225,9 +243,9 @@ class InertialCorrection:
 class OdometryCorrection:
     """Dead reckoning on a plane, with fixes, or tightly coupled with ranges.
 
-    Its numbers are those of `OdometryNoise`, speed and rate; then with fixes as those of
-    `InertialCorrection`, with ranges the deviations of white errors and of a bias of each anchor,
-    m. Ranges have a common scale as a state.
+    Numbers of all its filters are first those of `OdometryNoise`, speed and rate; then on fixes as
+    those of `InertialCorrection`, on ranges the deviations of white errors and of a bias of each
+    anchor, m. Ranges have a common scale as a state.
 
     Attributes
     ----------
@@ -235,17 +253,15 @@ class OdometryCorrection:
         With odometry.
     fixes : Fixes
         With velocities; if there are ranges, made of them.
-    ranges : Ranges or None
-        On the plane.
     alignment : float
-        By how much of the data the heading is chosen at which the filter starts, s.
+        By how much of the data the heading is found, s, or by a quarter of the recording if that is
+        shorter; by more where it does not show yet.
     given : Start, optional
-        Where the filter starts.
+        Where the filters start.
     """
 
     recording: Recording
     fixes: Fixes
-    ranges: Ranges | None
     alignment: float
     given: Start | None = None
 
@@ -256,7 +272,7 @@ class OdometryCorrection:
 
     @property
     def stated(self) -> int:
-        """Of how many of x, y, vx, vy the filter states the errors: the speed is no state."""
+        """Of how many of x, y, vx, vy the filters state the errors: the speed is no state."""
         return 2
 
     @property
@@ -264,93 +280,130 @@ class OdometryCorrection:
         """None: the velocity is that of the wheels."""
         return None
 
-    @property
-    def known(self) -> float:
-        """When the data end by which the heading was chosen, s."""
-        return self.start.time + self.alignment
-
     @cached_property
-    def begins(self) -> list[tuple[float, ...]]:
-        """The numbers at which searches begin."""
-        if self.ranges is not None:
-            return [(0.05, 0.02, 0.2, 0.2)]
-        return _begins((0.05, 0.02), self.fixes)
+    def rungs(self) -> dict[str, Rung]:
+        """The filters by name."""
+        motion, size = (0.05, 0.02), deviation_of(self.fixes)
+        series = [series_of(self.fixes.time, self.fixes.position[:, :2])]
+        coloured = (*motion, size / 2, size, _LASTING)
+        found = {
+            WHITE: Rung(self._loose, (*motion, size), series),
+            COLOURED: Rung(self._loose, coloured, series),
+        }
+        if (heard := self.recording.ranges) is not None:
+            found[PLANAR_TIGHT] = Rung(
+                self._tight, (*motion, 0.2, 0.2), [(heard.time, heard.anchor)]
+            )
+        return found
 
     @cached_property
     def start(self) -> Start:
-        """The given one, or the most likely of some headings, at the first fix."""
+        """The given one, or where an alignment by a bank of headings ends."""
         if self.given is not None:
             return self.given
-        first = first_fix(self.fixes)
+        first, last = first_fix(self.fixes), float(self.fixes.time[-1])
         place = self.fixes.position[self.fixes.time == first][0, :2]
         far = 3 * deviation_of(self.fixes) + float(np.linalg.norm(self.lever_arm))
-        P = np.diag(np.square([far, far, _TURNED, _SCALED, _DRIFTING]))
-        starts = [
-            Start(first, PlanarState(place, heading), P)
-            for heading in np.linspace(-np.pi, np.pi, _HEADINGS, endpoint=False)
-        ]
-        return max(
-            starts,
-            key=lambda s: self._run(s, self.begins[0], first + self.alignment).log_likelihood,
-        )
+        speed, rate, *sizes = self.rungs[PLANAR_TIGHT if self.recording.ranges else WHITE].begin
+        observed = [self._ranges(*sizes) if self.recording.ranges else self._fixes(*sizes)]
+        begin, window = first - 1e-3, min(self.alignment, _SHORTER * (last - first))
+        while True:
+            try:
+                return align_planar(
+                    self.motion(speed, rate), observed, begin, begin + window, place,
+                    (far, _SCALED, _DRIFTING),
+                )  # fmt: skip
+            except InswsnError:
+                window *= 2
+                if window > _LONGEST * (last - first):
+                    raise
 
-    def run(self, *numbers: float, end: float = np.inf, kept: bool = True) -> Solution:
-        """Run the filter, which has an event at the time of each fix.
+    def run(
+        self, observed: Sequence[Observation], speed: float, rate: float,
+        start: Start | None = None, *, end: float = np.inf, kept: bool = True,
+    ) -> Solution:  # fmt: skip
+        """Run a filter on observations of one's own.
 
         Parameters
         ----------
-        numbers : float
+        observed : sequence of Observation
+        speed, rate : float
+            Of `OdometryNoise`.
+        start : Start, optional
+            By default that of the recording.
         end, kept
-            When the data end, s, and what is kept, as in `run_error_state`.
+            As in `run_error_state`.
         """
-        return self._run(self.start, numbers, end, kept=kept)
+        return run_error_state(
+            self.motion(speed, rate), self.start if start is None else start,
+            [*observed, self.silent], end=end, gate=GATE, kept=kept,
+        )  # fmt: skip
 
-    def told(self, solution: Solution) -> list[Innovations]:
-        """Return the innovations of fixes or ranges."""
-        return solution.innovations[:1]
-
-    def series(self, solution: Solution) -> Whole:
-        """Return of which axis, or anchor, each component of the innovations is."""
-        if self.ranges is None:
-            return axes_of(self.fixes.time, self.fixes.position, self.start, solution)
-        return self.ranges.anchor[self.ranges.time > self.start.time]
-
-    def without(self, withheld: Mask) -> OdometryCorrection:
-        """Return the same without some fixes, or the ranges that they are made of."""
-        found = replace(self, fixes=_without(self.fixes, withheld))
-        if self.ranges is not None:
-            # the stamp of a fix is between those of its ranges
-            nearest = np.abs(self.ranges.time[:, None] - self.fixes.time).argmin(axis=1)
-            found = replace(found, ranges=self.ranges.kept(~withheld[nearest]))
-        vars(found).update(start=self.start, begins=self.begins)
-        return found
-
-    def _run(
-        self, start: Start, numbers: Sequence[float], end: float, *, kept: bool = True
+    def withheld(
+        self, name: str, numbers: Sequence[float], gone: Mask, start: Start, end: float
     ) -> Solution:
+        """Run a filter on fixes, or ranges, without those of some fixes.
+
+        Parameters
+        ----------
+        name : str
+            One of `rungs`.
+        numbers : sequence of float
+        gone : ndarray of bool, (fixes,)
+        start : Start
+        end : float
+            s.
+        """
+        rung, ranges = self.rungs[name], self.recording.ranges
+        if name != PLANAR_TIGHT or ranges is None:
+            return rung.run(*numbers, start=start, end=end, fixes=without(self.fixes, gone))
+        # the stamp of a fix is between those of its ranges
+        middles = (self.fixes.time[1:] + self.fixes.time[:-1]) / 2
+        heard = ranges.kept(~gone[np.searchsorted(middles, ranges.time)])
+        return rung.run(*numbers, start=start, end=end, ranges=heard)
+
+    def _loose(self, speed: float, rate: float, *sizes: float, **how: Any) -> Solution:
+        fixes = how.pop("fixes", self.fixes)
+        return self.run([self._fixes(*sizes, fixes=fixes)], speed, rate, **how)
+
+    def _tight(self, speed: float, rate: float, *sizes: float, **how: Any) -> Solution:
+        ranges = how.pop("ranges", self.recording.ranges)
+        return self.run([self._ranges(*sizes, ranges=ranges)], speed, rate, **how)
+
+    def _fixes(self, white: float, *others: float, fixes: Fixes | None = None) -> PositionFixes:
+        fixes, two = self.fixes if fixes is None else fixes, np.ones(2)
+        sizes = white * shares_of(self.fixes)[:, :2]
+        return PositionFixes(_planar(fixes), self.lever_arm, sizes, *_colour(others, two))
+
+    def _ranges(self, *sizes: float, ranges: Ranges | None = None) -> RangesToAnchors:
+        (white, bias), ranges = sizes, self.recording.ranges if ranges is None else ranges
+        assert ranges is not None
+        return RangesToAnchors(ranges, self.lever_arm, white, bias=bias, scale=_SCALE)
+
+    @property
+    def silent(self) -> PositionFixes:
+        """The times of fixes without any: events at which a filter says where it is."""
+        nothing = Fixes(self.fixes.time, np.full((len(self.fixes), 2), np.nan))
+        return PositionFixes(nothing, self.lever_arm, np.ones(2))
+
+    def motion(self, speed: float, rate: float) -> OdometryMotion:
+        """Return the integration of the odometry with these noises of `OdometryNoise`.
+
+        Parameters
+        ----------
+        speed, rate : float
+        """
         assert self.recording.odometry is not None
-        speed, rate, white, *others = numbers
-        noise = OdometryNoise(speed, rate, *_ODOMETRY_WALKS)
-        observed: Any
-        if self.ranges is not None:
-            [bias] = others
-            observed = RangesToAnchors(self.ranges, self.lever_arm, white, bias=bias, scale=_SCALE)
-        else:
-            two = np.ones(2)
-            colours = _colour(others, two)
-            sizes = white * shares_of(self.fixes)[:, :2]
-            observed = PositionFixes(_planar(self.fixes), self.lever_arm, sizes, *colours)
-        # at the time of each fix the filter says where it is, whether it takes it or not
-        silent = Fixes(self.fixes.time, np.full((len(self.fixes), 2), np.nan))
-        events = PositionFixes(silent, self.lever_arm, np.ones(2))
-        motion = OdometryMotion(self.recording.odometry, noise)
-        return run_error_state(motion, start, [observed, events], end=end, gate=GATE, kept=kept)
+        return OdometryMotion(self.recording.odometry, OdometryNoise(speed, rate, *_ODOMETRY_WALKS))
+
+
+Correction = InertialCorrection | OdometryCorrection
 
 
 def correction_of(
-    recording: Recording, alignment: float, start: Start | None = None
-) -> InertialCorrection | OdometryCorrection:
-    """Return the filter for the streams that there are.
+    recording: Recording, alignment: float, start: Start | None = None, period: float | None = None
+) -> Correction:
+    """Return the filters for the streams that there are.
 
     Parameters
     ----------
@@ -360,6 +413,8 @@ def correction_of(
         s.
     start : Start, optional
         What is known of it, of `known_start`, or for odometry with a `PlanarState`.
+    period : float, optional
+        Of fixes by ranges, s; by default the shortest of some in which most have one.
 
     Raises
     ------
@@ -374,7 +429,7 @@ def correction_of(
         )
     whole = recording
     recording = recording.part(float(motion.time[0]), float(np.nextafter(motion.time[-1], np.inf)))
-    fixes = network_of(recording)
+    fixes = network_of(recording, period)
     if recording.odometry is not None:
         ranges = recording.ranges
         if ranges is not None and ranges.anchors.shape[1] > 2:
@@ -382,7 +437,7 @@ def correction_of(
                 f"The recording {whole.name} has odometry, which moves on a plane, and anchors in "
                 "three dimensions: leave out z_m, and have ranges along the plane."
             )
-        return OdometryCorrection(recording, fixes, ranges, alignment, start)
+        return OdometryCorrection(recording, fixes, alignment, start)
     if fixes.position.shape[1] < 3:
         raise InswsnError(
             f"The recording {whole.name} has an IMU, which moves in space, and a network on a "
@@ -416,12 +471,14 @@ def turned_by_gyroscope(recording: Recording) -> Recording | None:
     return replace(recording, odometry=replace(odometry, rate=mean), imu=None)
 
 
-def network_of(recording: Recording) -> Fixes:
+def network_of(recording: Recording, period: float | None = None) -> Fixes:
     """Return what the network alone says: fixes as they are, or of ranges, with velocities.
 
     Parameters
     ----------
     recording : Recording
+    period : float, optional
+        Of fixes by ranges, s; by default the shortest of some in which most have one.
 
     Raises
     ------
@@ -429,7 +486,7 @@ def network_of(recording: Recording) -> Fixes:
         If there is no network, or too few ranges at a time.
     """
     if recording.ranges is not None and len(recording.ranges):
-        return slope_velocity(_fixes_of(recording.ranges))
+        return slope_velocity(_fixes_of(recording.ranges, period))
     fixes = recording.fixes
     if fixes is None or not np.isfinite(fixes.position).all(axis=1).any():
         raise InswsnError(
@@ -439,14 +496,16 @@ def network_of(recording: Recording) -> Fixes:
     return slope_velocity(fixes) if fixes.velocity is None else fixes
 
 
-def _fixes_of(ranges: Ranges) -> Fixes:
+def _fixes_of(ranges: Ranges, period: float | None) -> Fixes:
     """Return fixes of the shortest intervals of which most have one."""
-    for period in _PERIODS:
-        fixes = multilaterate_track(ranges, period)
+    if period is not None:
+        return multilaterate_track(ranges, period)
+    for each in PERIODS:
+        fixes = multilaterate_track(ranges, each)
         if np.isfinite(fixes.position).all(axis=1).mean() > _MOST_FIXES:
             return fixes
     raise InswsnError(
-        f"Too few anchors are heard at a time: most intervals of {_PERIODS[-1]:g} s have no fix."
+        f"Too few anchors are heard at a time: most intervals of {PERIODS[-1]:g} s have no fix."
     )
 
 
@@ -490,27 +549,20 @@ def shares_of(fixes: Fixes) -> Array:
     return found
 
 
-def axes_of(time: Array, values: Array, start: Start, solution: Solution) -> Whole:
-    """Return of which axis each component of the innovations of fixes or velocities is.
+def series_of(time: Array, values: Array, first: int = 0) -> tuple[Array, Whole]:
+    """Return the times of the components of measurements that are there, and their series.
 
     Parameters
     ----------
     time : ndarray, (rows,)
+        s.
     values : ndarray, (rows, d)
-    start : Start
-    solution : Solution
+        NaN where missing.
+    first : int
+        The number of the series of the first component.
     """
-    d = len(solution.states[0].position)
-    told = np.isfinite(values[:, :d])
-    return np.asarray(np.nonzero(told[time > start.time])[1], dtype=np.int64)
-
-
-def _begins(
-    motion: tuple[float, float], fixes: Fixes, speeds: Sequence[float] = ()
-) -> list[tuple[float, ...]]:
-    """Return the numbers of a filter on fixes with white errors, and with coloured ones, too."""
-    size = deviation_of(fixes)
-    return [(*motion, size, *speeds), (*motion, size / 2, *speeds, size, _LASTING)]
+    row, axis = np.nonzero(np.isfinite(values))
+    return time[row], np.asarray(first + axis, dtype=np.int64)
 
 
 def _colour(numbers: Sequence[float], axes: Array) -> list[Array]:
@@ -525,8 +577,14 @@ def _planar(fixes: Fixes) -> Fixes:
     return Fixes(fixes.time, fixes.position[:, :2])
 
 
-def _without(fixes: Fixes, withheld: Mask) -> Fixes:
-    """Return fixes of which some are NaN; those of which velocities are made are the others."""
+def without(fixes: Fixes, withheld: Mask) -> Fixes:
+    """Return fixes of which some are NaN; those of which velocities are made are the others.
+
+    Parameters
+    ----------
+    fixes : Fixes
+    withheld : ndarray of bool, (rows,)
+    """
     position = np.where(withheld[:, None], np.nan, fixes.position)
     velocity = fixes.velocity
     if velocity is not None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,26 +15,17 @@ from inswsn_lib.models import ErrorModel
 from inswsn_lib.recordings.estimates import Estimate
 
 _UNKNOWN = 1e6 * np.eye(4)
-_HALF_DECADE = 10**0.5
-
-
-@dataclass(frozen=True)
-class Family:
-    """A filter of two numbers or three: where the search for them begins, and its steps."""
-
-    begin: Sequence[float]
-    ratios: Sequence[float]
-
 
 # The deviation of the INS's acceleration, m/s^2, where fixes have 0.1 m, and by how many times 0.1
 # that of the network's velocity, m/s; then the margin above the least gamma, Huber's threshold, or
 # the share of good measurements that a gate gives away.
-_TWO = ((0.5, 1.0), (_HALF_DECADE, 2.0))
+_TWO = (0.5, 1.0)
+#: Filters of P1's form, and the numbers where the search for theirs begins
 FAMILIES = {
-    "KF": Family(*_TWO),
-    "HF": Family((*_TWO[0], 1.0), (*_TWO[1], 3.0)),
-    "KF, Huber update": Family((*_TWO[0], 1.345), (*_TWO[1], 1.5)),
-    "KF, gating": Family((*_TWO[0], 1e-3), (*_TWO[1], 10.0)),
+    "KF": _TWO,
+    "HF": (*_TWO, 1.0),
+    "KF, Huber update": (*_TWO, 1.345),
+    "KF, gating": (*_TWO, 1e-3),
 }
 
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -14,12 +15,19 @@ from inswsn_lib.inertial import Solution
 from inswsn_lib.inertial.error_state import antenna
 from inswsn_lib.streams import Recording, Whole
 
-#: Blocks of the bootstrap, s
+#: Errors that are so far apart are taken for independent, s
 BLOCK = 10.0
+_OUTLIER = 4.0  # deviations
+_JUDGED = 12  # fixes, by which an estimate is judged
 _HALF_WINDOW = 0.075  # s, of the line that makes a velocity of the reference; or longer, in rows
 _HALF_ROWS = 2.5
 _FEWEST = 4  # rows of it
 _INTERVAL = ("ratio", "low", "high")
+#: What `scores` returns
+SCORES = (
+    "position", "position_ratio", "position_low", "position_high",
+    "velocity", "velocity_ratio", "velocity_low", "velocity_high", "nees",
+)  # fmt: skip
 _PARTS = {"position": slice(0, 2), "velocity": slice(2, 4)}
 
 
@@ -76,33 +84,34 @@ def of_solution(
     return Estimate(state, P)
 
 
-def scores(estimate: Estimate, truth: Array, others: Array, period: float) -> dict[str, float]:
+def scores(estimate: Estimate, truth: Array, others: Array) -> dict[str, float]:
     """Return the errors of an estimate, their ratios to those of another, and its consistency.
+
+    What fewer than twelve fixes tell is NaN.
 
     Parameters
     ----------
     estimate : Estimate
         Of n fixes in the order of time.
     truth, others : ndarray, (n, 4 or 2)
-        What is true, and the errors of the other, such as the network.
-    period : float
-        Of fixes, s.
+        What is true, and the errors of the other, such as the network; NaN where none is known.
     """
-    errors = estimate.state - truth
-    found: dict[str, float] = {}
+    errors, found = estimate.state - truth, dict.fromkeys(SCORES, np.nan)
     for name, part in list(_PARTS.items())[: errors.shape[1] // 2]:
-        squares = np.square(errors[:, part]).sum(axis=1)
-        if not np.isfinite(squares).all():
-            found |= dict.fromkeys([name, *(f"{name}_{end}" for end in _INTERVAL)], np.nan)
+        squares, theirs = (np.square(each[:, part]).sum(axis=1) for each in (errors, others))
+        there = np.isfinite(squares) & np.isfinite(theirs)
+        if there.sum() < _JUDGED:
             continue
-        found[name] = float(np.sqrt(squares.mean()))
-        theirs = np.square(others[:, part]).sum(axis=1)
-        ratio, low, high = block_ratio(squares, theirs, _rows(period, len(truth)))
-        found |= {f"{name}_ratio": ratio, f"{name}_low": low, f"{name}_high": high}
-    found["nees"] = np.nan
-    if estimate.covariance is not None:
-        found["nees"] = float(np.mean(normalised(errors, estimate.covariance)))
-    return found | {"nis": np.nan, "lag1": np.nan}
+        found[name] = float(np.sqrt(squares[there].mean()))
+        ends = block_ratio(squares[there], theirs[there])
+        found |= {f"{name}_{end}": x for end, x in zip(_INTERVAL, ends, strict=True)}
+    P = estimate.covariance
+    if P is not None:
+        stated = errors[:, : P.shape[1]]
+        there = np.isfinite(stated).all(axis=1)
+        if there.any():
+            found["nees"] = float(np.mean(normalised(stated[there], P[there])))
+    return found
 
 
 def normalised(errors: Array, covariance: Array) -> Array:
@@ -115,25 +124,6 @@ def normalised(errors: Array, covariance: Array) -> Array:
     """
     solved = np.linalg.solve(covariance, errors[..., None])[..., 0]
     return np.asarray(np.sum(errors * solved, axis=1) / errors.shape[1])
-
-
-def unlikely(run: Callable[..., Solution], end: float) -> Callable[..., float]:
-    """Return the loss of a filter: the geometric mean of how unlikely its innovations were.
-
-    Parameters
-    ----------
-    run : callable
-        Takes the filter's numbers, the time at which the data end, s, and what is kept.
-    end : float
-        That time.
-    """
-
-    def loss(*numbers: float) -> float:
-        solution = run(*numbers, end=end, kept=False)
-        count = sum(len(each.squares) for each in solution.innovations)
-        return float(np.exp(-solution.log_likelihood / count))
-
-    return loss
 
 
 def truth_at(recording: Recording, times: Array) -> Array:
@@ -170,26 +160,77 @@ def tag_track(recording: Recording) -> tuple[Array, Array]:
     return reference.time, reference.position + arm
 
 
-def lag_one(solution: Solution, labels: Whole, begin: float) -> dict[str, float]:
+def largest_lag_one(
+    solution: Solution, series: Sequence[tuple[Array, Whole]], begin: float
+) -> dict[str, float]:
     """Return the mean NIS and the largest autocorrelation of neighbouring innovations.
 
     Parameters
     ----------
     solution : Solution
-        Its first observation is asked.
-    labels : ndarray of int, (components,)
-        Of which series each component of its innovations is, one after the other.
+    series : sequence of (ndarray, ndarray)
+        As of `Rung`.
     begin : float
         From when, s.
     """
-    told = solution.innovations[0]
-    values = np.concatenate(told.values) / np.concatenate(told.deviations)
-    times = np.repeat(told.time, [len(value) for value in told.values])
-    largest = 0.0
-    for label in np.unique(labels):
-        series = values[(labels == label) & (times > begin)]
-        largest = max(largest, abs(float(autocorrelation(series, [1])[0])))
-    return {"nis": float(told.squares[told.time > begin].mean()), "lag1": largest}
+    told = innovations_of(solution, series)
+    rows = told.time > begin
+    every = [told.scaled[rows & (told.series == k)] for k in np.unique(told.series[rows])]
+    largest = max((abs(float(autocorrelation(x, [1])[0])) for x in every), default=np.nan)
+    squares = [each.squares[each.time > begin] for each in solution.innovations[: len(series)]]
+    return {"nis": float(np.concatenate(squares).mean()), "lag1": largest}
+
+
+class Innovations(NamedTuple):
+    """The components of innovations, in the order of observations and time.
+
+    Attributes
+    ----------
+    time : ndarray, (components,)
+        s.
+    measurement : ndarray of int, (components,)
+        Of which measurement each is.
+    scaled : ndarray, (components,)
+        Over the deviations that the filter expected.
+    squares : ndarray, (components,)
+        NIS of the measurement over its number of components.
+    series : ndarray of int, (components,)
+        An axis, or an anchor.
+    """
+
+    time: Array
+    measurement: Whole
+    scaled: Array
+    squares: Array
+    series: Whole
+
+    @property
+    def near(self) -> Mask:
+        """Which are of measurements all of whose components lie within four deviations."""
+        far = np.unique(self.measurement[np.abs(self.scaled) > _OUTLIER])
+        return ~np.isin(self.measurement, far)
+
+
+def innovations_of(solution: Solution, series: Sequence[tuple[Array, Whole]]) -> Innovations:
+    """Return the innovations of a solution that it is judged by.
+
+    Parameters
+    ----------
+    solution : Solution
+    series : sequence of (ndarray, ndarray)
+        As of `Rung`.
+    """
+    told = solution.innovations[: len(series)]
+    begin, end = solution.start.time, solution.end.time
+    sizes = np.array([len(value) for each in told for value in each.values], dtype=int)
+    every = [value / sd for x in told for value, sd in zip(x.values, x.deviations, strict=True)]
+    return Innovations(
+        np.repeat(np.concatenate([each.time for each in told]), sizes),
+        np.repeat(np.arange(len(sizes)), sizes),
+        np.concatenate(every),
+        np.repeat(np.concatenate([each.squares for each in told]), sizes),
+        np.concatenate([label[(time > begin) & (time <= end)] for time, label in series]),
+    )
 
 
 def line_through(time: Array, track: Array, at: Array, half: float) -> Array:
@@ -215,8 +256,3 @@ def line_through(time: Array, track: Array, at: Array, half: float) -> Array:
             found[k, :2] = [np.interp(moment, time[near], x) for x in track[near].T]
             found[k, 2:] = np.polyfit(time[near] - moment, track[near], 1)[0]
     return found
-
-
-def _rows(period: float, count: int) -> int:
-    """Return how many fixes a block of the bootstrap has."""
-    return min(max(round(BLOCK / period), 1), count // 3)

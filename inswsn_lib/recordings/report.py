@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,44 +10,33 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from inswsn_lib.checks import Array, Mask
 from inswsn_lib.errors import InswsnError, ParameterError
-from inswsn_lib.evaluation import search_pattern
 from inswsn_lib.inertial import InertialState, PlanarState, Solution, Start, smooth
-from inswsn_lib.recordings.contest import TRIALS
-from inswsn_lib.recordings.correction import (
-    Correction,
-    correction_of,
-    network_of,
-    turned_by_gyroscope,
-)
+from inswsn_lib.recordings.correction import COLOURED, network_of, turned_by_gyroscope
 from inswsn_lib.recordings.estimates import (
+    SCORES,
     Estimate,
+    innovations_of,
     normalised,
-    of_solution,
     scores,
     truth_at,
-    unlikely,
 )
-from inswsn_lib.recordings.filter_checks import (
-    check_errors,
-    check_innovations,
-    check_outliers,
-    inside,
-)
+from inswsn_lib.recordings.filter_checks import check_errors, check_innovations, check_outliers
 from inswsn_lib.recordings.findings import FALSE_ALARM, Finding
+from inswsn_lib.recordings.ladder import Ladder
+from inswsn_lib.recordings.outages import COASTING, ON, SMOOTHED, STILL, STRAIGHT, Outages
 from inswsn_lib.recordings.report_words import of_set_up, sentence_of
 from inswsn_lib.recordings.set_up_checks import check_set_up
 from inswsn_lib.recordings.set_up_streams import check_failed
-from inswsn_lib.streams import Fixes, Recording
+from inswsn_lib.streams import Fixes, Recording, Stream
 
 _ALIGNMENT = 20.0  # s
-_RATIO = 2.0  # of the steps of a search
 _MIRRORED = "the network is mirrored, its x and y exchanged, or rates have the other sign"
 _FEWEST = 12  # fixes by which a track is judged
 _TRACK = ("x", "y", "vx", "vy")
-_SCORES = (
-    "position", "position_ratio", "position_low", "position_high",
-    "velocity", "velocity_ratio", "velocity_low", "velocity_high",
-)  # fmt: skip
+_COLUMNS = SCORES[:-1]
+# Outages in which fixes are withheld, s: times how long their errors last, at the least and most,
+# and of the time that is judged
+_LASTING, _SHORTEST, _LONGEST, _SHARE = 2.0, 2.0, 10.0, 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,11 +53,13 @@ class Report:
     table : DataFrame
         Rows ``network``, ``corrected`` and ``smoothed``: horizontal RMS errors ``position`` (m) and
         ``velocity`` (m/s) in the second half; their ratios to the network's with intervals
-        (``position_ratio``, ``position_low``, ``position_high``, and of velocity). What cannot be
-        told is NaN.
+        (``position_ratio``, ``position_low``, ``position_high``, and of velocity). In outages the
+        network is the better of standing still and going on at the last velocity; a row ``line`` is
+        the straight line to the next fix, which the smoothed track is compared with. What cannot
+        be told is NaN.
     judge : str
-        By what: ``reference``, ``withheld fixes``, whose own errors are in the numbers, or
-        ``nothing``.
+        By what: ``reference``; ``outages of L s``, of withheld fixes whose own errors are in the
+        numbers; or ``nothing``.
     sentence : str
         What comes of it, with a warning where the filter is not consistent or does not help.
     track : DataFrame
@@ -92,19 +82,20 @@ def report(
     recording: Recording,
     *,
     alignment: float = _ALIGNMENT,
-    trials: int = TRIALS,
+    begins: int = 3,
     start: Start | None = None,
 ) -> Report:
     """Check a recording, correct its motion by its network, and report how good that is.
 
     Stamps are taken as they are. Ranges that mean that nothing was measured, such as -1, are left
-    out. Ranges beside an IMU are made into fixes; beside odometry they are
-    taken one by one, and of an IMU beside odometry the rate about the vertical is taken where it
-    makes the network more likely. The start is found from the data, without the reference. The few
-    numbers of the filter are tuned by the likelihood of its innovations in the first half of the
-    recording, with white and with coloured errors of fixes, and all is judged in the second half.
-    Without a reference every second fix of it is withheld, and errors are those there; the network
-    has a line between the fixes beside.
+    out. Ranges beside an IMU are made into fixes; beside odometry they are taken one by one, and of
+    an IMU beside odometry the rate about the vertical is taken where it makes the network more
+    likely. The start is found from the data, without the reference. The filter is the likeliest of
+    a `Ladder`, with white or with coloured errors of fixes, tuned on the first half; all is judged
+    in the second half. Without a reference the filter is judged in outages of fixes, which are
+    longer than their errors last: of what both have at hand the corrected track is compared with
+    the better of standing still and going on from the last fix, the smoothed one with a straight
+    line to the next.
 
     Parameters
     ----------
@@ -112,8 +103,8 @@ def report(
         From `load`; of any streams.
     alignment : float
         By how much of the data the start is found, s; by more where the heading does not show yet.
-    trials : int
-        Of each search for the filter's numbers.
+    begins : int
+        Of each search for the filter's numbers, as of `most_likely`.
     start : Start, optional
         What is known of the start, of `known_start`; for odometry with a `PlanarState`.
 
@@ -124,7 +115,7 @@ def report(
     Raises
     ------
     InswsnError
-        If there is no network, or it has too few fixes.
+        If there is no network.
 
     Examples
     --------
@@ -141,82 +132,82 @@ def report(
     if start is not None and not isinstance(start.state, kind):
         raise ParameterError("start", type(start.state).__name__, f"one with {kind.__name__}")
     findings = check_set_up(recording)
-    recording = check_failed(recording)[1]
+    ladder = Ladder(check_failed(recording)[1], alignment=alignment, given=start, begins=begins)
     try:
-        filtered: Correction = correction_of(recording, alignment, start)
-        begun = filtered.start.time
+        begun = ladder.start.time
     except InswsnError as error:
-        findings += _mirrored_start(recording, alignment)
-        return _without_filter(recording, findings, str(error))
-    split = float(np.mean(filtered.fixes.time[[0, -1]]))
-    if not filtered.known < filtered.fixes.time[-1] or not begun < split:
-        taken = filtered.known - filtered.fixes.time[0]
+        findings += _mirrored_start(ladder)
+        return _without_filter(ladder.recording, findings, str(error))
+    if not begun < ladder.split:
+        taken = begun - float(ladder.fixes.time[0])
         said = f"The start takes {taken:.3g} s, more than half of the recording."
-        return _without_filter(recording, findings, said)
-    filtered, more = _by_gyroscope(filtered, alignment, split, start)
+        return _without_filter(ladder.recording, findings, said)
+    try:
+        return _with_filter(ladder, findings)
+    except (InswsnError, np.linalg.LinAlgError) as error:
+        return _without_filter(ladder.recording, findings, f"The filter cannot run: {error}")
+
+
+def _with_filter(ladder: Ladder, findings: list[Finding]) -> Report:
+    recording = ladder.recording
+    ladder, more = _by_gyroscope(ladder)
     findings += more
-    if not any(found.name == "axes" and found.fits for found in findings):
-        findings += _mirrored(recording, filtered, alignment, split)
-    numbers = _tuned(filtered, split, trials)
-    solution = filtered.run(*numbers)
-    corrected = of_solution(solution, filtered.lever_arm, filtered.fixes.time, filtered.rate)
-    since = max(split, filtered.known)
-    findings += _of_innovations(filtered, solution, since)
-    judged = _by_reference if recording.reference is not None else _at_withheld
-    table, judge, more = judged(filtered, numbers, solution, since)
+    told = [found for found in findings if found.name in ("axes", "time")]
+    if not any(
+        (f.name == "axes" and f.fits) or (f.name == "time" and f.fits is False) for f in told
+    ):
+        findings += _mirrored(replace(ladder, recording=recording), ladder)
+    name = ladder.corrected
+    solution = ladder.solution(name)
+    findings += [_settled(ladder, name), *_of_innovations(ladder, name, solution)]
+    judged = _by_reference if recording.reference is not None else _in_outages
+    table, judge, more = judged(ladder, solution)
     findings += more
     return Report(
         findings,
         table,
         judge,
         sentence_of(findings, table, judge),
-        _track(filtered.fixes.time, corrected, filtered.stated),
-        numbers,
+        _track(ladder.fixes.time, ladder.of(solution)),
+        ladder.tuned(name).best,
     )
-
-
-def _tuned(filtered: Correction, end: float, trials: int) -> tuple[float, ...]:
-    """Return the most likely numbers: of those that searches find, times a common factor.
-
-    With all deviations times a factor the estimates are the same, and the likelihood is largest
-    where the mean NIS is 1.
-    """
-    loss = unlikely(filtered.run, end)
-    searches = [
-        search_pattern("filter", begin, [_RATIO] * len(begin), loss, most=trials)
-        for begin in filtered.begins
-    ]
-    best = min(searches, key=lambda search: search.loss).best
-    near = [
-        told.squares[inside(told.values, told.deviations)]
-        for told in filtered.told(filtered.run(*best, end=end))
-    ]
-    squares = np.concatenate(near)
-    factor = float(np.sqrt(np.mean(squares))) if squares.size else 1.0
-    count = min(len(best), len(filtered.begins[0]) + 1)  # what may follow is a time
-    return (*(factor * number for number in best[:count]), *best[count:])
 
 
 _Judged = tuple[pd.DataFrame, str, list[Finding]]
 
 
-def _by_reference(
-    filtered: Correction, numbers: Sequence[float], solution: Solution, since: float
-) -> _Judged:
+def _settled(ladder: Ladder, name: str) -> Finding:
+    """Return whether the search for the numbers led from two begins to one end."""
+    losses = ladder.tuned(name).losses
+    fits = ladder.tuned(name).settled
+    apart = sorted(losses)[1] - min(losses) if len(losses) > 1 else 0.0
+    says = "two begins led to the same numbers" if fits else (
+        "the numbers hang on where the search for them began"
+    )  # fmt: skip
+    return Finding(
+        "search", "filter", apart, 0.0, 0.5, fits or (None if len(losses) < 2 else False), says
+    )
+
+
+def _by_reference(ladder: Ladder, solution: Solution) -> _Judged:
     """Judge by the reference."""
-    times = filtered.fixes.time
-    truth = truth_at(turned_by(filtered.recording, solution), times)
-    estimates = _estimates(filtered, solution) | {"network": _of_network(filtered.fixes)}
-    table = _table(estimates, truth, times > since, times)
-    corrected, told = estimates["corrected"], slice(0, filtered.stated)
-    assert corrected.covariance is not None  # a filter has it
-    errors = (corrected.state - truth)[:, told]
-    rows = (times > since) & np.isfinite(errors).all(axis=1)
+    turned = replace(ladder, recording=turned_by(ladder.recording, solution))
+    truth, rows = truth_at(turned.recording, ladder.fixes.time), ladder.fixes.time > ladder.split
+    estimates = {
+        "network": ladder.network,
+        "corrected": ladder.of(solution),
+        "smoothed": ladder.of(smooth(solution)),
+    }
+    table = _table(estimates, truth, rows)
+    P = estimates["corrected"].covariance
+    assert P is not None  # a filter has it
+    errors = (estimates["corrected"].state - truth)[:, : P.shape[1]]
+    rows = rows & np.isfinite(errors).all(axis=1)
     if rows.sum() < _FEWEST:
         return table, _judge(table, "reference"), []
-    squares = normalised(errors[rows], corrected.covariance[rows, told, told])
-    period = float(np.median(np.diff(times)))
-    return table, _judge(table, "reference"), [check_errors(squares, filtered.stated, period)]
+    squares = normalised(errors[rows], P[rows])
+    found = check_errors(squares, P.shape[1], ladder.step)
+    return table, _judge(table, "reference"), [found]
 
 
 def turned_by(recording: Recording, solution: Solution) -> Recording:
@@ -241,48 +232,55 @@ def turned_by(recording: Recording, solution: Solution) -> Recording:
     return replace(recording, reference=replace(inside, attitude=quaternions))
 
 
-def _at_withheld(
-    filtered: Correction, numbers: Sequence[float], solution: Solution, since: float
-) -> _Judged:
-    """Judge by fixes that the filter does not get."""
-    network = filtered.fixes
-    rows = withheld_rows(network, since)
-    truth = np.hstack([network.position[:, :2], np.full((len(network), 2), np.nan)])
-    other = filtered.without(rows)
-    there = np.isfinite(other.fixes.position).all(axis=1)
-    line = [
-        np.interp(network.time, network.time[there], x) for x in other.fixes.position[there, :2].T
-    ]
-    alone = Estimate(np.column_stack([*line, truth[:, 2:]]))
-    estimates = _estimates(other, other.run(*numbers)) | {"network": alone}
-    table = _table(estimates, truth, rows, network.time)
-    return table, _judge(table, "withheld fixes"), []
+def _in_outages(ladder: Ladder, solution: Solution) -> _Judged:
+    """Judge by fixes that are withheld, in outages longer than their errors last."""
+    numbers, judged = ladder.tuned(ladder.corrected).best, ladder.fixes.time[-1] - ladder.split
+    lasting = numbers[-1] if ladder.corrected == COLOURED else 0.0
+    length = max(min(max(_LASTING * lasting, _SHORTEST), _LONGEST, _SHARE * judged), ladder.step)
+    outages = Outages(ladder, length, length)
+    vars(outages)["solution"] = solution
+    names = {"corrected": COASTING, "line": STRAIGHT, "smoothed": SMOOTHED}
+    try:
+        errors = outages.errors | outages.oracles
+    except InswsnError:  # there is no room for three
+        table = pd.DataFrame(np.nan, index=["network", *names], columns=list(_COLUMNS))
+        return table, "nothing", []
+    squares = {name: float(np.nanmean(np.square(each))) for name, each in errors.items()}
+    carried = min((STILL, ON), key=lambda name: squares[name])
+    rows = {}
+    for row, name in {"network": carried, **names}.items():
+        other = STRAIGHT if row in ("line", "smoothed") else carried
+        told = outages.ratio(errors[name], errors[other], length)
+        rows[row] = dict(zip(_COLUMNS[:4], told, strict=True))
+    table = pd.DataFrame(rows, index=list(_COLUMNS)).T
+    return table, _judge(table, f"outages of {length:.3g} s"), []
 
 
 def _judge(table: pd.DataFrame, by: str) -> str:
     return "nothing" if table.isna().all(axis=None) else by
 
 
-def _estimates(filtered: Correction, solution: Solution) -> dict[str, Estimate]:
-    others = filtered.lever_arm, filtered.fixes.time, filtered.rate
-    return {
-        "corrected": of_solution(solution, *others),
-        "smoothed": of_solution(smooth(solution), *others),
-    }
-
-
 def _without_filter(recording: Recording, findings: list[Finding], said: str) -> Report:
-    """Return what can be told of the network alone."""
-    network = network_of(recording)
+    """Return what can be told of the network alone; findings are kept whatever it is."""
+    try:
+        network = network_of(recording)
+    except InswsnError:
+        if not any(map(_has_rows, (recording.ranges, recording.fixes))):
+            raise
+        network = Fixes(np.zeros(0), np.zeros((0, 2)), np.zeros((0, 2)))
     times, alone = network.time, _of_network(network)
-    table, judge = _table({}, np.empty((0, 4)), np.zeros(0, dtype=bool), times), "nothing"
-    if recording.reference is not None:
+    table, judge = pd.DataFrame(columns=list(_COLUMNS)), "nothing"
+    if recording.reference is not None and len(times):
         truth, half = truth_at(recording, times), times > float(np.mean(times[[0, -1]]))
-        table = _table({"network": alone}, truth, half, times)
+        table = _table({"network": alone}, truth, half)
         judge = _judge(table, "reference")
     start = Finding("start", "filter", np.nan, np.nan, np.nan, None, said.rstrip("."))
     said = " ".join([*of_set_up(findings), said])
-    return Report([*findings, start], table, judge, said, _track(times, alone, 0))
+    return Report([*findings, start], table, judge, said, _track(times, alone))
+
+
+def _has_rows(stream: Stream | None) -> bool:
+    return stream is not None and len(stream) > 0
 
 
 def _of_network(network: Fixes) -> Estimate:
@@ -290,48 +288,20 @@ def _of_network(network: Fixes) -> Estimate:
     return Estimate(np.hstack([network.position[:, :2], network.velocity[:, :2]]))
 
 
-def withheld_rows(network: Fixes, since: float) -> Mask:
-    """Return every second fix after a time, of those that are good if some are.
-
-    Parameters
-    ----------
-    network : Fixes
-    since : float
-        s.
-    """
-    rows = np.isfinite(network.position).all(axis=1) & (network.time > since)
-    rows &= np.arange(len(network)) % 2 == 1
-    return np.asarray(rows if network.good is None else rows & network.good)
+def _table(estimates: dict[str, Estimate], truth: Array, rows: Mask) -> pd.DataFrame:
+    """Return the scores on the rows where all estimates say where the tag is."""
+    there = rows.copy()
+    for each in estimates.values():
+        there &= np.isfinite(each.state[:, :2]).all(axis=1)
+    errors = (estimates["network"].state - truth)[there]
+    found = {name: scores(e.part(there), truth[there], errors) for name, e in estimates.items()}
+    return pd.DataFrame(found).T[list(_COLUMNS)]
 
 
-def _table(estimates: dict[str, Estimate], truth: Array, rows: Mask, times: Array) -> pd.DataFrame:
-    """Return the scores on the rows where all estimates and the truth say where the tag is."""
-    names = [name for name in ("network", "corrected", "smoothed") if name in estimates]
-    parts = [truth, *(estimates[name].state for name in names)]
-    # velocities count where everything has them
-    for d in (4, 2):
-        there = rows & np.isfinite(np.hstack([each[:, :d] for each in parts])).all(axis=1)
-        if there.sum() >= _FEWEST:
-            break
-    else:
-        return pd.DataFrame(np.nan, index=names, columns=list(_SCORES))
-    if d == 2:
-        truth = np.hstack([truth[:, :2], np.full((len(truth), 2), np.nan)])
-    errors = estimates["network"].state[there] - truth[there]
-    spacing = float(np.median(np.diff(times[there])))
-    found = {
-        name: scores(Estimate(estimates[name].state[there]), truth[there], errors, spacing)
-        for name in names
-    }
-    return pd.DataFrame(found).T[list(_SCORES)]
-
-
-def _mirrored(
-    recording: Recording, filtered: Correction, alignment: float, end: float
-) -> list[Finding]:
+def _mirrored(other: Ladder, ladder: Ladder) -> list[Finding]:
     """Ask whether the motion fits the network better if that is mirrored."""
     who = "network and motion"
-    gain = _more_likely(_mirror(recording), filtered, alignment, end)[0]
+    gain = _more_likely(replace(other, recording=_mirror(other.recording)), ladder)
     if np.isnan(gain):
         return []
     bound = float(-np.log(FALSE_ALARM))
@@ -342,53 +312,49 @@ def _mirrored(
     return [Finding("axes", who, gain, -np.inf, bound, gain < 0, says)]
 
 
-def _mirrored_start(recording: Recording, alignment: float) -> list[Finding]:
+def _mirrored_start(ladder: Ladder) -> list[Finding]:
     """Ask whether a filter that cannot start would, if the network were mirrored."""
     try:
-        _ = correction_of(_mirror(recording), alignment).start
+        _ = replace(ladder, recording=_mirror(ladder.recording)).start
     except InswsnError:
         return []
     return [Finding("axes", "network and motion", np.inf, -np.inf, 0.0, False, _MIRRORED)]
 
 
-def _by_gyroscope(
-    filtered: Correction, alignment: float, end: float, start: Start | None
-) -> tuple[Correction, list[Finding]]:
+def _by_gyroscope(ladder: Ladder) -> tuple[Ladder, list[Finding]]:
     """Ask whether the rate of an IMU beside odometry fits the network better, and take that."""
-    other = turned_by_gyroscope(filtered.recording)
-    if other is None:
-        return filtered, []
-    gain, turned = _more_likely(other, filtered, alignment, end, start)
+    turned = turned_by_gyroscope(ladder.recording)
+    if turned is None:
+        return ladder, []
+    other = replace(ladder, recording=turned)
+    gain = _more_likely(other, ladder)
     bound = float(np.log(FALSE_ALARM))
     fits = bool(gain > bound)
     says = "the IMU's rate about the vertical fits the network as well, and is left out"
     if gain > 0:
-        says, filtered = "the IMU's rate about the vertical fits the network better: taken", turned
+        says, ladder = "the IMU's rate about the vertical fits the network better: taken", other
     elif not fits:
         says = "the IMU's rate about the vertical does not fit the network, and is left out"
-    return filtered, [Finding("gyroscope", "IMU and odometry", gain, bound, np.inf, fits, says)]
+    return ladder, [Finding("gyroscope", "IMU and odometry", gain, bound, np.inf, fits, says)]
 
 
-def _more_likely(
-    recording: Recording, filtered: Correction, alignment: float, end: float,
-    start: Start | None = None,
-) -> tuple[float, Correction]:  # fmt: skip
-    """Return by how much more likely another recording is, in logarithms, and its correction.
+def _more_likely(other: Ladder, ladder: Ladder) -> float:
+    """Return by how much more likely another recording is, in logarithms.
 
     NaN where its filter cannot start, or has fewer measurements, since it starts later.
     """
     try:
-        other = correction_of(recording, alignment, start)
-        later = other.start.time != filtered.start.time
+        if other.start.time != ladder.start.time:
+            return np.nan
     except InswsnError:
-        later = True
-    if later:
-        return np.nan, filtered
+        return np.nan
+    name, end = next(iter(ladder.rungs)), ladder.split
+    numbers = ladder.rungs[name].begin
     mine, its = (
-        each.run(*filtered.begins[0], end=end, kept=False).log_likelihood
-        for each in (filtered, other)
+        each.rungs[name].run(*numbers, end=end, kept=False).log_likelihood
+        for each in (ladder, other)
     )
-    return its - mine, other
+    return its - mine
 
 
 def _mirror(recording: Recording) -> Recording:
@@ -406,29 +372,23 @@ def _other_side(vectors: Array) -> Array:
     return np.asarray(vectors * np.array([1.0, -1.0, 1.0])[: vectors.shape[1]])
 
 
-def _of_innovations(filtered: Correction, solution: Solution, since: float) -> list[Finding]:
-    told = filtered.told(solution)
-    values = [value for each in told for value in each.values]
-    deviations = [deviation for each in told for deviation in each.deviations]
-    near = inside(values, deviations)
-    judged = np.concatenate([each.time for each in told]) > since
-    sizes = np.array([len(value) for value in values])
-    rows = np.repeat(judged & near, sizes)
-    scaled = np.concatenate(values) / np.concatenate(deviations)
-    squares = np.repeat(np.concatenate([each.squares for each in told]), sizes)
-    series = filtered.series(solution)
+def _of_innovations(ladder: Ladder, name: str, solution: Solution) -> list[Finding]:
+    told = innovations_of(solution, ladder.rungs[name].series)
+    near, judged = told.near, told.time > ladder.split
+    rows = judged & near
+    measurements = np.unique(told.measurement[judged], return_index=True)[1]
     return [
-        check_outliers(near[judged]),
-        *check_innovations(squares[rows], scaled[rows], series[rows]),
+        check_outliers(near[judged][measurements]),
+        *check_innovations(told.squares[rows], told.scaled[rows], told.series[rows]),
     ]
 
 
-def _track(times: Array, estimate: Estimate, stated: int) -> pd.DataFrame:
+def _track(times: Array, estimate: Estimate) -> pd.DataFrame:
     found = pd.DataFrame(estimate.state, columns=list(_TRACK))
     found.insert(0, "time", times)
     deviations = np.full_like(estimate.state, np.nan)
-    if estimate.covariance is not None:
-        variances = np.diagonal(estimate.covariance, axis1=1, axis2=2)
-        deviations[:, :stated] = np.sqrt(variances[:, :stated])
+    if (P := estimate.covariance) is not None:
+        stated = P.shape[1]
+        deviations[:, :stated] = np.sqrt(np.diagonal(P, axis1=1, axis2=2))
     found[[f"sd_{name}" for name in _TRACK]] = deviations
     return found.dropna(subset=["x", "y"]).reset_index(drop=True)

@@ -43,7 +43,7 @@ def sentence_of(findings: list[Finding], table: pd.DataFrame, judge: str) -> str
     said = [*of_set_up(findings), _of_filter(findings)]
     if judge == "nothing":
         return " ".join([*said, "How large the errors are cannot be told."])
-    said += _by_truth(table) if judge == "reference" else _by_withheld(table)
+    said += _by_truth(table) if judge == "reference" else _in_outages(table, judge)
     return " ".join(said)
 
 
@@ -63,21 +63,22 @@ def _by_truth(table: pd.DataFrame) -> list[str]:
     return said
 
 
-def _by_withheld(table: pd.DataFrame) -> list[str]:
-    """Return which is nearer to withheld fixes; which is better that does not tell."""
-    warning = "Warning: from" if _interval(table, "position")[1] > 1 else "From"
+def _in_outages(table: pd.DataFrame, judge: str) -> list[str]:
+    """Return what is nearer to withheld fixes, which have errors of their own."""
+    warning = "Warning: in" if _interval(table, "position")[1] > 1 else "In"
     return [
-        f"{warning} fixes that are withheld, and have errors of their own, the corrected track is "
-        f"{_share(table, 'position')} as far as a line between the fixes beside."
+        f"{warning} {judge}, by the fixes that are withheld, the corrected track is "
+        f"{_share(table, 'position')} as far as what goes on from the last fix, and the smoothed "
+        f"one {_share(table, 'position', 'smoothed')} as far as a straight line to the next."
     ]
 
 
-def _interval(table: pd.DataFrame, what: str) -> list[float]:
-    """Return the ratio of errors of the corrected track to the network's, and its interval."""
+def _interval(table: pd.DataFrame, what: str, row: str = "corrected") -> list[float]:
+    """Return the ratio of errors of a track to what it is compared with, and its interval."""
     columns = [f"{what}_{end}" for end in ("ratio", "low", "high")]
-    return [float(x) for x in table.loc[["corrected"], columns].to_numpy()[0]]
+    return [float(x) for x in table.loc[[row], columns].to_numpy()[0]]
 
 
-def _share(table: pd.DataFrame, what: str) -> str:
-    ratio, low, high = _interval(table, what)
+def _share(table: pd.DataFrame, what: str, row: str = "corrected") -> str:
+    ratio, low, high = _interval(table, what, row)
     return f"{ratio:.0%} ({low:.0%} to {high:.0%})"

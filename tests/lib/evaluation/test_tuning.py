@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 from inswsn_lib.errors import ParameterError
-from inswsn_lib.evaluation import Tuning, search_pattern, tune
+from inswsn_lib.evaluation import Tuning, most_likely, search_pattern, tune
 
 
 def test_every_candidate_is_tried_once_in_order() -> None:
@@ -96,3 +97,45 @@ def test_what_a_pattern_search_refuses(
 ) -> None:
     with pytest.raises(ParameterError, match=said):
         search_pattern("bad", start, ratios, loss, most)
+
+
+def test_the_most_likely_size_is_between_the_data_and_the_prior() -> None:
+    """With n values and the mean square q: n (q / s^2 - 1) = ln(s / s0) / ln(3)^2."""
+    for n, square in ((3, 9.0), (1000, 0.04)):
+        found = most_likely(
+            "size", [1.0], lambda s, n=n, q=square: -n * np.log(s) - n * q / (2 * s**2)
+        )
+        right = brentq(
+            lambda z, n=n, q=square: n * (q * np.exp(-2 * z) - 1) - z / np.log(3) ** 2, -9, 9
+        )
+        assert found.best[0] == pytest.approx(np.exp(right), rel=1e-3)
+        assert found.settled
+
+
+def test_in_a_valley_the_prior_decides_and_all_begins_end_there() -> None:
+    """The data tell the product alone; each factor takes half of it, in logarithms."""
+    found = most_likely("valley", [1.0, 1.0], lambda x, y: -500 * np.log(x * y / 4) ** 2, begins=4)
+    ends = np.array(found.candidates)
+    assert ends == pytest.approx(np.full((4, 2), 2.0), rel=2e-3)
+    assert found.settled
+
+
+def test_begins_that_end_apart_have_not_settled() -> None:
+    def hills(x: float) -> float:
+        """A low one at 1, and a high one at 5, which one begin of three is near to."""
+        z = np.log(x)
+        return float(50 * np.exp(-8 * z**2) + 90 * np.exp(-8 * (z - np.log(5)) ** 2))
+
+    found = most_likely("hills", [1.0], hills)
+    assert not found.settled
+    assert found.best[0] == pytest.approx(5.0, rel=0.05)
+
+
+def test_the_impossible_is_gone_around_but_no_place_to_begin() -> None:
+    found = most_likely("wall", [1.0], lambda x: -np.inf if x > 5 else x)
+    assert 1.5 < found.best[0] <= 5
+    with pytest.raises(ParameterError, match=r"log_likelihood must be finite at the begin, not"):
+        most_likely("bad", [1.0], lambda _: np.nan)
+    for begin in ([], [0.0], [1.0, -2.0]):
+        with pytest.raises(ParameterError, match="begin must be"):
+            most_likely("bad", begin, lambda *_: 0.0)

@@ -12,39 +12,42 @@ from made_recording import made, made_imu, motion
 from inswsn_lib import recordings
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.navigation import RecordedClusters, RecordedOutages
-from inswsn_lib.recordings import FixesContest, RecordedContest
-from inswsn_lib.recordings.contest import COLOURED
+from inswsn_lib.recordings import Ladder, Outages
+from inswsn_lib.recordings.correction import COLOURED, WHITE
 from inswsn_lib.streams import Fixes, Recording
 
 
 @pytest.fixture(scope="module")
-def walk() -> RecordedContest:
-    recording = replace(
-        made(6, seconds=80.0, rate=200.0, noise=0.05), imu=made_imu(6, seconds=80.0)
-    )
-    contest = RecordedContest(recording, share=0.5, alignment=15.0, trials=1)
-    contest.__dict__["contestants"] = {COLOURED: contest.contestants[COLOURED]}
-    return contest
+def walk() -> Ladder:
+    recording = made(6, seconds=80.0, rate=200.0, noise=0.05)
+    return on_fixes(replace(recording, imu=made_imu(6, seconds=80.0)))
+
+
+def on_fixes(recording: Recording) -> Ladder:
+    """Return a ladder with the filters on fixes alone, each search of which begins once."""
+    found = Ladder(recording, alignment=15.0, begins=1)
+    vars(found)["rungs"] = {name: found.rungs[name] for name in (WHITE, COLOURED)}
+    return found
 
 
 @pytest.fixture(scope="module")
-def outages(walk: RecordedContest) -> RecordedOutages:
+def outages(walk: Ladder) -> RecordedOutages:
     return RecordedOutages(walk, longest=4.0, every=5.0)
 
 
 def test_outages_lie_in_the_judged_part_and_end_in_the_recording(outages: RecordedOutages) -> None:
-    time = outages.contest.fixes.time[outages.starts]
-    assert (time > outages.contest.split).all()
-    assert (time + 4.0 < outages.contest.fixes.time[-1]).all()
+    time = outages.ladder.fixes.time[outages.starts]
+    assert (time > outages.ladder.split).all()
+    assert (time + 4.0 < outages.ladder.fixes.time[-1]).all()
     assert (np.diff(time) >= 5.0).all()
     assert outages.steps == 20
 
 
 def test_who_stands_still_errs_by_the_way_that_the_tag_goes(outages: RecordedOutages) -> None:
-    contest, k = outages.contest, outages.starts
+    ladder, k = outages.ladder, outages.starts
     ahead = k[:, None] + 1 + np.arange(outages.steps)
-    moved = motion(contest.fixes.time[ahead].ravel())[0][:, :2].reshape(*ahead.shape, 2)
-    begin = motion(contest.fixes.time[k])[0][:, None, :2]
+    moved = motion(ladder.fixes.time[ahead].ravel())[0][:, :2].reshape(*ahead.shape, 2)
+    begin = motion(ladder.fixes.time[k])[0][:, None, :2]
     way = np.linalg.norm(moved - begin, axis=2)
     # but for the errors of the last fix, of 5 cm a range
     assert outages.errors["stand still at the last fix"] == pytest.approx(way, abs=0.1)
@@ -67,7 +70,7 @@ def test_fixes_alone_make_outages_too_and_too_few_are_told() -> None:
     place = motion(time)[0]
     fixes = Fixes(time, place, good=np.arange(len(time)) % 7 > 0)
     recording = Recording("walk", imu=made_imu(7), fixes=fixes)
-    outages = RecordedOutages(FixesContest(recording, alignment=15.0, trials=1), 4.0, 4.0)
+    outages = Outages(Ladder(recording, alignment=15.0, begins=1), 4.0, 4.0)
     table = outages.table((4.0,))
     assert "P1's LS-SVM" not in table.index
     assert table.loc["coasting filter", "rms 4 s"] < 0.5
@@ -79,9 +82,7 @@ def test_fixes_alone_make_outages_too_and_too_few_are_told() -> None:
 
 def test_two_clusters_with_independent_errors_are_fused_as_theory_says() -> None:
     recording = replace(made(8, rate=200.0, noise=0.4), imu=made_imu(8))
-    walk = RecordedContest(recording, share=0.5, alignment=15.0, trials=1)
-    walk.__dict__["contestants"] = {COLOURED: walk.contestants[COLOURED]}
-    clusters = RecordedClusters(walk)
+    clusters = RecordedClusters(on_fixes(recording))
     P = clusters.covariance
     assert np.abs(np.array(clusters.correlation)).max() < 0.15
     table = clusters.table()
@@ -97,9 +98,7 @@ def test_two_clusters_with_independent_errors_are_fused_as_theory_says() -> None
 
 @needs("inrol/1")
 def test_in_recorded_outages_the_learners_are_worse_than_standing_still() -> None:
-    contest = RecordedContest(recordings.load("inrol/1"), trials=8)
-    contest.__dict__["contestants"] = {COLOURED: contest.contestants[COLOURED]}
-    table = RecordedOutages(contest, every=8.0).table((10.0,))
+    table = RecordedOutages(on_fixes(recordings.load("inrol/1")), every=8.0).table((10.0,))
     still = table.loc["stand still at the last fix", "rms 10 s"]
     assert table.loc["P1's LS-SVM", "rms 10 s"] > still
-    assert table.loc["coasting filter", "high 10 s"] < 1
+    assert table.loc["coasting filter", "ratio 10 s"] < 1
