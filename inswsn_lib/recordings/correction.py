@@ -24,6 +24,7 @@ from inswsn_lib.inertial import (
     Solution,
     Start,
     Velocities,
+    WheelSpeeds,
     align,
     align_planar,
     run_error_state,
@@ -52,6 +53,10 @@ WHITE = "loosely coupled, white fixes"
 COLOURED = "loosely coupled, coloured fixes"
 TIGHT = "tightly coupled, coloured ranges"
 PLANAR_TIGHT = "tightly coupled, biases and a scale"
+LATERAL = "coloured fixes, and no slip to the side"
+# A body that goes faster than a runner is a vehicle: m/s, of a quantile; how often it is said not
+# to slip, s, and how fast it may at first, m/s
+_RUNNER, _QUANTILE, _SLIP_STEP, _SLIP = 6.0, 0.8, 0.2, 0.3
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,7 +136,54 @@ class InertialCorrection:
         if (heard := self.recording.ranges) is not None:
             begin = (0.02, 0.001, size / 2, size / 2, 1.0, size / 4)
             found[TIGHT] = Rung(self._tight, begin, [(heard.time, heard.anchor)])
+        elif velocity is not None and _is_vehicle(velocity):
+            found[LATERAL] = Rung(self._lateral, (*coloured, _SLIP), series)
         return found
+
+    @cached_property
+    def axes(self) -> Array:
+        """Turns vectors of the IMU into axes of a vehicle: forward, left, up, (3, 3).
+
+        Forward is where it goes, by a filter on the first half of the fixes; up is near the mean
+        vertical.
+        """
+        end = float(np.mean(self.fixes.time[[0, -1]]))
+        solution = self._loose(*self.rungs[COLOURED].begin, end=end)
+        R = np.array([state.attitude for state in solution.states])
+        moving = np.linalg.norm(solution.velocity, axis=1) > _RUNNER
+        forward = np.einsum("kji,kj->i", R[moving], solution.velocity[moving])
+        left = np.cross(R[:, 2].mean(axis=0), forward)
+        rows = [forward, left, np.cross(forward, left)]
+        return np.array([row / np.linalg.norm(row) for row in rows])
+
+    def constraint(self, slip: float) -> WheelSpeeds:
+        """Return that a vehicle does not slip to the side, nor leave the ground.
+
+        Parameters
+        ----------
+        slip : float
+            Standard deviation, m/s.
+        """
+        first, last = self.fixes.time[[0, -1]]
+        time = np.arange(float(first), float(last), _SLIP_STEP)
+        return WheelSpeeds(time, np.full(len(time), np.nan), self.axes, np.array([1.0, slip, slip]))
+
+    def _lateral(self, force: float, rate: float, *numbers: float, **how: Any) -> Solution:
+        *sizes, slip = numbers
+        fixes = how.pop("fixes", self.fixes)
+        observed = [*self._observed(*sizes, fixes=fixes), self.constraint(slip)]
+        return self.run(observed, force, rate, **how)
+
+    def unaided(self, name: str, numbers: Sequence[float]) -> list[Observation]:
+        """Return what a filter has without fixes and ranges.
+
+        Parameters
+        ----------
+        name : str
+            One of `rungs`.
+        numbers : sequence of float
+        """
+        return [*([self.constraint(numbers[-1])] if name == LATERAL else []), self.silent]
 
     @cached_property
     def rate(self) -> Array:
@@ -187,7 +239,7 @@ class InertialCorrection:
         Parameters
         ----------
         name : str
-            One of `rungs`, on fixes.
+                One of `rungs`, on fixes.
         numbers : sequence of float
         gone : ndarray of bool, (fixes,)
         start : Start
@@ -361,6 +413,16 @@ class OdometryCorrection:
         middles = (self.fixes.time[1:] + self.fixes.time[:-1]) / 2
         heard = ranges.kept(~gone[np.searchsorted(middles, ranges.time)])
         return rung.run(*numbers, start=start, end=end, ranges=heard)
+
+    def unaided(self, name: str, numbers: Sequence[float]) -> list[Observation]:
+        """Return what a filter has without fixes and ranges: nothing.
+
+        Parameters
+        ----------
+        name : str
+        numbers : sequence of float
+        """
+        return []
 
     def _loose(self, speed: float, rate: float, *sizes: float, **how: Any) -> Solution:
         fixes = how.pop("fixes", self.fixes)
@@ -571,6 +633,11 @@ def _colour(numbers: Sequence[float], axes: Array) -> list[Array]:
         return []
     size, lasting = numbers
     return [size * axes, np.full(len(axes), lasting)]
+
+
+def _is_vehicle(velocity: Array) -> bool:
+    speed = np.linalg.norm(velocity[np.isfinite(velocity).all(axis=1)], axis=1)
+    return bool(len(speed)) and float(np.quantile(speed, _QUANTILE)) > _RUNNER
 
 
 def _planar(fixes: Fixes) -> Fixes:

@@ -141,7 +141,7 @@ nothing to correct fixes with.
         withheld; NaN where neither tells.
         """
         if self.recording.reference is not None:
-            return truth_at(self.recording, self.fixes.time)
+            return truth_at(self.filters.recording, self.fixes.time)
         good = self.fixes.good
         there = np.isfinite(self.fixes.position).all(axis=1) if good is None else good
         return np.where(np.asarray(there)[:, None], self.network.state, np.nan)

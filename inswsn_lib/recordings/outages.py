@@ -13,7 +13,7 @@ from inswsn_lib.checks import Array
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.evaluation import block_ratio
 from inswsn_lib.inertial import Solution, Start, smooth
-from inswsn_lib.recordings.estimates import Estimate
+from inswsn_lib.recordings.correction import LATERAL
 from inswsn_lib.recordings.ladder import Ladder
 from inswsn_lib.streams import Whole
 
@@ -68,26 +68,33 @@ nothing to correct fixes with.
         return max(round(self.longest / self.ladder.step), 1)
 
     @cached_property
-    def solution(self) -> Solution:
-        """The run of the filter, which all outages begin from."""
-        return self.ladder.solution(self.ladder.corrected)
+    def solutions(self) -> dict[str, Solution]:
+        """The runs of filters, which outages begin from: the likeliest on fixes, then others."""
+        names = [self.ladder.corrected, *({LATERAL} & set(self.ladder.rungs))]
+        return {name: self.ladder.solution(name) for name in names}
 
     @cached_property
     def errors(self) -> dict[str, Array]:
         """Horizontal errors of what a system could have done, (outages, steps), m, by method."""
         network = self.ladder.network.state[self.starts]
         still = np.hstack([network[:, :2], np.zeros((len(network), 2))])
-        return {
+        name, *others = self.solutions
+        filtered = self.ladder.of(self.solutions[name]).state[self.starts]
+        found = {
             STILL: self._on(still),
             ON: self._on(network),
-            "go on at the filter's velocity": self._on(self._filtered.state[self.starts]),
-            COASTING: self._replayed(smoothed=False),
+            "go on at the filter's velocity": self._on(filtered),
+            COASTING: self._replayed(name, smoothed=False),
         }
+        return found | {f"coasting, {n}": self._replayed(n, smoothed=False) for n in others}
 
     @cached_property
     def oracles(self) -> dict[str, Array]:
         """Errors of what knows more than a system could, likewise."""
-        found = {STRAIGHT: self._straight(), SMOOTHED: self._replayed(smoothed=True)}
+        found = {
+            STRAIGHT: self._straight(),
+            SMOOTHED: self._replayed(next(iter(self.solutions)), smoothed=True),
+        }
         if self.ladder.recording.reference is not None:
             found["go on at the true velocity"] = self._on(self.ladder.truth[self.starts])
         return found
@@ -189,10 +196,6 @@ nothing to correct fixes with.
         places = states[:, None, :2] + passed[:, :, None] * states[:, None, 2:]
         return self.apart(places, self.starts)
 
-    @cached_property
-    def _filtered(self) -> Estimate:
-        return self.ladder.of(self.solution)
-
     def _straight(self) -> Array:
         """Return the errors of the straight line from the last fix to the next one."""
         time, state = self.ladder.fixes.time, self.ladder.network.state
@@ -202,25 +205,26 @@ nothing to correct fixes with.
         first, last = (state[k, None, :2] for k in (self.starts, after))
         return self.apart(first + share[:, :, None] * (last - first), self.starts)
 
-    def _replayed(self, *, smoothed: bool) -> Array:
-        """Return the errors of the filter without fixes, or of its smoother with those after."""
-        found = [self._replay(int(k), smoothed=smoothed) for k in self.starts]
+    def _replayed(self, name: str, *, smoothed: bool) -> Array:
+        """Return the errors of a filter without fixes, or of its smoother with those after."""
+        found = [self._replay(name, int(k), smoothed=smoothed) for k in self.starts]
         return self.apart(np.array(found), self.starts)
 
-    def _replay(self, k: int, *, smoothed: bool) -> Array:
+    def _replay(self, name: str, k: int, *, smoothed: bool) -> Array:
         """Return where the filter is at the fixes that are withheld after one, (steps, 2)."""
-        ladder, fixes = self.ladder, self.ladder.fixes
-        event = int(self.solution.at(fixes.time[k : k + 1])[0])
-        state, P = self.solution.states[event], self.solution.covariances[event]
+        ladder, fixes, solution = self.ladder, self.ladder.fixes, self.solutions[name]
+        event = int(solution.at(fixes.time[k : k + 1])[0])
+        state, P = solution.states[event], solution.covariances[event]
         n, after = state.errors, k + 1 + self.steps
         start = Start(float(fixes.time[k]), replace(state, own=np.zeros(0)), P[:n, :n])
-        numbers = ladder.tuned(ladder.corrected).best
+        numbers = ladder.tuned(name).best
         filters, last = ladder.filters, after + self.steps * smoothed
         end = float(fixes.time[min(last, len(fixes) - 1)])
         if smoothed:
             gone = np.ones(len(fixes), dtype=bool)
             gone[after:last] = False
-            run = smooth(filters.withheld(ladder.corrected, numbers, gone, start, end))
+            run = smooth(filters.withheld(name, numbers, gone, start, end))
         else:
-            run = filters.run([filters.silent], numbers[0], numbers[1], start, end=end)
+            observed = filters.unaided(name, numbers)
+            run = filters.run(observed, numbers[0], numbers[1], start, end=end)
         return ladder.of(run).state[k + 1 : after, :2]

@@ -191,8 +191,8 @@ def _settled(ladder: Ladder, name: str) -> Finding:
 
 def _by_reference(ladder: Ladder, solution: Solution) -> _Judged:
     """Judge by the reference."""
-    turned = replace(ladder, recording=turned_by(ladder.recording, solution))
-    truth, rows = truth_at(turned.recording, ladder.fixes.time), ladder.fixes.time > ladder.split
+    turned = turned_by(ladder.filters.recording, solution)
+    truth, rows = truth_at(turned, ladder.fixes.time), ladder.fixes.time > ladder.split
     estimates = {
         "network": ladder.network,
         "corrected": ladder.of(solution),
@@ -238,7 +238,7 @@ def _in_outages(ladder: Ladder, solution: Solution) -> _Judged:
     lasting = numbers[-1] if ladder.corrected == COLOURED else 0.0
     length = max(min(max(_LASTING * lasting, _SHORTEST), _LONGEST, _SHARE * judged), ladder.step)
     outages = Outages(ladder, length, length)
-    vars(outages)["solution"] = solution
+    vars(outages)["solutions"] = {ladder.corrected: solution}
     names = {"corrected": COASTING, "line": STRAIGHT, "smoothed": SMOOTHED}
     try:
         errors = outages.errors | outages.oracles

@@ -15,7 +15,6 @@ from inswsn_lib.errors import InswsnError
 from inswsn_lib.inertial import PlanarState, Start, known_start
 from inswsn_lib.recordings import Finding, Report, report
 from inswsn_lib.recordings.correction import correction_of, deviation_of, network_of
-from inswsn_lib.recordings.report import withheld_rows
 from inswsn_lib.recordings.report_words import sentence_of
 from inswsn_lib.streams import Fixes, Imu, Recording, Reference
 
@@ -41,7 +40,7 @@ def failing(found: Report) -> set[str]:
 
 
 def test_a_filter_that_fits_is_consistent_and_better_than_the_network() -> None:
-    found = report(drive(), trials=8)
+    found = report(drive(), begins=1)
     assert failing(found) == set()
     assert "The filter is consistent." in found.sentence
     assert "better than the network" in found.sentence
@@ -60,7 +59,7 @@ def test_a_filter_that_fits_is_consistent_and_better_than_the_network() -> None:
 
 def test_the_track_is_where_the_vehicle_was() -> None:
     right = drive()
-    track = report(right, trials=1).track
+    track = report(right, begins=1).track
     assert right.reference is not None
     late = track[track["time"] > 60]
     for name, axis in (("x", 0), ("y", 1)):
@@ -68,14 +67,14 @@ def test_the_track_is_where_the_vehicle_was() -> None:
         assert np.sqrt(np.mean((late[name] - true) ** 2)) < 0.2
 
 
-def test_without_a_reference_withheld_fixes_judge() -> None:
-    found = report(drive().without("reference"), trials=4)
-    assert found.judge == "withheld fixes"
-    assert "fixes that are withheld" in found.sentence
-    # a fix has errors of its own, and a line between two of them half of their variance
-    line, corrected, _ = found.table["position"]
-    assert line == pytest.approx(np.sqrt(2 * 1.5) * NOISE, rel=0.2)
-    assert np.sqrt(2) * NOISE * 0.85 < corrected < line
+def test_without_a_reference_outages_judge() -> None:
+    found = report(drive().without("reference"), begins=1)
+    assert found.judge.startswith("outages of ")
+    assert "the fixes that are withheld" in found.sentence
+    # a fix has errors of its own, of two coordinates
+    network, corrected, line, smoothed = found.table["position"]
+    assert np.sqrt(2) * NOISE * 0.85 < smoothed < corrected < network
+    assert smoothed < line
     assert found.table["velocity"].isna().all()
     assert [each.fits for each in found.findings if each.name == "axes"] == [True]
 
@@ -91,7 +90,7 @@ def test_a_mirrored_network_is_told_without_a_reference(change: str) -> None:
         "exchanged": {"fixes": replace(right.fixes, position=place[:, ::-1])},
         "sign of the rate": {"odometry": replace(right.odometry, rate=-right.odometry.rate)},
     }[change]
-    found = report(replace(right, **changed), trials=1)
+    found = report(replace(right, **changed), begins=1)
     assert "axes" in failing(found)
     assert "network is mirrored" in found.sentence
 
@@ -100,13 +99,13 @@ def test_a_network_that_is_late_makes_the_filter_inconsistent() -> None:
     right = drive()
     assert right.fixes is not None
     late = replace(right, fixes=replace(right.fixes, time=right.fixes.time + 3.0))
-    found = report(late, trials=4)
+    found = report(late, begins=1)
     assert "Warning: the filter is not consistent" in found.sentence
     assert {"time", "errors"} <= failing(found)
 
 
 def test_ranges_beside_odometry_are_taken_one_by_one() -> None:
-    found = report(made_drive(1), trials=1)
+    found = report(made_drive(1), begins=1)
     assert len(found.numbers) == 4
     # ranges with errors of 0.1 m, twelve a second
     assert found.table.loc["corrected", "position"] < 0.15
@@ -117,8 +116,7 @@ def test_an_imu_is_aligned_without_the_reference() -> None:
     """The tag is at the end of a lever arm; ranges have errors of 0.05 m."""
     arm = np.array([0.05, 0.0, 0.1])
     right = made(1, seconds=60, rate=40, lever_arm=tuple(arm))
-    found = report(replace(right, imu=made_imu(1, seconds=60), lever_arm=arm), trials=2)
-    # two trials tune little
+    found = report(replace(right, imu=made_imu(1, seconds=60), lever_arm=arm), begins=1)
     assert failing(found) <= {"outliers", "size", "colour", "whiteness"}
     assert found.table.loc["corrected", "velocity"] < 0.5 * found.table.loc["network", "velocity"]
     assert (found.track[["sd_x", "sd_vx"]] > 0).all(axis=None)
@@ -140,9 +138,9 @@ def test_an_imu_beside_odometry_is_taken_or_refused_in_words() -> None:
     right = drive()
     assert right.odometry is not None
     wrong = replace(right.odometry, rate=1.3 * right.odometry.rate)
-    alone = report(right, trials=1)
-    good = report(beside(replace(right, odometry=wrong), 1 / 1.3, 0.001), trials=1)
-    bad = report(beside(right, -20.0, 5.0), trials=1)
+    alone = report(right, begins=1)
+    good = report(beside(replace(right, odometry=wrong), 1 / 1.3, 0.001), begins=1)
+    bad = report(beside(right, -20.0, 5.0), begins=1)
     found = {each: [f for f in each.findings if f.name == "gyroscope"] for each in (good, bad)}
     assert [f.fits for f in found[good]] == [True]
     assert "taken" in found[good][0].says
@@ -175,7 +173,7 @@ def test_a_mirrored_network_beside_an_imu_is_told(velocities: bool) -> None:
     other = np.array([1.0, -1.0, 1.0])
     moving = right.fixes.velocity * other if velocities else None
     fixes = Fixes(right.fixes.time, right.fixes.position * other, moving)
-    found = report(replace(right, fixes=fixes, reference=None), trials=1)
+    found = report(replace(right, fixes=fixes, reference=None), begins=1)
     assert "network and motion: the network is mirrored" in found.sentence
     assert bool(found.numbers) != velocities
 
@@ -185,7 +183,7 @@ def test_velocities_of_fixes_are_used() -> None:
     right = carried()
     assert right.fixes is not None
     told, without = (
-        report(each, trials=6)
+        report(each, begins=1)
         for each in (right, replace(right, fixes=replace(right.fixes, velocity=None)))
     )
     assert told.numbers[3] == pytest.approx(0.03, rel=0.3)
@@ -203,7 +201,7 @@ def test_the_deviation_of_each_fix_is_used() -> None:
         fixes, position=fixes.position + sizes[:, None] * rng.normal(size=fixes.position.shape)
     )
     said = replace(fixes, deviation=np.tile(sizes[:, None], (1, 3)))
-    told, without = (report(replace(right, fixes=each), trials=6) for each in (said, fixes))
+    told, without = (report(replace(right, fixes=each), begins=1) for each in (said, fixes))
     assert (
         told.table.loc["corrected", "position"] < 0.8 * without.table.loc["corrected", "position"]
     )
@@ -214,7 +212,7 @@ def test_a_lever_arm_counts_where_the_reference_has_no_attitude() -> None:
     assert right.reference is not None
     bare = replace(right, reference=replace(right.reference, attitude=None))
     with_attitude, without = (
-        report(each, trials=1).table.loc["corrected", "position"] for each in (right, bare)
+        report(each, begins=1).table.loc["corrected", "position"] for each in (right, bare)
     )
     assert without == pytest.approx(with_attitude, rel=0.1)
 
@@ -236,12 +234,16 @@ def test_what_is_known_of_the_start_is_used() -> None:
     assert np.linalg.det(mine.covariance[6:9, 6:9]) < np.linalg.det(found.covariance[6:9, 6:9])
 
 
-def test_a_short_recording_is_told_by_its_network_alone() -> None:
-    found = report(drive().part(end=19.0))
-    assert "The start takes 20 s, more than half of the recording." in found.sentence
-    assert list(found.table.index) == ["network"]
-    assert found.table.loc["network", "position_ratio"] == 1
+def test_who_does_not_move_is_told_by_the_network_alone() -> None:
+    right = drive()
+    assert right.fixes is not None
+    assert right.odometry is not None
+    still = replace(right.odometry, speed=0 * right.odometry.speed, rate=0 * right.odometry.rate)
+    where = replace(right.fixes, position=right.fixes.position - right.fixes.position)
+    found = report(replace(right, odometry=still, fixes=where, reference=None))
+    assert "The heading cannot be told" in found.sentence
     assert [each.fits for each in found.findings if each.name == "start"] == [None]
+    assert (found.judge, found.numbers) == ("nothing", ())
 
 
 def test_what_has_no_motion_is_told_by_its_network_alone() -> None:
@@ -289,23 +291,14 @@ def test_second_differences_tell_the_noise_of_a_steady_motion() -> None:
     assert deviation_of(Fixes(time[:2], place[:2])) == 1.0
 
 
-def test_every_second_good_fix_is_withheld() -> None:
-    time = np.arange(8.0)
-    place = np.zeros((8, 2))
-    place[3] = np.nan
-    good = time != 5
-    assert withheld_rows(Fixes(time, place), 0.5).nonzero()[0].tolist() == [1, 5, 7]
-    assert withheld_rows(Fixes(time, place, good=good), 2.0).nonzero()[0].tolist() == [7]
-
-
 @pytest.mark.parametrize(
     ("judge", "low", "high", "says"),
     [
         ("reference", 1.1, 1.5, "Warning: in position the corrected track is worse than"),
         ("reference", 0.8, 1.2, "In position the corrected track is neither better nor worse than"),
         ("reference", 0.5, 0.9, "In position the corrected track is better than the network"),
-        ("withheld fixes", 1.1, 1.5, "Warning: from fixes that are withheld"),
-        ("withheld fixes", 0.5, 0.9, "From fixes that are withheld"),
+        ("outages of 4 s", 1.1, 1.5, "Warning: in outages of 4 s"),
+        ("outages of 4 s", 0.5, 0.9, "In outages of 4 s, by the fixes that are withheld"),
         ("nothing", 0.5, 0.9, "How large the errors are cannot be told."),
     ],
 )
@@ -314,7 +307,7 @@ def test_the_sentence_warns_of_a_track_that_is_worse(
 ) -> None:
     columns = {"ratio": (low + high) / 2, "low": low, "high": high}
     row = {f"{what}_{end}": x for what in ("position", "velocity") for end, x in columns.items()}
-    table = pd.DataFrame([row], index=["corrected"])
+    table = pd.DataFrame([row] * 2, index=["corrected", "smoothed"])
     assert says in sentence_of([], table, judge)
     wrong = Finding("colour", "innovations", 0.5, -0.1, 0.1, False, "they are coloured")
     said = sentence_of([wrong], table, judge)
@@ -327,7 +320,7 @@ def test_a_reference_that_is_at_another_time_judges_nothing() -> None:
     right = drive()
     assert right.reference is not None
     other = Reference(right.reference.time + 1000, right.reference.position)
-    found = report(replace(right, reference=other), trials=1)
+    found = report(replace(right, reference=other), begins=1)
     assert found.judge == "nothing"
     assert "How large the errors are cannot be told." in found.sentence
     assert "span" in failing(found)
@@ -347,13 +340,13 @@ def test_a_reference_in_milliseconds_judges_nothing() -> None:
     right = drive()
     assert right.reference is not None
     other = replace(right.reference, time=1000 * right.reference.time)
-    found = report(replace(right, reference=other), trials=1)
+    found = report(replace(right, reference=other), begins=1)
     assert found.judge == "nothing"
     assert "span" in failing(found)
 
 
 @needs("labyrinth/1")
 def test_a_recorded_robot_is_better_than_its_network() -> None:
-    found = report(recordings.load("labyrinth/1"), trials=4)
+    found = report(recordings.load("labyrinth/1"), begins=1)
     assert found.table.loc["corrected", "position_high"] < 0.8
     assert "better than the network" in found.sentence
