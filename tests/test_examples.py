@@ -22,7 +22,6 @@ from inswsn_lib.files import DATA_VARIABLE
 
 # The rooms whose public names are listed in __all__, and the modules below them
 ROOMS = (
-    "benchmark",
     "calibration",
     "evaluation",
     "filters",
@@ -40,12 +39,6 @@ MODULES = ("errors", "files", "models", "plotting", "scenario", "streams")
 
 #: Functions and classes of a room that need no example, each with the reason
 EXEMPT = {
-    "benchmark.Answer": "shown by first_difference",
-    "benchmark.Course": "given by track_courses",
-    "benchmark.EntryError": "raised by run",
-    "benchmark.Event": "shown by changed_after",
-    "benchmark.Result": "given by run",
-    "benchmark.Scored": "a part of Result",
     "errors.Described": "for the rooms",
     "evaluation.DriftBound": "given by drift_bound",
     "evaluation.Lead": "given by paired_lead",
@@ -74,8 +67,9 @@ EXEMPT = {
     "navigation.Ramps": "what VehicleHybrid learns from",
     "navigation.RecordedTrials": "shown by read_trials",
     "papers.Printed": "a name for str, without a docstring of its own",
-    "recordings.Contestant": "a part of FixesContest",
-    "recordings.Estimate": "given by RecordedContest.estimates",
+    "recordings.Answer": "shown by the module entries",
+    "recordings.Estimate": "given by Ladder.estimates",
+    "recordings.Event": "what an entry is given",
     "recordings.RecordingUnavailableError": "raised by load_drive where nothing can be fetched",
     "recordings.Report": "what report returns",
     "scenario.between": "shown by from_settings",

@@ -19,11 +19,11 @@ import inswsn_lib
 from inswsn_lib.errors import BuildError
 
 COMMANDS = [
-    "benchmark",
     "book",
     "chapters",
     "claims",
     "compare",
+    "judge",
     "publish",
     "run",
     "sweep",
@@ -65,10 +65,7 @@ MISTAKES = {
     "boook": "No such command 'boook'",
     "--root nowhere book": "--root must be the folder of a checkout of inswsn, not 'nowhere'.",
     "book --jobs 0": "--jobs",
-    "benchmark nowhere.py:Mine": "entry must be in a file that exists, not 'nowhere.py:Mine'.",
-    "benchmark Mine": "entry must be module:Class or path/to/file.py:Class, not 'Mine'.",
-    "benchmark --track marathon": "track must be one of ",
-    "benchmark --trials 0": "--trials",
+    "judge nowhere.py:Mine somewhere": "name must be ",
     "publish": "Chapter 00 has not been built as it is now; build it first: make book.",
     "claims --verdict maybe": "--verdict must be one of reproduced, ",
     "claims --kind x": "--kind must be one of numeric, parameter, ",

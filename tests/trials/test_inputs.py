@@ -246,7 +246,6 @@ def checkout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Project:
     monkeypatch.setattr(sweep, "keep", lambda *_: None)
     monkeypatch.setattr(sweep, "_client", lambda *_: contextlib.nullcontext())
     monkeypatch.setattr(sweep, "_compute", cells)
-    monkeypatch.setattr("inswsn_lib.benchmark.running.track_courses", lambda *_: ([], []))
     monkeypatch.setattr(running, "render_book", lambda *_, **__: None)
     monkeypatch.setattr(running, "render_run", lambda *_: None)
     everything = [computed(Project(ROOT), runs.Request(c.id)) for c in Project(ROOT).chapters()]
