@@ -211,7 +211,7 @@ def most_likely(
     >>> x = 2 * np.random.default_rng(0).normal(size=100)
     >>> found = most_likely("size", [1.0], lambda s: -100 * np.log(s) - np.sum(x**2) / (2 * s**2))
     >>> print(f"{found.best[0]:.2f} {np.sqrt(np.mean(x**2)):.2f}", found.settled)
-    1.93 1.94 True
+    1.93 1.93 True
     """
     from scipy.optimize import minimize  # noqa: PLC0415  # a page of the book has numpy alone
 

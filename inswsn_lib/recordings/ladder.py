@@ -78,7 +78,7 @@ class Ladder:
     --------
     >>> from inswsn_lib.recordings import Ladder
     >>> from inswsn_lib.streams import Recording
-    >>> Ladder(Recording("empty")).table()
+    >>> Ladder(Recording("empty")).start
     Traceback (most recent call last):
     ...
     inswsn_lib.errors.InswsnError: The recording empty has neither an IMU nor odometry: there is \
