@@ -73,11 +73,14 @@ class Rung:
     series : list of (ndarray, ndarray)
         Of each observation that is judged, the times of the components of its measurements, s, and
         of which series each is: an axis, or an anchor.
+    lasting : int, optional
+        Which of the numbers is a correlation time; the others are deviations.
     """
 
     run: Callable[..., Solution]
     begin: tuple[float, ...]
     series: list[tuple[Array, Whole]]
+    lasting: int | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,13 +134,13 @@ class InertialCorrection:
         coloured = (0.02, 0.002, size / 2, *speeds, size, _LASTING)
         found = {
             WHITE: Rung(self._loose, white, series),
-            COLOURED: Rung(self._loose, coloured, series),
+            COLOURED: Rung(self._loose, coloured, series, len(coloured) - 1),
         }
         if (heard := self.recording.ranges) is not None:
             begin = (0.02, 0.001, size / 2, size / 2, 1.0, size / 4)
-            found[TIGHT] = Rung(self._tight, begin, [(heard.time, heard.anchor)])
+            found[TIGHT] = Rung(self._tight, begin, [(heard.time, heard.anchor)], 4)
         elif velocity is not None and _is_vehicle(velocity):
-            found[LATERAL] = Rung(self._lateral, (*coloured, _SLIP), series)
+            found[LATERAL] = Rung(self._lateral, (*coloured, _SLIP), series, len(coloured) - 1)
         return found
 
     @cached_property
@@ -340,7 +343,7 @@ class OdometryCorrection:
         coloured = (*motion, size / 2, size, _LASTING)
         found = {
             WHITE: Rung(self._loose, (*motion, size), series),
-            COLOURED: Rung(self._loose, coloured, series),
+            COLOURED: Rung(self._loose, coloured, series, len(coloured) - 1),
         }
         if (heard := self.recording.ranges) is not None:
             found[PLANAR_TIGHT] = Rung(

@@ -17,7 +17,8 @@ from inswsn_lib.streams import Recording, Whole
 
 #: Errors that are so far apart are taken for independent, s
 BLOCK = 10.0
-_OUTLIER = 4.0  # deviations
+#: A component so many deviations off is an outlier
+OUTLIER = 4.0
 _JUDGED = 12  # fixes, by which an estimate is judged
 _HALF_WINDOW = 0.075  # s, of the line that makes a velocity of the reference; or longer, in rows
 _HALF_ROWS = 2.5
@@ -207,7 +208,7 @@ class Innovations(NamedTuple):
     @property
     def near(self) -> Mask:
         """Which are of measurements all of whose components lie within four deviations."""
-        far = np.unique(self.measurement[np.abs(self.scaled) > _OUTLIER])
+        far = np.unique(self.measurement[np.abs(self.scaled) > OUTLIER])
         return ~np.isin(self.measurement, far)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -24,6 +24,7 @@ from inswsn_lib.recordings.correction import (
 )
 from inswsn_lib.recordings.difference_filters import FAMILIES, DifferenceFilters
 from inswsn_lib.recordings.estimates import (
+    OUTLIER,
     Estimate,
     largest_lag_one,
     of_solution,
@@ -214,8 +215,27 @@ nothing to correct fixes with.
         """
         if name not in self._searches:
             begin, likely = self._likelihood(name)
-            self._searches[name] = most_likely(name, begin, likely, begins=self.begins)
+            found = most_likely(name, begin, likely, begins=self.begins)
+            if name in self.rungs and self.tuning_end(name) < self.split:
+                found = self._sized(name, found)
+            self._searches[name] = found
         return self._searches[name]
+
+    def _sized(self, name: str, found: Tuning[tuple[float, ...]]) -> Tuning[tuple[float, ...]]:
+        """Return a search in a window, with deviations that fit the whole first part.
+
+        With all deviations times a factor the estimates are the same, and the likelihood is largest
+        where the mean NIS is 1.
+        """
+        rung = self.rungs[name]
+        told = rung.run(*found.best, end=self.split, kept=False).innovations[: len(rung.series)]
+        squares = np.concatenate([each.squares for each in told])
+        factor = float(np.sqrt(np.mean(squares[squares < OUTLIER**2])))
+        ends = [
+            tuple(x if k == rung.lasting else factor * x for k, x in enumerate(numbers))
+            for numbers in found.candidates
+        ]
+        return replace(found, candidates=tuple(ends))
 
     @property
     def families(self) -> tuple[str, ...]:

@@ -17,7 +17,7 @@ from inswsn_lib.recordings.correction import LATERAL
 from inswsn_lib.recordings.ladder import Ladder
 from inswsn_lib.streams import Whole
 
-_FEWEST = 3  # outages
+_FEWEST, _MOST = 3, 200  # outages
 #: What costs nothing, and what knows the fixes after the outage
 STILL, ON, STRAIGHT = (
     "stand still at the last fix", "go on at the last velocity", "straight to the next fix",
@@ -173,6 +173,8 @@ nothing to correct fixes with.
         for k in np.flatnonzero(there):
             if not found or time[k] - time[found[-1]] >= self.every:
                 found.append(int(k))
+        if len(found) > _MOST:  # as many as are enough, all over the time
+            found = [found[k] for k in np.linspace(0, len(found) - 1, _MOST).astype(int)]
         if len(found) < _FEWEST:
             raise InswsnError(
                 f"{self.ladder.recording.name} has room for {len(found)} outages of "
