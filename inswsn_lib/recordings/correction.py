@@ -10,7 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 from scipy.integrate import cumulative_trapezoid
 
-from inswsn_lib.calibration import multilaterate_track, slope_velocity
+from inswsn_lib.calibration import slope_velocity
 from inswsn_lib.checks import Array, Mask
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.inertial import (
@@ -29,6 +29,8 @@ from inswsn_lib.inertial import (
     align,
     run_error_state,
 )
+from inswsn_lib.recordings.findings import Finding
+from inswsn_lib.recordings.network import HELD, fixes_of, on_a_side, with_height
 from inswsn_lib.streams import Fixes, Ranges, Recording, Whole
 
 #: What the errors of fixes upwards are taken for, times those to the side
@@ -37,8 +39,6 @@ UP = np.array([1.0, 1.0, 2.0])
 WALKS = (1e-3, 1e-4)
 #: Ranges that lie four deviations from what is expected are left out
 GATE = 16.0
-_PERIODS = (0.2, 0.5, 1.0, 2.0)  # s, of fixes by ranges: the first in which most have one
-_MOST_FIXES = 0.5  # of the intervals, that must have one
 _LASTING = 3.0  # s, of the coloured errors of fixes at the begin of the search
 _OF_SECOND_DIFFERENCES = 1.4826 / np.sqrt(6)  # from their median size to a deviation
 _LEAST, _LEAST_SHARE = 1e-3, 0.1  # m, of a deviation, and of one over the median
@@ -71,6 +71,10 @@ class Correction(Protocol):
     @property
     def lever_arm(self) -> Array:
         """From what moves to the tag, m."""
+
+    @property
+    def assumed(self) -> Sequence[Finding]:
+        """What is taken for granted of the network."""
 
     @property
     def begins(self) -> list[tuple[float, ...]]:
@@ -117,12 +121,18 @@ class InertialCorrection:
         not show yet.
     given : Start, optional
         What is known of the start.
+    held : bool
+        Whether the fixes' heights were not measured, but are held.
+    assumed : sequence of Finding
+        What is taken for granted of the network.
     """
 
     recording: Recording
     fixes: Fixes
     alignment: float
     given: Start | None = None
+    held: bool = False
+    assumed: Sequence[Finding] = ()
 
     @property
     def lever_arm(self) -> Array:
@@ -187,16 +197,26 @@ class InertialCorrection:
 
     def _observed(self, white: float, *numbers: float) -> list[Observation]:
         fixes, measured = self.fixes, self._measured
-        colours = _colour(numbers[measured:], UP)
+        colours = _colour(numbers[measured:], np.nanmedian(shares_of(self.fixes), axis=0))
         observed: list[Observation] = [
-            PositionFixes(fixes, self.lever_arm, white * shares_of(fixes), *colours)
+            PositionFixes(self._measured_fixes, self.lever_arm, white * shares_of(fixes), *colours)
         ]
         if measured:
             assert fixes.velocity is not None
             observed.append(
                 Velocities(fixes.time, fixes.velocity, numbers[0] * UP, self.rate, self.lever_arm)
             )
+        if self.held:
+            heights = replace(fixes, position=fixes.position * [np.nan, np.nan, 1.0])
+            observed.append(PositionFixes(heights, self.lever_arm, np.full(3, HELD)))
         return observed
+
+    @property
+    def _measured_fixes(self) -> Fixes:
+        """The fixes without heights that are held."""
+        if not self.held:
+            return self.fixes
+        return replace(self.fixes, position=self.fixes.position * [1.0, 1.0, np.nan])
 
     def told(self, solution: Solution) -> list[Innovations]:
         """Return the innovations of fixes, and of their velocities if they were measured."""
@@ -204,7 +224,8 @@ class InertialCorrection:
 
     def series(self, solution: Solution) -> Whole:
         """Return of which axis each component of the innovations is; those of velocities follow."""
-        found = axes_of(self.fixes.time, self.fixes.position, self.start, solution)
+        position = self._measured_fixes.position
+        found = axes_of(self.fixes.time, position, self.start, solution)
         if not self._measured:
             return found
         assert self.fixes.velocity is not None
@@ -241,6 +262,8 @@ class OdometryCorrection:
         By how much of the data the heading is chosen at which the filter starts, s.
     given : Start, optional
         Where the filter starts.
+    assumed : sequence of Finding
+        What is taken for granted of the network.
     """
 
     recording: Recording
@@ -248,6 +271,7 @@ class OdometryCorrection:
     ranges: Ranges | None
     alignment: float
     given: Start | None = None
+    assumed: Sequence[Finding] = ()
 
     @property
     def lever_arm(self) -> Array:
@@ -374,7 +398,6 @@ def correction_of(
         )
     whole = recording
     recording = recording.part(float(motion.time[0]), float(np.nextafter(motion.time[-1], np.inf)))
-    fixes = network_of(recording)
     if recording.odometry is not None:
         ranges = recording.ranges
         if ranges is not None and ranges.anchors.shape[1] > 2:
@@ -382,13 +405,27 @@ def correction_of(
                 f"The recording {whole.name} has odometry, which moves on a plane, and anchors in "
                 "three dimensions: leave out z_m, and have ranges along the plane."
             )
-        return OdometryCorrection(recording, fixes, ranges, alignment, start)
-    if fixes.position.shape[1] < 3:
-        raise InswsnError(
-            f"The recording {whole.name} has an IMU, which moves in space, and a network on a "
-            "plane: give the third coordinate, z_m."
-        )
-    return InertialCorrection(recording, fixes, alignment, start)
+
+    def build(side: float) -> InertialCorrection | OdometryCorrection:
+        fixes = network_of(recording, side)
+        if recording.odometry is not None:
+            return OdometryCorrection(recording, fixes, recording.ranges, alignment, start)
+        if fixes.position.shape[1] > 2:
+            return InertialCorrection(recording, fixes, alignment, start)
+        fixes, assumed = with_height(fixes, recording.height or 0.0)
+        return InertialCorrection(recording, fixes, alignment, start, True, assumed)
+
+    if recording.ranges is None or not len(recording.ranges) or recording.height is not None:
+        return build(0.0)
+    found, side = on_a_side(recording.ranges, build, _likelihood)
+    return replace(found, assumed=[*found.assumed, *side]) if side else found
+
+
+def _likelihood(filtered: Correction) -> tuple[float, float]:
+    """Return when a filter starts, s, and the logarithm of its likelihood over the first half."""
+    half = float(np.mean(filtered.fixes.time[[0, -1]]))
+    solution = filtered.run(*filtered.begins[0], end=half, kept=False)
+    return filtered.start.time, solution.log_likelihood
 
 
 def turned_by_gyroscope(recording: Recording) -> Recording | None:
@@ -416,12 +453,14 @@ def turned_by_gyroscope(recording: Recording) -> Recording | None:
     return replace(recording, odometry=replace(odometry, rate=mean), imu=None)
 
 
-def network_of(recording: Recording) -> Fixes:
+def network_of(recording: Recording, side: float = 0.0) -> Fixes:
     """Return what the network alone says: fixes as they are, or of ranges, with velocities.
 
     Parameters
     ----------
     recording : Recording
+    side : float
+        Of anchors that lie in a plane, as of `multilaterate_track`.
 
     Raises
     ------
@@ -429,7 +468,7 @@ def network_of(recording: Recording) -> Fixes:
         If there is no network, or too few ranges at a time.
     """
     if recording.ranges is not None and len(recording.ranges):
-        return slope_velocity(_fixes_of(recording.ranges))
+        return slope_velocity(fixes_of(recording.ranges, recording.height, side))
     fixes = recording.fixes
     if fixes is None or not np.isfinite(fixes.position).all(axis=1).any():
         raise InswsnError(
@@ -437,17 +476,6 @@ def network_of(recording: Recording) -> Fixes:
             "nothing to correct by."
         )
     return slope_velocity(fixes) if fixes.velocity is None else fixes
-
-
-def _fixes_of(ranges: Ranges) -> Fixes:
-    """Return fixes of the shortest intervals of which most have one."""
-    for period in _PERIODS:
-        fixes = multilaterate_track(ranges, period)
-        if np.isfinite(fixes.position).all(axis=1).mean() > _MOST_FIXES:
-            return fixes
-    raise InswsnError(
-        f"Too few anchors are heard at a time: most intervals of {_PERIODS[-1]:g} s have no fix."
-    )
 
 
 def first_fix(fixes: Fixes) -> float:

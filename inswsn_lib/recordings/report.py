@@ -144,6 +144,7 @@ def report(
     recording = check_failed(recording)[1]
     try:
         filtered: Correction = correction_of(recording, alignment, start)
+        findings += filtered.assumed
         begun = filtered.start.time
     except InswsnError as error:
         findings += _mirrored_start(recording, alignment)
