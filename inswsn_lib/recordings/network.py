@@ -111,7 +111,7 @@ def _told(ranges: Ranges) -> bool:
 
 
 def _level(normal: Array) -> bool:
-    return len(normal) == 3 and bool(abs(normal[2]) > _VERTICAL)
+    return len(normal) == 3 and float(abs(normal[2])) > _VERTICAL
 
 
 def _named(ranges: Ranges, normal: Array) -> str:
