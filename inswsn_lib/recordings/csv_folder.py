@@ -184,7 +184,8 @@ def _parts(what: str, table: Table) -> dict[str, NDArray[Any]]:
     """Return the attributes of a stream that the table has columns for."""
     found = {"time": table[TIME]}
     for attribute, names in COLUMNS[what].items():
-        there = [table[name] for name in names if name in table]
+        # what is put together is not kept in columns
+        there = [table.pop(name) for name in names if name in table]
         if there:
             found[attribute] = np.column_stack(there) if len(names) > 1 else there[0]
     return found
@@ -192,14 +193,15 @@ def _parts(what: str, table: Table) -> dict[str, NDArray[Any]]:
 
 def _imu(table: Table, _: Table) -> Imu:
     parts = _parts("imu", table)
-    largest = np.abs(parts["rate"]).max(axis=1, initial=0.0)
-    if (largest > _MOST_RATE).any():
+    rate, force = parts["rate"], parts["force"]
+    if max(rate.max(initial=0.0), -rate.min(initial=0.0)) > _MOST_RATE:
+        largest = np.abs(rate).max(axis=1)
         row = int(np.argmax(largest > _MOST_RATE))
         raise InswsnError(
             f"the rate in columns {', '.join(_RATE)} is {largest[row]:.4g} in row {row + _FIRST}; "
             "it seems to be in degrees a second, but must be in rad/s."
         )
-    usual = float(np.median(np.linalg.norm(parts["force"], axis=1))) if len(largest) else 0.0
+    usual = float(np.sqrt(np.median(np.einsum("kd,kd->k", force, force))))
     in_g = _IN_G[0] <= usual <= _IN_G[1]
     if in_g or usual > _MOST_FORCE:
         raise InswsnError(

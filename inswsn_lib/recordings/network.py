@@ -106,8 +106,8 @@ def on_a_side(
 
 def _told(ranges: Ranges) -> bool:
     """Whether ranges to anchors almost in a plane tell on which side of it the tag is."""
-    sound = [np.isfinite(multilaterate_track(ranges, p).position[:, 0]).mean() for p in _PERIODS]
-    return max(sound) > _MOST_FIXES
+    made = (multilaterate_track(ranges, period) for period in _PERIODS)
+    return any(np.isfinite(f.position[:, 0]).mean() > _MOST_FIXES for f in made)
 
 
 def _level(normal: Array) -> bool:
