@@ -79,12 +79,15 @@ class Layout:
 
 _TRACKS = Layout((TIME, *INS, *WSN[:2]), (WSN[2:], REFERENCE), gaps=(*WSN, *REFERENCE))
 _STAMPS = {f"{word}_{unit}": unit for unit in UNITS for word in ("time", "t")}
-#: Units that other columns may be said to have, and how many of the wanted unit each is
-FACTORS = {
-    "m": 1.0, "cm": 1e-2, "mm": 1e-3, "km": 1e3, "ft": 0.3048, "m/s": 1.0, "km/h": 1 / 3.6,
-    "knots": 1852 / 3600, "rad/s": 1.0, "deg/s": np.pi / 180, "m/s^2": 1.0, "g": 9.80665,
-    "mg": 9.80665e-3, "deg": 1.0, "1": 1.0,
-}  # fmt: skip
+#: Units that columns may be said to have, by the end of their names, and how large each is
+FACTORS: dict[str, dict[str, float]] = {
+    "s": {unit: 1 / size for unit, size in UNITS.items()},
+    "m": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "km": 1e3, "ft": 0.3048},
+    "mps": {"m/s": 1.0, "km/h": 1 / 3.6, "knots": 1852 / 3600},
+    "radps": {"rad/s": 1.0, "deg/s": np.pi / 180},
+    "mps2": {"m/s^2": 1.0, "g": 9.80665, "mg": 9.80665e-3},
+    "deg": {"deg": 1.0, "rad": 180 / np.pi},
+}
 #: Of a column, what it is called in a file, and its unit
 Named = Mapping[str, tuple[str, str]]
 _SEPARATORS = ",;\t"
@@ -211,9 +214,14 @@ def _columns(path: Path, header: list[str], layout: Layout, named: Named) -> dic
             column, unit = called.get(name, (name, ""))
             found[name] = Column(
                 column, header.index(column), name in layout.texts, name in layout.gaps,
-                unit if name == TIME else "", FACTORS.get(unit, 1.0),
+                (unit or "s") if name == TIME else "", units_of(name).get(unit, 1.0),
             )  # fmt: skip
     return found
+
+
+def units_of(name: str) -> dict[str, float]:
+    """Return the units that a column may have, and how many of the wanted unit each is."""
+    return FACTORS.get(name.rpartition("_")[2], {})
 
 
 def _lacks(path: Path, names: list[str], header: list[str]) -> str:
