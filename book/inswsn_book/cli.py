@@ -283,7 +283,7 @@ def publish(root: Path | None, check: bool) -> None:
 
 
 @cli.command()
-@click.argument("folder", type=_FOLDER)
+@click.argument("folder", type=_PATH)
 def suggest(folder: Path) -> None:
     """Say what a folder of logs seems to hold, and write a recording.yaml to edit.
 

@@ -30,7 +30,7 @@ from inswsn_lib.inertial import (
     run_error_state,
 )
 from inswsn_lib.recordings.findings import Finding
-from inswsn_lib.recordings.network import HELD, fixes_of, on_a_side, with_height
+from inswsn_lib.recordings.network_fixes import HELD, fixes_of, on_a_side, with_height
 from inswsn_lib.streams import Fixes, Ranges, Recording, Whole
 
 #: What the errors of fixes upwards are taken for, times those to the side

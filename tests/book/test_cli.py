@@ -26,6 +26,7 @@ COMMANDS = [
     "compare",
     "publish",
     "run",
+    "suggest",
     "sweep",
     "verify",
 ]
