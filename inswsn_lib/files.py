@@ -6,6 +6,7 @@ import json
 import os
 import re
 import stat
+from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,7 @@ DATA_VARIABLE = "INSWSN_DATA"
 
 #: Bytes that a file of recorded data may have, and one of parameters or results
 RECORDED, WRITTEN = 2 * 10**9, 10**8
+_PIECE = 1 << 22  # bytes that are read at once
 
 _PACKAGE = Path(__file__).parent
 
@@ -85,23 +87,37 @@ def read_bytes(path: Path, most: int = RECORDED) -> bytes:
         ...
     inswsn_lib.errors.InswsnError: /dev/zero is not a regular file.
     """
+    return b"".join(read_pieces(path, most))
+
+
+def read_pieces(path: Path, most: int = RECORDED) -> Iterator[bytes]:
+    """Yield what `read_bytes` returns in pieces of some megabytes.
+
+    Examples
+    --------
+    >>> from inswsn_lib.files import data_file, read_pieces
+    >>> next(read_pieces(data_file("examples/ins-wsn.csv")))[:11]
+    b'# Simulated'
+    """
+    left = most
     try:
-        found = path.stat()
-        kind, size = found.st_mode, found.st_size
-        if stat.S_ISREG(kind):
-            with path.open("rb") as stream:  # which takes the memory of all that it is asked for
-                data = stream.read(min(max(size, 1 << 16), most) + 1)
+        kind = path.stat().st_mode
+        if not stat.S_ISREG(kind):
+            word = "a folder, not a file" if stat.S_ISDIR(kind) else "not a regular file"
+            raise InswsnError(f"{path} is {word}.")
+        with path.open("rb") as stream:
+            while piece := stream.read(_PIECE):
+                left -= len(piece)
+                if left < 0:
+                    raise InswsnError(f"{path} has more than {most // 10**6} MB.")
+                yield piece
+    except InswsnError:
+        raise
     except FileNotFoundError:
         raise InswsnError(f"There is no file {path}.") from None
     except (OSError, ValueError) as error:  # ValueError: a path with a zero byte
         said = getattr(error, "strerror", None) or str(error)
         raise InswsnError(f"{path} cannot be read: {said}.") from None
-    if not stat.S_ISREG(kind):
-        word = "a folder, not a file" if stat.S_ISDIR(kind) else "not a regular file"
-        raise InswsnError(f"{path} is {word}.")
-    if len(data) > most:
-        raise InswsnError(f"{path} has more than {most // 10**6} MB.")
-    return data
 
 
 def read_text(path: Path, most: int = RECORDED) -> str:

@@ -181,6 +181,8 @@ class Recording:
         Where its files come from.
     digests : mapping of str to str
         SHA-256 of each of its files.
+    height : float or None
+        Of the tag or antenna, m, if it is known and hardly changes.
 
     Examples
     --------
@@ -202,6 +204,7 @@ class Recording:
     licence: str = ""
     source: str = ""
     digests: Mapping[str, str] = field(default_factory=dict)
+    height: float | None = None
 
     @property
     def streams(self) -> dict[str, Stream]:

@@ -274,6 +274,18 @@ def publish(root: Path | None, check: bool) -> None:
 
 
 @cli.command()
+@click.argument("folder", type=_PATH)
+def suggest(folder: Path) -> None:
+    """Say what a folder of logs seems to hold, and write a recording.yaml to edit.
+
+    For example: inswsn suggest logs
+    """
+    from inswsn_lib import recordings
+
+    click.echo(recordings.suggest(folder))
+
+
+@cli.command()
 @click.argument("path", type=_FOLDER, required=False)
 @click.option(
     "--execute", "names", multiple=True, metavar="NAME", help="A chapter to execute again."

@@ -25,6 +25,7 @@ def multilaterate_track(
     window: float | None = None,
     bias: ArrayLike | None = None,
     height: float | None = None,
+    side: float = 0.0,
     robust: bool = True,
 ) -> Fixes:
     r"""Return a fix for each interval, from the ranges of that interval alone.
@@ -59,6 +60,10 @@ def multilaterate_track(
         What each anchor's ranges have too much, m.
     height : float, optional
         Of the tag, m, if it is known: fixes are then horizontal, from anchors in three dimensions.
+    side : float
+        On which side of anchors that lie in a plane (in two dimensions, on a line) the tag is: 1
+        where the largest component of the normal is positive, such as above a ceiling, -1 below, 0
+        if that is not known. Where they lie almost in a plane, the ranges come first.
     robust : bool
         Whether the loss is soft-l1, or least squares.
 
@@ -66,7 +71,7 @@ def multilaterate_track(
     -------
     Fixes
         The stamp is the mean of those of the ranges that a fix takes. It is NaN with fewer distinct
-        anchors than dimensions and one more, with anchors on a line (in a plane) that leave its
+        anchors than dimensions and one more, with anchors in a plane (on a line) that leave its
         side open, or where a direction's deviation is a hundred times another's.
 
     Raises
@@ -107,7 +112,7 @@ def multilaterate_track(
     time = np.add.reduceat(ranges.time[which] - ranges.time[0], first)
     time = ranges.time[0] + time / np.diff(np.append(first, len(which)))
     rows = window_ranges(ranges, which, first, each, d, level)
-    fit = fit_windows(rows, robust=robust)
+    fit = fit_windows(rows, robust=robust, side=number("side", side, least=-1, most=1))
     position = np.where(fit.bad[:, None], np.nan, fit.position)
     return Fixes(time=time, position=position, deviation=_deviations(rows, fit))
 

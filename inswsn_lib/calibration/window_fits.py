@@ -27,6 +27,11 @@ _ROUNDS, _SAME = 3, 0.8  # of the scale of robust residuals, and what is no chan
 _ENOUGH = 0.7  # of the intervals
 _ROUNDING = 1e-6  # of an interval
 _FLAT = 1e-4  # of the eigenvalues of an information or a scatter, the least over the largest
+_THIN = 0.02  # of the eigenvalues of a scatter, of anchors almost in a plane
+# How much smaller the loss must be on one side of that plane, in variances of a range, in one
+# window, and in most of them; and the cosine of their planes' normals
+_SINGLE, _USUAL, _ALONG = 16.0, 2.0, 0.9
+_EXACT = 1e-6  # m, the least noise
 _TO_DEVIATION = 1.4826  # from the median of absolute values, of a normal distribution
 
 
@@ -52,6 +57,7 @@ class WindowFit(NamedTuple):
     miss: Array  # (rows,), what a range has more than the distance, m
     weight: Array  # (rows,), with which least squares have the gradient of the loss
     noise: float  # of a range, m
+    told: Mask  # (windows,), those with enough anchors, and not on a line
 
     def information(self, rows: WindowRanges) -> Array:
         """Return the second derivative of half the loss by each position, (windows, d, d)."""
@@ -114,33 +120,144 @@ def window_ranges(
 
 
 def fit_windows(
-    rows: WindowRanges, *, robust: bool = True, near: WindowFit | None = None
+    rows: WindowRanges, *, robust: bool = True, near: WindowFit | None = None, side: float = 0.0
 ) -> WindowFit:
     """Return the positions of all windows by soft-l1, or by least squares.
 
-    Where positions are known to be near those of another fit, they begin there.
+    Where positions are known to be near those of another fit, they begin there. Else, where the
+    anchors of a window lie almost in a plane, or on a line in two dimensions, the positions on both
+    sides of it are tried. The loss chooses where it differs by enough in that window; else, where
+    all anchors lie almost in one plane, in most windows, and then the given side; else the
+    positions before and after.
     """
-    d = rows.place.shape[1]
+    if near is not None:
+        return _fitted(rows, near.position, near.told, robust)
+    spread = _spread(rows)
+    if not spread.thin.any():
+        start = linear_start(rows.place, rows.height, rows.distance, rows.windows, ~spread.told)
+        return _fitted(rows, start, spread.told, robust)
+    both = [_fitted(rows, start, spread.told, robust) for start in _sides(rows, spread)]
+    return _chosen(rows, both[0], both[1], _side(rows, spread, both[0], both[1], side))
+
+
+def _side(
+    rows: WindowRanges, spread: _Spread, above: WindowFit, below: WindowFit, given: float
+) -> Array:
+    """Return on which side of its anchors the position of each window is, 1 or -1, or 0."""
+    noise = min(above.noise, below.noise)
+    more = _loss(rows, below, noise) - _loss(rows, above, noise)
+    clear = spread.told & (np.abs(more) > _SINGLE)
+    sides = np.where(clear | ~spread.thin, np.sign(more), 0.0)
+    if spread.common.any():
+        usual = float(np.median(more[spread.common]))
+        other = np.sign(usual if abs(usual) > _USUAL else given)
+        sides = np.where(spread.common & (sides == 0), other, sides)
+    known = spread.told & ((sides != 0) | ~spread.thin)
+    rest = np.flatnonzero(~known)
+    if known.any() and not spread.common[rest].any():
+        place = np.where(sides[known, None] >= 0, above.position[known], below.position[known])
+        time = by_window(rows, rows.time - rows.time[0]) / _counts(rows)
+        near = np.column_stack([np.interp(time[rest], time[known], x) for x in place.T])
+        away = [np.linalg.norm(fit.position[rest] - near, axis=1) for fit in (above, below)]
+        sides[rest] = np.where(away[0] < away[1], 1.0, -1.0)
+    return np.where(known & (sides == 0), 1.0, sides)
+
+
+def _chosen(rows: WindowRanges, above: WindowFit, below: WindowFit, side: Array) -> WindowFit:
+    """Return of each window the fit on its side; on none nothing is told."""
+    upper = side >= 0
+    row = each_row(rows, upper)
+    return WindowFit(
+        np.where(upper[:, None], above.position, below.position),
+        np.where(upper, above.bad, below.bad) | (side == 0),
+        np.where(row[:, None], above.direction, below.direction),
+        np.where(row, above.miss, below.miss),
+        np.where(row, above.weight, below.weight),
+        min(above.noise, below.noise),
+        above.told & (side != 0),
+    )
+
+
+def in_a_plane(ranges: Ranges) -> Array | None:
+    """Return the normal of the plane that all anchors lie almost in, or None.
+
+    Of its components the largest is positive. In two dimensions it is a line.
+    """
+    apart = ranges.anchors - ranges.anchors.mean(axis=0)
+    values, axes = np.linalg.eigh(apart.T @ apart)
+    return _upward(axes[:, 0]) if values[0] <= _THIN * values[-1] else None
+
+
+def _upward(normal: Array) -> Array:
+    return np.asarray(normal * np.sign(normal[np.argmax(np.abs(normal))]))
+
+
+class _Spread(NamedTuple):
+    """How the anchors of windows are spread."""
+
+    normal: Array  # (windows, d), of the plane that they are nearest to
+    told: Mask  # (windows,), that are enough for a position, and not on a line
+    thin: Mask  # (windows,), of those, that lie almost in the plane
+    common: Mask  # (windows,), of those, in that of all anchors, with normals to one side
+
+
+def _spread(rows: WindowRanges) -> _Spread:
+    values, axes = np.linalg.eigh(scatter(rows.place[rows.groups], rows.in_window))
     anchors = np.diff(np.append(rows.in_window, len(rows.groups)))
-    open_side = (anchors <= d) | _is_flat(scatter(rows.place[rows.groups], rows.in_window))
-    if near is None:
-        start = linear_start(rows.place, rows.height, rows.distance, rows.windows, open_side)
-        position = _descended(rows, start, np.inf)
-    else:
-        position = near.position
+    # anchors on a line leave a circle open
+    told = (anchors > rows.place.shape[1]) & (values[:, 1] > _FLAT * values[:, -1])
+    apart = rows.place - rows.place.mean(axis=0)
+    of_all, common = np.linalg.eigh(apart.T @ apart)
+    along = axes[:, :, 0] @ _upward(common[:, 0])
+    normal = axes[:, :, 0] * np.where(along < 0, -1.0, 1.0)[:, None]
+    thin = told & (values[:, 0] <= _THIN * values[:, -1])
+    in_it = thin & (np.abs(along) > _ALONG) & (of_all[0] <= _THIN * of_all[-1])
+    return _Spread(normal, told, thin, in_it)
+
+
+def _sides(rows: WindowRanges, spread: _Spread) -> tuple[Array, Array]:
+    """Return where the search begins on both sides of the plane of anchors.
+
+    Differences of squared ranges tell where in the plane the position is, and their mean how far
+    it is from the plane.
+    """
+    across = np.where(spread.thin[:, None], spread.normal, 0.0)
+    normals = each_row(rows, across)
+    apart = rows.place - each_row(rows, by_window(rows, rows.place) / _counts(rows)[:, None])
+    placed = rows.place - normals * np.sum(normals * apart, axis=1)[:, None]
+    start = linear_start(
+        placed, rows.height, rows.distance, rows.windows, ~spread.told, across=squares(across)
+    )
+    square = rows.distance**2 - rows.height**2
+    square -= np.sum((each_row(rows, start) - placed) ** 2, axis=1)
+    size = by_window(rows, rows.distance**2)
+    away = np.sqrt(np.maximum(by_window(rows, square), _FLAT * size) / _counts(rows))
+    step = away[:, None] * across
+    return start + step, start - step
+
+
+def _fitted(rows: WindowRanges, position: Array, told: Mask, robust: bool) -> WindowFit:
+    """Return the positions of least loss near others; the noise is of windows that are told."""
+    position = _descended(rows, position, np.inf)
     direction, miss = misses(rows, position)
-    noise = _scale(rows, miss, ~open_side)
+    noise = _scale(rows, miss, told)
     weight = np.ones(len(miss))
     for _ in range(_ROUNDS if robust and noise > 0 else 0):
         position = _descended(rows, position, noise)
         direction, miss = misses(rows, position)
         weight = _soft_weights(miss, noise)
-        noise, before = _scale(rows, miss, ~open_side), noise
+        noise, before = _scale(rows, miss, told), noise
         # least squares spread a gross error over all residuals, and so make the scale too large
         if noise > _SAME * before:
             break
-    fit = WindowFit(position, open_side, direction, miss, weight, noise)
-    return fit._replace(bad=open_side | _is_flat(fit.information(rows)))
+    fit = WindowFit(position, ~told, direction, miss, weight, noise, told)
+    return fit._replace(bad=~told | _is_flat(fit.information(rows)))
+
+
+def _loss(rows: WindowRanges, fit: WindowFit, noise: float) -> Array:
+    """Return the soft-l1 loss of each window in units of the noise."""
+    square = (fit.miss / max(noise, _EXACT)) ** 2
+    return by_window(rows, 2 * square / (1 + np.sqrt(1 + square)))
 
 
 def by_window(rows: WindowRanges, values: Array) -> Array:

@@ -89,7 +89,7 @@ def _solved(equations, damping, flat, out):
                 factor = out[i, p] / out[p, p]
                 for j in range(p, d + 1):
                     out[i, j] -= factor * out[p, j]
-    sound = damping > 0.0 or whole > flat * max(trace, 1e-300) ** d
+    sound = damping > 1e-9 or whole > flat * max(trace, 1e-300) ** d
     for i in range(d):
         out[i, d] /= out[i, i]
         sound &= np.isfinite(out[i, d])

@@ -11,4 +11,5 @@ from .outages import Outages as Outages
 from .registry import load as load, load_drive as load_drive, names as names
 from .report import Report as Report, report as report
 from .set_up_checks import check_set_up as check_set_up
+from .suggest import suggest as suggest
 from .track_checks import check_recording as check_recording

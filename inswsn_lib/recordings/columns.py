@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import csv
 import re
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +15,16 @@ from numpy.typing import NDArray
 
 from inswsn_lib.checks import Array
 from inswsn_lib.errors import InswsnError
-from inswsn_lib.files import read_bytes
-from inswsn_lib.recordings import plain_cells
-from inswsn_lib.recordings.cells import UNITS, Column, Sheet
+from inswsn_lib.files import read_pieces
+from inswsn_lib.recordings.cells import (
+    UNITS,
+    Column,
+    Sheet,
+    parse,
+    split,
+    whole_lines,
+    without_comments,
+)
 
 #: The column of time stamps, s, or dates and times by ISO 8601. A file may have it as ``t_s``, or
 #: in another unit, which its name tells: ``time_ms``, ``t_us``, ``time_ns``.
@@ -44,23 +52,45 @@ class Layout:
         Those whose cells may be empty.
     texts : tuple of str
         Those that hold words; all others hold numbers.
+    instead : mapping of tuple of str to tuple of str
+        Those that may stand in the place of some that must be there.
     """
 
     required: tuple[str, ...]
     groups: tuple[tuple[str, ...], ...] = ()
     gaps: tuple[str, ...] = ()
     texts: tuple[str, ...] = ()
+    instead: Mapping[tuple[str, ...], tuple[str, ...]] = field(default_factory=dict)
 
     @property
     def names(self) -> tuple[str, ...]:
         """All columns that there may be."""
-        return (*self.required, *(name for group in self.groups for name in group))
+        others = (*self.groups, *self.instead.values())
+        return (*self.required, *(name for group in others for name in group))
+
+    def of(self, header: Sequence[str]) -> tuple[str, ...]:
+        """Return the columns that must be there, those in their place if some of these are."""
+        required = self.required
+        for names, others in self.instead.items():
+            if set(others) & set(header) and not set(names) <= set(header):
+                required = (*(name for name in required if name not in names), *others)
+        return required
 
 
 _TRACKS = Layout((TIME, *INS, *WSN[:2]), (WSN[2:], REFERENCE), gaps=(*WSN, *REFERENCE))
 _STAMPS = {f"{word}_{unit}": unit for unit in UNITS for word in ("time", "t")}
+#: Units that columns may be said to have, by the end of their names, and how large each is
+FACTORS: dict[str, dict[str, float]] = {
+    "s": {unit: 1 / size for unit, size in UNITS.items()},
+    "m": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "km": 1e3, "ft": 0.3048},
+    "mps": {"m/s": 1.0, "km/h": 1 / 3.6, "knots": 1852 / 3600},
+    "radps": {"rad/s": 1.0, "deg/s": np.pi / 180},
+    "mps2": {"m/s^2": 1.0, "g": 9.80665, "mg": 9.80665e-3},
+    "deg": {"deg": 1.0, "rad": 180 / np.pi},
+}
+#: Of a column, what it is called in a file, and its unit
+Named = Mapping[str, tuple[str, str]]
 _SEPARATORS = ",;\t"
-_SMALL = 500_000  # bytes that are read without pandas in the time in which it is loaded
 _Table = dict[str, NDArray[Any]]
 
 
@@ -73,71 +103,68 @@ def read_columns(path: Path) -> dict[str, Array]:
 
 
 def columns_of(path: Path, data: bytes) -> dict[str, Array]:
-    """Return what `read_columns` does of what is in a file, without pandas.
+    """Return what `read_columns` does of what is in a file.
 
     The path is named in sentences, and not looked at.
     """
-    return _with_velocities(_table_of(path, data, _TRACKS, plain_cells.parse))
+    return _with_velocities(_table_of(path, [data], _TRACKS, {}))
 
 
 def _with_velocities(table: _Table) -> _Table:
     return dict.fromkeys(WSN[2:], np.full(len(table[TIME]), np.nan)) | table
 
 
-def read_table(path: Path, layout: Layout) -> _Table:
+def read_table(path: Path, layout: Layout, named: Named | None = None) -> _Table:
     """Return the columns of a CSV file that a layout names; others are ignored.
 
     Entry k of each is row k + 2 of the file, comments and blank lines not counted. Columns of
     numbers are floats, NaN where a cell is empty; columns of words are strings.
+
+    Parameters
+    ----------
+    path : Path
+    layout : Layout
+    named : mapping of str to (str, str), optional
+        What columns of the layout are called in the file, and their units; others have their own
+        names.
     """
-    data = read_bytes(path)
-    if len(data) < _SMALL:
-        return _table_of(path, data, layout, plain_cells.parse)
-    from inswsn_lib.recordings import pandas_cells  # noqa: PLC0415  # it takes long to load
-
-    return _table_of(path, data, layout, pandas_cells.parse)
+    return _table_of(path, read_pieces(path), layout, named or {})
 
 
-def _table_of(path: Path, data: bytes, layout: Layout, parse: Callable[[Sheet], _Table]) -> _Table:
+def _table_of(path: Path, pieces: Iterable[bytes], layout: Layout, named: Named) -> _Table:
     try:
-        data = _headed(_as_utf8(data), {*layout.names, *_STAMPS})
-        head = data[: data.find(b"\n") + 1].decode().strip()
-        separator = max(_SEPARATORS, key=head.count)
-        header = [name.strip() for name in _cells(head, separator)] if data else []
-        stamps = _stamps(path, header)
-        renamed = [TIME if name == stamps else name for name in header]
-        columns = tuple(
-            Column(
-                header[k := renamed.index(name)], k, name in layout.texts, name in layout.gaps,
-                _STAMPS[stamps] if name == TIME else "",
-            )
-            for name in _wanted(path, renamed, layout)
-        )  # fmt: skip
-        _refuse_other_lengths(path, data, separator, len(header))
-        table = parse(Sheet(path, data, separator, len(header), columns))
-        return {TIME if name == stamps else name: cells for name, cells in table.items()}
+        there = {*layout.names, *_STAMPS, *(name for name, _ in named.values())}
+        separator, header, blocks = opened(pieces, there)
+        columns = _columns(path, header, layout, named)
+        sheet = Sheet(path, separator, len(header), tuple(columns.values()))
+        return dict(zip(columns, parse(sheet, blocks), strict=True))
     except UnicodeDecodeError:
         raise InswsnError(f"{path} is not a CSV file: it is not UTF-8.") from None
     except csv.Error as error:
         raise InswsnError(f"{path} is not a CSV file: {str(error).strip()}.") from None
 
 
-def _as_utf8(data: bytes) -> bytes:
-    """Return what a file holds with line feeds alone; refuse what is no text."""
-    data = data.removeprefix(b"\xef\xbb\xbf")
-    if not data.isascii():
-        data.decode()
-    if b"\r" in data:
-        data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
-    return data if data.endswith(b"\n") else data + b"\n"
+def opened(pieces: Iterable[bytes], names: set[str]) -> tuple[str, list[str], Iterator[bytes]]:
+    """Return separator and header of a CSV file, and the lines after it, some megabytes at a time.
+
+    Parameters
+    ----------
+    pieces : iterable of bytes
+        Of the file.
+    names : set of str
+        Of columns, by which a header behind ``#`` or ``%`` is known.
+    """
+    blocks = whole_lines(pieces)
+    line, first = _headed(next(blocks, b"").removeprefix(b"\xef\xbb\xbf"), names)
+    head = line.decode().strip()
+    separator = max(_SEPARATORS, key=head.count)
+    header = [name.strip() for name in split(head, separator)] if head else []
+    rest = (without_comments(block) for block in chain([first], blocks))
+    return separator, header, (block for block in rest if block)
 
 
-def _ends(data: bytes, sign: str = "\n") -> NDArray[np.intp]:
-    return np.flatnonzero(np.frombuffer(data, np.uint8) == ord(sign))
-
-
-def _headed(data: bytes, names: set[str]) -> bytes:
-    """Return the header, which may stand behind ``#`` or ``%``, and the lines that are no comments.
+def _headed(data: bytes, names: set[str]) -> tuple[bytes, bytes]:
+    """Return the header, which may stand behind ``#`` or ``%``, and what comes after it.
 
     It is the first line that is no comment, or of the comments before it, if a name of a column
     stands in none of its cells, the one in which most do.
@@ -153,25 +180,52 @@ def _headed(data: bytes, names: set[str]) -> bytes:
     else:
         lines.append((0, b"", end))
     _, header, end = lines[-1] if lines[-1][0] else max(lines[::-1], key=lambda each: each[0])
-    return header + _without_comments(data[end:])
+    return header, data[end:]
 
 
-def _without_comments(data: bytes) -> bytes:
-    """Return the lines that neither are blank nor begin with ``#``."""
-    ends = _ends(data)
-    begins = np.append(0, ends + 1)[:-1]
-    first = np.frombuffer(data, np.uint8)[begins]
-    kept, done = [], 0
-    for line in np.flatnonzero((first <= ord(" ")) | (first == ord("#"))).tolist():
-        begin, end = int(begins[line]), int(ends[line]) + 1
-        if data[begin : begin + 1] == b"#" or not data[begin:end].strip():
-            kept.append(data[done:begin])
-            done = end
-    return b"".join([*kept, data[done:]]) if kept else data
+def _columns(path: Path, header: list[str], layout: Layout, named: Named) -> dict[str, Column]:
+    """Return the columns to read; refuse a header without those that must be there."""
+    if not header:
+        raise InswsnError(f"{path} is empty; it must be a CSV file with a header.")
+    # what columns of the layout are called here, and their units
+    called = dict(named)
+    if TIME not in named and (stamps := _stamps(path, header)) in header:
+        called[TIME] = stamps, _STAMPS[stamps]
+    if lacking := [name for name, _ in called.values() if name not in header]:
+        raise InswsnError(_lacks(path, lacking, header))
+    own = [name for name in layout.names if name in header and name not in called]
+    there = {*called, *own}
+    names = [called[name][0] if name in called else name for name in layout.names if name in there]
+    for name in names:
+        if header.count(name) > 1:
+            raise InswsnError(f"{path} has the column {name} more than once.")
+    if lacking := [name for name in layout.of([*there]) if name not in there]:
+        raise InswsnError(_lacks(path, lacking, header))
+    for together in layout.groups:
+        some = [name for name in together if name in there]
+        if some and len(some) < len(together):
+            raise InswsnError(
+                f"{path} has only {', '.join(some)} of the columns {', '.join(together)}; it "
+                "must have all of them, or none."
+            )
+    found = {}
+    for name in dict.fromkeys(layout.names):
+        if name in there:
+            column, unit = called.get(name, (name, ""))
+            found[name] = Column(
+                column, header.index(column), name in layout.texts, name in layout.gaps,
+                (unit or "s") if name == TIME else "", units_of(name).get(unit, 1.0),
+            )  # fmt: skip
+    return found
 
 
-def _cells(line: str, separator: str) -> list[str]:
-    return next(csv.reader([line], delimiter=separator, skipinitialspace=True, strict=True))
+def units_of(name: str) -> dict[str, float]:
+    """Return the units that a column may have, and how many of the wanted unit each is."""
+    return FACTORS.get(name.rpartition("_")[2], {})
+
+
+def _lacks(path: Path, names: list[str], header: list[str]) -> str:
+    return f"{path} has no column {', '.join(names)}; it has {', '.join(header)[:200]}."
 
 
 def _stamps(path: Path, header: list[str]) -> str:
@@ -182,44 +236,3 @@ def _stamps(path: Path, header: list[str]) -> str:
     if len(there) > 1:
         raise InswsnError(f"{path} has the columns {', '.join(there)}; it must have one of them.")
     return there[0]
-
-
-def _wanted(path: Path, header: list[str], layout: Layout) -> list[str]:
-    """Return the columns to read; refuse a header without those that must be there."""
-    if not header:
-        raise InswsnError(f"{path} is empty; it must be a CSV file with a header.")
-    for name in layout.names:
-        if header.count(name) > 1:
-            raise InswsnError(f"{path} has the column {name} more than once.")
-    if lacking := [name for name in layout.required if name not in header]:
-        raise InswsnError(
-            f"{path} has no column {', '.join(lacking)}; it has {', '.join(header)[:200]}."
-        )
-    for together in layout.groups:
-        some = [name for name in together if name in header]
-        if some and len(some) < len(together):
-            raise InswsnError(
-                f"{path} has only {', '.join(some)} of the columns {', '.join(together)}; it "
-                "must have all of them, or none."
-            )
-    return [name for name in layout.names if name in header]
-
-
-def _refuse_other_lengths(path: Path, data: bytes, separator: str, cells: int) -> None:
-    """Refuse a file with a line that has another number of cells than the header."""
-    ends, signs = _ends(data), _ends(data, separator)
-    if b'"' not in data and signs.size == ends.size * (cells - 1):
-        each = signs.reshape(ends.size, cells - 1)
-        if (each[1:, 0] > ends[:-1]).all() and (each[:, -1] < ends).all():
-            return
-    # a separator may stand within quotes: lines with one are split, and those with a wrong count
-    others = np.diff(np.searchsorted(signs, ends), prepend=0) != cells - 1
-    others |= np.diff(np.searchsorted(_ends(data, '"'), ends), prepend=0) > 0
-    for row in np.flatnonzero(others).tolist():
-        begin = int(ends[row - 1]) + 1 if row else 0
-        there = len(_cells(data[begin : int(ends[row])].decode(), separator))
-        if there != cells:
-            raise InswsnError(
-                f"{path} has {there} cells in row {row + 1}; there must be {cells}, as in the "
-                "header."
-            )

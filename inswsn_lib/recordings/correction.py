@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from scipy.integrate import cumulative_trapezoid
 
-from inswsn_lib.calibration import multilaterate_track, slope_velocity
+from inswsn_lib.calibration import slope_velocity
 from inswsn_lib.checks import Array, Mask
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.inertial import (
@@ -29,6 +29,8 @@ from inswsn_lib.inertial import (
     align_planar,
     run_error_state,
 )
+from inswsn_lib.recordings.findings import Finding
+from inswsn_lib.recordings.network_fixes import HELD, PERIODS, fixes_of, on_a_side, with_height
 from inswsn_lib.streams import Fixes, Ranges, Recording, Whole
 
 #: What the errors of fixes upwards are taken for, times those to the side
@@ -37,9 +39,6 @@ UP = np.array([1.0, 1.0, 2.0])
 WALKS = (1e-3, 1e-4)
 #: Ranges that lie four deviations from what is expected are left out
 GATE = 16.0
-#: Of fixes by ranges, s: the first in which most have one
-PERIODS = (0.2, 0.5, 1.0, 2.0)
-_MOST_FIXES = 0.5  # of the intervals, that must have one
 _LASTING = 3.0  # s, of the coloured errors of fixes at the begin of the search
 _OF_SECOND_DIFFERENCES = 1.4826 / np.sqrt(6)  # from their median size to a deviation
 _LEAST, _LEAST_SHARE = 1e-3, 0.1  # m, of a deviation, and of one over the median
@@ -105,12 +104,18 @@ class InertialCorrection:
         that is shorter; for longer where the heading does not show yet.
     given : Start, optional
         What is known of the start.
+    held : bool
+        Whether the fixes' heights were not measured, but are held.
+    assumed : sequence of Finding
+        What is taken for granted of the network.
     """
 
     recording: Recording
     fixes: Fixes
     alignment: float
     given: Start | None = None
+    held: bool = False
+    assumed: Sequence[Finding] = ()
 
     @property
     def lever_arm(self) -> Array:
@@ -127,7 +132,7 @@ class InertialCorrection:
         """The filters by name."""
         velocity, size = self.fixes.velocity, deviation_of(self.fixes)
         speeds = [_size(velocity[:, :2])] if velocity is not None and self._measured else []
-        series = [series_of(self.fixes.time, self.fixes.position)]
+        series = [series_of(self.fixes.time, self._measured_part(self.fixes).position)]
         if velocity is not None and self._measured:
             series.append(series_of(self.fixes.time, velocity, first=3))
         white = (0.02, 0.002, size, *speeds)
@@ -267,16 +272,24 @@ class InertialCorrection:
         self, white: float, *numbers: float, fixes: Fixes | None = None
     ) -> list[Observation]:
         fixes, measured = self.fixes if fixes is None else fixes, self._measured
-        colours = _colour(numbers[measured:], UP)
+        shares = shares_of(self.fixes)
+        colours = _colour(numbers[measured:], np.nanmedian(shares, axis=0))
         observed: list[Observation] = [
-            PositionFixes(fixes, self.lever_arm, white * shares_of(self.fixes), *colours)
+            PositionFixes(self._measured_part(fixes), self.lever_arm, white * shares, *colours)
         ]
         if measured:
             assert fixes.velocity is not None
             observed.append(
                 Velocities(fixes.time, fixes.velocity, numbers[0] * UP, self.rate, self.lever_arm)
             )
+        if self.held:
+            heights = replace(fixes, position=fixes.position * [np.nan, np.nan, 1.0])
+            observed.append(PositionFixes(heights, self.lever_arm, np.full(3, HELD)))
         return observed
+
+    def _measured_part(self, fixes: Fixes) -> Fixes:
+        """Return fixes without heights that are held."""
+        return replace(fixes, position=fixes.position * [1, 1, np.nan]) if self.held else fixes
 
     @property
     def silent(self) -> PositionFixes:
@@ -313,12 +326,15 @@ class OdometryCorrection:
         shorter; by more where it does not show yet.
     given : Start, optional
         Where the filters start.
+    assumed : sequence of Finding
+        What is taken for granted of the network.
     """
 
     recording: Recording
     fixes: Fixes
     alignment: float
     given: Start | None = None
+    assumed: Sequence[Finding] = ()
 
     @property
     def lever_arm(self) -> Array:
@@ -494,7 +510,6 @@ def correction_of(
         )
     whole = recording
     recording = recording.part(float(motion.time[0]), float(np.nextafter(motion.time[-1], np.inf)))
-    fixes = network_of(recording, period)
     if recording.odometry is not None:
         ranges = recording.ranges
         if ranges is not None and ranges.anchors.shape[1] > 2:
@@ -502,13 +517,26 @@ def correction_of(
                 f"The recording {whole.name} has odometry, which moves on a plane, and anchors in "
                 "three dimensions: leave out z_m, and have ranges along the plane."
             )
-        return OdometryCorrection(recording, fixes, alignment, start)
-    if fixes.position.shape[1] < 3:
-        raise InswsnError(
-            f"The recording {whole.name} has an IMU, which moves in space, and a network on a "
-            "plane: give the third coordinate, z_m."
-        )
-    return InertialCorrection(recording, fixes, alignment, start)
+
+    def build(side: float) -> Correction:
+        fixes = network_of(recording, side, period)
+        if recording.odometry is not None:
+            return OdometryCorrection(recording, fixes, alignment, start)
+        if fixes.position.shape[1] > 2:
+            return InertialCorrection(recording, fixes, alignment, start)
+        fixes, assumed = with_height(fixes, recording.height or 0.0)
+        return InertialCorrection(recording, fixes, alignment, start, True, assumed)
+
+    if recording.ranges is None or not len(recording.ranges) or recording.height is not None:
+        return build(0.0)
+    found, side = on_a_side(recording.ranges, build, _likelihood)
+    return replace(found, assumed=[*found.assumed, *side]) if side else found
+
+
+def _likelihood(filters: Correction) -> tuple[float, float]:
+    """Return when filters start, s, and the logarithm of a likelihood over the first half."""
+    half, rung = float(np.mean(filters.fixes.time[[0, -1]])), filters.rungs[WHITE]
+    return filters.start.time, rung.run(*rung.begin, end=half, kept=False).log_likelihood
 
 
 def turned_by_gyroscope(recording: Recording) -> Recording | None:
@@ -536,12 +564,14 @@ def turned_by_gyroscope(recording: Recording) -> Recording | None:
     return replace(recording, odometry=replace(odometry, rate=mean), imu=None)
 
 
-def network_of(recording: Recording, period: float | None = None) -> Fixes:
+def network_of(recording: Recording, side: float = 0.0, period: float | None = None) -> Fixes:
     """Return what the network alone says: fixes as they are, or of ranges, with velocities.
 
     Parameters
     ----------
     recording : Recording
+    side : float
+        Of anchors that lie in a plane, as of `multilaterate_track`.
     period : float, optional
         Of fixes by ranges, s; by default the shortest of some in which most have one.
 
@@ -551,7 +581,8 @@ def network_of(recording: Recording, period: float | None = None) -> Fixes:
         If there is no network, or too few ranges at a time.
     """
     if recording.ranges is not None and len(recording.ranges):
-        return slope_velocity(_fixes_of(recording.ranges, period))
+        periods = PERIODS if period is None else (period,)
+        return slope_velocity(fixes_of(recording.ranges, recording.height, side, periods))
     fixes = recording.fixes
     if fixes is None or not np.isfinite(fixes.position).all(axis=1).any():
         raise InswsnError(
@@ -559,19 +590,6 @@ def network_of(recording: Recording, period: float | None = None) -> Fixes:
             "nothing to correct by."
         )
     return slope_velocity(fixes) if fixes.velocity is None else fixes
-
-
-def _fixes_of(ranges: Ranges, period: float | None) -> Fixes:
-    """Return fixes of the shortest intervals of which most have one."""
-    if period is not None:
-        return multilaterate_track(ranges, period)
-    for each in PERIODS:
-        fixes = multilaterate_track(ranges, each)
-        if np.isfinite(fixes.position).all(axis=1).mean() > _MOST_FIXES:
-            return fixes
-    raise InswsnError(
-        f"Too few anchors are heard at a time: most intervals of {PERIODS[-1]:g} s have no fix."
-    )
 
 
 def first_fix(fixes: Fixes) -> float:

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from inswsn_lib.calibration.blocks import block_starts
 from inswsn_lib.checks import Array
 from inswsn_lib.errors import InswsnError
-from inswsn_lib.recordings.about import ABOUT, read_about
+from inswsn_lib.inertial import Earth
+from inswsn_lib.recordings.about import ABOUT, Source, read_about
 from inswsn_lib.recordings.cells import UNITS
 from inswsn_lib.recordings.columns import TIME, Layout, read_table
 from inswsn_lib.recordings.files import Place, digests_of, files_of
@@ -33,6 +34,7 @@ _V, _VZ = ("vx_mps", "vy_mps"), ("vz_mps",)
 _SD, _SDZ = ("sd_x_m", "sd_y_m"), ("sd_z_m",)
 _FORCE = ("force_x_mps2", "force_y_mps2", "force_z_mps2")
 _RATE = ("rate_x_radps", "rate_y_radps", "rate_z_radps")
+_GEODETIC, _UP = ("lat_deg", "lon_deg"), ("height_m",)
 _ATTITUDE = ("qx", "qy", "qz", "qw")
 #: Attributes of streams, and the columns that hold them
 COLUMNS: dict[str, dict[str, tuple[str, ...]]] = {
@@ -56,9 +58,12 @@ LAYOUTS = {
     "ranges.csv": Layout((TIME, "anchor", "range_m"), texts=("anchor",)),
     ANCHORS: Layout(("anchor", *_X), (_Z,), texts=("anchor",)),
     "fixes.csv": Layout(
-        (TIME, *_X), (_Z, _V, _VZ, _SD, _SDZ, ("good",)), gaps=(*_X, *_Z, *_V, *_VZ, *_SD, *_SDZ)
+        (TIME, *_X),
+        (_Z, _UP, _V, _VZ, _SD, _SDZ, ("good",)),
+        gaps=(*_X, *_Z, *_GEODETIC, *_UP, *_V, *_VZ, *_SD, *_SDZ),
+        instead={_X: _GEODETIC},
     ),
-    "reference.csv": Layout((TIME, *_X), (_Z, _ATTITUDE)),
+    "reference.csv": Layout((TIME, *_X), (_Z, _UP, _ATTITUDE), instead={_X: _GEODETIC}),
 }
 _FIRST = 2  # the row after the header
 # Median size of a specific force: of one that may be in g, and above which it is in smaller units
@@ -83,10 +88,16 @@ def read_csv_folder(place: Place) -> Recording:
       ``sd_x_m``, ``sd_y_m``; ``sd_z_m``; ``good`` (0 or 1). Where there is no fix, cells are empty.
     - ``reference.csv``: ``time_s``, ``x_m``, ``y_m``; ``z_m``; ``qx``, ``qy``, ``qz``, ``qw``
     - ``recording.yaml``: ``name``, ``licence``, ``source``, ``lever_arm_m`` (x, y, z),
-      ``origin_rad_m`` (latitude and longitude, rad, and height, m), each of them optional
+      ``origin_rad_m`` (latitude and longitude, rad, and height, m), ``height_m`` (of the tag, if
+      it hardly changes), each of them optional; and how files are to be read that are written
+      otherwise, of each column its name, or name and unit:
+      ``imu.csv: {file: log.csv, time_s: [Stamp, ms], rate_x_radps: [gx, deg/s], ...}``
 
     What stands after a semicolon may be left out; other columns are ignored. Header, comments,
-    separators, decimal signs and time stamps may be as in `read_recording`.
+    separators, decimal signs and time stamps may be as in `read_recording`. In ``fixes.csv`` and
+    ``reference.csv`` there may be ``lat_deg``, ``lon_deg``; ``height_m`` in the place of ``x_m``,
+    ``y_m``; ``z_m``: positions are then east, north and up of ``origin_rad_m``, or else of the
+    first fix, the first good one if some are.
 
     Raises
     ------
@@ -106,10 +117,20 @@ def read_csv_folder(place: Place) -> Recording:
     [1.0]
     """
     files = files_of(place)
+    about, sources = read_about(files[ABOUT], LAYOUTS) if ABOUT in files else ({}, {})
     used = {name: files[name] for name in (*LAYOUTS, ABOUT) if name in files}
+    for name, source in sources.items():
+        if source.file not in files:
+            raise InswsnError(f"{files[ABOUT]}: there is no file {source.file} for {name}.")
+        used[name] = files[source.file]
     if "ranges.csv" in used and ANCHORS not in used:
         raise InswsnError(f"{used['ranges.csv']} needs {ANCHORS} beside it; there is none.")
-    tables = {name: _table(used[name], layout) for name, layout in LAYOUTS.items() if name in used}
+    tables = {
+        name: _table(name, used[name], layout, sources.get(name))
+        for name, layout in LAYOUTS.items()
+        if name in used
+    }
+    _make_local(used, tables, about)
     spans = [float(np.ptp(tables[name][TIME])) for name in _SLOWEST if name in tables]
     for name, table in tables.items():
         if TIME in table:
@@ -130,30 +151,55 @@ def read_csv_folder(place: Place) -> Recording:
             f"{where} has no rows of a recording; it must have one of "
             f"{', '.join(f'{what}.csv' for what in _READERS)}."
         )
-    about = read_about(used[ABOUT]) if ABOUT in used else {}
     name = str(about.pop("name", "") or next(iter(used.values())).absolute().parent.name)
     return Recording(name, **streams, **about, digests=digests_of(*used.values()))
 
 
-def _table(path: Path, layout: Layout) -> Table:
+def _make_local(used: dict[str, Path], tables: dict[str, Table], about: dict[str, Any]) -> None:
+    """Put latitude and longitude into the frame of an origin, the first fix if none is given."""
+    for name in ("fixes.csv", "reference.csv"):
+        table = tables.get(name, {})
+        if _GEODETIC[0] not in table:
+            continue
+        with reading(used[name]):
+            place = np.column_stack([table.pop(column) for column in _GEODETIC])
+            there = np.isfinite(place).all(axis=1)
+            if (np.abs(place[there]) > (90, 360)).any():
+                raise InswsnError(f"{', '.join(_GEODETIC)} are no latitude and longitude, degrees.")
+            if not there.any():
+                raise InswsnError(f"{', '.join(_GEODETIC)} are empty in all rows.")
+            has_height = _UP[0] in table
+            height = table.pop(_UP[0], np.zeros(len(place)))
+            geodetic = np.column_stack([np.radians(place), height])
+            if "origin" not in about:
+                first = there & np.isfinite(height)
+                good = first & (table["good"] == 1) if "good" in table else first
+                about["origin"] = geodetic[int(np.argmax(good if good.any() else first))]
+            if not has_height:
+                geodetic[:, 2] = about["origin"][2]
+            local = Earth(*about["origin"]).local(geodetic)
+            table |= dict(zip(PLACE if has_height else _X, local.T, strict=False))
+
+
+def _table(name: str, path: Path, layout: Layout, source: Source | None) -> Table:
     """Return the columns of a file; refuse empty cells, times that do not increase, and twins."""
     with reading(path):
-        table = read_table(path, layout)
+        table = read_table(path, layout, source.columns if source else {})
         if not len(next(iter(table.values()))):
             raise InswsnError(
                 "it has a header and no rows; leave out a stream that was not logged."
             )
-        for name, cells in table.items():
-            empty = cells == "" if name in layout.texts else np.isnan(cells)
-            if name not in layout.gaps and empty.any():
+        for column, cells in table.items():
+            empty = cells == "" if column in layout.texts else np.isnan(cells)
+            if column not in layout.gaps and empty.any():
                 raise InswsnError(
-                    f"an empty cell is in column {name}, row {int(np.argmax(empty)) + _FIRST}; it "
-                    f"must hold a {'word' if name in layout.texts else 'number'}."
+                    f"an empty cell is in column {column}, row {int(np.argmax(empty)) + _FIRST}; "
+                    f"it must hold a {'word' if column in layout.texts else 'number'}."
                 )
         if TIME in table:
-            repeats = path.name == "ranges.csv"
+            repeats = name == "ranges.csv"
             check_clock(f"in {TIME}", table[TIME], repeats=repeats, first=_FIRST)
-        if path.name == ANCHORS:
+        if name == ANCHORS:
             check_twins(table["anchor"].tolist())
     return table
 
@@ -184,7 +230,8 @@ def _parts(what: str, table: Table) -> dict[str, NDArray[Any]]:
     """Return the attributes of a stream that the table has columns for."""
     found = {"time": table[TIME]}
     for attribute, names in COLUMNS[what].items():
-        there = [table[name] for name in names if name in table]
+        # what is put together is not kept in columns
+        there = [table.pop(name) for name in names if name in table]
         if there:
             found[attribute] = np.column_stack(there) if len(names) > 1 else there[0]
     return found
@@ -192,14 +239,15 @@ def _parts(what: str, table: Table) -> dict[str, NDArray[Any]]:
 
 def _imu(table: Table, _: Table) -> Imu:
     parts = _parts("imu", table)
-    largest = np.abs(parts["rate"]).max(axis=1, initial=0.0)
-    if (largest > _MOST_RATE).any():
+    rate, force = parts["rate"], parts["force"]
+    if max(rate.max(initial=0.0), -rate.min(initial=0.0)) > _MOST_RATE:
+        largest = np.abs(rate).max(axis=1)
         row = int(np.argmax(largest > _MOST_RATE))
         raise InswsnError(
             f"the rate in columns {', '.join(_RATE)} is {largest[row]:.4g} in row {row + _FIRST}; "
             "it seems to be in degrees a second, but must be in rad/s."
         )
-    usual = float(np.median(np.linalg.norm(parts["force"], axis=1))) if len(largest) else 0.0
+    usual = float(np.sqrt(np.median(np.einsum("kd,kd->k", force, force))))
     in_g = _IN_G[0] <= usual <= _IN_G[1]
     if in_g or usual > _MOST_FORCE:
         raise InswsnError(

@@ -15,7 +15,6 @@ from inswsn_lib.evaluation import Tuning, most_likely
 from inswsn_lib.inertial import Solution, Start, run_error_state, smooth, smooth_with_lag
 from inswsn_lib.recordings.correction import (
     COLOURED,
-    PERIODS,
     PLANAR_TIGHT,
     WHITE,
     Correction,
@@ -31,6 +30,7 @@ from inswsn_lib.recordings.estimates import (
     scores,
     truth_at,
 )
+from inswsn_lib.recordings.network_fixes import PERIODS
 from inswsn_lib.streams import Fixes, Recording
 
 _LAG = 2.0  # s, of the fixed-lag smoother

@@ -134,6 +134,7 @@ def report(
     findings = check_set_up(recording)
     ladder = Ladder(check_failed(recording)[1], alignment=alignment, given=start, begins=begins)
     try:
+        findings += ladder.filters.assumed
         begun = ladder.start.time
     except InswsnError as error:
         findings += _mirrored_start(ladder)

@@ -48,11 +48,14 @@ def least_positions(
 
 
 def linear_start(
-    place: Array, height: Array, distance: Array, windows: Indices, open_side: Mask
-) -> Array:
+    place: Array, height: Array, distance: Array, windows: Indices, open_side: Mask,
+    *, across: Array | float = 0.0,
+) -> Array:  # fmt: skip
     """Return where |p - a_k|^2 = r_k^2 less its mean over k, which is linear in p, is met best.
 
     Arguments are as in `least_positions`; where a side is open it is the mean of the anchors.
+    Where anchors lie in a plane, `across` is n n' of its normal n (windows, d, d), and the position
+    is in the plane.
     """
     counts = np.diff(np.append(windows, len(distance)))
     middle = np.add.reduceat(place, windows, axis=0) / counts[:, None]
@@ -60,7 +63,7 @@ def linear_start(
     # r below the anchor's height, which noise makes, has no horizontal distance
     square = np.sum(apart**2, axis=1) - np.maximum(distance**2 - height**2, 0.0)
     square -= np.repeat(np.add.reduceat(square, windows) / counts, counts)
-    A = scatter(place, windows)
+    A = scatter(place, windows) + across
     A[open_side] = np.eye(A.shape[1])
     right = np.add.reduceat(apart * square[:, None] / 2, windows, axis=0)
     start = middle + np.linalg.solve(A, right[:, :, None])[:, :, 0]
@@ -138,7 +141,7 @@ def _steps(A: Array, b: Array, damping: Array, flat: float) -> Array:
     """Return the damped steps (windows, d); none where without damping it would be unbounded."""
     d = A.shape[1]
     size = np.maximum(np.trace(A, axis1=1, axis2=2), 1e-300)
-    stays = (np.linalg.det(A) <= flat * size**d) & (damping == 0)
+    stays = (np.linalg.det(A) <= flat * size**d) & (damping <= 1e-9)
     diagonal = damping[:, None] * (1 + np.diagonal(A, axis1=1, axis2=2))
     damped = A + diagonal[:, :, None] * np.eye(d)
     damped[stays] = np.eye(d)

@@ -26,6 +26,7 @@ COMMANDS = [
     "judge",
     "publish",
     "run",
+    "suggest",
     "sweep",
     "verify",
 ]

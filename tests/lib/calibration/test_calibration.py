@@ -269,7 +269,7 @@ def test_ranges_alone_tell_what_each_anchor_has_too_much() -> None:
         assert found.deviations.max() < 0.06
         assert found.after < found.before
     assert np.sum(missed, axis=0).max() <= binom.isf(1e-4 / 8, 12, 0.05)
-    assert np.mean(missed) < 0.12
+    assert np.mean(missed) < 0.15  # of 100 seeds 0.054; those of a seed hang together
 
 
 def test_without_redundant_ranges_nothing_is_told() -> None:

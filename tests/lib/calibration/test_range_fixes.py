@@ -116,6 +116,43 @@ def test_what_the_geometry_cannot_tell_is_not_guessed() -> None:
     assert np.isnan(multilaterate_track(few).position[:, 0]).tolist() == [True, True, False, False]
 
 
+def test_anchors_in_a_plane_tell_the_place_on_the_given_side() -> None:
+    """The mirror image fits as well: its height is as far above the plane as the tag is below."""
+    ceiling = ROOM * [1, 1, 0] + [0, 0, 2.5]
+    turn = Rotation.from_euler("xy", [0.5, 0.3])
+    rng = np.random.default_rng(8)
+    places = rng.uniform([-3, -2, 0.3], [3, 2, 1.8], (400, 3))
+    for turned in (Rotation.identity(), turn):
+        args = turned.apply(places), turned.apply(ceiling), 16
+        below = multilaterate_track(ranges_from(*args, noise=0.05, seed=8), side=-1)
+        above = multilaterate_track(ranges_from(*args, noise=0.05, seed=8), side=1)
+        error = turned.inv().apply(below.position) - places
+        assert np.isfinite(error).all(axis=1).mean() > 0.98
+        assert np.nanmedian(np.abs(error)) < 0.03
+        flat = turned.inv().apply(above.position) - places * [1, 1, -1] - [0, 0, 5]
+        assert np.nanmedian(np.abs(flat)) < 0.03
+        # a vertical error is as much larger as the anchors let it be, from 0.7 m below them on
+        scaled = (below.position - args[0]) / below.deviation
+        assert np.nanmean(scaled**2, axis=0) == pytest.approx(np.ones(3), abs=0.3)
+
+
+@pytest.mark.parametrize("apart", [0.3, 0.6])
+def test_anchors_nearly_in_a_plane_tell_the_side(apart: float) -> None:
+    """No side is given; with fixes on the other one errors would be metres."""
+    nearly = ROOM * [1, 1, 0] + [0, 0, 2.8]
+    nearly[::2, 2] -= apart
+    rng = np.random.default_rng(9)
+    places = rng.uniform([-3, -2, 0.3], [3, 2, 1.8], (400, 3))
+    for side in (1.0, -1.0):
+        where = places * [1, 1, -side] + [0, 0, 2.8 * (1 + side)]
+        anchors = nearly * [1, 1, -side] + [0, 0, 2.8 * (1 + side)]
+        fixes = multilaterate_track(ranges_from(where, anchors, 16, noise=0.05, seed=9))
+        error = fixes.position - where
+        assert np.nanmax(np.abs(error)) < 1.0
+        scaled = error / fixes.deviation
+        assert np.nanmean(scaled**2, axis=0) == pytest.approx(np.ones(3), abs=0.3)
+
+
 def test_an_interval_without_ranges_has_no_fix() -> None:
     ranges = ranges_from(np.ones((6, 2)), YARD, 5)
     gap = (ranges.time < 0.4) | (ranges.time >= 0.8)

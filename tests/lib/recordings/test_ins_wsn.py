@@ -5,7 +5,7 @@ from __future__ import annotations
 import runpy
 from collections.abc import Callable
 from pathlib import Path
-from time import process_time
+from unittest.mock import patch
 
 import numpy as np
 import pandas as pd
@@ -13,25 +13,22 @@ import pytest
 from hypothesis import given, strategies as st
 from inswsn_book.parameters import chapter_schema
 
-from inswsn_lib import recordings
+from inswsn_lib import files, recordings
 from inswsn_lib.errors import InswsnError
-from inswsn_lib.recordings import INS, REFERENCE, TIME, WSN, TrackPair
-from inswsn_lib.recordings.columns import columns_of
-from inswsn_lib.recordings.ins_wsn import track_pair
+from inswsn_lib.recordings import INS, REFERENCE, TIME, WSN, TrackPair, cells
 
 PERIOD = 0.25
 Change = Callable[[pd.DataFrame], pd.DataFrame]
 
 
 def read_recording(path: str | Path, *, resample: bool = False) -> TrackPair:
-    """Read a recording; without pandas the same is read, and the same is refused."""
-    try:
-        read = recordings.read_recording(path, resample=resample)
-    except InswsnError as error:
-        if Path(path).is_file():
-            refused_alike(Path(path), str(error))
-        raise
-    other = track_pair(Path(path), plain(path), resample=resample)
+    """Read a recording; in pieces and by pandas the same is read, and the same is refused."""
+    read, said = read_or_refused(path, resample)
+    with patch.object(cells, "_SMALL", 0), patch.object(files, "_PIECE", 300):
+        other, also_said = read_or_refused(path, resample)
+    assert said == also_said
+    if read is None or other is None:
+        raise InswsnError(said)
     assert (read.reference is None) == (other.reference is None)
     rounding = 4 * np.spacing(read.time[-1])
     for name in ("time", "ins", "wsn", "reference", "period", "jitter"):
@@ -40,15 +37,11 @@ def read_recording(path: str | Path, *, resample: bool = False) -> TrackPair:
     return read
 
 
-def refused_alike(path: Path, said: str) -> None:
-    with pytest.raises(InswsnError) as caught:
-        track_pair(path, plain(path))
-    # pandas writes a number anew
-    assert str(caught.value).replace("e+", "e") == said.replace("e+", "e")
-
-
-def plain(path: str | Path) -> dict[str, np.ndarray]:
-    return columns_of(Path(path), Path(path).read_bytes())
+def read_or_refused(path: str | Path, resample: bool) -> tuple[TrackPair | None, str]:
+    try:
+        return recordings.read_recording(path, resample=resample), ""
+    except InswsnError as error:
+        return None, str(error)
 
 
 def table(steps: int = 80, seed: int = 1) -> pd.DataFrame:
@@ -136,25 +129,6 @@ def test_the_other_decimal_sign_is_refused(path: Path) -> None:
     made.to_csv(path, index=False, sep=";")
     with pytest.raises(InswsnError, match="has '1,5' in column ins_y_m, row 42"):
         read_recording(path)
-
-
-def test_a_million_rows_are_read_in_a_few_times_the_time_of_pandas(path: Path) -> None:
-    """Of 100,000 rows, the best of three; three times as long, and twice as much for other work."""
-    made = table()
-    many = pd.concat([made] * 1250, ignore_index=True)
-    many[TIME] = PERIOD * np.arange(len(many))
-    many[[*INS, *WSN[:2]]] = np.random.default_rng(3).normal(size=(len(many), 6))
-    many[[TIME, *INS, *WSN[:2]]].round(4).to_csv(path, index=False)
-
-    def shortest(read: Callable[[Path], object]) -> float:
-        times = []
-        for _ in range(3):
-            start = process_time()
-            read(path)
-            times.append(process_time() - start)
-        return min(times)
-
-    assert shortest(recordings.read_recording) < 6 * shortest(pd.read_csv)
 
 
 def test_a_network_without_velocities(path: Path) -> None:
