@@ -10,7 +10,7 @@ from made_recording import ROOM, made, made_drive, made_imu, motion
 
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.recordings import report
-from inswsn_lib.recordings.correction import InertialCorrection, correction_of, network_of
+from inswsn_lib.recordings.correction import WHITE, InertialCorrection, correction_of, network_of
 from inswsn_lib.streams import Fixes, Ranges, Recording
 
 CEILING, FLOOR = ROOM * [1, 1, 0] + [0, 0, 2.5], ROOM * [1, 1, 0] + [0, 0, 0.1]
@@ -67,7 +67,7 @@ def test_fixes_on_a_plane_beside_an_imu_have_their_height_held(velocities: bool)
     velocity = moved[:, :2] + 0.05 * rng.normal(size=(len(time), 2)) if velocities else None
     fixes = Fixes(time, place[:, :2] + 0.2 * rng.normal(size=(len(time), 2)), velocity)
     reference = made(6).reference
-    found = report(Recording("flat", imu=made_imu(6), fixes=fixes, reference=reference), trials=8)
+    found = report(Recording("flat", imu=made_imu(6), fixes=fixes, reference=reference), begins=1)
     network, corrected, _ = found.table["position"]
     assert network == pytest.approx(0.2 * np.sqrt(2), rel=0.15)
     assert corrected < 0.6 * network
@@ -83,10 +83,10 @@ def test_held_heights_are_no_innovations() -> None:
     fixes = Fixes(time, motion(time)[0][:, :2])
     filtered = correction_of(Recording("flat", imu=made_imu(7), fixes=fixes), 15.0)
     assert isinstance(filtered, InertialCorrection)
-    solution = filtered.run(*filtered.begins[0])
-    [told] = filtered.told(solution)
+    rung = filtered.rungs[WHITE]
+    told = rung.run(*rung.begin).innovations[0]
     assert {len(value) for value in told.values} == {2}
-    assert set(filtered.series(solution)) == {0, 1}
+    assert set(rung.series[0][1]) == {0, 1}
 
 
 def test_ranges_to_anchors_on_a_line_have_a_side_by_odometry() -> None:
