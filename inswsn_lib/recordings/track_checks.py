@@ -17,15 +17,15 @@ from scipy.stats import chi2, f, norm, poisson
 
 from inswsn_lib.checks import Array, Mask, covariance, positive_definite
 from inswsn_lib.errors import Described, ParameterError
-from inswsn_lib.evaluation import ljung_box
+from inswsn_lib.evaluation import normalised_squares
 from inswsn_lib.evaluation.alignment import Comparison
 from inswsn_lib.filters import design_kalman, run_kalman
 from inswsn_lib.models import ErrorModel
+from inswsn_lib.recordings.filter_checks import check_filter
 from inswsn_lib.recordings.findings import FALSE_ALARM, Finding
 from inswsn_lib.recordings.ins_wsn import TrackPair
 
 _LOW = FALSE_ALARM / 4
-_LAGS = 10  # of the autocorrelation of innovations
 _WINDOW, _MOST = 2000, 10  # steps of a stretch that is compared, and how many stretches
 _FEWEST = 20  # values of a stretch
 _BLOCK, _FEWEST_BLOCKS = 20, 10  # steps whose residuals count as one, and of them
@@ -35,7 +35,18 @@ _LAG, _TURN = 1.0, 20.0
 _COPIED = 0.1  # of the network's variance: a reference that is nearer was made from it
 _OTHER = 9.0  # times the variance of the network: what no lag and no turn explain is another run
 # Where one mistake makes several checks fail, those that are not here come first, then these.
-_ORDER = ("run", "start", "outliers", "origin", "size", "colour", "copy", "noise", "misfit")
+_ORDER = (
+    "run",
+    "start",
+    "outliers",
+    "origin",
+    "size",
+    "colour",
+    "whiteness",
+    "copy",
+    "noise",
+    "misfit",
+)
 _MOVED = 3.0  # times its noise: how far the network must have moved, beside what an INS drifts
 _REST = 0.3  # of what is too much: what an explanation may leave
 _KINDS = 300  # kinds of misfit, and lags of their own, that are tried at once
@@ -246,58 +257,29 @@ def _through_filter(model: ErrorModel, columns: Array, there: Mask, P0: Array) -
 
 
 def _innovations(data: TrackPair, model: ErrorModel, P0: Array) -> Iterator[Finding]:
-    m = len(model.C)
-    there = ~np.isnan(data.measurements[:, :m, 0])
-    white = _through_filter(model, np.nan_to_num(data.measurements[:, :m]), there, P0)[:, :, 0]
-    squares, counts = np.sum(white**2, axis=1), there.sum(axis=1)
+    y = data.measurements[:, : len(model.C), 0]
+    there = ~np.isnan(y)
+    S = design_kalman(model, there, initial_covariance=P0).innovation
+    left = y - run_kalman(model, y, initial_covariance=P0, predicted=True) @ model.C.T
+    counts, each = there.sum(axis=1), normalised_squares(left, S)
     fixes = np.flatnonzero(counts)
-    first = fixes[0]
+    squares, counts = each[fixes], counts[fixes]
     # what stands out does so beside the others, however large they are
-    scale = max(1.0, float(np.median(squares[fixes] / chi2.median(counts[fixes]))))
-    chance = chi2.sf(squares[fixes] / scale, counts[fixes])
-    value, bound = float(squares[first]) / scale, float(chi2.isf(FALSE_ALARM, counts[first]))
+    scale = max(1.0, float(np.median(squares / chi2.median(counts))))
+    value, bound = float(squares[0]) / scale, float(chi2.isf(FALSE_ALARM, counts[0]))
     says = "the first fix is as near as the initial errors say" if value <= bound else (
-        f"the first fix is {np.sqrt(value / counts[first]):.1f} times as far as the initial errors "
+        f"the first fix is {np.sqrt(value / counts[0]):.1f} times as far as the initial errors "
         "say: they are too small, or the network has another origin"
     )  # fmt: skip
     yield Finding("start", "first fix", value, 0, bound, value <= bound, says)
-    level = FALSE_ALARM / len(fixes)
-    count = int(np.sum(chance[1:] < level))
-    row = int(fixes[1:][np.argmin(chance[1:])]) if len(fixes) > 1 else 0
-    says = "none stands out" if count == 0 else (
-        f"{count} fixes stand out, most that at {data.time[row]:.6g} s: wrong fixes, a jump"
-    )  # fmt: skip
+    chance = chi2.sf(squares[1:] / scale, counts[1:])
+    count = int(np.sum(chance < FALSE_ALARM / len(fixes)))
+    says = "none stands out"
+    if count:
+        at = data.time[fixes[1 + int(np.argmin(chance))]]
+        says = f"{count} fixes stand out, most that at {at:.6g} s: wrong fixes, a jump"
     yield Finding("outliers", "fixes", count, 0, 0, count == 0, says)
-    measured = int(counts.sum())
-    mean = float(squares.sum()) / measured
-    low, high = (
-        float(x) for x in chi2.ppf([FALSE_ALARM / 2, 1 - FALSE_ALARM / 2], measured) / measured
-    )
-    says = "mean NIS of a component as the filter says"
-    if not low <= mean <= high:
-        much = "small, or the model is wrong" if mean > high else "large, or fixes are smoothed"
-        says = f"mean NIS of a component {mean:.3g}: noise figures are too {much}"
-    yield Finding("size", "innovations", mean, low, high, low <= mean <= high, says)
-    yield _colour(white, there)
-
-
-def _colour(white: Array, there: Mask) -> Finding:
-    """Return Ljung and Box's test (1978) of the innovations, all components together."""
-    total, degrees = 0.0, 0
-    for values, known in zip(white.T, there.T, strict=True):
-        e = values[known]
-        if len(e) < 5 * _LAGS:
-            continue
-        total += ljung_box(e, _LAGS) if e.any() else 0.0
-        degrees += _LAGS
-    if not degrees:
-        return Finding("colour", "innovations", np.nan, 0, np.nan, None, "too few fixes")
-    high = float(chi2.isf(FALSE_ALARM, degrees))
-    says = "innovations are white" if total <= high else (
-        "innovations are coloured: fixes are smoothed or interpolated, errors of the INS or the "
-        "network have a memory that the model lacks"
-    )  # fmt: skip
-    return Finding("colour", "innovations", total, 0, high, total <= high, says)
+    yield from check_filter(left, S)
 
 
 # What fits better than no lag and no turn

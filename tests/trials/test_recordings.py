@@ -10,6 +10,7 @@ are changed. What is detectable may not fit.
 
 from __future__ import annotations
 
+import re
 import warnings
 from collections import Counter
 from collections.abc import Callable
@@ -18,12 +19,23 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import pytest
+from inswsn_book.live.own_page import look
 
-from inswsn_lib import ErrorModel, InswsnError, read_recording
-from inswsn_lib.recordings import INS, REFERENCE, TIME, WSN, check_recording, verdict
+from inswsn_lib import ErrorModel, InswsnError, design_kalman, read_recording, run_kalman
+from inswsn_lib.recordings import (
+    INS,
+    REFERENCE,
+    TIME,
+    WSN,
+    check_recording,
+    filter_checks as checks,
+    verdict,
+)
 
 Random = np.random.Generator
 DETECTABLE = 8.0
+_TESTS = ("size", "colour", "whiteness")
 CHANCE = 0.015  # of a finding on a recording that is right: 14 checks of a thousandth each
 
 
@@ -203,7 +215,7 @@ def network_of_another_hour(walk: Walk, rng: Random) -> tuple[str, ...]:
 def network_late_from_the_middle_on(walk: Walk, rng: Random) -> tuple[str, ...]:
     late = np.where(walk.time > walk.time[-1] / 2, rng.uniform(1, 3), 0.0)
     walk.wsn = shifted(walk, late) + walk.fix_noise
-    return ("clock", "time", "outliers", "size", "colour", "run", "misfit")
+    return ("clock", "time", "outliers", "size", "colour", "whiteness", "run", "misfit")
 
 
 @kind
@@ -326,7 +338,7 @@ def network_interpolated(walk: Walk, rng: Random) -> tuple[str, ...]:
     rows = np.arange(walk.steps)
     walk.wsn = np.column_stack([np.interp(rows, rows[::every], x[::every]) for x in walk.wsn.T])
     walk.heard[:] = True
-    return ("repeats", "colour", "size", "copy")
+    return ("repeats", "colour", "whiteness", "size", "copy")
 
 
 @kind
@@ -335,7 +347,7 @@ def network_smoothed(walk: Walk, rng: Random) -> tuple[str, ...]:
     smooth = [np.convolve(x, kernel, "same") for x in walk.fix_noise.T]
     walk.wsn = walk.truth + np.column_stack(smooth)
     walk.heard[:] = True
-    return ("colour", "size")
+    return ("colour", "whiteness", "size")
 
 
 @kind
@@ -401,7 +413,7 @@ def network_noise_with_memory(walk: Walk, rng: Random) -> tuple[str, ...]:
     for k in range(1, walk.steps):
         e[k] = share * e[k - 1] + np.sqrt(1 - share**2) * e[k]
     walk.wsn, walk.every, walk.heard[:] = walk.truth + e, 1, True
-    return ("colour", "size")
+    return ("colour", "whiteness", "size")
 
 
 @kind
@@ -602,3 +614,40 @@ def test_recordings(
     assert not any(each.endswith("not read") for each in came)
     assert counts["named otherwise"] <= 0.1 * count
     assert len(alarms) <= CHANCE * right + 4 * np.sqrt(CHANCE * right)
+
+
+def test_page_chapter_and_checks_say_the_same(
+    size: Callable[[int, int], int], seed: int, root: Path, tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    """Of recordings whose noise is as the filter takes it, and of others."""
+    rng, path, verdicts = np.random.default_rng(seed), tmp_path / "my.csv", Counter[str]()
+    chapter = (root / "chapters" / "your-own-data.md").read_text(encoding="utf-8")
+    cells = re.findall(r"```{code-cell} ipython3\n([^:`].*?)```", chapter, re.DOTALL)
+    wanted = ("model = ", "predicted = ")
+    code = "\n".join(cell for start in wanted for cell in cells if cell.startswith(start))
+    for _ in range(size(20, 200)):
+        walk = Walk.draw(rng)
+        factors = rng.choice([0.8, 1.0, 1.0, 1.25], size=2)
+        figures = {
+            "wsn_position_noise": walk.noise[0] * factors[0],
+            "wsn_velocity_noise": walk.noise[1] * factors[0],
+            "acceleration_noise": walk.acceleration * factors[1],
+            "initial_position_error": 1.0, "initial_velocity_error": 0.1,
+        }  # fmt: skip
+        path.write_text(text(walk.table()), encoding="utf-8")
+        data = read_recording(path, resample=True)
+        names = figures | vars(checks) | {"data": data, "np": np, "ErrorModel": ErrorModel}
+        names |= {"run_kalman": run_kalman, "design_kalman": design_kalman}
+        exec(code, names)  # cells of this project
+        checked = check_recording(data, names["model"], initial_covariance=names["initial"])
+        of_filter = [each for each in checked if each.subject == "innovations"]
+        in_order = sorted(of_filter, key=lambda each: _TESTS.index(each.name))
+        assert len(in_order) == 3
+        assert in_order == names["noise"]
+        printed = capsys.readouterr().out
+        assert all(each.says in printed for each in in_order)
+        told = f"The verdict on the noise figures: {checks.say_noise(in_order)}."
+        assert told in look(path.read_text(encoding="utf-8"), figures)["sentences"]
+        verdicts[told] += 1
+    assert len(verdicts) > 3
