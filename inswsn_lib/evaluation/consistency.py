@@ -262,8 +262,9 @@ def mean_square(mean: float, degrees: float) -> Statistic:
     1.10 0.86 1.15
     """
     tail = FALSE_ALARM / 2
-    low, high = (_chi_square(level, degrees) / degrees for level in (tail, 1 - tail))
-    return Statistic(mean, low, high)
+    count = float(degrees)
+    low, high = (_chi_square(level, count) / count for level in (tail, 1 - tail))
+    return Statistic(float(mean), low, high)
 
 
 def colour(innovations: Sequence[ArrayLike], spacing: int = 1) -> Statistic:
@@ -361,7 +362,8 @@ def independent_count(errors: ArrayLike) -> float:
     True
     """
     x = np.asarray(errors, dtype=float)
-    count = int(np.isfinite(x).all(axis=1).sum())
+    x = x[:, np.nan_to_num(x).any(axis=0)]
+    count = int(np.isfinite(x).all(axis=1).sum()) if x.size else 0
     most = count // _FEWEST_INDEPENDENT
     lags = np.unique(np.geomspace(1, max(most, 1), 40).astype(int))
     gone = np.flatnonzero(np.nanmean(autocorrelation(x, lags), axis=1) <= 0) if most else []
