@@ -26,7 +26,7 @@ _BITS = 30  # components of a pattern that a number takes in at once
 _FEWEST_PAIRS = 30  # of neighbours
 _PER_LAG = 60  # values; with fewer the statistic of Ljung and Box has a heavier tail than it should
 _MOST_LAGS = 10
-_FEWEST_INDEPENDENT = 5  # errors; fewer are not told apart from a constant
+_FEWEST_INDEPENDENT = 5  # errors; of fewer the correlation cannot be told
 
 
 class NoiseFit(NamedTuple):
@@ -340,13 +340,12 @@ def _pairs(values: Array, lag: int) -> int:
 
 
 def independent_count(errors: ArrayLike) -> float:
-    """Return of how many independent errors a filter's errors tell as much, or NaN if of under 5.
+    """Return how many independent errors would tell as much; 1 where it is less than five.
 
-    They are counted by blocks that are longer than the errors are correlated: as long as the first
-    lag at which the autocorrelation about zero, the mean of all components, is not positive; to a
-    quarter of it. Errors of Gauss-Markov processes of one time, of two, and that oscillate, from 60
-    to 1,000 of them, are taken for inconsistent once in a thousand times or less often; twice where
-    blocks are few.
+    They are counted by blocks that are longer than errors are correlated: as long as the first lag,
+    to a fifth, at which the autocorrelation about zero, the mean of all components, is not
+    positive. Errors of Gauss-Markov processes of one time and of two, and such as oscillate, from
+    60 to 1,000 of them, are then taken for inconsistent once in a thousand times or less often.
 
     Parameters
     ----------
@@ -367,7 +366,7 @@ def independent_count(errors: ArrayLike) -> float:
     most = count // _FEWEST_INDEPENDENT
     lags = np.unique(np.geomspace(1, max(most, 1), 40).astype(int))
     gone = np.flatnonzero(np.nanmean(autocorrelation(x, lags), axis=1) <= 0) if most else []
-    return count / float(lags[gone[0]]) if len(gone) else math.nan
+    return count / float(lags[gone[0]]) if len(gone) else 1.0
 
 
 def autocorrelation(values: ArrayLike, lags: ArrayLike) -> Array:

@@ -6,6 +6,7 @@ It needs numpy alone: the page on your own data calls it in a browser.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -194,7 +195,7 @@ def check_nees(errors: Array, covariances: Array) -> Finding:
     n = errors.shape[1]
     scaled = errors / np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))
     mean = float(np.nanmean(normalised_squares(errors, covariances))) / n
-    return _of_errors(mean, independent_count(scaled) * n)
+    return _of_errors(mean, independent_count(scaled), n)
 
 
 def check_errors(squares: Array, degrees: int, period: float) -> Finding:
@@ -221,21 +222,21 @@ def check_errors(squares: Array, degrees: int, period: float) -> Finding:
     """
     del period
     # a mean is taken off, so that the correlation seems to end early: blocks are twice as long
-    independent = independent_count((squares - squares.mean())[:, None]) / 2
-    return _of_errors(float(squares.mean()), independent * degrees)
+    independent = max(1.0, independent_count((squares - squares.mean())[:, None]) / 2)
+    return _of_errors(float(squares.mean()), independent, degrees)
 
 
-def _of_errors(mean: float, degrees: float) -> Finding:
-    told = np.isfinite(degrees)
-    statistic = mean_square(mean, degrees) if told else Statistic(mean, np.nan, np.nan)
+def _of_errors(mean: float, independent: float, degrees: int) -> Finding:
     says = f"errors are {np.sqrt(mean):.2g} times as large as the filter says"
-    return _found("errors", statistic, says)
+    found = _found("errors", mean_square(mean, independent * degrees), says)
+    if found.fits and independent == 1:
+        return replace(found, fits=None, says="errors last too long to tell how large they are")
+    return found
 
 
 def _found(name: str, statistic: Statistic, wrong: str) -> Finding:
-    of_errors = name == "errors"
     says = wrong if statistic.fits is False else _RIGHT[name]
     if statistic.fits is None:
-        says = f"{'errors last too long' if of_errors else 'there are too few of each'} to tell"
-    subject = "filter and reference" if of_errors else "innovations"
+        says = "there are too few of each to tell"
+    subject = "filter and reference" if name == "errors" else "innovations"
     return Finding(name, subject, *statistic, statistic.fits, says)

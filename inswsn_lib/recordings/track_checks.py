@@ -31,6 +31,7 @@ _REACH = 5.0  # s: how late and how early is looked for
 _LAG, _TURN = 1.0, 20.0
 _COPIED = 0.1  # of the network's variance: a reference that is nearer was made from it
 _OTHER = 9.0  # times the variance of the network: what no lag and no turn explain is another run
+_SMOOTH = 10  # rows for which that lasts, or more; noise that is larger does not
 _LEAST = 0.01  # of that variance, lest a track that is the other one has none
 # Where one mistake makes several checks fail, those that are not here come first, then these.
 _ORDER = ("run", "start", "outliers", "origin", "size", "colour", "whiteness", "copy", "noise")
@@ -265,14 +266,8 @@ def _against_reference(data: TrackPair, model: ErrorModel, *, sized: bool) -> It
     free = (apart - np.append(shift, np.zeros(m - 2))) / sigma
     there = np.isfinite(free)
     mean = float(np.mean(free[there] ** 2))
-    copied = "the reference has the network's noise: it was made from the network"
     # errors of the network that last count as fewer
     independent = independent_count(free[there.any(axis=1)])
-    if mean < _COPIED or np.isnan(independent):
-        fits = False if mean < _COPIED else None
-        says = copied if mean < _COPIED else "they are apart for too long to tell"
-        yield Finding("copy", who, mean, _COPIED, np.inf, fits, says)
-        return
     z = float(np.abs(shift / sigma[:2]).max() * np.sqrt(independent / max(1.0, mean)))
     bound = float(norm.isf(FALSE_ALARM / 4))
     says = "network and reference have one origin" if z <= bound else (
@@ -283,8 +278,8 @@ def _against_reference(data: TrackPair, model: ErrorModel, *, sized: bool) -> It
     name, says = "size", f"they are {np.sqrt(mean):.3g} times as far apart as is assumed"
     if size.fits:
         says = "the network is as far from the reference as its noise says"
-    elif mean < size.low and sized:
-        name, says = "copy", copied
+    elif mean < _COPIED or (mean < size.low and sized):
+        name, says = "copy", "the reference has the network's noise: it was made from the network"
     elif sized:  # the innovations do not know the reference
         name, says = "noise", "the reference has noise of its own, or another rate or run"
     yield Finding(name, who, *size, size.fits, says)
@@ -295,19 +290,16 @@ def _aligned(who: str, found: Alignment) -> Iterator[Finding]:
     tries = found.explanations()
     best = min(tries, key=lambda fit: fit.squares + 3 * np.log(found.values) * fit.parameters)
     variance = max(_LEAST, best.squares / found.values)
-    independent = independent_count(best.left)
-    wrong = None
-    if best.squares > _OTHER * found.values:
+    share, wrong = independent_count(best.left) / max(1, len(best.left)), None
+    if share * _SMOOTH < 1 and best.squares > _OTHER * found.values:
         says = "they do not go together, with any lag, turn or scale"
         wrong = best._replace(name="run", value=best.squares / found.values, says=says)
-    elif not np.isnan(independent):
-        share = independent / len(best.left)
+    else:
         gain = share * (best.rival - best.squares) / variance
         level, rest = FALSE_ALARM / _TRIED, max(1.0, share * found.values)
         if gain > best.parameters * float(f.isf(level, best.parameters, rest)):
             wrong = best
-        variance /= share
-    far = float(norm.isf(FALSE_ALARM / (2 * _TRIED)) * np.sqrt(variance))
+    far = float(norm.isf(FALSE_ALARM / (2 * _TRIED)) * np.sqrt(variance / share))
     late, turned = (far * each for each in found.deviations())
     values = {
         "time": (tries[0].value, late, _LAG),
@@ -316,7 +308,7 @@ def _aligned(who: str, found: Alignment) -> Iterator[Finding]:
     for name, (value, bound, most) in values.items():
         if wrong is not None and (wrong.name in {"time", "clock"}) == (name == "time"):
             yield Finding(wrong.name, who, wrong.value, -bound, bound, False, wrong.says)
-        elif np.isnan(independent) or bound > most:
+        elif bound > most:
             says = "too little changes for the data to tell"
             yield Finding(name, who, value, -bound, bound, None, says)
         else:

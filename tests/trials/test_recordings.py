@@ -1,11 +1,10 @@
 """Mistakes put into recordings that are right: what is refused, what is found, what is it called.
 
 A recording is simulated by the filter's own model. A mistake that changes what the network says is
-*detectable* if the change, whitened by the covariance of all that is random in the comparison (the
-errors of INS and network, or those of the network alone where there is a reference) and freed of an
-unknown start and bias of the INS, is 8 long or more: a test that knew what to look for would then
-miss it once in ten thousand times. Others are made large enough to be seen by the eye: so many rows
-are changed. What is detectable may not fit.
+*detectable* if the change against the reference, over the noise of the network and freed of another
+origin, is 8 long or more: a test that knew what to look for would then miss it once in ten thousand
+times. What no reference shows, as a late network without one, may be unseen. Others are made large
+enough to be seen by the eye: so many rows are changed. What is detectable may not fit.
 """
 
 from __future__ import annotations
@@ -131,43 +130,11 @@ class Walk:
         return ErrorModel(A=model.A, B=model.B, C=model.C[:2], D=model.D[:2], period=T)
 
     def length(self, change: np.ndarray) -> float:
-        """Return how long a change of the network is, by the covariance of all that is random."""
+        """Return how long a change of the network is, by its noise, free of another origin."""
         m = 4 if self.with_velocities else 2
-        rows = np.flatnonzero(self.heard)
-        rows = rows[:: max(1, len(rows) // 250)]
-        T, a, n = self.period, self.acceleration, len(rows)
-        R = np.diag(np.repeat(self.noise, 2)[:m] ** 2)
-        seconds = rows * T
-        unknown = np.zeros((n, m, 6))
-        unknown[:, :2, :2] = np.eye(2)
-        unknown[:, :2, 2:4] = seconds[:, None, None] * np.eye(2)
-        unknown[:, :2, 4:] = (seconds**2 / 2)[:, None, None] * np.eye(2)
-        if m == 4:
-            unknown[:, 2:, 2:4] = np.eye(2)
-            unknown[:, 2:, 4:] = seconds[:, None, None] * np.eye(2)
-        cov = np.kron(np.eye(n), R)
-        if self.referenced:
-            unknown = unknown[:, :, :2]
-        else:  # white acceleration: the velocity a random walk, the position its integral
-            early = np.minimum(seconds[:, None], seconds)
-            late = np.maximum(seconds[:, None], seconds)
-            blocks = np.zeros((n, m, n, m))
-            for axis in range(2):
-                blocks[:, axis, :, axis] = early**2 * (3 * late - early) / 6
-                if m == 4:
-                    blocks[:, 2 + axis, :, 2 + axis] = early
-                    other = np.where(
-                        seconds[:, None] <= seconds, seconds[:, None] ** 2 / 2,
-                        seconds * seconds[:, None] - seconds**2 / 2,
-                    )  # fmt: skip
-                    blocks[:, axis, :, 2 + axis] = other
-                    blocks[:, 2 + axis, :, axis] = other.T
-            cov += a**2 * T * blocks.reshape(n * m, n * m)
-        L = np.linalg.cholesky(cov)
-        change = np.clip(change, -1e9, 1e9)
-        white = np.linalg.solve(L, change[rows, :m].ravel())
-        basis, _ = np.linalg.qr(np.linalg.solve(L, unknown.reshape(n * m, -1)))
-        return float(np.linalg.norm(white - basis @ (basis.T @ white)))
+        change = np.clip(change, -1e9, 1e9)[self.heard, :m]
+        change[:, :2] -= change[:, :2].mean(axis=0)
+        return float(np.linalg.norm(change / np.repeat(self.noise, 2)[:m]))
 
 
 #: What a mistake makes: the recording is changed in place, or its file is; and how it may be called
@@ -283,14 +250,14 @@ def network_jumps_to_another_origin(walk: Walk, rng: Random) -> tuple[str, ...]:
 def network_velocities_turned(walk: Walk, rng: Random) -> tuple[str, ...]:
     walk.with_velocities = True
     walk.wsn[:, 2:] = walk.wsn[:, 2:] @ turn(rng.uniform(0.5, 1.5))[:2, :2].T
-    return ("frame",)
+    return ("frame", "run")
 
 
 @kind
 def network_velocities_exchanged(walk: Walk, rng: Random) -> tuple[str, ...]:
     walk.with_velocities = True
     walk.wsn[:, 2:] = walk.wsn[:, [3, 2]]
-    return ("axes", "frame")
+    return ("axes", "frame", "run")
 
 
 @kind
@@ -575,19 +542,19 @@ def of_file(what: str, walk: Walk, rng: Random, path: Path) -> str:
 
 def of_values(what: str, walk: Walk, rng: Random, path: Path) -> str:
     """Return what comes of a mistake of the values."""
-    to_ins, to_reference = walk.wsn - walk.ins, walk.wsn - walk.reference
+    to_reference = walk.wsn - walk.reference
     expected = KINDS[what](walk, rng)
     change = walk.wsn - walk.reference - to_reference
-    told, walk.referenced = walk.referenced, walk.referenced and bool(np.any(change))
-    length = walk.length(change if walk.referenced else walk.wsn - walk.ins - to_ins)
-    walk.referenced = told
     found = findings(walk, text(walk.table()), path)
     if found[:1] == ["refused"]:
         return "refused"
+    alike = {"time", "clock", "frame", "axes", "scale", "run"} & set(expected)
+    if alike and not (walk.referenced and np.any(change)):
+        return f"{'noticed' if found else 'unseen'} without a reference that shows it"
     if found:
         named = found[0] in expected or found[0].split(" ")[0] in expected
         return "named" if named else f"named otherwise: {what} {found[0]}"
-    alike = {"time", "clock", "frame", "axes", "scale"} & set(expected)
+    length = walk.length(change)
     return "too small to tell" if alike and length < DETECTABLE else f"silent: {what} {length:.3g}"
 
 

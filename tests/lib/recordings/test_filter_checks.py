@@ -76,7 +76,7 @@ def test_a_filter_that_takes_its_noise_for_too_small_is_found(right: Filters) ->
 
 @pytest.mark.parametrize(("memory", "told"), [(3, 0.9), (10, 0.6), (100, 0.0)])
 def test_errors_that_last_are_counted_as_fewer(memory: int, told: float) -> None:
-    """Of Gauss-Markov errors, 300 of each: twice the rate at most, and mostly unknown if few."""
+    """Of Gauss-Markov errors, 300 of each: twice the rate at most, and unknown if they last."""
     rng, phi = np.random.default_rng(memory), np.exp(-1 / memory)
     e = np.empty((300, 2, RUNS))
     e[0] = rng.normal(size=e[0].shape)
