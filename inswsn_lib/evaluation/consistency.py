@@ -363,10 +363,11 @@ def independent_count(errors: ArrayLike) -> float:
     x = np.asarray(errors, dtype=float)
     x = x[:, np.nan_to_num(x).any(axis=0)]
     count = int(np.isfinite(x).all(axis=1).sum()) if x.size else 0
-    most = count // _FEWEST_INDEPENDENT
-    lags = np.unique(np.geomspace(1, max(most, 1), 40).astype(int))
-    gone = np.flatnonzero(np.nanmean(autocorrelation(x, lags), axis=1) <= 0) if most else []
-    return count / float(lags[gone[0]]) if len(gone) else 1.0
+    lags = np.unique(np.geomspace(1, max(count // _FEWEST_INDEPENDENT, 1), 40).astype(int))
+    if count < _FEWEST_INDEPENDENT:
+        return 1.0
+    gone = lags[np.nanmean(autocorrelation(x, lags), axis=1) <= 0]
+    return count / float(gone[0]) if len(gone) else 1.0
 
 
 def autocorrelation(values: ArrayLike, lags: ArrayLike) -> Array:

@@ -25,7 +25,6 @@ from inswsn_lib.recordings.findings import FALSE_ALARM, Finding
 from inswsn_lib.recordings.ins_wsn import TrackPair
 
 _FEWEST = 20  # values that are compared
-_BLOCK, _FEWEST_BLOCKS = 20, 10  # steps whose residuals count as one, and of them
 _REACH = 5.0  # s: how late and how early is looked for
 # A lag (s) and a turn (degrees) that must be told, lest the data cannot tell them.
 _LAG, _TURN = 1.0, 20.0
@@ -127,42 +126,13 @@ def _repeats(data: TrackPair, model: ErrorModel) -> Finding:
         there = values[~np.isnan(values)]
         if there.size < 3:
             continue
-        resolution = _resolution(there)
         again = int(np.sum(there[1:] == there[:-1]))
-        found, counts = np.unique(there, return_counts=True)
-        usual, most = (
-            float(poisson.isf(level, there.size * min(1, resolution / (share * size)))) + 1
-            for level, share in (
-                (FALSE_ALARM / 8, np.sqrt(4 * np.pi)),
-                (FALSE_ALARM / (8 * there.size), np.sqrt(2 * np.pi)),
-            )
-        )
-        for count, bound, says in (
-            (again, usual, f"{name} repeats {again} times: stuck, clipped, or held between fixes"),
-            (int(counts.max()), most, f"{name} is {found[counts.argmax()]:.6g} in {counts.max()} "
-             "rows: a number where there was no fix, or clipped"),
-        ):  # fmt: skip
-            if count > bound and count - bound > worst.value - worst.high:
-                worst = Finding("repeats", "network", count, 0, bound, False, says)
-    flat = _interpolated(data.wsn[:, :2])
-    if worst.fits and flat > 0.2:
-        says = f"{flat:.0%} of the fixes lie on straight lines between others: interpolated"
-        worst = Finding("repeats", "network", flat, 0, 0.2, False, says)
+        chance = min(1.0, _resolution(there) / (np.sqrt(4 * np.pi) * size))
+        most = float(poisson.isf(FALSE_ALARM / 4, there.size * chance)) + 1
+        if again > most and again - most > worst.value - worst.high:
+            says = f"{name} repeats {again} times: stuck, clipped, held, or a number for no fix"
+            worst = Finding("repeats", "network", again, 0, most, False, says)
     return worst
-
-
-def _interpolated(positions: Array) -> float:
-    """Return the share of fixes that lie half way between their neighbours, to rounding."""
-    second = np.diff(positions, 2, axis=0)
-    known = ~np.isnan(second).any(axis=1)
-    if known.sum() < 10:
-        return 0.0
-    unit = np.array([_resolution(x[~np.isnan(x)]) for x in positions.T])
-    scale = np.median(np.abs(np.diff(positions[~np.isnan(positions[:, 0])], axis=0)), axis=0)
-    if (scale <= 10 * unit).any():  # rounding makes straight lines, too
-        return 0.0
-    close = np.abs(second[known]) <= np.minimum(2.1 * unit, 0.02 * scale) + 1e-9 * scale
-    return float(np.mean(close.all(axis=1)))
 
 
 def _in_itself(data: TrackPair) -> Iterator[Finding]:
@@ -190,32 +160,6 @@ def _in_itself(data: TrackPair) -> Iterator[Finding]:
             "axes, late, or held"
         )  # fmt: skip
         yield Finding("itself", subject, count, 0, bound, count <= bound, says)
-        yield from _velocity_lag(subject, values, data.period)
-
-
-def _velocity_lag(subject: str, values: Array, period: float) -> Iterator[Finding]:
-    """Fit how late velocities are against the differences of positions over two steps.
-
-    Velocities that are late by s miss the accelerations times s. The error of the fit is from
-    blocks of steps, since what is left over hangs together.
-    """
-    apart = (values[2:, :2] - values[:-2, :2]) / (2 * period) - values[1:-1, 2:]
-    pushed = (values[2:, 2:] - values[:-2, 2:]) / (2 * period)
-    known = ~np.isnan(apart + pushed).any(axis=1)
-    apart, pushed = apart[known], pushed[known]
-    energy, count = float(np.sum(pushed**2)), len(pushed) // _BLOCK
-    if count < _FEWEST_BLOCKS or energy == 0:
-        return
-    lag = float(np.sum(pushed * apart)) / energy
-    left = np.sum(pushed * (apart - lag * pushed), axis=1)[: count * _BLOCK]
-    error = float(np.linalg.norm(left.reshape(count, _BLOCK).sum(axis=1))) / energy
-    # a step is what ways to integrate differ by
-    bound = period + 5 * error
-    says = "velocities belong to the positions beside them" if abs(lag) <= bound else (
-        f"velocities are {abs(lag):.2g} s {'late' if lag > 0 else 'early'} against positions"
-    )  # fmt: skip
-    who = f"{subject}, lag of velocities"
-    yield Finding("itself", who, lag, -bound, bound, abs(lag) <= bound, says)
 
 
 # What the innovations tell

@@ -272,13 +272,6 @@ def ins_velocities_in_kmh(walk: Walk, rng: Random) -> tuple[str, ...]:
     return ("itself",)
 
 
-@kind
-def ins_velocities_late(walk: Walk, rng: Random) -> tuple[str, ...]:
-    late = shifted(walk, rng.uniform(3, 6)) + walk.drift
-    walk.ins[:, 2:] = late[:, 2:]
-    return ("itself",)
-
-
 def stretch(walk: Walk, rng: Random, rows: int = 40) -> slice:
     begin = int(rng.integers(20, walk.steps - rows - 20))
     return slice(begin, begin + rows)
@@ -457,61 +450,8 @@ def reference_is_the_ins(walk: Walk, rng: Random) -> tuple[str, ...]:
     return ("origin", "noise", "frame", "time", "scale", "clock", "axes", "run")
 
 
-# Mistakes of the file
-
-Files = Callable[[pd.DataFrame, Random], str]
-
-
-def text(made: pd.DataFrame, **how: str) -> str:
-    return str(made.to_csv(index=False, **how))
-
-
-def cell(made: pd.DataFrame, rng: Random, columns: list[str], value: object) -> pd.DataFrame:
-    made = made.astype(object)
-    made.loc[int(rng.integers(5, len(made) - 5)), rng.choice(columns)] = value
-    return made
-
-
-def dated(made: pd.DataFrame) -> pd.DataFrame:
-    moments = pd.to_datetime(made[TIME] + 1.7e9, unit="s")
-    return made.assign(**{TIME: moments.dt.strftime("%Y-%m-%dT%H:%M:%S.%fZ")})
-
-
-def halved(made: pd.DataFrame, rng: Random) -> str:
-    half = len(made) // 2
-    return text(made.drop(index=range(half + 1, len(made) - 1, 2)))
-
-
-#: Files that are refused, or of which `rate` is found, and (True) such as are read as if right
-FILES: dict[str, tuple[Files, bool]] = {
-    "two rates": (halved, False),
-    "time in ms": (lambda made, rng: text(made.assign(**{TIME: made[TIME] * 1000})), False),
-    "time backwards": (lambda made, rng: text(made[::-1]), False),
-    "time shuffled": (lambda made, rng: text(made.sample(frac=1, random_state=1)), False),
-    "rows twice": (lambda made, rng: text(pd.concat([made[:50], made[40:]])), False),
-    "a clock set back": (lambda made, rng: text(made.assign(**{TIME: made[TIME] % 30})), False),
-    "a word": (lambda made, rng: text(cell(made, rng, [*INS, *WSN[:2]], "lost")), False),
-    "infinite": (lambda made, rng: text(cell(made, rng, [*INS, *WSN[:2]], "inf")), False),
-    "INS with gaps": (lambda made, rng: text(cell(made, rng, [*INS], np.nan)), False),
-    "time with gaps": (lambda made, rng: text(cell(made, rng, [TIME], np.nan)), False),
-    "no header": (lambda made, rng: text(made, header=False), False),
-    "units in names": (lambda made, rng: text(made.rename(columns={INS[0]: "ins_x [m]"})), False),
-    "no column": (lambda made, rng: text(made.drop(columns=rng.choice([TIME, *INS]))), False),
-    "a column twice": (lambda made, rng: text(made).replace(INS[0], INS[1], 1), False),
-    "decimal and separating commas": (lambda made, rng: text(made).replace(".", ","), False),
-    "a short row": (lambda made, rng: text(made) + "1,2,3\n", False),
-    "longitudes": (lambda made, rng: text(made.assign(wsn_x_m=made.wsn_x_m / 111_200,
-                                                      wsn_y_m=made.wsn_y_m / 111_200)), False),
-    "semicolons": (lambda made, rng: text(made, sep=";"), True),
-    "tabs": (lambda made, rng: text(made, sep="\t"), True),
-    "decimal commas": (lambda made, rng: text(made, sep=";", decimal=","), True),
-    "ISO times": (lambda made, rng: text(dated(made)), True),
-    "a byte order mark": (lambda made, rng: "\ufeff" + text(made), True),
-    "carriage returns": (lambda made, rng: text(made).replace("\n", "\r\n"), True),
-    "quotes": (lambda made, rng: text(made, quoting=1), True),
-    "comments": (lambda made, rng: "# x\n\n" + text(made).replace("\n", "\n#\n", 3), True),
-    "other columns": (lambda made, rng: text(made.assign(more="a")[["more", *made][::-1]]), True),
-}  # fmt: skip
+def text(made: pd.DataFrame) -> str:
+    return str(made.to_csv(index=False))
 
 
 def findings(walk: Walk, written: str, path: Path) -> list[str]:
@@ -529,15 +469,6 @@ def findings(walk: Walk, written: str, path: Path) -> list[str]:
         each.fits is False for each in found
     )
     return [each.name for each in found if each.fits is False]
-
-
-def of_file(what: str, walk: Walk, rng: Random, path: Path) -> str:
-    """Return what comes of a mistake of the file."""
-    make, as_right = FILES[what]
-    found = findings(walk, make(walk.table(), rng), path)
-    if as_right:
-        return "read as right" if found[:1] != ["refused"] else f"{what} not read"
-    return found[0] if found[:1] == ["refused"] else "named" if "rate" in found else "silent"
 
 
 def of_values(what: str, walk: Walk, rng: Random, path: Path) -> str:
@@ -563,12 +494,11 @@ def test_recordings(
 ) -> None:
     rng, path = np.random.default_rng(seed), tmp_path / "my.csv"
     count, right = size(15, 500), size(6, 500)
-    names = [*KINDS, *FILES]
+    names = [*KINDS]
     order = [names[i % len(names)] for i in rng.permutation(len(names) * (1 + count // len(names)))]
     came = []
     for what in order[:count]:
-        walk = Walk.draw(rng)
-        came.append((of_file if what in FILES else of_values)(what, walk, rng, path))
+        came.append(of_values(what, Walk.draw(rng), rng, path))
     alarms = [walk for walk in (Walk.draw(rng) for _ in range(right))
               if findings(walk, text(walk.table()), path)]  # fmt: skip
     counts = Counter(each.partition(":")[0] for each in came)
@@ -578,7 +508,6 @@ def test_recordings(
     )
     print(*Counter(each for each in came if ":" in each).items(), sep="\n")
     assert not any(each.startswith(("silent", "not one")) for each in came)
-    assert not any(each.endswith("not read") for each in came)
     assert counts["named otherwise"] <= 0.1 * count
     assert len(alarms) <= CHANCE * right + 4 * np.sqrt(CHANCE * right)
 

@@ -166,7 +166,7 @@ def _whiteness(data: TrackPair, found: Filtered) -> dict[str, Any]:
     """
     deviations = np.sqrt(np.diagonal(found.covariances, axis1=1, axis2=2))
     scaled = found.innovations / deviations
-    usual = usual_spacing(np.isfinite(scaled).any(axis=1))
+    usual = usual_spacing(np.asarray(np.isfinite(scaled).any(axis=1)))
     lags = [lag for lag in range(1, _LAGS + 1) if lag * usual < len(scaled)]
     values = autocorrelation(scaled, usual * np.array(lags, dtype=int))
     series = {

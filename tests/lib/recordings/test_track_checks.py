@@ -49,20 +49,6 @@ def test_the_recording_that_comes_along_fits() -> None:
     assert verdict(found) == "Recording and figures fit."
 
 
-@pytest.mark.parametrize("late", [-0.8, 0.0, 0.7])
-def test_how_late_velocities_are_against_positions(late: float) -> None:
-    """On a circle of the rate w velocities that are late by s miss sin(w s) / w accelerations."""
-    w, time = 2 * np.pi / 12, 0.2 * np.arange(301)
-    angle, told = w * time, w * (time - late)
-    circle = np.column_stack([np.cos(angle), np.sin(angle), -w * np.sin(told), w * np.cos(told)])
-    found = checked(replace(RIGHT, ins=3 * circle, reference=None))
-    (lag,) = (each for each in found if each.subject == "INS, lag of velocities")
-    assert lag.value == pytest.approx(np.sin(w * late) / w, abs=1e-9)
-    assert lag.fits is (late == 0)
-    words = {-0.8: "0.78 s early", 0.0: "beside them", 0.7: "0.68 s late"}
-    assert words[late] in lag.says
-
-
 @pytest.mark.parametrize(
     ("change", "name", "subject", "value", "about"),
     [
