@@ -423,7 +423,7 @@ def reference_is_the_network_smoothed(walk: Walk, rng: Random) -> tuple[str, ...
 
 @kind
 def reference_as_noisy_as_the_network(walk: Walk, rng: Random) -> tuple[str, ...]:
-    walk.referenced = True
+    walk.referenced, walk.heard[:] = True, True
     walk.reference = walk.truth + np.repeat(walk.noise, 2) * rng.standard_normal((walk.steps, 4))
     return ("noise",)
 
