@@ -93,7 +93,7 @@ def ask(
         folder, lines = run_chapter(project, request, progress, tell, **how)
     report = folder / REPORT
     if report.is_file() and own_data(schema, values):
-        lines = [report.read_text(encoding="utf-8").rstrip(), f"The run is in {folder}"]
+        lines = [f"The run is in {folder}", report.read_text(encoding="utf-8").rstrip()]
     yield from lines
 
 

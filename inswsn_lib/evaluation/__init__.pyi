@@ -1,11 +1,17 @@
 from .clusters import cluster_mean as cluster_mean, cluster_median as cluster_median
 from .consistency import (
+    FALSE_ALARM as FALSE_ALARM,
     NoiseFit as NoiseFit,
+    Statistic as Statistic,
     autocorrelation as autocorrelation,
+    colour as colour,
     fit_noise as fit_noise,
+    independent_count as independent_count,
     ljung_box as ljung_box,
     mean_bounds as mean_bounds,
+    mean_square as mean_square,
     normalised_squares as normalised_squares,
+    whiteness as whiteness,
 )
 from .drift import (
     MOTIONS as MOTIONS,

@@ -1,14 +1,14 @@
-"""How one track follows another: with a lag, a clock that gains, turned, stretched or mirrored.
+"""How one track follows another: late, by a clock that gains, turned, stretched or mirrored.
 
-All is least squares between whitened columns, of which the sums of products are enough.
+Each explanation is a least-squares fit, with an unknown origin, of a track whose noise is known.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from scipy.optimize import minimize
 
 from inswsn_lib.checks import Array
 
@@ -17,137 +17,148 @@ _UNITS = {
     "miles": 1.6093,
 }  # fmt: skip
 _NEAR = 0.03  # of a unit, in scale
-_LEAST = 0.01  # variance of a whitened value, lest a track that is the other one has none
-_COLUMNS = "abcdt"
+_SPACING = 0.1  # s, of the lags at which a search begins
+_MOST = 10_000  # rows that are compared; of more, some at even distances
+#: Explanations: whether turned or mirrored, and how many numbers the time has, a lag and a gain
+_KINDS = (("", 1), ("", 2), ("turned", 0), ("mirrored", 0), ("turned", 1), ("mirrored", 1))
 
 
-class Fit(NamedTuple):
-    """An explanation: a name, how many parameters, the squares that it leaves, and what it says."""
+class Explanation(NamedTuple):
+    """A name, how many parameters, what they leave over the noise, and what they mean.
+
+    What is left is (rows, 2 or 4), NaN where missing; `value` is in s, degrees, or a quotient.
+    `rival` is the sum of squares that nothing leaves or, if less, what the opposite lag leaves:
+    between two rows the noise of the other track is averaged, which is no lag.
+    """
 
     name: str
     parameters: int
-    left: float
+    left: Array
     value: float
-    deviation: float
     says: str
+    rival: float
+
+    @property
+    def squares(self) -> float:
+        """The sum of squares that it leaves."""
+        return _squares(self.left)
 
 
-class Comparison:
-    """Sums of products of whitened columns: the track, and five for each lag of the other track.
+class Alignment:
+    """A track, to be explained by another one that is right.
 
     Turned and stretched, the other is p a + q b with a = (x, y), b = (-y, x); mirrored it is p c +
-    q d with c = (x, -y), d = (y, x). The fifth, t, is the derivative of a by the lag, times time:
-    of a clock that gains.
+    q d with c = (x, -y), d = (y, x).
 
     Parameters
     ----------
-    lags : int
-        On each side.
-    spacing : float
-        Of the lags, s.
+    time : ndarray, (n,)
+        s.
+    track : ndarray, (n, 2 or 4)
+        Positions (m), and velocities (m/s); NaN where missing.
+    other : ndarray, (n, 4)
+        NaN where missing.
+    sigma : ndarray, (2 or 4,)
+        Deviations of the noise of the track.
+    reach : float
+        How late or early it may be, s.
     """
 
-    def __init__(self, lags: int, spacing: float) -> None:
-        self.lags, self.spacing = lags, spacing
-        count = 1 + len(_COLUMNS) * (2 * lags + 1)
-        self.gram = np.zeros((count, count))
-        self.freedom = 0
+    def __init__(self, time: Array, track: Array, other: Array, sigma: Array, reach: float) -> None:
+        known, m = ~np.isnan(other).any(axis=1), len(sigma)
+        centre = np.append(other[known, :2].mean(axis=0), [0.0, 0.0])
+        self._other = time[known], (other[known] - centre).T
+        inner = (time >= time[0] + reach) & (time <= time[-1] - reach)
+        rows = np.flatnonzero(inner & known & ~np.isnan(track).all(axis=1))
+        rows = rows[:: -(-len(rows) // _MOST) or 1]
+        self._time, self._middle, self._reach = time[rows], float(time.mean()), reach
+        self._sigma, self._track = sigma, self._over_noise((track - centre[:m])[rows], sigma)
+        #: How many values are compared
+        self.values = int(np.isfinite(self._track).sum())
 
-    def add(self, white: Array, count: int) -> None:
-        """Add whitened columns (values, columns), freed of those after the first of them."""
-        basis, _ = np.linalg.qr(white[:, count:])
-        free = white[:, :count] - basis @ (basis.T @ white[:, :count])
-        self.gram += free.T @ free
-        self.freedom += len(white) - basis.shape[1]
+    @staticmethod
+    def _over_noise(values: Array, sigma: Array) -> Array:
+        """Return values (rows, m) over the noise, with the mean position at zero."""
+        free = values.copy()
+        if len(free):
+            free[:, :2] -= np.nan_to_num(np.nanmean(free[:, :2], axis=0))
+        return np.asarray(free / sigma)
 
-    def _column(self, letter: str, lag: int) -> Array:
-        unit = np.zeros(len(self.gram))
-        unit[1 + len(_COLUMNS) * (lag + self.lags) + _COLUMNS.index(letter)] = 1.0
-        return unit
+    def _moved(self, lag: float, gain: float = 0.0) -> Array:
+        """Return the other track as it is told so much later, by a clock that loses, (4, rows)."""
+        at = self._time - lag - gain * (self._time - self._middle)
+        return np.stack([np.interp(at, self._other[0], x) for x in self._other[1]])
 
-    def _track(self) -> Array:
-        return np.asarray(np.eye(1, len(self.gram))[0])
+    def _fit(self, kind: str, *late: float) -> tuple[Array, Array]:
+        """Return the two coefficients, and what is left over the noise."""
+        x, y, u, v = self._moved(*late or (0.0,))
+        columns = [(x, y, u, v), (-y, x, -v, u)]
+        if kind == "mirrored":
+            columns = [(x, -y, u, -v), (y, x, v, u)]
+        there, m = np.isfinite(self._track), len(self._sigma)
+        both = [np.where(there, np.stack(each[:m], axis=1), np.nan) for each in columns]
+        A = np.stack([self._over_noise(each, self._sigma) for each in both], axis=2)
+        found = np.array([1.0, 0.0])
+        if kind:
+            found = np.linalg.lstsq(A[there], self._track[there], rcond=None)[0]
+        return found, np.asarray(self._track - A @ found)
 
-    def _left(self, rest: Array) -> float:
-        return float(rest @ self.gram @ rest)
+    def _searched(self, kind: str, count: int) -> Array:
+        """Return the lag, or it and the gain, that leave least."""
 
-    def _fitted(self, track: Array, *columns: Array) -> tuple[Array, float]:
-        """Return coefficients of a track on columns, and the squares that are left."""
-        rows = np.stack([track, *columns])
-        inner = rows @ self.gram @ rows.T
-        found = np.linalg.lstsq(inner[1:, 1:], inner[1:, 0], rcond=1e-10)[0]
-        rest = np.append(1.0, -found)
-        return np.asarray(found), float(rest @ inner @ rest)
+        def squares(late: Array) -> float:
+            outside = max(0.0, abs(float(late[0])) - self._reach)
+            return _squares(self._fit(kind, *late)[1]) * (1 + outside) + outside
 
-    def explanations(self) -> tuple[float, float, list[Fit]]:
-        """Return the squares left by none, the variance of a value, and the explanations."""
-        cells = range(-self.lags, self.lags)
-        every = [
-            self._fitted(self._track(), *(self._column(x, k) for k in (j, j + 1) for x in "abcd"))
-            for j in cells
-        ]
-        variance = max(_LEAST, min(left for _, left in every) / max(1, self.freedom - 8))
-        nothing = self._left(self._track() - self._column("a", 0))
-        fits = [self._time(cells, variance), self._clock(cells)]
-        fits += [self._turn(letters, 0, variance) for letters in ("ab", "cd")]
-        fits += [self._turn_and_time(letters, cells, variance) for letters in ("ab", "cd")]
-        return nothing, variance, fits
+        lags = np.linspace(-self._reach, self._reach, 2 * max(1, round(self._reach / _SPACING)) + 1)
+        begin = min(([float(lag), 0.0][:count] for lag in lags), key=lambda x: squares(np.array(x)))
+        simplex = np.vstack([begin, begin + np.diag([_SPACING, 0.01])[:count, :count]])
+        how = {"initial_simplex": simplex, "xatol": 1e-4, "fatol": 1e-2}
+        return np.asarray(minimize(squares, begin, method="Nelder-Mead", options=how).x)
 
-    def _time(self, cells: Sequence[int], variance: float) -> Fit:
-        best = (np.inf, 0.0, np.inf)
-        for j in cells:
-            track = self._track() - self._column("a", j)
-            change = self._column("a", j + 1) - self._column("a", j)
-            (share,), _ = self._fitted(track, change)
-            share = float(np.clip(share, 0, 1))
-            size = self._left(change)
-            deviation = self.spacing * np.sqrt(variance / size) if size > 0 else np.inf
-            left = self._left(track - share * change)
-            best = min(best, (left, (j + share) * self.spacing, float(deviation)))
-        left, lag, deviation = best
-        return Fit("time", 1, left, lag, deviation, f"{_late(lag)} (± {deviation:.2g} s)")
+    def explanations(self) -> list[Explanation]:
+        """Return the explanations, first that of a lag alone."""
+        found = []
+        nothing = _squares(self._fit("")[1])
+        for kind, count in _KINDS:
+            late = self._searched(kind, count) if count else np.empty(0)
+            (p, q), left = self._fit(kind, *late)
+            name, value, says = _turned(kind, p, q)
+            if not kind:
+                name, value, says = "time", float(late[0]), _late(late[0])
+            elif count:
+                name, says = f"{name} and time", f"{says}; {_late(late[0])}"
+            if count == 2:
+                name, value = "clock", float(late[1])
+                says = f"its clock loses {value:.2%}, and half way {says}"
+            rival = min(nothing, _squares(self._fit(kind, *-late)[1])) if count else nothing
+            found.append(Explanation(name, count + 2 * bool(kind), left, value, says, rival))
+        return found
 
-    def _clock(self, cells: Sequence[int]) -> Fit:
-        best = (np.inf, 0.0, 0.0)
-        for j in cells:
-            now = self._column("a", j)
-            change = self._column("a", j + 1) - now
-            (share, gain), left = self._fitted(self._track() - now, change, self._column("t", j))
-            if -1 <= share <= 2:
-                best = min(best, (left, (j + float(share)) * self.spacing, float(gain)))
-        left, lag, gain = best
-        says = f"its clock loses {gain:.2%}, and half way {_late(lag)}"
-        return Fit("clock", 2, left, gain, 0.0, says)
+    def deviations(self) -> tuple[float, float]:
+        """Return the deviations of a lag, s, and of a turn, rad, by the noise."""
+        h, m = _SPACING / 2, len(self._sigma)
+        changes = (self._moved(h) - self._moved(-h)) / (2 * h), self._moved(0.0)
+        there = np.isfinite(self._track)
+        over = (np.where(there, each[:m].T, np.nan) for each in changes)
+        sizes = [np.nansum(self._over_noise(each, self._sigma) ** 2) for each in over]
+        lag, turn = (float(1 / np.sqrt(size)) if size > 0 else np.inf for size in sizes)
+        return lag, turn
 
-    def _turn(self, letters: str, lag: int, variance: float) -> Fit:
-        columns = [self._column(letter, lag) for letter in letters]
-        (p, q), left = self._fitted(self._track(), *columns)
-        size = self._left(columns[1])
-        deviation = float(np.sqrt(variance / size)) if size > 0 else np.inf
-        return _turned(letters, float(p), float(q), Fit("", 2, left, 0.0, deviation, ""))
 
-    def _turn_and_time(self, letters: str, cells: Sequence[int], variance: float) -> Fit:
-        best = (np.inf, 0.0, 1.0, 0.0)
-        for j in cells:
-            columns = [self._column(letter, k) for k in (j, j + 1) for letter in letters]
-            found, left = self._fitted(self._track(), *columns)
-            p, q = found[:2] + found[2:]
-            share = float(np.clip(found[2:] @ (p, q) / max(p * p + q * q, 1e-300), 0, 1))
-            best = min(best, (left, (j + share) * self.spacing, float(p), float(q)))
-        left, lag, p, q = best
-        turned = _turned(letters, p, q, Fit("", 4, left, 0.0, 0.0, ""))
-        return turned._replace(name=f"{turned.name} and time", says=f"{turned.says}; {_late(lag)}")
+def _squares(left: Array) -> float:
+    return float(np.nansum(left**2))
 
 
 def _late(seconds: float) -> str:
     return f"it is {abs(seconds):.3g} s {'late' if seconds > 0 else 'early'}"
 
 
-def _turned(letters: str, p: float, q: float, fit: Fit) -> Fit:
-    """Return a fit with what its two coefficients mean."""
+def _turned(kind: str, p: float, q: float) -> tuple[str, float, str]:
+    """Return the name, the value and the words of two coefficients."""
     scale, angle = float(np.hypot(p, q)), float(np.degrees(np.arctan2(q, p)))
-    name, value, what = "frame", angle, f"it is turned by {angle:.3g}°"
-    if letters == "cd":
+    name, what = "frame", f"it is turned by {angle:.3g}°"
+    if kind == "mirrored":
         named = {
             0: "y has the other sign", 90: "x and y are exchanged", -90: "x and y are exchanged, "
             "with other signs", 180: "x has the other sign", -180: "x has the other sign",
@@ -155,11 +166,10 @@ def _turned(letters: str, p: float, q: float, fit: Fit) -> Fit:
         near = min(named, key=lambda each: abs(each - angle))
         also = f": {named[near]}" if abs(near - angle) < 15 else f", and turned by {angle:.3g}°"
         name, what = "axes", f"it is mirrored{also}"
-    if abs(scale - 1) > max(0.02, 3 * fit.deviation):
+    if abs(scale - 1) > 0.02:
         units = [u for u, size in _UNITS.items() if abs(abs(np.log(scale)) - np.log(size)) < _NEAR]
         size = f"{scale:.3g} times as large" + (f", as with {units[0]}" if units else "")
-        if letters == "ab" and abs(np.radians(angle)) < max(0.05, abs(scale - 1) / 2):
-            name, value, what = "scale", scale, f"it is {size}"
-        else:
-            what += f", and {size}"
-    return fit._replace(name=name, value=value, says=what)
+        if kind == "turned" and abs(np.radians(angle)) < max(0.05, abs(scale - 1) / 2):
+            return "scale", scale, f"it is {size}"
+        what += f", and {size}"
+    return name, angle, what

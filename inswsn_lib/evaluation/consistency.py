@@ -1,7 +1,15 @@
-"""Noise figures and errors: those that fit, and whether errors are as large as a filter says."""
+"""Whether a filter is consistent, and noise figures that fit: with numpy alone, as a page has it.
+
+A filter is consistent if its innovations are white and as large as it says (NIS), and its errors
+are as large as it says (NEES). What each statistic may be is by one level, `FALSE_ALARM`.
+"""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
+from functools import cache
+from statistics import NormalDist
 from typing import NamedTuple
 
 import numpy as np
@@ -10,7 +18,15 @@ from numpy.typing import ArrayLike, NDArray
 from inswsn_lib.checks import Array, Mask, array, number, of_runs, whole
 from inswsn_lib.errors import Described, ParameterError
 
+#: How often a check fails by chance where all is right. A recording has some twenty checks: at
+#: 1e-3 one right recording in fifty is called wrong, at 5 % two in three would be.
+FALSE_ALARM = 1e-3
+
 _BITS = 30  # components of a pattern that a number takes in at once
+_FEWEST_PAIRS = 30  # of neighbours
+_PER_LAG = 60  # values; with fewer the statistic of Ljung and Box has a heavier tail than it should
+_MOST_LAGS = 10
+_FEWEST_INDEPENDENT = 5  # errors; of fewer the correlation cannot be told
 
 
 class NoiseFit(NamedTuple):
@@ -176,13 +192,182 @@ def mean_bounds(count: int, degrees: int, probability: float = 0.95) -> tuple[fl
     >>> print("{:.2f} {:.2f}".format(*iw.mean_bounds(10_000, 4)))
     3.94 4.06
     """
-    from scipy.stats import chi2  # noqa: PLC0415  # a page of the book has numpy alone
-
     whole("count", count, 1)
     whole("degrees", degrees, 1)
     tail = (1 - number("probability", probability, above=0, below=1)) / 2
-    low, high = chi2.ppf([tail, 1 - tail], count * degrees) / count
-    return float(low), float(high)
+    of_sum = (_chi_square(level, count * degrees) for level in (tail, 1 - tail))
+    low, high = (quantile / count for quantile in of_sum)
+    return low, high
+
+
+@cache
+def _chi_square(level: float, degrees: float) -> float:
+    """Return a quantile of the chi-square distribution, by halving an interval that holds it.
+
+    The distribution function is the power series of the incomplete gamma function (Abramowitz and
+    Stegun 1964, 6.5.29).
+    """
+    half = degrees / 2
+    low, high = 0.0, half + 8 * math.sqrt(half) + 40
+    terms = half + np.arange(1.0, 26 * math.sqrt(half) + 180)
+    while low < (x := (low + high) / 2) < high:
+        first = math.exp(half * math.log(x) - x - math.lgamma(half + 1))
+        below = first * (1 + float(np.cumprod(x / terms).sum())) < level
+        low, high = (x, high) if below else (low, x)
+    return low + high
+
+
+class Statistic(NamedTuple):
+    """A statistic of a consistent filter, and between what it is but for one time in a thousand.
+
+    Attributes
+    ----------
+    value, low, high : float
+        Bounds are NaN where there is too little to tell.
+
+    Examples
+    --------
+    >>> from inswsn_lib.evaluation import Statistic
+    >>> Statistic(4.0, 0.9, 1.1).fits, Statistic(1.0, 0.9, 1.1).fits
+    (False, True)
+    """
+
+    value: float
+    low: float
+    high: float
+
+    @property
+    def fits(self) -> bool | None:
+        """Whether the value is between; None where there is too little to tell."""
+        return None if math.isnan(self.low) else self.low <= self.value <= self.high
+
+
+_UNTOLD = Statistic(math.nan, math.nan, math.nan)
+
+
+def mean_square(mean: float, degrees: float) -> Statistic:
+    """Return the mean of normalised squares over their degrees of freedom: NIS or NEES.
+
+    Parameters
+    ----------
+    mean : float
+        1 of a consistent filter.
+    degrees : float
+        Of freedom of all squares together, of such as are independent of one another.
+
+    Examples
+    --------
+    >>> from inswsn_lib.evaluation import mean_square
+    >>> print("{:.2f} {:.2f} {:.2f}".format(*mean_square(1.1, 1000)))
+    1.10 0.86 1.15
+    """
+    tail = FALSE_ALARM / 2
+    count = float(degrees)
+    low, high = (_chi_square(level, count) / count for level in (tail, 1 - tail))
+    return Statistic(float(mean), low, high)
+
+
+def colour(innovations: Sequence[ArrayLike], spacing: int = 1) -> Statistic:
+    r"""Return the largest autocorrelation of neighbouring innovations of any series.
+
+    Of n pairs it has the deviation :math:`1 / \sqrt n` if the series is white (Box, Jenkins,
+    Reinsel and Ljung 2016, Section 2.1). The bound is that of the worst of all series.
+
+    Parameters
+    ----------
+    innovations : sequence of array_like, (n,)
+        Each a series over its deviations, NaN where missing. Those with fewer than 30 pairs are
+        left out.
+    spacing : int
+        How many steps neighbours are apart.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from inswsn_lib.evaluation import colour
+    >>> white = np.random.default_rng(0).normal(size=1000)
+    >>> colour([white]).fits, colour([np.cumsum(white)]).fits
+    (True, False)
+    """
+    series = _of_enough(innovations, spacing, _FEWEST_PAIRS)
+    found = [_UNTOLD]
+    for x in series:
+        z = -NormalDist().inv_cdf(FALSE_ALARM / (2 * len(series)))
+        bound = z / math.sqrt(_pairs(x, spacing))
+        found.append(Statistic(float(autocorrelation(x, [spacing])[0]), -bound, bound))
+    return max(found, key=_excess)
+
+
+def whiteness(innovations: Sequence[ArrayLike], spacing: int = 1) -> Statistic:
+    """Return the statistic of Ljung and Box over up to ten lags, of the worst series.
+
+    Parameters
+    ----------
+    innovations, spacing
+        As of `colour`. There is one lag for each 60 values, lest the tail of the statistic is
+        heavier than that of the chi-square distribution; shorter series are left out.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from inswsn_lib.evaluation import whiteness
+    >>> white = np.random.default_rng(0).normal(size=1000)
+    >>> whiteness([white]).fits, whiteness([white[5:] + white[:-5]]).fits
+    (True, False)
+    """
+    series = _of_enough(innovations, spacing, _PER_LAG)
+    found = [_UNTOLD]
+    for x in series:
+        lags = min(_MOST_LAGS, _pairs(x, spacing) // _PER_LAG)
+        bound = _chi_square(1 - FALSE_ALARM / len(series), lags)
+        found.append(Statistic(ljung_box(x, lags, spacing), 0.0, bound))
+    return max(found, key=_excess)
+
+
+def _of_enough(innovations: Sequence[ArrayLike], spacing: int, pairs: int) -> list[Array]:
+    """Return the series that have so many pairs, and are not zero throughout."""
+    series = [np.asarray(x, dtype=float) for x in innovations]
+    return [x for x in series if _pairs(x, spacing) >= pairs and np.nan_to_num(x).any()]
+
+
+def _excess(found: Statistic) -> float:
+    return -1.0 if found.fits is None else abs(found.value) / found.high
+
+
+def _pairs(values: Array, lag: int) -> int:
+    there = np.isfinite(values)
+    return int(np.sum(there[lag:] & there[: len(there) - lag]))
+
+
+def independent_count(errors: ArrayLike) -> float:
+    """Return how many independent errors would tell as much; 1 where it is less than five.
+
+    They are counted by blocks that are longer than errors are correlated: as long as the first lag,
+    to a fifth, at which the autocorrelation about zero, the mean of all components, is not
+    positive. Errors of Gauss-Markov processes of one time and of two, and such as oscillate, from
+    60 to 1,000 of them, are then taken for inconsistent once in a thousand times or less often.
+
+    Parameters
+    ----------
+    errors : array_like, (n, d)
+        Over what the filter says of them, in the order of time, NaN where missing.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from inswsn_lib.evaluation import independent_count
+    >>> white = np.random.default_rng(0).normal(size=(1000, 2))
+    >>> independent_count(np.repeat(white, 3, axis=0)) < 1001
+    True
+    """
+    x = np.asarray(errors, dtype=float)
+    x = x[:, np.nan_to_num(x).any(axis=0)]
+    count = int(np.isfinite(x).all(axis=1).sum()) if x.size else 0
+    lags = np.unique(np.geomspace(1, max(count // _FEWEST_INDEPENDENT, 1), 40).astype(int))
+    if count < _FEWEST_INDEPENDENT:
+        return 1.0
+    gone = lags[np.nanmean(autocorrelation(x, lags), axis=1) <= 0]
+    return count / float(gone[0]) if len(gone) else 1.0
 
 
 def autocorrelation(values: ArrayLike, lags: ArrayLike) -> Array:
@@ -198,7 +383,7 @@ def autocorrelation(values: ArrayLike, lags: ArrayLike) -> Array:
     values : array_like, (n, ...)
         NaN where missing.
     lags : array_like of int, (lags,)
-        From 0 to less than n. NaN is returned where no two values are so far apart.
+        From 0 to less than n. NaN is returned where no two values are so far apart, or all are 0.
 
     Examples
     --------
@@ -209,8 +394,9 @@ def autocorrelation(values: ArrayLike, lags: ArrayLike) -> Array:
     x = np.asarray(values, dtype=float)
     x = x.reshape(len(x), -1)
     found = [_mean(x[lag:] * x[: len(x) - lag]) for lag in np.asarray(lags).tolist()]
-    shape = (len(found), *np.shape(values)[1:])
-    return np.asarray(np.array(found) / _mean(np.square(x))).reshape(shape)
+    size = _mean(np.square(x))
+    size[size == 0] = np.nan
+    return np.asarray(np.array(found) / size).reshape(len(found), *np.shape(values)[1:])
 
 
 def _mean(columns: Array) -> Array:
@@ -221,18 +407,22 @@ def _mean(columns: Array) -> Array:
     return np.asarray(np.where(there, columns, 0.0).sum(axis=0) / count)
 
 
-def ljung_box(values: ArrayLike, lags: int = 10) -> float:
+def ljung_box(values: ArrayLike, lags: int = 10, spacing: int = 1) -> float:
     r"""Return the statistic of Ljung and Box (Biometrika 65(2), 1978) of a series about zero.
 
-    .. math:: Q = n (n + 2) \sum_{k=1}^{m} r_k^2 / (n - k), \qquad r_k = (1 - k / n)\, \rho_k ,
+    .. math:: Q = \frac{n + 2}{n} \sum_{k=1}^{m} n_k\, \rho_k^2
 
-    which has the chi-square distribution with m degrees of freedom if the series is white.
+    with n values and :math:`n_k` pairs at lag k, which is n - k without gaps. It has the chi-square
+    distribution with m degrees of freedom if the series is white.
 
     Parameters
     ----------
-    values : array_like, (n,)
+    values : array_like, (steps,)
+        NaN where missing.
     lags : int
         m.
+    spacing : int
+        Steps of a lag.
 
     Examples
     --------
@@ -242,6 +432,7 @@ def ljung_box(values: ArrayLike, lags: int = 10) -> float:
     >>> print(f"{ljung_box(white):.0f} and {ljung_box(np.cumsum(white)):.0f}")
     6 and 9391
     """
-    n, k = len(np.asarray(values)), np.arange(1, lags + 1)
-    r = (1 - k / n) * autocorrelation(values, k)
-    return float(n * (n + 2) * np.sum(r**2 / (n - k)))
+    x = np.asarray(values, dtype=float)
+    n, k = int(np.isfinite(x).sum()), spacing * np.arange(1, lags + 1)
+    pairs = np.array([_pairs(x, lag) for lag in k.tolist()])
+    return float((n + 2) / n * np.nansum(pairs * autocorrelation(x, k) ** 2))

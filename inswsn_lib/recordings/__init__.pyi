@@ -3,7 +3,12 @@ from .csv_writing import write_csv as write_csv
 from .entries import Answer as Answer, Event as Event, Task as Task, judge as judge
 from .estimates import Estimate as Estimate
 from .files import RecordingUnavailableError as RecordingUnavailableError
-from .filter_checks import check_errors as check_errors, check_innovations as check_innovations
+from .filter_checks import (
+    check_errors as check_errors,
+    check_filter as check_filter,
+    check_innovations as check_innovations,
+    check_nees as check_nees,
+)
 from .findings import Finding as Finding, verdict as verdict
 from .ins_wsn import TrackPair as TrackPair, read_recording as read_recording
 from .ladder import Ladder as Ladder

@@ -1,39 +1,57 @@
-"""Whether a filter is consistent: innovations white and as large as it says, and its errors too."""
+"""Whether a filter is consistent, in words: the statistics are those of `evaluation`.
+
+It needs numpy alone: the page on your own data calls it in a browser.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
-from scipy.stats import chi2, norm
 
 from inswsn_lib.checks import Array, Mask
-from inswsn_lib.evaluation import autocorrelation, ljung_box
-from inswsn_lib.recordings.estimates import BLOCK
-from inswsn_lib.recordings.findings import FALSE_ALARM, Finding
+from inswsn_lib.evaluation.consistency import (
+    Statistic,
+    colour,
+    independent_count,
+    mean_square,
+    normalised_squares,
+    whiteness,
+)
+from inswsn_lib.recordings.findings import Finding
 from inswsn_lib.streams import Whole
 
-_FEWEST = 30  # innovations, of all or of a series
-_LAGS = 10
+_FEWEST = 30  # innovations
 _OUTLIER, _MOST_OUTLIERS = 4.0, 0.01  # deviations; a share that is let pass
+_RIGHT = {
+    "size": "the noise figures fit",
+    "colour": "neighbours are not correlated",
+    "whiteness": "they are white by the test of Ljung and Box",
+    "errors": "errors are as large as the filter says",
+}
+_CORRELATED = (
+    "neighbours are correlated: the filter leaves errors that it could know, or takes coloured "
+    "ones for white"
+)
 
 
-def check_innovations(squares: Array, scaled: Array, series: Whole) -> Iterator[Finding]:
-    r"""Yield whether the innovations of a filter are as large as it says, and white.
-
-    The mean of their normalised squares (NIS) over the number of components is held against
-    quantiles of the chi-square distribution. Of each series, such as one axis, the autocorrelation
-    of neighbours is held against :math:`z / \sqrt n`, and the first ten by Ljung and Box; of all
-    series the worst is told, with bounds for that.
+def check_innovations(
+    squares: Array, scaled: Array, series: Whole, spacing: int = 1
+) -> Iterator[Finding]:
+    """Yield whether the innovations of a filter are as large as it says (NIS), and white.
 
     Parameters
     ----------
     squares : ndarray, (components,)
         Normalised squares, whose sum has the chi-square distribution of as many degrees.
     scaled : ndarray, (components,)
-        Innovations over the deviations that the filter expected, in the order of time.
+        Innovations over the deviations that the filter expected, in the order of time. Of a series
+        with gaps, as on a grid, those that are missing are NaN, in both.
     series : ndarray of int, (components,)
-        Of which series each is.
+        Of which series each is, such as one axis.
+    spacing : int
+        How many values of a series neighbours are apart.
 
     Examples
     --------
@@ -46,25 +64,82 @@ def check_innovations(squares: Array, scaled: Array, series: Whole) -> Iterator[
     colour True
     whiteness True
     """
-    count = len(squares)
-    if count < _FEWEST:
-        yield _untold("size", count)
+    there = squares[np.isfinite(squares)]
+    if len(there) < _FEWEST:
+        says = f"there are {len(there)} of them, too few to tell"
+        yield Finding("size", "innovations", np.nan, np.nan, np.nan, None, says)
         return
-    mean = float(np.mean(squares))
-    low, high = _mean_bounds(count)
-    says = "the noise figures fit"
-    if not low <= mean <= high:
-        says = "the noise figures are too " + (
-            "small, or the model is wrong" if mean > high else "large"
-        )
-    yield Finding("size", "innovations", mean, low, high, low <= mean <= high, says)
+    size = mean_square(float(there.mean()), len(there))
+    large = "small, or the model is wrong" if size.value > size.high else "large"
+    yield _found("size", size, f"the noise figures are too {large}")
     every = [scaled[series == label] for label in np.unique(series)]
-    every = [each for each in every if len(each) >= _FEWEST]
-    if not every:
-        yield _untold("colour", count)
-        return
-    yield max((_lag_one(each, len(every)) for each in every), key=_excess)
-    yield max((_ljung_box(each, len(every)) for each in every), key=_excess)
+    yield _found("colour", colour(every, spacing), _CORRELATED)
+    says = "they are not white by the test of Ljung and Box"
+    yield _found("whiteness", whiteness(every, spacing), says)
+
+
+def check_filter(innovations: Array, covariances: Array) -> list[Finding]:
+    """Return what `check_innovations` finds in innovations on a grid of steps, with gaps.
+
+    Neighbours are as far apart as fixes usually are.
+
+    Parameters
+    ----------
+    innovations : ndarray, (steps, m)
+        NaN where missing.
+    covariances : ndarray, (steps, m, m)
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from inswsn_lib.recordings import check_filter
+    >>> white = np.random.default_rng(1).normal(size=(500, 2))
+    >>> size, colour, whiteness = check_filter(white, np.broadcast_to(np.eye(2), (500, 2, 2)))
+    >>> size.fits, colour.fits, whiteness.fits
+    (True, True, True)
+    """
+    steps, m = innovations.shape
+    there = np.isfinite(innovations)
+    counts = there.sum(axis=1)
+    each = normalised_squares(innovations, covariances) / np.maximum(counts, 1)
+    squares = np.where(there, each[:, None], np.nan)
+    scaled = innovations / np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))
+    labels = np.tile(np.arange(m), steps)
+    spacing = usual_spacing(counts > 0)
+    return list(check_innovations(squares.ravel(), scaled.ravel(), labels, spacing))
+
+
+def usual_spacing(there: Mask) -> int:
+    """Return how many steps fixes are usually apart.
+
+    Parameters
+    ----------
+    there : ndarray of bool, (steps,)
+    """
+    apart = np.diff(np.flatnonzero(there))
+    return int(np.median(apart)) if len(apart) else 1
+
+
+def say_noise(findings: Sequence[Finding]) -> str:
+    """Return in words whether noise figures fit, by what `check_filter` found.
+
+    Parameters
+    ----------
+    findings : sequence of Finding
+
+    Examples
+    --------
+    >>> from inswsn_lib.recordings.filter_checks import say_noise
+    >>> say_noise([])
+    'they fit: innovations are as large as the filter says, and white'
+    """
+    wrong = [f"{each.name}: {each.says}" for each in findings if each.fits is False]
+    if wrong:
+        return f"they do not fit ({'; '.join(wrong)})"
+    unknown = [each.name for each in findings if each.fits is None]
+    if unknown:
+        return f"nothing against them was found, but fixes are too few to tell {', '.join(unknown)}"
+    return "they fit: innovations are as large as the filter says, and white"
 
 
 def inside(values: list[Array], deviations: list[Array]) -> Mask:
@@ -96,10 +171,35 @@ def check_outliers(near: Mask) -> Finding:
     return Finding("outliers", "innovations", share, 0.0, _MOST_OUTLIERS, fits, says)
 
 
-def check_errors(squares: Array, degrees: int, period: float) -> Finding:
+def check_nees(errors: Array, covariances: Array) -> Finding:
     """Return whether the errors of a filter are as large as it says (NEES).
 
-    Errors of neighbouring steps hang together; those of 10 s are counted as one.
+    Parameters
+    ----------
+    errors : ndarray, (steps, n)
+        In the order of time; NaN where missing.
+    covariances : ndarray, (steps, n, n)
+        What the filter says of them.
+
+    Examples
+    --------
+    A filter that takes its errors for half of what they are:
+
+    >>> import numpy as np
+    >>> from inswsn_lib.recordings import check_nees
+    >>> errors = 2 * np.random.default_rng(1).normal(size=(500, 4))
+    >>> found = check_nees(errors, np.broadcast_to(np.eye(4), (500, 4, 4)))
+    >>> found.fits, found.says
+    (False, 'errors are 2 times as large as the filter says')
+    """
+    n = errors.shape[1]
+    scaled = errors / np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))
+    mean = float(np.nanmean(normalised_squares(errors, covariances))) / n
+    return _of_errors(mean, independent_count(scaled), n)
+
+
+def check_errors(squares: Array, degrees: int, period: float) -> Finding:
+    """Return the same as `check_nees`, of squares alone, whose signs are lost.
 
     Parameters
     ----------
@@ -108,7 +208,7 @@ def check_errors(squares: Array, degrees: int, period: float) -> Finding:
     degrees : int
         Of each.
     period : float
-        Of the steps, s.
+        Not asked for: how long errors last is in the squares.
 
     Examples
     --------
@@ -116,49 +216,27 @@ def check_errors(squares: Array, degrees: int, period: float) -> Finding:
 
     >>> import numpy as np
     >>> from inswsn_lib.recordings import check_errors
-    >>> found = check_errors(np.full(500, 4.0), degrees=4, period=0.2)
-    >>> found.fits, round(found.high, 2)
-    (False, 1.9)
+    >>> squares = 4 * np.random.default_rng(1).chisquare(4, size=500) / 4
+    >>> check_errors(squares, degrees=4, period=0.2).fits
+    False
     """
-    blocks = max(int(len(squares) * period / BLOCK), 1)
-    mean = float(np.mean(squares))
-    low, high = _mean_bounds(blocks * degrees)
-    says = "errors are as large as the filter says"
-    if not low <= mean <= high:
-        says = f"errors are {np.sqrt(mean):.2g} times as large as the filter says"
-    return Finding("errors", "filter and reference", mean, low, high, low <= mean <= high, says)
+    del period
+    # a mean is taken off, so that the correlation seems to end early: blocks are twice as long
+    independent = max(1.0, independent_count((squares - squares.mean())[:, None]) / 2)
+    return _of_errors(float(squares.mean()), independent, degrees)
 
 
-def _mean_bounds(count: int) -> tuple[float, float]:
-    low, high = chi2.ppf([FALSE_ALARM / 2, 1 - FALSE_ALARM / 2], count) / count
-    return float(low), float(high)
+def _of_errors(mean: float, independent: float, degrees: int) -> Finding:
+    says = f"errors are {np.sqrt(mean):.2g} times as large as the filter says"
+    found = _found("errors", mean_square(mean, independent * degrees), says)
+    if found.fits and independent == 1:
+        return replace(found, fits=None, says="errors last too long to tell how large they are")
+    return found
 
 
-def _lag_one(values: Array, tests: int) -> Finding:
-    bound = float(norm.isf(FALSE_ALARM / (2 * tests)) / np.sqrt(len(values)))
-    [value] = autocorrelation(values, [1]).tolist()
-    fits = abs(value) <= bound
-    says = "neighbours are not correlated" if fits else (
-        "neighbours are correlated: the filter leaves errors that it could know, or takes coloured "
-        "ones for white"
-    )  # fmt: skip
-    return Finding("colour", "innovations", value, -bound, bound, fits, says)
-
-
-def _ljung_box(values: Array, tests: int) -> Finding:
-    value = ljung_box(values, _LAGS)
-    bound = float(chi2.isf(FALSE_ALARM / tests, _LAGS))
-    fits = value <= bound
-    says = f"they are {'' if fits else 'not '}white over {_LAGS} lags (Ljung and Box)"
-    return Finding("whiteness", "innovations", value, 0.0, bound, fits, says)
-
-
-def _excess(found: Finding) -> float:
-    return abs(found.value) / found.high
-
-
-def _untold(name: str, count: int) -> Finding:
-    says = (
-        f"there are {count} of them{', too few' if name == 'size' else ', too few of each'} to tell"
-    )
-    return Finding(name, "innovations", np.nan, np.nan, np.nan, None, says)
+def _found(name: str, statistic: Statistic, wrong: str) -> Finding:
+    says = wrong if statistic.fits is False else _RIGHT[name]
+    if statistic.fits is None:
+        says = "there are too few of each to tell"
+    subject = "filter and reference" if name == "errors" else "innovations"
+    return Finding(name, subject, *statistic, statistic.fits, says)

@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inswsn_book import record as book
-from inswsn_book.live.chi_square import bounds
 from inswsn_book.moving import Moving, Slider
-from inswsn_lib.evaluation import normalised_squares
+from inswsn_lib.evaluation import mean_bounds, normalised_squares
 from inswsn_lib.filters import run_hinfinity
 from inswsn_lib.models import ErrorModel
 from inswsn_lib.navigation import ExampleRun
@@ -200,7 +199,7 @@ def show_outage(run: ExampleRun, run_filter: Filter) -> None:
 def show_told(run: ExampleRun, run_filter: Filter, *, start: float) -> None:
     """Show the error over the factor on Q, and whether the innovations fit what is assumed."""
     y = run.ins - run.network
-    low, high = nis_interval(len(y) - 1)
+    low, high = mean_bounds(len(y) - 1, 4)
     error = [float(run.distances(run.ins - run_filter(y, q)[0]).mean()) for q in FACTORS]
     fit = [mean_nis(run, run_filter, y, q) for q in FACTORS]
     told = dict(zip(FACTORS, zip(error, fit, strict=True), strict=True))
@@ -234,12 +233,6 @@ def show_told(run: ExampleRun, run_filter: Filter, *, start: float) -> None:
         f"end, minimum {min(error):.3f} m, {error[-1]:.3f} m at the right end; the fixes alone "
         f"{network:.3f} m.",
     )
-
-
-def nis_interval(samples: int) -> tuple[float, float]:
-    """Return the interval of 95 % of the means of so many chi-square variables of 4 degrees."""
-    low, high = 4 * np.array(bounds(4 * samples))
-    return float(low), float(high)
 
 
 def mean_nis(run: ExampleRun, run_filter: Filter, y: Array, factor: float) -> float:
@@ -298,7 +291,7 @@ def hold(
     off = [run.distances(run.ins - x).mean() for x in (y, *map(by_gain, GAINS))]
     fixes, by_hand = off[0], min(off[1:])
     best = min(run.distances(run.ins - run_filter(y, q)[0]).mean() for q in FACTORS)
-    too_sure = mean_nis(run, run_filter, y, 1) > nis_interval(len(y) - 1)[1]
+    too_sure = mean_nis(run, run_filter, y, 1) > mean_bounds(len(y) - 1, 4)[1]
     worse = [float(printed["KF"][cell]) > float(printed["HF"][cell]) for cell in printed["HF"]]
     record.note("fixes", 100 * fixes, "cm", "Mean distance of the fixes from the true positions.")
     record.holds("A constant gain gets below 10 cm.", by_hand < 0.1)

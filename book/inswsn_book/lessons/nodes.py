@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inswsn_book import record as book
-from inswsn_book.lessons.blend import nis_interval
 from inswsn_book.moving import Moving, Slider
-from inswsn_lib.evaluation import normalised_squares
+from inswsn_lib.evaluation import mean_bounds, normalised_squares
 from inswsn_lib.filters import federated_covariance, patterns_of, run_kalman
 from inswsn_lib.models import ErrorModel
 from inswsn_lib.navigation import ClusterFusion, ExampleRun
@@ -72,7 +71,7 @@ def nees_interval(run: ExampleRun, clusters: int) -> tuple[float, float]:
     root = np.linalg.cholesky(P)
     onward = np.linalg.solve(root, P @ np.linalg.solve(M, model.A @ root))  # (I - K) A, whitened
     lasting = sum(float(np.square(np.linalg.matrix_power(onward, k)).sum()) for k in range(1, 60))
-    return nis_interval(round(len(run.truth) * 4 / (4 + 2 * lasting)))
+    return mean_bounds(round(len(run.truth) * 4 / (4 + 2 * lasting)), 4)
 
 
 def _count(n: int) -> str:

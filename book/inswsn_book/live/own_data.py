@@ -14,13 +14,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from inswsn_book.live.chi_square import bounds
 from inswsn_lib.checks import Array, number
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.evaluation.consistency import autocorrelation, normalised_squares
 from inswsn_lib.filters.kalman import design_kalman, run_kalman
 from inswsn_lib.models import ErrorModel
 from inswsn_lib.recordings.columns import columns_of
+from inswsn_lib.recordings.filter_checks import check_filter, usual_spacing
+from inswsn_lib.recordings.findings import Finding
 from inswsn_lib.recordings.ins_wsn import TrackPair, track_pair
 
 
@@ -44,7 +45,6 @@ FIGURES = {
 #: Lines of a file, and steps of its grid, that a browser filters in seconds
 MOST = 50_000
 _LAGS = 20
-_CHANCE = 3.3  # deviations that a normal variable exceeds once in a thousand times
 _COMPONENTS = ("x", "y", "v_x", "v_y")
 
 
@@ -52,15 +52,15 @@ _COMPONENTS = ("x", "y", "v_x", "v_y")
 class Filtered:
     """What the filter makes of a recording, over its steps.
 
-    `corrected`, `errors` and `innovations` are (steps, 4), NaN where missing, `deviations`
-    (steps, 4) those of the innovations, `nis` and `sigma` (steps,): the deviation of the position,
-    m.
+    `corrected`, `errors` and `innovations` are (steps, 4), NaN where missing, `covariances`
+    (steps, 4, 4) those of the innovations, `nis` and `sigma` (steps,): the deviation of the
+    position, m.
     """
 
     corrected: Array
     errors: Array
     innovations: Array
-    deviations: Array
+    covariances: Array
     nis: Array
     sigma: Array
 
@@ -69,15 +69,14 @@ class Filtered:
 class Examined:
     """A recording, what the filter makes of it, and how the two fit.
 
-    `nis` has the number of ``measured`` components, the ``mean`` NIS of one, and ``low`` and
-    ``high`` between which it is for 95 % of filters that fit. `white` is of `_whiteness`. `errors`
-    has a row for each track and situation, if there is a reference.
+    `findings` are those of `check_filter`, `white` is of `_whiteness`. `errors` has a row for each
+    track and situation, if there is a reference.
     """
 
     name: str
     data: TrackPair
     filtered: Filtered
-    nis: dict[str, Any]
+    findings: list[Finding]
     white: dict[str, Any]
     errors: list[dict[str, Any]]
 
@@ -102,8 +101,8 @@ def examine(text: str, options: Mapping[str, Any]) -> Examined:
     >>> from inswsn_book.live.own_data import examine
     >>> from inswsn_lib.files import data_file
     >>> found = examine(data_file("examples/ins-wsn.csv").read_text(), {})
-    >>> len(found.data.time), found.nis["low"] < found.nis["mean"] < found.nis["high"]
-    (301, True)
+    >>> len(found.data.time), [(each.name, each.fits) for each in found.findings]
+    (301, [('size', True), ('colour', True), ('whiteness', True)])
     """
     name = str(options.get("name", "my-recording.csv"))
     figures = {
@@ -112,9 +111,9 @@ def examine(text: str, options: Mapping[str, Any]) -> Examined:
     }
     data = _read(name, text)
     filtered = _filtered(name, data, figures)
-    return Examined(
-        name, data, filtered, _nis(filtered), _whiteness(data, filtered), _errors(data, filtered)
-    )
+    findings = check_filter(filtered.innovations, filtered.covariances)
+    white = _whiteness(data, filtered)
+    return Examined(name, data, filtered, findings, white, _errors(data, filtered))
 
 
 def _read(name: str, text: str) -> TrackPair:
@@ -154,45 +153,28 @@ def _filtered(name: str, data: TrackPair, figures: Mapping[str, float]) -> Filte
         corrected=data.ins - errors,
         errors=errors,
         innovations=innovations,
-        deviations=np.sqrt(np.diagonal(design.innovation, axis1=1, axis2=2)),
+        covariances=design.innovation,
         nis=normalised_squares(innovations, design.innovation),
         sigma=np.sqrt(design.filtered[:, [0, 1], [0, 1]].sum(axis=1)),
     )
 
 
-def _nis(found: Filtered) -> dict[str, Any]:
-    """Return the mean NIS of a measured component, and between what it is if the figures fit."""
-    measured = int(np.isfinite(found.innovations).sum())
-    low, high = bounds(measured)
-    mean = float(np.nansum(found.nis)) / measured
-    return {"measured": measured, "mean": mean, "low": float(low), "high": float(high)}
-
-
 def _whiteness(data: TrackPair, found: Filtered) -> dict[str, Any]:
     """Return the autocorrelation of the innovations of each component, by ``lags`` of a usual fix.
 
-    ``largest`` is that of neighbours of any component, ``bound`` what one of these exceeds once in
-    a thousand times by chance; ``interval`` is a lag, s. Of too few fixes the two are None.
+    ``interval`` is a lag, s.
     """
-    whitened = found.innovations / found.deviations
-    there = np.isfinite(whitened)
-    fixes = np.flatnonzero(there.any(axis=1))
-    usual = int(np.median(np.diff(fixes))) if len(fixes) > 1 else 1
-    pairs = there[usual:] & there[:-usual]
-    seen = [k for k in range(len(_COMPONENTS)) if pairs[:, k].any()]
-    lags = [lag for lag in range(1, _LAGS + 1) if lag * usual < len(whitened)]
+    deviations = np.sqrt(np.diagonal(found.covariances, axis1=1, axis2=2))
+    scaled = found.innovations / deviations
+    usual = usual_spacing(np.asarray(np.isfinite(scaled).any(axis=1)))
+    lags = [lag for lag in range(1, _LAGS + 1) if lag * usual < len(scaled)]
+    values = autocorrelation(scaled, usual * np.array(lags, dtype=int))
     series = {
-        _COMPONENTS[k]: autocorrelation(whitened[:, k], usual * np.array(lags, dtype=int)).tolist()
-        for k in seen
+        name: column.tolist()
+        for name, column in zip(_COMPONENTS, values.T, strict=True)
+        if np.isfinite(column[:1]).any()
     }
-    first = [abs(values[0]) for values in series.values() if values]
-    return {
-        "interval": usual * data.period,
-        "lags": lags,
-        "components": series,
-        "largest": max(first, default=None),
-        "bound": _CHANCE / float(np.sqrt(pairs[:, seen].sum(axis=0).min())) if seen else None,
-    }
+    return {"interval": usual * data.period, "lags": lags, "components": series}
 
 
 def _errors(data: TrackPair, found: Filtered) -> list[dict[str, Any]]:

@@ -12,11 +12,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from inswsn_book.live.chi_square import bounds
 from inswsn_book.live.own_data import Examined, examine
 from inswsn_book.moving import Chart, Moving
 from inswsn_lib.checks import Array
+from inswsn_lib.evaluation.consistency import FALSE_ALARM, mean_square
 from inswsn_lib.recordings.columns import INS, TIME
+from inswsn_lib.recordings.filter_checks import say_noise
 from inswsn_lib.recordings.ins_wsn import TrackPair
 
 _POINTS = 1500  # of a series that is drawn
@@ -87,39 +88,28 @@ def _outages_told(data: TrackPair) -> str:
 
 
 def _fit_told(found: Examined) -> Iterator[str]:
-    """Say what the innovations tell of the noise figures, in the words of the page."""
-    nis, white = found.nis, found.white
-    mean, low, high = nis["mean"], nis["low"], nis["high"]
-    largest, bound = white["largest"], white["bound"]
-    yield (
-        f"The mean NIS of {nis['measured']} measured components is {mean:.3f}; 95 % of filters "
-        f"that fit have it between {low:.3f} and {high:.3f}."
-    )
+    """Say what the innovations tell of the noise figures."""
+    told = {each.name: each for each in found.findings}
+    often = f"{1 - FALSE_ALARM:.1%}"
+    size, colour = told["size"], told.get("colour")
+    if size.fits is not None:
+        yield (
+            f"The mean NIS of {np.isfinite(found.filtered.innovations).sum()} measured components "
+            f"is {size.value:.3f}; {often} of filters that fit have it between {size.low:.3f} and "
+            f"{size.high:.3f}."
+        )
     _, value, least, most, group = _grouped(found)
-    inside = f"{100 * np.mean((least <= value) & (value <= most)):.0f} %"
+    inside = f"{np.mean((least <= value) & (value <= most)):.1%}"
     what = "fixes" if group == 1 else f"means of {group} fixes"
-    yield f"Of the {len(value)} {what} in the chart of the NIS {inside} are in the band for 95 %."
+    yield f"Of the {len(value)} {what} in the chart of NIS {inside} are in the band of {often}."
     if value.max() > _top(value, most):
         yield "What lies above that chart is drawn at its upper end."
-    if largest is not None:
+    if colour and colour.fits is not None:
         yield (
-            f"The largest autocorrelation of neighbouring innovations is {largest:.2f}, up to "
-            f"{bound:.2f} by chance."
+            f"The largest autocorrelation of neighbouring innovations is {colour.value:.2f}, up to "
+            f"{colour.high:.2f} by chance."
         )
-    if mean > high:
-        verdict = "at 95 % they are too small, or the model is wrong"
-    elif mean < low:
-        verdict = "at 95 % they are too large"
-    elif largest is None:
-        verdict = "they fit in size; fixes are too few to tell whether innovations are white"
-    elif largest > bound:
-        verdict = (
-            "they do not fit: their size does, but neighbouring innovations are correlated, so "
-            "that the filter believes itself too much"
-        )
-    else:
-        verdict = "they fit, in size and in whiteness"
-    yield f"The verdict on the noise figures: {verdict}."
+    yield f"The verdict on the noise figures: {say_noise(found.findings)}."
 
 
 def _tables(found: Examined) -> Iterator[dict[str, Any]]:
@@ -165,7 +155,7 @@ def _figure(found: Examined) -> Moving:
     _draw_tracks(shown, found)
     _draw_error(shown, found)
     _draw_nis(shown, found)
-    if found.white["components"]:
+    if found.white["components"] and len(found.findings) > 1:
         _draw_whiteness(shown, found)
     return shown
 
@@ -230,14 +220,14 @@ def _grouped(found: Examined) -> tuple[Array, Array, Array, Array, int]:
     begins = np.arange(0, len(fixes), group)
     degrees = np.add.reduceat(counts[fixes], begins)
     value = np.add.reduceat(found.filtered.nis[fixes], begins) / degrees
-    low, high = bounds(degrees)
+    low, high = np.array([mean_square(1.0, d)[1:] for d in degrees.tolist()]).T
     time = found.data.time[fixes[begins]] - found.data.time[0]
     return time, value, low, high, group
 
 
 def _draw_whiteness(shown: Moving, found: Examined) -> None:
     white = found.white
-    limit = min(1.0, white["bound"])
+    limit = min(1.0, found.findings[1].high)
     lags = np.array(white["lags"])
     chart = shown.chart(
         "Are the innovations white?",
