@@ -4,7 +4,6 @@ from .entries import Answer as Answer, Event as Event, Task as Task, judge as ju
 from .estimates import Estimate as Estimate
 from .files import RecordingUnavailableError as RecordingUnavailableError
 from .filter_checks import (
-    check_errors as check_errors,
     check_filter as check_filter,
     check_innovations as check_innovations,
     check_nees as check_nees,

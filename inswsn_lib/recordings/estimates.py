@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from inswsn_lib.checks import Array, Mask
-from inswsn_lib.evaluation import autocorrelation, block_ratio
+from inswsn_lib.evaluation import block_ratio, colour, normalised_squares
 from inswsn_lib.inertial import Solution
 from inswsn_lib.inertial.error_state import antenna
 from inswsn_lib.streams import Recording, Whole
@@ -111,20 +111,9 @@ def scores(estimate: Estimate, truth: Array, others: Array) -> dict[str, float]:
         stated = errors[:, : P.shape[1]]
         there = np.isfinite(stated).all(axis=1)
         if there.any():
-            found["nees"] = float(np.mean(normalised(stated[there], P[there])))
+            squares = normalised_squares(stated[there], P[there])
+            found["nees"] = float(squares.mean()) / P.shape[1]
     return found
-
-
-def normalised(errors: Array, covariance: Array) -> Array:
-    """Return normalised squares over the number of components, (n,).
-
-    Parameters
-    ----------
-    errors : ndarray, (n, d)
-    covariance : ndarray, (n, d, d)
-    """
-    solved = np.linalg.solve(covariance, errors[..., None])[..., 0]
-    return np.asarray(np.sum(errors * solved, axis=1) / errors.shape[1])
 
 
 def truth_at(recording: Recording, times: Array) -> Array:
@@ -177,9 +166,8 @@ def largest_lag_one(
     told = innovations_of(solution, series)
     rows = told.time > begin
     every = [told.scaled[rows & (told.series == k)] for k in np.unique(told.series[rows])]
-    largest = max((abs(float(autocorrelation(x, [1])[0])) for x in every), default=np.nan)
     squares = [each.squares[each.time > begin] for each in solution.innovations[: len(series)]]
-    return {"nis": float(np.concatenate(squares).mean()), "lag1": largest}
+    return {"nis": float(np.concatenate(squares).mean()), "lag1": abs(colour(every).value)}
 
 
 class Innovations(NamedTuple):

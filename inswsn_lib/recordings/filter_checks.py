@@ -23,7 +23,7 @@ from inswsn_lib.recordings.findings import Finding
 from inswsn_lib.streams import Whole
 
 _FEWEST = 30  # innovations
-_OUTLIER, _MOST_OUTLIERS = 4.0, 0.01  # deviations; a share that is let pass
+_MOST_OUTLIERS = 0.01  # a share that is let pass
 _RIGHT = {
     "size": "the noise figures fit",
     "colour": "neighbours are not correlated",
@@ -142,28 +142,13 @@ def say_noise(findings: Sequence[Finding]) -> str:
     return "they fit: innovations are as large as the filter says, and white"
 
 
-def inside(values: list[Array], deviations: list[Array]) -> Mask:
-    """Return which measurements lie within four deviations of what was expected, (measurements,).
-
-    Parameters
-    ----------
-    values, deviations : list of ndarray
-        Of the components of each, as of `Innovations`.
-    """
-    near = [
-        bool((np.abs(value) <= _OUTLIER * each).all())
-        for value, each in zip(values, deviations, strict=True)
-    ]
-    return np.array(near, dtype=bool)
-
-
 def check_outliers(near: Mask) -> Finding:
     """Return whether few measurements are far from what was expected.
 
     Parameters
     ----------
     near : ndarray of bool, (measurements,)
-        Which are `inside`.
+        Which are within four deviations.
     """
     share = 1 - float(np.mean(near)) if len(near) else 0.0
     fits = share <= _MOST_OUTLIERS
@@ -195,40 +180,9 @@ def check_nees(errors: Array, covariances: Array) -> Finding:
     n = errors.shape[1]
     scaled = errors / np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))
     mean = float(np.nanmean(normalised_squares(errors, covariances))) / n
-    return _of_errors(mean, independent_count(scaled), n)
-
-
-def check_errors(squares: Array, degrees: int, period: float) -> Finding:
-    """Return the same as `check_nees`, of squares alone, whose signs are lost.
-
-    Parameters
-    ----------
-    squares : ndarray, (steps,)
-        Normalised squares of errors, over their degrees of freedom.
-    degrees : int
-        Of each.
-    period : float
-        Not asked for: how long errors last is in the squares.
-
-    Examples
-    --------
-    A filter that takes its errors for half of what they are:
-
-    >>> import numpy as np
-    >>> from inswsn_lib.recordings import check_errors
-    >>> squares = 4 * np.random.default_rng(1).chisquare(4, size=500) / 4
-    >>> check_errors(squares, degrees=4, period=0.2).fits
-    False
-    """
-    del period
-    # a mean is taken off, so that the correlation seems to end early: blocks are twice as long
-    independent = max(1.0, independent_count((squares - squares.mean())[:, None]) / 2)
-    return _of_errors(float(squares.mean()), independent, degrees)
-
-
-def _of_errors(mean: float, independent: float, degrees: int) -> Finding:
+    independent = independent_count(scaled)
     says = f"errors are {np.sqrt(mean):.2g} times as large as the filter says"
-    found = _found("errors", mean_square(mean, independent * degrees), says)
+    found = _found("errors", mean_square(mean, independent * n), says)
     if found.fits and independent == 1:
         return replace(found, fits=None, says="errors last too long to tell how large they are")
     return found

@@ -16,11 +16,10 @@ from inswsn_lib.recordings.estimates import (
     SCORES,
     Estimate,
     innovations_of,
-    normalised,
     scores,
     truth_at,
 )
-from inswsn_lib.recordings.filter_checks import check_errors, check_innovations, check_outliers
+from inswsn_lib.recordings.filter_checks import check_innovations, check_nees, check_outliers
 from inswsn_lib.recordings.findings import FALSE_ALARM, Finding
 from inswsn_lib.recordings.ladder import Ladder
 from inswsn_lib.recordings.outages import COASTING, ON, SMOOTHED, STILL, STRAIGHT, Outages
@@ -206,9 +205,7 @@ def _by_reference(ladder: Ladder, solution: Solution) -> _Judged:
     rows = rows & np.isfinite(errors).all(axis=1)
     if rows.sum() < _FEWEST:
         return table, _judge(table, "reference"), []
-    squares = normalised(errors[rows], P[rows])
-    found = check_errors(squares, P.shape[1], ladder.step)
-    return table, _judge(table, "reference"), [found]
+    return table, _judge(table, "reference"), [check_nees(errors[rows], P[rows])]
 
 
 def turned_by(recording: Recording, solution: Solution) -> Recording:
