@@ -27,7 +27,8 @@ _ROUNDS, _SAME = 3, 0.8  # of the scale of robust residuals, and what is no chan
 _ENOUGH = 0.7  # of the intervals
 _ROUNDING = 1e-6  # of an interval
 _FLAT = 1e-4  # of the eigenvalues of an information or a scatter, the least over the largest
-_THIN = 0.02  # of the eigenvalues of a scatter, of anchors almost in a plane
+# Of the eigenvalues of a scatter, where both sides are tried, and of anchors almost in a plane
+_THIN, _PLANE = 0.15, 0.02
 # How much smaller the loss must be on one side of that plane, in variances of a range, in one
 # window, and in most of them; and the cosine of their planes' normals
 _SINGLE, _USUAL, _ALONG = 16.0, 2.0, 0.9
@@ -144,14 +145,18 @@ def _side(
     rows: WindowRanges, spread: _Spread, above: WindowFit, below: WindowFit, given: float
 ) -> Array:
     """Return on which side of its anchors the position of each window is, 1 or -1, or 0."""
-    noise = min(above.noise, below.noise)
+    noise = max(min(above.noise, below.noise), _EXACT)
     more = _loss(rows, below, noise) - _loss(rows, above, noise)
-    clear = spread.told & (np.abs(more) > _SINGLE)
-    sides = np.where(clear | ~spread.thin, np.sign(more), 0.0)
-    if spread.common.any():
-        usual = float(np.median(more[spread.common]))
+    better = np.where(more < 0, -1.0, 1.0)
+    # where both searches end at one place there is no other side
+    same = np.linalg.norm(above.position - below.position, axis=1) <= noise
+    clear = spread.told & (same | (np.abs(more) > _SINGLE))
+    sides = np.where(clear | ~spread.thin, better, 0.0)
+    open_ones = spread.common & ~same
+    if open_ones.any():
+        usual = float(np.median(more[open_ones]))
         other = np.sign(usual if abs(usual) > _USUAL else given)
-        sides = np.where(spread.common & (sides == 0), other, sides)
+        sides = np.where(open_ones & (sides == 0), other, sides)
     known = spread.told & ((sides != 0) | ~spread.thin)
     rest = np.flatnonzero(~known)
     if known.any() and not spread.common[rest].any():
@@ -160,7 +165,8 @@ def _side(
         near = np.column_stack([np.interp(time[rest], time[known], x) for x in place.T])
         away = [np.linalg.norm(fit.position[rest] - near, axis=1) for fit in (above, below)]
         sides[rest] = np.where(away[0] < away[1], 1.0, -1.0)
-    return np.where(known & (sides == 0), 1.0, sides)
+    # what a window tells by little is better than nothing, but where it is hardly anything
+    return np.where((sides == 0) & ~spread.flat, better, sides)
 
 
 def _chosen(rows: WindowRanges, above: WindowFit, below: WindowFit, side: Array) -> WindowFit:
@@ -185,7 +191,7 @@ def in_a_plane(ranges: Ranges) -> Array | None:
     """
     apart = ranges.anchors - ranges.anchors.mean(axis=0)
     values, axes = np.linalg.eigh(apart.T @ apart)
-    return _upward(axes[:, 0]) if values[0] <= _THIN * values[-1] else None
+    return _upward(axes[:, 0]) if values[0] <= _PLANE * values[-1] else None
 
 
 def _upward(normal: Array) -> Array:
@@ -197,7 +203,8 @@ class _Spread(NamedTuple):
 
     normal: Array  # (windows, d), of the plane that they are nearest to
     told: Mask  # (windows,), that are enough for a position, and not on a line
-    thin: Mask  # (windows,), of those, that lie almost in the plane
+    thin: Mask  # (windows,), of those, that lie so near the plane that both sides are tried
+    flat: Mask  # (windows,), of those, that lie almost in it
     common: Mask  # (windows,), of those, in that of all anchors, with normals to one side
 
 
@@ -210,21 +217,22 @@ def _spread(rows: WindowRanges) -> _Spread:
     of_all, common = np.linalg.eigh(apart.T @ apart)
     along = axes[:, :, 0] @ _upward(common[:, 0])
     normal = axes[:, :, 0] * np.where(along < 0, -1.0, 1.0)[:, None]
-    thin = told & (values[:, 0] <= _THIN * values[:, -1])
-    in_it = thin & (np.abs(along) > _ALONG) & (of_all[0] <= _THIN * of_all[-1])
-    return _Spread(normal, told, thin, in_it)
+    thin, flat = (told & (values[:, 0] <= least * values[:, -1]) for least in (_THIN, _PLANE))
+    in_it = flat & (np.abs(along) > _ALONG) & (of_all[0] <= _PLANE * of_all[-1])
+    return _Spread(normal, told, thin, flat, in_it)
 
 
 def _sides(rows: WindowRanges, spread: _Spread) -> tuple[Array, Array]:
     """Return where the search begins on both sides of the plane of anchors.
 
-    Differences of squared ranges tell where in the plane the position is, and their mean how far
-    it is from the plane.
+    Differences of squared ranges tell the position; of anchors almost in a plane they tell where in
+    it that is, and the mean of the squares how far from it.
     """
-    across = np.where(spread.thin[:, None], spread.normal, 0.0)
+    across = np.where(spread.flat[:, None], spread.normal, 0.0)
     normals = each_row(rows, across)
-    apart = rows.place - each_row(rows, by_window(rows, rows.place) / _counts(rows)[:, None])
-    placed = rows.place - normals * np.sum(normals * apart, axis=1)[:, None]
+    middle = by_window(rows, rows.place) / _counts(rows)[:, None]
+    apart = np.sum(normals * (rows.place - each_row(rows, middle)), axis=1)
+    placed = rows.place - normals * apart[:, None]
     start = linear_start(
         placed, rows.height, rows.distance, rows.windows, ~spread.told, across=squares(across)
     )
@@ -232,8 +240,11 @@ def _sides(rows: WindowRanges, spread: _Spread) -> tuple[Array, Array]:
     square -= np.sum((each_row(rows, start) - placed) ** 2, axis=1)
     size = by_window(rows, rows.distance**2)
     away = np.sqrt(np.maximum(by_window(rows, square), _FLAT * size) / _counts(rows))
-    step = away[:, None] * across
-    return start + step, start - step
+    start = start + away[:, None] * across
+    height = np.where(spread.thin, np.sum(spread.normal * (start - middle), axis=1), 0.0)
+    mirrored = start - 2 * height[:, None] * spread.normal
+    upper = height[:, None] >= 0
+    return np.where(upper, start, mirrored), np.where(upper, mirrored, start)
 
 
 def _fitted(rows: WindowRanges, position: Array, told: Mask, robust: bool) -> WindowFit:
@@ -242,7 +253,9 @@ def _fitted(rows: WindowRanges, position: Array, told: Mask, robust: bool) -> Wi
     direction, miss = misses(rows, position)
     noise = _scale(rows, miss, told)
     weight = np.ones(len(miss))
-    for _ in range(_ROUNDS if robust and noise > 0 else 0):
+    for _ in range(_ROUNDS if robust else 0):
+        if noise == 0:
+            break
         position = _descended(rows, position, noise)
         direction, miss = misses(rows, position)
         weight = _soft_weights(miss, noise)
@@ -256,7 +269,7 @@ def _fitted(rows: WindowRanges, position: Array, told: Mask, robust: bool) -> Wi
 
 def _loss(rows: WindowRanges, fit: WindowFit, noise: float) -> Array:
     """Return the soft-l1 loss of each window in units of the noise."""
-    square = (fit.miss / max(noise, _EXACT)) ** 2
+    square = (fit.miss / noise) ** 2
     return by_window(rows, 2 * square / (1 + np.sqrt(1 + square)))
 
 

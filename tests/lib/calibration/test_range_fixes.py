@@ -136,7 +136,7 @@ def test_anchors_in_a_plane_tell_the_place_on_the_given_side() -> None:
         assert np.nanmean(scaled**2, axis=0) == pytest.approx(np.ones(3), abs=0.3)
 
 
-@pytest.mark.parametrize("apart", [0.3, 0.6])
+@pytest.mark.parametrize("apart", [0.3, 0.6, 1.0, 1.5])
 def test_anchors_nearly_in_a_plane_tell_the_side(apart: float) -> None:
     """No side is given; with fixes on the other one errors would be metres."""
     nearly = ROOM * [1, 1, 0] + [0, 0, 2.8]
