@@ -18,6 +18,7 @@ CLOCK_LIMIT, TURN_LIMIT = 0.02, 0.05
 
 _STEP = 0.02  # s, of the clocks that are tried
 _EXPLAINED = 0.5  # of the variance of the gyro's rates, lest it is no gyro of this body
+_CHANCE = 15.0  # over the number of rows: what no chance explains
 _RATE = 0.01  # rad/s, what counts as 1 in the gyro's bias
 
 
@@ -85,6 +86,7 @@ def imu_clock(
     slowest: float = 1.0,
     block: float = 5.0,
     reach: float = 1.0,
+    limit: float = CLOCK_LIMIT,
 ) -> ImuClock:
     r"""Return how late the IMU's stamps are, from turns that it and another sensor measure.
 
@@ -98,8 +100,8 @@ def imu_clock(
     measure of an IMU's delay, as in Furgale, Rehder and Siegwart 2013). Where the body turns about
     the vertical alone, or there is no attitude, the gyro about the vertical (the mean of the
     specific force) is compared with the rate of the heading, or of the course of fixes that have a
-    velocity or of the reference's positions. The course turns as the body does only without
-    sideslip.
+    velocity, or of chords of positions of the reference or else of fixes, which are made longer, up
+    to 4 s, until errors turn them little. The course turns as the body does only without sideslip.
 
     Parameters
     ----------
@@ -113,12 +115,14 @@ def imu_clock(
         As in `calibrate`, s.
     reach : float
         How late or early the stamps may be, s.
+    limit : float
+        The largest deviation of the offset that counts as told, s.
 
     Raises
     ------
     InswsnError
-        If the offset's deviation is above 0.02 s, as with too little rotation, or if most of what
-        the gyro feels is not what the others see: other axes, another run, a mirrored frame.
+        If the offset's deviation is above the limit, as with too little rotation, or if most of
+        what the gyro feels is not what the others see: other axes, another run, a mirrored frame.
 
     Examples
     --------
@@ -147,24 +151,16 @@ def imu_clock(
     if recording.imu is None or len(recording.imu) < 2:
         raise InswsnError(f"The recording {recording.name} has no IMU.")
     told = told_by(recording, window, slowest)
-    felt = Felt(recording.imu)
-    if told.by == "attitude":
-        found = _matched(felt, told, block, reach)
-        if found is not None:
-            return found
+    number("limit", limit, above=0)
+    found = _matched(Felt.of(recording.imu, told), told, block, reach, limit)
+    if found is None:
         told = vertical_part(told)
-    found = _matched(felt.about(up_of(recording.imu)), told, block, reach)
+        found = _matched(Felt.of(recording.imu, told), told, block, reach, limit)
     assert found is not None  # a rate about the vertical has no rotation to be lost
     return found
 
 
-def up_of(imu: Imu) -> Array:
-    """Return the direction of the mean specific force in the axes of the IMU."""
-    mean = imu.force.mean(axis=0)
-    return np.asarray(mean / max(float(np.linalg.norm(mean)), 1e-300))
-
-
-def _matched(felt: Felt, told: Told, block: float, reach: float) -> ImuClock | None:
+def _matched(felt: Felt, told: Told, block: float, reach: float, limit: float) -> ImuClock | None:
     """Return the offset and the rest; None if it is told, but not the rotation."""
     count = round(reach / _STEP)
     clocks: Array = np.asarray(_STEP * np.arange(-count, count + 1))
@@ -182,13 +178,15 @@ def _matched(felt: Felt, told: Told, block: float, reach: float) -> ImuClock | N
     found, lost = covariance(turned, state, noise, size, rows)
     deviations = np.sqrt(np.diag(found))
     deviations[lost] = np.inf
-    explained = turned.explained(state)
-    if not deviations[0] <= CLOCK_LIMIT:
+    explained = turned.explained(state, noise)
+    if not deviations[0] <= limit:
         raise InswsnError(
             f"The recording cannot tell the IMU's clock: the deviation would be {deviations[0]:.2g}"
-            f" s, above {CLOCK_LIMIT:g}; it turns at {turned.size():.2g} rad/s."
+            f" s, above {limit:g}; it turns at {turned.size():.2g} rad/s."
         )
-    if explained < _EXPLAINED:
+    # errors of a course by far positions are larger than what is felt
+    least = min(_EXPLAINED, _CHANCE / len(turned.time)) if told.by == "course" else _EXPLAINED
+    if explained < least:
         raise InswsnError(
             f"The IMU's clock cannot be told: by the {told.by} {explained:.0%} of the variance of "
             "its rates is explained: it turns too little, has other axes, or is of another run."

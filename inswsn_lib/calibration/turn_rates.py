@@ -15,23 +15,32 @@ from inswsn_lib.checks import Array, Mask
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.streams import Imu, Recording, Reference
 
-_WINDOW, _COURSE_WINDOW = 0.2, 0.5  # s
+_WINDOW, _COURSE_WINDOW, _LONGEST = 0.2, 0.5, 4.0  # s
+_ANGLE = 0.15  # rad, of errors of a course by positions, above which its chords are longer
+_CLEAR = 3.0  # deviations of a chord by its errors, that it is longer than
 _PERIODS = 3  # that a window has at least
+_FAR = 5.0  # deviations of a difference that counts half
 _GAP = 0.25  # s, or three periods: across a longer one nothing is told
 
 
 class Felt:
     """The integral of a gyro's rates, along three axes or one."""
 
-    def __init__(self, imu: Imu, axes: Array | None = None) -> None:
-        self._imu = imu
-        rate = imu.rate if axes is None else imu.rate @ axes.T
-        self.time, self.rate = imu.time, rate
-        self._sum = cumulative_trapezoid(rate, imu.time, axis=0, initial=0)
+    def __init__(self, time: Array, rate: Array) -> None:
+        self.time, self.rate = time, rate
+        self._sum = cumulative_trapezoid(rate, time, axis=0, initial=0)
 
-    def about(self, direction: Array) -> Felt:
-        """Return the rate about one direction alone."""
-        return Felt(self._imu, direction[None])
+    @classmethod
+    def of(cls, imu: Imu, told: Told) -> Felt:
+        """Return the rates that are compared: of all axes, or of a course about the vertical."""
+        felt = cls(imu.time, imu.rate)
+        if told.by == "attitude":
+            return felt
+        felt = cls(imu.time, imu.rate @ up_of(imu)[:, None])
+        if told.chord:  # it has the mean of the headings along it
+            ends = [felt.turned(imu.time + side * told.chord / 2) for side in (1, -1)]
+            felt = cls(imu.time, (ends[0] - ends[1]) / told.chord)
+        return felt
 
     def turned(self, time: Array) -> Array:
         """Return the integral from the first stamp to some times, (n, axes)."""
@@ -51,6 +60,8 @@ class Told:
     rate: Array
     window: float
     attitude: Rotation | None = None
+    chord: float = 0.0  # s, over which positions tell a course
+    speed: float = np.nan  # m/s, usual, of a course
 
 
 def told_by(recording: Recording, window: float | None, slowest: float) -> Told:
@@ -62,18 +73,25 @@ def told_by(recording: Recording, window: float | None, slowest: float) -> Told:
     if fixes is not None and fixes.velocity is not None:
         there = np.isfinite(fixes.velocity).all(axis=1)
         return _by_course(fixes.time[there], fixes.velocity[there, :2], window, slowest)
-    if reference is not None and len(reference) > 2:
-        velocity = np.gradient(reference.position[:, :2], reference.time, axis=0)
-        return _by_course(reference.time, velocity, window, slowest)
+    for source in (reference, fixes):
+        if source is not None and len(source) > 2:
+            there = np.isfinite(source.position[:, :2]).all(axis=1)
+            return _by_positions(source.time[there], source.position[there, :2], window, slowest)
     raise InswsnError(
-        f"The recording {recording.name} has neither a reference nor fixes with a velocity, by "
-        "which an IMU's clock could be told."
+        f"The recording {recording.name} has neither a reference nor fixes, by which an IMU's "
+        "clock could be told."
     )
 
 
-def _grid(time: Array, window: float) -> tuple[Array, Mask]:
+def up_of(imu: Imu) -> Array:
+    """Return the direction of the mean specific force in the axes of the IMU."""
+    mean = imu.force.mean(axis=0)
+    return np.asarray(mean / max(float(np.linalg.norm(mean)), 1e-300))
+
+
+def _grid(time: Array, window: float, step: float | None = None) -> tuple[Array, Mask]:
     """Return the middles of windows over some stamps, and which have no gap."""
-    middle = spaced(time[0] + window / 2, time[-1] - window / 2, window, len(time))
+    middle = spaced(time[0] + window / 2, time[-1] - window / 2, step or window, len(time))
     steps = np.diff(time)
     wide = np.append(0, np.cumsum(steps > max(_GAP, 3 * float(np.median(steps)))))
     first, last = (np.searchsorted(time, middle + side * window / 2) for side in (-1, 1))
@@ -108,12 +126,42 @@ def _by_course(time: Array, velocity: Array, window: float | None, slowest: floa
     ends = []
     for side in (-h / 2, h / 2):
         v = np.column_stack([np.interp(middle + side, time, x) for x in velocity.T])
-        kept = kept & (np.hypot(v[:, 0], v[:, 1]) >= slowest)
+        speed = np.hypot(v[:, 0], v[:, 1])
+        kept = kept & (speed >= slowest)
         ends.append(np.arctan2(v[:, 1], v[:, 0]))
     if not kept.any():
         raise InswsnError(f"It never moves at {slowest:g} m/s, so it has no course.")
     change = np.angle(np.exp(1j * (ends[1] - ends[0])))
-    return Told("course", middle[kept], (change[kept] / h)[:, None], h)
+    rate, usual = (change[kept] / h)[:, None], float(np.median(speed[kept]))
+    return Told("course", middle[kept], rate, h, speed=usual)
+
+
+def _by_positions(time: Array, place: Array, window: float | None, slowest: float) -> Told:
+    """Return the rates of the course of chords, as long as their errors are no matter."""
+    if len(time) < 5:
+        raise InswsnError("There are too few positions to tell a course by.")
+    usual = 1.4826 * np.median(np.abs(np.diff(place, 2, axis=0))) / np.sqrt(6)
+    h = _window(window, _COURSE_WINDOW, time)
+    while True:
+        middle, kept = _grid(time, 2 * h, h)
+        ends = [
+            np.column_stack([np.interp(middle + side * h, time, x) for x in place.T])
+            for side in (-1, 0, 1)
+        ]
+        ways = np.diff(ends, axis=0)
+        length = np.linalg.norm(ways, axis=2).min(axis=0)
+        error = np.sqrt(2) * usual
+        kept = kept & (length > max(slowest * h, _CLEAR * error))
+        clear = kept.any() and error < _ANGLE * float(np.median(length[kept]))
+        if clear or 2 * h > _LONGEST:
+            break
+        h *= 2
+    if not kept.any():
+        raise InswsnError(f"It never moves at {slowest:g} m/s, so it has no course.")
+    course = np.arctan2(ways[:, :, 1], ways[:, :, 0])
+    change = np.angle(np.exp(1j * (course[1] - course[0])))
+    speed = float(np.median(length[kept])) / h
+    return Told("course", middle[kept], (change[kept] / h)[:, None], h, None, h, speed)
 
 
 def vertical_part(told: Told) -> Told:
@@ -178,12 +226,13 @@ class Turned:
                 best, state = off, Turn(float(clock), turn, bias)
         return state
 
-    def explained(self, state: Turn) -> float:
-        """Return the share of the gyro's median square rate that is told, free of the bias."""
-        felt = self.felt_rate(state.clock) - state.bias
-        left = felt - self.rate @ state.turn.T
-        size = float(np.median(np.sum(felt**2, axis=1)))
-        return 1 - float(np.median(np.sum(left**2, axis=1))) / max(size, 1e-300)
+    def explained(self, state: Turn, noise: float) -> float:
+        """Return the squared correlation of both; what fits worse than noise counts less."""
+        felt, told = self.felt_rate(state.clock) - state.bias, self.rate @ state.turn.T
+        weight = 1 / (1 + np.sum((felt - told) ** 2, axis=1, keepdims=True) / (_FAR * noise) ** 2)
+        felt, told = (x - np.average(x, axis=0, weights=weight[:, 0]) for x in (felt, told))
+        C, S, T = (float(np.sum(weight * x)) for x in (felt * told, felt**2, told**2))
+        return max(C, 0.0) ** 2 / max(S * T, 1e-300)
 
     def residual(self, state: Turn) -> Array:
         """Return rates that are felt less those that are told, all axes of a time together."""

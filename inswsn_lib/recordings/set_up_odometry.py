@@ -14,7 +14,7 @@ from inswsn_lib.calibration.reference_motion import ReferenceMotion
 from inswsn_lib.checks import Array, Mask
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.recordings.findings import FALSE_ALARM, Finding
-from inswsn_lib.recordings.signed_axes import unit_of
+from inswsn_lib.recordings.likeness import units_of
 from inswsn_lib.streams import Odometry, Recording
 
 _BLOCK = 5.0  # s
@@ -147,7 +147,7 @@ def _judged(
     if fits:
         says = f"it is {value:.3g} times what the reference tells (± {deviation:.2g})"
         return Finding("odometry", subject, value, 1 - half, 1 + half, True, says)
-    found = list(unit_of(abs(value), units))
+    found = units_of(abs(value), abs(value), units)
     says = f"it is {value:.3g} times what the reference tells (± {deviation:.2g})"
     says += ": its sign is another" if value < 0 else ""
     says += f": it may be {found[0]}" if found else ""

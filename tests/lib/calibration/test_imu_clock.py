@@ -131,7 +131,7 @@ def test_what_cannot_be_told_is_refused() -> None:
         imu_clock(replace(still, imu=imu))
     with pytest.raises(InswsnError, match="has no IMU"):
         imu_clock(still)
-    with pytest.raises(InswsnError, match="neither a reference nor fixes with a velocity"):
+    with pytest.raises(InswsnError, match="neither a reference nor fixes, by which"):
         imu_clock(Recording("alone", imu=imu))
     with pytest.raises(InswsnError, match="share too little time"):
         imu_clock(replace(still, imu=Imu(imu.time + 500, imu.rate, imu.force)))
