@@ -176,6 +176,11 @@ def _matched(felt: Felt, told: Told, block: float, reach: float, limit: float) -
     rows = starts * turned.width
     state, noise = fit(turned, state, deviation_of(turned.residual(state)), lambda _: size)
     found, lost = covariance(turned, state, noise, size, rows)
+    attenuation = turned.attenuation(state, noise) if turned.turns else np.eye(3)
+    if attenuation is None:
+        return None
+    if turned.turns:
+        found[1:4, 1:4] = attenuation @ found[1:4, 1:4] @ attenuation.T
     deviations = np.sqrt(np.diag(found))
     deviations[lost] = np.inf
     explained = turned.explained(state, noise)

@@ -20,6 +20,7 @@ _ANGLE = 0.15  # rad, of errors of a course by positions, above which its chords
 _CLEAR = 3.0  # deviations of a chord by its errors, that it is longer than
 _PERIODS = 3  # that a window has at least
 _FAR = 5.0  # deviations of a difference that counts half
+_CHANCE, _SINGULAR = 5.0, 1e-9  # deviations of a cross moment, and of the largest one
 _GAP = 0.25  # s, or three periods: across a longer one nothing is told
 
 
@@ -36,11 +37,14 @@ class Felt:
         felt = cls(imu.time, imu.rate)
         if told.by == "attitude":
             return felt
-        felt = cls(imu.time, imu.rate @ up_of(imu)[:, None])
-        if told.chord:  # it has the mean of the headings along it
-            ends = [felt.turned(imu.time + side * told.chord / 2) for side in (1, -1)]
-            felt = cls(imu.time, (ends[0] - ends[1]) / told.chord)
-        return felt
+        return cls(imu.time, imu.rate @ up_of(imu)[:, None]).like(told)
+
+    def like(self, told: Told) -> Felt:
+        """Return means over a chord, which has the mean of the headings along it."""
+        if not told.chord:
+            return self
+        ends = [self.turned(self.time + side * told.chord / 2) for side in (1, -1)]
+        return Felt(self.time, (ends[0] - ends[1]) / told.chord)
 
     def turned(self, time: Array) -> Array:
         """Return the integral from the first stamp to some times, (n, axes)."""
@@ -233,6 +237,24 @@ class Turned:
         felt, told = (x - np.average(x, axis=0, weights=weight[:, 0]) for x in (felt, told))
         C, S, T = (float(np.sum(weight * x)) for x in (felt * told, felt**2, told**2))
         return max(C, 0.0) ** 2 / max(S * T, 1e-300)
+
+    def attenuation(self, state: Turn, noise: float) -> Array | None:
+        """Return by how much a turn is told less than by rates without errors, (3, 3).
+
+        The derivatives have the errors of the rates that are told, the second derivatives of the
+        squares have not: those are the cross moments of both. None if these are chance alone.
+        """
+        felt, told = self.felt_rate(state.clock) - state.bias, self.rate @ state.turn.T
+        weight = 1 / np.sqrt(1 + np.sum((felt - told) ** 2, axis=1) / noise**2)
+        moment = (weight[:, None] * felt).T @ told
+        true = np.trace(moment) * np.eye(3) - (moment + moment.T) / 2
+        own = (weight[:, None] * told).T @ told
+        values, vectors = np.linalg.eigh(true)
+        along = vectors[:, 0]
+        each = weight * (np.sum(felt * told, axis=1) - (felt @ along) * (told @ along))
+        if values[0] <= max(_CHANCE * float(np.linalg.norm(each)), _SINGULAR * values[-1]):
+            return None
+        return np.asarray(np.linalg.solve(true, np.trace(own) * np.eye(3) - own))
 
     def residual(self, state: Turn) -> Array:
         """Return rates that are felt less those that are told, all axes of a time together."""

@@ -146,7 +146,7 @@ class Explanations:
 
     def _effect(self, miss: Array) -> float:
         """Return how many rows tell as much as one that is independent, by sums over blocks."""
-        total, count = 0.0, 0
+        total, count = 0.0, 0.0
         push = miss / np.sqrt(1 + miss**2)
         for k in np.unique(self._rows.which):
             mine = self._rows.which == k
@@ -169,7 +169,8 @@ class Explanations:
                 yield unknown(name, who, found)
                 continue
             for each in self._judged(kind, who, found):
-                if kind not in self.chosen and each.fits is False:
+                explains = kind in self.chosen or (kind == "clock" and self.clock != 0)
+                if not explains and each.fits is False:
                     says = "other explanations fit as well"
                     yield replace(each, fits=True, says=says)
                 elif each.fits is False and self._others(kind):

@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import f, t
 
 from inswsn_lib.calibration.blocks import FEWEST, block_starts
+from inswsn_lib.calibration.turn_rates import Felt
 from inswsn_lib.checks import Array, Mask
 from inswsn_lib.recordings.findings import FALSE_ALARM, Finding
 
@@ -192,7 +193,7 @@ class Likeness:
     def _clock(self) -> tuple[float, float]:
         """Return the clock with which axes fit best, and that by which stamps are far too late.
 
-        A far clock must beat all near ones, with the axes as they are or with any turn.
+        A far clock must beat all near ones, with any axes and with any turn.
         """
         own, near = self.score[:, 0], np.flatnonzero(np.abs(self.clocks) <= _NEAR)
         peak = float(self.clocks[int(np.argmax(own))])
@@ -201,7 +202,12 @@ class Likeness:
         here, there = (float(self.clocks[near[np.argmax(x[near])]]) for x in (own, self._turned))
         if abs(peak) > _NEAR:
             best = self.misfit(peak, self.matrices[0])
-            others = self.misfit(here, self.matrices[0]), self.misfit(there, self._turn(there))
+            row, column = np.unravel_index(np.argmax(self.score[near]), self.score[near].shape)
+            others = (
+                self.misfit(here, self.matrices[0]),
+                self.misfit(there, self._turn(there)),
+                self.misfit(float(self.clocks[near[row]]), self.matrices[int(column)]),
+            )
             tries = round(float(np.ptp(self.clocks)) / _SAME)
             if all(self.compared(best, other, tries)[0] > 0 for other in others):
                 return peak, peak
@@ -299,6 +305,23 @@ class Likeness:
         tells = bool(G >= FEWEST and low[-1] > _TELLS * spread[0] and np.isfinite(spread).all())
         ends = (float(low[-1] - q * spread[0]), float(high[-1] + q * spread[1]))
         return Slope(float(low[-1]), float(high[-1]), ends, tells)
+
+
+def compared_windows(felt: Felt, time: Array, told: Array, window: float) -> Pairs:
+    """Return means of what is felt over windows, and what is told of them; across no gap."""
+    half, steps = window / 2, np.diff(felt.time)
+    wide = np.append(0, np.cumsum(steps > max(window, 3 * float(np.median(steps)))))
+
+    def pairs(clock: float) -> tuple[Array, Array, Mask]:
+        early, after = time + clock - half, time + clock + half
+        first, last = (np.searchsorted(felt.time, x) for x in (early, after))
+        rows = (early >= felt.time[0]) & (after <= felt.time[-1])
+        rows &= wide[np.maximum(first - 1, 0)] == wide[np.minimum(last, len(wide) - 1)]
+        if not rows.any():
+            return told, told, rows
+        return (felt.turned(after) - felt.turned(early)) / window, told, rows
+
+    return pairs
 
 
 def late(

@@ -12,10 +12,10 @@ from scipy.stats import t
 from inswsn_lib.calibration.blocks import FEWEST, block_starts
 from inswsn_lib.calibration.imu_clock import ImuClock, imu_clock
 from inswsn_lib.calibration.turn_rates import Felt, Told, told_by
-from inswsn_lib.checks import Array, Mask
+from inswsn_lib.checks import Mask
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.recordings.findings import FALSE_ALARM, Finding, unknown
-from inswsn_lib.recordings.likeness import BLOCK, Likeness, late, units_of
+from inswsn_lib.recordings.likeness import BLOCK, Likeness, compared_windows, late, units_of
 from inswsn_lib.streams import Imu, Recording
 
 GRAVITY = 9.80665  # m/s^2
@@ -74,20 +74,8 @@ def _period(imu: Imu) -> float:
 def _likeness(imu: Imu, told: Told) -> Likeness:
     """Compare what the gyro feels with what is told; by clocks of other zones only if need be."""
     some = slice(None, None, -(-len(told.time) // _MOST))
-    time, rate, felt = told.time[some], told.rate[some], Felt.of(imu, told)
-    half, steps = told.window / 2, np.diff(imu.time)
-    wide = np.append(0, np.cumsum(steps > max(2 * half, 3 * float(np.median(steps)))))
-
-    def pairs(clock: float) -> tuple[Array, Array, Mask]:
-        ends = [time + clock + side for side in (-half, half)]
-        first, last = (np.searchsorted(imu.time, x) for x in ends)
-        rows = (ends[0] >= imu.time[0]) & (ends[1] <= imu.time[-1])
-        rows &= wide[np.maximum(first - 1, 0)] == wide[np.minimum(last, len(wide) - 1)]
-        if not rows.any():
-            return rate, rate, rows
-        before, after = (felt.turned(x) for x in ends)
-        return (after - before) / told.window, rate, rows
-
+    time = told.time[some]
+    pairs = compared_windows(Felt.of(imu, told), time, told.rate[some], told.window)
     near = Likeness(pairs, time)
     if near.empty or not near.slope().tells:
         far = Likeness(pairs, time, hours=True)
@@ -168,18 +156,20 @@ def _gravity(imu: Imu, told: Told, sized: bool) -> Iterator[Finding]:
 def _clock(recording: Recording, imu: Imu, clock: float, speed: float) -> Iterator[Finding]:
     """Judge how late the IMU's stamps are, and how it is turned against the reference's body."""
     near = replace(recording, imu=replace(imu, time=imu.time - clock))
+    by_fixes = recording.reference is None
+    stamps, sign = ("stamps of fixes, by the IMU's,", -1) if by_fixes else ("its stamps", 1)
+    let = _LATE if np.isnan(speed) else _LATE + _AXLE / speed
     try:
         found = imu_clock(near, slowest=_SLOWEST, block=BLOCK, reach=_NEAR, limit=_LIMIT)
     except InswsnError as error:
-        yield unknown("time", "IMU and what it is compared with", str(error).rstrip("."))
+        who = "IMU and what it is compared with"
+        if clock:
+            yield late(who, stamps, sign * clock, _LIMIT, 2.0, let)
+        else:
+            yield unknown("time", who, str(error).rstrip("."))
         return
-    q = float(t.isf(FALSE_ALARM / 2, found.blocks - 1))
-    who, value = f"IMU and {found.by}", clock + found.offset
-    stamps = "its stamps"
-    if found.by == "course" and recording.reference is None:
-        stamps, value = "stamps of fixes, by the IMU's,", -value
-    let = _LATE if np.isnan(speed) else _LATE + _AXLE / speed
-    judged = late(who, stamps, value, found.deviation, q, let)
+    q, value = float(t.isf(FALSE_ALARM / 2, found.blocks - 1)), sign * (clock + found.offset)
+    judged = late(f"IMU and {found.by}", stamps, value, found.deviation, q, let)
     if judged.fits and judged.high > _TOLD:
         judged = replace(judged, fits=None, says="too little turns to tell")
     yield judged

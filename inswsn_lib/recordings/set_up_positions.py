@@ -112,11 +112,12 @@ def _ranges(recording: Recording, ranges: Ranges) -> Iterator[Finding]:
 
 
 def _fixes(recording: Recording, fixes: Fixes) -> Iterator[Finding]:
-    assert recording.reference is not None
-    d = min(fixes.position.shape[1], recording.reference.position.shape[1])
+    reference = recording.reference
+    assert reference is not None
+    d = min(fixes.position.shape[1], reference.position.shape[1])
     fixes, who = replace(fixes, position=fixes.position[:, :d]), "fixes and reference"
     recording = replace(recording, fixes=fixes)
-    alike = _likeness(recording, fixes, ReferenceMotion(recording.reference, d))
+    alike = _likeness(recording, fixes, ReferenceMotion(reference, d))
     if alike is not None and (slope := alike.slope()).outside(*_SIZE):
         sizes = {f"fixes in {unit}": size for unit, size in _UNITS.items()}
         sizes |= {f"the reference in {unit}": size for unit, size in _OTHER.items()}

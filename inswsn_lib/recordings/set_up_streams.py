@@ -25,8 +25,8 @@ _APART, _STEPS, _LEAST_APART = 10.0, 3.0, 1.0
 _SHORT = 0.5  # s: a shorter gap of what is not summed up is none
 # Rows of one value, the share of such runs that is as long as usual, and a probability
 _REPEATED, _EVEN, _NEVER = 1.4, 0.9, 1e-6
-# s: how far behind stamps jam, and after what time they have caught up; and what of it stays late
-_JAM, _CATCH, _STALE = 0.3, 10.0, 0.3
+# s and periods: how far behind stamps jam; s, after what time they have caught up; what stays late
+_JAM, _BEHIND, _CATCH, _STALE = 0.3, 3.0, 10.0, 0.3
 _CHORD, _FAST, _BACK = 0.2, 3.0, 500  # s, of a speed; times the usual largest one; segments
 _PUSH, _WAY, _SPIN, _TURNED = 50.0, 0.1, 100.0, 0.5  # m/s^2, m; rad/s^2, rad: beside any speed
 _SHARED = 0.02  # of a stream's time, in which another one is there, too
@@ -116,7 +116,7 @@ def lags(time: Array) -> Array:
 
 def _jammed_stamps(name: str, stream: Stream) -> _Judged:
     late = lags(stream.time)
-    bound = max(_JAM, _LEAST * float(np.median(np.diff(stream.time))))
+    bound = max(_JAM, _BEHIND * float(np.median(np.diff(stream.time))))
     jammed: Mask = np.asarray(late > bound)
     if not jammed.any():
         return None, None
@@ -160,7 +160,7 @@ def _unjoined_rows(name: str, stream: Stream) -> _Judged:
             measure(first, last) > (fast + push * passed) * passed + least
             for measure, fast, push, least in limits
         ]
-        return ~np.any(far, axis=0)
+        return np.asarray(~np.any(far, axis=0))
 
     cuts = np.flatnonzero(~joined(rows[:-1], rows[1:])) + 1
     if not len(cuts):
@@ -170,9 +170,9 @@ def _unjoined_rows(name: str, stream: Stream) -> _Judged:
         return None, None
     place = stream.position
     away = place - np.column_stack([np.interp(time, time[kept], x) for x in place[kept].T])
-    far, count = float(np.linalg.norm(away[~kept], axis=1).max()), int((~kept).sum())
+    most, count = float(np.linalg.norm(away[~kept], axis=1).max()), int((~kept).sum())
     says = (
-        f"{count} rows, first at {stream.time[~kept][0]:.6g} s and up to {far:.2g} m away, are "
+        f"{count} rows, first at {stream.time[~kept][0]:.6g} s and up to {most:.2g} m away, are "
         "where no motion joins them with the others: they are left out"
     )
     return Finding("values", f"{name}, rows", count, 0, 0, False, says), kept
