@@ -176,25 +176,25 @@ def _matched(felt: Felt, told: Told, block: float, reach: float, limit: float) -
     rows = starts * turned.width
     state, noise = fit(turned, state, deviation_of(turned.residual(state)), lambda _: size)
     found, lost = covariance(turned, state, noise, size, rows)
-    attenuation = turned.attenuation(state, noise) if turned.turns else np.eye(3)
-    if attenuation is None:
-        return None
-    if turned.turns:
-        found[1:4, 1:4] = attenuation @ found[1:4, 1:4] @ attenuation.T
-    deviations = np.sqrt(np.diag(found))
-    deviations[lost] = np.inf
     explained = turned.explained(state, noise)
-    if not deviations[0] <= limit:
-        raise InswsnError(
-            f"The recording cannot tell the IMU's clock: the deviation would be {deviations[0]:.2g}"
-            f" s, above {limit:g}; it turns at {turned.size():.2g} rad/s."
-        )
     # errors of a course by far positions are larger than what is felt
     least = min(_EXPLAINED, _CHANCE / len(turned.time)) if told.by == "course" else _EXPLAINED
     if explained < least:
         raise InswsnError(
             f"The IMU's clock cannot be told: by the {told.by} {explained:.0%} of the variance of "
             "its rates is explained: it turns too little, has other axes, or is of another run."
+        )
+    if turned.turns:
+        attenuation = turned.attenuation(state, noise)
+        if attenuation is None:
+            return None
+        found[1:4, 1:4] = attenuation @ found[1:4, 1:4] @ attenuation.T
+    deviations = np.sqrt(np.diag(found))
+    deviations[lost] = np.inf
+    if not deviations[0] <= limit:
+        raise InswsnError(
+            f"The recording cannot tell the IMU's clock: the deviation would be {deviations[0]:.2g}"
+            f" s, above {limit:g}; it turns at {turned.size():.2g} rad/s."
         )
     if turned.turns and not (deviations[1:4] <= TURN_LIMIT).all():
         return None
