@@ -19,6 +19,7 @@ CLOCK_LIMIT, TURN_LIMIT = 0.02, 0.05
 _STEP = 0.02  # s, of the clocks that are tried
 _EXPLAINED = 0.5  # of the variance of the gyro's rates, lest it is no gyro of this body
 _CHANCE = 15.0  # over the number of rows: what no chance explains
+_FACTOR = 2.0  # of what is felt by what a course explains of it
 _RATE = 0.01  # rad/s, what counts as 1 in the gyro's bias
 
 
@@ -176,10 +177,12 @@ def _matched(felt: Felt, told: Told, block: float, reach: float, limit: float) -
     rows = starts * turned.width
     state, noise = fit(turned, state, deviation_of(turned.residual(state)), lambda _: size)
     found, lost = covariance(turned, state, noise, size, rows)
-    explained = turned.explained(state, noise)
-    # errors of a course by far positions are larger than what is felt
-    least = min(_EXPLAINED, _CHANCE / len(turned.time)) if told.by == "course" else _EXPLAINED
-    if explained < least:
+    found[0, 0] *= turned.clock_attenuation(state, noise) ** 2
+    explained, factor = turned.explained(state, noise)
+    # errors of a course by far positions are larger than what is felt, which then is all in it
+    course = told.by == "course"
+    least = min(_EXPLAINED, _CHANCE / len(turned.time)) if course else _EXPLAINED
+    if explained < least or (course and factor > _FACTOR):
         raise InswsnError(
             f"The IMU's clock cannot be told: by the {told.by} {explained:.0%} of the variance of "
             "its rates is explained: it turns too little, has other axes, or is of another run."

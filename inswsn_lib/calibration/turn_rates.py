@@ -19,6 +19,7 @@ _WINDOW, _COURSE_WINDOW, _LONGEST = 0.2, 0.5, 4.0  # s
 _ANGLE = 0.15  # rad, of errors of a course by positions, above which its chords are longer
 _CLEAR = 3.0  # deviations of a chord by its errors, that it is longer than
 _PERIODS = 3  # that a window has at least
+_STEP = 0.1  # s, over which a loss differs by more than errors
 _FAR = 5.0  # deviations of a difference that counts half
 _CHANCE, _SINGULAR = 5.0, 1e-9  # deviations of a cross moment, and of the largest one
 _GAP = 0.25  # s, or three periods: across a longer one nothing is told
@@ -230,13 +231,29 @@ class Turned:
                 best, state = off, Turn(float(clock), turn, bias)
         return state
 
-    def explained(self, state: Turn, noise: float) -> float:
-        """Return the squared correlation of both; what fits worse than noise counts less."""
+    def explained(self, state: Turn, noise: float) -> tuple[float, float]:
+        """Return the squared correlation of both, and the factor of what is felt by its part in it.
+
+        What fits worse than noise counts less. The factor is 1 if only what is told has errors.
+        """
         felt, told = self.felt_rate(state.clock) - state.bias, self.rate @ state.turn.T
         weight = 1 / (1 + np.sum((felt - told) ** 2, axis=1, keepdims=True) / (_FAR * noise) ** 2)
         felt, told = (x - np.average(x, axis=0, weights=weight[:, 0]) for x in (felt, told))
         C, S, T = (float(np.sum(weight * x)) for x in (felt * told, felt**2, told**2))
-        return max(C, 0.0) ** 2 / max(S * T, 1e-300)
+        return max(C, 0.0) ** 2 / max(S * T, 1e-300), S / max(C, 1e-300)
+
+    def clock_attenuation(self, state: Turn, noise: float) -> float:
+        """Return by how much a clock is told less than by rates without errors.
+
+        Its derivative has errors of what is felt; differences of the loss over more time hardly.
+        """
+        losses = [
+            float(np.sum(2 * noise**2 * (np.sqrt(1 + (self.residual(each) / noise) ** 2) - 1)))
+            for each in (replace(state, clock=state.clock + x * _STEP) for x in (-1, 0, 1))
+        ]
+        true = (losses[0] - 2 * losses[1] + losses[2]) / (2 * _STEP**2)
+        push = self.jacobian(state)[:, 0] ** 2 / (1 + (self.residual(state) / noise) ** 2) ** 1.5
+        return max(float(np.sum(push)) / true, 1.0) if true > 0 else np.inf
 
     def attenuation(self, state: Turn, noise: float) -> Array | None:
         """Return by how much a turn is told less than by rates without errors, (3, 3).

@@ -6,7 +6,7 @@ from inswsn_lib.recordings.findings import Finding
 from inswsn_lib.recordings.set_up_imu import check_imu
 from inswsn_lib.recordings.set_up_odometry import check_odometry
 from inswsn_lib.recordings.set_up_positions import check_positions
-from inswsn_lib.recordings.set_up_streams import check_failed, check_stamps
+from inswsn_lib.recordings.set_up_streams import check_failed, check_gaps, check_stamps
 from inswsn_lib.recordings.set_up_velocities import check_velocities
 from inswsn_lib.streams import Recording
 
@@ -77,9 +77,11 @@ def check_set_up(recording: Recording) -> list[Finding]:
     """
     if recording.reference is not None and len(recording.reference) < _FEWEST:
         recording = recording.without("reference")
+    gaps = check_gaps(recording)
     failed, recording = check_failed(recording)
     return [
         *failed,
+        *gaps,
         *check_stamps(recording),
         *check_imu(recording),
         *check_velocities(recording),

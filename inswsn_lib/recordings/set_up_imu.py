@@ -56,6 +56,8 @@ def check_imu(recording: Recording) -> Iterator[Finding]:
             yield unknown(name, who, "it is there for too short a time, or nothing turns")
         return
     unit, axes = _unit(alike, told.by, _period(imu)), alike.axes(who, "the gyro's")
+    if told.by == "course" and unit.fits is None:
+        axes = unknown("axes", who, "too little turns, or the course is not the heading")
     yield from (unit, axes)
     if told.by == "attitude":
         right = replace(imu, time=imu.time - alike.clock)

@@ -231,7 +231,7 @@ def _failed(ranges: Ranges) -> Mask:
 
 
 def check_stamps(recording: Recording) -> Iterator[Finding]:
-    """Yield whether ranges are logged twice, a stream has a gap, or others are at another time."""
+    """Yield whether ranges are logged twice, a sensor sticks, or others are at another time."""
     ranges = recording.ranges
     if ranges is not None and len(ranges):
         pairs = np.column_stack([ranges.time, ranges.anchor])
@@ -241,6 +241,12 @@ def check_stamps(recording: Recording) -> Iterator[Finding]:
             "stamped on arrival"
         )  # fmt: skip
         yield Finding("repeats", "ranges", twice, 0, 0, twice == 0, says)
+    yield from _values(recording)
+    yield from _spans(recording)
+
+
+def check_gaps(recording: Recording) -> Iterator[Finding]:
+    """Yield whether a stream is not there for long."""
     for name, stream in recording.streams.items():
         time = np.unique(stream.time)
         if len(time) < _ROWS:
@@ -259,8 +265,6 @@ def check_stamps(recording: Recording) -> Iterator[Finding]:
             f"every {usual:.2g} s"
         )  # fmt: skip
         yield Finding("gaps", name, value, 0, bound, fits, says)
-    yield from _values(recording)
-    yield from _spans(recording)
 
 
 def _values(recording: Recording) -> Iterator[Finding]:

@@ -11,13 +11,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from made_logs import Motion, made_car
 from made_recording import ROOM, made, made_drive, made_imu
 from scipy.spatial.transform import Rotation
 
 from inswsn_lib.calibration import multilaterate_track
 from inswsn_lib.recordings import Finding, check_set_up, verdict
 from inswsn_lib.recordings.set_up_streams import check_failed
-from inswsn_lib.streams import Fixes, Imu, Ranges, Recording
+from inswsn_lib.streams import Fixes, Imu, Ranges, Recording, Reference
 
 NAMES = {"unit", "repeats", "gaps", "axes", "gravity", "time", "mounting", "place", "bias", "scale",
          "lever arm", "frame", "odometry", "span", "values"}  # fmt: skip
@@ -385,3 +386,120 @@ def test_a_sensor_that_sticks_or_ends_at_a_limit_is_found() -> None:
     distance[mine[10:40]] = distance[mine[10]]
     stuck = replace(recording, ranges=replace(recording.ranges, distance=distance))
     assert said(stuck, "ranges") is False
+
+
+# --- stamps and rows ---
+
+
+def test_values_that_are_held_are_named_and_the_first_of_each_is_taken() -> None:
+    """A receiver at 1 Hz that is logged at 5 Hz; of right logs rounding makes none."""
+    right = made_car(2)
+    fixes = right.fixes
+    assert fixes is not None
+    for often in (2, 5):
+        rows = np.arange(len(fixes)) // often * often
+        velocity = None if fixes.velocity is None else fixes.velocity[rows]
+        held = replace(fixes, position=fixes.position[rows], velocity=velocity)
+        [found], first = check_failed(replace(right, fixes=held))
+        assert f"stands in {often} rows on end" in found.says
+        assert first.fixes is not None
+        np.testing.assert_array_equal(first.fixes.time, fixes.time[::often])
+    still = Fixes(fixes.time, np.random.default_rng(0).normal(0, 0.01, (len(fixes), 3)).round(2))
+    creeping = Fixes(fixes.time, (fixes.time[:, None] * [0.01, 0.0, 0.0]).round(2))
+    for calm in (still, creeping):
+        assert check_failed(replace(right, fixes=calm))[0] == []
+
+
+def test_stamps_that_jam_are_named_and_left_out() -> None:
+    """Rows of 0.8 s are stamped when they are logged; where rows are lost nothing jams."""
+    right = room(1)
+    assert right.reference is not None
+    time = right.reference.time
+    jam = (time >= 20.0) & (time < 20.8)
+    jammed = np.where(jam, 20.8 - 1e-3 + 1e-5 * np.arange(len(time)) - 1e-5 * jam.argmax(), time)
+    found, left = check_failed(replace(right, reference=replace(right.reference, time=jammed)))
+    assert [(x.name, x.subject) for x in found] == [("stamps", "reference")]
+    assert found[0].value == pytest.approx(0.8, abs=0.02)
+    assert left.reference is not None
+    assert not ((left.reference.time > 20.0) & (left.reference.time < 20.6)).any()
+    assert len(left.reference) > 0.98 * len(time)
+    lost = replace(right, reference=right.reference.kept(~jam))
+    assert check_failed(lost) == ([], lost)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_rows_that_no_motion_joins_are_named_and_left_out(seed: int) -> None:
+    """Stretches of up to 3 s are 0.7 to 3.8 m off."""
+    right, rng = room(seed), np.random.default_rng(seed)
+    assert right.reference is not None
+    place, wrong_rows = right.reference.position.copy(), np.zeros(len(right.reference), dtype=bool)
+    for begin in rng.choice(np.arange(100, 2600, 200), 5, replace=False):
+        rows, way = slice(begin, begin + int(rng.integers(1, 150))), rng.normal(size=3)
+        place[rows] += rng.uniform(0.7, 3.8) * way / np.linalg.norm(way)
+        wrong_rows[rows] = True
+    spoilt = replace(right, reference=replace(right.reference, position=place))
+    [found], left = check_failed(spoilt)
+    assert found.says.startswith(f"{wrong_rows.sum()} rows, first at")
+    assert left.reference is not None
+    np.testing.assert_array_equal(left.reference.time, right.reference.time[~wrong_rows])
+    assert wrong(check_set_up(spoilt)) == ["values: reference, rows"]
+    assert check_failed(right) == ([], right)
+
+
+# --- clocks and units, by a course or an attitude ---
+
+
+@pytest.mark.parametrize(("late", "says"), [(18.0, "ahead of UTC"), (-3.0, "early"), (7200, "2 h")])
+def test_a_clock_that_is_far_off_is_told_and_no_other_axes(late: float, says: str) -> None:
+    for seed in (4, 5, 7):
+        car = made_car(seed)
+        assert car.fixes is not None
+        moved = replace(car, fixes=replace(car.fixes, time=car.fixes.time + late))
+        found = [x for x in check_set_up(moved) if x.fits is False and x.name != "span"]
+        assert {x.name for x in found} == {"time"}
+        assert found[-1].value == pytest.approx(late, abs=0.6)
+        assert says in found[-1].says
+
+
+def test_increments_are_called_so() -> None:
+    right = room(3)
+    assert right.imu is not None
+    imu = Imu(right.imu.time, 0.01 * right.imu.rate, 0.01 * right.imu.force)
+    found = [x for x in check_set_up(replace(right, imu=imu)) if x.fits is False]
+    assert [x.name for x in found] == ["unit", "unit"]
+    assert all("one period (0.01 s) times what it should be: increments" in x.says for x in found)
+
+
+@pytest.mark.parametrize("by", ["attitude", "course"])
+def test_turns_that_are_few_tell_the_unit(by: str) -> None:
+    """Four turns of a right angle in 200 s, each of 2 s."""
+    time = np.arange(-1.0, 201.0, 0.005)
+    yaw = np.interp(
+        time, *np.array([(40 * k + d, k + (d > 0)) for k in range(1, 5) for d in (0, 2)]).T
+    )
+    yaw = 0.5 * np.pi * (yaw - 1)
+    way = np.cumsum(10 * np.column_stack([np.cos(yaw), np.sin(yaw), 0 * yaw]), axis=0) * 0.005
+    motion, rng = (
+        Motion(time, way, np.column_stack([yaw, 0 * yaw, 0 * yaw])),
+        np.random.default_rng(1),
+    )
+    stamps, at = np.arange(0, 200, 0.02), np.arange(0.2, 199.8, 0.2)
+    rate, force = motion.felt(stamps)
+    rate, force = (
+        rate + 0.005 * rng.normal(size=rate.shape),
+        force + rng.normal(size=force.shape) / 9,
+    )
+    velocity = motion.velocity(at) + 0.06 * rng.normal(size=(len(at), 3))
+    fixes = Fixes(at, motion.place(at) + rng.normal(size=(len(at), 3)), velocity)
+    reference = Reference(at, motion.place(at), motion.attitude(at).as_quat())
+    log = Recording("turns", imu=Imu(stamps, rate, force), fixes=fixes, reference=reference)
+    log = log if by == "attitude" else log.without("reference")
+    assert wrong(check_set_up(log)) == []
+    for unit, words in ((57.29578, "in deg/s"), (0.02, "increments")):
+        assert log.imu is not None
+        found = check_set_up(replace(log, imu=replace(log.imu, rate=unit * rate)))
+        assert wrong(found) == ["unit: IMU's rates"]
+        assert words in next(x.says for x in found if x.subject == "IMU's rates")
+    [told] = [x for x in check_set_up(log) if x.subject == "IMU's rates"]
+    assert told.fits
+    assert told.value == pytest.approx(1.0, abs=0.1)
