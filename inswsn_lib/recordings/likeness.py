@@ -125,6 +125,7 @@ class Likeness:
             size = np.mean(misfit[there] ** 2) + 1e-300
             self.weight[there] = 1 / (1 + misfit[there] ** 2 / (_FAR * size))
             self._scan()
+            self._rows = self._independent()
             self.nearest, self.clock = self._clock()
 
     @property
@@ -180,15 +181,29 @@ class Likeness:
         left[:, -1] *= np.linalg.det(left @ right)
         return np.asarray(left @ right)
 
-    def misfit(self, clock: float, matrix: Array) -> Array:
-        """Return by how much each row is not alike, (n,); NaN where a source is not there."""
+    def _left(self, clock: float, matrix: Array) -> Array:
+        """Return what is seen and not told, weighted, (n, d); NaN where a source is not there."""
         seen, told, rows = self.pairs(clock)
         C, _, T = self._moments(seen, told, rows)
         k = max(float(np.sum(matrix * C)) / T, 0.0) if T > 0 else 0.0
+        found = np.full(seen.shape, np.nan)
         off = self._freed(seen, rows) - k * self._freed(told, rows) @ matrix.T
-        found = np.full(len(self.time), np.nan)
-        found[rows] = np.sqrt(self.weight[rows]) * np.linalg.norm(off, axis=1)
+        found[rows] = np.sqrt(self.weight[rows, None]) * off
         return found
+
+    def misfit(self, clock: float, matrix: Array) -> Array:
+        """Return by how much each row is not alike, (n,); NaN where a source is not there."""
+        return np.asarray(np.linalg.norm(self._left(clock, matrix), axis=1))
+
+    def _independent(self) -> float:
+        """Return how many rows of a block are as good as independent, by sums of what is left."""
+        off = self._left(*self.best)
+        there = np.isfinite(off).all(axis=1)
+        off = off[there]
+        starts = block_starts(self.time[there], BLOCK)
+        sums = np.sum(np.add.reduceat(off, starts, axis=0) ** 2)
+        effect = max(float(sums / max(np.sum(off**2), 1e-300)), 1.0)
+        return max(len(off) / len(starts) / effect, 1.0)
 
     def _clock(self) -> tuple[float, float]:
         """Return the clock with which axes fit best, and that by which stamps are far too late.
@@ -217,7 +232,7 @@ class Likeness:
         """Return 1 if other misfits are larger, -1 if smaller, 0 if none can tell; and the ratio.
 
         Two tests of which either is enough: the means of the squared misfits are compared by
-        Fisher's distribution with as many degrees of freedom as there are blocks of time; and the
+        Fisher's distribution with as many degrees of freedom as rows are independent; and the
         differences of the misfits, averaged over blocks, with their deviation by Student's. The
         first is sharp where what is wrong is much larger than noise, the second where both misfits
         have much in common. The level is that of the first of some tries.
@@ -232,7 +247,8 @@ class Likeness:
         counts = np.diff(np.append(starts, len(mine)))
         means = np.add.reduceat(other - mine, starts) / counts
         z = means.mean() / max(means.std(ddof=1) / np.sqrt(len(starts)), 1e-300)
-        enough, bound = f.isf(level, len(starts), len(starts)), t.isf(level, len(starts) - 1)
+        free = self._rows * len(starts)
+        enough, bound = f.isf(level, free, free), t.isf(level, len(starts) - 1)
         if ratio >= enough or (z >= bound and ratio > 1):
             return 1, ratio
         return -int(ratio <= 1 / enough or (z <= -bound and ratio < 1)), ratio
@@ -286,9 +302,6 @@ class Likeness:
     def slope(self) -> Slope:
         """Return the factor, with the axes that are most alike, and their clock."""
         clock, P = self.best
-        own = float(self.score[:, 0].max())
-        if own >= self.score.max():
-            clock, P = self.nearest, self.matrices[0]
         seen, told, rows = self.pairs(clock)
         seen, told, w = self._freed(seen, rows), self._freed(told, rows) @ P.T, self.weight[rows]
         starts = block_starts(self.time[rows], BLOCK)
@@ -329,7 +342,8 @@ def late(
 ) -> Finding:
     """Return whether stamps are late, by a value and its deviation."""
     bound, size = let + quantile * deviation, abs(value)
-    says = f"{stamps} are {size:.3g} s {'late' if value > 0 else 'early'} (± {deviation:.2g} s)"
+    how = "late" if value > 0 else "early"
+    says = f"{stamps} are {round(size, 3):g} s {how} (± {deviation:.2g} s)"
     hours = round(size / HOUR)
     if hours and abs(size - hours * HOUR) < 2 * REACH:
         says += f": {hours} h are as of another zone of time"
