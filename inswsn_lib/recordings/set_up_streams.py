@@ -84,7 +84,7 @@ def _held_values(name: str, stream: Stream) -> _Judged:
         lengths.append(np.diff(np.flatnonzero(new))[1:])
         steps = steps[new[1:]]
         finest = np.min(steps, axis=0, initial=np.inf, where=steps > 0)
-        far.append((steps / finest).max(axis=1, initial=0.0))
+        far.append((steps / np.maximum(finest, 1e-12)).max(axis=1, initial=0.0))
     runs, apart = np.concatenate(lengths), np.concatenate(far)
     mean = float(runs.mean()) if len(runs) else 1.0
     if mean < _REPEATED or np.median(apart) <= _STEPS:
