@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from inswsn_lib.calibration.blocks import FEWEST, block_starts
-from inswsn_lib.calibration.robust_fit import covariance, deviation_of, fit
-from inswsn_lib.calibration.turn_rates import Felt, Told, Turned, told_by, vertical_part
+from inswsn_lib.calibration.blocks import FEWEST
+from inswsn_lib.calibration.robust_fit import deviation_of
+from inswsn_lib.calibration.turn_rates import Felt, Told, Turn, Turned, told_by, vertical_part
 from inswsn_lib.checks import Array, number
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.streams import Imu, Recording
@@ -19,6 +19,7 @@ CLOCK_LIMIT, TURN_LIMIT = 0.02, 0.05
 _STEP = 0.02  # s, of the clocks that are tried
 _EXPLAINED = 0.5  # of the variance of the gyro's rates, lest it is no gyro of this body
 _CHANCE = 15.0  # over the number of rows: what no chance explains
+_ABOUT = 1e-4  # of what turns about an axis tell, that others do: below it is rounding
 _FACTOR = 2.0  # of what is felt by what a course explains of it
 _RATE = 0.01  # rad/s, what counts as 1 in the gyro's bias
 
@@ -44,7 +45,7 @@ class ImuClock:
         Deviation of the difference of rates by its median absolute value, rad/s: as logged, and
         with these values.
     blocks : int
-        As of `Calibration`.
+        As of `Calibration`; of those that tell, as many as would if each told as much.
 
     Examples
     --------
@@ -96,9 +97,10 @@ def imu_clock(
 
     .. math:: \bar\omega(t + \tau) = M\, \log(A(t - h/2)^{-1} A(t + h/2)) / h + b + e
 
-    is fitted by soft-l1 for the offset :math:`\tau`, the rotation M and the gyro's bias b, from an
-    offset by trial and a rotation in closed form (Umeyama 1991; the likeness of rates is a usual
-    measure of an IMU's delay, as in Furgale, Rehder and Siegwart 2013). Where the body turns about
+    is fitted by least squares with weights that fall with the misfit, for offsets :math:`\tau` on a
+    grid, the rotation M and the gyro's bias b in closed form (Umeyama 1991; the likeness of rates
+    is a usual measure of an IMU's delay, as in Furgale, Rehder and Siegwart 2013). Deviations are
+    those of a jackknife over blocks of time, each left out. Where the body turns about
     the vertical alone, or there is no attitude, the gyro about the vertical (the mean of the
     specific force) is compared with the rate of the heading, or of the course of fixes that have a
     velocity, or of chords of positions of the reference or else of fixes, which are made longer, up
@@ -163,52 +165,42 @@ def imu_clock(
 
 def _matched(felt: Felt, told: Told, block: float, reach: float, limit: float) -> ImuClock | None:
     """Return the offset and the rest; None if it is told, but not the rotation."""
-    count = round(reach / _STEP)
+    count = round(reach / _STEP) + 1
     clocks: Array = np.asarray(_STEP * np.arange(-count, count + 1))
-    turned = Turned(felt, told, reach + _STEP)
+    turned = Turned(felt, told, clocks, block)
     if not len(turned.time):
         raise InswsnError("The IMU and what it is compared with share too little time.")
-    starts = block_starts(turned.time, block)
-    if len(starts) < FEWEST:
-        raise InswsnError(f"The IMU is compared in {len(starts)} blocks; {FEWEST} are needed.")
-    state = turned.start(clocks)
-    size = np.array([CLOCK_LIMIT, *[TURN_LIMIT] * turned.turns, *[_RATE] * turned.width])
-    # a row for each axis: blocks are of times
-    rows = starts * turned.width
-    state, noise = fit(turned, state, deviation_of(turned.residual(state)), lambda _: size)
-    found, lost = covariance(turned, state, noise, size, rows)
-    found[0, 0] *= turned.clock_attenuation(state, noise) ** 2
-    explained, factor = turned.explained(state, noise)
+    blocks = len(turned.starts)
+    if blocks < FEWEST:
+        raise InswsnError(f"The IMU is compared in {blocks} blocks; {FEWEST} are needed.")
+    state, others = turned.matched()
+    off = others - others.mean(axis=0)
+    deviations = np.sqrt((blocks - 1) / blocks * np.sum(off**2, axis=0))
     # errors of a course by far positions are larger than what is felt, which then is all in it
     course = told.by == "course"
     least = min(_EXPLAINED, _CHANCE / len(turned.time)) if course else _EXPLAINED
-    if explained < least or (course and factor > _FACTOR):
+    if state.explained < least or (course and state.factor > _FACTOR):
         raise InswsnError(
-            f"The IMU's clock cannot be told: by the {told.by} {explained:.0%} of the variance of "
-            "its rates is explained: it turns too little, has other axes, or is of another run."
+            f"The IMU's clock cannot be told: by the {told.by} {state.explained:.0%} of the "
+            "variance of its rates is explained: it turns too little, has other axes, or is of "
+            "another run."
         )
-    if turned.turns:
-        attenuation = turned.attenuation(state, noise)
-        if attenuation is None:
-            return None
-        found[1:4, 1:4] = attenuation @ found[1:4, 1:4] @ attenuation.T
-    deviations = np.sqrt(np.diag(found))
-    deviations[lost] = np.inf
+    if turned.turns and (state.about < _ABOUT or not (deviations[1:] <= TURN_LIMIT).all()):
+        return None
     if not deviations[0] <= limit:
         raise InswsnError(
             f"The recording cannot tell the IMU's clock: the deviation would be {deviations[0]:.2g}"
-            f" s, above {limit:g}; it turns at {turned.size():.2g} rad/s."
+            f" s, above {limit:g}; it turns at {turned.size:.2g} rad/s."
         )
-    if turned.turns and not (deviations[1:4] <= TURN_LIMIT).all():
-        return None
+    nothing = Turn(0.0, np.eye(turned.width), np.zeros(turned.width))
     return ImuClock(
         by=told.by,
         offset=state.clock,
         deviation=float(deviations[0]),
         rotation=state.turn if turned.turns else None,
-        rotation_deviation=deviations[1:4] if turned.turns else np.full(3, np.nan),
+        rotation_deviation=deviations[1:] if turned.turns else np.full(3, np.nan),
         gyro_bias=state.bias,
-        before=deviation_of(turned.residual(turned.nothing())),
-        after=noise,
-        blocks=len(starts),
+        before=deviation_of(turned.residual(nothing).ravel()),
+        after=deviation_of(turned.residual(state).ravel()),
+        blocks=turned.telling(state),
     )

@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid
 from scipy.spatial.transform import Rotation, Slerp
 
-from inswsn_lib.calibration.blocks import spaced
-from inswsn_lib.calibration.start import aligned
+from inswsn_lib.calibration.blocks import block_starts, spaced
 from inswsn_lib.checks import Array, Mask
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.streams import Imu, Recording, Reference
@@ -19,9 +18,8 @@ _WINDOW, _COURSE_WINDOW, _LONGEST = 0.2, 0.5, 4.0  # s
 _ANGLE = 0.15  # rad, of errors of a course by positions, above which its chords are longer
 _CLEAR = 3.0  # deviations of a chord by its errors, that it is longer than
 _PERIODS = 3  # that a window has at least
-_STEP = 0.1  # s, over which a loss differs by more than errors
-_FAR = 5.0  # deviations of a difference that counts half
-_CHANCE, _SINGULAR = 5.0, 1e-9  # deviations of a cross moment, and of the largest one
+_ROUNDS, _FAR = 3, 3.0  # of weights, and median misfits at which one counts less
+_AROUND = 4  # clocks on either side, by which the best one is told
 _GAP = 0.25  # s, or three periods: across a longer one nothing is told
 
 
@@ -177,39 +175,42 @@ def vertical_part(told: Told) -> Told:
 
 @dataclass(frozen=True, eq=False)
 class Turn:
-    """A clock's offset (s), a rotation, and a gyro's bias (rad/s)."""
+    """A clock's offset (s), a rotation, a gyro's bias (rad/s), and what is left.
+
+    `explained` is the squared correlation of both rates, `factor` what is felt over its part in
+    that, 1 if only what is told has errors, and `about` how much turns about a second axis tell
+    beside those about the first.
+    """
 
     clock: float
     turn: Array
     bias: Array
+    explained: float = 0.0
+    factor: float = 1.0
+    about: float = 0.0
 
 
 class Turned:
-    """Rates that are felt less those that are told, which `robust_fit` makes small.
+    """The rates that a gyro feels and those that are told, over the same windows.
 
-    Parameters
-    ----------
-    felt : Felt
-    told : Told
-    reach : float
-        How far a clock may move without the gyro's rates coming to their end, s.
+    By moments over blocks of time the offset, the rotation and the bias that leave the least
+    squares are in closed form for each clock (Umeyama 1991), also without any block.
     """
 
-    def __init__(self, felt: Felt, told: Told, reach: float) -> None:
-        half = told.window / 2
+    def __init__(self, felt: Felt, told: Told, clocks: Array, block: float) -> None:
+        reach, half = float(np.abs(clocks).max()), told.window / 2
         ends = felt.time[0] + half + reach, felt.time[-1] - half - reach
         inside = (told.time >= ends[0]) & (told.time <= ends[1]) & _complete(felt, told, reach)
-        self.felt, self.half = felt, half
+        self.felt, self.half, self.clocks = felt, half, clocks
         self.time, self.rate = told.time[inside], told.rate[inside]
         self.width = self.rate.shape[1]
-        self.turns = 3 if self.width == 3 else 0
+        self.turns = self.width == 3
+        self.weight = np.ones(len(self.time))
+        self.starts = block_starts(self.time, block) if len(self.time) else np.arange(0)
 
-    def nothing(self) -> Turn:
-        """Return no offset, no turn and no bias."""
-        return Turn(0.0, np.eye(self.width), np.zeros(self.width))
-
+    @property
     def size(self) -> float:
-        """Return the root mean square of the rates, free of their mean, rad/s."""
+        """The root mean square of the rates, free of their mean, rad/s."""
         return float(np.sqrt(np.mean(np.sum((self.rate - self.rate.mean(axis=0)) ** 2, axis=1))))
 
     def felt_rate(self, clock: float) -> Array:
@@ -218,84 +219,79 @@ class Turned:
         early, late = ends
         return np.asarray((late - early) / (2 * self.half))
 
-    def start(self, clocks: Array) -> Turn:
-        """Return the offset of some, and the rotation, that leave the least median."""
-        best, state = np.inf, self.nothing()
-        for clock in clocks:
-            felt = self.felt_rate(float(clock))
-            turn, bias = np.eye(1), np.median(felt - self.rate[:, : self.width], axis=0)
-            if self.turns:
-                turn, bias = aligned(self.rate, felt)
-            off = float(np.median(np.linalg.norm(felt - self.rate @ turn.T - bias, axis=1)))
-            if off < best:
-                best, state = off, Turn(float(clock), turn, bias)
-        return state
-
-    def explained(self, state: Turn, noise: float) -> tuple[float, float]:
-        """Return the squared correlation of both, and the factor of what is felt by its part in it.
-
-        What fits worse than noise counts less. The factor is 1 if only what is told has errors.
-        """
-        felt, told = self.felt_rate(state.clock) - state.bias, self.rate @ state.turn.T
-        weight = 1 / (1 + np.sum((felt - told) ** 2, axis=1, keepdims=True) / (_FAR * noise) ** 2)
-        felt, told = (x - np.average(x, axis=0, weights=weight[:, 0]) for x in (felt, told))
-        C, S, T = (float(np.sum(weight * x)) for x in (felt * told, felt**2, told**2))
-        return max(C, 0.0) ** 2 / max(S * T, 1e-300), S / max(C, 1e-300)
-
-    def clock_attenuation(self, state: Turn, noise: float) -> float:
-        """Return by how much a clock is told less than by rates without errors.
-
-        Its derivative has errors of what is felt; differences of the loss over more time hardly.
-        """
-        losses = [
-            float(np.sum(2 * noise**2 * (np.sqrt(1 + (self.residual(each) / noise) ** 2) - 1)))
-            for each in (replace(state, clock=state.clock + x * _STEP) for x in (-1, 0, 1))
-        ]
-        true = (losses[0] - 2 * losses[1] + losses[2]) / (2 * _STEP**2)
-        push = self.jacobian(state)[:, 0] ** 2 / (1 + (self.residual(state) / noise) ** 2) ** 1.5
-        return max(float(np.sum(push)) / true, 1.0) if true > 0 else np.inf
-
-    def attenuation(self, state: Turn, noise: float) -> Array | None:
-        """Return by how much a turn is told less than by rates without errors, (3, 3).
-
-        The derivatives have the errors of the rates that are told, the second derivatives of the
-        squares have not: those are the cross moments of both. None if these are chance alone.
-        """
-        felt, told = self.felt_rate(state.clock) - state.bias, self.rate @ state.turn.T
-        weight = 1 / np.sqrt(1 + np.sum((felt - told) ** 2, axis=1) / noise**2)
-        moment = (weight[:, None] * felt).T @ told
-        true = np.trace(moment) * np.eye(3) - (moment + moment.T) / 2
-        own = (weight[:, None] * told).T @ told
-        values, vectors = np.linalg.eigh(true)
-        along = vectors[:, 0]
-        each = weight * (np.sum(felt * told, axis=1) - (felt @ along) * (told @ along))
-        if values[0] <= max(_CHANCE * float(np.linalg.norm(each)), _SINGULAR * values[-1]):
-            return None
-        return np.asarray(np.linalg.solve(true, np.trace(own) * np.eye(3) - own))
-
     def residual(self, state: Turn) -> Array:
-        """Return rates that are felt less those that are told, all axes of a time together."""
-        miss = self.felt_rate(state.clock) - self.rate @ state.turn.T - state.bias
-        return np.asarray(miss.ravel())
+        """Return rates that are felt less those that are told, (n, axes)."""
+        return np.asarray(self.felt_rate(state.clock) - self.rate @ state.turn.T - state.bias)
 
-    def jacobian(self, state: Turn) -> Array:
-        """Return the derivatives by clock, turn and bias."""
-        n, w = self.rate.shape
-        late, early = (self.felt.at(self.time + state.clock + x) for x in (self.half, -self.half))
-        columns = [((late - early) / (2 * self.half)).reshape(n * w, 1)]
-        if self.turns:
-            told = self.rate @ state.turn.T
-            # -(d x w) = w x d, as a matrix of w
-            columns.append(np.stack([np.cross(told, e) for e in np.eye(3)], axis=2).reshape(-1, 3))
-        columns.append(np.tile(-np.eye(w), (n, 1)))
-        return np.hstack(columns)
+    def matched(self) -> tuple[Turn, Array]:
+        """Return what leaves least, and what it is without each block, (blocks, 1 or 4).
 
-    def moved(self, state: Turn, by: Array) -> Turn:
-        """Return an offset, a turn and a bias after a step."""
-        turn = state.turn
+        These are offsets and small rotations. What fits worse than others counts less.
+        """
+        fastest = 1.5 * float(np.abs(self.felt_rate(0.0)).max())
+        size = np.maximum(np.linalg.norm(self.rate, axis=1), 1e-300)
+        self.weight = np.minimum(1.0, fastest / size) ** 4
+        for _ in range(_ROUNDS):
+            sums = self._sums()
+            state = self._least(sums.sum(axis=1, keepdims=True))[0]
+            miss = np.linalg.norm(self.residual(state), axis=1)
+            self.weight = 1 / (1 + (miss / max(_FAR * float(np.median(miss)), 1e-9)) ** 2)
+        sums = self._sums()
+        whole = sums.sum(axis=1, keepdims=True)
+        state, others = self._least(whole)[0], self._least(whole - sums)
+        moved = [
+            [other.clock, *Rotation.from_matrix(other.turn @ state.turn.T).as_rotvec()]
+            if self.turns
+            else [other.clock]
+            for other in others
+        ]
+        return state, np.array(moved)
+
+    def telling(self, state: Turn) -> int:
+        """Return how many blocks tell: as many as would if each told as much (Kish 1965)."""
+        felt, told = self.felt_rate(state.clock) - state.bias, self.rate @ state.turn.T
+        parts = self.weight * np.sum(felt * (told - told.mean(axis=0)), axis=1)
+        shares = np.maximum(np.add.reduceat(parts, self.starts), 0.0)
+        return max(2, round(float(shares.sum() ** 2 / max(np.sum(shares**2), 1e-300))))
+
+    def _sums(self) -> Array:
+        """Return sums over blocks of 1, what is felt, told, their products and squares."""
+        found, u, w = [], self.rate, self.weight[:, None]
+        for clock in self.clocks.tolist():
+            f = self.felt_rate(clock)
+            products = (f[:, :, None] * u[:, None]).reshape(len(u), -1)
+            squares = np.column_stack([np.sum(f**2, axis=1), np.sum(u**2, axis=1)])
+            rows = np.column_stack([np.ones(len(u)), f, u, products, squares])
+            found.append(np.add.reduceat(w * rows, self.starts, axis=0))
+        return np.array(found)
+
+    def _least(self, sums: Array) -> list[Turn]:
+        """Return what leaves least by sums (clocks, sets, numbers), for each set."""
+        d, n = self.width, sums[..., :1]
+        f, u = sums[..., 1 : 1 + d] / n, sums[..., 1 + d : 1 + 2 * d] / n
+        products = sums[..., 1 + 2 * d : -2].reshape(*sums.shape[:2], d, d) / n[..., None]
+        C = products - f[..., :, None] * u[..., None, :]
+        S, T = (sums[..., k] / n[..., 0] - np.sum(x**2, axis=-1) for k, x in ((-2, f), (-1, u)))
+        left, values, right = np.linalg.svd(C)
+        turn = np.broadcast_to(np.eye(d), C.shape)
+        alike, about = C[..., 0, 0], np.zeros(C.shape[:2])
         if self.turns:
-            turn = Rotation.from_rotvec(by[1:4]).as_matrix() @ turn
-        return Turn(state.clock + float(by[0]), turn, state.bias + by[1 + self.turns :])
+            proper = np.linalg.det(left @ right)
+            left[..., -1] *= proper[..., None]
+            turn, alike = left @ right, values.sum(axis=-1) + (proper - 1) * values[..., -1]
+            about = alike / np.maximum(values[..., 0], 1e-300) - 1
+        misfit = S - 2 * alike
+        found = []
+        for k, best in enumerate(np.argmin(misfit, axis=0).tolist()):
+            some = slice(max(0, best - _AROUND), best + _AROUND + 1)
+            bend, slope, _ = np.polyfit(self.clocks[some] - self.clocks[best], misfit[some, k], 2)
+            step = -slope / (2 * bend) if bend > 0 else np.inf
+            clock = self.clocks[best] + float(np.clip(step, *(self.clocks[[0, -1]])))
+            bias = f[best, k] - turn[best, k] @ u[best, k]
+            share = max(alike[best, k], 1e-300)
+            told = share**2 / max(S[best, k] * T[best, k], 1e-300), S[best, k] / share
+            found.append(Turn(float(clock), turn[best, k], bias, *told, about[best, k]))
+        return found
 
 
 def _complete(felt: Felt, told: Told, reach: float) -> NDArray[np.bool_]:

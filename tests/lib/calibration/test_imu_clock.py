@@ -56,7 +56,7 @@ def test_what_was_found_is_made_good() -> None:
     again = imu_clock(right)
     assert again.offset == pytest.approx(0.0, abs=1e-4)
     assert again.rotation is not None
-    assert Rotation.from_matrix(again.rotation).magnitude() < 1e-3
+    assert Rotation.from_matrix(again.rotation).magnitude() < 2e-3
     assert right.imu is not None
     plain = made_imu(3, seconds=40)  # neither late nor turned
     np.testing.assert_allclose(right.imu.time, plain.time, atol=2e-3)
@@ -138,7 +138,7 @@ def test_what_cannot_be_told_is_refused() -> None:
     mirrored = with_imu(1)
     assert mirrored.imu is not None
     other = replace(mirrored.imu, rate=mirrored.imu.rate * [1.0, 1.0, -1.0])
-    with pytest.raises(InswsnError, match=r"cannot tell the IMU's clock"):
+    with pytest.raises(InswsnError, match="has other axes, or is of another run"):
         imu_clock(replace(mirrored, imu=other))
     with pytest.raises(ParameterError):
         imu_clock(mirrored, window=0.0)
