@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid
 from scipy.spatial.transform import Rotation, Slerp
 
@@ -92,14 +91,20 @@ def up_of(imu: Imu) -> Array:
     return np.asarray(mean / max(float(np.linalg.norm(mean)), 1e-300))
 
 
+def unbroken(time: Array, early: Array, late: Array) -> Mask:
+    """Tell which intervals lie within some stamps, and in none of their gaps."""
+    steps = np.diff(time)
+    wide = np.append(0, np.cumsum(steps > max(_GAP, 3 * float(np.median(steps)))))
+    first, last = np.searchsorted(time, early, side="right") - 1, np.searchsorted(time, late)
+    first, last = np.maximum(first, 0), np.minimum(last, len(time) - 1)
+    return np.asarray((early >= time[0]) & (late <= time[-1]) & (wide[first] == wide[last]))
+
+
 def _grid(time: Array, window: float, step: float | None = None) -> tuple[Array, Mask]:
     """Return the middles of windows over some stamps, and which have no gap."""
     middle = spaced(time[0] + window / 2, time[-1] - window / 2, step or window, len(time))
-    steps = np.diff(time)
-    wide = np.append(0, np.cumsum(steps > max(_GAP, 3 * float(np.median(steps)))))
-    first, last = (np.searchsorted(time, middle + side * window / 2) for side in (-1, 1))
-    whole = wide[np.minimum(last, len(time) - 1)] == wide[np.maximum(first - 1, 0)]
-    return middle, np.asarray(whole)
+    half = window / 2 - 1e-9  # rounding takes none of them away
+    return middle, unbroken(time, middle - half, middle + half)
 
 
 def _window(given: float | None, usual: float, time: Array) -> float:
@@ -198,9 +203,9 @@ class Turned:
     """
 
     def __init__(self, felt: Felt, told: Told, clocks: Array, block: float) -> None:
-        reach, half = float(np.abs(clocks).max()), told.window / 2
-        ends = felt.time[0] + half + reach, felt.time[-1] - half - reach
-        inside = (told.time >= ends[0]) & (told.time <= ends[1]) & _complete(felt, told, reach)
+        half = told.window / 2
+        reach = half + float(np.abs(clocks).max())
+        inside = unbroken(felt.time, told.time - reach, told.time + reach)
         self.felt, self.half, self.clocks = felt, half, clocks
         self.time, self.rate = told.time[inside], told.rate[inside]
         self.width = self.rate.shape[1]
@@ -292,13 +297,3 @@ class Turned:
             told = share**2 / max(S[best, k] * T[best, k], 1e-300), S[best, k] / share
             found.append(Turn(float(clock), turn[best, k], bias, *told, about[best, k]))
         return found
-
-
-def _complete(felt: Felt, told: Told, reach: float) -> NDArray[np.bool_]:
-    """Tell which windows lie in no gap of the gyro, wherever its clock moves."""
-    steps = np.diff(felt.time)
-    wide = np.append(0, np.cumsum(steps > max(_GAP, 3 * float(np.median(steps)))))
-    half = told.window / 2 + reach
-    first = np.clip(np.searchsorted(felt.time, told.time - half) - 1, 0, len(wide) - 1)
-    last = np.clip(np.searchsorted(felt.time, told.time + half), 0, len(wide) - 1)
-    return np.asarray(wide[first] == wide[last])

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import f, t
 
 from inswsn_lib.calibration.blocks import FEWEST, block_starts
-from inswsn_lib.calibration.turn_rates import Felt
+from inswsn_lib.calibration.turn_rates import Felt, unbroken
 from inswsn_lib.checks import Array, Mask
 from inswsn_lib.recordings.findings import FALSE_ALARM, Finding
 
@@ -322,14 +322,10 @@ class Likeness:
 
 def compared_windows(felt: Felt, time: Array, told: Array, window: float) -> Pairs:
     """Return means of what is felt over windows, and what is told of them; across no gap."""
-    half, steps = window / 2, np.diff(felt.time)
-    wide = np.append(0, np.cumsum(steps > max(window, 3 * float(np.median(steps)))))
 
     def pairs(clock: float) -> tuple[Array, Array, Mask]:
-        early, after = time + clock - half, time + clock + half
-        first, last = (np.searchsorted(felt.time, x) for x in (early, after))
-        rows = (early >= felt.time[0]) & (after <= felt.time[-1])
-        rows &= wide[np.maximum(first - 1, 0)] == wide[np.minimum(last, len(wide) - 1)]
+        early, after = time + clock - window / 2, time + clock + window / 2
+        rows = unbroken(felt.time, early, after)
         if not rows.any():
             return told, told, rows
         return (felt.turned(after) - felt.turned(early)) / window, told, rows

@@ -36,18 +36,6 @@ def wrong(findings: list[Finding]) -> list[str]:
     return [f"{found.name}: {found.subject}" for found in findings if found.fits is False]
 
 
-def test_a_right_set_up_is_not_taken_for_wrong() -> None:
-    """Eight recordings of 20 to 30 checks each, which fail once in 1000 times or less."""
-    for seed in range(8):
-        findings = check_set_up(room(seed) if seed % 2 else made_drive(seed))
-        assert wrong(findings) == [], seed
-        assert {found.name for found in findings} <= NAMES
-        # where an anchor is takes long to tell
-        assert {found.name for found in findings if found.fits is None} <= {"place"}
-        if seed % 2 == 0:
-            assert verdict(findings) == "Recording and figures fit."
-
-
 def test_a_right_set_up_is_told_with_all_that_was_looked_at() -> None:
     assert {found.name for found in check_set_up(room(0))} == NAMES - {"odometry"}
     assert {found.name for found in check_set_up(made_drive(0))} == {
