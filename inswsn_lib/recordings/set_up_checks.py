@@ -33,7 +33,7 @@ def check_set_up(recording: Recording) -> list[Finding]:
     values    a range means that nothing was measured: it is not   2 % of the rows
               above 0, or always the same and far from others
     values    each value is logged again until there is a new one  1.4 times
-    values    rows of a reference that no motion joins with others thrice its largest speed
+    values    rows of a reference that no motion joins with others 6 times its usual speed
     stamps    they fall behind, and then catch up                  0.3 s
     axes      exchanged, reversed or mirrored, of all signed       none
               permutations, 48 in space

@@ -27,7 +27,7 @@ _SHORT = 0.5  # s: a shorter gap of what is not summed up is none
 _REPEATED, _EVEN, _NEVER = 1.4, 0.9, 1e-6
 # s and periods: how far behind stamps jam; s, after what time they have caught up; what stays late
 _JAM, _BEHIND, _CATCH, _STALE = 0.3, 3.0, 10.0, 0.3
-_CHORD, _FAST, _BACK = 0.2, 3.0, 500  # s, of a speed; times the usual largest one; segments
+_CHORD, _FAST, _BACK = 0.2, 6.0, 500  # s, of a speed; times the usual one; segments
 _PUSH, _WAY, _SPIN, _TURNED = 50.0, 0.1, 100.0, 0.5  # m/s^2, m; rad/s^2, rad: beside any speed
 _SHARED = 0.02  # of a stream's time, in which another one is there, too
 
@@ -151,8 +151,10 @@ def _unjoined_rows(name: str, stream: Stream) -> _Judged:
     measures += [] if stream.attitude is None else [_angle(stream.attitude)]
     limits = []
     for far, push, least in zip(measures, (_PUSH, _SPIN), (_WAY, _TURNED), strict=False):
-        usual = float(np.nanquantile(far(rows, ahead)[whole] / (time[ahead] - time)[whole], 0.95))
-        limits.append((far, _FAST * usual, push, least))
+        speeds = far(rows, ahead)[whole] / (time[ahead] - time)[whole]
+        moves = speeds[speeds > least / _CHORD]  # it may stand most of the time
+        fast = _FAST * float(np.median(moves)) if len(moves) else 0.0
+        limits.append((far, fast, push, least))
 
     def joined(first: Whole, last: Whole) -> Mask:
         passed = np.abs(time[last] - time[first]) + slack[last]
@@ -170,7 +172,7 @@ def _unjoined_rows(name: str, stream: Stream) -> _Judged:
         return None, None
     place = stream.position
     away = place - np.column_stack([np.interp(time, time[kept], x) for x in place[kept].T])
-    most, count = float(np.linalg.norm(away[~kept], axis=1).max()), int((~kept).sum())
+    most, count = float(np.nanmax(np.linalg.norm(away[~kept], axis=1))), int((~kept).sum())
     says = (
         f"{count} rows, first at {stream.time[~kept][0]:.6g} s and up to {most:.2g} m away, are "
         "where no motion joins them with the others: they are left out"
