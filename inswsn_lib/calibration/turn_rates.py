@@ -18,6 +18,7 @@ _ANGLE = 0.15  # rad, of errors of a course by positions, above which its chords
 _CLEAR = 3.0  # deviations of a chord by its errors, that it is longer than
 _PERIODS = 3  # that a window has at least
 _ROUNDS, _FAR = 3, 3.0  # of weights, and median misfits at which one counts less
+_MOST = 20_000  # windows that are looked at
 _AROUND = 4  # clocks on either side, by which the best one is told
 _GAP = 0.25  # s, or three periods: across a longer one nothing is told
 
@@ -205,7 +206,8 @@ class Turned:
     def __init__(self, felt: Felt, told: Told, clocks: Array, block: float) -> None:
         half = told.window / 2
         reach = half + float(np.abs(clocks).max())
-        inside = unbroken(felt.time, told.time - reach, told.time + reach)
+        inside = np.flatnonzero(unbroken(felt.time, told.time - reach, told.time + reach))
+        inside = inside[:: -(-len(inside) // _MOST) or 1]
         self.felt, self.half, self.clocks = felt, half, clocks
         self.time, self.rate = told.time[inside], told.rate[inside]
         self.width = self.rate.shape[1]
