@@ -31,6 +31,7 @@ _TURN, _LATE, _SHIFT, _ARM, _SCALE = 3.0, 0.02, 3.0, 0.5, 0.05  # what is let pa
 _TOLD = {"clock": 1.0, "turn": 20.0, "lever arm": 3.0, "scale": 0.1}  # the widest bounds, likewise
 _ANY = dict.fromkeys(("clock", "turn", "shift", "lever arm", "bias", "scale"), 1e9)
 _NEAR = 1.5  # s, of clocks that are tried; farther ones are found before
+_BLOCKS, _CORRELATED = (BLOCK, 10.0, 20.0, 40.0), 0.3  # s, and of means of blocks on end
 _MOST = 8000  # rows that are fitted
 _AS_WELL = -2 * float(np.log(FALSE_ALARM))  # of twice a logarithm of likelihoods
 _NAMES = {"clock": "a late clock", "frame": "a turned or shifted reference",
@@ -60,6 +61,8 @@ class Explanations:
         What is always fitted.
     clock : float
         By how much the stamps of the source were late, s, and are no more.
+    block : float
+        s, longer than errors last.
     """
 
     recording: Recording
@@ -67,6 +70,7 @@ class Explanations:
     kinds: tuple[str, ...]
     also: tuple[str, ...]
     clock: float = 0.0
+    block: float = BLOCK
     chosen: tuple[str, ...] = ()
     _fits: dict[frozenset[str], _Fit] = field(default_factory=dict)
     _as_well: dict[str, list[str]] = field(default_factory=dict)
@@ -83,7 +87,31 @@ class Explanations:
         rows = Rows.of(stream)
         self._motion = ReferenceMotion(reference, rows.dimension)
         self._rows = rows.part(self._motion.covers(rows.time, 2 * _NEAR))
-        self._choose()
+        if len(self._rows.time):
+            self.block, self._wider = self._lasting(self.fit(*self.kinds).residual)
+            self._fits.clear()
+            self._choose()
+
+    def _lasting(self, miss: Array) -> tuple[float, float]:
+        """Return how long blocks are whose means are hardly correlated, s, and a factor.
+
+        By that variances are larger since what is left of the correlation goes on (a process of
+        the first order), estimated too small by one over the number of blocks.
+        """
+        related = 0.0
+        for length in _BLOCKS:
+            both, own = 0.0, 0.0
+            for k in np.unique(self._rows.which):
+                mine = self._rows.which == k
+                starts = block_starts(self._rows.time[mine], length)
+                counts = np.diff(np.append(starts, int(mine.sum())))
+                means = np.add.reduceat(np.arctan(miss[mine] / deviation_of(miss)), starts) / counts
+                means = means - means.mean()
+                both, own = both + float(means[1:] @ means[:-1]), own + float(means @ means)
+            related = float(np.clip(both / max(own, 1e-300) + 1 / len(means), 0.0, 0.8))
+            if related < _CORRELATED:
+                break
+        return length, (1 + related) / (1 - related)
 
     def fit(self, *kinds: str) -> _Fit:
         """Return the fit of some kinds, beside what is always fitted."""
@@ -100,7 +128,12 @@ class Explanations:
             reach = _NEAR if "clock" in kinds else 0.0
             try:
                 found = calibrate(
-                    self.recording, names, source=self.source, block=BLOCK, reach=reach, limits=_ANY
+                    self.recording,
+                    names,
+                    source=self.source,
+                    block=self.block,
+                    reach=reach,
+                    limits=_ANY,
                 )
                 state = found.state
             except InswsnError as error:
@@ -109,8 +142,6 @@ class Explanations:
         return _Fit(found, Model(self._motion, self._rows, []).residual(state), count)
 
     def _choose(self) -> None:
-        if not len(self._rows.time):
-            return
         while True:
             gains = {
                 kind: self._gain(self.fit(*self.chosen), self.fit(*self.chosen, kind))
@@ -151,7 +182,7 @@ class Explanations:
         for k in np.unique(self._rows.which):
             mine = self._rows.which == k
             own = push[mine] - push[mine].mean()
-            starts = block_starts(self._rows.time[mine], BLOCK)
+            starts = block_starts(self._rows.time[mine], self.block)
             total += float(np.sum(np.add.reduceat(own, starts) ** 2))
             count += int(mine.sum()) * float(np.mean(own**2))
         return max(total / max(count, 1e-300), 1.0)
@@ -168,6 +199,7 @@ class Explanations:
             if isinstance(found, str):
                 yield unknown(name, who, found)
                 continue
+            found = replace(found, covariance=self._wider * found.covariance)
             for each in self._judged(kind, who, found):
                 explains = kind in self.chosen or (kind == "clock" and self.clock != 0)
                 if not explains and each.fits is False:

@@ -15,7 +15,7 @@ from inswsn_lib.calibration.turn_rates import Felt, Told, told_by
 from inswsn_lib.checks import Mask
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.recordings.findings import FALSE_ALARM, Finding, unknown
-from inswsn_lib.recordings.likeness import BLOCK, Likeness, compared_windows, late, units_of
+from inswsn_lib.recordings.likeness import BLOCK, HOUR, Likeness, compared_windows, late, units_of
 from inswsn_lib.streams import Imu, Recording
 
 GRAVITY = 9.80665  # m/s^2
@@ -56,8 +56,11 @@ def check_imu(recording: Recording) -> Iterator[Finding]:
             yield unknown(name, who, "it is there for too short a time, or nothing turns")
         return
     unit, axes = _unit(alike, told.by, _period(imu)), alike.axes(who, "the gyro's")
-    if told.by == "course" and unit.fits is None:
-        axes = unknown("axes", who, "too little turns, or the course is not the heading")
+    doubtful = told.by == "course" and unit.fits is None
+    if doubtful:
+        says = "too little turns, or the course is not the heading"
+        axes = unknown("axes", who, says)
+        yield unknown("time", who, says)
     yield from (unit, axes)
     if told.by == "attitude":
         right = replace(imu, time=imu.time - alike.clock)
@@ -65,7 +68,7 @@ def check_imu(recording: Recording) -> Iterator[Finding]:
     else:
         says = "without an attitude its axes and its mounting cannot be told"
         yield unknown("mounting", "IMU", says)
-    if unit.fits is not False and axes.fits is not False:
+    if not doubtful and unit.fits is not False and axes.fits is not False:
         yield from _clock(recording, imu, alike.clock, told.speed)
 
 
@@ -165,7 +168,7 @@ def _clock(recording: Recording, imu: Imu, clock: float, speed: float) -> Iterat
         found = imu_clock(near, slowest=_SLOWEST, block=BLOCK, reach=_NEAR, limit=_LIMIT)
     except InswsnError as error:
         who = "IMU and what it is compared with"
-        if clock:
+        if abs(clock) > HOUR / 2:  # which is tried where nothing is shared without
             yield late(who, stamps, sign * clock, _LIMIT, 2.0, let)
         else:
             yield unknown("time", who, str(error).rstrip("."))
