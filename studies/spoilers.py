@@ -15,7 +15,7 @@ import pandas as pd
 import yaml
 
 from inswsn_lib.recordings.csv_folder import COLUMNS
-from inswsn_lib.recordings.signed_axes import signed_permutations
+from inswsn_lib.recordings.likeness import signed_permutations
 
 Random = np.random.Generator
 Change = Callable[[Path, float, Random], None]

@@ -106,10 +106,10 @@ def calibrate(
     if recording.reference is None:
         return _alone(recording, estimate, chosen, block, limits)
     kinds = [kind for each in estimate for kind in _kinds(each)]
-    d = chosen.anchors.shape[1] if isinstance(chosen, Ranges) else chosen.position.shape[1]
-    _refuse_missing(recording.reference, kinds, chosen, d)
-    motion, rows = ReferenceMotion(recording.reference, d), Rows.of(chosen)
-    first = _first(recording, chosen, d)
+    rows = Rows.of(chosen)
+    _refuse_missing(recording.reference, kinds, chosen, rows.dimension)
+    motion = ReferenceMotion(recording.reference, rows.dimension)
+    first = State.nothing(rows, np.array(recording.lever_arm, dtype=float))
     covered = rows.part(motion.covers(rows.time))
     if not len(covered.time):
         raise InswsnError("The reference and what it is compared with share no time.")
@@ -175,14 +175,6 @@ def _refuse_missing(
     if isinstance(source, Fixes):
         for kind in {"bias", "scale"} & set(kinds):
             raise InswsnError(f"Fixes have no {kind} by anchor; it takes ranges to tell it.")
-
-
-def _first(recording: Recording, source: Ranges | Fixes, d: int) -> State:
-    """Return what the recording says of itself: a lever arm, and nothing else."""
-    count = len(source.anchors) if isinstance(source, Ranges) else 0
-    arm = np.array(recording.lever_arm, dtype=float)
-    zero = np.zeros(count)
-    return State(0.0, 0.0, np.eye(d), np.zeros(d), arm, zero, zero.copy())
 
 
 def _alone(

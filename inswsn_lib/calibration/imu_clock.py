@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from inswsn_lib.calibration.blocks import FEWEST, block_starts
-from inswsn_lib.calibration.robust_fit import covariance, deviation_of, fit
-from inswsn_lib.calibration.turn_rates import Felt, Told, Turned, told_by, vertical_part
+from inswsn_lib.calibration.blocks import FEWEST
+from inswsn_lib.calibration.robust_fit import deviation_of
+from inswsn_lib.calibration.turn_rates import Felt, Told, Turn, Turned, told_by, vertical_part
 from inswsn_lib.checks import Array, number
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.streams import Imu, Recording
@@ -18,6 +18,9 @@ CLOCK_LIMIT, TURN_LIMIT = 0.02, 0.05
 
 _STEP = 0.02  # s, of the clocks that are tried
 _EXPLAINED = 0.5  # of the variance of the gyro's rates, lest it is no gyro of this body
+_CHANCE = 15.0  # over the number of rows: what no chance explains
+_ABOUT = 1e-4  # of what turns about an axis tell, that others do: below it is rounding
+_FACTOR = 2.0  # of what is felt by what a course explains of it
 _RATE = 0.01  # rad/s, what counts as 1 in the gyro's bias
 
 
@@ -42,7 +45,7 @@ class ImuClock:
         Deviation of the difference of rates by its median absolute value, rad/s: as logged, and
         with these values.
     blocks : int
-        As of `Calibration`.
+        As of `Calibration`; of those that tell, as many as would if each told as much.
 
     Examples
     --------
@@ -85,6 +88,7 @@ def imu_clock(
     slowest: float = 1.0,
     block: float = 5.0,
     reach: float = 1.0,
+    limit: float = CLOCK_LIMIT,
 ) -> ImuClock:
     r"""Return how late the IMU's stamps are, from turns that it and another sensor measure.
 
@@ -93,13 +97,14 @@ def imu_clock(
 
     .. math:: \bar\omega(t + \tau) = M\, \log(A(t - h/2)^{-1} A(t + h/2)) / h + b + e
 
-    is fitted by soft-l1 for the offset :math:`\tau`, the rotation M and the gyro's bias b, from an
-    offset by trial and a rotation in closed form (Umeyama 1991; the likeness of rates is a usual
-    measure of an IMU's delay, as in Furgale, Rehder and Siegwart 2013). Where the body turns about
+    is fitted by least squares with weights that fall with the misfit, for offsets :math:`\tau` on a
+    grid, the rotation M and the gyro's bias b in closed form (Umeyama 1991; the likeness of rates
+    is a usual measure of an IMU's delay, as in Furgale, Rehder and Siegwart 2013). Deviations are
+    those of a jackknife over blocks of time, each left out. Where the body turns about
     the vertical alone, or there is no attitude, the gyro about the vertical (the mean of the
     specific force) is compared with the rate of the heading, or of the course of fixes that have a
-    velocity or of the reference's positions. The course turns as the body does only without
-    sideslip.
+    velocity, or of chords of positions of the reference or else of fixes, which are made longer, up
+    to 4 s, until errors turn them little. The course turns as the body does only without sideslip.
 
     Parameters
     ----------
@@ -113,12 +118,14 @@ def imu_clock(
         As in `calibrate`, s.
     reach : float
         How late or early the stamps may be, s.
+    limit : float
+        The largest deviation of the offset that counts as told, s.
 
     Raises
     ------
     InswsnError
-        If the offset's deviation is above 0.02 s, as with too little rotation, or if most of what
-        the gyro feels is not what the others see: other axes, another run, a mirrored frame.
+        If the offset's deviation is above the limit, as with too little rotation, or if most of
+        what the gyro feels is not what the others see: other axes, another run, a mirrored frame.
 
     Examples
     --------
@@ -147,62 +154,53 @@ def imu_clock(
     if recording.imu is None or len(recording.imu) < 2:
         raise InswsnError(f"The recording {recording.name} has no IMU.")
     told = told_by(recording, window, slowest)
-    felt = Felt(recording.imu)
-    if told.by == "attitude":
-        found = _matched(felt, told, block, reach)
-        if found is not None:
-            return found
+    number("limit", limit, above=0)
+    found = _matched(Felt.of(recording.imu, told), told, block, reach, limit)
+    if found is None:
         told = vertical_part(told)
-    found = _matched(felt.about(up_of(recording.imu)), told, block, reach)
+        found = _matched(Felt.of(recording.imu, told), told, block, reach, limit)
     assert found is not None  # a rate about the vertical has no rotation to be lost
     return found
 
 
-def up_of(imu: Imu) -> Array:
-    """Return the direction of the mean specific force in the axes of the IMU."""
-    mean = imu.force.mean(axis=0)
-    return np.asarray(mean / max(float(np.linalg.norm(mean)), 1e-300))
-
-
-def _matched(felt: Felt, told: Told, block: float, reach: float) -> ImuClock | None:
+def _matched(felt: Felt, told: Told, block: float, reach: float, limit: float) -> ImuClock | None:
     """Return the offset and the rest; None if it is told, but not the rotation."""
-    count = round(reach / _STEP)
+    count = round(reach / _STEP) + 1
     clocks: Array = np.asarray(_STEP * np.arange(-count, count + 1))
-    turned = Turned(felt, told, reach + _STEP)
+    turned = Turned(felt, told, clocks, block)
     if not len(turned.time):
         raise InswsnError("The IMU and what it is compared with share too little time.")
-    starts = block_starts(turned.time, block)
-    if len(starts) < FEWEST:
-        raise InswsnError(f"The IMU is compared in {len(starts)} blocks; {FEWEST} are needed.")
-    state = turned.start(clocks)
-    size = np.array([CLOCK_LIMIT, *[TURN_LIMIT] * turned.turns, *[_RATE] * turned.width])
-    # a row for each axis: blocks are of times
-    rows = starts * turned.width
-    state, noise = fit(turned, state, deviation_of(turned.residual(state)), lambda _: size)
-    found, lost = covariance(turned, state, noise, size, rows)
-    deviations = np.sqrt(np.diag(found))
-    deviations[lost] = np.inf
-    explained = turned.explained(state)
-    if not deviations[0] <= CLOCK_LIMIT:
+    blocks = len(turned.starts)
+    if blocks < FEWEST:
+        raise InswsnError(f"The IMU is compared in {blocks} blocks; {FEWEST} are needed.")
+    state, others = turned.matched()
+    off = others - others.mean(axis=0)
+    deviations = np.sqrt((blocks - 1) / blocks * np.sum(off**2, axis=0))
+    # errors of a course by far positions are larger than what is felt, which then is all in it
+    course = told.by == "course"
+    least = min(_EXPLAINED, _CHANCE / len(turned.time)) if course else _EXPLAINED
+    if state.explained < least or (course and state.factor > _FACTOR):
+        raise InswsnError(
+            f"The IMU's clock cannot be told: by the {told.by} {state.explained:.0%} of the "
+            "variance of its rates is explained: it turns too little, has other axes, or is of "
+            "another run."
+        )
+    if turned.turns and (state.about < _ABOUT or not (deviations[1:] <= TURN_LIMIT).all()):
+        return None
+    if not deviations[0] <= limit:
         raise InswsnError(
             f"The recording cannot tell the IMU's clock: the deviation would be {deviations[0]:.2g}"
-            f" s, above {CLOCK_LIMIT:g}; it turns at {turned.size():.2g} rad/s."
+            f" s, above {limit:g}; it turns at {turned.size:.2g} rad/s."
         )
-    if explained < _EXPLAINED:
-        raise InswsnError(
-            f"The IMU's clock cannot be told: by the {told.by} {explained:.0%} of the variance of "
-            "its rates is explained: it turns too little, has other axes, or is of another run."
-        )
-    if turned.turns and not (deviations[1:4] <= TURN_LIMIT).all():
-        return None
+    nothing = Turn(0.0, np.eye(turned.width), np.zeros(turned.width))
     return ImuClock(
         by=told.by,
         offset=state.clock,
         deviation=float(deviations[0]),
         rotation=state.turn if turned.turns else None,
-        rotation_deviation=deviations[1:4] if turned.turns else np.full(3, np.nan),
+        rotation_deviation=deviations[1:] if turned.turns else np.full(3, np.nan),
         gyro_bias=state.bias,
-        before=deviation_of(turned.residual(turned.nothing())),
-        after=noise,
-        blocks=len(starts),
+        before=deviation_of(turned.residual(nothing).ravel()),
+        after=deviation_of(turned.residual(state).ravel()),
+        blocks=turned.telling(state),
     )

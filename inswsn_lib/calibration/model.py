@@ -38,6 +38,12 @@ class State:
     bias: Array  # (N,)
     scale: Array  # (N,)
 
+    @classmethod
+    def nothing(cls, rows: Rows, lever_arm: Array) -> State:
+        """Return what a recording says of itself: a lever arm, and nothing else."""
+        d, zero = rows.dimension, np.zeros(0 if rows.anchors is None else len(rows.anchors))
+        return cls(0.0, 0.0, np.eye(d), np.zeros(d), lever_arm, zero, zero.copy())
+
 
 @dataclass(frozen=True, eq=False)
 class Rows:
@@ -52,6 +58,7 @@ class Rows:
     weight: Array
     anchors: Array | None
     names: tuple[str, ...]
+    dimension: int
 
     @classmethod
     def of(cls, source: Ranges | Fixes) -> Rows:
@@ -66,6 +73,7 @@ class Rows:
                 np.ones(len(which)),
                 source.anchors,
                 source.names,
+                source.anchors.shape[1],
             )
         kept: Mask = np.asarray(np.isfinite(source.position).all(axis=1))
         if source.good is not None:
@@ -79,7 +87,7 @@ class Rows:
             weight = usual / np.maximum(told, usual / 10) if usual > 0 else weight
         axes = np.tile(np.arange(d), len(weight))
         time, value = np.repeat(source.time[kept], d), source.position[kept].ravel()
-        return cls(time, axes, value, weight.ravel(), None, ())
+        return cls(time, axes, value, weight.ravel(), None, (), d)
 
     def part(self, kept: Mask) -> Rows:
         """Return some of the rows."""

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 #: How often a check fails on a recording that fits
 FALSE_ALARM = 1e-3
 
@@ -44,6 +46,11 @@ class Finding:
     high: float
     fits: bool | None
     says: str
+
+
+def unknown(name: str, subject: str, says: str) -> Finding:
+    """Return that the data cannot tell something, and why."""
+    return Finding(name, subject, np.nan, np.nan, np.nan, None, says)
 
 
 def verdict(findings: Sequence[Finding]) -> str:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from inswsn_lib.recordings.findings import Finding
 from inswsn_lib.recordings.set_up_imu import check_imu
 from inswsn_lib.recordings.set_up_odometry import check_odometry
-from inswsn_lib.recordings.set_up_ranges import check_positions
-from inswsn_lib.recordings.set_up_streams import check_failed, check_stamps
+from inswsn_lib.recordings.set_up_positions import check_positions
+from inswsn_lib.recordings.set_up_streams import check_failed, check_gaps, check_stamps
 from inswsn_lib.recordings.set_up_velocities import check_velocities
 from inswsn_lib.streams import Recording
 
@@ -32,6 +32,9 @@ def check_set_up(recording: Recording) -> list[Finding]:
     values    a sensor sticks, saturates, or is quantised coarsely 20 equal rows, 1 % at a limit
     values    a range means that nothing was measured: it is not   2 % of the rows
               above 0, or always the same and far from others
+    values    each value is logged again until there is a new one  1.4 times
+    values    rows of a reference that no motion joins with others 6 times its usual speed
+    stamps    they fall behind, and then catch up                  0.3 s
     axes      exchanged, reversed or mirrored, of all signed       none
               permutations, 48 in space
     gravity   the specific force, by the attitude, is not upwards  5 degrees on average
@@ -74,9 +77,11 @@ def check_set_up(recording: Recording) -> list[Finding]:
     """
     if recording.reference is not None and len(recording.reference) < _FEWEST:
         recording = recording.without("reference")
+    gaps = check_gaps(recording)
     failed, recording = check_failed(recording)
     return [
         *failed,
+        *gaps,
         *check_stamps(recording),
         *check_imu(recording),
         *check_velocities(recording),

@@ -3,34 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 from scipy.stats import t
 
 from inswsn_lib.calibration.blocks import FEWEST, block_starts
-from inswsn_lib.calibration.imu_clock import ImuClock, imu_clock, up_of
-from inswsn_lib.calibration.turn_rates import Felt, Told, Turned, told_by
-from inswsn_lib.checks import Array
+from inswsn_lib.calibration.imu_clock import ImuClock, imu_clock
+from inswsn_lib.calibration.turn_rates import Felt, Told, told_by
+from inswsn_lib.checks import Mask
 from inswsn_lib.errors import InswsnError
-from inswsn_lib.recordings.findings import FALSE_ALARM, Finding
-from inswsn_lib.recordings.signed_axes import judge_axes, signed_permutations, unit_of
+from inswsn_lib.recordings.findings import FALSE_ALARM, Finding, unknown
+from inswsn_lib.recordings.likeness import BLOCK, HOUR, Likeness, compared_windows, late, units_of
 from inswsn_lib.streams import Imu, Recording
 
 GRAVITY = 9.80665  # m/s^2
 
-_BLOCK = 5.0  # s
-_FORCES = {"g": 1 / GRAVITY, "mg": 1000 / GRAVITY, "cm/s^2": 100.0, "ft/s^2": 3.2808}
-_RATES = {"deg/s": 57.29578, "mdeg/s": 57295.78, "mrad/s": 1000.0, "turns/s": 0.159155}
+_FORCES = {"in g": 1 / GRAVITY, "in mg": 1000 / GRAVITY, "in cm/s^2": 100.0, "in ft/s^2": 3.2808}
+_RATES = {"in deg/s": 57.29578, "in mdeg/s": 57295.78, "in mrad/s": 1000.0, "in turns/s": 0.159155}
 _SIZE = (0.8, 1.25)  # of a unit that is right
-_COURSE_SIZE = (0.5, 2.0)  # likewise, where sideslip and noise of velocities have a part
+_COURSE_SIZE = (0.5, 2.0)  # likewise, where sideslip has a part
 _SLOWEST = 1.0  # m/s, of a course
 _FASTEST = 40.0  # rad/s, beyond the range of usual gyros of 2000 deg/s
-_WINDOW = 0.5  # s
+_WINDOW, _MOST = 0.5, 3000  # s, and how many windows are looked at
 _TILT, _MOUNTED, _LATE = 5.0, 5.0, 0.02  # degrees, degrees, s: what is let pass
-_REACH, _STEP = 1.0, 0.05  # s, of clocks that are tried
-_NOTHING = 1e-9  # (rad/s)^2, below which nothing turns
-_CAP = 5.0  # times the median: what is larger counts as much
+_AXLE = 1.0  # m, of an antenna from where the course is the heading: it tells early or late by it
+_NEAR, _LIMIT, _TOLD = 1.0, 0.5, 1.0  # s: reach and limit of the last fit, and what is told
 
 
 def check_imu(recording: Recording) -> Iterator[Finding]:
@@ -41,29 +40,53 @@ def check_imu(recording: Recording) -> Iterator[Finding]:
     force = _force_unit(imu)
     yield force
     try:
-        told = told_by(recording, _WINDOW, _SLOWEST)
+        told = told_by(recording, None, _SLOWEST)
+        told = told_by(recording, max(_WINDOW, told.window), _SLOWEST)
     except InswsnError as error:
         fast = float(np.quantile(np.linalg.norm(imu.rate, axis=1), 0.999))
         wrong = fast > _FASTEST
         says = "faster than a gyro can tell: in deg/s" if wrong else str(error).rstrip(".")
         yield Finding("unit", "IMU's rates", fast, 0, _FASTEST, False if wrong else None, says)
-        yield Finding("axes", "IMU", np.nan, np.nan, np.nan, None, "nothing tells how it turns")
+        yield unknown("axes", "IMU", "nothing tells how it turns")
         return
-    felt = Felt(imu) if told.by == "attitude" else Felt(imu).about(up_of(imu))
-    turned = Turned(felt, told, _REACH)
-    if len(block_starts(turned.time, _BLOCK) if len(turned.time) else []) < FEWEST:
-        says = "it is there for too short a time"
-        yield Finding("axes", f"IMU and {told.by}", np.nan, np.nan, np.nan, None, says)
+    who = f"IMU and {told.by}"
+    alike = _likeness(imu, told)
+    if alike.empty or len(block_starts(alike.time, BLOCK)) < FEWEST:
+        for name in ("unit", "axes", "time"):
+            yield unknown(name, who, "it is there for too short a time, or nothing turns")
         return
-    unit, axes = _rates(turned, told.by)
+    unit, axes = _unit(alike, told.by, _period(imu)), alike.axes(who, "the gyro's")
+    doubtful = told.by == "course" and unit.fits is None
+    if doubtful:
+        says = "too little turns, or the course is not the heading"
+        axes = unknown("axes", who, says)
+        yield unknown("time", who, says)
     yield from (unit, axes)
     if told.by == "attitude":
-        yield from _gravity(imu, told, force.fits is True)
+        right = replace(imu, time=imu.time - alike.clock)
+        yield from _gravity(right, told, force.fits is True)
     else:
         says = "without an attitude its axes and its mounting cannot be told"
-        yield Finding("mounting", "IMU", np.nan, np.nan, np.nan, None, says)
-    if unit.fits is not False and axes.fits is not False:
-        yield from _clock(recording)
+        yield unknown("mounting", "IMU", says)
+    if not doubtful and unit.fits is not False and axes.fits is not False:
+        yield from _clock(recording, imu, alike.clock, told.speed)
+
+
+def _period(imu: Imu) -> float:
+    return float(np.median(np.diff(imu.time)))
+
+
+def _likeness(imu: Imu, told: Told) -> Likeness:
+    """Compare what the gyro feels with what is told; by clocks of other zones only if need be."""
+    some = slice(None, None, -(-len(told.time) // _MOST))
+    time = told.time[some]
+    pairs = compared_windows(Felt.of(imu, told), time, told.rate[some], told.window)
+    near = Likeness(pairs, time)
+    if near.empty or not near.slope().tells:
+        far = Likeness(pairs, time, hours=True)
+        if not far.empty and far.slope().tells:
+            return far
+    return near
 
 
 def _force_unit(imu: Imu) -> Finding:
@@ -71,65 +94,51 @@ def _force_unit(imu: Imu) -> Finding:
     size = float(np.median(np.linalg.norm(imu.force, axis=1)))
     low, high = _SIZE[0] * GRAVITY, _SIZE[1] * GRAVITY
     fits = low <= size <= high
-    units = ", ".join(unit_of(size / GRAVITY, _FORCES))
+    ratio, units = size / GRAVITY, _FORCES | _increments(_period(imu))
+    found = " or ".join(units_of(ratio, ratio, units))
     says = "at rest it is gravity's opposite" if fits else (
-        f"it is {size:.3g}, and gravity 9.81 m/s^2" + (f": it may be in {units}" if units else "")
+        f"it is {size:.3g}, and gravity 9.81 m/s^2" + (f": it may be {found}" if found else "")
     )  # fmt: skip
-    if size < 0.1 * GRAVITY and not units:
+    if size < 0.1 * GRAVITY and not found:
         says += ": gravity was taken off"
     return Finding("unit", "IMU's specific force", size, low, high, fits, says)
 
 
-def _capped(values: Array) -> Array:
-    """Return vectors, those that are very long shortened: attitudes jump."""
-    size = np.linalg.norm(values, axis=1, keepdims=True)
-    most = _CAP * float(np.median(size))
-    return np.asarray(values * np.minimum(1.0, most / np.maximum(size, 1e-300)))
+def _increments(period: float) -> dict[str, float]:
+    """Return the units of what was summed up over each period."""
+    words = f"one period ({period:.3g} s) times what it should be: increments"
+    return {words: period, "in deg of each period: increments": period * 57.29578}
 
 
-def _rates(turned: Turned, by: str) -> tuple[Finding, Finding]:
-    """Return what unit and what axes the gyro has, whatever its clock."""
-    matrices = signed_permutations(turned.width)
-    told = _capped(turned.rate - np.median(turned.rate, axis=0))
-    size = float(np.mean(np.sum(told**2, axis=1)))
-    best, ratio, misfits = 0.0, 0.0, np.zeros((len(told), len(matrices)))
-    for clock in np.arange(-_REACH + _STEP, _REACH, _STEP):
-        felt = turned.felt_rate(float(clock))
-        felt = _capped(felt - np.median(felt, axis=0))
-        likeness = max(float(np.mean(np.sum(felt * (told @ P.T), axis=1))) for P in matrices)
-        if likeness > max(best, _NOTHING):
-            best, ratio = likeness, likeness / max(size, 1e-300)
-            unit = felt / max(ratio, 1e-300)
-            misfits = np.column_stack([np.linalg.norm(unit - told @ P.T, axis=1) for P in matrices])
-    if best < _NOTHING:
-        says = "nothing turns, so that the data cannot tell"
-        unknown = np.nan, np.nan, np.nan, None, says
-        return Finding("unit", "IMU's rates", *unknown), Finding("axes", f"IMU and {by}", *unknown)
-    starts = block_starts(turned.time, _BLOCK)
-    axes = judge_axes(f"IMU and {by}", "the gyro's", misfits, starts, matrices)
+def _unit(alike: Likeness, by: str, period: float) -> Finding:
+    """Return whether the gyro turns as fast as what tells, whatever its clock and axes."""
     low, high = _SIZE if by == "attitude" else _COURSE_SIZE
-    if axes.fits is None and ratio < high:  # it is noise that is compared
+    slope, who = alike.slope(), "IMU's rates"
+    value = float(np.clip(1.0, slope.low, slope.high))
+    if not slope.tells:
         says = "too little turns for the data to tell"
-        return Finding("unit", "IMU's rates", ratio, low, high, None, says), axes
-    fits = low <= ratio <= high
-    units = ", ".join(unit_of(ratio, _RATES))
-    says = f"the gyro turns as the {by} does" if fits else (
-        f"the gyro turns {ratio:.3g} times as fast as the {by}"
-        + (f": it may be in {units}" if units else "")
-    )  # fmt: skip
-    return Finding("unit", "IMU's rates", ratio, low, high, fits, says), axes
+        return Finding("unit", who, value, low, high, None, says)
+    if not slope.outside(low, high):
+        fits = slope.high < 4 * slope.low
+        says = f"the gyro turns as the {by} does" if fits else (
+            f"the gyro turns {slope} times as fast as the {by}, which has errors: it cannot be told"
+        )  # fmt: skip
+        return Finding("unit", who, value, low, high, True if fits else None, says)
+    found = " or ".join(units_of(slope.low, slope.high, _RATES | _increments(period)))
+    says = f"the gyro turns {slope} times as fast as the {by}"
+    says += f": it may be {found}" if found else ""
+    return Finding("unit", who, value, low, high, False, says)
 
 
 def _gravity(imu: Imu, told: Told, sized: bool) -> Iterator[Finding]:
     """Compare the specific force with gravity's opposite, by the attitude."""
-    attitude = told.attitude
+    attitude, half = told.attitude, told.window / 2
     assert attitude is not None
-    inside = (told.time > imu.time[0] + _WINDOW) & (told.time < imu.time[-1] - _WINDOW)
+    inside = (told.time > imu.time[0] + half) & (told.time < imu.time[-1] - half)
     if not inside.any():
         return
     time, attitude = told.time[inside], attitude[inside]
-    felt = Felt(Imu(imu.time, imu.force, imu.force))
-    half = told.window / 2
+    felt = Felt(imu.time, imu.force)
     force = (felt.turned(time + half) - felt.turned(time - half)) / told.window
     mean = attitude.apply(force).mean(axis=0)
     tilt = float(np.degrees(np.arctan2(np.hypot(mean[0], mean[1]), mean[2])))
@@ -142,27 +151,33 @@ def _gravity(imu: Imu, told: Told, sized: bool) -> Iterator[Finding]:
     yield Finding("gravity", "IMU and reference", tilt, 0, _TILT, fits, says)
     if not sized:
         return
-    matrices = signed_permutations(3)
     up = attitude.inv().apply([0.0, 0.0, GRAVITY])
-    misfits = np.column_stack([np.linalg.norm(force - up @ P.T, axis=1) for P in matrices])
-    starts = block_starts(time, _BLOCK)
-    yield judge_axes("IMU's specific force and reference", "its", misfits, starts, matrices)
+    rows: Mask = np.ones(len(time), dtype=bool)
+    alike = Likeness(lambda _: (force, up, rows), time, 0.0, centred=False)
+    if not alike.empty:
+        yield alike.axes("IMU's specific force and reference", "its")
 
 
-def _clock(recording: Recording) -> Iterator[Finding]:
+def _clock(recording: Recording, imu: Imu, clock: float, speed: float) -> Iterator[Finding]:
     """Judge how late the IMU's stamps are, and how it is turned against the reference's body."""
+    near = replace(recording, imu=replace(imu, time=imu.time - clock))
+    by_fixes = recording.reference is None
+    stamps, sign = ("stamps of fixes, by the IMU's,", -1) if by_fixes else ("its stamps", 1)
+    let = _LATE if np.isnan(speed) else _LATE + _AXLE / speed
     try:
-        found = imu_clock(recording, block=_BLOCK)
+        found = imu_clock(near, slowest=_SLOWEST, block=BLOCK, reach=_NEAR, limit=_LIMIT)
     except InswsnError as error:
         who = "IMU and what it is compared with"
-        yield Finding("time", who, np.nan, np.nan, np.nan, None, str(error).rstrip("."))
+        if abs(clock) > HOUR / 2:  # which is tried where nothing is shared without
+            yield late(who, stamps, sign * clock, _LIMIT, 2.0, let)
+        else:
+            yield unknown("time", who, str(error).rstrip("."))
         return
-    q = float(t.isf(FALSE_ALARM / 2, found.blocks - 1))
-    bound = _LATE + q * found.deviation
-    fits = bool(abs(found.offset) <= bound)
-    late = "late" if found.offset > 0 else "early"
-    says = f"its stamps are {abs(found.offset):.3g} s {late} (± {found.deviation:.2g} s)"
-    yield Finding("time", f"IMU and {found.by}", found.offset, -bound, bound, fits, says)
+    q, value = float(t.isf(FALSE_ALARM / 2, found.blocks - 1)), sign * (clock + found.offset)
+    judged = late(f"IMU and {found.by}", stamps, value, found.deviation, q, let)
+    if judged.fits and judged.high > _TOLD:
+        judged = replace(judged, fits=None, says="too little turns to tell")
+    yield judged
     yield from _mounting(found)
 
 

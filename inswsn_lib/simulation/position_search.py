@@ -144,6 +144,7 @@ def _steps(A: Array, b: Array, damping: Array, flat: float) -> Array:
     stays = (np.linalg.det(A) <= flat * size**d) & (damping <= 1e-9)
     diagonal = damping[:, None] * (1 + np.diagonal(A, axis1=1, axis2=2))
     damped = A + diagonal[:, :, None] * np.eye(d)
+    stays |= ~(np.linalg.det(damped) > 0)
     damped[stays] = np.eye(d)
     step = np.linalg.solve(damped, b[:, :, None])[:, :, 0]
     return np.where(stays[:, None] | ~np.isfinite(step), 0.0, step)

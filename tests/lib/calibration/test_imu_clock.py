@@ -56,7 +56,7 @@ def test_what_was_found_is_made_good() -> None:
     again = imu_clock(right)
     assert again.offset == pytest.approx(0.0, abs=1e-4)
     assert again.rotation is not None
-    assert Rotation.from_matrix(again.rotation).magnitude() < 1e-3
+    assert Rotation.from_matrix(again.rotation).magnitude() < 2e-3
     assert right.imu is not None
     plain = made_imu(3, seconds=40)  # neither late nor turned
     np.testing.assert_allclose(right.imu.time, plain.time, atol=2e-3)
@@ -131,7 +131,7 @@ def test_what_cannot_be_told_is_refused() -> None:
         imu_clock(replace(still, imu=imu))
     with pytest.raises(InswsnError, match="has no IMU"):
         imu_clock(still)
-    with pytest.raises(InswsnError, match="neither a reference nor fixes with a velocity"):
+    with pytest.raises(InswsnError, match="neither a reference nor fixes, by which"):
         imu_clock(Recording("alone", imu=imu))
     with pytest.raises(InswsnError, match="share too little time"):
         imu_clock(replace(still, imu=Imu(imu.time + 500, imu.rate, imu.force)))
