@@ -12,7 +12,7 @@ import pandas as pd
 from inswsn_lib.checks import Array, Mask, number, one_of
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.evaluation import Tuning, most_likely
-from inswsn_lib.inertial import Solution, Start, run_error_state, smooth, smooth_with_lag
+from inswsn_lib.inertial import Solution, Start, smooth, smooth_with_lag
 from inswsn_lib.recordings.correction import (
     COLOURED,
     PLANAR_TIGHT,
@@ -198,8 +198,7 @@ nothing to correct fixes with.
     @cached_property
     def alone(self) -> Estimate:
         """The motion that nothing corrects after the start."""
-        free = run_error_state(self.filters.motion(*_FREE), self.start, [self.filters.silent])
-        return self.of(free)
+        return self.of(self.filters.run([], *_FREE))
 
     @cached_property
     def _searches(self) -> dict[str, Tuning[tuple[float, ...]]]:

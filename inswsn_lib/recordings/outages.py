@@ -219,14 +219,9 @@ nothing to correct fixes with.
         state, P = solution.states[event], solution.covariances[event]
         n, after = state.errors, k + 1 + self.steps
         start = Start(float(fixes.time[k]), replace(state, own=np.zeros(0)), P[:n, :n])
-        numbers = ladder.tuned(name).best
-        filters, last = ladder.filters, after + self.steps * smoothed
+        last = after + self.steps * smoothed
+        gone = np.ones(len(fixes), dtype=bool)
+        gone[after:last] = False
         end = float(fixes.time[min(last, len(fixes) - 1)])
-        if smoothed:
-            gone = np.ones(len(fixes), dtype=bool)
-            gone[after:last] = False
-            run = smooth(filters.withheld(name, numbers, gone, start, end))
-        else:
-            observed = filters.unaided(name, numbers)
-            run = filters.run(observed, numbers[0], numbers[1], start, end=end)
-        return ladder.of(run).state[k + 1 : after, :2]
+        run = ladder.rungs[name].run(*ladder.tuned(name).best, start=start, end=end, gone=gone)
+        return ladder.of(smooth(run) if smoothed else run).state[k + 1 : after, :2]

@@ -372,13 +372,11 @@ def _other_side(vectors: Array) -> Array:
 
 def _of_innovations(ladder: Ladder, name: str, solution: Solution) -> list[Finding]:
     told = innovations_of(solution, ladder.rungs[name].series)
-    near, judged = told.near, told.time > ladder.split
-    rows = judged & near
-    measurements = np.unique(told.measurement[judged], return_index=True)[1]
-    return [
-        check_outliers(near[judged][measurements]),
-        *check_innovations(told.squares[rows], told.scaled[rows], told.series[rows]),
-    ]
+    told = told[told["time"] > ladder.split]
+    near = told[told["near"]]
+    squares, scaled, series = (near[of].to_numpy() for of in ("squares", "scaled", "series"))
+    each = told.drop_duplicates("measurement")["near"].to_numpy()
+    return [check_outliers(each), *check_innovations(squares, scaled, series)]
 
 
 def _track(times: Array, estimate: Estimate) -> pd.DataFrame:
