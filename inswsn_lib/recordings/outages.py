@@ -18,6 +18,7 @@ from inswsn_lib.recordings.ladder import Ladder
 from inswsn_lib.streams import Whole
 
 _FEWEST, _MOST = 3, 200  # outages
+_STRETCH = 1.5  # times its length, that the fixes of an outage may take
 #: What costs nothing, and what knows the fixes after the outage
 STILL, ON, STRAIGHT = (
     "stand still at the last fix", "go on at the last velocity", "straight to the next fix",
@@ -137,6 +138,8 @@ nothing to correct fixes with.
     def ratio(self, error: Array, other: Array, length: float) -> tuple[float, ...]:
         """Return an RMS error over outages of a length, its ratio to another, and the interval.
 
+        Of outages in which the truth is known; NaN if these are fewer than three.
+
         Parameters
         ----------
         error, other : ndarray, (outages, steps)
@@ -145,7 +148,11 @@ nothing to correct fixes with.
             s.
         """
         steps = max(1, round(self.steps * length / self.longest))
-        mine, theirs = (np.nanmean(np.square(e[:, :steps]), axis=1) for e in (error, other))
+        both = np.square([error[:, :steps], other[:, :steps]])
+        there = np.isfinite(both).any(axis=2).all(axis=0)
+        if there.sum() < _FEWEST:
+            return (np.nan,) * 4
+        mine, theirs = np.nanmean(both[:, there], axis=2)
         block = max(1, int(np.ceil(length / self.every)))
         return float(np.sqrt(mine.mean())), *block_ratio(mine, theirs, block)
 
@@ -167,8 +174,10 @@ nothing to correct fixes with.
         there = np.asarray(np.isfinite(states).all(axis=1))
         there &= (time > max(begin, self.ladder.start.time)) & (time + self.longest < end)
         after = np.arange(len(there)) + self.steps + 1
-        heard = np.isfinite(states[:, 0])
-        there &= (after < len(there)) & heard[np.minimum(after, len(there) - 1)]
+        next_ = np.minimum(after, len(there) - 1)
+        there &= (after < len(there)) & np.isfinite(states[next_, 0])
+        # rows that are missing would make it longer
+        there &= time[next_ - 1] - time <= _STRETCH * self.longest + self.ladder.step
         found: list[int] = []
         for k in np.flatnonzero(there):
             if not found or time[k] - time[found[-1]] >= self.every:
