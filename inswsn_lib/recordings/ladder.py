@@ -239,7 +239,7 @@ nothing to correct fixes with.
         ]
         return replace(found, candidates=tuple(ends))
 
-    @property
+    @cached_property
     def families(self) -> tuple[str, ...]:
         """The filters of P1's form, beside an IMU and a reference."""
         return tuple(FAMILIES) if self.difference and self.recording.reference else ()
@@ -282,7 +282,7 @@ nothing to correct fixes with.
         """Estimates, and of filters NIS and lag one; solutions are not kept."""
         found, innovations = {NETWORK: self.network, ALONE: self.alone}, {}
         if self.difference is not None and self.families:
-            found |= {n: self.difference.run(n, *self.tuned(n).best) for n in FAMILIES}
+            found |= {n: self.difference.run(n, *self.tuned(n).best) for n in self.families}
             found[PUBLISHED] = self.difference.published
         smoothed = PLANAR_TIGHT if PLANAR_TIGHT in self.rungs else COLOURED
         late: dict[str, Estimate] = {}

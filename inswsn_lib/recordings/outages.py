@@ -118,21 +118,13 @@ nothing to correct fixes with.
             intervals by `block_ratio` over outages, of which those that overlap are in one block.
         """
         everything = self.errors | self.oracles
-        rows = {}
+        rows: dict[str, dict[str, float | bool]] = {}
         for name, error in everything.items():
-            row: dict[str, float | bool] = {
-                "oracle": name in self.oracles,
-                "outages": len(self.starts),
-            }
+            rows[name] = {"oracle": name in self.oracles, "outages": len(self.starts)}
             for length in lengths:
-                rms, ratio, low, high = self.ratio(error, everything[over], length)
-                row |= {
-                    f"rms {length:g} s": rms,
-                    f"ratio {length:g} s": ratio,
-                    f"low {length:g} s": low,
-                    f"high {length:g} s": high,
-                }
-            rows[name] = row
+                told = self.ratio(error, everything[over], length)
+                columns = [f"{what} {length:g} s" for what in ("rms", "ratio", "low", "high")]
+                rows[name] |= dict(zip(columns, told, strict=True))
         return pd.DataFrame(rows).T
 
     def ratio(self, error: Array, other: Array, length: float) -> tuple[float, ...]:

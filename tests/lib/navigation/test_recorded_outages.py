@@ -27,6 +27,7 @@ def on_fixes(recording: Recording) -> Ladder:
     """Return a ladder with the filters on fixes alone, each search of which begins once."""
     found = Ladder(recording, alignment=15.0, begins=1)
     vars(found)["rungs"] = {name: found.rungs[name] for name in (WHITE, COLOURED)}
+    vars(found)["families"] = ("KF",)
     return found
 
 
@@ -90,9 +91,7 @@ def test_fixes_alone_make_outages_too_and_too_few_are_told() -> None:
 
 def test_two_clusters_with_independent_errors_are_fused_as_theory_says() -> None:
     recording = replace(made(8, rate=200.0, noise=0.4), imu=made_imu(8))
-    ladder = on_fixes(recording)
-    vars(ladder)["difference"] = None
-    clusters = RecordedClusters(ladder)
+    clusters = RecordedClusters(on_fixes(recording))
     P = clusters.covariance
     assert np.abs(np.array(clusters.correlation)).max() < 0.15
     table = clusters.table()

@@ -94,8 +94,9 @@ def walk() -> Ladder:
 
 
 def on_fixes(ladder: Ladder) -> Ladder:
-    """Leave the tight filter out, whose search takes longest."""
+    """Leave out the filters whose search takes longest."""
     vars(ladder)["rungs"] = {name: ladder.filters.rungs[name] for name in (WHITE, COLOURED)}
+    vars(ladder)["families"] = ("KF",)
     return ladder
 
 
@@ -133,7 +134,6 @@ def test_what_comes_later_changes_no_causal_answer(walk: Ladder) -> None:
 
 def test_the_report_has_the_numbers_of_the_ladder(walk: Ladder) -> None:
     whole = on_fixes(Ladder(walk.recording, alignment=12.0, begins=1))
-    vars(whole)["difference"] = None
     found = report(walk.recording, alignment=12.0, begins=1)
     assert found.numbers == whole.tuned(whole.corrected).best
     for name, row in ((NETWORK, "network"), (whole.corrected, "corrected")):

@@ -49,7 +49,8 @@ def failing(found: Report) -> set[str]:
 
 
 def test_a_filter_that_fits_is_consistent_and_better_than_the_network() -> None:
-    found = report(drive(), begins=1)
+    right = drive()
+    found = report(right, begins=1)
     assert failing(found) == set()
     assert "The filter is consistent." in found.sentence
     assert "better than the network" in found.sentence
@@ -64,13 +65,8 @@ def test_a_filter_that_fits_is_consistent_and_better_than_the_network() -> None:
     assert list(found.track) == ["time", "x", "y", "vx", "vy", "sd_x", "sd_y", "sd_vx", "sd_vy"]
     assert found.track["sd_vx"].isna().all()  # the speed is no state
     assert (found.track["sd_x"] > 0).all()
-
-
-def test_the_track_is_where_the_vehicle_was() -> None:
-    right = drive()
-    track = report(right, begins=1).track
     assert right.reference is not None
-    late = track[track["time"] > 60]
+    late = found.track[found.track["time"] > 60]
     for name, axis in (("x", 0), ("y", 1)):
         true = np.interp(late["time"], right.reference.time, right.reference.position[:, axis])
         assert np.sqrt(np.mean((late[name] - true) ** 2)) < 0.2
@@ -357,10 +353,13 @@ def test_a_vehicle_that_stands_in_the_first_half_has_no_axes() -> None:
         assert (LATERAL in filters.rungs) is lateral
 
 
-def test_a_reference_that_is_at_another_time_judges_nothing() -> None:
+@pytest.mark.parametrize(("factor", "later"), [(1, 1000), (1000, 0)])
+def test_a_reference_at_another_time_or_in_milliseconds_judges_nothing(
+    factor: float, later: float
+) -> None:
     right = drive()
     assert right.reference is not None
-    other = Reference(right.reference.time + 1000, right.reference.position)
+    other = Reference(factor * right.reference.time + later, right.reference.position)
     found = report(replace(right, reference=other), begins=1)
     assert found.judge == "nothing"
     assert "How large the errors are cannot be told." in found.sentence
@@ -374,16 +373,6 @@ def test_fixes_that_stick_are_told_without_a_traceback() -> None:
     found = report(replace(right, fixes=replace(right.fixes, position=0 * right.fixes.position)))
     assert found.judge != "reference"
     assert "Warning: the filter is not consistent" in found.sentence
-
-
-def test_a_reference_in_milliseconds_judges_nothing() -> None:
-    """One of its rows is while the vehicle moves."""
-    right = drive()
-    assert right.reference is not None
-    other = replace(right.reference, time=1000 * right.reference.time)
-    found = report(replace(right, reference=other), begins=1)
-    assert found.judge == "nothing"
-    assert "span" in failing(found)
 
 
 @needs("labyrinth/1")
