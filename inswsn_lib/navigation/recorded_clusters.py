@@ -14,7 +14,7 @@ from inswsn_lib.errors import InswsnError
 from inswsn_lib.filters import intersect
 from inswsn_lib.inertial import PositionFixes
 from inswsn_lib.recordings import Ladder
-from inswsn_lib.recordings.correction import COLOURED, UP, InertialCorrection
+from inswsn_lib.recordings.correction import COLOURED, UP
 from inswsn_lib.recordings.estimates import Estimate, scores
 from inswsn_lib.streams import Fixes, Ranges, Whole
 
@@ -160,9 +160,7 @@ class RecordedClusters:
             )
             for fixes, more in zip(self.fixes, larger, strict=True)
         ]  # fmt: skip
-        filters = ladder.filters
-        assert isinstance(filters, InertialCorrection)
-        return ladder.of(filters.run([*both, filters.silent], force, rate)).places()
+        return ladder.of(ladder.filters.run(both, force, rate)).places()
 
 
 def _only(ranges: Ranges, anchors: Whole) -> Ranges:

@@ -128,21 +128,13 @@ class RecordedStudy:
 
     def _smoother(self) -> pd.DataFrame:
         """Return the smoothers over the causal filter, and the filters over each other."""
-        pairs = {
-            SMOOTHER: COLOURED,
-            FIXED_LAG: COLOURED,
-            TIGHT: COLOURED,
-            COLOURED: "KF",
-            "HF": "KF",
-        }
-        rows = {}
+        pairs = dict.fromkeys([SMOOTHER, FIXED_LAG, TIGHT], COLOURED) | {COLOURED: "KF", "HF": "KF"}
+        rows: dict[str, dict[str, Any]] = {}
         for name, other in pairs.items():
-            found = self.room.compare(name, other)
-            row: dict[str, Any] = {"over": other}
-            for of, values in found.items():
-                ends = ("ratio", "low", "high")
-                row |= {f"{of}_{end}": value for end, value in zip(ends, values, strict=True)}
-            rows[name] = row
+            rows[name] = {"over": other}
+            for of, values in self.room.compare(name, other).items():
+                columns = [f"{of}_{end}" for end in ("ratio", "low", "high")]
+                rows[name] |= dict(zip(columns, values, strict=True))
         return pd.DataFrame(rows).T
 
     def _tight(self) -> pd.DataFrame:
@@ -244,10 +236,7 @@ class RecordedStudy:
 
 def _of_outages(name: str, outages: Outages) -> Tables:
     lengths = [length for length in (2.0, 5.0, 10.0, 20.0) if length <= outages.longest]
-    return {
-        f"outages {name}": outages.table(lengths),
-        f"profiles {name}": _profiles(outages),
-    }
+    return {f"outages {name}": outages.table(lengths), f"profiles {name}": _profiles(outages)}
 
 
 def write_tables(tables: Mapping[str, pd.DataFrame], **facts: Any) -> str:
@@ -322,8 +311,7 @@ def _plain(cell: Any) -> Any:
 def _profiles(outages: Outages) -> pd.DataFrame:
     """Return the RMS error of each method by the time without fixes, s."""
     everything = outages.errors | outages.oracles
-    time = outages.ladder.fixes.time
-    passed = (1 + np.arange(outages.steps)) * float(np.median(np.diff(time)))
+    passed = (1 + np.arange(outages.steps)) * outages.ladder.step
     return pd.DataFrame(
         {n: np.sqrt(np.nanmean(np.square(e), axis=0)) for n, e in everything.items()},
         index=np.round(passed, 4),

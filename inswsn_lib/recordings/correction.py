@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from scipy.integrate import cumulative_trapezoid
@@ -65,8 +66,8 @@ class Rung:
     Attributes
     ----------
     run : callable
-        Takes the numbers, and by name ``end``, the time at which the data end (s), and ``kept``, as
-        `run_error_state`; returns a solution, which has an event at the time of each fix.
+        Takes the numbers, and by name ``start``, ``end``, and ``kept`` as `run_error_state`, and
+        ``gone``, which fixes are withheld; returns a solution, with an event at each fix's time.
     begin : tuple of float
         The numbers, where the search for them begins.
     series : list of (ndarray, ndarray)
@@ -83,22 +84,15 @@ class Rung:
 
 
 @dataclass(frozen=True, eq=False)
-class InertialCorrection:
-    """An INS in space, coupled to fixes, or to ranges, whose errors are white, or lasting, too.
-
-    Numbers of all its filters are first those of `ImuNoise`, force and rate. On fixes they go on
-    with the deviation of the white errors of fixes to the side, m, and that of their velocities,
-    m/s, if these were measured; then, if errors of fixes last, their deviation, m, and correlation
-    time, s. Where fixes say how good each is, their errors go with that. On ranges: the deviation
-    of white errors, that of coloured ones, m, the correlation time of these, s, and the deviation
-    of a bias of each anchor, m.
+class Correction(ABC):
+    """Filters of a motion that is coupled to fixes, or to ranges.
 
     Attributes
     ----------
     recording : Recording
-        With an IMU.
+        With what moves.
     fixes : Fixes
-        With velocities, in three dimensions.
+        With velocities; if there are ranges, made of them.
     alignment : float
         For how long after the first fix the start is aligned, s, or a quarter of the recording if
         that is shorter; for longer where the heading does not show yet.
@@ -106,7 +100,7 @@ class InertialCorrection:
         What is known of the start.
     held : bool
         Whether the fixes' heights were not measured, but are held.
-    assumed : sequence of Finding
+    assumed : list of Finding
         What is taken for granted of the network.
     """
 
@@ -115,26 +109,112 @@ class InertialCorrection:
     alignment: float
     given: Start | None = None
     held: bool = False
-    assumed: Sequence[Finding] = ()
+    assumed: list[Finding] = field(default_factory=list)
+
+    #: Of how many of x, y, vx, vy the filters state the errors
+    stated: ClassVar[int]
+    #: Times its variance, beyond which a component is left out; of loosely coupled filters
+    gate: ClassVar[float]
 
     @property
     def lever_arm(self) -> Array:
-        """From the IMU to the tag, (3,), m."""
+        """From what moves to the tag, (3,) or on a plane (2,), m."""
         return self.recording.lever_arm
 
     @property
-    def stated(self) -> int:
-        """Of how many of x, y, vx, vy the filters state the errors: of all."""
-        return 4
+    def rate(self) -> Array | None:
+        """What the gyroscopes say at the times of fixes, (fixes, 3), rad/s; None by odometry."""
+        return None
+
+    @property
+    @abstractmethod
+    def rungs(self) -> dict[str, Rung]:
+        """The filters by name."""
+
+    @property
+    @abstractmethod
+    def start(self) -> Start:
+        """Where the filters start."""
+
+    @abstractmethod
+    def motion(self, first: float, second: float) -> Any:
+        """Return the motion with the first two numbers of a filter.
+
+        Parameters
+        ----------
+        first, second : float
+            Of `ImuNoise`, or of `OdometryNoise`.
+        """
+
+    def run(
+        self, observed: Sequence[Observation], first: float, second: float,
+        start: Start | None = None, *, end: float = np.inf, kept: bool = True,
+        gate: float | None = None,
+    ) -> Solution:  # fmt: skip
+        """Run a filter on observations of one's own, with an event at the time of each fix.
+
+        Parameters
+        ----------
+        observed : sequence of Observation
+        first, second : float
+            As of `motion`.
+        start : Start, optional
+            By default that of the recording.
+        end, kept, gate
+            As in `run_error_state`.
+        """
+        nothing = np.full((len(self.fixes), len(self.lever_arm)), np.nan)
+        silent = PositionFixes(
+            Fixes(self.fixes.time, nothing), self.lever_arm, np.ones(len(self.lever_arm))
+        )
+        return run_error_state(
+            self.motion(first, second), self.start if start is None else start,
+            [*observed, silent], end=end, kept=kept, gate=self.gate if gate is None else gate,
+        )  # fmt: skip
+
+    @property
+    def middle(self) -> float:
+        """The middle of the time of fixes, s."""
+        return float(np.mean(self.fixes.time[[0, -1]]))
+
+    def _left(self, gone: Mask | None) -> tuple[Fixes, Ranges | None]:
+        """Return fixes and ranges without those of some fixes."""
+        fixes, ranges = self.fixes, self.recording.ranges
+        if gone is None:
+            return fixes, ranges
+        if ranges is not None:
+            # the stamp of a fix is between those of its ranges
+            middles = (fixes.time[1:] + fixes.time[:-1]) / 2
+            ranges = ranges.kept(~gone[np.searchsorted(middles, ranges.time)])
+        position = np.where(gone[:, None], np.nan, fixes.position)
+        velocity = fixes.velocity
+        if velocity is not None:
+            velocity = np.where(gone[:, None], np.nan, velocity)
+        return replace(fixes, position=position, velocity=velocity), ranges
+
+
+class InertialCorrection(Correction):
+    """An INS in space, coupled to fixes, or to ranges, whose errors are white, or lasting, too.
+
+    Numbers of all its filters are first those of `ImuNoise`, force and rate. On fixes they go on
+    with the deviation of the white errors of fixes to the side, m, and that of their velocities,
+    m/s, if these were measured; then, if errors of fixes last, their deviation, m, and correlation
+    time, s. Where fixes say how good each is, their errors go with that. On ranges: the deviation
+    of white errors, that of coloured ones, m, the correlation time of these, s, and the deviation
+    of a bias of each anchor, m.
+    """
+
+    stated = 4
+    gate = np.inf
 
     @cached_property
     def rungs(self) -> dict[str, Rung]:
         """The filters by name."""
         velocity, size = self.fixes.velocity, deviation_of(self.fixes)
         speeds = [_size(velocity[:, :2])] if velocity is not None and self._measured else []
-        series = [series_of(self.fixes.time, self._measured_part(self.fixes).position)]
+        series = [_series(self.fixes.time, self._measured_part(self.fixes).position)]
         if velocity is not None and self._measured:
-            series.append(series_of(self.fixes.time, velocity, first=3))
+            series.append(_series(self.fixes.time, velocity, first=3))
         white = (0.02, 0.002, size, *speeds)
         coloured = (0.02, 0.002, size / 2, *speeds, size, _LASTING)
         found = {
@@ -144,7 +224,7 @@ class InertialCorrection:
         if (heard := self.recording.ranges) is not None:
             begin = (0.02, 0.001, size / 2, size / 2, 1.0, size / 4)
             found[TIGHT] = Rung(self._tight, begin, [(heard.time, heard.anchor)], 4)
-        elif velocity is not None and _is_vehicle(velocity):
+        elif velocity is not None and _is_vehicle(velocity[self.fixes.time <= self.middle]):
             found[LATERAL] = Rung(self._lateral, (*coloured, _SLIP), series, len(coloured) - 1)
         return found
 
@@ -155,43 +235,13 @@ class InertialCorrection:
         Forward is where it goes, by a filter on the first half of the fixes; up is near the mean
         vertical.
         """
-        end = float(np.mean(self.fixes.time[[0, -1]]))
-        solution = self._loose(*self.rungs[COLOURED].begin, end=end)
+        solution = self._loose(*self.rungs[COLOURED].begin, end=self.middle)
         R = np.array([state.attitude for state in solution.states])
         moving = np.linalg.norm(solution.velocity, axis=1) > _RUNNER
         forward = np.einsum("kji,kj->i", R[moving], solution.velocity[moving])
         left = np.cross(R[:, 2].mean(axis=0), forward)
         rows = [forward, left, np.cross(forward, left)]
         return np.array([row / np.linalg.norm(row) for row in rows])
-
-    def constraint(self, slip: float) -> WheelSpeeds:
-        """Return that a vehicle does not slip to the side, nor leave the ground.
-
-        Parameters
-        ----------
-        slip : float
-            Standard deviation, m/s.
-        """
-        first, last = self.fixes.time[[0, -1]]
-        time = np.arange(float(first), float(last), _SLIP_STEP)
-        return WheelSpeeds(time, np.full(len(time), np.nan), self.axes, np.array([1.0, slip, slip]))
-
-    def _lateral(self, force: float, rate: float, *numbers: float, **how: Any) -> Solution:
-        *sizes, slip = numbers
-        fixes = how.pop("fixes", self.fixes)
-        observed = [*self._observed(*sizes, fixes=fixes), self.constraint(slip)]
-        return self.run(observed, force, rate, **how)
-
-    def unaided(self, name: str, numbers: Sequence[float]) -> list[Observation]:
-        """Return what a filter has without fixes and ranges.
-
-        Parameters
-        ----------
-        name : str
-            One of `rungs`.
-        numbers : sequence of float
-        """
-        return [*([self.constraint(numbers[-1])] if name == LATERAL else []), self.silent]
 
     @cached_property
     def rate(self) -> Array:
@@ -210,77 +260,60 @@ class InertialCorrection:
     def start(self) -> Start:
         """Where the filters start, by an alignment."""
         force, rate, *sizes = self.rungs[WHITE].begin
-        first, last = first_fix(self.fixes), float(self.fixes.time[-1])
+        first, last = _first_fix(self.fixes), float(self.fixes.time[-1])
         begin = first - _BEFORE if self.given is None else self.given.time
         end = max(begin, first) + min(self.alignment, _SHORTER * (last - first))
         return align(
-            self.motion(force, rate), self._observed(*sizes), begin, end, prior=self.given,
+            self.motion(force, rate), self._observed(sizes), begin, end, prior=self.given,
             latest=max(end, first + _LONGEST * (last - first)),
         )  # fmt: skip
 
-    def run(
-        self, observed: Sequence[Observation], force: float, rate: float,
-        start: Start | None = None, *, end: float = np.inf, kept: bool = True, gate: float = np.inf,
-    ) -> Solution:  # fmt: skip
-        """Run a filter on observations of one's own.
+    def motion(self, first: float, second: float) -> InertialMotion:
+        """Return the integration of the IMU with these noises of `ImuNoise`.
 
         Parameters
         ----------
-        observed : sequence of Observation
-        force, rate : float
-            Of `ImuNoise`.
-        start : Start, optional
-            By default that of the recording.
-        end, kept, gate
-            As in `run_error_state`.
+        first, second : float
+            Of force and rate.
         """
-        return run_error_state(
-            self.motion(force, rate), self.start if start is None else start, observed,
-            end=end, kept=kept, gate=gate,
-        )  # fmt: skip
+        return InertialMotion.of(self.recording, ImuNoise(first, second, *WALKS))
 
-    def withheld(
-        self, name: str, numbers: Sequence[float], gone: Mask, start: Start, end: float
+    def _loose(
+        self, force: float, rate: float, *sizes: float, gone: Mask | None = None, **how: Any
     ) -> Solution:
-        """Run a filter on fixes without some of them.
+        return self.run(self._observed(sizes, gone), force, rate, **how)
 
-        Parameters
-        ----------
-        name : str
-                One of `rungs`, on fixes.
-        numbers : sequence of float
-        gone : ndarray of bool, (fixes,)
-        start : Start
-        end : float
-            s.
-        """
-        return self.rungs[name].run(*numbers, start=start, end=end, fixes=without(self.fixes, gone))
-
-    def _loose(self, force: float, rate: float, *sizes: float, **how: Any) -> Solution:
-        fixes = how.pop("fixes", self.fixes)
-        return self.run(self._observed(*sizes, fixes=fixes), force, rate, **how)
+    def _lateral(
+        self, force: float, rate: float, *numbers: float, gone: Mask | None = None, **how: Any
+    ) -> Solution:
+        """Run with the constraint that a vehicle slips to no side, and stays on the ground."""
+        *sizes, slip = numbers
+        first, last = self.fixes.time[[0, -1]]
+        time = np.arange(float(first), float(last), _SLIP_STEP)
+        unknown = np.full(len(time), np.nan)
+        wheels = WheelSpeeds(time, unknown, self.axes, np.array([1.0, slip, slip]))
+        return self.run([*self._observed(sizes, gone), wheels], force, rate, **how)
 
     def _tight(
         self, force: float, rate: float, white: float, coloured: float, time: float, bias: float,
-        **how: Any,
+        gone: Mask | None = None, **how: Any,
     ) -> Solution:  # fmt: skip
-        assert self.recording.ranges is not None
-        ranges = RangesToAnchors(self.recording.ranges, self.lever_arm, white, bias, coloured, time)
-        return self.run([ranges, self.silent], force, rate, gate=GATE, **how)
+        _, heard = self._left(gone)
+        assert heard is not None
+        ranges = RangesToAnchors(heard, self.lever_arm, white, bias, coloured, time)
+        return self.run([ranges], force, rate, gate=GATE, **how)
 
-    def _observed(
-        self, white: float, *numbers: float, fixes: Fixes | None = None
-    ) -> list[Observation]:
-        fixes, measured = self.fixes if fixes is None else fixes, self._measured
-        shares = shares_of(self.fixes)
-        colours = _colour(numbers[measured:], np.nanmedian(shares, axis=0))
+    def _observed(self, numbers: Sequence[float], gone: Mask | None = None) -> list[Observation]:
+        (white, *others), measured = numbers, self._measured
+        fixes, shares = self._left(gone)[0], shares_of(self.fixes)
+        colours = _colour(others[measured:], np.nanmedian(shares, axis=0))
         observed: list[Observation] = [
             PositionFixes(self._measured_part(fixes), self.lever_arm, white * shares, *colours)
         ]
         if measured:
             assert fixes.velocity is not None
             observed.append(
-                Velocities(fixes.time, fixes.velocity, numbers[0] * UP, self.rate, self.lever_arm)
+                Velocities(fixes.time, fixes.velocity, others[0] * UP, self.rate, self.lever_arm)
             )
         if self.held:
             heights = replace(fixes, position=fixes.position * [np.nan, np.nan, 1.0])
@@ -291,71 +324,28 @@ class InertialCorrection:
         """Return fixes without heights that are held."""
         return replace(fixes, position=fixes.position * [1, 1, np.nan]) if self.held else fixes
 
-    @property
-    def silent(self) -> PositionFixes:
-        """The times of fixes without any: events at which a filter says where it is."""
-        nothing = Fixes(self.fixes.time, np.full((len(self.fixes), 3), np.nan))
-        return PositionFixes(nothing, np.zeros(3), np.ones(3))
 
-    def motion(self, force: float, rate: float) -> InertialMotion:
-        """Return the integration of the IMU with these noises of `ImuNoise`.
-
-        Parameters
-        ----------
-        force, rate : float
-        """
-        return InertialMotion.of(self.recording, ImuNoise(force, rate, *WALKS))
-
-
-@dataclass(frozen=True, eq=False)
-class OdometryCorrection:
+class OdometryCorrection(Correction):
     """Dead reckoning on a plane, with fixes, or tightly coupled with ranges.
 
     Numbers of all its filters are first those of `OdometryNoise`, speed and rate; then on fixes as
     those of `InertialCorrection`, on ranges the deviations of white errors and of a bias of each
-    anchor, m. Ranges have a common scale as a state.
-
-    Attributes
-    ----------
-    recording : Recording
-        With odometry.
-    fixes : Fixes
-        With velocities; if there are ranges, made of them.
-    alignment : float
-        By how much of the data the heading is found, s, or by a quarter of the recording if that is
-        shorter; by more where it does not show yet.
-    given : Start, optional
-        Where the filters start.
-    assumed : sequence of Finding
-        What is taken for granted of the network.
+    anchor, m. Ranges have a common scale as a state. The speed is no state.
     """
 
-    recording: Recording
-    fixes: Fixes
-    alignment: float
-    given: Start | None = None
-    assumed: Sequence[Finding] = ()
+    stated = 2
+    gate = GATE
 
     @property
     def lever_arm(self) -> Array:
         """From what moves to the tag, (2,), m."""
         return self.recording.lever_arm[:2]
 
-    @property
-    def stated(self) -> int:
-        """Of how many of x, y, vx, vy the filters state the errors: the speed is no state."""
-        return 2
-
-    @property
-    def rate(self) -> None:
-        """None: the velocity is that of the wheels."""
-        return None
-
     @cached_property
     def rungs(self) -> dict[str, Rung]:
         """The filters by name."""
         motion, size = (0.05, 0.02), deviation_of(self.fixes)
-        series = [series_of(self.fixes.time, self.fixes.position[:, :2])]
+        series = [_series(self.fixes.time, self.fixes.position[:, :2])]
         coloured = (*motion, size / 2, size, _LASTING)
         found = {
             WHITE: Rung(self._loose, (*motion, size), series),
@@ -372,11 +362,12 @@ class OdometryCorrection:
         """The given one, or where an alignment by a bank of headings ends."""
         if self.given is not None:
             return self.given
-        first, last = first_fix(self.fixes), float(self.fixes.time[-1])
+        first, last = _first_fix(self.fixes), float(self.fixes.time[-1])
         place = self.fixes.position[self.fixes.time == first][0, :2]
         far = 3 * deviation_of(self.fixes) + float(np.linalg.norm(self.lever_arm))
-        speed, rate, *sizes = self.rungs[PLANAR_TIGHT if self.recording.ranges else WHITE].begin
-        observed = [self._ranges(*sizes) if self.recording.ranges else self._fixes(*sizes)]
+        tight = self.recording.ranges is not None
+        speed, rate, *sizes = self.rungs[PLANAR_TIGHT if tight else WHITE].begin
+        observed = [self._ranges(sizes) if tight else self._fixes(sizes)]
         begin, window = first - 1e-3, min(self.alignment, _SHORTER * (last - first))
         while True:
             try:
@@ -386,99 +377,41 @@ class OdometryCorrection:
                 )  # fmt: skip
             except InswsnError:
                 window *= 2
-                if window > _LONGEST * (last - first):
+                if not 0 < window <= _LONGEST * (last - first):  # 0 of a single fix
                     raise
 
-    def run(
-        self, observed: Sequence[Observation], speed: float, rate: float,
-        start: Start | None = None, *, end: float = np.inf, kept: bool = True,
-    ) -> Solution:  # fmt: skip
-        """Run a filter on observations of one's own.
-
-        Parameters
-        ----------
-        observed : sequence of Observation
-        speed, rate : float
-            Of `OdometryNoise`.
-        start : Start, optional
-            By default that of the recording.
-        end, kept
-            As in `run_error_state`.
-        """
-        return run_error_state(
-            self.motion(speed, rate), self.start if start is None else start,
-            [*observed, self.silent], end=end, gate=GATE, kept=kept,
-        )  # fmt: skip
-
-    def withheld(
-        self, name: str, numbers: Sequence[float], gone: Mask, start: Start, end: float
-    ) -> Solution:
-        """Run a filter on fixes, or ranges, without those of some fixes.
-
-        Parameters
-        ----------
-        name : str
-            One of `rungs`.
-        numbers : sequence of float
-        gone : ndarray of bool, (fixes,)
-        start : Start
-        end : float
-            s.
-        """
-        rung, ranges = self.rungs[name], self.recording.ranges
-        if name != PLANAR_TIGHT or ranges is None:
-            return rung.run(*numbers, start=start, end=end, fixes=without(self.fixes, gone))
-        # the stamp of a fix is between those of its ranges
-        middles = (self.fixes.time[1:] + self.fixes.time[:-1]) / 2
-        heard = ranges.kept(~gone[np.searchsorted(middles, ranges.time)])
-        return rung.run(*numbers, start=start, end=end, ranges=heard)
-
-    def unaided(self, name: str, numbers: Sequence[float]) -> list[Observation]:
-        """Return what a filter has without fixes and ranges: nothing.
-
-        Parameters
-        ----------
-        name : str
-        numbers : sequence of float
-        """
-        return []
-
-    def _loose(self, speed: float, rate: float, *sizes: float, **how: Any) -> Solution:
-        fixes = how.pop("fixes", self.fixes)
-        return self.run([self._fixes(*sizes, fixes=fixes)], speed, rate, **how)
-
-    def _tight(self, speed: float, rate: float, *sizes: float, **how: Any) -> Solution:
-        ranges = how.pop("ranges", self.recording.ranges)
-        return self.run([self._ranges(*sizes, ranges=ranges)], speed, rate, **how)
-
-    def _fixes(self, white: float, *others: float, fixes: Fixes | None = None) -> PositionFixes:
-        fixes, two = self.fixes if fixes is None else fixes, np.ones(2)
-        sizes = white * shares_of(self.fixes)[:, :2]
-        return PositionFixes(_planar(fixes), self.lever_arm, sizes, *_colour(others, two))
-
-    def _ranges(self, *sizes: float, ranges: Ranges | None = None) -> RangesToAnchors:
-        (white, bias), ranges = sizes, self.recording.ranges if ranges is None else ranges
-        assert ranges is not None
-        return RangesToAnchors(ranges, self.lever_arm, white, bias=bias, scale=_SCALE)
-
-    @property
-    def silent(self) -> PositionFixes:
-        """The times of fixes without any: events at which a filter says where it is."""
-        nothing = Fixes(self.fixes.time, np.full((len(self.fixes), 2), np.nan))
-        return PositionFixes(nothing, self.lever_arm, np.ones(2))
-
-    def motion(self, speed: float, rate: float) -> OdometryMotion:
+    def motion(self, first: float, second: float) -> OdometryMotion:
         """Return the integration of the odometry with these noises of `OdometryNoise`.
 
         Parameters
         ----------
-        speed, rate : float
+        first, second : float
+            Of speed and rate.
         """
         assert self.recording.odometry is not None
-        return OdometryMotion(self.recording.odometry, OdometryNoise(speed, rate, *_ODOMETRY_WALKS))
+        noise = OdometryNoise(first, second, *_ODOMETRY_WALKS)
+        return OdometryMotion(self.recording.odometry, noise)
 
+    def _loose(
+        self, speed: float, rate: float, *sizes: float, gone: Mask | None = None, **how: Any
+    ) -> Solution:
+        return self.run([self._fixes(sizes, gone)], speed, rate, **how)
 
-Correction = InertialCorrection | OdometryCorrection
+    def _tight(
+        self, speed: float, rate: float, *sizes: float, gone: Mask | None = None, **how: Any
+    ) -> Solution:
+        return self.run([self._ranges(sizes, gone)], speed, rate, **how)
+
+    def _fixes(self, numbers: Sequence[float], gone: Mask | None = None) -> PositionFixes:
+        (white, *others), fixes = numbers, self._left(gone)[0]
+        planar = Fixes(fixes.time, fixes.position[:, :2])
+        sizes = white * shares_of(self.fixes)[:, :2]
+        return PositionFixes(planar, self.lever_arm, sizes, *_colour(others, np.ones(2)))
+
+    def _ranges(self, numbers: Sequence[float], gone: Mask | None = None) -> RangesToAnchors:
+        (white, bias), (_, ranges) = numbers, self._left(gone)
+        assert ranges is not None
+        return RangesToAnchors(ranges, self.lever_arm, white, bias=bias, scale=_SCALE)
 
 
 def correction_of(
@@ -518,8 +451,8 @@ def correction_of(
                 "three dimensions: leave out z_m, and have ranges along the plane."
             )
 
-    def build(side: float) -> Correction:
-        fixes = network_of(recording, side, period)
+    def build(fixes: Fixes) -> Correction:
+        fixes = slope_velocity(fixes) if fixes.velocity is None else fixes
         if recording.odometry is not None:
             return OdometryCorrection(recording, fixes, alignment, start)
         if fixes.position.shape[1] > 2:
@@ -527,16 +460,16 @@ def correction_of(
         fixes, assumed = with_height(fixes, recording.height or 0.0)
         return InertialCorrection(recording, fixes, alignment, start, True, assumed)
 
-    if recording.ranges is None or not len(recording.ranges) or recording.height is not None:
-        return build(0.0)
-    found, side = on_a_side(recording.ranges, build, _likelihood)
-    return replace(found, assumed=[*found.assumed, *side]) if side else found
+    ranges = recording.ranges
+    if ranges is None or not len(ranges) or recording.height is not None:
+        return build(network_of(recording, period))
+    return on_a_side(ranges, _periods(period), build, _likelihood)
 
 
 def _likelihood(filters: Correction) -> tuple[float, float]:
     """Return when filters start, s, and the logarithm of a likelihood over the first half."""
-    half, rung = float(np.mean(filters.fixes.time[[0, -1]])), filters.rungs[WHITE]
-    return filters.start.time, rung.run(*rung.begin, end=half, kept=False).log_likelihood
+    run, begin = filters.rungs[WHITE].run, filters.rungs[WHITE].begin
+    return filters.start.time, run(*begin, end=filters.middle, kept=False).log_likelihood
 
 
 def turned_by_gyroscope(recording: Recording) -> Recording | None:
@@ -556,22 +489,19 @@ def turned_by_gyroscope(recording: Recording) -> Recording | None:
     size = float(np.linalg.norm(up))
     rate = imu.rate @ up / (size if size > 0 else 1.0)
     turned = cumulative_trapezoid(rate, imu.time, initial=0.0)
-    ends = np.interp(odometry.time, imu.time, turned)
-    steps = np.diff(odometry.time)
-    mean = np.append(rate[0], np.diff(ends) / steps)
-    inside = (odometry.time >= imu.time[0]) & (odometry.time <= imu.time[-1])
-    mean = np.where(inside, mean, odometry.rate)
+    begins, ends = odometry.time[:-1], odometry.time[1:]
+    inside = (begins >= imu.time[0]) & (ends <= imu.time[-1])
+    means = np.diff(np.interp(odometry.time, imu.time, turned)) / (ends - begins)
+    mean = np.append(odometry.rate[0], np.where(inside, means, odometry.rate[1:]))
     return replace(recording, odometry=replace(odometry, rate=mean), imu=None)
 
 
-def network_of(recording: Recording, side: float = 0.0, period: float | None = None) -> Fixes:
+def network_of(recording: Recording, period: float | None = None) -> Fixes:
     """Return what the network alone says: fixes as they are, or of ranges, with velocities.
 
     Parameters
     ----------
     recording : Recording
-    side : float
-        Of anchors that lie in a plane, as of `multilaterate_track`.
     period : float, optional
         Of fixes by ranges, s; by default the shortest of some in which most have one.
 
@@ -581,8 +511,7 @@ def network_of(recording: Recording, side: float = 0.0, period: float | None = N
         If there is no network, or too few ranges at a time.
     """
     if recording.ranges is not None and len(recording.ranges):
-        periods = PERIODS if period is None else (period,)
-        return slope_velocity(fixes_of(recording.ranges, recording.height, side, periods))
+        return slope_velocity(fixes_of(recording.ranges, _periods(period), recording.height))
     fixes = recording.fixes
     if fixes is None or not np.isfinite(fixes.position).all(axis=1).any():
         raise InswsnError(
@@ -592,7 +521,11 @@ def network_of(recording: Recording, side: float = 0.0, period: float | None = N
     return slope_velocity(fixes) if fixes.velocity is None else fixes
 
 
-def first_fix(fixes: Fixes) -> float:
+def _periods(period: float | None) -> tuple[float, ...]:
+    return PERIODS if period is None else (period,)
+
+
+def _first_fix(fixes: Fixes) -> float:
     """Return when the first fix was, s."""
     return float(fixes.time[np.isfinite(fixes.position).all(axis=1)][0])
 
@@ -632,18 +565,8 @@ def shares_of(fixes: Fixes) -> Array:
     return found
 
 
-def series_of(time: Array, values: Array, first: int = 0) -> tuple[Array, Whole]:
-    """Return the times of the components of measurements that are there, and their series.
-
-    Parameters
-    ----------
-    time : ndarray, (rows,)
-        s.
-    values : ndarray, (rows, d)
-        NaN where missing.
-    first : int
-        The number of the series of the first component.
-    """
+def _series(time: Array, values: Array, first: int = 0) -> tuple[Array, Whole]:
+    """Return the times of the components (rows, d) that are there, and their series."""
     row, axis = np.nonzero(np.isfinite(values))
     return time[row], np.asarray(first + axis, dtype=np.int64)
 
@@ -659,22 +582,3 @@ def _colour(numbers: Sequence[float], axes: Array) -> list[Array]:
 def _is_vehicle(velocity: Array) -> bool:
     speed = np.linalg.norm(velocity[np.isfinite(velocity).all(axis=1)], axis=1)
     return bool(len(speed)) and float(np.quantile(speed, _QUANTILE)) > _RUNNER
-
-
-def _planar(fixes: Fixes) -> Fixes:
-    return Fixes(fixes.time, fixes.position[:, :2])
-
-
-def without(fixes: Fixes, withheld: Mask) -> Fixes:
-    """Return fixes of which some are NaN; those of which velocities are made are the others.
-
-    Parameters
-    ----------
-    fixes : Fixes
-    withheld : ndarray of bool, (rows,)
-    """
-    position = np.where(withheld[:, None], np.nan, fixes.position)
-    velocity = fixes.velocity
-    if velocity is not None:
-        velocity = np.where(withheld[:, None], np.nan, velocity)
-    return replace(fixes, position=position, velocity=velocity)

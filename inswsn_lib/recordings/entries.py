@@ -27,6 +27,7 @@ from __future__ import annotations
 import importlib.util
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import repeat
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -157,6 +158,7 @@ def judge(entry: Any, recording: Recording | Ladder, *, seed: int | None = None)
     """
     name, made = _entry(entry)
     ladder = recording if isinstance(recording, Ladder) else Ladder(recording)
+    judged = ladder.judged
     task, events = _events(ladder)
     first = [event for event in events if event.time <= ladder.split]
     rows = ladder.usable & (ladder.fixes.time <= ladder.split)
@@ -175,7 +177,7 @@ def judge(entry: Any, recording: Recording | Ladder, *, seed: int | None = None)
         search = most_likely(name, [*begin.values()], likely)
         numbers = dict(zip(begin, search.best, strict=True))
     found = _answers(name, made, task, events, numbers, len(ladder.fixes))
-    _refuse_silent(name, ladder, found, ladder.judged)
+    _refuse_silent(name, ladder, found, judged)
     _refuse_acausal(name, made, task, events, numbers, found, np.random.default_rng(seed))
     return ladder.table({name: found})
 
@@ -213,28 +215,22 @@ def _numbers(made: Any) -> dict[str, float]:
 def _events(ladder: Ladder) -> tuple[Task, list[Event]]:
     """Return the events of a recording and the questions, in the order of time."""
     recording, fixes = ladder.filters.recording, ladder.fixes
-    parts: list[tuple[str, Array, Array, Whole | None]] = [
-        ("ask", fixes.time, np.empty((len(fixes), 0)), None)
-    ]
+    events = [Event(time, "ask", np.empty(0)) for time in fixes.time.tolist()]
+
+    def tell(kind: str, times: Array, values: Array, sources: Whole | int = 0) -> None:
+        source = np.broadcast_to(sources, len(times)).tolist()
+        events.extend(map(Event, times.tolist(), repeat(kind), values, source))
+
     if (imu := recording.imu) is not None:
-        parts.append(("imu", imu.time, np.hstack([imu.rate, imu.force]), None))
+        tell("imu", imu.time, np.hstack([imu.rate, imu.force]))
     if (driven := recording.odometry) is not None:
-        values = np.column_stack([driven.speed, driven.rate])
-        parts.append(("odometry", driven.time, values, None))
+        tell("odometry", driven.time, np.column_stack([driven.speed, driven.rate]))
     anchors = np.zeros((0, 3))
     if (heard := recording.ranges) is not None:
         anchors = heard.anchors
-        parts.append(("range", heard.time, heard.distance[:, None], heard.anchor))
+        tell("range", heard.time, heard.distance[:, None], heard.anchor)
     there = np.isfinite(fixes.position).all(axis=1)
-    parts.append(("fix", fixes.time[there], fixes.position[there], None))
-    events = [
-        Event(time, kind, row, source)
-        for kind, times, rows, sources in parts
-        for time, row, source in zip(
-            times.tolist(), rows, [0] * len(times) if sources is None else sources.tolist(),
-            strict=True,
-        )
-    ]  # fmt: skip
+    tell("fix", fixes.time[there], fixes.position[there])
     events.sort(key=lambda event: (event.time, event.kind == "ask"))
     kinds = tuple(sorted({event.kind for event in events} - {"ask"}))
     return Task(kinds, ladder.step, anchors, recording.lever_arm), events
@@ -262,11 +258,12 @@ def _answers(
                 own = covariance("covariance", answer.covariance, (4, 4), (2, 2))
                 P[k, : len(own), : len(own)] = own
                 sizes.add(len(own))
-            elif sizes:
-                given = Described(f"missing at {event.time:.6g} s")
-                raise ParameterError("covariance", given, "in every answer, or in none")
         k += 1
     size = min(sizes, default=0)
+    lacking = np.isfinite(state[:, 0]) & np.isnan(P[:, 0, 0])
+    if size and lacking.any():
+        given = Described(f"missing in {lacking.sum()} answers")
+        raise ParameterError("covariance", given, "in every answer, or in none")
     return Estimate(state, P[:, :size, :size] if size else None)
 
 

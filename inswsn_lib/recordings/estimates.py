@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
+import pandas as pd
 from scipy.spatial.transform import Rotation
 
 from inswsn_lib.checks import Array, Mask
@@ -23,6 +23,7 @@ _JUDGED = 12  # fixes, by which an estimate is judged
 _HALF_WINDOW = 0.075  # s, of the line that makes a velocity of the reference; or longer, in rows
 _HALF_ROWS = 2.5
 _FEWEST = 4  # rows of it
+_NONE = np.zeros(0)
 _INTERVAL = ("ratio", "low", "high")
 #: What `scores` returns
 SCORES = (
@@ -164,62 +165,46 @@ def largest_lag_one(
         From when, s.
     """
     told = innovations_of(solution, series)
-    rows = told.time > begin
-    every = [told.scaled[rows & (told.series == k)] for k in np.unique(told.series[rows])]
-    squares = [each.squares[each.time > begin] for each in solution.innovations[: len(series)]]
-    return {"nis": float(np.concatenate(squares).mean()), "lag1": abs(colour(every).value)}
+    told = told[told["time"] > begin]
+    every = [part["scaled"].to_numpy() for _, part in told.groupby("series")]
+    nis = told.drop_duplicates("measurement")["squares"].mean()
+    return {"nis": float(nis), "lag1": abs(colour(every).value) if every else np.nan}
 
 
-class Innovations(NamedTuple):
-    """The components of innovations, in the order of observations and time.
-
-    Attributes
-    ----------
-    time : ndarray, (components,)
-        s.
-    measurement : ndarray of int, (components,)
-        Of which measurement each is.
-    scaled : ndarray, (components,)
-        Over the deviations that the filter expected.
-    squares : ndarray, (components,)
-        NIS of the measurement over its number of components.
-    series : ndarray of int, (components,)
-        An axis, or an anchor.
-    """
-
-    time: Array
-    measurement: Whole
-    scaled: Array
-    squares: Array
-    series: Whole
-
-    @property
-    def near(self) -> Mask:
-        """Which are of measurements all of whose components lie within four deviations."""
-        far = np.unique(self.measurement[np.abs(self.scaled) > OUTLIER])
-        return ~np.isin(self.measurement, far)
-
-
-def innovations_of(solution: Solution, series: Sequence[tuple[Array, Whole]]) -> Innovations:
-    """Return the innovations of a solution that it is judged by.
+def innovations_of(solution: Solution, series: Sequence[tuple[Array, Whole]]) -> pd.DataFrame:
+    """Return the components of the innovations that a solution is judged by.
 
     Parameters
     ----------
     solution : Solution
     series : sequence of (ndarray, ndarray)
         As of `Rung`.
+
+    Returns
+    -------
+    DataFrame
+        In the order of observations and time: ``time``, s; ``measurement``, which one each is of;
+        ``scaled``, over the deviation that the filter expected; ``squares``, the NIS of the
+        measurement over its number of components; ``series``, an axis or an anchor; ``near``,
+        whether all components of the measurement lie within four deviations.
     """
-    told = solution.innovations[: len(series)]
     begin, end = solution.start.time, solution.end.time
+    told = solution.innovations[: len(series)]
     sizes = np.array([len(value) for each in told for value in each.values], dtype=int)
     every = [value / sd for x in told for value, sd in zip(x.values, x.deviations, strict=True)]
-    return Innovations(
-        np.repeat(np.concatenate([each.time for each in told]), sizes),
-        np.repeat(np.arange(len(sizes)), sizes),
-        np.concatenate(every),
-        np.repeat(np.concatenate([each.squares for each in told]), sizes),
-        np.concatenate([label[(time > begin) & (time <= end)] for time, label in series]),
+    found = pd.DataFrame(
+        {
+            "time": np.repeat(np.concatenate([_NONE, *(each.time for each in told)]), sizes),
+            "measurement": np.repeat(np.arange(len(sizes)), sizes),
+            "scaled": np.concatenate([_NONE, *every]),
+            "squares": np.repeat(np.concatenate([_NONE, *(x.squares for x in told)]), sizes),
+            "series": np.concatenate(
+                [np.arange(0), *(name[(time > begin) & (time <= end)] for time, name in series)]
+            ),
+        }
     )
+    far = found["scaled"].abs() > OUTLIER
+    return found.assign(near=~far.groupby(found["measurement"]).transform("any"))
 
 
 def line_through(time: Array, track: Array, at: Array, half: float) -> Array:

@@ -12,7 +12,7 @@ import pandas as pd
 from inswsn_lib.checks import Array, Mask, number, one_of
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.evaluation import Tuning, most_likely
-from inswsn_lib.inertial import Solution, Start, run_error_state, smooth, smooth_with_lag
+from inswsn_lib.inertial import Solution, Start, smooth, smooth_with_lag
 from inswsn_lib.recordings.correction import (
     COLOURED,
     PLANAR_TIGHT,
@@ -155,7 +155,12 @@ nothing to correct fixes with.
 
     @property
     def judged(self) -> Mask:
-        """The usable fixes after the split."""
+        """The usable fixes after the split, by the reference."""
+        if self.recording.reference is None:
+            raise InswsnError(
+                f"The recording {self.recording.name} has no reference: estimators are judged only "
+                "in outages."
+            )
         return self.usable & (self.fixes.time > self.split)
 
     def tuning_end(self, name: str) -> float:
@@ -166,17 +171,15 @@ nothing to correct fixes with.
         name : str
             One of `rungs`.
         """
-        moved = getattr(self.filters.recording, self._motion).time
-        measured = np.sort(np.concatenate([time for time, _ in self.rungs[name].series]))
+        recording, series = self.filters.recording, self.rungs[name].series
+        moved = recording.imu if recording.odometry is None else recording.odometry
+        assert moved is not None
+        measured = np.sort(np.concatenate([moved.time[:0], *(time for time, _ in series)]))
         ends = [
-            float(time[time > self.start.time][:most][-1])
-            for time, most in ((moved, _ROWS), (measured, _COMPONENTS))
+            time[time > self.start.time][:most][-1:]
+            for time, most in ((moved.time, _ROWS), (measured, _COMPONENTS))
         ]
-        return min(self.split, *ends)
-
-    @property
-    def _motion(self) -> str:
-        return "imu" if self.filters.recording.odometry is None else "odometry"
+        return float(min(np.concatenate([*ends, [self.split]])))
 
     @cached_property
     def rungs(self) -> dict[str, Rung]:
@@ -191,15 +194,14 @@ nothing to correct fixes with.
 
         :meta private:
         """
-        if self._motion != "imu":
+        if self.filters.recording.odometry is not None:
             return None
         return DifferenceFilters(self.alone.state, self.network.state, self.step)
 
     @cached_property
     def alone(self) -> Estimate:
         """The motion that nothing corrects after the start."""
-        free = run_error_state(self.filters.motion(*_FREE), self.start, [self.filters.silent])
-        return self.of(free)
+        return self.of(self.filters.run([], *_FREE))
 
     @cached_property
     def _searches(self) -> dict[str, Tuning[tuple[float, ...]]]:
@@ -237,7 +239,7 @@ nothing to correct fixes with.
         ]
         return replace(found, candidates=tuple(ends))
 
-    @property
+    @cached_property
     def families(self) -> tuple[str, ...]:
         """The filters of P1's form, beside an IMU and a reference."""
         return tuple(FAMILIES) if self.difference and self.recording.reference else ()
@@ -280,7 +282,7 @@ nothing to correct fixes with.
         """Estimates, and of filters NIS and lag one; solutions are not kept."""
         found, innovations = {NETWORK: self.network, ALONE: self.alone}, {}
         if self.difference is not None and self.families:
-            found |= {n: self.difference.run(n, *self.tuned(n).best) for n in FAMILIES}
+            found |= {n: self.difference.run(n, *self.tuned(n).best) for n in self.families}
             found[PUBLISHED] = self.difference.published
         smoothed = PLANAR_TIGHT if PLANAR_TIGHT in self.rungs else COLOURED
         late: dict[str, Estimate] = {}
@@ -320,20 +322,12 @@ nothing to correct fixes with.
         InswsnError
             If there is no reference to judge by.
         """
-        if self.recording.reference is None:
-            raise InswsnError(
-                f"The recording {self.recording.name} has no reference: estimators are judged only "
-                "in outages."
-            )
-        found, innovations = self._run
-        everything = found | dict(more or {})
         rows, nothing = self.judged, {"nis": np.nan, "lag1": np.nan}
-        network = self.network.state[rows] - self.truth[rows]
+        found, innovations = self._run
         table = pd.DataFrame(
             {
-                name: scores(each.part(rows), self.truth[rows], network)
-                | innovations.get(name, nothing)
-                for name, each in everything.items()
+                name: self._scores(each, self.network, rows) | innovations.get(name, nothing)
+                for name, each in (found | dict(more or {})).items()
             }
         ).T
         searches = self._searches
@@ -354,13 +348,15 @@ nothing to correct fixes with.
         dict of str to (ratio, low, high)
             Of ``position`` and ``velocity``, with intervals by `block_ratio`.
         """
-        rows = self.judged
-        theirs = self.estimates[other].state[rows] - self.truth[rows]
-        found = scores(self.estimates[name].part(rows), self.truth[rows], theirs)
+        found = self._scores(self.estimates[name], self.estimates[other], self.judged)
         return {
             of: (found[f"{of}_ratio"], found[f"{of}_low"], found[f"{of}_high"])
             for of in ("position", "velocity")
         }
+
+    def _scores(self, mine: Estimate, other: Estimate, rows: Mask) -> dict[str, float]:
+        truth = self.truth[rows]
+        return scores(mine.part(rows), truth, other.state[rows] - truth)
 
     @cached_property
     def corrected(self) -> str:

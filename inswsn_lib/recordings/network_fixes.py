@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import TypeVar
+from typing import Protocol, TypeVar
 
 import numpy as np
 
@@ -15,7 +15,13 @@ from inswsn_lib.errors import InswsnError
 from inswsn_lib.recordings.findings import FALSE_ALARM, Finding
 from inswsn_lib.streams import Fixes, Ranges
 
-Kind = TypeVar("Kind")
+
+class _Assuming(Protocol):
+    @property
+    def assumed(self) -> list[Finding]: ...
+
+
+Kind = TypeVar("Kind", bound=_Assuming)
 
 #: The deviation of a height that is held, m
 HELD = 1.0
@@ -26,28 +32,26 @@ _VERTICAL = 0.9  # the cosine of a normal, of a plane such as a ceiling
 
 
 def fixes_of(
-    ranges: Ranges, height: float | None = None, side: float = 0.0,
-    periods: tuple[float, ...] = PERIODS,
+    ranges: Ranges, periods: tuple[float, ...] = PERIODS, height: float | None = None,
+    side: float = 0.0,
 ) -> Fixes:  # fmt: skip
     """Return fixes of the shortest intervals of which most have one.
 
     Parameters
     ----------
     ranges : Ranges
-    height, side : float
-        As of `multilaterate_track`.
     periods : tuple of float
         That are tried, s.
+    height, side : float
+        As of `multilaterate_track`.
 
     Raises
     ------
     InswsnError
         If too few anchors are heard, or they are in a plane and no side is given.
     """
-    for period in periods:
-        fixes = multilaterate_track(ranges, period, height=height, side=side)
-        if np.isfinite(fixes.position).all(axis=1).mean() > _MOST_FIXES:
-            return fixes
+    if (fixes := _shortest(ranges, periods, height, side)) is not None:
+        return fixes
     normal = in_a_plane(ranges) if height is None else None
     if normal is None or side:
         raise InswsnError(
@@ -55,19 +59,32 @@ def fixes_of(
         )
     if not _level(normal):
         raise InswsnError(_refusal(ranges, normal))
-    return fixes_of(ranges, side=-1.0, periods=periods)  # to the side the mirror image is the same
+    return fixes_of(ranges, periods, side=-1.0)  # to the side the mirror image is the same
+
+
+def _shortest(
+    ranges: Ranges, periods: tuple[float, ...], height: float | None, side: float
+) -> Fixes | None:
+    for period in periods:
+        fixes = multilaterate_track(ranges, period, height=height, side=side)
+        if np.isfinite(fixes.position).all(axis=1).mean() > _MOST_FIXES:
+            return fixes
+    return None
 
 
 def on_a_side(
-    ranges: Ranges, build: Callable[[float], Kind], fit: Callable[[Kind], tuple[float, float]]
-) -> tuple[Kind, list[Finding]]:
+    ranges: Ranges, periods: tuple[float, ...], build: Callable[[Fixes], Kind],
+    fit: Callable[[Kind], tuple[float, float]],
+) -> Kind:  # fmt: skip
     """Return what is built of fixes on that side of the anchors' plane which fits the motion.
 
     Parameters
     ----------
     ranges : Ranges
+    periods : tuple of float
+        As of `fixes_of`.
     build : callable
-        Returns, for a side, 1, -1, or 0 where the ranges tell it, a filter of `fixes_of`.
+        Takes fixes, and returns a filter, with a list ``assumed`` of findings.
     fit : callable
         Returns the time at which a filter starts, s, and the logarithm of its likelihood.
 
@@ -77,14 +94,16 @@ def on_a_side(
         If a filter starts on neither side, or both fit, and differ in more than their heights.
     """
     normal = in_a_plane(ranges)
-    if normal is None or _told(ranges):
-        return build(0.0), []
-    found: dict[float, tuple[Kind, tuple[float, float]]] = {}
+    if normal is None:
+        return build(fixes_of(ranges, periods))
+    if (fixes := _shortest(ranges, periods, None, 0.0)) is not None:
+        return build(fixes)
+    found: dict[float, tuple[Kind, float, float]] = {}
     said = ""
     for side in (-1.0, 1.0):
         try:
-            built = build(side)
-            found[side] = built, fit(built)
+            built = build(fixes_of(ranges, periods, side=side))
+            found[side] = built, *fit(built)
         except InswsnError as error:
             said = said or str(error)
     if not found:
@@ -92,27 +111,23 @@ def on_a_side(
     if len(found) == 1:
         gain = np.inf if -1.0 in found else -np.inf
     else:
-        (start, below), (other, above) = found[-1.0][1], found[1.0][1]
+        (_, start, below), (_, other, above) = found.values()
         # one that starts later could not be trusted before
         gain = below - above if start == other else np.inf * (other - start)
     bound = float(-np.log(FALSE_ALARM))
-    level = _level(normal)
-    if abs(gain) < bound and not level:
+    level, told = _level(normal), abs(gain) >= bound
+    if not told and not level:
         raise InswsnError(_refusal(ranges, normal))
     side = 1.0 if gain <= -bound else -1.0
     where = ("below" if side < 0 else "above") if level else "on the side that fits the motion"
     says = f"the anchors lie in a plane, {_named(ranges, normal)}; the tag is taken to be {where}"
-    if abs(gain) < bound:
+    if not told:
         says += ", which the motion does not tell and matters to heights alone"
-    fits = None if abs(gain) < bound else True
-    finding = Finding("side", "anchors", float(-side * gain), bound, np.inf, fits, says)
-    return found[side][0], [finding]
-
-
-def _told(ranges: Ranges) -> bool:
-    """Whether ranges to anchors almost in a plane tell on which side of it the tag is."""
-    made = (multilaterate_track(ranges, period) for period in PERIODS)
-    return any(np.isfinite(f.position[:, 0]).mean() > _MOST_FIXES for f in made)
+    chosen, *_ = found[side]
+    chosen.assumed.append(
+        Finding("side", "anchors", float(-side * gain), bound, np.inf, told or None, says)
+    )
+    return chosen
 
 
 def _level(normal: Array) -> bool:

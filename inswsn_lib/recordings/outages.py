@@ -18,6 +18,7 @@ from inswsn_lib.recordings.ladder import Ladder
 from inswsn_lib.streams import Whole
 
 _FEWEST, _MOST = 3, 200  # outages
+_STRETCH = 1.5  # times its length, that the fixes of an outage may take
 #: What costs nothing, and what knows the fixes after the outage
 STILL, ON, STRAIGHT = (
     "stand still at the last fix", "go on at the last velocity", "straight to the next fix",
@@ -117,25 +118,19 @@ nothing to correct fixes with.
             intervals by `block_ratio` over outages, of which those that overlap are in one block.
         """
         everything = self.errors | self.oracles
-        rows = {}
+        rows: dict[str, dict[str, float | bool]] = {}
         for name, error in everything.items():
-            row: dict[str, float | bool] = {
-                "oracle": name in self.oracles,
-                "outages": len(self.starts),
-            }
+            rows[name] = {"oracle": name in self.oracles, "outages": len(self.starts)}
             for length in lengths:
-                rms, ratio, low, high = self.ratio(error, everything[over], length)
-                row |= {
-                    f"rms {length:g} s": rms,
-                    f"ratio {length:g} s": ratio,
-                    f"low {length:g} s": low,
-                    f"high {length:g} s": high,
-                }
-            rows[name] = row
+                told = self.ratio(error, everything[over], length)
+                columns = [f"{what} {length:g} s" for what in ("rms", "ratio", "low", "high")]
+                rows[name] |= dict(zip(columns, told, strict=True))
         return pd.DataFrame(rows).T
 
     def ratio(self, error: Array, other: Array, length: float) -> tuple[float, ...]:
         """Return an RMS error over outages of a length, its ratio to another, and the interval.
+
+        Of outages in which the truth is known; NaN if these are fewer than three.
 
         Parameters
         ----------
@@ -145,7 +140,11 @@ nothing to correct fixes with.
             s.
         """
         steps = max(1, round(self.steps * length / self.longest))
-        mine, theirs = (np.nanmean(np.square(e[:, :steps]), axis=1) for e in (error, other))
+        both = np.square([error[:, :steps], other[:, :steps]])
+        there = np.isfinite(both).any(axis=2).all(axis=0)
+        if there.sum() < _FEWEST:
+            return (np.nan,) * 4
+        mine, theirs = np.nanmean(both[:, there], axis=2)
         block = max(1, int(np.ceil(length / self.every)))
         return float(np.sqrt(mine.mean())), *block_ratio(mine, theirs, block)
 
@@ -167,8 +166,10 @@ nothing to correct fixes with.
         there = np.asarray(np.isfinite(states).all(axis=1))
         there &= (time > max(begin, self.ladder.start.time)) & (time + self.longest < end)
         after = np.arange(len(there)) + self.steps + 1
-        heard = np.isfinite(states[:, 0])
-        there &= (after < len(there)) & heard[np.minimum(after, len(there) - 1)]
+        next_ = np.minimum(after, len(there) - 1)
+        there &= (after < len(there)) & np.isfinite(states[next_, 0])
+        # rows that are missing would make it longer
+        there &= time[next_ - 1] - time <= _STRETCH * self.longest + self.ladder.step
         found: list[int] = []
         for k in np.flatnonzero(there):
             if not found or time[k] - time[found[-1]] >= self.every:
@@ -219,14 +220,9 @@ nothing to correct fixes with.
         state, P = solution.states[event], solution.covariances[event]
         n, after = state.errors, k + 1 + self.steps
         start = Start(float(fixes.time[k]), replace(state, own=np.zeros(0)), P[:n, :n])
-        numbers = ladder.tuned(name).best
-        filters, last = ladder.filters, after + self.steps * smoothed
+        last = after + self.steps * smoothed
+        gone = np.ones(len(fixes), dtype=bool)
+        gone[after:last] = False
         end = float(fixes.time[min(last, len(fixes) - 1)])
-        if smoothed:
-            gone = np.ones(len(fixes), dtype=bool)
-            gone[after:last] = False
-            run = smooth(filters.withheld(name, numbers, gone, start, end))
-        else:
-            observed = filters.unaided(name, numbers)
-            run = filters.run(observed, numbers[0], numbers[1], start, end=end)
-        return ladder.of(run).state[k + 1 : after, :2]
+        run = ladder.rungs[name].run(*ladder.tuned(name).best, start=start, end=end, gone=gone)
+        return ladder.of(smooth(run) if smoothed else run).state[k + 1 : after, :2]

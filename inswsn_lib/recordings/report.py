@@ -152,10 +152,7 @@ def _with_filter(ladder: Ladder, findings: list[Finding]) -> Report:
     recording = ladder.recording
     ladder, more = _by_gyroscope(ladder)
     findings += more
-    told = [found for found in findings if found.name in ("axes", "time")]
-    if not any(
-        (f.name == "axes" and f.fits) or (f.name == "time" and f.fits is False) for f in told
-    ):
+    if not {("axes", True), ("time", False)} & {(each.name, each.fits) for each in findings}:
         findings += _mirrored(replace(ladder, recording=recording), ladder)
     name = ladder.corrected
     solution = ladder.solution(name)
@@ -163,14 +160,9 @@ def _with_filter(ladder: Ladder, findings: list[Finding]) -> Report:
     judged = _by_reference if recording.reference is not None else _in_outages
     table, judge, more = judged(ladder, solution)
     findings += more
-    return Report(
-        findings,
-        table,
-        judge,
-        sentence_of(findings, table, judge),
-        _track(ladder.fixes.time, ladder.of(solution)),
-        ladder.tuned(name).best,
-    )
+    said = sentence_of(findings, table, judge)
+    track = _track(ladder.fixes.time, ladder.of(solution))
+    return Report(findings, table, judge, said, track, ladder.tuned(name).best)
 
 
 _Judged = tuple[pd.DataFrame, str, list[Finding]]
@@ -178,34 +170,28 @@ _Judged = tuple[pd.DataFrame, str, list[Finding]]
 
 def _settled(ladder: Ladder, name: str) -> Finding:
     """Return whether the search for the numbers led from two begins to one end."""
-    losses = ladder.tuned(name).losses
-    fits = ladder.tuned(name).settled
-    apart = sorted(losses)[1] - min(losses) if len(losses) > 1 else 0.0
-    says = "two begins led to the same numbers" if fits else (
-        "the numbers hang on where the search for them began"
-    )  # fmt: skip
-    return Finding(
-        "search", "filter", apart, 0.0, 0.5, fits or (None if len(losses) < 2 else False), says
-    )
+    search = ladder.tuned(name)
+    least, *others = sorted(search.losses)
+    apart = others[0] - least if others else 0.0
+    says = "the numbers hang on where the search for them began"
+    if search.settled:
+        says = "two begins led to the same numbers"
+    fits = search.settled if others else None
+    return Finding("search", "filter", apart, 0.0, 0.5, fits, says)
 
 
 def _by_reference(ladder: Ladder, solution: Solution) -> _Judged:
     """Judge by the reference."""
     turned = turned_by(ladder.filters.recording, solution)
     truth, rows = truth_at(turned, ladder.fixes.time), ladder.fixes.time > ladder.split
-    estimates = {
-        "network": ladder.network,
-        "corrected": ladder.of(solution),
-        "smoothed": ladder.of(smooth(solution)),
-    }
-    table = _table(estimates, truth, rows)
-    P = estimates["corrected"].covariance
+    corrected, smoothed = ladder.of(solution), ladder.of(smooth(solution))
+    estimates = {"network": ladder.network, "corrected": corrected, "smoothed": smoothed}
+    table, P = _table(estimates, truth, rows), corrected.covariance
     assert P is not None  # a filter has it
-    errors = (estimates["corrected"].state - truth)[:, : P.shape[1]]
+    errors = (corrected.state - truth)[:, : P.shape[1]]
     rows = rows & np.isfinite(errors).all(axis=1)
-    if rows.sum() < _FEWEST:
-        return table, _judge(table, "reference"), []
-    return table, _judge(table, "reference"), [check_nees(errors[rows], P[rows])]
+    found = [check_nees(errors[rows], P[rows])] if rows.sum() >= _FEWEST else []
+    return table, _judge(table, "reference"), found
 
 
 def turned_by(recording: Recording, solution: Solution) -> Recording:
@@ -372,18 +358,15 @@ def _other_side(vectors: Array) -> Array:
 
 def _of_innovations(ladder: Ladder, name: str, solution: Solution) -> list[Finding]:
     told = innovations_of(solution, ladder.rungs[name].series)
-    near, judged = told.near, told.time > ladder.split
-    rows = judged & near
-    measurements = np.unique(told.measurement[judged], return_index=True)[1]
-    return [
-        check_outliers(near[judged][measurements]),
-        *check_innovations(told.squares[rows], told.scaled[rows], told.series[rows]),
-    ]
+    told = told[told["time"] > ladder.split]
+    near = told[told["near"]]
+    squares, scaled, series = (near[of].to_numpy() for of in ("squares", "scaled", "series"))
+    each = told.drop_duplicates("measurement")["near"].to_numpy()
+    return [check_outliers(each), *check_innovations(squares, scaled, series)]
 
 
 def _track(times: Array, estimate: Estimate) -> pd.DataFrame:
-    found = pd.DataFrame(estimate.state, columns=list(_TRACK))
-    found.insert(0, "time", times)
+    found = pd.DataFrame(np.column_stack([times, estimate.state]), columns=["time", *_TRACK])
     deviations = np.full_like(estimate.state, np.nan)
     if (P := estimate.covariance) is not None:
         stated = P.shape[1]

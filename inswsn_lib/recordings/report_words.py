@@ -25,7 +25,7 @@ def _of_filter(findings: list[Finding]) -> str:
     if wrong:
         causes = "; ".join(f"{found.name} {found.value:.2g}: {found.says}" for found in wrong)
         return f"Warning: the filter is not consistent ({causes})."
-    if all(found.fits is None for found in told):
+    if not any(found.fits for found in told if found.name != "outliers"):
         return "Whether the filter is consistent cannot be told."
     return "The filter is consistent."
 

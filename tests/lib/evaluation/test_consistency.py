@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
-from scipy.stats import chi2, norm
+from scipy.stats import chi2
 
 from inswsn_lib.errors import ParameterError
 from inswsn_lib.evaluation import autocorrelation, fit_noise, mean_bounds, normalised_squares
@@ -113,19 +113,13 @@ def test_covariances_that_are_none(shape: tuple[int, ...]) -> None:
         normalised_squares(errors, S)
 
 
-def test_bounds_are_those_of_the_normal_law() -> None:
-    # of one square of one degree, and of so many that their mean is normal
-    low, high = mean_bounds(1, 1, 0.9)
-    assert (low, high) == pytest.approx((norm.ppf(0.525) ** 2, norm.ppf(0.975) ** 2))
-    half = 1.96 * np.sqrt(8 / 40_000)  # mean 4, variance 8 / count
-    assert mean_bounds(40_000, 4) == pytest.approx((4 - half, 4 + half), abs=2e-4)
-
-
 @pytest.mark.parametrize("degrees", [1, 2, 3, 50, 1000, 200_000])
 @pytest.mark.parametrize("probability", [0.5, 0.95, 0.999, 0.999999])
 def test_bounds_are_those_of_scipy(degrees: int, probability: float) -> None:
     tails = [(1 - probability) / 2, (1 + probability) / 2]
     assert mean_bounds(1, degrees, probability) == pytest.approx(chi2.ppf(tails, degrees), rel=1e-6)
+    of_each = chi2.ppf(tails, 4 * degrees) / degrees
+    assert mean_bounds(degrees, 4, probability) == pytest.approx(of_each, rel=1e-6)
 
 
 @pytest.mark.parametrize("arguments", [(0, 4), (1, 0), (1, 4, 0.0), (1, 4, 1.0)])

@@ -27,6 +27,7 @@ def on_fixes(recording: Recording) -> Ladder:
     """Return a ladder with the filters on fixes alone, each search of which begins once."""
     found = Ladder(recording, alignment=15.0, begins=1)
     vars(found)["rungs"] = {name: found.rungs[name] for name in (WHITE, COLOURED)}
+    vars(found)["families"] = ("KF",)
     return found
 
 
@@ -76,6 +77,14 @@ def test_fixes_alone_make_outages_too_and_too_few_are_told() -> None:
     assert table.loc["coasting filter", "rms 4 s"] < 0.5
     # what is not good is never held against a method
     assert np.isnan(outages.errors["coasting filter"]).any()
+    # where no fix is good, or none is even there, there is no outage
+    for each in (replace(fixes, good=(time < 45) | (time > 50)),
+                 fixes.kept((time < 45) | (time > 55))):  # fmt: skip
+        ladder = Ladder(Recording("walk", imu=made_imu(7), fixes=each), alignment=15.0)
+        cut = Outages(ladder, 2.0, 2.0)
+        errors = cut.apart(np.zeros((len(cut.starts), cut.steps, 2)), cut.starts)
+        assert cut.ratio(errors, errors, 0.5)[1:] == pytest.approx((1.0, 1.0, 1.0))
+        assert np.ptp(ladder.fixes.time[cut.ahead(cut.starts)], axis=1).max() < 3.0
     with pytest.raises(InswsnError, match=r"^walk has room for \d outages of 26 s; three are"):
         _ = replace(outages, longest=26.0).starts
 

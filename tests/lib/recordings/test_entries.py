@@ -11,6 +11,7 @@ import pytest
 from made_recording import made, made_imu
 
 from inswsn_lib.errors import InswsnError
+from inswsn_lib.inertial import Start
 from inswsn_lib.recordings import Answer, Event, Ladder, Task, judge
 from inswsn_lib.recordings.ladder import NETWORK
 
@@ -35,9 +36,11 @@ class Mine:
 @pytest.fixture(scope="module")
 def ladder() -> Ladder:
     recording = replace(made(4, seconds=40.0), imu=made_imu(4, seconds=40.0))
-    found = Ladder(recording, alignment=8.0, begins=1)
+    found = Ladder(recording, begins=1)
     vars(found)["rungs"] = {}
     vars(found)["difference"] = None
+    vars(found.filters)["start"] = Start(8.0, None, np.eye(15))
+    vars(found)["alone"] = found.network
     return found
 
 
@@ -107,6 +110,8 @@ def test_who_looks_ahead_is_told(ladder: Ladder) -> None:
 
 
 def test_what_an_entry_must_be() -> None:
+    with pytest.raises(InswsnError, match="has no reference"):
+        judge(LastFix, replace(made(1), imu=made_imu(1), reference=None))
     for entry, says in (
         ("mine.txt", "path/to/file.py:Class, not 'mine.txt'"),
         ("nowhere.py:Mine", "in a file that exists, not 'nowhere.py:Mine'"),
@@ -125,6 +130,8 @@ def test_what_an_entry_must_be() -> None:
         (MINE.replace("Answer(self.at) if", "self.at if"), "must be an Answer or None"),
         (MINE.replace("Answer(self.at) if", "Answer(3.0) if"), "position must be"),
         (MINE.replace('"ask" and', '"never" and'), "Mine gives no answer"),
+        (MINE.replace("(self.at) if", "(self.at, None, [[1, 0], [0, 1]][: int(event.time > 9) * 2]"
+                      " or None) if"), "covariance must be in every answer, or in none, not"),
     ],
 )  # fmt: skip
 def test_an_entry_that_does_not_fit_is_told_in_a_sentence(

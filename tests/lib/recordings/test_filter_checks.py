@@ -11,8 +11,9 @@ from scipy.stats import binom, chi2
 from inswsn_lib import ErrorModel
 from inswsn_lib.evaluation import FALSE_ALARM
 from inswsn_lib.filters import design_kalman, run_kalman
+from inswsn_lib.inertial import Innovations, Solution, Start
 from inswsn_lib.recordings import Finding, check_filter, check_innovations, check_nees
-from inswsn_lib.recordings.estimates import Innovations
+from inswsn_lib.recordings.estimates import innovations_of
 from inswsn_lib.recordings.filter_checks import check_outliers, say_noise
 
 N = 1000
@@ -169,10 +170,14 @@ def test_few_innovations_tell_nothing() -> None:
 
 
 def test_outliers_are_counted_by_measurement() -> None:
-    which, scaled = np.array([0, 0, 1, 1, 2, 2, 3]), np.array([0, 0, 0, 4.1, 3.9, 3.9, 0])
-    near = Innovations(0.0 * scaled, which, scaled, scaled**2, which).near
-    assert near.tolist() == [True, True, False, False, True, True, True]
-    found = check_outliers(near[[0, 2, 4, 6]])
-    assert (found.value, found.fits) == (0.25, False)
+    time, sizes = np.arange(4.0), [[0, 0], [0, 4.1], [3.9, 3.9], [0]]
+    values, series = [np.array(each) for each in sizes], np.array([0, 1, 0, 1, 0, 1, 0])
+    told = Innovations(time, values, [1 + 0 * x for x in values], [], np.zeros(4))
+    ends = [Start(at, None, np.eye(1)) for at in (-1.0, 9.0)]
+    solution = Solution(*[None] * 6, [told], 0.0, *ends)  # type: ignore[arg-type]
+    found = innovations_of(solution, [(np.array([0, 0, 1, 1, 2, 2, 3.0]), series)])
+    assert found["near"].tolist() == [True, True, False, False, True, True, True]
+    checked = check_outliers(found.drop_duplicates("measurement")["near"].to_numpy())
+    assert (checked.value, checked.fits) == (0.25, False)
     assert check_outliers(np.arange(1000) >= 9).fits
     assert check_outliers(np.empty(0, dtype=bool)).fits

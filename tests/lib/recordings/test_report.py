@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pandas as pd
@@ -13,10 +14,18 @@ from made_recording import made, made_drive, made_imu, motion
 from inswsn_lib import recordings
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.inertial import PlanarState, Start, known_start
-from inswsn_lib.recordings import Finding, Report, report
-from inswsn_lib.recordings.correction import correction_of, deviation_of, network_of
+from inswsn_lib.recordings import Finding, Ladder, Report, report
+from inswsn_lib.recordings.correction import (
+    LATERAL,
+    WHITE,
+    InertialCorrection,
+    correction_of,
+    deviation_of,
+    network_of,
+    turned_by_gyroscope,
+)
 from inswsn_lib.recordings.report_words import sentence_of
-from inswsn_lib.streams import Fixes, Imu, Recording, Reference
+from inswsn_lib.streams import Fixes, Imu, Odometry, Recording, Reference
 
 NOISE = 0.3
 
@@ -40,7 +49,8 @@ def failing(found: Report) -> set[str]:
 
 
 def test_a_filter_that_fits_is_consistent_and_better_than_the_network() -> None:
-    found = report(drive(), begins=1)
+    right = drive()
+    found = report(right, begins=1)
     assert failing(found) == set()
     assert "The filter is consistent." in found.sentence
     assert "better than the network" in found.sentence
@@ -55,13 +65,8 @@ def test_a_filter_that_fits_is_consistent_and_better_than_the_network() -> None:
     assert list(found.track) == ["time", "x", "y", "vx", "vy", "sd_x", "sd_y", "sd_vx", "sd_vy"]
     assert found.track["sd_vx"].isna().all()  # the speed is no state
     assert (found.track["sd_x"] > 0).all()
-
-
-def test_the_track_is_where_the_vehicle_was() -> None:
-    right = drive()
-    track = report(right, begins=1).track
     assert right.reference is not None
-    late = track[track["time"] > 60]
+    late = found.track[found.track["time"] > 60]
     for name, axis in (("x", 0), ("y", 1)):
         true = np.interp(late["time"], right.reference.time, right.reference.position[:, axis])
         assert np.sqrt(np.mean((late[name] - true) ** 2)) < 0.2
@@ -153,8 +158,8 @@ def test_an_imu_beside_odometry_is_taken_or_refused_in_words() -> None:
 def carried(**changes: object) -> Recording:
     """A body in a room with an IMU, 5 Hz fixes of 0.3 m at the end of an arm, and velocities."""
     arm = np.array([0.3, 0.0, 0.2])
-    right = replace(made(4, seconds=90, rate=1.0), ranges=None, imu=made_imu(4, seconds=90))
-    rng, time, step = np.random.default_rng(4), np.arange(0.2, 89.5, 0.2), 1e-3
+    right = replace(made(4, rate=1.0), ranges=None, imu=made_imu(4))
+    rng, time, step = np.random.default_rng(4), np.arange(0.2, 59.5, 0.2), 1e-3
     tags = [where + how.apply(arm) for where, how in (motion(time + h) for h in (-step, 0, step))]
     fixes = Fixes(
         time,
@@ -162,6 +167,11 @@ def carried(**changes: object) -> Recording:
         (tags[2] - tags[0]) / (2 * step) + 0.03 * rng.normal(size=(len(time), 3)),
     )
     return replace(right, fixes=fixes, lever_arm=arm, **changes)
+
+
+@cache
+def report_of_carried() -> Report:
+    return report(carried(), begins=1)
 
 
 @pytest.mark.parametrize("velocities", [True, False])
@@ -180,12 +190,10 @@ def test_a_mirrored_network_beside_an_imu_is_told(velocities: bool) -> None:
 
 def test_velocities_of_fixes_are_used() -> None:
     """With velocities of 0.03 m/s the track is better than without, and says their size."""
-    right = carried()
+    right, told = carried(), report_of_carried()
     assert right.fixes is not None
-    told, without = (
-        report(each, begins=1)
-        for each in (right, replace(right, fixes=replace(right.fixes, velocity=None)))
-    )
+    bare = replace(right, fixes=replace(right.fixes, velocity=None))
+    without = report(bare, begins=1)
     assert told.numbers[3] == pytest.approx(0.03, rel=0.3)
     for name in ("position", "velocity"):
         assert told.table.loc["corrected", name] < 0.6 * without.table.loc["corrected", name]
@@ -201,20 +209,22 @@ def test_the_deviation_of_each_fix_is_used() -> None:
         fixes, position=fixes.position + sizes[:, None] * rng.normal(size=fixes.position.shape)
     )
     said = replace(fixes, deviation=np.tile(sizes[:, None], (1, 3)))
-    told, without = (report(replace(right, fixes=each), begins=1) for each in (said, fixes))
-    assert (
-        told.table.loc["corrected", "position"] < 0.8 * without.table.loc["corrected", "position"]
-    )
+    sizes = []
+    for each in (said, fixes):
+        ladder = Ladder(replace(right, fixes=each))
+        rung = ladder.rungs[WHITE]
+        errors = ladder.of(rung.run(*rung.begin)).state - ladder.truth
+        sizes.append(np.sqrt(np.mean(errors[ladder.judged, :2] ** 2)))
+    assert sizes[0] < 0.6 * sizes[1]
 
 
 def test_a_lever_arm_counts_where_the_reference_has_no_attitude() -> None:
     right = carried()
     assert right.reference is not None
     bare = replace(right, reference=replace(right.reference, attitude=None))
-    with_attitude, without = (
-        report(each, begins=1).table.loc["corrected", "position"] for each in (right, bare)
-    )
-    assert without == pytest.approx(with_attitude, rel=0.1)
+    without = report(bare, begins=1).table.loc["corrected", "position"]
+    right_one = report_of_carried().table.loc["corrected", "position"]
+    assert without == pytest.approx(right_one, rel=0.1)
 
 
 def test_what_is_known_of_the_start_is_used() -> None:
@@ -309,10 +319,47 @@ def test_the_sentence_warns_of_a_track_that_is_worse(
     assert sentence_of([set_up], table, judge).startswith("The set-up does not fit: imu: a gap.")
 
 
-def test_a_reference_that_is_at_another_time_judges_nothing() -> None:
+@pytest.mark.parametrize("count", [1, 2, 3, 5])
+def test_few_fixes_are_no_filter_that_is_consistent(count: int) -> None:
+    right = drive()
+    assert right.fixes is not None
+    [there] = np.nonzero(np.isfinite(right.fixes.position[:, 0]))
+    rows = np.isin(np.arange(len(right.fixes)), there[np.linspace(3, 180, count).astype(int)])
+    found = report(replace(right, fixes=right.fixes.kept(rows)), begins=1)
+    assert "The filter is consistent" not in found.sentence
+    assert found.judge == "nothing"
+
+
+def test_a_gyroscope_is_taken_where_it_covers_a_step_of_the_odometry() -> None:
+    """It says 0.2 rad/s, and begins and ends inside a step."""
+    time = np.arange(0.0, 3.0, 0.5)
+    odometry = Odometry(time, np.ones(6), np.full(6, 0.1))
+    samples = np.arange(0.7, 2.3, 0.01)
+    rows = np.tile([0.0, 0.0, 1.0], (len(samples), 1))
+    both = Recording("both", odometry=odometry, imu=Imu(samples, 0.2 * rows, 9.8 * rows))
+    turned = turned_by_gyroscope(both)
+    assert turned is not None
+    assert turned.odometry is not None
+    assert turned.odometry.rate == pytest.approx([0.1, 0.1, 0.1, 0.2, 0.2, 0.1])
+
+
+def test_a_vehicle_that_stands_in_the_first_half_has_no_axes() -> None:
+    time = np.arange(0.0, 100.0)
+    speeds = np.stack([np.where(time < 60, 0.0, 20.0), np.full(100, 20.0)])
+    for speed, lateral in zip(speeds, (False, True), strict=True):
+        velocity = np.outer(speed, [1.0, 0.0, 0.0])
+        fixes = Fixes(time, np.cumsum(velocity, axis=0), velocity)
+        filters = InertialCorrection(Recording("car", imu=made_imu(1), fixes=fixes), fixes, 20.0)
+        assert (LATERAL in filters.rungs) is lateral
+
+
+@pytest.mark.parametrize(("factor", "later"), [(1, 1000), (1000, 0)])
+def test_a_reference_at_another_time_or_in_milliseconds_judges_nothing(
+    factor: float, later: float
+) -> None:
     right = drive()
     assert right.reference is not None
-    other = Reference(right.reference.time + 1000, right.reference.position)
+    other = Reference(factor * right.reference.time + later, right.reference.position)
     found = report(replace(right, reference=other), begins=1)
     assert found.judge == "nothing"
     assert "How large the errors are cannot be told." in found.sentence
@@ -326,16 +373,6 @@ def test_fixes_that_stick_are_told_without_a_traceback() -> None:
     found = report(replace(right, fixes=replace(right.fixes, position=0 * right.fixes.position)))
     assert found.judge != "reference"
     assert "Warning: the filter is not consistent" in found.sentence
-
-
-def test_a_reference_in_milliseconds_judges_nothing() -> None:
-    """One of its rows is while the vehicle moves."""
-    right = drive()
-    assert right.reference is not None
-    other = replace(right.reference, time=1000 * right.reference.time)
-    found = report(replace(right, reference=other), begins=1)
-    assert found.judge == "nothing"
-    assert "span" in failing(found)
 
 
 @needs("labyrinth/1")
