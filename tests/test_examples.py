@@ -72,6 +72,7 @@ EXEMPT = {
     "recordings.Event": "what an entry is given",
     "recordings.RecordingUnavailableError": "raised by load_drive where nothing can be fetched",
     "recordings.Report": "what report returns",
+    "recordings.Rung": "a part of Ladder",
     "scenario.between": "shown by from_settings",
     "simulation.DriveReference": "shown by horizontal_error",
     "simulation.Kinematics": "shown by Route",

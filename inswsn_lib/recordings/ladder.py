@@ -99,7 +99,10 @@ nothing to correct fixes with.
 
     @cached_property
     def filters(self) -> Correction:
-        """The error-state filters for the streams that there are."""
+        """The error-state filters for the streams that there are.
+
+        :meta private:
+        """
         return correction_of(self.recording, self.alignment, self.given, self.period)
 
     @property
