@@ -328,7 +328,7 @@ def compared_windows(felt: Felt, time: Array, told: Array, window: float) -> Pai
         rows = unbroken(felt.time, early, after)
         if not rows.any():
             return told, told, rows
-        return (felt.turned(after) - felt.turned(early)) / window, told, rows
+        return felt.mean(time + clock, window), told, rows
 
     return pairs
 

@@ -138,8 +138,7 @@ def _gravity(imu: Imu, told: Told, sized: bool) -> Iterator[Finding]:
     if not inside.any():
         return
     time, attitude = told.time[inside], attitude[inside]
-    felt = Felt(imu.time, imu.force)
-    force = (felt.turned(time + half) - felt.turned(time - half)) / told.window
+    force = Felt(imu.time, imu.force).mean(time, told.window)
     mean = attitude.apply(force).mean(axis=0)
     tilt = float(np.degrees(np.arctan2(np.hypot(mean[0], mean[1]), mean[2])))
     fits = tilt <= _TILT
