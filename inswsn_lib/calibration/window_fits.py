@@ -231,7 +231,7 @@ def _sides(rows: WindowRanges, spread: _Spread) -> tuple[Array, Array]:
     Differences of squared ranges tell the position; of anchors almost in a plane they tell where in
     it that is, and the mean of the squares how far from it.
     """
-    across = np.where(spread.flat[:, None], spread.normal, 0.0)
+    across = np.where(spread.thin[:, None], spread.normal, 0.0)
     normals = each_row(rows, across)
     middle = by_window(rows, rows.place) / _counts(rows)[:, None]
     apart = np.sum(normals * (rows.place - each_row(rows, middle)), axis=1)
@@ -243,11 +243,7 @@ def _sides(rows: WindowRanges, spread: _Spread) -> tuple[Array, Array]:
     square -= np.sum((each_row(rows, start) - placed) ** 2, axis=1)
     size = by_window(rows, rows.distance**2)
     away = np.sqrt(np.maximum(by_window(rows, square), _FLAT * size) / _counts(rows))
-    start = start + away[:, None] * across
-    height = np.where(spread.thin, np.sum(spread.normal * (start - middle), axis=1), 0.0)
-    mirrored = start - 2 * height[:, None] * spread.normal
-    upper = height[:, None] >= 0
-    return np.where(upper, start, mirrored), np.where(upper, mirrored, start)
+    return start + away[:, None] * across, start - away[:, None] * across
 
 
 def _fitted(rows: WindowRanges, position: Array, told: Mask, robust: bool) -> WindowFit:
