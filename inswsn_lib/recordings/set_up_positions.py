@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from inswsn_lib.calibration.blocks import FEWEST, block_starts
+from inswsn_lib.calibration.blocks import FEWEST
 from inswsn_lib.calibration.fit import calibrate
 from inswsn_lib.calibration.reference_motion import ReferenceMotion
 from inswsn_lib.calibration.start import fixes_of
@@ -174,12 +174,7 @@ def _likeness(recording: Recording, fixes: Fixes, motion: ReferenceMotion) -> Li
     def pairs(clock: float) -> tuple[Array, Array, Mask]:
         return place, motion.carried(time - clock, arm), motion.covers(time - clock)
 
-    found = Likeness(pairs, time)
-    if found.empty or not found.slope().tells:
-        far = Likeness(pairs, time, hours=True)
-        found = found if far.empty or not far.slope().tells else far
-    enough = not found.empty and len(block_starts(time, BLOCK)) >= FEWEST
-    return found if enough else None
+    return Likeness.of_any_zone(pairs, time)
 
 
 def _axes(alike: Likeness | None, who: str, what: str) -> Finding:
