@@ -85,7 +85,7 @@ def _head(path: Path) -> list[str]:
         return file.readline().strip().split(",")
 
 
-def _table(change: Callable[[pd.DataFrame, float, Random], pd.DataFrame]) -> Change:
+def in_tables(change: Callable[[pd.DataFrame, float, Random], pd.DataFrame]) -> Change:
     """Return what changes the table in a file."""
 
     def changed(path: Path, size: float, rng: Random) -> None:
@@ -194,7 +194,7 @@ def _cell(text: tuple[str, ...]) -> Change:
         table.iloc[int(rng.integers(len(table))), column] = str(rng.choice(text))
         return table
 
-    return _table(changed)
+    return in_tables(changed)
 
 
 def _times(columns: tuple[str, ...], factors: tuple[float, ...]) -> Change:
@@ -204,11 +204,11 @@ def _times(columns: tuple[str, ...], factors: tuple[float, ...]) -> Change:
         there = [name for name in columns if name in table]
         return table.assign(**table[there] * rng.choice(factors))
 
-    return _table(changed)
+    return in_tables(changed)
 
 
 def _scaled(columns: tuple[str, ...]) -> Change:
-    return _table(lambda table, size, _: table.assign(**table[list(columns)] * (1 + size)))
+    return in_tables(lambda table, size, _: table.assign(**table[list(columns)] * (1 + size)))
 
 
 def _added(columns: tuple[str, ...]) -> Change:
@@ -219,7 +219,7 @@ def _added(columns: tuple[str, ...]) -> Change:
         way = rng.standard_normal(len(there))
         return table.assign(**table[there] + size * way / np.linalg.norm(way))
 
-    return _table(changed)
+    return in_tables(changed)
 
 
 def _axes(*vectors: tuple[str, ...]) -> Change:
@@ -235,13 +235,13 @@ def _axes(*vectors: tuple[str, ...]) -> Change:
                 table[there] = table[there].to_numpy() @ P[: len(there), : len(there)].T
         return table
 
-    return _table(changed)
+    return in_tables(changed)
 
 
 def _exchanged(*pairs: tuple[str, str]) -> Change:
     """Return what exchanges the names of columns."""
     other = {**dict(pairs), **{b: a for a, b in pairs}}
-    return _table(lambda table, *_: table.rename(columns=other))
+    return in_tables(lambda table, *_: table.rename(columns=other))
 
 
 def _turned(*vectors: tuple[str, ...]) -> Change:
@@ -256,7 +256,7 @@ def _turned(*vectors: tuple[str, ...]) -> Change:
                 table[there] = table[there].to_numpy() @ turn.T
         return table
 
-    return _table(changed)
+    return in_tables(changed)
 
 
 def _hidden(table: pd.DataFrame, size: float, rng: Random) -> pd.DataFrame:
@@ -323,22 +323,24 @@ def spoilers() -> list[Spoiler]:
 
 def _of_any_stream(file: str) -> Iterator[Spoiler]:
     share = (0.01, 0.05), (0.2, 0.6)
-    yield Spoiler("gap", file, _table(_gap), ("gaps",), (), _SECONDS, "s")
-    yield Spoiler("late clock", file, _table(_late), ("time",), (), _LATE, "s")
-    yield Spoiler("clock that jumps", file, _table(_jump), ("time", "gaps"), (), _LATE, "s")
+    yield Spoiler("gap", file, in_tables(_gap), ("gaps",), (), _SECONDS, "s")
+    yield Spoiler("late clock", file, in_tables(_late), ("time",), (), _LATE, "s")
+    yield Spoiler("clock that jumps", file, in_tables(_jump), ("time", "gaps"), (), _LATE, "s")
     rates = (1e-4, 3e-4), (1e-3, 1e-2)
-    yield Spoiler("fast clock", file, _table(_fast), ("time",), (), rates)
-    yield Spoiler("stamps in ms", file, _table(_milliseconds), ("span", "time"))
-    yield Spoiler("rows twice", file, _table(_rows_twice), ("repeats",), (), share)
-    yield Spoiler("stamps twice", file, _table(_stamps_twice), ("repeats",), (), share)
-    yield Spoiler("a stamp goes back", file, _table(_back), (), (), _LATE, "s")
+    yield Spoiler("fast clock", file, in_tables(_fast), ("time",), (), rates)
+    yield Spoiler("stamps in ms", file, in_tables(_milliseconds), ("span", "time"))
+    yield Spoiler("rows twice", file, in_tables(_rows_twice), ("repeats",), (), share)
+    yield Spoiler("stamps twice", file, in_tables(_stamps_twice), ("repeats",), (), share)
+    yield Spoiler("a stamp goes back", file, in_tables(_back), (), (), _LATE, "s")
     shares = (0.05, 0.2), (0.4, 0.8)
-    yield Spoiler("rows dropped", file, _table(_dropped), ("gaps",), (), shares)
-    yield Spoiler("frozen values", file, _table(_frozen), ("values", "gaps"), (), _SECONDS, "s")
+    yield Spoiler("rows dropped", file, in_tables(_dropped), ("gaps",), (), shares)
+    yield Spoiler("frozen values", file, in_tables(_frozen), ("values", "gaps"), (), _SECONDS, "s")
     deviations = (1.5, 2.0), (0.3, 0.8)
-    yield Spoiler("saturated", file, _table(_saturated), ("values",), (), deviations, "deviations")
+    yield Spoiler(
+        "saturated", file, in_tables(_saturated), ("values",), (), deviations, "deviations"
+    )
     steps = (0.02, 0.1), (1.0, 3.0)
-    yield Spoiler("quantised", file, _table(_quantised), ("values",), (), steps, "deviations")
+    yield Spoiler("quantised", file, in_tables(_quantised), ("values",), (), steps, "deviations")
     yield Spoiler("an empty cell", file, _cell(("",)))
     yield Spoiler("a word in a cell", file, _cell(("n.a.", "1,5", "1.2.3", "#REF!", "inf")))
     yield Spoiler("cut off", file, _text(_cut))
@@ -382,8 +384,8 @@ def _of_ranges() -> Iterator[Spoiler]:
     yield Spoiler("ranges in another unit", file, _times(("range_m",), lengths), units)
     yield Spoiler("sign of the ranges", file, _times(("range_m",), (-1.0,)), units)
     yield Spoiler("range and anchor exchanged", file, _exchanged(("range_m", "anchor")))
-    yield Spoiler("an anchor hidden", file, _table(_hidden), ("bias",), (), _METRES, "m")
-    yield Spoiler("echoes", file, _table(_echoes), (), (), _METRES, "m")
+    yield Spoiler("an anchor hidden", file, in_tables(_hidden), ("bias",), (), _METRES, "m")
+    yield Spoiler("echoes", file, in_tables(_echoes), (), (), _METRES, "m")
     long = (0.01, 0.04), (0.1, 0.3)
     yield Spoiler("ranges too long", file, _scaled(("range_m",)), ("scale", "unit"), (), long)
     yield Spoiler("anchors in another unit", place, _times(_XYZ, lengths), units)
@@ -393,9 +395,9 @@ def _of_ranges() -> Iterator[Spoiler]:
     yield Spoiler("anchors turned", place, turned, ("frame", "axes"), (), _DEGREES, "deg")
     yield Spoiler("anchors shifted", place, _added(_XYZ), ("frame",), (), _METRES, "m")
     yield Spoiler(
-        "an anchor moved", place, _table(_anchor_moved), ("place", "bias"), (), _METRES, "m"
+        "an anchor moved", place, in_tables(_anchor_moved), ("place", "bias"), (), _METRES, "m"
     )
-    yield Spoiler("two anchors exchanged", place, _table(_anchors_exchanged), ("place",))
+    yield Spoiler("two anchors exchanged", place, in_tables(_anchors_exchanged), ("place",))
     arm = (0.05, 0.15), (0.5, 1.5)
     yield Spoiler("lever arm", "recording.yaml", _lever_arm, ("lever arm",), (), arm, "m")
 
@@ -422,7 +424,7 @@ def _of_reference() -> Iterator[Spoiler]:
     turned = _turned(_XY)
     yield Spoiler("reference turned", file, turned, ("frame", "axes"), (), _DEGREES, "deg")
     yield Spoiler("reference shifted", file, _added(_XYZ), ("frame",), (), _METRES, "m")
-    first, right = _table(_attitude_w_first), ("axes", "gravity", "mounting", "odometry")
+    first, right = in_tables(_attitude_w_first), ("axes", "gravity", "mounting", "odometry")
     yield Spoiler("quaternions with w first", file, first, right, _Q)
-    inverse = _table(_attitude_inverse)
+    inverse = in_tables(_attitude_inverse)
     yield Spoiler("quaternions of the inverse", file, inverse, right, _Q)

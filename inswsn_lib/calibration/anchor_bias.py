@@ -11,12 +11,14 @@ from inswsn_lib.calibration.blocks import FEWEST, block_starts, jackknife
 from inswsn_lib.calibration.model import State
 from inswsn_lib.calibration.results import Calibration
 from inswsn_lib.calibration.window_fits import (
+    PERIODS,
     WindowFit,
     WindowRanges,
     by_window,
     each_row,
     enough_ranges,
     fit_windows,
+    mean_times,
     window_ranges,
     window_rows,
 )
@@ -25,7 +27,6 @@ from inswsn_lib.errors import InswsnError
 from inswsn_lib.simulation.position_search import squares
 from inswsn_lib.streams import Ranges
 
-_PERIODS = (0.2, 0.5, 1.0, 2.0)  # s
 _ROUNDS, _NEAR = 30, 1e-4  # m
 _LENGTH = 0.01  # m, the least limit
 _NULL = 1e-6  # of the eigenvalues of the information
@@ -39,11 +40,11 @@ def bias_of_ranges(ranges: Ranges, block: float, limit: float | None) -> Calibra
     with the velocity between the intervals before and after. What all anchors have too much is
     told by how ranges from all around cannot meet.
     """
-    period, d = enough_ranges(ranges, _PERIODS), ranges.anchors.shape[1]
+    period, d = enough_ranges(ranges), ranges.anchors.shape[1]
     if period is None:
         raise InswsnError(
             f"The bias by anchor cannot be told without a reference: hardly an interval of "
-            f"{_PERIODS[-1]:g} s has ranges to {d + 1} anchors, so none is redundant."
+            f"{PERIODS[-1]:g} s has ranges to {d + 1} anchors, so none is redundant."
         )
     heard = np.unique(ranges.anchor)
     problem = _Meeting(ranges, heard, *window_rows(ranges.time, period, period))
@@ -141,8 +142,7 @@ def _moved(rows: WindowRanges, fit: WindowFit) -> Array:
     A range from a place that moves is one from the mean place to an anchor that moves the other
     way. The velocity is that between the intervals before and after, where both have a position.
     """
-    time = np.add.reduceat(rows.time - rows.time[0], rows.windows)
-    time = rows.time[0] + time / np.diff(np.append(rows.windows, len(rows.time)))
+    time = mean_times(rows)
     velocity = np.zeros_like(fit.position)
     if len(time) > 2:
         lasted = (time[2:] - time[:-2])[:, None]

@@ -21,7 +21,6 @@ _EXPLAINED = 0.5  # of the variance of the gyro's rates, lest it is no gyro of t
 _CHANCE = 15.0  # over the number of rows: what no chance explains
 _ABOUT = 1e-4  # of what turns about an axis tell, that others do: below it is rounding
 _FACTOR = 2.0  # of what is felt by what a course explains of it
-_RATE = 0.01  # rad/s, what counts as 1 in the gyro's bias
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,6 +9,7 @@ from inswsn_lib.calibration.window_fits import (
     WindowFit,
     WindowRanges,
     fit_windows,
+    mean_times,
     window_ranges,
     window_rows,
 )
@@ -109,12 +110,10 @@ def multilaterate_track(
         else array("bias", bias, (len(ranges.anchors),))
     )
     which, first = window_rows(ranges.time, period, window)
-    time = np.add.reduceat(ranges.time[which] - ranges.time[0], first)
-    time = ranges.time[0] + time / np.diff(np.append(first, len(which)))
     rows = window_ranges(ranges, which, first, each, d, level)
     fit = fit_windows(rows, robust=robust, side=number("side", side, least=-1, most=1))
     position = np.where(fit.bad[:, None], np.nan, fit.position)
-    return Fixes(time=time, position=position, deviation=_deviations(rows, fit))
+    return Fixes(time=mean_times(rows), position=position, deviation=_deviations(rows, fit))
 
 
 def _dimensions(ranges: Ranges, height: float | None) -> tuple[int, float | None]:

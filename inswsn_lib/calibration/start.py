@@ -9,14 +9,13 @@ import numpy as np
 from inswsn_lib.calibration.model import Model, Rows, State
 from inswsn_lib.calibration.range_fixes import multilaterate_track
 from inswsn_lib.calibration.reference_motion import ReferenceMotion
-from inswsn_lib.calibration.window_fits import enough_ranges
+from inswsn_lib.calibration.window_fits import PERIODS, enough_ranges
 from inswsn_lib.checks import Array
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.streams import Fixes, Ranges
 
 _STEP = 0.1  # s, of the clocks that are tried
 _MOST = 500  # rows or fixes that a trial looks at
-_PERIODS = (0.1, 0.2, 0.5, 1.0, 2.0)  # s, that fixes may need
 
 
 def start_at(
@@ -53,8 +52,8 @@ def start_at(
 
 def fixes_of(ranges: Ranges) -> Fixes:
     """Return fixes of the shortest intervals of which most have one, or of the longest."""
-    period = enough_ranges(ranges, _PERIODS) if len(ranges) else None
-    return multilaterate_track(ranges, _PERIODS[-1] if period is None else period)
+    period = enough_ranges(ranges) if len(ranges) else None
+    return multilaterate_track(ranges, period or PERIODS[-1])
 
 
 def _misfit(motion: ReferenceMotion, rows: Rows, state: State) -> float:

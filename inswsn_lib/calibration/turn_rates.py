@@ -27,7 +27,7 @@ class Felt:
     """The integral of a gyro's rates, along three axes or one."""
 
     def __init__(self, time: Array, rate: Array) -> None:
-        self.time, self.rate = time, rate
+        self.time = time
         self._sum = cumulative_trapezoid(rate, time, axis=0, initial=0)
 
     @classmethod
@@ -42,16 +42,15 @@ class Felt:
         """Return means over a chord, which has the mean of the headings along it."""
         if not told.chord:
             return self
-        ends = [self.turned(self.time + side * told.chord / 2) for side in (1, -1)]
-        return Felt(self.time, (ends[0] - ends[1]) / told.chord)
+        return Felt(self.time, self.mean(self.time, told.chord))
 
     def turned(self, time: Array) -> Array:
         """Return the integral from the first stamp to some times, (n, axes)."""
         return np.column_stack([np.interp(time, self.time, x) for x in self._sum.T])
 
-    def at(self, time: Array) -> Array:
-        """Return the rates at some times, (n, axes)."""
-        return np.column_stack([np.interp(time, self.time, x) for x in self.rate.T])
+    def mean(self, time: Array, window: float) -> Array:
+        """Return the mean rates over windows around some times, (n, axes)."""
+        return (self.turned(time + window / 2) - self.turned(time - window / 2)) / window
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +100,7 @@ def unbroken(time: Array, early: Array, late: Array) -> Mask:
     return np.asarray((early >= time[0]) & (late <= time[-1]) & (wide[first] == wide[last]))
 
 
-def _grid(time: Array, window: float, step: float | None = None) -> tuple[Array, Mask]:
+def windows(time: Array, window: float, step: float | None = None) -> tuple[Array, Mask]:
     """Return the middles of windows over some stamps, and which have no gap."""
     middle = spaced(time[0] + window / 2, time[-1] - window / 2, step or window, len(time))
     half = window / 2 - 1e-9  # rounding takes none of them away
@@ -116,7 +115,7 @@ def _window(given: float | None, usual: float, time: Array) -> float:
 
 def _by_attitude(reference: Reference, window: float | None) -> Told:
     h = _window(window, _WINDOW, reference.time)
-    middle, kept = _grid(reference.time, h)
+    middle, kept = windows(reference.time, h)
     middle = middle[kept]
     if not len(middle):
         raise InswsnError(f"The reference has no {h:g} s without a gap.")
@@ -131,18 +130,16 @@ def _by_course(time: Array, velocity: Array, window: float | None, slowest: floa
     if len(time) < 3:
         raise InswsnError("There are too few velocities to tell a course by.")
     h = _window(window, _COURSE_WINDOW, time)
-    middle, kept = _grid(time, h)
+    middle, kept = windows(time, h)
     ends = []
     for side in (-h / 2, h / 2):
         v = np.column_stack([np.interp(middle + side, time, x) for x in velocity.T])
         speed = np.hypot(v[:, 0], v[:, 1])
         kept = kept & (speed >= slowest)
-        ends.append(np.arctan2(v[:, 1], v[:, 0]))
+        ends.append(v)
     if not kept.any():
         raise InswsnError(f"It never moves at {slowest:g} m/s, so it has no course.")
-    change = np.angle(np.exp(1j * (ends[1] - ends[0])))
-    rate, usual = (change[kept] / h)[:, None], float(np.median(speed[kept]))
-    return Told("course", middle[kept], rate, h, speed=usual)
+    return _course(middle[kept], np.array(ends)[:, kept], h, float(np.median(speed[kept])))
 
 
 def _by_positions(time: Array, place: Array, window: float | None, slowest: float) -> Told:
@@ -152,7 +149,7 @@ def _by_positions(time: Array, place: Array, window: float | None, slowest: floa
     usual = 1.4826 * np.median(np.abs(np.diff(place, 2, axis=0))) / np.sqrt(6)
     h = _window(window, _COURSE_WINDOW, time)
     while True:
-        middle, kept = _grid(time, 2 * h, h)
+        middle, kept = windows(time, 2 * h, h)
         ends = [
             np.column_stack([np.interp(middle + side * h, time, x) for x in place.T])
             for side in (-1, 0, 1)
@@ -167,10 +164,14 @@ def _by_positions(time: Array, place: Array, window: float | None, slowest: floa
         h *= 2
     if not kept.any():
         raise InswsnError(f"It never moves at {slowest:g} m/s, so it has no course.")
-    course = np.arctan2(ways[:, :, 1], ways[:, :, 0])
-    change = np.angle(np.exp(1j * (course[1] - course[0])))
-    speed = float(np.median(length[kept])) / h
-    return Told("course", middle[kept], (change[kept] / h)[:, None], h, None, h, speed)
+    return _course(middle[kept], ways[:, kept], h, float(np.median(length[kept])) / h, h)
+
+
+def _course(time: Array, ways: Array, window: float, speed: float, chord: float = 0.0) -> Told:
+    """Return the rates by vectors (2, n, 2) along the course at both ends of windows."""
+    early, late = np.arctan2(ways[..., 1], ways[..., 0])
+    rate = np.angle(np.exp(1j * (late - early)))[:, None] / window
+    return Told("course", time, rate, window, None, chord, speed)
 
 
 def vertical_part(told: Told) -> Told:
@@ -204,11 +205,10 @@ class Turned:
     """
 
     def __init__(self, felt: Felt, told: Told, clocks: Array, block: float) -> None:
-        half = told.window / 2
-        reach = half + float(np.abs(clocks).max())
+        reach = told.window / 2 + float(np.abs(clocks).max())
         inside = np.flatnonzero(unbroken(felt.time, told.time - reach, told.time + reach))
         inside = inside[:: -(-len(inside) // _MOST) or 1]
-        self.felt, self.half, self.clocks = felt, half, clocks
+        self.felt, self.window, self.clocks = felt, told.window, clocks
         self.time, self.rate = told.time[inside], told.rate[inside]
         self.width = self.rate.shape[1]
         self.turns = self.width == 3
@@ -222,9 +222,7 @@ class Turned:
 
     def felt_rate(self, clock: float) -> Array:
         """Return the mean rates of the gyro over the windows, (n, axes)."""
-        ends = (self.felt.turned(self.time + clock + side) for side in (-self.half, self.half))
-        early, late = ends
-        return np.asarray((late - early) / (2 * self.half))
+        return self.felt.mean(self.time + clock, self.window)
 
     def residual(self, state: Turn) -> Array:
         """Return rates that are felt less those that are told, (n, axes)."""

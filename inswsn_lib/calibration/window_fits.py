@@ -22,6 +22,9 @@ from inswsn_lib.streams import Ranges, Whole
 
 Kind = TypeVar("Kind", bound=np.generic)
 
+#: Of fixes by ranges, s, that are tried
+PERIODS = (0.2, 0.5, 1.0, 2.0)
+
 _SAVED = 1e-6  # s that compiled loops save a range
 _ROUNDS, _SAME = 3, 0.8  # of the scale of robust residuals, and what is no change of it
 _ENOUGH = 0.7  # of the intervals
@@ -83,10 +86,10 @@ def window_rows(
     return np.arange(counts.sum()) + np.repeat(begin - first, counts), first
 
 
-def enough_ranges(ranges: Ranges, periods: tuple[float, ...]) -> float | None:
-    """Return the shortest of some periods in most intervals of which a fix has enough anchors."""
+def enough_ranges(ranges: Ranges) -> float | None:
+    """Return the shortest of `PERIODS` in most intervals of which a fix has enough anchors."""
     d = ranges.anchors.shape[1]
-    for period in periods:
+    for period in PERIODS:
         cell = np.floor((ranges.time - ranges.time[0]) / period + _ROUNDING).astype(int)
         heard = np.unique(cell * len(ranges.anchors) + ranges.anchor) // len(ranges.anchors)
         if np.mean(np.unique(heard, return_counts=True)[1] > d) >= _ENOUGH:
@@ -161,7 +164,7 @@ def _side(
     rest = np.flatnonzero(~known)
     if known.any() and not spread.common[rest].any():
         place = np.where(sides[known, None] >= 0, above.position[known], below.position[known])
-        time = by_window(rows, rows.time - rows.time[0]) / _counts(rows)
+        time = mean_times(rows)
         near = np.column_stack([np.interp(time[rest], time[known], x) for x in place.T])
         away = [np.linalg.norm(fit.position[rest] - near, axis=1) for fit in (above, below)]
         sides[rest] = np.where(away[0] < away[1], 1.0, -1.0)
@@ -228,7 +231,7 @@ def _sides(rows: WindowRanges, spread: _Spread) -> tuple[Array, Array]:
     Differences of squared ranges tell the position; of anchors almost in a plane they tell where in
     it that is, and the mean of the squares how far from it.
     """
-    across = np.where(spread.flat[:, None], spread.normal, 0.0)
+    across = np.where(spread.thin[:, None], spread.normal, 0.0)
     normals = each_row(rows, across)
     middle = by_window(rows, rows.place) / _counts(rows)[:, None]
     apart = np.sum(normals * (rows.place - each_row(rows, middle)), axis=1)
@@ -240,11 +243,7 @@ def _sides(rows: WindowRanges, spread: _Spread) -> tuple[Array, Array]:
     square -= np.sum((each_row(rows, start) - placed) ** 2, axis=1)
     size = by_window(rows, rows.distance**2)
     away = np.sqrt(np.maximum(by_window(rows, square), _FLAT * size) / _counts(rows))
-    start = start + away[:, None] * across
-    height = np.where(spread.thin, np.sum(spread.normal * (start - middle), axis=1), 0.0)
-    mirrored = start - 2 * height[:, None] * spread.normal
-    upper = height[:, None] >= 0
-    return np.where(upper, start, mirrored), np.where(upper, mirrored, start)
+    return start + away[:, None] * across, start - away[:, None] * across
 
 
 def _fitted(rows: WindowRanges, position: Array, told: Mask, robust: bool) -> WindowFit:
@@ -276,6 +275,11 @@ def _loss(rows: WindowRanges, fit: WindowFit, noise: float) -> Array:
 def by_window(rows: WindowRanges, values: Array) -> Array:
     """Return the sums of values over the rows of each window."""
     return np.add.reduceat(values, rows.windows, axis=0)
+
+
+def mean_times(rows: WindowRanges) -> Array:
+    """Return the mean time of the ranges of each window, s."""
+    return np.asarray(rows.time[0] + by_window(rows, rows.time - rows.time[0]) / _counts(rows))
 
 
 def _counts(rows: WindowRanges) -> NDArray[np.intp]:

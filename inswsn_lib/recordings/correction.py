@@ -12,6 +12,7 @@ import numpy as np
 from scipy.integrate import cumulative_trapezoid
 
 from inswsn_lib.calibration import slope_velocity
+from inswsn_lib.calibration.window_fits import PERIODS
 from inswsn_lib.checks import Array, Mask
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.inertial import (
@@ -31,7 +32,7 @@ from inswsn_lib.inertial import (
     run_error_state,
 )
 from inswsn_lib.recordings.findings import Finding
-from inswsn_lib.recordings.network_fixes import HELD, PERIODS, fixes_of, on_a_side, with_height
+from inswsn_lib.recordings.network_fixes import HELD, fixes_of, on_a_side, with_height
 from inswsn_lib.streams import Fixes, Ranges, Recording, Whole
 
 #: What the errors of fixes upwards are taken for, times those to the side

@@ -237,7 +237,7 @@ class Explanations:
     def late(self) -> float:
         """By how much stamps of the source are still late, s, if that is what explains."""
         found = self.fit(*self.chosen).found
-        there = "clock" in self.chosen and isinstance(found, Calibration)
+        there = "clock" in self.chosen
         return found.told["clock"][0] if there and isinstance(found, Calibration) else 0.0
 
 

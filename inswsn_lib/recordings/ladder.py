@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 import pandas as pd
 
+from inswsn_lib.calibration.window_fits import PERIODS
 from inswsn_lib.checks import Array, Mask, number, one_of
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.evaluation import Tuning, most_likely
@@ -30,7 +31,6 @@ from inswsn_lib.recordings.estimates import (
     scores,
     truth_at,
 )
-from inswsn_lib.recordings.network_fixes import PERIODS
 from inswsn_lib.streams import Fixes, Recording
 
 _LAG = 2.0  # s, of the fixed-lag smoother

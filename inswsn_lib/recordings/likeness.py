@@ -128,6 +128,22 @@ class Likeness:
             self._rows = self._independent()
             self.nearest, self.clock = self._clock()
 
+    @classmethod
+    def of_any_zone(cls, pairs: Pairs, time: Array) -> Likeness | None:
+        """Return it by near clocks, or by those of other zones of time if these tell more.
+
+        None if there are too few blocks.
+        """
+        found = cls(pairs, time)
+        if not found.tells and (far := cls(pairs, time, hours=True)).tells:
+            found = far
+        return None if found.empty or len(block_starts(time, BLOCK)) < FEWEST else found
+
+    @property
+    def tells(self) -> bool:
+        """Whether a factor is told."""
+        return not self.empty and self.slope().tells
+
     @property
     def empty(self) -> bool:
         """Whether no clock leaves enough rows that change."""
@@ -328,7 +344,7 @@ def compared_windows(felt: Felt, time: Array, told: Array, window: float) -> Pai
         rows = unbroken(felt.time, early, after)
         if not rows.any():
             return told, told, rows
-        return (felt.turned(after) - felt.turned(early)) / window, told, rows
+        return felt.mean(time + clock, window), told, rows
 
     return pairs
 

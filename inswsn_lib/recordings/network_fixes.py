@@ -9,7 +9,7 @@ from typing import Protocol, TypeVar
 import numpy as np
 
 from inswsn_lib.calibration import multilaterate_track
-from inswsn_lib.calibration.window_fits import in_a_plane
+from inswsn_lib.calibration.window_fits import PERIODS, in_a_plane
 from inswsn_lib.checks import Array
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.recordings.findings import FALSE_ALARM, Finding
@@ -25,8 +25,6 @@ Kind = TypeVar("Kind", bound=_Assuming)
 
 #: The deviation of a height that is held, m
 HELD = 1.0
-#: Of fixes by ranges, s: the first in which most have one
-PERIODS = (0.2, 0.5, 1.0, 2.0)
 _MOST_FIXES = 0.5  # of the intervals, that must have one
 _VERTICAL = 0.9  # the cosine of a normal, of a plane such as a ceiling
 

@@ -9,7 +9,6 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from scipy.stats import t
 
-from inswsn_lib.calibration.blocks import FEWEST, block_starts
 from inswsn_lib.calibration.imu_clock import ImuClock, imu_clock
 from inswsn_lib.calibration.turn_rates import Felt, Told, told_by
 from inswsn_lib.checks import Mask
@@ -50,8 +49,10 @@ def check_imu(recording: Recording) -> Iterator[Finding]:
         yield unknown("axes", "IMU", "nothing tells how it turns")
         return
     who = f"IMU and {told.by}"
-    alike = _likeness(imu, told)
-    if alike.empty or len(block_starts(alike.time, BLOCK)) < FEWEST:
+    some = slice(None, None, -(-len(told.time) // _MOST))
+    pairs = compared_windows(Felt.of(imu, told), told.time[some], told.rate[some], told.window)
+    alike = Likeness.of_any_zone(pairs, told.time[some])
+    if alike is None:
         for name in ("unit", "axes", "time"):
             yield unknown(name, who, "it is there for too short a time, or nothing turns")
         return
@@ -74,19 +75,6 @@ def check_imu(recording: Recording) -> Iterator[Finding]:
 
 def _period(imu: Imu) -> float:
     return float(np.median(np.diff(imu.time)))
-
-
-def _likeness(imu: Imu, told: Told) -> Likeness:
-    """Compare what the gyro feels with what is told; by clocks of other zones only if need be."""
-    some = slice(None, None, -(-len(told.time) // _MOST))
-    time = told.time[some]
-    pairs = compared_windows(Felt.of(imu, told), time, told.rate[some], told.window)
-    near = Likeness(pairs, time)
-    if near.empty or not near.slope().tells:
-        far = Likeness(pairs, time, hours=True)
-        if not far.empty and far.slope().tells:
-            return far
-    return near
 
 
 def _force_unit(imu: Imu) -> Finding:
@@ -138,8 +126,7 @@ def _gravity(imu: Imu, told: Told, sized: bool) -> Iterator[Finding]:
     if not inside.any():
         return
     time, attitude = told.time[inside], attitude[inside]
-    felt = Felt(imu.time, imu.force)
-    force = (felt.turned(time + half) - felt.turned(time - half)) / told.window
+    force = Felt(imu.time, imu.force).mean(time, told.window)
     mean = attitude.apply(force).mean(axis=0)
     tilt = float(np.degrees(np.arctan2(np.hypot(mean[0], mean[1]), mean[2])))
     fits = tilt <= _TILT

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from inswsn_lib.calibration.blocks import FEWEST, block_starts
+from inswsn_lib.calibration.blocks import FEWEST
 from inswsn_lib.calibration.fit import calibrate
 from inswsn_lib.calibration.reference_motion import ReferenceMotion
 from inswsn_lib.calibration.start import fixes_of
@@ -84,11 +84,15 @@ def _ranges(recording: Recording, ranges: Ranges) -> Iterator[Finding]:
     motion = ReferenceMotion(recording.reference, d)
     alike = _likeness(recording, fixes_of(ranges), motion)
     clock = 0.0 if alike is None else alike.clock
-    recording, ranges = _earlier(recording, "ranges", clock), _late(ranges, clock)
-    kept, distance, _ = _seen(recording, ranges, motion)
+    ranges = replace(ranges, time=ranges.time - clock)
+    recording = replace(recording, ranges=ranges)
+    arm = np.asarray(recording.lever_arm, dtype=float)
+    kept = _seen(ranges, motion)
     if len(kept) < 2 * FEWEST:
         yield unknown("unit", who, "they share too little time")
         return
+    apart = motion.carried(kept.time, arm) - kept.anchors[kept.anchor]
+    distance = np.maximum(np.linalg.norm(apart, axis=1), 1e-9)
     unit = _unit(float(np.median(kept.distance / distance)))
     yield unit
     if not unit.fits:
@@ -100,9 +104,9 @@ def _ranges(recording: Recording, ranges: Ranges) -> Iterator[Finding]:
         return
     kinds = _kinds(recording, "scale")
     told = Explanations(recording, "ranges", kinds, ("bias",), clock)
-    right = _late(ranges, told.late)
+    right = replace(ranges, time=ranges.time - told.late)
     wrong: list[int] = []
-    for finding, anchor in check_anchors(*_seen(recording, right, motion)):
+    for finding, anchor in check_anchors(_seen(right, motion), motion, arm):
         yield finding
         wrong += [anchor] if finding.fits is False else []
     if wrong:
@@ -132,7 +136,7 @@ def _fixes(recording: Recording, fixes: Fixes) -> Iterator[Finding]:
     yield axes
     if axes.fits is not False:
         clock = 0.0 if alike is None else alike.clock
-        recording = _earlier(recording, "fixes", clock)
+        recording = replace(recording, fixes=replace(fixes, time=fixes.time - clock))
         yield from Explanations(recording, "fixes", _kinds(recording), (), clock).findings()
 
 
@@ -142,25 +146,9 @@ def _kinds(recording: Recording, *more: str) -> tuple[str, ...]:
     return ("clock", "frame", *arm, *more)
 
 
-def _late(ranges: Ranges, clock: float) -> Ranges:
-    return replace(ranges, time=ranges.time - clock)
-
-
-def _earlier(recording: Recording, source: str, clock: float) -> Recording:
-    """Return a recording with stamps of a source by another clock."""
-    stream = getattr(recording, source)
-    return replace(recording, **{source: replace(stream, time=stream.time - clock)})
-
-
-def _seen(
-    recording: Recording, ranges: Ranges, motion: ReferenceMotion
-) -> tuple[Ranges, Array, Array]:
-    """Return ranges while the reference is there, their distances by it, and directions."""
-    kept = ranges.kept(motion.covers(ranges.time) & np.isfinite(ranges.distance))
-    tag = motion.carried(kept.time, np.asarray(recording.lever_arm, dtype=float))
-    apart = tag - kept.anchors[kept.anchor]
-    distance = np.maximum(np.linalg.norm(apart, axis=1), 1e-9)
-    return kept, distance, apart / distance[:, None]
+def _seen(ranges: Ranges, motion: ReferenceMotion) -> Ranges:
+    """Return ranges while the reference is there."""
+    return ranges.kept(motion.covers(ranges.time) & np.isfinite(ranges.distance))
 
 
 def _unit(ratio: float) -> Finding:
@@ -186,12 +174,7 @@ def _likeness(recording: Recording, fixes: Fixes, motion: ReferenceMotion) -> Li
     def pairs(clock: float) -> tuple[Array, Array, Mask]:
         return place, motion.carried(time - clock, arm), motion.covers(time - clock)
 
-    found = Likeness(pairs, time)
-    if found.empty or not found.slope().tells:
-        far = Likeness(pairs, time, hours=True)
-        found = found if far.empty or not far.slope().tells else far
-    enough = not found.empty and len(block_starts(time, BLOCK)) >= FEWEST
-    return found if enough else None
+    return Likeness.of_any_zone(pairs, time)
 
 
 def _axes(alike: Likeness | None, who: str, what: str) -> Finding:

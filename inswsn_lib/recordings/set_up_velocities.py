@@ -6,11 +6,12 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from inswsn_lib.calibration.turn_rates import Felt, windows
 from inswsn_lib.checks import Array
 from inswsn_lib.recordings.findings import Finding
+from inswsn_lib.recordings.likeness import BLOCK
 from inswsn_lib.streams import Fixes, Recording
 
-_BLOCK = 5.0  # s, over which displacements are compared
 _FEWEST = 5  # blocks
 _SLOWEST = 0.5  # m/s: what is slower tells little
 _APART = 0.5  # of the speed, that is let pass
@@ -47,10 +48,9 @@ def _displacements(fixes: Fixes) -> tuple[Array, Array]:
     time, state = fixes.time[there], state[there]
     if len(time) < 2:
         return np.empty((0, 2)), np.empty((0, 2))
-    edges = np.flatnonzero(np.diff(np.floor(time / _BLOCK), prepend=-np.inf))
-    steps = np.diff(time)[:, None]
-    way = np.vstack([np.zeros(2), np.cumsum((state[1:, 2:] + state[:-1, 2:]) / 2 * steps, axis=0)])
-    passed = np.diff(time[edges])[:, None]
-    near = passed[:, 0] < 2 * _BLOCK  # no long gap is between them
-    moved, told = np.diff(state[edges, :2], axis=0) / passed, np.diff(way[edges], axis=0) / passed
-    return moved[near], told[near]
+    middle, whole = windows(time, BLOCK)
+    ends = [
+        np.column_stack([np.interp(middle[whole] + side, time, x) for x in state[:, :2].T])
+        for side in (-BLOCK / 2, BLOCK / 2)
+    ]
+    return (ends[1] - ends[0]) / BLOCK, Felt(time, state[:, 2:]).mean(middle[whole], BLOCK)
