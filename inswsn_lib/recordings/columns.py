@@ -16,15 +16,7 @@ from numpy.typing import NDArray
 from inswsn_lib.checks import Array
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.files import read_pieces
-from inswsn_lib.recordings.cells import (
-    UNITS,
-    Column,
-    Sheet,
-    parse,
-    split,
-    whole_lines,
-    without_comments,
-)
+from inswsn_lib.recordings.cells import UNITS, Column, Sheet, lines_in, parse, split
 
 #: The column of time stamps, s, or dates and times by ISO 8601. A file may have it as ``t_s``, or
 #: in another unit, which its name tells: ``time_ms``, ``t_us``, ``time_ns``.
@@ -144,7 +136,7 @@ def _table_of(path: Path, pieces: Iterable[bytes], layout: Layout, named: Named)
         raise InswsnError(f"{path} is not a CSV file: {str(error).strip()}.") from None
 
 
-def opened(pieces: Iterable[bytes], names: set[str]) -> tuple[str, list[str], Iterator[bytes]]:
+def opened(pieces: Iterable[bytes], names: set[str]) -> tuple[str, list[str], Iterator[list[str]]]:
     """Return separator and header of a CSV file, and the lines after it, some megabytes at a time.
 
     Parameters
@@ -154,33 +146,36 @@ def opened(pieces: Iterable[bytes], names: set[str]) -> tuple[str, list[str], It
     names : set of str
         Of columns, by which a header behind ``#`` or ``%`` is known.
     """
-    blocks = whole_lines(pieces)
-    line, first = _headed(next(blocks, b"").removeprefix(b"\xef\xbb\xbf"), names)
-    head = line.decode().strip()
+    blocks = lines_in(pieces)
+    lines = next(blocks)
+    lines[:1] = [line.removeprefix("\ufeff") for line in lines[:1]]
+    _, end, head = _headed(lines, names)
     separator = max(_SEPARATORS, key=head.count)
-    header = [name.strip() for name in split(head, separator)] if head else []
-    rest = (without_comments(block) for block in chain([first], blocks))
+    header = [name.strip() for name in split([head.strip()], separator)[0]] if head.strip() else []
+    rest = (
+        [line for line in block if line.strip() and line[0] != "#"]
+        for block in chain([lines[end:]], blocks)
+    )
     return separator, header, (block for block in rest if block)
 
 
-def _headed(data: bytes, names: set[str]) -> tuple[bytes, bytes]:
-    """Return the header, which may stand behind ``#`` or ``%``, and what comes after it.
+def _headed(lines: list[str], names: set[str]) -> tuple[int, int, str]:
+    """Return the header, which may stand behind ``#`` or ``%``.
 
     It is the first line that is no comment, or of the comments before it, if a name of a column
-    stands in none of its cells, the one in which most do.
+    stands in none of its cells, the one in which most do. Before it stands how many do, and how
+    many lines it ends.
     """
-    end, lines = 0, [(0, b"", 0)]  # how many names each has, and where it ends
-    while end < len(data):
-        begin, end = end, data.index(b"\n", end) + 1
-        line = data[begin:end].lstrip(b"#% ")
-        cells = re.split(f"[{_SEPARATORS} ]", line.decode())
-        lines.append((sum(cell.strip(' "\n') in names for cell in cells), line, end))
-        if data[begin : begin + 1] not in b"#%" and line.strip():
+    found = []
+    for end, line in enumerate(lines, start=1):
+        head = line.lstrip("#% ")
+        cells = re.split(f"[{_SEPARATORS} ]", head)
+        found.append((sum(cell.strip(' "') in names for cell in cells), end, head))
+        if line.strip() and line[0] not in "#%":
             break
     else:
-        lines.append((0, b"", end))
-    _, header, end = lines[-1] if lines[-1][0] else max(lines[::-1], key=lambda each: each[0])
-    return header, data[end:]
+        found.append((0, len(lines) + 1, ""))
+    return found[-1] if found[-1][0] else max(found)
 
 
 def _columns(path: Path, header: list[str], layout: Layout, named: Named) -> dict[str, Column]:

@@ -15,7 +15,6 @@ from made_folders import HALF, make_csv, values_of
 
 from inswsn_lib import recordings
 from inswsn_lib.errors import InswsnError
-from inswsn_lib.recordings import cells
 from inswsn_lib.streams import Fixes, Imu, Odometry, Ranges, Recording, Reference
 
 
@@ -95,12 +94,8 @@ def test_a_header_may_stand_behind_a_sign(tmp_path: Path, sign: str) -> None:
     np.testing.assert_equal(values_of(recordings.load("csv", tmp_path)), expected)
 
 
-@pytest.mark.parametrize("parser", ["plain", "pandas"])
 @pytest.mark.parametrize("name", ["t_s", "time_ms", "t_ms", "time_us", "time_ns"])
-def test_time_stamps_may_be_in_smaller_units(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, parser: str, name: str
-) -> None:
-    monkeypatch.setattr(cells, "_SMALL", 10**9 if parser == "plain" else 0)
+def test_time_stamps_may_be_in_smaller_units(tmp_path: Path, name: str) -> None:
     size = {"s": 1, "ms": 10**3, "us": 10**6, "ns": 10**9}[name.partition("_")[2]]
     stamps = [1_700_000_000, 1_700_000_001, 1_700_000_003]
     rows = "".join(f"{k * size + size // 2 if size > 1 else k + 0.5},1,0\n" for k in stamps)

@@ -15,16 +15,16 @@ from inswsn_book.parameters import chapter_schema
 
 from inswsn_lib import files, recordings
 from inswsn_lib.errors import InswsnError
-from inswsn_lib.recordings import INS, REFERENCE, TIME, WSN, TrackPair, cells
+from inswsn_lib.recordings import INS, REFERENCE, TIME, WSN, TrackPair
 
 PERIOD = 0.25
 Change = Callable[[pd.DataFrame], pd.DataFrame]
 
 
 def read_recording(path: str | Path, *, resample: bool = False) -> TrackPair:
-    """Read a recording; in pieces and by pandas the same is read, and the same is refused."""
+    """Read a recording; in pieces the same is read, and the same is refused."""
     read, said = read_or_refused(path, resample)
-    with patch.object(cells, "_SMALL", 0), patch.object(files, "_PIECE", 300):
+    with patch.object(files, "_PIECE", 300):
         other, also_said = read_or_refused(path, resample)
     assert said == also_said
     if read is None or other is None:
