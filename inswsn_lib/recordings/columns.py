@@ -129,11 +129,20 @@ def _table_of(path: Path, pieces: Iterable[bytes], layout: Layout, named: Named)
         separator, header, blocks = opened(pieces, there)
         columns = _columns(path, header, layout, named)
         sheet = Sheet(path, separator, len(header), tuple(columns.values()))
-        return dict(zip(columns, parse(sheet, blocks), strict=True))
+        table = dict(zip(columns, parse(sheet, blocks), strict=True))
     except UnicodeDecodeError:
         raise InswsnError(f"{path} is not a CSV file: it is not UTF-8.") from None
     except csv.Error as error:
         raise InswsnError(f"{path} is not a CSV file: {str(error).strip()}.") from None
+    for name, cells in table.items():
+        empty = cells == "" if name in layout.texts else np.isnan(cells)
+        if name not in layout.gaps and empty.any():
+            what = "word" if name in layout.texts else "number"
+            raise InswsnError(
+                f"{path}: an empty cell is in column {name}, row {int(np.argmax(empty)) + 2}; it "
+                f"must hold a {what}, or the row must be left out."
+            )
+    return table
 
 
 def opened(pieces: Iterable[bytes], names: set[str]) -> tuple[str, list[str], Iterator[list[str]]]:
