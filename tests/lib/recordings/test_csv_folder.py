@@ -223,7 +223,12 @@ WRONG = [
     ("odometry.csv", "time_s,speed_mps", "time_ms,t_us", r"has the columns time_ms, t_us; it mus"),
     ("odometry.csv", "0.2,1", "0.1,1", r"odometry.csv: in time_s: the time stamp repeats in row 3"),
     ("ranges.csv", "007", "7", r"ranges.csv: the anchor is '7' in row 3; it .* '007', 'A 1'\."),
-    ("ranges.csv", "007", "", r"ranges.csv: an empty cell is in column anchor, row 3; .* a word, or"),
+    (
+        "ranges.csv",
+        "007",
+        "",
+        r"csv: an empty cell is in column anchor, row 3; .* a word, or",
+    ),
     ("ranges.csv", "0.2", "0.0", r"ranges.csv: in time_s: .* goes back by 0.1 s in row 4"),
     ("ranges.csv", "range_m", "range", r"ranges.csv has no column range_m"),
     ("anchors.csv", "007", "A 1", r"anchors.csv: the anchor 'A 1' is there more than once\."),

@@ -193,7 +193,7 @@ def scaled(factor: float, *names: str) -> Change:
         (lambda made: made.drop(columns=[TIME, "wsn_y_m"]), "no column time_s, wsn_y_m; it"),
         (lambda made: made.drop(columns=WSN[3]), "only wsn_vx_mps of the columns wsn_vx_mps, "),
         (lambda made: made.drop(columns=[*REFERENCE[1:]]), "only ref_x_m of the columns"),
-        (changed(slice(10, 14), "ins_vx_mps", np.nan), "empty cell is in column ins_vx_mps, row 12;"),
+        (changed(slice(10, 14), "ins_vx_mps", np.nan), "empty cell is .* ins_vx_mps, row 12;"),
         (changed(79, "ins_x_m", np.nan), "an empty cell is in column ins_x_m, row 81; .* left out"),
         (changed(slice(0, 80), "wsn_y_m", np.nan), "no number at all in column wsn_y_m"),
         (changed(3, "wsn_y_m", "lost"), "has 'lost' in column wsn_y_m, row 5;"),
