@@ -135,10 +135,10 @@ def _numbers(path: Path, column: Column, texts: list[str], signs: _Signs, first:
     if signs.decimal != ".":
         pointed = [text.replace(signs.decimal, ".") for text in texts]
     dated = column.dates and signs.dated
-    found = np.array([_seconds(text) for text in pointed]) if dated else _floats(pointed)
+    found = np.array([_seconds(text) for text in pointed]) if dated else floats(pointed)
     if not dated and any(texts[row].lower() not in _NOT_THERE for row in _missing(found)):
         # a column may have points for all that where others have commas
-        found = _floats(texts)
+        found = floats(texts)
     wrong = np.abs(found) > column.largest
     wrong[[row for row in _missing(found) if texts[row].lower() not in _NOT_THERE]] = True
     if wrong.any():
@@ -151,7 +151,7 @@ def _missing(found: Array) -> list[int]:
     return np.flatnonzero(np.isnan(found)).tolist()
 
 
-def _floats(texts: list[str]) -> Array:
+def floats(texts: list[str]) -> Array:
     """Return cells as floats, NaN where there is no number."""
     with suppress(ValueError):
         if _PLAIN.fullmatch("".join(texts)):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +13,6 @@ from made_folders import MADE, needs, values_of
 
 from inswsn_lib import recordings
 from inswsn_lib.errors import InswsnError
-from inswsn_lib.files import DATA_VARIABLE
 from inswsn_lib.recordings.registry import KNOWN, READERS
 
 
@@ -31,25 +29,6 @@ def test_a_folder_of_a_kind_is_read_and_its_digests_are_kept(tmp_path: Path, kin
     for name in [kind, *known]:
         again = values_of(recordings.load(name, str(tmp_path / "seq")))
         np.testing.assert_equal(again, values_of(read))
-
-
-def test_a_known_recording_is_read_from_a_mirror_if_its_digests_fit(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    known = KNOWN["labyrinth/1"]
-    place = tmp_path / "TUC-ProAut__libRSF" / known.source.commit / known.source.folder
-    MADE["labyrinth"](place)
-    for path in list(place.iterdir()):
-        path.rename(path.with_name(path.name.replace("Some", "Indoor_UWB")))
-    monkeypatch.setenv(DATA_VARIABLE, str(tmp_path))
-    with pytest.raises(InswsnError, match=r"Input.txt is not the original"):
-        recordings.load("labyrinth/1")
-    digests = {path.name: file_digest(path) for path in place.iterdir()}
-    source = replace(known.source, digests=digests)
-    monkeypatch.setitem(KNOWN, "labyrinth/1", replace(known, source=source))
-    read = recordings.load("labyrinth/1")
-    assert (read.name, read.licence, read.digests) == ("labyrinth/1", "CC-BY-SA-4.0", digests)
-    assert read.source.endswith("d54801a232af02c0cda6012dabd3dea6c5fd77c5/datasets/Indoor_UWB")
 
 
 @pytest.mark.parametrize(
