@@ -114,7 +114,7 @@ def _log(path: Path) -> _Log:
     separator, header, blocks = opened(read_pieces(path), known)
     if len(header) < 2 or len(set(header)) < len(header):
         raise InswsnError("it has no header, or one column twice.")
-    block = next(blocks, b"")
+    block: list[str] = next(blocks, [])
     values: dict[str, Array] = {}
     for place, name in enumerate(header):
         # stamps may be dates, or too large for seconds

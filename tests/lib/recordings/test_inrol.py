@@ -49,19 +49,6 @@ def inrol() -> Recording:
 
 
 @needs("inrol/1")
-def test_sizes_and_rates(inrol: Recording) -> None:
-    assert {name: len(stream) for name, stream in inrol.streams.items()} == {
-        "imu": 19139, "ranges": 32422, "reference": 22496,
-    }  # fmt: skip
-    assert inrol.ranges is not None
-    assert inrol.ranges.names == ("1", "3", "4", "5", "6", "7", "8", "2")
-    assert inrol.duration == pytest.approx(191.25, abs=0.01)
-    rates = {name: len(s) / (s.time[-1] - s.time[0]) for name, s in inrol.streams.items()}
-    assert rates == pytest.approx({"imu": 100.1, "ranges": 169.5, "reference": 117.7}, abs=0.1)
-    assert (np.diff(inrol.ranges.time) == 0).sum() == 15812
-
-
-@needs("inrol/1")
 def test_ranges_are_distances_to_the_tag(inrol: Recording) -> None:
     """As the study of radio fixes found them: a median of -5 mm, and 10 cm of deviation."""
     ranges, reference = inrol.ranges, inrol.reference

@@ -44,17 +44,6 @@ def labyrinth() -> Recording:
 
 
 @needs("labyrinth/1")
-def test_sizes(labyrinth: Recording) -> None:
-    assert {name: len(stream) for name, stream in labyrinth.streams.items()} == {
-        "odometry": 233, "ranges": 233, "reference": 233,
-    }  # fmt: skip
-    assert labyrinth.ranges is not None
-    assert labyrinth.ranges.names == ("105", "107", "108", "109")
-    assert labyrinth.duration == pytest.approx(29.774, abs=1e-3)
-    assert np.median(np.diff(labyrinth.ranges.time)) == pytest.approx(0.128, abs=1e-4)
-
-
-@needs("labyrinth/1")
 def test_ranges_are_distances_in_the_frame_of_the_reference(labyrinth: Recording) -> None:
     ranges, reference = labyrinth.ranges, labyrinth.reference
     assert ranges is not None

@@ -56,10 +56,23 @@ def test_all_that_is_known_has_a_reader_a_source_and_a_licence() -> None:
         assert known.licence
 
 
+#: Rows of the streams of each, and how long it lasts, s
+ROWS: dict[str, tuple[dict[str, int], float]] = {
+    "inrol/1": ({"imu": 19139, "ranges": 32422, "reference": 22496}, 191.25),
+    "plaza/2": ({"odometry": 4090, "ranges": 1816, "reference": 4091}, 409.52),
+    "labyrinth/1": ({"odometry": 233, "ranges": 233, "reference": 233}, 29.77),
+    "rtklib/drive-0708": ({"imu": 54858, "fixes": 2197}, 551.93),
+    "rtklib/walk-0827": ({"imu": 20455, "fixes": 536}, 135.33),
+}
+
+
 @pytest.mark.parametrize("name", [pytest.param(name, marks=needs(name)) for name in KNOWN])
 def test_each_that_is_known_has_its_dimension_and_is_exported(tmp_path: Path, name: str) -> None:
     read = recordings.load(name)
     assert read.digests == KNOWN[name].source.digests
+    rows, duration = ROWS[name]
+    assert {what: len(stream) for what, stream in read.streams.items()} == rows
+    assert read.duration == pytest.approx(duration, abs=0.01)
     for stream in (read.ranges and read.ranges.anchors, read.fixes and read.fixes.position):
         assert stream is None or stream.shape[1] == KNOWN[name].dimension
     recordings.write_csv(read, tmp_path / "exported")

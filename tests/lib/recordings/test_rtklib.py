@@ -157,9 +157,8 @@ def check(recording: Recording) -> None:
 
 @needs("rtklib/drive-0708")
 def test_the_drive(drive: Recording) -> None:
-    imu, fixes = streams(drive)
+    _, fixes = streams(drive)
     check(drive)
-    assert (len(imu), len(fixes)) == (54858, 2197)
     assert fixes.good is not None
     assert fixes.good.sum() == 2189
     assert np.rad2deg(drive.origin[:2] if drive.origin is not None else ()) == pytest.approx(
@@ -174,7 +173,6 @@ def test_the_drive(drive: Recording) -> None:
 def test_the_walk(walk: Recording) -> None:
     imu, fixes = streams(walk)
     check(walk)
-    assert (len(imu), len(fixes)) == (20455, 536)
     assert fixes.good is not None
     assert fixes.good.sum() == 349
     steps = np.diff(imu.time)
