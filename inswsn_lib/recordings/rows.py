@@ -13,7 +13,7 @@ from inswsn_lib.checks import Array
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.files import read_text
 from inswsn_lib.recordings.cells import LARGEST, floats
-from inswsn_lib.streams import check_increase
+from inswsn_lib.streams import Ranges, check_increase
 
 #: The number of a line, from 1, and its cells
 Row = tuple[int, Sequence[str]]
@@ -139,9 +139,14 @@ def _name(anchor: object) -> str:
     return f"{anchor:g}" if isinstance(anchor, float) else repr(anchor)
 
 
-def names_of(anchors: Array) -> tuple[str, ...]:
-    """Return what anchors are called that have numbers."""
-    return tuple(map(_name, anchors.tolist()))
+def numbered_ranges(
+    time: Array, which: Array, distance: Array, numbers: Array, anchors: Array
+) -> Ranges:
+    """Return ranges to anchors that have numbers, all arrays of a row each."""
+    known = numbers.tolist()
+    return Ranges(
+        time, places_of(which.tolist(), known), distance, anchors, tuple(map(_name, known))
+    )
 
 
 def unit_quaternions(value: Array, first: int = 1) -> Array:
