@@ -192,18 +192,17 @@ def _columns(path: Path, header: list[str], layout: Layout, named: Named) -> dic
     if not header:
         raise InswsnError(f"{path} is empty; it must be a CSV file with a header.")
     # what columns of the layout are called here, and their units
-    called = dict(named)
+    called = {name: (name, "") for name in layout.names if name in header}
     if TIME not in named and (stamps := _stamps(path, header)) in header:
         called[TIME] = stamps, _STAMPS[stamps]
+    called |= named
     if lacking := [name for name, _ in called.values() if name not in header]:
         raise InswsnError(_lacks(path, lacking, header))
-    own = [name for name in layout.names if name in header and name not in called]
-    there = {*called, *own}
-    names = [called[name][0] if name in called else name for name in layout.names if name in there]
-    for name in names:
+    there = [name for name in dict.fromkeys(layout.names) if name in called]
+    for name, _ in map(called.__getitem__, there):
         if header.count(name) > 1:
             raise InswsnError(f"{path} has the column {name} more than once.")
-    if lacking := [name for name in layout.of([*there]) if name not in there]:
+    if lacking := [name for name in layout.of(there) if name not in there]:
         raise InswsnError(_lacks(path, lacking, header))
     for together in layout.groups:
         some = [name for name in together if name in there]
@@ -213,13 +212,12 @@ def _columns(path: Path, header: list[str], layout: Layout, named: Named) -> dic
                 "must have all of them, or none."
             )
     found = {}
-    for name in dict.fromkeys(layout.names):
-        if name in there:
-            column, unit = called.get(name, (name, ""))
-            found[name] = Column(
-                column, header.index(column), name in layout.texts, name in layout.gaps,
-                (unit or "s") if name == TIME else "", units_of(name).get(unit, 1.0),
-            )  # fmt: skip
+    for name in there:
+        column, unit = called[name]
+        found[name] = Column(
+            column, header.index(column), name in layout.texts, name in layout.gaps,
+            (unit or "s") if name == TIME else "", units_of(name).get(unit, 1.0),
+        )  # fmt: skip
     return found
 
 

@@ -51,7 +51,9 @@ def read_inrol(place: Place) -> Recording:
         attitude = unit_quaternions(poses[:, 4:8])
         reference = Reference(time=poses[:, 0], position=poses[:, 1:4], attitude=attitude)
     with reading(paths[3]):
-        ranges = numbered_ranges(*heard[:, 1:4].T, anchors[:, 0], anchors[:, 1:4])
+        ranges = numbered_ranges(
+            heard[:, 1], heard[:, 2], heard[:, 3], anchors[:, 0], anchors[:, 1:4]
+        )
     return Recording(
         "inrol",
         imu=imu,

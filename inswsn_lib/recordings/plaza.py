@@ -50,7 +50,9 @@ def read_plaza(place: Place) -> Recording:
         return Recording(
             "plaza",
             odometry=_odometry(dead, truth[:, 0]),
-            ranges=numbered_ranges(heard[:, 0], *heard[:, 2:].T, nodes[:, 0], nodes[:, 1:]),
+            ranges=numbered_ranges(
+                heard[:, 0], heard[:, 2], heard[:, 3], nodes[:, 0], nodes[:, 1:]
+            ),
             reference=Reference(
                 time=truth[:, 0],
                 position=truth[:, 1:3],
