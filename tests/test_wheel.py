@@ -64,7 +64,8 @@ def test_the_wheel_holds_the_science_and_its_data(
     wheel: tuple[str, list[str], dict[str, str]],
 ) -> None:
     _, names, says = wheel
-    assert {"inswsn_lib/data/scenarios/p1.yaml", "inswsn_lib/data/examples/ins-wsn.csv"} <= {*names}
+    data = ("data/scenarios/p1.yaml", "data/examples/ins-wsn.csv", "recordings/known.yaml")
+    assert {f"inswsn_lib/{name}" for name in (*data, "recordings/words.yaml")} <= {*names}
     assert not [name for name in names if "inswsn_book" in name or "chapters" in name]
     needs = re.findall(r"^Requires-Dist: ([\w-]+)(.*)$", says["METADATA"], re.M)
     assert not {name for name, rest in needs if "extra ==" not in rest} & ABSENT

@@ -16,15 +16,7 @@ from numpy.typing import NDArray
 from inswsn_lib.checks import Array
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.files import read_pieces
-from inswsn_lib.recordings.cells import (
-    UNITS,
-    Column,
-    Sheet,
-    parse,
-    split,
-    whole_lines,
-    without_comments,
-)
+from inswsn_lib.recordings.cells import UNITS, Column, Sheet, lines_in, parse, split
 
 #: The column of time stamps, s, or dates and times by ISO 8601. A file may have it as ``t_s``, or
 #: in another unit, which its name tells: ``time_ms``, ``t_us``, ``time_ns``.
@@ -137,14 +129,23 @@ def _table_of(path: Path, pieces: Iterable[bytes], layout: Layout, named: Named)
         separator, header, blocks = opened(pieces, there)
         columns = _columns(path, header, layout, named)
         sheet = Sheet(path, separator, len(header), tuple(columns.values()))
-        return dict(zip(columns, parse(sheet, blocks), strict=True))
+        table = dict(zip(columns, parse(sheet, blocks), strict=True))
     except UnicodeDecodeError:
         raise InswsnError(f"{path} is not a CSV file: it is not UTF-8.") from None
     except csv.Error as error:
         raise InswsnError(f"{path} is not a CSV file: {str(error).strip()}.") from None
+    for name, cells in table.items():
+        empty = cells == "" if name in layout.texts else np.isnan(cells)
+        if name not in layout.gaps and empty.any():
+            what = "word" if name in layout.texts else "number"
+            raise InswsnError(
+                f"{path}: an empty cell is in column {name}, row {int(np.argmax(empty)) + 2}; it "
+                f"must hold a {what}, or the row must be left out."
+            )
+    return table
 
 
-def opened(pieces: Iterable[bytes], names: set[str]) -> tuple[str, list[str], Iterator[bytes]]:
+def opened(pieces: Iterable[bytes], names: set[str]) -> tuple[str, list[str], Iterator[list[str]]]:
     """Return separator and header of a CSV file, and the lines after it, some megabytes at a time.
 
     Parameters
@@ -154,33 +155,36 @@ def opened(pieces: Iterable[bytes], names: set[str]) -> tuple[str, list[str], It
     names : set of str
         Of columns, by which a header behind ``#`` or ``%`` is known.
     """
-    blocks = whole_lines(pieces)
-    line, first = _headed(next(blocks, b"").removeprefix(b"\xef\xbb\xbf"), names)
-    head = line.decode().strip()
+    blocks = lines_in(pieces)
+    lines = next(blocks)
+    lines[:1] = [line.removeprefix("\ufeff") for line in lines[:1]]
+    _, end, head = _headed(lines, names)
     separator = max(_SEPARATORS, key=head.count)
-    header = [name.strip() for name in split(head, separator)] if head else []
-    rest = (without_comments(block) for block in chain([first], blocks))
+    header = [name.strip() for name in split([head.strip()], separator)[0]] if head.strip() else []
+    rest = (
+        [line for line in block if line.strip() and line[0] != "#"]
+        for block in chain([lines[end:]], blocks)
+    )
     return separator, header, (block for block in rest if block)
 
 
-def _headed(data: bytes, names: set[str]) -> tuple[bytes, bytes]:
-    """Return the header, which may stand behind ``#`` or ``%``, and what comes after it.
+def _headed(lines: list[str], names: set[str]) -> tuple[int, int, str]:
+    """Return the header, which may stand behind ``#`` or ``%``.
 
     It is the first line that is no comment, or of the comments before it, if a name of a column
-    stands in none of its cells, the one in which most do.
+    stands in none of its cells, the one in which most do. Before it stands how many do, and how
+    many lines it ends.
     """
-    end, lines = 0, [(0, b"", 0)]  # how many names each has, and where it ends
-    while end < len(data):
-        begin, end = end, data.index(b"\n", end) + 1
-        line = data[begin:end].lstrip(b"#% ")
-        cells = re.split(f"[{_SEPARATORS} ]", line.decode())
-        lines.append((sum(cell.strip(' "\n') in names for cell in cells), line, end))
-        if data[begin : begin + 1] not in b"#%" and line.strip():
+    found = []
+    for end, line in enumerate(lines, start=1):
+        head = line.lstrip("#% ")
+        cells = re.split(f"[{_SEPARATORS} ]", head)
+        found.append((sum(cell.strip(' "') in names for cell in cells), end, head))
+        if line.strip() and line[0] not in "#%":
             break
     else:
-        lines.append((0, b"", end))
-    _, header, end = lines[-1] if lines[-1][0] else max(lines[::-1], key=lambda each: each[0])
-    return header, data[end:]
+        found.append((0, len(lines) + 1, ""))
+    return found[-1] if found[-1][0] else max(found)
 
 
 def _columns(path: Path, header: list[str], layout: Layout, named: Named) -> dict[str, Column]:
@@ -188,18 +192,17 @@ def _columns(path: Path, header: list[str], layout: Layout, named: Named) -> dic
     if not header:
         raise InswsnError(f"{path} is empty; it must be a CSV file with a header.")
     # what columns of the layout are called here, and their units
-    called = dict(named)
+    called = {name: (name, "") for name in layout.names if name in header}
     if TIME not in named and (stamps := _stamps(path, header)) in header:
         called[TIME] = stamps, _STAMPS[stamps]
+    called |= named
     if lacking := [name for name, _ in called.values() if name not in header]:
         raise InswsnError(_lacks(path, lacking, header))
-    own = [name for name in layout.names if name in header and name not in called]
-    there = {*called, *own}
-    names = [called[name][0] if name in called else name for name in layout.names if name in there]
-    for name in names:
+    there = [name for name in dict.fromkeys(layout.names) if name in called]
+    for name, _ in map(called.__getitem__, there):
         if header.count(name) > 1:
             raise InswsnError(f"{path} has the column {name} more than once.")
-    if lacking := [name for name in layout.of([*there]) if name not in there]:
+    if lacking := [name for name in layout.of(there) if name not in there]:
         raise InswsnError(_lacks(path, lacking, header))
     for together in layout.groups:
         some = [name for name in together if name in there]
@@ -209,13 +212,12 @@ def _columns(path: Path, header: list[str], layout: Layout, named: Named) -> dic
                 "must have all of them, or none."
             )
     found = {}
-    for name in dict.fromkeys(layout.names):
-        if name in there:
-            column, unit = called.get(name, (name, ""))
-            found[name] = Column(
-                column, header.index(column), name in layout.texts, name in layout.gaps,
-                (unit or "s") if name == TIME else "", units_of(name).get(unit, 1.0),
-            )  # fmt: skip
+    for name in there:
+        column, unit = called[name]
+        found[name] = Column(
+            column, header.index(column), name in layout.texts, name in layout.gaps,
+            (unit or "s") if name == TIME else "", units_of(name).get(unit, 1.0),
+        )  # fmt: skip
     return found
 
 

@@ -182,20 +182,13 @@ def _make_local(used: dict[str, Path], tables: dict[str, Table], about: dict[str
 
 
 def _table(name: str, path: Path, layout: Layout, source: Source | None) -> Table:
-    """Return the columns of a file; refuse empty cells, times that do not increase, and twins."""
+    """Return the columns of a file; refuse no rows, times that do not increase, and twins."""
     with reading(path):
         table = read_table(path, layout, source.columns if source else {})
         if not len(next(iter(table.values()))):
             raise InswsnError(
                 "it has a header and no rows; leave out a stream that was not logged."
             )
-        for column, cells in table.items():
-            empty = cells == "" if column in layout.texts else np.isnan(cells)
-            if column not in layout.gaps and empty.any():
-                raise InswsnError(
-                    f"an empty cell is in column {column}, row {int(np.argmax(empty)) + _FIRST}; "
-                    f"it must hold a {'word' if column in layout.texts else 'number'}."
-                )
         if TIME in table:
             repeats = name == "ranges.csv"
             check_clock(f"in {TIME}", table[TIME], repeats=repeats, first=_FIRST)

@@ -12,13 +12,12 @@ import numpy as np
 from inswsn_lib.recordings.files import Place, digests_of, files_of, pick
 from inswsn_lib.recordings.rows import (
     check_twins,
-    names_of,
-    places_of,
+    numbered_ranges,
     read_rows,
     reading,
     unit_quaternions,
-)
-from inswsn_lib.streams import Imu, Ranges, Recording, Reference
+)  # fmt: skip
+from inswsn_lib.streams import Imu, Recording, Reference
 
 #: From the IMU to the tag, in the IMU's axes (m), as parameter.yaml of the repository has both
 LEVER_ARM = (0.0, 0.0, 0.010)
@@ -52,12 +51,8 @@ def read_inrol(place: Place) -> Recording:
         attitude = unit_quaternions(poses[:, 4:8])
         reference = Reference(time=poses[:, 0], position=poses[:, 1:4], attitude=attitude)
     with reading(paths[3]):
-        ranges = Ranges(
-            time=heard[:, 1],
-            anchor=places_of(heard[:, 2].tolist(), anchors[:, 0].tolist()),
-            distance=heard[:, 3],
-            anchors=anchors[:, 1:4],
-            names=names_of(anchors[:, 0]),
+        ranges = numbered_ranges(
+            heard[:, 1], heard[:, 2], heard[:, 3], anchors[:, 0], anchors[:, 1:4]
         )
     return Recording(
         "inrol",

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +12,8 @@ from numpy.typing import NDArray
 from inswsn_lib.checks import Array
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.recordings.columns import INS, REFERENCE, TIME, WSN, read_columns
+from inswsn_lib.recordings.rows import reading
+from inswsn_lib.streams import check_increase
 
 Rows = NDArray[np.intp]
 # A time stamp may be this share of a period away from the grid.
@@ -153,16 +154,9 @@ def track_pair(path: Path, table: dict[str, Array], *, resample: bool = False) -
 def _check_time(path: Path, time: Array) -> None:
     if time.size < 3:
         raise InswsnError(f"{path} has {time.size} rows; it must have at least 3.")
-    if np.isnan(time).any():
-        raise InswsnError(f"{path} has no time stamp in row {int(np.isnan(time).argmax()) + 2}.")
+    with reading(path):
+        check_increase(TIME, time, first=2)
     steps = np.diff(time)
-    if (steps <= 0).any():
-        row = int((steps <= 0).argmax()) + 1
-        what = "repeats" if steps[row - 1] == 0 else "goes back from"
-        raise InswsnError(
-            f"{path}: {TIME} {what} {time[row - 1]:.12g} s in row {row + 2}; time stamps must "
-            "increase. Sort the file, or drop the row."
-        )
     if time[-1] - time[0] > np.median(steps) * max(_ALWAYS, _SPARSEST * time.size):
         row = int(np.argmax(steps)) + 1
         raise InswsnError(
@@ -172,16 +166,7 @@ def _check_time(path: Path, time: Array) -> None:
 
 
 def _check_positions(path: Path, ins: Array, wsn: Array) -> None:
-    """Refuse an INS with gaps, a network without positions, and frames that are far apart."""
-    if np.isnan(ins.sum()):
-        missing = np.isnan(ins)
-        row, column = (int(i[0]) for i in np.nonzero(missing))
-        length = int(np.argmin(np.append(missing[row:, column], False)))
-        raise InswsnError(
-            f"{path} has no number in column {INS[column]} for {length} row"
-            f"{'s' if length > 1 else ''} from row {row + 2}; an INS has no gaps. Leave such rows "
-            "out, and the filters predict over them."
-        )
+    """Refuse a network without positions, and frames that are far apart."""
     for column, name in enumerate(WSN[:2]):
         if np.isnan(wsn[:, column]).all():
             raise InswsnError(f"{path} has no number at all in column {name}.")
@@ -224,22 +209,19 @@ def _comparable(time: Array, sources: dict[str, Array]) -> Iterator[tuple[_Named
 def _blocks(time: Array, needed: Array) -> Rows:
     """Return first and last row (blocks, 2) of blocks of some seconds with all that is needed.
 
-    Blocks that follow one another share a row. None crosses a gap; if none is long enough, the
-    longest stretch without a gap is one.
+    Blocks that follow one another share a row. None crosses a gap.
     """
     rows = _complete(needed)
-    steps = np.diff(time[rows])
-    gaps = np.flatnonzero(steps > _PATIENCE * np.median(steps)) + 1 if steps.size else rows[:0]
-    found, longest = [np.empty((0, 2), dtype=np.intp)], (0, 0)
-    for begin, end in pairwise([0, *gaps.tolist(), len(rows)]):
-        longest = max(longest, (begin, end - 1), key=lambda pair: pair[1] - pair[0])
-        since = time[rows[begin:end]] - time[rows[begin]] if end > begin else np.empty(0)
-        edges = begin + np.flatnonzero(np.diff(np.floor(since / _BLOCK + 1e-9), prepend=-1.0))
-        found.append(np.column_stack([edges[:-1], edges[1:]]))
-    blocks = np.concatenate(found)
-    if not len(blocks) and longest[1] > longest[0]:
-        blocks = np.array([longest])
-    return np.asarray(rows[blocks])
+    if rows.size < 2:
+        return np.empty((0, 2), dtype=np.intp)
+    since = time[rows] - time[rows[0]]
+    length, steps = min(_BLOCK, since[-1]), np.diff(since)
+    stretch = np.append(0, np.cumsum(steps > _PATIENCE * np.median(steps)))
+    edges = np.flatnonzero(np.diff(np.floor(since / length + 1e-9), prepend=-1.0))
+    blocks = np.column_stack([edges[:-1], edges[1:]])
+    lasts = np.diff(since[blocks], axis=1)[:, 0]  # one that begins after a gap may be short
+    whole = (np.diff(stretch[blocks], axis=1)[:, 0] == 0) & (lasts > length / 2)
+    return np.asarray(rows[blocks[whole]])
 
 
 def _complete(values: Array) -> Rows:

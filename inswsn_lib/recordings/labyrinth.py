@@ -13,7 +13,7 @@ import numpy as np
 from inswsn_lib.checks import Array
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.recordings.files import Place, digests_of, files_of, pick
-from inswsn_lib.recordings.rows import Row, lines_of, names_of, numbers, places_of, reading
+from inswsn_lib.recordings.rows import Row, lines_of, numbered_ranges, numbers, reading
 from inswsn_lib.streams import Odometry, Ranges, Recording, Reference
 
 # Of each kind of line, the numbers after its word (those of the readme): time, range, variance, the
@@ -71,8 +71,7 @@ def read_labyrinth(place: Place) -> Recording:
 
 def _ranges(heard: Array) -> Ranges:
     """Return the ranges; each tells where its module is, which must not move."""
-    modules, first = np.unique(heard[:, 5], return_index=True)
-    which = places_of(heard[:, 5].tolist(), modules.tolist())
+    modules, first, which = np.unique(heard[:, 5], return_index=True, return_inverse=True)
     anchors = heard[first, 3:5]
     moved = (heard[:, 3:5] != anchors[which]).any(axis=1)
     if moved.any():
@@ -81,4 +80,4 @@ def _ranges(heard: Array) -> Ranges:
             f"the module {modules[which[row]]:g} is elsewhere in range {row + 1} than before; it "
             "must stay in its place."
         )
-    return Ranges(heard[:, 0], which, heard[:, 1], anchors, names_of(modules))
+    return numbered_ranges(heard[:, 0], heard[:, 5], heard[:, 1], modules, anchors)

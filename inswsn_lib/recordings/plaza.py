@@ -19,14 +19,8 @@ import numpy as np
 from inswsn_lib.checks import Array, array
 from inswsn_lib.recordings.files import Place, digests_of, files_of, pick
 from inswsn_lib.recordings.matlab import read_tables
-from inswsn_lib.recordings.rows import check_twins, names_of, places_of, reading
-from inswsn_lib.streams import (
-    Odometry,
-    Ranges,
-    Recording,
-    Reference,
-    check_increase,
-)
+from inswsn_lib.recordings.rows import check_twins, numbered_ranges, reading
+from inswsn_lib.streams import Odometry, Recording, Reference, check_increase
 
 # Of each variable that is read, the columns: time, distance and turn since the row before |
 # time, position and heading | time, antenna, node and range | node and position
@@ -56,12 +50,8 @@ def read_plaza(place: Place) -> Recording:
         return Recording(
             "plaza",
             odometry=_odometry(dead, truth[:, 0]),
-            ranges=Ranges(
-                time=heard[:, 0],
-                anchor=places_of(heard[:, 2].tolist(), nodes[:, 0].tolist()),
-                distance=heard[:, 3],
-                anchors=nodes[:, 1:],
-                names=names_of(nodes[:, 0]),
+            ranges=numbered_ranges(
+                heard[:, 0], heard[:, 2], heard[:, 3], nodes[:, 0], nodes[:, 1:]
             ),
             reference=Reference(
                 time=truth[:, 0],

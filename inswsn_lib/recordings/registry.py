@@ -10,6 +10,7 @@ import numpy as np
 
 from inswsn_lib.checks import one_of
 from inswsn_lib.errors import ParameterError
+from inswsn_lib.files import read_yaml
 from inswsn_lib.recordings.csv_folder import read_csv_folder
 from inswsn_lib.recordings.files import Place, Source, locate
 from inswsn_lib.recordings.inrol import read_inrol
@@ -37,86 +38,10 @@ class Known:
     dimension: int
 
 
-_GNSS_IMU = "rtklibexplorer/GNSS_IMU", "8235ee6c5f349db529bf43ad556a3769b346b5a1"
-_OF_ITS_REPOSITORY = "stated by the repository that holds it, whose words speak of software"
 #: By name; what stands before the slash is the kind
 KNOWN = {
-    "inrol/1": Known(
-        Source(
-            "INRoL/inrol_uwb_localization",
-            "40562b6fee3c72920b6f6972524990612a7f58b9",
-            "example/filtering_state_estimation1/parsed_dataset",
-            {
-                "anchor.txt": "0dfac95032f40fc66835c7b483df773693c3b992ee81401bba00bb8d8d3aad54",
-                "imu.txt": "c75d54e8a00ac6d4c19343615a8526a818387021cd4b366e351a8f2440917550",
-                "imu_pose.txt": "58b123ccf5a46b140c3e8b2d30b4d1210ad52ff0f7b8deb8c1398b14418330e4",
-                "uwb.txt": "25ffd69f5c330ef5b619941e338f8f46bc83e146923a9ce368db798b3d36030c",
-            },
-        ),
-        f"GPL-3.0-only, {_OF_ITS_REPOSITORY}",
-        3,
-    ),
-    "plaza/2": Known(
-        Source(
-            "borglab/gtsam",
-            "0ffe6c930302ebd297484e65e6e8d467c91d26b0",
-            "examples/Data",
-            {"Plaza2_.mat": "72f0abe0fea2050eb5ee1cffc8c43823266a35785b7cdecac4ec5eae727561a2"},
-        ),
-        "none stated for the recording",
-        2,
-    ),
-    "labyrinth/1": Known(
-        Source(
-            "TUC-ProAut/libRSF",
-            "d54801a232af02c0cda6012dabd3dea6c5fd77c5",
-            "datasets/Indoor_UWB",
-            {
-                "Indoor_UWB_Input.txt": (
-                    "d0a1ac1e96f508a8fe7a0f40d4152d005ecd3e708403a521da93d4377e3c3b77"
-                ),
-                "Indoor_UWB_GT.txt": (
-                    "49057cc9fdf14e464bca8cfab9894dddc1668c53e08878e30d6d1040e3f9f2a2"
-                ),
-            },
-        ),
-        "CC-BY-SA-4.0",
-        2,
-    ),
-    "rtklib/drive-0708": Known(
-        Source(
-            *_GNSS_IMU,
-            "data/drive_0708",
-            {
-                "imu_1934.csv": "f1126bf3b36efc4bef2dd2c7d93bb2a0e1b4ce714005cbea00a9218ad0b3b7a9",
-                "imu_1934.csv.tag": (
-                    "d30d13d5641df367559472b91b48325601a87c986bf2bb6af368684a36b5ec96"
-                ),
-                "gnss_1934_sf.pos": (
-                    "618fba5c7193e8eb448faf95c79c0d198233d5f4e5ad8ffec652893911ff7133"
-                ),
-            },
-        ),
-        f"BSD-3-Clause, {_OF_ITS_REPOSITORY}",
-        3,
-    ),
-    "rtklib/walk-0827": Known(
-        Source(
-            *_GNSS_IMU,
-            "data/walk_0827",
-            {
-                "imu_1730.csv": "d2626cd6dfcf27a7ceaf6c1e50a4bdcd3f39dfd8b051e5326c47865f4e99a46a",
-                "imu_1730.csv.tag": (
-                    "c7a890f2fa56595166ea9e4e2011d20a6b939565c8e123a83d4973118be95a90"
-                ),
-                "gnss_1730_sf.pos": (
-                    "5f2e17184047fb9e35c0d8fe8c317524d92bf490cd7fc66c41ae53df027eedf8"
-                ),
-            },
-        ),
-        f"BSD-3-Clause, {_OF_ITS_REPOSITORY}",
-        3,
-    ),
+    name: Known(Source(**said["source"]), said["licence"], said["dimension"])
+    for name, said in read_yaml(Path(__file__).with_name("known.yaml")).items()
 }
 
 

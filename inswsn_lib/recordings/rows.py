@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from inswsn_lib.checks import Array
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.files import read_text
-from inswsn_lib.streams import check_increase
+from inswsn_lib.recordings.cells import LARGEST, floats
+from inswsn_lib.streams import Ranges, check_increase
 
 #: The number of a line, from 1, and its cells
 Row = tuple[int, Sequence[str]]
 
-_LARGEST = 1e15  # numbers of this size are no lengths, speeds or seconds
 # A clock was set where stamps jump by more seconds, and by more times all others, if there are some
 _SET, _JUMP, _FEWEST = 3600.0, 50.0, 5
 _UNIT = 1e-3  # a quaternion whose length differs from 1 by more is something else
@@ -69,29 +69,21 @@ def numbers(path: Path, rows: Sequence[Row], columns: int) -> Array:
     """
     if not rows:
         raise InswsnError(f"{path} has no row of {columns} numbers.")
-    with suppress(ValueError):  # rows of several lengths, or words
-        found = np.array([cells for _, cells in rows], dtype=float)
-        if found.shape == (len(rows), columns) and (np.abs(found) < _LARGEST).all():
-            return found
     for line, cells in rows:
         if len(cells) != columns:
             raise InswsnError(
                 f"{path} has {len(cells)} cells in line {line}; there must be {columns}."
             )
-        for cell in cells:
-            if not _is_number(cell):
-                raise InswsnError(
-                    f"{path} has {cell[:40]!r} in line {line}; it must be a finite number below "
-                    f"{_LARGEST:.0e}."
-                )
-    raise InswsnError(f"{path} has no rows of {columns} numbers.")
-
-
-def _is_number(cell: str) -> bool:
-    try:
-        return abs(float(cell)) < _LARGEST
-    except ValueError:
-        return False
+    found = floats([cell for _, cells in rows for cell in cells]).reshape(len(rows), columns)
+    wrong = ~(np.abs(found) < LARGEST)
+    if wrong.any():
+        row, column = np.argwhere(wrong)[0].tolist()
+        line, cells = rows[row]
+        raise InswsnError(
+            f"{path} has {cells[column][:40]!r} in line {line}; it must be a finite number below "
+            f"{LARGEST:.0e}."
+        )
+    return found
 
 
 def check_clock(what: str, time: Array, *, repeats: bool = False, first: int = 1) -> None:
@@ -147,9 +139,14 @@ def _name(anchor: object) -> str:
     return f"{anchor:g}" if isinstance(anchor, float) else repr(anchor)
 
 
-def names_of(anchors: Array) -> tuple[str, ...]:
-    """Return what anchors are called that have numbers."""
-    return tuple(map(_name, anchors.tolist()))
+def numbered_ranges(
+    time: Array, which: Array, distance: Array, numbers: Array, anchors: Array
+) -> Ranges:
+    """Return ranges to anchors that have numbers, all arrays of a row each."""
+    known = numbers.tolist()
+    return Ranges(
+        time, places_of(which.tolist(), known), distance, anchors, tuple(map(_name, known))
+    )
 
 
 def unit_quaternions(value: Array, first: int = 1) -> Array:

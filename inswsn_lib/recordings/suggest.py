@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import csv
-import os
 import re
 from contextlib import suppress
 from pathlib import Path
-from tempfile import NamedTemporaryFile
 from typing import NamedTuple
 
 import numpy as np
 
 from inswsn_lib.checks import Array
 from inswsn_lib.errors import InswsnError
-from inswsn_lib.files import read_pieces
+from inswsn_lib.files import read_pieces, read_yaml
 from inswsn_lib.recordings.about import ABOUT, quoted
 from inswsn_lib.recordings.cells import UNITS, Column, Sheet, parse
 from inswsn_lib.recordings.columns import TIME, opened, units_of
@@ -22,35 +20,18 @@ from inswsn_lib.recordings.csv_folder import ANCHORS, LAYOUTS
 from inswsn_lib.recordings.files import files_of
 
 _KINDS = (".csv", ".txt", ".log", ".tsv", ".dat")
-_AXES = {"x": "(x|east|e)", "y": "(y|north|n)", "z": "(z|up|u)"}
+_WORDS = read_yaml(Path(__file__).with_name("words.yaml"))
 # What columns may be called: in small letters, with single underscores, without units
-_NAMED = {
-    "lat_deg": "lat(itude)?", "lon_deg": "lon(g|gitude)?", "height_m": "height|alt(itude)?",
-    "speed_mps": "speed|velocity|odometer", "rate_radps": "(yaw_?)?rate|omega|gyro_?z",
-    "range_m": "range|dist(ance)?", "anchor": "(anchor|node|beacon|responder)(_?id)?|id",
-    "good": "good|valid", **{f"q{k}": f"q(uat(ernion)?)?_?{k}" for k in "xyzw"},
-}  # fmt: skip
-for _name, _called in {
-    "rate_{}_radps": "(rate|gyro?(scope)?|w|omega|ang(ular)?_?(rate|vel(ocity)?))_?",
-    "force_{}_mps2": "((specific_?)?force|(linear_?)?acc(el(eration|erometer)?)?|a)_?",
-    "{}_m": "((pos(ition)?|p|loc(ation)?)_?)?",
-    "v{}_mps": "(v|vel(ocity)?|speed)_?",
-    "sd_{}_m": "(sd|std|sigma)_?",
-}.items():
-    _NAMED |= {_name.format(axis): _called + letters for axis, letters in _AXES.items()}
-_TIMES = "t|time|(time_?)?stamp|timestamp|seconds(_elapsed)?|epoch|utc|tow"
-# Units as they stand in names of columns
-_WRITTEN = {
-    "ms": "ms|msec|millis", "us": "us|µs|usec|micros", "ns": "ns|nanos", "s": "s|sec",
-    "deg/s": "deg/s|dps|deg_s|°/s|degps", "rad/s": "rad/s|radps|rad_s", "mg": "mg", "g": "g",
-    "m/s^2": r"m/s\^?2|mps2|m/s²", "m/s": "m/s|mps|m_s", "km/h": "km/h|kmh", "cm": "cm",
-    "mm": "mm", "m": "m", "deg": "deg|°", "rad": "rad",
-}  # fmt: skip
+_NAMED: dict[str, str] = _WORDS["names"] | {
+    name.format(axis): called + letters
+    for name, called in _WORDS["along"].items()
+    for axis, letters in _WORDS["axes"].items()
+}
+_FORCES = "|".join(f"({_NAMED[f'force_{axis}_mps2']})" for axis in "xyz")
 _REFERENCE = re.compile(r"ref|truth|mocap|vicon|optitrack|gt", re.I)
 _LONGEST = {"imu.csv": 0.5, "odometry.csv": 2.0}  # s, of likely periods; of other streams:
 _LONG, _ALIKE = 20.0, 1.5  # s, and by how much streams last longer than others, or less
 _FASTEST = 35.0  # rad/s
-_SIZES = {"m/s^2": (8.5, 11.0), "g": (0.85, 1.15), "mg": (850.0, 1150.0)}  # of gravity
 
 
 class _Log(NamedTuple):
@@ -96,36 +77,34 @@ def suggest(folder: str | Path) -> str:
     >>> car.odometry.time[-1].item(), car.odometry.rate[0].round(4).item()
     (0.98, 1.5708)
     """
-    logs, said = [], []
-    for name, path in files_of(folder).items():
-        if name.lower().endswith(_KINDS):
-            try:
-                logs.append(_log(path))
-            except (InswsnError, csv.Error, UnicodeDecodeError) as error:
-                said.append(f"{name} is left out: {error}")
+    said: list[str] = []
     sources: dict[str, tuple[_Log, dict[str, str]]] = {}
-    for log in logs:
-        streams = {what: c for what, c in _streams(log).items() if what not in sources}
-        sources |= {what: (log, columns) for what, columns in streams.items()}
+    for name, path in files_of(folder).items():
+        if not name.lower().endswith(_KINDS):
+            continue
+        try:
+            log = _log(path)
+        except (InswsnError, csv.Error, UnicodeDecodeError) as error:
+            said.append(f"{name} is left out: {error}")
+            continue
+        streams = {what: (log, c) for what, c in _streams(log).items() if what not in sources}
+        sources |= streams
         if not streams:
-            said.append(f"{log.name} is left out: its columns {', '.join(log.header)[:200]} are "
+            said.append(f"{name} is left out: its columns {', '.join(log.header)[:200]} are "
                         "those of no stream, or of one that another file has.")  # fmt: skip
-    spans = [float(np.ptp(log.values[c[TIME]])) / UNITS[_unit("imu.csv", TIME, c[TIME], log)[0]]
-             for what, (log, c) in sources.items() if what == "imu.csv"]  # fmt: skip
-    lines = []
+    spans, lines = [], []
+    if "imu.csv" in sources:
+        log, columns = sources["imu.csv"]
+        unit, _ = _unit("imu.csv", TIME, columns[TIME], log)
+        spans = [float(np.ptp(log.values[columns[TIME]])) / UNITS[unit]]
     for what, (log, columns) in sources.items():
-        units = {c: _unit(what, c, called, log, *spans) for c, called in columns.items()}
-        parts = [
-            f"{c} is {called!r}{f' in {unit}' if unit else ''}{' (assumed)' * assumed}"
-            for (c, called), (unit, assumed) in zip(columns.items(), units.values(), strict=True)
-        ]
+        parts = []
+        lines += [f"{what}:", f"  file: {quoted(log.name)}"]
+        for column, called in columns.items():
+            unit, assumed = _unit(what, column, called, log, *spans)
+            lines.append(f"  {column}: [{quoted(called)}{unit and f', {unit}'}]")
+            parts.append(f"{column} is {called!r}{unit and f' in {unit}'}{' (assumed)' * assumed}")
         said.append(f"{log.name} seems to be {what.removesuffix('.csv')}: {', '.join(parts)}.")
-        lines += [f"{what}:", f"  file: {quoted(log.name)}"] + [
-            f"  {c}: [{quoted(called)}, {units[c][0]}]"
-            if units[c][0]
-            else f"  {c}: {quoted(called)}"
-            for c, called in columns.items()
-        ]
     return "\n".join([*said, *_missing(set(sources)), _write(Path(folder), lines)])
 
 
@@ -135,19 +114,18 @@ def _log(path: Path) -> _Log:
     separator, header, blocks = opened(read_pieces(path), known)
     if len(header) < 2 or len(set(header)) < len(header):
         raise InswsnError("it has no header, or one column twice.")
-    block = next(blocks, b"")
+    block: list[str] = next(blocks, [])
     values: dict[str, Array] = {}
     for place, name in enumerate(header):
         # stamps may be dates, or too large for seconds
-        for unit in ("s", "ns") if re.fullmatch(_TIMES, _plain(name)[0]) else ("",):
+        for unit in ("s", "ns") if _fits(TIME, name) else ("",):
             column = Column(name, place, gaps=True, unit=unit)
             with suppress(InswsnError):
                 [found] = parse(Sheet(path, separator, len(header), (column,)), [block])
                 if np.isfinite(found).any():
                     values.setdefault(name, found * UNITS.get(unit, 1.0))
     stamps = [
-        name for name in values
-        if re.fullmatch(_TIMES, _plain(name)[0]) and (np.diff(values[name]) >= 0).all()
+        name for name in values if _fits(TIME, name) and (np.diff(values[name]) >= 0).all()
     ]  # fmt: skip
     return _Log(path.name, header, values, stamps[0] if stamps else "")
 
@@ -155,10 +133,14 @@ def _log(path: Path) -> _Log:
 def _plain(name: str) -> tuple[str, str]:
     """Return a column's name in small letters without its unit, and the unit."""
     text = re.sub(r"[\s.-]+", "_", name.strip().lower())
-    for unit, written in _WRITTEN.items():
+    for unit, written in _WORDS["units"].items():
         if match := re.search(rf"_?[\[(]({written})[\])]$|_({written})$", text):
             return text[: match.start()], unit
     return text, ""
+
+
+def _fits(column: str, name: str) -> bool:
+    return bool(re.fullmatch(_NAMED.get(column, column), _plain(name)[0]))
 
 
 def _streams(log: _Log) -> dict[str, dict[str, str]]:
@@ -171,8 +153,7 @@ def _streams(log: _Log) -> dict[str, dict[str, str]]:
                 number = column not in layout.texts
                 if (number and name not in log.values) or name in columns.values():
                     continue
-                fits = _NAMED.get(column, column)
-                if name == log.time if column == TIME else re.fullmatch(fits, _plain(name)[0]):
+                if name == log.time if column == TIME else _fits(column, name):
                     columns.setdefault(column, name)
         for group in (*layout.groups, *layout.instead.values()):
             if not set(group) <= set(columns):
@@ -201,11 +182,9 @@ def _unit(what: str, column: str, called: str, log: _Log, *spans: float) -> tupl
     if column.endswith("radps") and np.abs(values).max() > _FASTEST:
         return "deg/s", False
     if column.startswith("force"):
-        axes = [name for name in log.header if re.fullmatch(
-            f"({_NAMED['force_x_mps2']})|({_NAMED['force_y_mps2']})|({_NAMED['force_z_mps2']})",
-            _plain(name)[0])]  # fmt: skip
+        axes = [name for name in log.header if re.fullmatch(_FORCES, _plain(name)[0])]
         size = float(np.nanmedian(np.linalg.norm([log.values[name] for name in axes], axis=0)))
-        for unit, (low, high) in _SIZES.items():
+        for unit, (low, high) in _WORDS["gravity"].items():
             if low < size < high:
                 return unit, False
     return next(iter(known)), True
@@ -214,15 +193,8 @@ def _unit(what: str, column: str, called: str, log: _Log, *spans: float) -> tupl
 def _time_unit(what: str, time: Array, *spans: float) -> str:
     """Return the unit with which a stream lasts as long as another, or has a likely period."""
     units = [unit for unit, size in UNITS.items() if np.abs(time).max() < 1e11 * size]
-    step = (
-        float(
-            np.median(
-                np.diff(time)[np.diff(time) > 0],
-            )
-        )
-        if np.ptp(time) > 0
-        else 0.0
-    )
+    steps = np.diff(time)[np.diff(time) > 0]
+    step = float(np.median(steps)) if steps.size else 0.0
     for span in spans:
         for unit in units:
             if 1 / _ALIKE < np.ptp(time) / UNITS[unit] / max(span, 1e-9) < _ALIKE:
@@ -232,15 +204,11 @@ def _time_unit(what: str, time: Array, *spans: float) -> str:
 
 
 def _missing(there: set[str]) -> list[str]:
-    wanted = {
-        "Nothing tells the motion": ("imu.csv", "odometry.csv"),
-        "There is no network": ("fixes.csv", "ranges.csv"),
-        "There is no reference: errors cannot be told but by withheld fixes": ("reference.csv",),
-    }
     said = [
-        f"{words}; missing: {' or '.join(name.removesuffix('.csv') for name in names)}."
-        for words, names in wanted.items() if not set(names) & there
-    ]  # fmt: skip
+        f"{words}; missing: {' or '.join(names)}."
+        for words, names in _WORDS["missing"].items()
+        if not {f"{name}.csv" for name in names} & there
+    ]
     if "ranges.csv" in there and ANCHORS not in there:
         said.append(f"Where the anchors are is missing: write {ANCHORS} (anchor, x_m, y_m, z_m).")
     return said
@@ -255,16 +223,12 @@ def _write(folder: Path, lines: list[str]) -> str:
                       "lever_arm_m: [0, 0, 0]  # from the IMU to the antenna or tag, x, y, z",
                       *lines, ""])  # fmt: skip
     try:
-        with NamedTemporaryFile(
-            "w", dir=folder, suffix=".new", delete=False, encoding="utf-8"
-        ) as f:
-            f.write(text)
-        try:
-            os.link(f.name, path)  # which never writes over a file
-        finally:
-            Path(f.name).unlink()
+        with path.open("x", encoding="utf-8") as file:
+            file.write(text)
     except FileExistsError:
         return f"{path} is there already, and left as it is. It would be:\n{text}"
     except OSError as error:
+        with suppress(OSError):  # lest half of it is left
+            path.unlink()
         raise InswsnError(f"{path} cannot be written: {error.strerror}.") from None
     return f"{path} is written; check it, then read the folder as the kind csv."

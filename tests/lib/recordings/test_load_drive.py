@@ -45,7 +45,12 @@ def test_the_axes_are_forward_right_down(tmp_path: Path, monkeypatch: pytest.Mon
     make_rtklib(tmp_path / MIRROR)
     take(monkeypatch, *(tmp_path / MIRROR).iterdir())
     monkeypatch.setenv(DATA_VARIABLE, str(tmp_path))
-    found, logged = values_of(load_drive()), values_of(read_rtklib(tmp_path / MIRROR))
+    read = load_drive()
+    assert (read.name, read.licence, read.digests) == (
+        NAME, KNOWN[NAME].licence, KNOWN[NAME].source.digests,
+    )  # fmt: skip
+    assert read.source.endswith("8235ee6c5f349db529bf43ad556a3769b346b5a1/data/drive_0708")
+    found, logged = values_of(read), values_of(read_rtklib(tmp_path / MIRROR))
     for name in ("imu.rate", "imu.force"):
         x, y, z = np.transpose(logged.pop(name))
         assert np.array_equal(found.pop(name), np.column_stack([-x, y, -z]))

@@ -151,16 +151,6 @@ def plaza() -> Recording:
 
 
 @needs("plaza/2")
-def test_sizes(plaza: Recording) -> None:
-    assert {name: len(stream) for name, stream in plaza.streams.items()} == {
-        "odometry": 4090, "ranges": 1816, "reference": 4091,
-    }  # fmt: skip
-    assert plaza.ranges is not None
-    assert plaza.ranges.names == ("1", "6", "0", "5")
-    assert plaza.span == (3152.0, pytest.approx(3561.5233, abs=1e-4))
-
-
-@needs("plaza/2")
 def test_the_robot_points_where_it_goes(plaza: Recording) -> None:
     assert plaza.reference is not None
     way = np.diff(plaza.reference.position, axis=0)

@@ -70,54 +70,6 @@ def test_without_a_good_fix_the_first_is_the_origin_and_velocities_may_lack(tmp_
     assert fixes.velocity is None
 
 
-@pytest.mark.parametrize(
-    ("name", "old", "new", "said"),
-    [
-        ("imu_1.csv", "2.0,-1.5,5030", "2.0,5030", r"imu_1.csv has 6 cells in line 4; there must"),
-        ("imu_1.csv", "-1.5,5030", "x,5030", r"imu_1.csv has 'x' in line 4"),
-        ("imu_1.csv", "5030", "5020", r"imu_1.csv: the device's time: the .* repeats in row 4"),
-        ("imu_1.csv", "5030", "5015", r"imu_1.csv: the device's time: .* goes back by 0.005 s in"),
-        ("gnss_1.pos", "40.500", "40", r"gnss_1.pos: Fixes: the time stamp goes back by 0.25 s in"),
-        (
-            "gnss_1.pos",
-            "2025/08/28 17:30:40.500",
-            "2381 608658.5",
-            r"has '2381 608658.5' in line 4",
-        ),
-        (
-            "gnss_1.pos",
-            "2025/08/28 17:30:40.500",
-            "2025/13/28 17:30:40.500",
-            r"it must be a date an",
-        ),
-        ("gnss_1.pos", "%  GPST", "%  UTC", r"gnss_1.pos has UTC in its head; it must be GPST\."),
-        (
-            "gnss_1.pos",
-            "latitude(deg) longitude(deg) height(m)",
-            "x-ecef(m) y-ecef(m) z-ecef(m)",
-            r"gnss_1.pos has x-ecef\(m\), y-ecef\(m\), .* head; it must have latitude\(deg\), lon",
-        ),
-        ("gnss_1.pos", "(deg)", "(d'\")", r"has latitude\(d'\"\), longitude\(d'\"\), height\(m\)"),
-        ("gnss_1.pos", " ratio", "", r"gnss_1.pos has 24 cells in line 2; there must be 23"),
-        (
-            "gnss_1.pos",
-            "2025/08/28 17:30:40.500",
-            "%  GPST e-baseline(m)\n2025/08/28 17:30:40.5",
-            r"gnss_1.pos has heads that differ",
-        ),
-        ("gnss_1.pos", "-105.0000000", "-4870000.1", r"no latitude and longitude in degrees"),
-        ("gnss_1.pos", "40.0000200 -1", "40:00:00.1 -1", r"gnss_1.pos has '40:00:00.1' in li"),
-    ],
-)
-def test_spoilt_files_are_refused(tmp_path: Path, name: str, old: str, new: str, said: str) -> None:
-    make_rtklib(tmp_path)
-    text = (tmp_path / name).read_text()
-    assert old in text
-    (tmp_path / name).write_text(text.replace(old, new))
-    with pytest.raises(InswsnError, match=said):
-        read_rtklib(tmp_path)
-
-
 def test_columns_are_found_by_the_head_and_weeks_are_time(tmp_path: Path) -> None:
     make_rtklib(tmp_path)
     path = tmp_path / "gnss_1.pos"
@@ -157,30 +109,6 @@ def test_baselines_are_positions(tmp_path: Path) -> None:
         path.write_text(text)  # metres by their decimals, or since nothing goes so fast
         with pytest.raises(InswsnError, match=r"has no head, and its columns may not be latitude"):
             read_rtklib(tmp_path)
-
-
-@pytest.mark.parametrize(
-    ("name", "content", "said"),
-    [
-        ("imu_1.csv.tag", b"TIME", r"imu_1.csv.tag: it is not an RTKLIB time tag\."),
-        ("imu_1.csv.tag", b"TIMETAG RTKLIB".ljust(83, b"\0"), r"tag: it ends within a record\."),
-        ("imu_1.csv.tag", b"TIMETAG RTKLIB".ljust(76, b"\0"), r"tag: it ends before imu_1.csv doe"),
-        ("imu_1.csv", b"1\n0,0,1,0,0,0,5\n2\n", r"imu_1.csv: one row is too few"),
-        ("imu_1.csv", b"1\n" + 50 * b"0,0,1,0,0,0,5\n", r"imu_1.csv.tag: it ends before|repeats"),
-        ("imu_1.csv", b"1\n", r"imu_1.csv has no row of 7 numbers\."),
-        ("gnss_1.pos", b"% nothing\n", r"gnss_1.pos has no row of 15 numbers\."),
-        (
-            "gnss_1.pos",
-            b"2025/08/28 17:30:40.000 40 -105\n",
-            r"has 4 cells in line 1; there must be 15",
-        ),
-    ],
-)
-def test_spoilt_contents_are_refused(tmp_path: Path, name: str, content: bytes, said: str) -> None:
-    make_rtklib(tmp_path)
-    (tmp_path / name).write_bytes(content)
-    with pytest.raises(InswsnError, match=said):
-        read_rtklib(tmp_path)
 
 
 # --- the originals ---
@@ -229,9 +157,8 @@ def check(recording: Recording) -> None:
 
 @needs("rtklib/drive-0708")
 def test_the_drive(drive: Recording) -> None:
-    imu, fixes = streams(drive)
+    _, fixes = streams(drive)
     check(drive)
-    assert (len(imu), len(fixes)) == (54858, 2197)
     assert fixes.good is not None
     assert fixes.good.sum() == 2189
     assert np.rad2deg(drive.origin[:2] if drive.origin is not None else ()) == pytest.approx(
@@ -246,7 +173,6 @@ def test_the_drive(drive: Recording) -> None:
 def test_the_walk(walk: Recording) -> None:
     imu, fixes = streams(walk)
     check(walk)
-    assert (len(imu), len(fixes)) == (20455, 536)
     assert fixes.good is not None
     assert fixes.good.sum() == 349
     steps = np.diff(imu.time)
