@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -351,3 +352,32 @@ def test_an_anchor_that_would_not_be_read_is_not_written(tmp_path: Path, name: s
     with pytest.raises(InswsnError, match=r"the anchor 'A' is there more than once\."):
         recordings.write_csv(twins, tmp_path / "new")
     assert not (tmp_path / "new").exists()
+
+
+def test_long_files_are_read_alike_with_and_without_pandas(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Numbers alone are read at once; an uneven row, or a word, is told by its place."""
+    rng = np.random.default_rng(7)
+    rows = np.column_stack([np.arange(25_000) / 100, rng.normal(size=(25_000, 6)) * 0.1])
+    rows[:, 6] += 9.8
+    lines = [",".join(map(repr, row)) for row in rows.tolist()]
+    names = "rate_x_radps,rate_y_radps,rate_z_radps,force_x_mps2,force_y_mps2,force_z_mps2"
+
+    def logged(text: list[str]) -> Imu:
+        (tmp_path / "imu.csv").write_text("\n".join([f"time_s,{names}", *text, ""]))
+        found = recordings.load("csv", tmp_path).imu
+        assert found is not None
+        return found
+
+    quick = logged(lines)
+    for wrong, says in (("1,2", "has 2 cells in row 15002"), ("a", "has 1 cells in row 15002")):
+        with pytest.raises(InswsnError, match=says):
+            logged([*lines[:15_000], wrong, *lines[15_001:]])
+    word = lines[15_000].rpartition(",")[0] + ",1-2"
+    with pytest.raises(InswsnError, match="'1-2' in column force_z_mps2, row 15002"):
+        logged([*lines[:15_000], word, *lines[15_001:]])
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    slow = logged(lines)
+    assert np.array_equal(quick.rate, slow.rate)
+    assert np.array_equal(quick.rate, rows[:, 1:4])
