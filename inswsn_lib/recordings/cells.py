@@ -141,7 +141,6 @@ def _plain_numbers(sheet: Sheet, lines: list[str]) -> list[Array]:
         table = pd.read_csv(
             StringIO(text), sep=sheet.separator, header=None, names=range(sheet.width),
             index_col=False, usecols=[c.place for c in sheet.columns], dtype=float,
-            float_precision="round_trip",
         )  # fmt: skip
         found = [table[column.place].to_numpy() for column in sheet.columns]
         if not any(
