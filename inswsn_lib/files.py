@@ -101,12 +101,13 @@ def read_pieces(path: Path, most: int = RECORDED) -> Iterator[bytes]:
     """
     left = most
     try:
-        kind = path.stat().st_mode
+        found = path.stat()
+        kind, size = found.st_mode, min(max(found.st_size + 1, 1 << 16), _PIECE)
         if not stat.S_ISREG(kind):
             word = "a folder, not a file" if stat.S_ISDIR(kind) else "not a regular file"
             raise InswsnError(f"{path} is {word}.")
-        with path.open("rb") as stream:
-            while piece := stream.read(_PIECE):
+        with path.open("rb") as stream:  # which takes the memory of all that it is asked for
+            while piece := stream.read(size):
                 left -= len(piece)
                 if left < 0:
                     raise InswsnError(f"{path} has more than {most // 10**6} MB.")

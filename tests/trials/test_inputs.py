@@ -216,7 +216,8 @@ def computed(_: Project, request: runs.Request, *others: object) -> runs.Run:
     words = {
         "methods": {"a": "A"}, "headline": "left", "leader": {"best": "a", "error": 1.0},
     }  # fmt: skip
-    notebook = '{"cells": [], "metadata": {}, "nbformat": 4, "nbformat_minor": 5}'
+    title = '{"cell_type": "markdown", "id": "a", "metadata": {}, "source": "# A title"}'
+    notebook = f'{{"cells": [{title}], "metadata": {{}}, "nbformat": 4, "nbformat_minor": 5}}'
     files = {"scores.json": json.dumps(words)} if request.core else {}
     return runs.Run(request, results.model_copy(update={"parameters": checked}), notebook, files)
 
