@@ -20,6 +20,7 @@ _FLAT = 3e-5
 # ends may differ; steps of derivatives, and the widest, both in logarithms
 _BEGINS = ((0, 0), (1, -1), (-1, 1), (0, 1))
 _APART, _STEP, _WIDEST = 0.5, 1e-4, 9.0
+_FLAT_LIKELIHOOD = 1e-7  # share of the loss by which the last step of a search is no gain
 _IMPOSSIBLE = 1e12  # the loss where there is no likelihood
 
 
@@ -231,7 +232,7 @@ def most_likely(
     ends = [
         minimize(
             loss, width * np.resize(signs, len(origin)), method="L-BFGS-B",
-            bounds=[(-_WIDEST, _WIDEST)] * len(origin), options={"eps": _STEP},
+            bounds=[(-_WIDEST, _WIDEST)] * len(origin), options={"eps": _STEP, "ftol": _FLAT_LIKELIHOOD},
         )
         for signs in _BEGINS[:begins]
     ]  # fmt: skip
