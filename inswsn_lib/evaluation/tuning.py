@@ -232,7 +232,8 @@ def most_likely(
     ends = [
         minimize(
             loss, width * np.resize(signs, len(origin)), method="L-BFGS-B",
-            bounds=[(-_WIDEST, _WIDEST)] * len(origin), options={"eps": _STEP, "ftol": _FLAT_LIKELIHOOD},
+            bounds=[(-_WIDEST, _WIDEST)] * len(origin),
+            options={"eps": _STEP, "ftol": _FLAT_LIKELIHOOD},
         )
         for signs in _BEGINS[:begins]
     ]  # fmt: skip
