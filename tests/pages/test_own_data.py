@@ -191,11 +191,11 @@ def test_the_keyboard_does_it_all(page: Page) -> None:
 
 def test_other_figures_are_taken(page: Page) -> None:
     page.get_by_role("button", name="Show an example").click()
-    expect(results(page)).to_contain_text("they fit, in size and in whiteness")
+    expect(results(page)).to_contain_text("they fit: innovations are as large")
     page.locator("summary").click()
     page.get_by_label("Noise of network positions").fill("0.05")
     page.get_by_role("button", name="Compute again").click()
-    expect(results(page)).to_contain_text("they are too small, or the model is wrong")
+    expect(results(page)).to_contain_text("too small, or the model is wrong")
     page.get_by_label("Noise of network positions").fill("")
     page.get_by_role("button", name="Compute again").click()
     expect(page.get_by_role("alert")).to_contain_text("wsn_position_noise must be")
