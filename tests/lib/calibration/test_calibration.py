@@ -259,17 +259,18 @@ def test_what_is_asked_wrongly_is_refused() -> None:
 
 
 def test_ranges_alone_tell_what_each_anchor_has_too_much() -> None:
-    """With errors that last: of 12 intervals of 95 % an anchor misses more once in 10 000 times."""
+    """With errors that last: of 30 intervals of 95 % an anchor misses more once in 10 000 times."""
     missed, bias = [], np.linspace(-0.1, 0.1, 8)
-    for seed in range(12):
+    for seed in range(30):
         alone = made(seed, rate=50, bias=bias, lasting=0.05, noise=0.03).without("reference")
         found = calibrate(alone, ("bias",))
         half = np.diff(found.intervals(), axis=1)[:, 0] / 2
         missed.append(np.abs(found.values - bias) > half)
         assert found.deviations.max() < 0.06
         assert found.after < found.before
-    assert np.sum(missed, axis=0).max() <= binom.isf(1e-4 / 8, 12, 0.05)
-    assert np.mean(missed) < 0.15  # of 100 seeds 0.054; those of a seed hang together
+    assert np.sum(missed, axis=0).max() <= binom.isf(1e-4 / 8, 30, 0.05)
+    # those of a seed hang together
+    assert np.mean(missed) < 0.12
 
 
 def test_without_redundant_ranges_nothing_is_told() -> None:
