@@ -34,6 +34,7 @@ _LAG = 10.0  # s, to which autocorrelations are taken
 # what a tight filter may assume beside the tuned numbers: errors that soon fade
 _FADING = (0.02, 0.001, 0.05, 0.05, 0.5, 0.02)
 _BOUND = 0.2  # m
+_ALIGNMENTS = (15.0, 20.0, 25.0, 30.0, 40.0)  # s, from which P1's form is started
 _CHOICE = 30.0  # s after the start, by which one of the two is chosen
 
 
@@ -93,6 +94,7 @@ class RecordedStudy:
             "errors": self._errors(),
             "bias": self._biases(),
             "inrol/1": self.room.table(),
+            "starts": self._starts(),
             "smoother": self._smoother(),
             "tight": self._tight(),
             "clusters": clusters.table(),
@@ -125,6 +127,17 @@ class RecordedStudy:
             columns[part] = {name: value for name, (value, _) in told.items()}
             columns[f"{part} deviation"] = {name: sd for name, (_, sd) in told.items()}
         return pd.DataFrame(columns).sort_index()
+
+    def _starts(self) -> pd.DataFrame:
+        """Return P1's Kalman filter over the network, by how long its INS is aligned, s."""
+        rows = {}
+        for seconds in _ALIGNMENTS:
+            ladder = replace(self.room, alignment=seconds)
+            assert ladder.difference is not None  # beside an IMU
+            said = ladder.difference.run("KF", *ladder.tuned("KF").best).part(ladder.judged)
+            truth = ladder.truth[ladder.judged]
+            rows[seconds] = scores(said, truth, ladder.network.state[ladder.judged] - truth)
+        return pd.DataFrame(rows).T
 
     def _smoother(self) -> pd.DataFrame:
         """Return the smoothers over the causal filter, and the filters over each other."""
