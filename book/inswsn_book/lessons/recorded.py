@@ -25,7 +25,10 @@ Filter = Callable[[ExampleRun, float], tuple[Array, Array]]
 #: What the text has of the evidence: its name, the quantity, and its form
 EVIDENCE = (
     ("velocity", "room.coloured.velocity", ".2f"), ("lag", "room.lag.position", ".2f"),
-    ("kf", "room.kf.position", ".2f"), ("kfv", "room.kf.velocity", ".2f"),
+    *((n, f"room.kf.starts.{of}", ".2f") for n, of in (
+        ("kf", "position-least"), ("kf-most", "position-most"),
+        ("kfv", "velocity-least"), ("kfv-most", "velocity-most"),
+    )),
     *((n, f"outages.{n}", ".0f") for n in ("ins.least", "ins.most", "p1-ins.least", "p1-ins.most")),
     ("sure", "room.sure-gain", ".0f"),
 )  # fmt: skip
