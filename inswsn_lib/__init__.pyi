@@ -2,16 +2,15 @@
 
 # Rooms
 from . import (
-    calibration as calibration,
     inertial as inertial,
     evaluation as evaluation,
     filters as filters,
     learning as learning,
     lmi as lmi,
+    logs as logs,
     navigation as navigation,
     papers as papers,
     plotting as plotting,
-    recordings as recordings,
     simulation as simulation,
     vehicle as vehicle,
 )
@@ -21,7 +20,7 @@ from .models import ErrorModel as ErrorModel
 
 # Read a recording or a scenario
 from .files import data_file as data_file
-from .recordings import (
+from .logs import (
     TrackPair as TrackPair,
     check_recording as check_recording,
     read_recording as read_recording,
@@ -49,7 +48,7 @@ from .inertial import (
     smooth as smooth,
     smooth_with_lag as smooth_with_lag,
 )
-from .calibration import (
+from .logs import (
     calibrate as calibrate,
     imu_clock as imu_clock,
     multilaterate_track as multilaterate_track,
@@ -106,7 +105,7 @@ from .learning import (
 from .navigation import HybridNavigator as HybridNavigator, observable_inputs as observable_inputs
 
 # Follow a vehicle
-from .recordings import load_drive as load_drive
+from .logs import load_drive as load_drive
 from .vehicle import (
     FilterSettings as FilterSettings,
     emulate_sensors as emulate_sensors,

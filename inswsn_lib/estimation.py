@@ -5,12 +5,12 @@ from __future__ import annotations
 import warnings
 from typing import Any
 
-from inswsn_lib import calibration, inertial
+from inswsn_lib import inertial, logs
 
 
 def __getattr__(name: str) -> Any:
     """Return what has that name in the rooms that this one has become."""
-    for room in (inertial, calibration):
+    for room in (inertial, logs):
         if name in room.__all__:
             told = f"inswsn_lib.estimation.{name} is now {room.__name__}.{name}."
             warnings.warn(told, DeprecationWarning, stacklevel=2)

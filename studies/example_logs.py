@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from made_recording import made, made_imu
 
-from inswsn_lib.recordings import write_csv
+from inswsn_lib.logs import write_csv
 
 FOLDER = Path(__file__).parent.parent / "data/examples/raw-walk"
 SEED, SECONDS = 31, 60.0

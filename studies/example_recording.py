@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from inswsn_book.files import write_whole
 
-from inswsn_lib.recordings import INS, REFERENCE, TIME, WSN
+from inswsn_lib.logs import INS, REFERENCE, TIME, WSN
 
 SEED = 20120707
 PERIOD, STEPS = 0.2, 301

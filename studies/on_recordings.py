@@ -13,7 +13,7 @@ from pathlib import Path
 from inswsn_book.files import write_whole
 from inswsn_book.provenance import repository_state
 
-from inswsn_lib import recordings
+from inswsn_lib import logs
 from inswsn_lib.navigation import RecordedStudy, write_tables
 
 ROOT = Path(__file__).parent.parent
@@ -28,7 +28,7 @@ def main() -> None:
         made=datetime.datetime.now(datetime.UTC).date().isoformat(),
         commit=commit,
         clean=clean,
-        digests={name: dict(recordings.load(name).digests) for name in recordings.names()},
+        digests={name: dict(logs.load(name).digests) for name in logs.names()},
     )
     write_whole(ROOT / "data/recorded/on-recordings.json", text)
 

@@ -18,8 +18,8 @@ import numpy as np
 from inswsn_book.files import write_whole
 from inswsn_book.provenance import repository_state
 
+from inswsn_lib.logs import load_drive
 from inswsn_lib.navigation import p3_hybrids, run_recorded_outages
-from inswsn_lib.recordings import load_drive
 from inswsn_lib.scenario import load_scenario
 from inswsn_lib.vehicle import FilterSettings, calibrate_inertial_noise, emulate_sensors
 

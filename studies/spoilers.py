@@ -1,7 +1,7 @@
 """What can go wrong with a recording's files: changes of a folder of CSV files, of random sizes.
 
 Each changes one file as a log or its reader would spoil it, and knows by which name
-`inswsn_lib.recordings.check_set_up` should call that.
+`inswsn_lib.logs.check_set_up` should call that.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ import numpy as np
 import pandas as pd
 import yaml
 
-from inswsn_lib.recordings.csv_folder import COLUMNS
-from inswsn_lib.recordings.likeness import signed_permutations
+from inswsn_lib.logs.csv_folder import COLUMNS
+from inswsn_lib.logs.likeness import signed_permutations
 
 Random = np.random.Generator
 Change = Callable[[Path, float, Random], None]

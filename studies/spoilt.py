@@ -32,7 +32,7 @@ from spoilers import Spoiler, spoilers
 from spoilt_bases import Base, bases
 from study import read_kept
 
-from inswsn_lib import recordings
+from inswsn_lib import logs
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.streams import Recording
 
@@ -138,8 +138,8 @@ class Unspoilt:
     @classmethod
     def of(cls, base: Base, folder: Path) -> Unspoilt:
         """Write and check a recording, and run the filter on it."""
-        recordings.write_csv(base.recording, folder)
-        found = recordings.check_set_up(recordings.load("csv", folder))
+        logs.write_csv(base.recording, folder)
+        found = logs.check_set_up(logs.load("csv", folder))
         alarms = tuple(
             Alarm(recording=base.name, name=f.name, subject=f.subject, fits=f.fits, says=f.says)
             for f in found
@@ -179,13 +179,13 @@ def try_one(unspoilt: Unspoilt, spoiler: Spoiler, sizes: str, draw: int) -> Tria
 def outcome_of(unspoilt: Unspoilt, spoiler: Spoiler, folder: Path) -> dict[str, Any]:
     """Return what comes of a spoilt folder, as fields of a trial."""
     try:
-        recording = recordings.load("csv", folder)
+        recording = logs.load("csv", folder)
     except InswsnError as error:
         return {"outcome": "refused", "says": str(error)}
     except Exception as error:  # what the study looks for
         return _traceback("reader", error)
     try:
-        found = recordings.check_set_up(recording)
+        found = logs.check_set_up(recording)
     except Exception as error:
         return _traceback("checks", error)
     before = unspoilt.findings

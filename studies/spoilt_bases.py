@@ -14,9 +14,7 @@ import numpy as np
 from made_recording import made, made_drive, made_imu
 from numpy.typing import NDArray
 
-from inswsn_lib import recordings
-from inswsn_lib.calibration import multilaterate_track
-from inswsn_lib.calibration.reference_motion import ReferenceMotion
+from inswsn_lib import logs
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.inertial import (
     ImuNoise,
@@ -31,6 +29,8 @@ from inswsn_lib.inertial import (
     run_error_state,
 )
 from inswsn_lib.inertial.error_state import antenna
+from inswsn_lib.logs import multilaterate_track
+from inswsn_lib.logs.reference_motion import ReferenceMotion
 from inswsn_lib.streams import Fixes, Recording
 
 Array = NDArray[np.float64]
@@ -202,8 +202,8 @@ _RECORDED: dict[str, tuple[float, float, float, float, ImuNoise | OdometryNoise]
 def recorded(name: str) -> Base | None:
     """Return a recording that has a name; None where it is not to be had."""
     try:
-        whole = recordings.load(name)
-    except recordings.RecordingUnavailableError:
+        whole = logs.load(name)
+    except logs.RecordingUnavailableError:
         return None
     first, last, *numbers = _RECORDED[name]
     begin = whole.span[0]

@@ -11,7 +11,7 @@ from inswsn_book.archive import SITE_PACKAGES
 from jsonschema import Draft7Validator
 from pybtex.database import parse_file
 
-from inswsn_lib.recordings.registry import KNOWN
+from inswsn_lib.logs.registry import KNOWN
 
 # the official schema of version 1.2.0, which check-jsonschema brings
 SCHEMA = files("check_jsonschema") / "builtin_schemas" / "vendor" / "citation-file-format.json"

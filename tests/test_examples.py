@@ -22,7 +22,6 @@ from inswsn_lib.files import DATA_VARIABLE
 
 # The rooms whose public names are listed in __all__, and the modules below them
 ROOMS = (
-    "calibration",
     "evaluation",
     "filters",
     "inertial",
@@ -31,7 +30,7 @@ ROOMS = (
     "lmi",
     "navigation",
     "papers",
-    "recordings",
+    "logs",
     "simulation",
     "vehicle",
 )
@@ -67,12 +66,12 @@ EXEMPT = {
     "navigation.Ramps": "what VehicleHybrid learns from",
     "navigation.RecordedTrials": "shown by read_trials",
     "papers.Printed": "a name for str, without a docstring of its own",
-    "recordings.Answer": "shown by the module entries",
-    "recordings.Estimate": "given by Ladder.estimates",
-    "recordings.Event": "what an entry is given",
-    "recordings.RecordingUnavailableError": "raised by load_drive where nothing can be fetched",
-    "recordings.Report": "what report returns",
-    "recordings.Rung": "a part of Ladder",
+    "logs.Answer": "shown by the module entries",
+    "logs.Estimate": "given by Ladder.estimates",
+    "logs.Event": "what an entry is given",
+    "logs.RecordingUnavailableError": "raised by load_drive where nothing can be fetched",
+    "logs.Report": "what report returns",
+    "logs.Rung": "a part of Ladder",
     "scenario.between": "shown by from_settings",
     "simulation.DriveReference": "shown by horizontal_error",
     "simulation.Kinematics": "shown by Route",

@@ -64,8 +64,8 @@ def test_the_wheel_holds_the_science_and_its_data(
     wheel: tuple[str, list[str], dict[str, str]],
 ) -> None:
     _, names, says = wheel
-    data = ("data/scenarios/p1.yaml", "data/examples/ins-wsn.csv", "recordings/known.yaml")
-    assert {f"inswsn_lib/{name}" for name in (*data, "recordings/words.yaml")} <= {*names}
+    data = ("data/scenarios/p1.yaml", "data/examples/ins-wsn.csv", "logs/known.yaml")
+    assert {f"inswsn_lib/{name}" for name in (*data, "logs/words.yaml")} <= {*names}
     assert not [name for name in names if "inswsn_book" in name or "chapters" in name]
     needs = re.findall(r"^Requires-Dist: ([\w-]+)(.*)$", says["METADATA"], re.M)
     assert not {name for name, rest in needs if "extra ==" not in rest} & ABSENT
@@ -127,7 +127,7 @@ def test_the_example_of_the_readme_runs_by_the_science_alone(
     said = run(example + "\nimport sys; print({'numba', 'pandas'} & sys.modules.keys())", nobody)
     assert said.pop() == "set()"
     assert run(example, nobody, INSWSN_PLAIN="0") == said
-    run("from inswsn_lib import recordings, vehicle; recordings.load_drive, vehicle.align", nobody)
+    run("from inswsn_lib import logs, vehicle; logs.load_drive, vehicle.align", nobody)
     there, *again = run(ALONE + example)
     assert (there, again) == ("[]", said)
     (shown,) = re.findall(r"```text\n(drift.*?)```", readme, re.DOTALL)

@@ -81,11 +81,11 @@ def judge(entry: str, recording: str) -> None:
 
     For example: inswsn judge mine.py:Mine my-logs
     """
-    from inswsn_lib import recordings
+    from inswsn_lib import logs
 
     there = Path(recording).is_dir()
-    logs = recordings.load("csv", recording) if there else recordings.load(recording)
-    click.echo(recordings.judge(entry, logs).round(3).to_string())
+    read = logs.load("csv", recording) if there else logs.load(recording)
+    click.echo(logs.judge(entry, read).round(3).to_string())
 
 
 @cli.command()
@@ -280,9 +280,9 @@ def suggest(folder: Path) -> None:
 
     For example: inswsn suggest logs
     """
-    from inswsn_lib import recordings
+    from inswsn_lib import logs
 
-    click.echo(recordings.suggest(folder))
+    click.echo(logs.suggest(folder))
 
 
 @cli.command()

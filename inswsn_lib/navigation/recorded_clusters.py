@@ -8,14 +8,13 @@ from functools import cached_property
 import numpy as np
 import pandas as pd
 
-from inswsn_lib.calibration import multilaterate_track
 from inswsn_lib.checks import Array, Mask
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.filters import intersect
 from inswsn_lib.inertial import PositionFixes
-from inswsn_lib.recordings import Ladder
-from inswsn_lib.recordings.correction import COLOURED, UP
-from inswsn_lib.recordings.estimates import Estimate, scores
+from inswsn_lib.logs import Ladder, multilaterate_track
+from inswsn_lib.logs.correction import COLOURED, UP
+from inswsn_lib.logs.estimates import Estimate, scores
 from inswsn_lib.streams import Fixes, Ranges, Whole
 
 
@@ -35,7 +34,7 @@ class RecordedClusters:
     Examples
     --------
     >>> from inswsn_lib.navigation import RecordedClusters
-    >>> from inswsn_lib.recordings import Ladder
+    >>> from inswsn_lib.logs import Ladder
     >>> from inswsn_lib.streams import Recording
     >>> RecordedClusters(Ladder(Recording("empty"))).fixes
     Traceback (most recent call last):

@@ -12,9 +12,9 @@ import numpy as np
 from inswsn_lib import learning
 from inswsn_lib.checks import Array
 from inswsn_lib.filters import run_kalman
+from inswsn_lib.logs import Outages
+from inswsn_lib.logs.difference_filters import DifferenceFilters, difference_model
 from inswsn_lib.navigation.hybrid import HybridNavigator, observable_inputs
-from inswsn_lib.recordings import Outages
-from inswsn_lib.recordings.difference_filters import DifferenceFilters, difference_model
 from inswsn_lib.streams import Whole
 
 #: What P1's hybrid learns from, by the names of `observable_inputs`
@@ -40,7 +40,7 @@ class RecordedOutages(Outages):
     Examples
     --------
     >>> from inswsn_lib.navigation import RecordedOutages
-    >>> from inswsn_lib.recordings import Ladder
+    >>> from inswsn_lib.logs import Ladder
     >>> from inswsn_lib.streams import Recording
     >>> RecordedOutages(Ladder(Recording("empty"))).starts
     Traceback (most recent call last):

@@ -13,18 +13,17 @@ import numpy as np
 import pandas as pd
 from scipy.spatial.transform import Rotation
 
-from inswsn_lib import recordings
-from inswsn_lib.calibration import calibrate
+from inswsn_lib import logs
 from inswsn_lib.checks import Array
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.evaluation import autocorrelation
 from inswsn_lib.files import WRITTEN, read_text
+from inswsn_lib.logs import Ladder, Outages, calibrate
+from inswsn_lib.logs.correction import COLOURED, TIGHT
+from inswsn_lib.logs.estimates import scores, tag_track
+from inswsn_lib.logs.ladder import FIXED_LAG, SMOOTHER
 from inswsn_lib.navigation.recorded_clusters import RecordedClusters
 from inswsn_lib.navigation.recorded_outages import RecordedOutages
-from inswsn_lib.recordings import Ladder, Outages
-from inswsn_lib.recordings.correction import COLOURED, TIGHT
-from inswsn_lib.recordings.estimates import scores, tag_track
-from inswsn_lib.recordings.ladder import FIXED_LAG, SMOOTHER
 from inswsn_lib.streams import Ranges, Recording
 
 Tables = dict[str, pd.DataFrame]
@@ -108,7 +107,7 @@ class RecordedStudy:
         return found
 
     def _load(self, name: str) -> Recording:
-        return recordings.load(name, cache=self.cache)
+        return logs.load(name, cache=self.cache)
 
     def _errors(self) -> pd.DataFrame:
         """Return the errors of the network in the room, over the whole recording."""

@@ -153,7 +153,7 @@ def test_the_file_is_the_one_that_the_chapter_writes(
     table = pd.read_csv(StringIO(shown["csv"]))
     assert list(table) == [
         "time_s",
-        *(name.replace("ins", "corrected") for name in iw.recordings.INS),
+        *(name.replace("ins", "corrected") for name in iw.logs.INS),
     ]
     np.testing.assert_allclose(table["time_s"], found.data.time, atol=1e-6)
     np.testing.assert_allclose(
@@ -227,7 +227,7 @@ def test_a_network_without_velocities_and_no_reference() -> None:
 
 def test_a_slow_network_has_lags_of_its_own() -> None:
     slow = table()
-    slow.loc[slow.index % 5 != 0, list(iw.recordings.WSN)] = np.nan
+    slow.loc[slow.index % 5 != 0, list(iw.logs.WSN)] = np.nan
     found = examine(slow.to_csv(index=False), {})
     assert found.white["interval"] == pytest.approx(1.0, abs=0.01)
     assert all(each.fits is not False for each in found.findings)
@@ -261,7 +261,7 @@ def sparse() -> str:
     """Return a file of half as many rows as there may be steps, with a gap of three times that."""
     rows = MOST // 2
     time = np.arange(rows) + np.where(np.arange(rows) < rows // 2, 0, 3 * rows)
-    columns = ["time_s", *iw.recordings.INS, *iw.recordings.WSN[:2]]
+    columns = ["time_s", *iw.logs.INS, *iw.logs.WSN[:2]]
     return str(pd.DataFrame({c: time * (c == "time_s") for c in columns}).to_csv(index=False))
 
 
@@ -305,7 +305,7 @@ def test_as_many_rows_as_it_takes_are_done(monkeypatch: pytest.MonkeyPatch) -> N
     way = np.column_stack([time, 10 * np.sin(time / 10), np.ones_like(time), np.cos(time / 10)])
     fixes = np.where((np.arange(len(time)) % 5 == 0)[:, None], way, np.nan)
     fixes[1000:3000] = np.nan
-    columns = ["time_s", *iw.recordings.INS, *iw.recordings.WSN]
+    columns = ["time_s", *iw.logs.INS, *iw.logs.WSN]
     made = pd.DataFrame(np.column_stack([time, way, fixes]), columns=columns)
     text = made.round(4).to_csv(index=False)
     found = look(text, {})

@@ -15,11 +15,11 @@ from inswsn_book.results import Results, read_results
 from inswsn_book.runs import Request, run_all
 from made_folders import needs
 
-from inswsn_lib import recordings
+from inswsn_lib import logs
 from inswsn_lib.errors import InswsnError
+from inswsn_lib.logs.registry import KNOWN
 from inswsn_lib.navigation import read_tables, write_tables
 from inswsn_lib.navigation.recorded_study import Tables
-from inswsn_lib.recordings.registry import KNOWN
 
 
 @pytest.fixture(scope="module")
@@ -34,7 +34,7 @@ def kept(root: Path) -> Tables:
 
 def test_the_kept_results_say_what_they_came_from(root: Path) -> None:
     facts = read_tables(root / "data/recorded/on-recordings.json")[1]
-    assert set(facts["digests"]) == set(recordings.names())
+    assert set(facts["digests"]) == set(logs.names())
     for name, known in KNOWN.items():
         assert facts["digests"][name] == dict(known.source.digests)
     assert len(facts["commit"]) == 40

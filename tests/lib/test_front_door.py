@@ -57,8 +57,19 @@ def test_the_kalman_filter_loads_little_beside_numpy() -> None:
 def test_the_room_that_was_called_estimation_is_found_where_it_is() -> None:
     with pytest.warns(DeprecationWarning, match=r"align is now inswsn_lib\.inertial\.align"):
         from inswsn_lib.estimation import align
-    with pytest.warns(DeprecationWarning, match=r"is now inswsn_lib\.calibration\.slope_velocity"):
+    with pytest.warns(DeprecationWarning, match=r"is now inswsn_lib\.logs\.slope_velocity"):
         from inswsn_lib.estimation import slope_velocity
-    assert (align, slope_velocity) == (iw.inertial.align, iw.calibration.slope_velocity)
+    assert (align, slope_velocity) == (iw.inertial.align, iw.logs.slope_velocity)
     with pytest.raises(ImportError, match="anything"):
         from inswsn_lib.estimation import anything  # noqa: F401
+
+
+def test_rooms_that_are_logs_now_are_found_by_their_old_names() -> None:
+    with pytest.warns(DeprecationWarning, match=r"recordings is now inswsn_lib\.logs"):
+        from inswsn_lib.recordings.rtklib import read_solution
+    with pytest.warns(DeprecationWarning, match=r"calibration is now inswsn_lib\.logs"):
+        from inswsn_lib.calibration import calibrate
+    from inswsn_lib import recordings
+
+    assert (calibrate, recordings.load) == (iw.calibrate, iw.logs.load)
+    assert read_solution is iw.logs.rtklib.read_solution

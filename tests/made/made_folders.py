@@ -12,7 +12,7 @@ import pytest
 from scipy.io import savemat
 
 from inswsn_lib.files import DATA_VARIABLE
-from inswsn_lib.recordings.registry import KNOWN
+from inswsn_lib.logs.registry import KNOWN
 from inswsn_lib.streams import Recording
 
 HALF = np.sqrt(0.5)

@@ -22,7 +22,7 @@ import pytest
 from inswsn_book.live.own_page import look
 
 from inswsn_lib import ErrorModel, InswsnError, design_kalman, read_recording, run_kalman
-from inswsn_lib.recordings import (
+from inswsn_lib.logs import (
     INS,
     REFERENCE,
     TIME,

@@ -11,9 +11,9 @@ import pandas as pd
 from made_logs import MADE_LOGS
 from spoilers import Spoiler, in_tables, spoilers
 
-from inswsn_lib import recordings
+from inswsn_lib import logs
 from inswsn_lib.errors import InswsnError
-from inswsn_lib.recordings import Finding, check_set_up
+from inswsn_lib.logs import Finding, check_set_up
 from inswsn_lib.streams import Recording
 
 Random = np.random.Generator
@@ -150,7 +150,7 @@ def test_spoilt_logs_are_told_by_the_name(
             rng = np.random.default_rng([draw, k])
             for make in MADE_LOGS.values():
                 right, folder = make(draw + 5000), tmp_path / f"{draw} {k} {make.__name__}"
-                recordings.write_csv(right, folder)
+                logs.write_csv(right, folder)
                 if not (way.fits(folder) and TOLD[way.file, way.name](right)):
                     continue
                 by, name = way.draw("large", rng), f"{way.file}, {way.name}"
@@ -174,7 +174,7 @@ def test_spoilt_logs_are_told_by_the_name(
 def _found(folder: Path) -> list[Finding]:
     """Return what is wrong with a folder, by its reader or else by the checks."""
     try:
-        return wrong(check_set_up(recordings.load("csv", folder)))
+        return wrong(check_set_up(logs.load("csv", folder)))
     except InswsnError as error:
         name = "unit" if "it seems to be in" in str(error) else "refused"
         return [Finding(name, "reader", np.nan, np.nan, np.nan, False, str(error))]

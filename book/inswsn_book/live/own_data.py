@@ -1,7 +1,7 @@
 """The page on your own data on a reader's own file, in the page: what is read, filtered and found.
 
 It needs numpy alone and computes by the functions of the library that the chapter calls. What asks
-for more, `inswsn_lib.recordings.check_recording`, is left to ``inswsn run
+for more, `inswsn_lib.logs.check_recording`, is left to ``inswsn run
 your-own-data``. What the page shows of it is in ``own_page.py``.
 """
 
@@ -18,11 +18,11 @@ from inswsn_lib.checks import Array, number
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.evaluation.consistency import autocorrelation, normalised_squares
 from inswsn_lib.filters.kalman import design_kalman, run_kalman
+from inswsn_lib.logs.columns import columns_of
+from inswsn_lib.logs.filter_checks import check_filter, usual_spacing
+from inswsn_lib.logs.findings import Finding
+from inswsn_lib.logs.ins_wsn import TrackPair, track_pair
 from inswsn_lib.models import ErrorModel
-from inswsn_lib.recordings.columns import columns_of
-from inswsn_lib.recordings.filter_checks import check_filter, usual_spacing
-from inswsn_lib.recordings.findings import Finding
-from inswsn_lib.recordings.ins_wsn import TrackPair, track_pair
 
 
 class Figure(NamedTuple):
@@ -94,7 +94,7 @@ def examine(text: str, options: Mapping[str, Any]) -> Examined:
     Raises
     ------
     InswsnError
-        If the file or an option does not fit, as `inswsn_lib.recordings.read_recording` says it.
+        If the file or an option does not fit, as `inswsn_lib.logs.read_recording` says it.
 
     Examples
     --------

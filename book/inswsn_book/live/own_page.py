@@ -16,9 +16,9 @@ from inswsn_book.live.own_data import Examined, examine
 from inswsn_book.moving import Chart, Moving
 from inswsn_lib.checks import Array
 from inswsn_lib.evaluation.consistency import FALSE_ALARM, mean_square
-from inswsn_lib.recordings.columns import INS, TIME
-from inswsn_lib.recordings.filter_checks import say_noise
-from inswsn_lib.recordings.ins_wsn import TrackPair
+from inswsn_lib.logs.columns import INS, TIME
+from inswsn_lib.logs.filter_checks import say_noise
+from inswsn_lib.logs.ins_wsn import TrackPair
 
 _POINTS = 1500  # of a series that is drawn
 _GROUPS = 400  # of the chart of the NIS, each the mean of some fixes

@@ -9,11 +9,11 @@ import pytest
 from made_folders import needs
 from made_recording import made, made_imu, motion
 
-from inswsn_lib import recordings
+from inswsn_lib import logs
 from inswsn_lib.errors import InswsnError
+from inswsn_lib.logs import Ladder, Outages
+from inswsn_lib.logs.correction import COLOURED, WHITE
 from inswsn_lib.navigation import RecordedClusters, RecordedOutages
-from inswsn_lib.recordings import Ladder, Outages
-from inswsn_lib.recordings.correction import COLOURED, WHITE
 from inswsn_lib.streams import Fixes, Recording
 
 
@@ -107,7 +107,7 @@ def test_two_clusters_with_independent_errors_are_fused_as_theory_says() -> None
 
 @needs("inrol/1")
 def test_in_recorded_outages_the_learners_are_worse_than_standing_still() -> None:
-    table = RecordedOutages(on_fixes(recordings.load("inrol/1")), every=8.0).table((10.0,))
+    table = RecordedOutages(on_fixes(logs.load("inrol/1")), every=8.0).table((10.0,))
     still = table.loc["stand still at the last fix", "rms 10 s"]
     assert table.loc["P1's LS-SVM", "rms 10 s"] > still
     assert table.loc["coasting filter", "ratio 10 s"] < 1

@@ -20,7 +20,7 @@ from pyins.util import ACCEL_COLS, GYRO_COLS
 from scipy.spatial.transform import Rotation
 
 from inswsn_lib.errors import InswsnError, ParameterError
-from inswsn_lib.recordings import load_drive
+from inswsn_lib.logs import load_drive
 from inswsn_lib.simulation import Drive, Place
 from inswsn_lib.streams import Fixes, Imu, Recording
 from inswsn_lib.vehicle import (

@@ -1,0 +1,585 @@
+"""Filters of recordings with an IMU or odometry, and fixes or ranges, that start by themselves."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any, ClassVar
+
+import numpy as np
+from scipy.integrate import cumulative_trapezoid
+
+from inswsn_lib.checks import Array, Mask
+from inswsn_lib.errors import InswsnError
+from inswsn_lib.inertial import (
+    ImuNoise,
+    InertialMotion,
+    Observation,
+    OdometryMotion,
+    OdometryNoise,
+    PositionFixes,
+    RangesToAnchors,
+    Solution,
+    Start,
+    Velocities,
+    WheelSpeeds,
+    align,
+    align_planar,
+    run_error_state,
+)
+from inswsn_lib.logs import slope_velocity
+from inswsn_lib.logs.findings import Finding
+from inswsn_lib.logs.network_fixes import HELD, fixes_of, on_a_side, with_height
+from inswsn_lib.logs.window_fits import PERIODS
+from inswsn_lib.streams import Fixes, Ranges, Recording, Whole
+
+#: What the errors of fixes upwards are taken for, times those to the side
+UP = np.array([1.0, 1.0, 2.0])
+#: Of the random walks of the IMU's biases, which no short recording tells
+WALKS = (1e-3, 1e-4)
+#: Ranges that lie four deviations from what is expected are left out
+GATE = 16.0
+_LASTING = 3.0  # s, of the coloured errors of fixes at the begin of the search
+_OF_SECOND_DIFFERENCES = 1.4826 / np.sqrt(6)  # from their median size to a deviation
+_LEAST, _LEAST_SHARE = 1e-3, 0.1  # m, of a deviation, and of one over the median
+# Of an alignment: s before the first fix, and shares of all at which it ends, first and at last
+_BEFORE, _SHORTER, _LONGEST = 0.1, 0.25, 0.4
+# Of the odometry: the bias of each anchor's ranges is a number, their common scale is not
+_SCALE, _ODOMETRY_WALKS = 0.1, (1e-3, 1e-5)
+_SCALED, _DRIFTING = 0.2, 0.05  # 1, rad/s: at the start of odometry
+# Names of filters
+WHITE = "loosely coupled, white fixes"
+COLOURED = "loosely coupled, coloured fixes"
+TIGHT = "tightly coupled, coloured ranges"
+PLANAR_TIGHT = "tightly coupled, biases and a scale"
+LATERAL = "coloured fixes, and no slip to the side"
+# A body that goes faster than a runner is a vehicle: m/s, of a quantile; how often it is said not
+# to slip, s, and how fast it may at first, m/s
+_RUNNER, _QUANTILE, _SLIP_STEP, _SLIP = 6.0, 0.8, 0.2, 0.3
+
+
+@dataclass(frozen=True, eq=False)
+class Rung:
+    """A filter on a recording.
+
+    Attributes
+    ----------
+    run : callable
+        Takes the numbers, and by name ``start``, ``end``, and ``kept`` as `run_error_state`, and
+        ``gone``, which fixes are withheld; returns a solution, with an event at each fix's time.
+    begin : tuple of float
+        The numbers, where the search for them begins.
+    series : list of (ndarray, ndarray)
+        Of each observation that is judged, the times of the components of its measurements, s, and
+        of which series each is: an axis, or an anchor.
+    lasting : int, optional
+        Which of the numbers is a correlation time; the others are deviations.
+    """
+
+    run: Callable[..., Solution]
+    begin: tuple[float, ...]
+    series: list[tuple[Array, Whole]]
+    lasting: int | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Correction(ABC):
+    """Filters of a motion that is coupled to fixes, or to ranges.
+
+    Attributes
+    ----------
+    recording : Recording
+        With what moves.
+    fixes : Fixes
+        With velocities; if there are ranges, made of them.
+    alignment : float
+        For how long after the first fix the start is aligned, s, or a quarter of the recording if
+        that is shorter; for longer where the heading does not show yet.
+    given : Start, optional
+        What is known of the start.
+    held : bool
+        Whether the fixes' heights were not measured, but are held.
+    assumed : list of Finding
+        What is taken for granted of the network.
+    """
+
+    recording: Recording
+    fixes: Fixes
+    alignment: float
+    given: Start | None = None
+    held: bool = False
+    assumed: list[Finding] = field(default_factory=list)
+
+    #: Of how many of x, y, vx, vy the filters state the errors
+    stated: ClassVar[int]
+    #: Times its variance, beyond which a component is left out; of loosely coupled filters
+    gate: ClassVar[float]
+
+    @property
+    def lever_arm(self) -> Array:
+        """From what moves to the tag, (3,) or on a plane (2,), m."""
+        return self.recording.lever_arm
+
+    @property
+    def rate(self) -> Array | None:
+        """What the gyroscopes say at the times of fixes, (fixes, 3), rad/s; None by odometry."""
+        return None
+
+    @property
+    @abstractmethod
+    def rungs(self) -> dict[str, Rung]:
+        """The filters by name."""
+
+    @property
+    @abstractmethod
+    def start(self) -> Start:
+        """Where the filters start."""
+
+    @abstractmethod
+    def motion(self, first: float, second: float) -> Any:
+        """Return the motion with the first two numbers of a filter.
+
+        Parameters
+        ----------
+        first, second : float
+            Of `ImuNoise`, or of `OdometryNoise`.
+        """
+
+    def run(
+        self, observed: Sequence[Observation], first: float, second: float,
+        start: Start | None = None, *, end: float = np.inf, kept: bool = True,
+        gate: float | None = None,
+    ) -> Solution:  # fmt: skip
+        """Run a filter on observations of one's own, with an event at the time of each fix.
+
+        Parameters
+        ----------
+        observed : sequence of Observation
+        first, second : float
+            As of `motion`.
+        start : Start, optional
+            By default that of the recording.
+        end, kept, gate
+            As in `run_error_state`.
+        """
+        nothing = np.full((len(self.fixes), len(self.lever_arm)), np.nan)
+        silent = PositionFixes(
+            Fixes(self.fixes.time, nothing), self.lever_arm, np.ones(len(self.lever_arm))
+        )
+        return run_error_state(
+            self.motion(first, second), self.start if start is None else start,
+            [*observed, silent], end=end, kept=kept, gate=self.gate if gate is None else gate,
+        )  # fmt: skip
+
+    @property
+    def middle(self) -> float:
+        """The middle of the time of fixes, s."""
+        return float(np.mean(self.fixes.time[[0, -1]]))
+
+    def _left(self, gone: Mask | None) -> tuple[Fixes, Ranges | None]:
+        """Return fixes and ranges without those of some fixes."""
+        fixes, ranges = self.fixes, self.recording.ranges
+        if gone is None:
+            return fixes, ranges
+        if ranges is not None:
+            # the stamp of a fix is between those of its ranges
+            middles = (fixes.time[1:] + fixes.time[:-1]) / 2
+            ranges = ranges.kept(~gone[np.searchsorted(middles, ranges.time)])
+        position = np.where(gone[:, None], np.nan, fixes.position)
+        velocity = fixes.velocity
+        if velocity is not None:
+            velocity = np.where(gone[:, None], np.nan, velocity)
+        return replace(fixes, position=position, velocity=velocity), ranges
+
+
+class InertialCorrection(Correction):
+    """An INS in space, coupled to fixes, or to ranges, whose errors are white, or lasting, too.
+
+    Numbers of all its filters are first those of `ImuNoise`, force and rate. On fixes they go on
+    with the deviation of the white errors of fixes to the side, m, and that of their velocities,
+    m/s, if these were measured; then, if errors of fixes last, their deviation, m, and correlation
+    time, s. Where fixes say how good each is, their errors go with that. On ranges: the deviation
+    of white errors, that of coloured ones, m, the correlation time of these, s, and the deviation
+    of a bias of each anchor, m.
+    """
+
+    stated = 4
+    gate = np.inf
+
+    @cached_property
+    def rungs(self) -> dict[str, Rung]:
+        """The filters by name."""
+        velocity, size = self.fixes.velocity, deviation_of(self.fixes)
+        speeds = [_size(velocity[:, :2])] if velocity is not None and self._measured else []
+        series = [_series(self.fixes.time, self._measured_part(self.fixes).position)]
+        if velocity is not None and self._measured:
+            series.append(_series(self.fixes.time, velocity, first=3))
+        white = (0.02, 0.002, size, *speeds)
+        coloured = (0.02, 0.002, size / 2, *speeds, size, _LASTING)
+        found = {
+            WHITE: Rung(self._loose, white, series),
+            COLOURED: Rung(self._loose, coloured, series, len(coloured) - 1),
+        }
+        if (heard := self.recording.ranges) is not None:
+            begin = (0.02, 0.001, size / 2, size / 2, 1.0, size / 4)
+            found[TIGHT] = Rung(self._tight, begin, [(heard.time, heard.anchor)], 4)
+        elif velocity is not None and _is_vehicle(velocity[self.fixes.time <= self.middle]):
+            found[LATERAL] = Rung(self._lateral, (*coloured, _SLIP), series, len(coloured) - 1)
+        return found
+
+    @cached_property
+    def axes(self) -> Array:
+        """Turns vectors of the IMU into axes of a vehicle: forward, left, up, (3, 3).
+
+        Forward is where it goes, by a filter on the first half of the fixes; up is near the mean
+        vertical.
+        """
+        solution = self._loose(*self.rungs[COLOURED].begin, end=self.middle)
+        R = np.array([state.attitude for state in solution.states])
+        moving = np.linalg.norm(solution.velocity, axis=1) > _RUNNER
+        forward = np.einsum("kji,kj->i", R[moving], solution.velocity[moving])
+        left = np.cross(R[:, 2].mean(axis=0), forward)
+        rows = [forward, left, np.cross(forward, left)]
+        return np.array([row / np.linalg.norm(row) for row in rows])
+
+    @cached_property
+    def rate(self) -> Array:
+        """What the gyroscopes say at the times of fixes, (fixes, 3), rad/s."""
+        imu = self.recording.imu
+        assert imu is not None
+        return np.column_stack([np.interp(self.fixes.time, imu.time, x) for x in imu.rate.T])
+
+    @property
+    def _measured(self) -> bool:
+        """Whether velocities of fixes were measured, and are not slopes of fixes."""
+        fixes = self.recording.fixes
+        return self.recording.ranges is None and fixes is not None and fixes.velocity is not None
+
+    @cached_property
+    def start(self) -> Start:
+        """Where the filters start, by an alignment."""
+        force, rate, *sizes = self.rungs[WHITE].begin
+        first, last = _first_fix(self.fixes), float(self.fixes.time[-1])
+        begin = first - _BEFORE if self.given is None else self.given.time
+        end = max(begin, first) + min(self.alignment, _SHORTER * (last - first))
+        return align(
+            self.motion(force, rate), self._observed(sizes), begin, end, prior=self.given,
+            latest=max(end, first + _LONGEST * (last - first)),
+        )  # fmt: skip
+
+    def motion(self, first: float, second: float) -> InertialMotion:
+        """Return the integration of the IMU with these noises of `ImuNoise`.
+
+        Parameters
+        ----------
+        first, second : float
+            Of force and rate.
+        """
+        return InertialMotion.of(self.recording, ImuNoise(first, second, *WALKS))
+
+    def _loose(
+        self, force: float, rate: float, *sizes: float, gone: Mask | None = None, **how: Any
+    ) -> Solution:
+        return self.run(self._observed(sizes, gone), force, rate, **how)
+
+    def _lateral(
+        self, force: float, rate: float, *numbers: float, gone: Mask | None = None, **how: Any
+    ) -> Solution:
+        """Run with the constraint that a vehicle slips to no side, and stays on the ground."""
+        *sizes, slip = numbers
+        first, last = self.fixes.time[[0, -1]]
+        time = np.arange(float(first), float(last), _SLIP_STEP)
+        unknown = np.full(len(time), np.nan)
+        wheels = WheelSpeeds(time, unknown, self.axes, np.array([1.0, slip, slip]))
+        return self.run([*self._observed(sizes, gone), wheels], force, rate, **how)
+
+    def _tight(
+        self, force: float, rate: float, white: float, coloured: float, time: float, bias: float,
+        gone: Mask | None = None, **how: Any,
+    ) -> Solution:  # fmt: skip
+        _, heard = self._left(gone)
+        assert heard is not None
+        ranges = RangesToAnchors(heard, self.lever_arm, white, bias, coloured, time)
+        return self.run([ranges], force, rate, gate=GATE, **how)
+
+    def _observed(self, numbers: Sequence[float], gone: Mask | None = None) -> list[Observation]:
+        (white, *others), measured = numbers, self._measured
+        fixes, shares = self._left(gone)[0], shares_of(self.fixes)
+        colours = _colour(others[measured:], np.nanmedian(shares, axis=0))
+        observed: list[Observation] = [
+            PositionFixes(self._measured_part(fixes), self.lever_arm, white * shares, *colours)
+        ]
+        if measured:
+            assert fixes.velocity is not None
+            observed.append(
+                Velocities(fixes.time, fixes.velocity, others[0] * UP, self.rate, self.lever_arm)
+            )
+        if self.held:
+            heights = replace(fixes, position=fixes.position * [np.nan, np.nan, 1.0])
+            observed.append(PositionFixes(heights, self.lever_arm, np.full(3, HELD)))
+        return observed
+
+    def _measured_part(self, fixes: Fixes) -> Fixes:
+        """Return fixes without heights that are held."""
+        return replace(fixes, position=fixes.position * [1, 1, np.nan]) if self.held else fixes
+
+
+class OdometryCorrection(Correction):
+    """Dead reckoning on a plane, with fixes, or tightly coupled with ranges.
+
+    Numbers of all its filters are first those of `OdometryNoise`, speed and rate; then on fixes as
+    those of `InertialCorrection`, on ranges the deviations of white errors and of a bias of each
+    anchor, m. Ranges have a common scale as a state. The speed is no state.
+    """
+
+    stated = 2
+    gate = GATE
+
+    @property
+    def lever_arm(self) -> Array:
+        """From what moves to the tag, (2,), m."""
+        return self.recording.lever_arm[:2]
+
+    @cached_property
+    def rungs(self) -> dict[str, Rung]:
+        """The filters by name."""
+        motion, size = (0.05, 0.02), deviation_of(self.fixes)
+        series = [_series(self.fixes.time, self.fixes.position[:, :2])]
+        coloured = (*motion, size / 2, size, _LASTING)
+        found = {
+            WHITE: Rung(self._loose, (*motion, size), series),
+            COLOURED: Rung(self._loose, coloured, series, len(coloured) - 1),
+        }
+        if (heard := self.recording.ranges) is not None:
+            found[PLANAR_TIGHT] = Rung(
+                self._tight, (*motion, 0.2, 0.2), [(heard.time, heard.anchor)]
+            )
+        return found
+
+    @cached_property
+    def start(self) -> Start:
+        """The given one, or where an alignment by a bank of headings ends."""
+        if self.given is not None:
+            return self.given
+        first, last = _first_fix(self.fixes), float(self.fixes.time[-1])
+        place = self.fixes.position[self.fixes.time == first][0, :2]
+        far = 3 * deviation_of(self.fixes) + float(np.linalg.norm(self.lever_arm))
+        tight = self.recording.ranges is not None
+        speed, rate, *sizes = self.rungs[PLANAR_TIGHT if tight else WHITE].begin
+        observed = [self._ranges(sizes) if tight else self._fixes(sizes)]
+        begin, window = first - 1e-3, min(self.alignment, _SHORTER * (last - first))
+        while True:
+            try:
+                return align_planar(
+                    self.motion(speed, rate), observed, begin, begin + window, place,
+                    (far, _SCALED, _DRIFTING),
+                )  # fmt: skip
+            except InswsnError:
+                window *= 2
+                if not 0 < window <= _LONGEST * (last - first):  # 0 of a single fix
+                    raise
+
+    def motion(self, first: float, second: float) -> OdometryMotion:
+        """Return the integration of the odometry with these noises of `OdometryNoise`.
+
+        Parameters
+        ----------
+        first, second : float
+            Of speed and rate.
+        """
+        assert self.recording.odometry is not None
+        noise = OdometryNoise(first, second, *_ODOMETRY_WALKS)
+        return OdometryMotion(self.recording.odometry, noise)
+
+    def _loose(
+        self, speed: float, rate: float, *sizes: float, gone: Mask | None = None, **how: Any
+    ) -> Solution:
+        return self.run([self._fixes(sizes, gone)], speed, rate, **how)
+
+    def _tight(
+        self, speed: float, rate: float, *sizes: float, gone: Mask | None = None, **how: Any
+    ) -> Solution:
+        return self.run([self._ranges(sizes, gone)], speed, rate, **how)
+
+    def _fixes(self, numbers: Sequence[float], gone: Mask | None = None) -> PositionFixes:
+        (white, *others), fixes = numbers, self._left(gone)[0]
+        planar = Fixes(fixes.time, fixes.position[:, :2])
+        sizes = white * shares_of(self.fixes)[:, :2]
+        return PositionFixes(planar, self.lever_arm, sizes, *_colour(others, np.ones(2)))
+
+    def _ranges(self, numbers: Sequence[float], gone: Mask | None = None) -> RangesToAnchors:
+        (white, bias), (_, ranges) = numbers, self._left(gone)
+        assert ranges is not None
+        return RangesToAnchors(ranges, self.lever_arm, white, bias=bias, scale=_SCALE)
+
+
+def correction_of(
+    recording: Recording, alignment: float, start: Start | None = None, period: float | None = None
+) -> Correction:
+    """Return the filters for the streams that there are.
+
+    Parameters
+    ----------
+    recording : Recording
+        Odometry comes before an IMU, ranges before fixes.
+    alignment : float
+        s.
+    start : Start, optional
+        What is known of it, of `known_start`, or for odometry with a `PlanarState`.
+    period : float, optional
+        Of fixes by ranges, s; by default the shortest of some in which most have one.
+
+    Raises
+    ------
+    InswsnError
+        If there is nothing that moves, or no network while it does.
+    """
+    motion = recording.odometry if recording.odometry is not None else recording.imu
+    if motion is None or not len(motion):
+        raise InswsnError(
+            f"The recording {recording.name} has neither an IMU nor odometry: there is nothing to "
+            "correct fixes with."
+        )
+    whole = recording
+    recording = recording.part(float(motion.time[0]), float(np.nextafter(motion.time[-1], np.inf)))
+    if recording.odometry is not None:
+        ranges = recording.ranges
+        if ranges is not None and ranges.anchors.shape[1] > 2:
+            raise InswsnError(
+                f"The recording {whole.name} has odometry, which moves on a plane, and anchors in "
+                "three dimensions: leave out z_m, and have ranges along the plane."
+            )
+
+    def build(fixes: Fixes) -> Correction:
+        fixes = slope_velocity(fixes) if fixes.velocity is None else fixes
+        if recording.odometry is not None:
+            return OdometryCorrection(recording, fixes, alignment, start)
+        if fixes.position.shape[1] > 2:
+            return InertialCorrection(recording, fixes, alignment, start)
+        fixes, assumed = with_height(fixes, recording.height or 0.0)
+        return InertialCorrection(recording, fixes, alignment, start, True, assumed)
+
+    ranges = recording.ranges
+    if ranges is None or not len(ranges) or recording.height is not None:
+        return build(network_of(recording, period))
+    return on_a_side(ranges, _periods(period), build, _likelihood)
+
+
+def _likelihood(filters: Correction) -> tuple[float, float]:
+    """Return when filters start, s, and the logarithm of a likelihood over the first half."""
+    run, begin = filters.rungs[WHITE].run, filters.rungs[WHITE].begin
+    return filters.start.time, run(*begin, end=filters.middle, kept=False).log_likelihood
+
+
+def turned_by_gyroscope(recording: Recording) -> Recording | None:
+    """Return a recording whose odometry turns as its IMU does about the vertical, if it has both.
+
+    Up is the mean specific force: the vehicle goes on a plane, and comes to rest as fast as it
+    began to move.
+
+    Parameters
+    ----------
+    recording : Recording
+    """
+    odometry, imu = recording.odometry, recording.imu
+    if odometry is None or imu is None or len(imu) < 2:
+        return None
+    up = imu.force.mean(axis=0)
+    size = float(np.linalg.norm(up))
+    rate = imu.rate @ up / (size if size > 0 else 1.0)
+    turned = cumulative_trapezoid(rate, imu.time, initial=0.0)
+    begins, ends = odometry.time[:-1], odometry.time[1:]
+    inside = (begins >= imu.time[0]) & (ends <= imu.time[-1])
+    means = np.diff(np.interp(odometry.time, imu.time, turned)) / (ends - begins)
+    mean = np.append(odometry.rate[0], np.where(inside, means, odometry.rate[1:]))
+    return replace(recording, odometry=replace(odometry, rate=mean), imu=None)
+
+
+def network_of(recording: Recording, period: float | None = None) -> Fixes:
+    """Return what the network alone says: fixes as they are, or of ranges, with velocities.
+
+    Parameters
+    ----------
+    recording : Recording
+    period : float, optional
+        Of fixes by ranges, s; by default the shortest of some in which most have one.
+
+    Raises
+    ------
+    InswsnError
+        If there is no network, or too few ranges at a time.
+    """
+    if recording.ranges is not None and len(recording.ranges):
+        return slope_velocity(fixes_of(recording.ranges, _periods(period), recording.height))
+    fixes = recording.fixes
+    if fixes is None or not np.isfinite(fixes.position).all(axis=1).any():
+        raise InswsnError(
+            f"The recording {recording.name} has neither ranges nor fixes while it moves: there is "
+            "nothing to correct by."
+        )
+    return slope_velocity(fixes) if fixes.velocity is None else fixes
+
+
+def _periods(period: float | None) -> tuple[float, ...]:
+    return PERIODS if period is None else (period,)
+
+
+def _first_fix(fixes: Fixes) -> float:
+    """Return when the first fix was, s."""
+    return float(fixes.time[np.isfinite(fixes.position).all(axis=1)][0])
+
+
+def deviation_of(fixes: Fixes) -> float:
+    """Return about how large the errors of fixes are, m.
+
+    What they say of themselves, or else what their second differences are if they move steadily.
+    """
+    if fixes.deviation is not None and np.isfinite(fixes.deviation).any():
+        return max(float(np.nanmedian(fixes.deviation[:, :2])), _LEAST)
+    return _size(fixes.position[:, :2])
+
+
+def _size(values: Array) -> float:
+    """Return about how large errors of values (rows, 2) are, by their second differences."""
+    second = np.diff(values[np.isfinite(values).all(axis=1)], 2, axis=0)
+    if not len(second):
+        return 1.0
+    return max(float(_OF_SECOND_DIFFERENCES * np.median(np.abs(second))), _LEAST)
+
+
+def shares_of(fixes: Fixes) -> Array:
+    """Return deviations of fixes by axis over the median one to the side, (rows, 3).
+
+    Those that a fix does not say are as in the median, and twice as large upwards.
+
+    Parameters
+    ----------
+    fixes : Fixes
+    """
+    found = np.tile(UP, (len(fixes), 1))
+    if fixes.deviation is not None and np.isfinite(fixes.deviation).any():
+        said = fixes.deviation / deviation_of(fixes)
+        part = found[:, : said.shape[1]]
+        part[:] = np.where(np.isfinite(said), np.maximum(said, _LEAST_SHARE), part)
+    return found
+
+
+def _series(time: Array, values: Array, first: int = 0) -> tuple[Array, Whole]:
+    """Return the times of the components (rows, d) that are there, and their series."""
+    row, axis = np.nonzero(np.isfinite(values))
+    return time[row], np.asarray(first + axis, dtype=np.int64)
+
+
+def _colour(numbers: Sequence[float], axes: Array) -> list[Array]:
+    """Return deviations and correlation times by axis of coloured errors, if there are some."""
+    if not numbers:
+        return []
+    size, lasting = numbers
+    return [size * axes, np.full(len(axes), lasting)]
+
+
+def _is_vehicle(velocity: Array) -> bool:
+    speed = np.linalg.norm(velocity[np.isfinite(velocity).all(axis=1)], axis=1)
+    return bool(len(speed)) and float(np.quantile(speed, _QUANTILE)) > _RUNNER

@@ -1,0 +1,364 @@
+"""By which clock, axes and unit vectors of two sources are alike: every candidate against others.
+
+What one source sees is, for a signed permutation P and a factor k, k P times what another tells of
+the same motion, whatever the mean of each. By moments alone all candidates have a closed form.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import permutations, product
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+from scipy.stats import f, t
+
+from inswsn_lib.checks import Array, Mask
+from inswsn_lib.logs.blocks import FEWEST, block_starts
+from inswsn_lib.logs.findings import FALSE_ALARM, Finding
+from inswsn_lib.logs.turn_rates import Felt, unbroken
+
+#: For a clock that is late: what is seen, what is told (n, d), and which rows both have
+Pairs = Callable[[float], tuple[Array, Array, Mask]]
+
+BLOCK = 5.0  # s, longer than errors last
+REACH = 20.0  # s, of clocks that are tried
+HOUR, HOURS = 3600.0, 14  # s, and how many of them: zones of time
+
+_LEAP = 18  # s, since 2017
+_NEAR = 1.0  # s: farther clocks are looked for before others are
+_STEP = 0.05  # s, of the clocks that are tried
+_SHARED = 0.25  # of the rows, that a clock must leave
+_SAME = 0.5  # s, of independent clocks
+_FAR = 9.0  # squared deviations, beyond which a row counts less
+_OBLIQUE = 20.0  # degrees: what is turned farther has no axes of another name
+_TELLS = 3.0  # deviations of the slope
+_NAMES = "xyz"
+
+
+def signed_permutations(dimensions: int) -> list[Array]:
+    """Return the 2, 8 or 48 matrices that exchange and reverse axes, the identity first."""
+    found = [
+        np.eye(dimensions)[list(order)] * np.array(signs)[:, None]
+        for order in permutations(range(dimensions))
+        for signs in product((1.0, -1.0), repeat=dimensions)
+    ]
+    return sorted(found, key=lambda P: -float(np.trace(P)))
+
+
+def in_words(P: Array) -> str:
+    """Return what axes are, by those that they should be."""
+    if len(P) == 1:
+        return "the other way round"
+    axes = [f"{'-' if row.min() < 0 else ''}{_NAMES[int(np.abs(row).argmax())]}" for row in P]
+    return ", ".join(axes) + (" (mirrored)" if np.linalg.det(P) < 0 else "")
+
+
+def units_of(low: float, high: float, units: dict[str, float], near: float = 0.15) -> list[str]:
+    """Return the units with which a ratio of what is logged to what should be is explained."""
+    low, high = low * np.exp(-near), high * np.exp(near)
+    return [unit for unit, size in units.items() if low < size < high]
+
+
+@dataclass(frozen=True)
+class Slope:
+    """Between which factors the truth lies if both sources have errors (Frisch 1934).
+
+    The factor by errors of what is seen alone, and that by errors of what is told alone; each is
+    widened by the quantile of Student's distribution for a false alarm, by a jackknife over blocks.
+    """
+
+    low: float
+    high: float
+    widened: tuple[float, float]
+    tells: bool
+
+    def outside(self, low: float, high: float) -> bool:
+        """Tell whether no factor between two bounds is possible."""
+        return self.tells and (self.widened[0] > high or self.widened[1] < low)
+
+    def __str__(self) -> str:
+        """Return one number, or two where they differ."""
+        if self.high < 1.1 * self.low:
+            return f"{np.sqrt(self.low * self.high):.3g}"
+        return f"{self.low:.3g} to {self.high:.3g}"
+
+
+class Likeness:
+    """How alike two sources are, by clock and signed permutation.
+
+    Parameters
+    ----------
+    pairs : callable
+    time : ndarray, (n,)
+        Of the rows, s.
+    reach : float
+        Of the clocks that are tried, s.
+    hours : bool
+        Whether clocks by whole hours are tried, too.
+    centred : bool
+        Whether the means of both are no matter.
+    """
+
+    def __init__(
+        self,
+        pairs: Pairs,
+        time: Array,
+        reach: float = REACH,
+        *,
+        hours: bool = False,
+        centred: bool = True,
+    ) -> None:
+        self.pairs, self.time, self.centred = pairs, time, centred
+        count = round(reach / _STEP)
+        fine = np.asarray(_STEP * np.arange(-count, count + 1))
+        whole = HOUR * np.arange(-HOURS, HOURS + 1) if hours else np.zeros(1)
+        clocks = np.add.outer(whole, fine).ravel()
+        self.clocks: Array = clocks[np.argsort(np.abs(clocks), kind="stable")]
+        self.weight = np.ones(len(time))
+        self.matrices: list[Array] = []
+        self._scan()
+        if not self.empty:  # once more, with less of what fits nothing
+            misfit = self.misfit(*self.best)
+            there = np.isfinite(misfit)
+            size = np.mean(misfit[there] ** 2) + 1e-300
+            self.weight[there] = 1 / (1 + misfit[there] ** 2 / (_FAR * size))
+            self._scan()
+            self._rows = self._independent()
+            self.nearest, self.clock = self._clock()
+
+    @classmethod
+    def of_any_zone(cls, pairs: Pairs, time: Array) -> Likeness | None:
+        """Return it by near clocks, or by those of other zones of time if these tell more.
+
+        None if there are too few blocks.
+        """
+        found = cls(pairs, time)
+        if not found.tells and (far := cls(pairs, time, hours=True)).tells:
+            found = far
+        return None if found.empty or len(block_starts(time, BLOCK)) < FEWEST else found
+
+    @property
+    def tells(self) -> bool:
+        """Whether a factor is told."""
+        return not self.empty and self.slope().tells
+
+    @property
+    def empty(self) -> bool:
+        """Whether no clock leaves enough rows that change."""
+        return not len(self.clocks)
+
+    @property
+    def best(self) -> tuple[float, Array]:
+        """The clock and the matrix that are most alike."""
+        row, column = np.unravel_index(int(np.argmax(self.score)), self.score.shape)
+        return float(self.clocks[row]), self.matrices[int(column)]
+
+    def _scan(self) -> None:
+        """Score each clock with each matrix by the logarithm of its likelihood, but for a size."""
+        moments, rows, kept = [], [], []
+        for clock in self.clocks.tolist():
+            seen, told, both = self.pairs(clock)
+            if both.sum() < max(_SHARED * len(self.time), 2 * FEWEST):
+                continue
+            C, S, T = self._moments(seen, told, both)
+            if S > 0 and T > 0:
+                moments.append(C / np.sqrt(S * T))
+                rows.append(both.sum())
+                kept.append(clock)
+        self.clocks, cross = np.array(kept), np.array(moments)
+        if not kept:
+            return
+        self.matrices = self.matrices or signed_permutations(cross.shape[1])
+        left, values, right = np.linalg.svd(cross)
+        values[:, -1] *= np.linalg.det(left @ right)
+        alike = np.einsum("pij,nij->np", np.array(self.matrices), cross)
+        alike = np.column_stack([alike, values.sum(axis=1)])  # the last is of any turn
+        score = -np.array(rows)[:, None] * np.log(1 - np.clip(alike, 0, 1 - 1e-9) ** 2)
+        self.score, self._turned = score[:, :-1], score[:, -1]
+
+    def _freed(self, vectors: Array, rows: Mask) -> Array:
+        """Return some rows free of their mean."""
+        some = vectors[rows]
+        if not self.centred:
+            return some
+        return np.asarray(some - np.average(some, axis=0, weights=self.weight[rows]))
+
+    def _moments(self, seen: Array, told: Array, rows: Mask) -> tuple[Array, float, float]:
+        """Return the cross moment (d, d), and the sums of squares."""
+        seen, told, w = self._freed(seen, rows), self._freed(told, rows), self.weight[rows, None]
+        return (w * seen).T @ told, float(np.sum(w * seen**2)), float(np.sum(w * told**2))
+
+    def _turn(self, clock: float) -> Array:
+        """Return the rotation that is most alike."""
+        seen, told, rows = self.pairs(clock)
+        left, _, right = np.linalg.svd(self._moments(seen, told, rows)[0])
+        left[:, -1] *= np.linalg.det(left @ right)
+        return np.asarray(left @ right)
+
+    def _left(self, clock: float, matrix: Array) -> Array:
+        """Return what is seen and not told, weighted, (n, d); NaN where a source is not there."""
+        seen, told, rows = self.pairs(clock)
+        C, _, T = self._moments(seen, told, rows)
+        k = max(float(np.sum(matrix * C)) / T, 0.0) if T > 0 else 0.0
+        found = np.full(seen.shape, np.nan)
+        off = self._freed(seen, rows) - k * self._freed(told, rows) @ matrix.T
+        found[rows] = np.sqrt(self.weight[rows, None]) * off
+        return found
+
+    def misfit(self, clock: float, matrix: Array) -> Array:
+        """Return by how much each row is not alike, (n,); NaN where a source is not there."""
+        return np.asarray(np.linalg.norm(self._left(clock, matrix), axis=1))
+
+    def _independent(self) -> float:
+        """Return how many rows of a block are as good as independent, by sums of what is left."""
+        off = self._left(*self.best)
+        there = np.isfinite(off).all(axis=1)
+        off = off[there]
+        starts = block_starts(self.time[there], BLOCK)
+        sums = np.sum(np.add.reduceat(off, starts, axis=0) ** 2)
+        effect = max(float(sums / max(np.sum(off**2), 1e-300)), 1.0)
+        return max(len(off) / len(starts) / effect, 1.0)
+
+    def _clock(self) -> tuple[float, float]:
+        """Return the clock with which axes fit best, and that by which stamps are far too late.
+
+        A far clock must beat all near ones, with any axes and with any turn.
+        """
+        own, near = self.score[:, 0], np.flatnonzero(np.abs(self.clocks) <= _NEAR)
+        peak = float(self.clocks[int(np.argmax(own))])
+        if not len(near):
+            return peak, peak
+        here, there = (float(self.clocks[near[np.argmax(x[near])]]) for x in (own, self._turned))
+        if abs(peak) > _NEAR:
+            best = self.misfit(peak, self.matrices[0])
+            row, column = np.unravel_index(np.argmax(self.score[near]), self.score[near].shape)
+            others = (
+                self.misfit(here, self.matrices[0]),
+                self.misfit(there, self._turn(there)),
+                self.misfit(float(self.clocks[near[row]]), self.matrices[int(column)]),
+            )
+            tries = round(float(np.ptp(self.clocks)) / _SAME)
+            if all(self.compared(best, other, tries)[0] > 0 for other in others):
+                return peak, peak
+        return here, 0.0
+
+    def compared(self, mine: Array, other: Array, tries: int = 1) -> tuple[int, float]:
+        """Return 1 if other misfits are larger, -1 if smaller, 0 if none can tell; and the ratio.
+
+        Two tests of which either is enough: the means of the squared misfits are compared by
+        Fisher's distribution with as many degrees of freedom as rows are independent; and the
+        differences of the misfits, averaged over blocks, with their deviation by Student's. The
+        first is sharp where what is wrong is much larger than noise, the second where both misfits
+        have much in common. The level is that of the first of some tries.
+        """
+        both = np.isfinite(mine) & np.isfinite(other)
+        starts = block_starts(self.time[both], BLOCK) if both.any() else np.arange(0)
+        if len(starts) < FEWEST:
+            return 0, 1.0
+        mine, other = mine[both], other[both]
+        ratio = float((np.mean(other**2) + 1e-300) / (np.mean(mine**2) + 1e-300))
+        level = FALSE_ALARM / (4 * tries)
+        counts = np.diff(np.append(starts, len(mine)))
+        means = np.add.reduceat(other - mine, starts) / counts
+        z = means.mean() / max(means.std(ddof=1) / np.sqrt(len(starts)), 1e-300)
+        free = self._rows * len(starts)
+        enough, bound = f.isf(level, free, free), t.isf(level, len(starts) - 1)
+        if ratio >= enough or (z >= bound and ratio > 1):
+            return 1, ratio
+        return -int(ratio <= 1 / enough or (z <= -bound and ratio < 1)), ratio
+
+    def axes(self, subject: str, what: str) -> Finding:
+        """Return whether the identity fits better than every other signed permutation.
+
+        Each has its own best clock, near nought or that of the identity. A turn that is far from
+        all of them is no other axes.
+
+        Parameters
+        ----------
+        subject, what : str
+            Of the finding, and whose axes they are.
+        """
+        others, mine = len(self.matrices) - 1, self.misfit(self.nearest, self.matrices[0])
+        apart = np.minimum(np.abs(self.clocks), np.abs(self.clocks - self.nearest))
+        near = np.flatnonzero(apart <= max(_NEAR, float(apart.min())))
+        tries = others * (1 + round(min(2 * _NEAR, float(np.ptp(self.clocks))) / _SAME))
+        clocks = self.clocks[near[np.argmax(self.score[near, 1:], axis=0)]].tolist()
+        found = [
+            self.compared(mine, self.misfit(clock, P), tries)
+            for clock, P in zip(clocks, self.matrices[1:], strict=True)
+        ]
+        side, ratio = np.array([x[0] for x in found]), np.array([x[1] for x in found])
+        nearest = int(np.argmin(ratio))
+        value, P = float(ratio[nearest]), self.matrices[nearest + 1]
+        if side[nearest] < 0 and not self._oblique(clocks[nearest], P):
+            says = f"{what} axes, by those that they should be, are {in_words(P)}"
+            return Finding("axes", subject, value, 1.0, np.inf, False, says)
+        if (side <= 0).any():
+            like = self.matrices[1 + int(np.argmin(np.where(side > 0, np.inf, ratio)))]
+            says = (
+                f"too little turns for the data to tell {what} axes from {int(np.sum(side <= 0))} "
+                f"others of {others}, such as {in_words(like)}"
+            )
+            return Finding("axes", subject, value, 1.0, np.inf, None, says)
+        says = f"{what} axes are as they should be: no others of {others} fit as well"
+        return Finding("axes", subject, value, 1.0, np.inf, True, says)
+
+    def _oblique(self, clock: float, P: Array) -> bool:
+        """Tell whether a turn that is far from a permutation fits much better than it."""
+        if len(P) == 1 or np.linalg.det(P) < 0:
+            return False
+        turn, off = self._turn(clock), np.eye(3)
+        off[: len(P), : len(P)] = turn @ P.T
+        if np.degrees(Rotation.from_matrix(off).magnitude()) < _OBLIQUE:
+            return False
+        return self.compared(self.misfit(clock, turn), self.misfit(clock, P))[0] > 0
+
+    def slope(self) -> Slope:
+        """Return the factor, with the axes that are most alike, and their clock."""
+        clock, P = self.best
+        seen, told, rows = self.pairs(clock)
+        seen, told, w = self._freed(seen, rows), self._freed(told, rows) @ P.T, self.weight[rows]
+        starts = block_starts(self.time[rows], BLOCK)
+        sums = [
+            np.add.reduceat(w * np.sum(a * b, axis=1), starts)
+            for a, b in ((seen, told), (seen, seen), (told, told))
+        ]
+        C, S, T = (x.sum() - np.append(x, 0) for x in sums)  # the last is the whole
+        with np.errstate(divide="ignore", invalid="ignore"):
+            low, high = C / T, S / C
+        G = len(starts)
+        spread = [float(np.sqrt((G - 1) / G * np.sum((x[:-1] - x[-1]) ** 2))) for x in (low, high)]
+        q = float(t.isf(FALSE_ALARM / 2, max(G - 1, 1)))
+        tells = bool(G >= FEWEST and low[-1] > _TELLS * spread[0] and np.isfinite(spread).all())
+        ends = (float(low[-1] - q * spread[0]), float(high[-1] + q * spread[1]))
+        return Slope(float(low[-1]), float(high[-1]), ends, tells)
+
+
+def compared_windows(felt: Felt, time: Array, told: Array, window: float) -> Pairs:
+    """Return means of what is felt over windows, and what is told of them; across no gap."""
+
+    def pairs(clock: float) -> tuple[Array, Array, Mask]:
+        early, after = time + clock - window / 2, time + clock + window / 2
+        rows = unbroken(felt.time, early, after)
+        if not rows.any():
+            return told, told, rows
+        return felt.mean(time + clock, window), told, rows
+
+    return pairs
+
+
+def late(
+    who: str, stamps: str, value: float, deviation: float, quantile: float, let: float
+) -> Finding:
+    """Return whether stamps are late, by a value and its deviation."""
+    bound, size = let + quantile * deviation, abs(value)
+    how = "late" if value > 0 else "early"
+    says = f"{stamps} are {round(size, 3):g} s {how} (± {deviation:.2g} s)"
+    hours = round(size / HOUR)
+    if hours and abs(size - hours * HOUR) < 2 * REACH:
+        says += f": {hours} h are as of another zone of time"
+    if round(size) == _LEAP:
+        says += f": GPS time is {_LEAP} s ahead of UTC"
+    return Finding("time", who, value, -bound, bound, bool(size <= bound), says)

@@ -1,0 +1,205 @@
+"""The ladder of estimators: pieces with known answers, made recordings, and published ones."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from made_folders import needs
+from made_recording import made, made_drive, made_imu
+
+from inswsn_lib import logs
+from inswsn_lib.errors import InswsnError
+from inswsn_lib.inertial import Innovations, Solution, Start
+from inswsn_lib.logs import Ladder, Outages, report
+from inswsn_lib.logs.correction import COLOURED, PLANAR_TIGHT, TIGHT, WHITE
+from inswsn_lib.logs.difference_filters import FAMILIES, DifferenceFilters
+from inswsn_lib.logs.estimates import Estimate, largest_lag_one, line_through, scores
+from inswsn_lib.logs.ladder import ALONE, NETWORK, SMOOTHER
+from inswsn_lib.streams import Recording
+
+
+def test_a_line_gives_position_and_velocity_of_a_straight_way_between_its_rows_alone() -> None:
+    time = np.arange(0.0, 2.0, 0.02)
+    track = np.column_stack([1 + 3 * time, 2 - time])
+    found = line_through(time, track, np.array([0.5, 1.013, 3.0]), 0.075)
+    assert found[:2] == pytest.approx(np.array([[2.5, 1.5, 3, -1], [4.039, 0.987, 3, -1]]))
+    assert np.isnan(found[2]).all()
+
+
+def test_scores_of_known_errors() -> None:
+    # 3 and 4 cm, and 6 and 8 cm/s, against twice as much; the covariance is that of the errors
+    n, error = 60, np.array([0.03, 0.04, 0.06, 0.08])
+    P = np.tile(np.diag(error**2), (n, 1, 1))
+    found = scores(
+        Estimate(np.tile(error, (n, 1)), P), np.zeros((n, 4)), 2 * error + np.zeros((n, 4))
+    )
+    assert (found["position"], found["velocity"]) == pytest.approx((0.05, 0.1))
+    assert found["position_ratio"] == found["velocity_high"] == pytest.approx(0.5)
+    assert found["nees"] == pytest.approx(1.0)
+    few = scores(Estimate(np.ones((5, 4))), np.zeros((5, 4)), np.ones((5, 4)))
+    assert np.isnan([*few.values()]).all()
+
+
+def test_lag_one_is_of_neighbours_of_one_series() -> None:
+    # the first series alternates, the second is constant; together they would look white
+    count = 101
+    values = [np.array([(-1.0) ** k, 1.0]) for k in range(count)]
+    time = np.arange(float(count))
+    told = Innovations(
+        time, values, [np.ones(2)] * count, [np.ones(2, bool)] * count, np.ones(count)
+    )
+    ends = [Start(at, None, np.eye(1)) for at in (-0.5, 200.0)]
+    solution = Solution(*[None] * 6, [told], 0.0, *ends)  # type: ignore[arg-type]
+    both = [(np.repeat(time, 2), np.tile([0, 1], count))]
+    assert largest_lag_one(solution, both, -1.0) == {"nis": 1.0, "lag1": pytest.approx(1.0)}
+    alone = largest_lag_one(solution, [(np.repeat(time, 2), np.zeros(2 * count, int))], -1.0)
+    assert alone["lag1"] < 0.02
+    assert np.isnan([*largest_lag_one(solution, [], -1.0).values()]).all()
+
+
+@pytest.fixture(scope="module")
+def drifting() -> DifferenceFilters:
+    """An INS with a steady error of acceleration, and a network without an error."""
+    time = 0.2 * np.arange(300)[:, None]
+    true = np.hstack([np.sin(time), np.cos(time), np.cos(time), -np.sin(time)])
+    drift = np.hstack([time**2 / 20, -(time**2) / 20, time / 10, -time / 10])
+    return DifferenceFilters(true + drift, true, 0.2)
+
+
+def test_the_published_filter_predicted_is_the_last_fix_carried_on_by_the_ins(
+    drifting: DifferenceFilters,
+) -> None:
+    # what it leaves is the drift of one step: a T^2 / 2 and a T
+    left = drifting.published.state[1:] - drifting.network[1:]
+    assert left == pytest.approx(np.tile([0.002, -0.002, 0.02, -0.02], (299, 1)))
+
+
+@pytest.mark.parametrize("name", FAMILIES)
+def test_filters_of_differences_follow_a_drift_within_what_they_are_told(
+    drifting: DifferenceFilters, name: str
+) -> None:
+    numbers = (10.0, 1.0, *FAMILIES[name][2:])
+    left = drifting.run(name, *numbers).state[50:] - drifting.network[50:]
+    assert np.abs(left).max() < 0.05
+    slow = drifting.run(name, 0.01, *numbers[1:]).state[50:] - drifting.network[50:]
+    assert np.abs(slow).max() > 0.1
+
+
+@pytest.fixture(scope="module")
+def walk() -> Ladder:
+    recording = replace(made(4, seconds=60.0, lasting=0.1), imu=made_imu(4))
+    return on_fixes(Ladder(recording, share=0.4, alignment=10.0, begins=1))
+
+
+def on_fixes(ladder: Ladder) -> Ladder:
+    """Leave out the filters whose search takes longest."""
+    vars(ladder)["rungs"] = {name: ladder.filters.rungs[name] for name in (WHITE, COLOURED)}
+    vars(ladder)["families"] = ("KF",)
+    return ladder
+
+
+def test_on_a_made_recording_filters_beat_the_network_and_the_smoother_beats_them(
+    walk: Ladder,
+) -> None:
+    table = walk.table()
+    assert table.index[:2].tolist() == [NETWORK, ALONE]
+    assert table.loc[NETWORK, ["position_ratio", "velocity_ratio"]].tolist() == [1.0, 1.0]
+    assert table.loc[COLOURED, "velocity_ratio"] < 0.5
+    assert table.loc[SMOOTHER, "position"] < table.loc[COLOURED, "position"]
+    assert 0.3 < table.loc[COLOURED, "nees"] < 3
+    assert not table.loc[SMOOTHER, "causal"]
+    assert walk.compare(NETWORK, NETWORK)["position"] == (1.0, 1.0, 1.0)
+
+
+def test_the_tight_filter_takes_ranges_one_by_one(walk: Ladder) -> None:
+    rung, rows = walk.filters.rungs[TIGHT], walk.judged
+    solution = rung.run(*rung.begin)
+    errors = walk.truth[rows] - walk.network.state[rows]
+    found = scores(walk.of(solution).part(rows), walk.truth[rows], errors)
+    assert found["position_ratio"] < 0.9
+    assert found["velocity_ratio"] < 0.5
+    assert len(solution.innovations[0].time) > 5 * len(walk.fixes)
+
+
+def test_what_comes_later_changes_no_causal_answer(walk: Ladder) -> None:
+    """But for the scale of the fixes' robust loss."""
+    shorter = Ladder(walk.recording.part(end=45.0), share=0.4 * 60 / 45, alignment=10.0, begins=1)
+    vars(shorter)["_searches"] = walk._searches
+    early = walk.fixes.time < 44
+    both = [each.estimates[COLOURED].state[: early.sum()] for each in (walk, shorter)]
+    assert both[0] == pytest.approx(both[1], abs=2e-3, nan_ok=True)
+
+
+def test_the_report_has_the_numbers_of_the_ladder(walk: Ladder) -> None:
+    whole = on_fixes(Ladder(walk.recording, alignment=12.0, begins=1))
+    found = report(walk.recording, alignment=12.0, begins=1)
+    assert found.numbers == whole.tuned(whole.corrected).best
+    for name, row in ((NETWORK, "network"), (whole.corrected, "corrected")):
+        columns = ["position", "position_ratio", "position_low", "velocity"]
+        assert found.table.loc[row, columns].tolist() == whole.table().loc[name, columns].tolist()
+
+
+def test_what_is_missing_is_told() -> None:
+    recording = made(5)
+    with pytest.raises(InswsnError, match="has neither an IMU nor odometry"):
+        Ladder(recording).table()
+    with pytest.raises(
+        InswsnError, match="has no reference: estimators are judged only in outages"
+    ):
+        Ladder(replace(recording, imu=made_imu(5), reference=None)).table()
+
+
+def test_on_a_made_drive_both_together_beat_each_alone() -> None:
+    table = Ladder(made_drive(3), alignment=10.0, period=0.5, begins=1).table()
+    assert table.loc[PLANAR_TIGHT, "position_high"] < 1
+    assert table.loc[PLANAR_TIGHT, "position"] < table.loc[ALONE, "position"]
+    assert table.loc[SMOOTHER, "position"] < table.loc[PLANAR_TIGHT, "position"]
+    assert table.loc[PLANAR_TIGHT, "lag1"] < 0.3
+
+
+def test_a_scale_of_all_ranges_is_found() -> None:
+    drive = made_drive(4)
+    assert drive.ranges is not None
+    longer = replace(drive, ranges=replace(drive.ranges, distance=1.05 * drive.ranges.distance))
+    ladder = Ladder(longer, alignment=10.0, period=0.5, begins=1)
+    scale = ladder.solution(PLANAR_TIGHT).states[-1].own[0]
+    assert scale == pytest.approx(0.05, abs=0.01)
+    assert ladder.table().loc[PLANAR_TIGHT, "position_high"] < 0.5
+
+
+def test_outages_of_a_drive_are_bridged_by_odometry() -> None:
+    drive: Recording = made_drive(3)
+    table = Outages(Ladder(drive, alignment=10.0, begins=1), 4.0, 4.0).table((4.0,))
+    assert table.loc["coasting filter", "high 4 s"] < 1
+
+
+@needs("inrol/1")
+def test_on_the_recorded_walk_four_begins_end_alike_and_one_causal_filter_is_nearly_honest() -> (
+    None
+):
+    ladder = on_fixes(Ladder(logs.load("inrol/1"), begins=4))
+    found = ladder.tuned(COLOURED)
+    assert max(found.losses) - min(found.losses) < 0.5
+    nees = []
+    for numbers in found.candidates:
+        said = ladder.of(ladder.rungs[COLOURED].run(*numbers)).part(ladder.judged)
+        others = ladder.network.state[ladder.judged]
+        nees.append(scores(said, ladder.truth[ladder.judged], others)["nees"])
+    assert max(nees) / min(nees) < 1.1
+    row = ladder.table().loc[COLOURED]
+    assert row["position_ratio"] <= 1.02
+    assert row["velocity_ratio"] <= 0.7
+    assert 0.4 <= row["nees"] <= 2.5
+    assert row["lag1"] <= 0.3
+    later = ladder.compare(SMOOTHER, COLOURED)
+    assert later["position"][0] < 1
+
+
+@needs("labyrinth/1")
+def test_in_the_labyrinth_ranges_do_not_better_its_odometry_in_half_a_minute() -> None:
+    table = Ladder(logs.load("labyrinth/1"), alignment=5.0).table()
+    assert table.loc[ALONE, "position_high"] < 1
+    assert table.loc[PLANAR_TIGHT, "position_high"] < 1
+    assert 0.3 < table.loc[PLANAR_TIGHT, "nees"] < 2.5

@@ -1,0 +1,231 @@
+"""The recorded drive: made files that are read, the original ones, and how they are had."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pooch
+import pytest
+import requests
+from inswsn_book.files import file_digest
+from made_folders import make_rtklib, needs, values_of
+from numpy.typing import NDArray
+
+from inswsn_lib.errors import InswsnError
+from inswsn_lib.files import DATA_VARIABLE
+from inswsn_lib.logs import RecordingUnavailableError, load_drive
+from inswsn_lib.logs.files import locate
+from inswsn_lib.logs.registry import KNOWN
+from inswsn_lib.logs.rtklib import read_rtklib
+from inswsn_lib.simulation import Drive
+from inswsn_lib.streams import Fixes
+from inswsn_lib.vehicle import emulate_sensors
+
+Array = NDArray[np.float64]
+NAME = "rtklib/drive-0708"
+IMU, TAG, POSITIONS = NAMES = ("imu_1934.csv", "imu_1934.csv.tag", "gnss_1934_sf.pos")
+MIRROR = (
+    "rtklibexplorer__GNSS_IMU/8235ee6c5f349db529bf43ad556a3769b346b5a1/data/drive_0708"  # as asked
+)
+G0 = 9.80665
+
+
+def take(monkeypatch: pytest.MonkeyPatch, *paths: Path) -> None:
+    """Take files for the originals."""
+    digests = {path.name: file_digest(path) for path in paths}
+    source = replace(KNOWN[NAME].source, digests=digests)
+    monkeypatch.setitem(KNOWN, NAME, replace(KNOWN[NAME], source=source))
+
+
+def test_the_axes_are_forward_right_down(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    make_rtklib(tmp_path / MIRROR)
+    take(monkeypatch, *(tmp_path / MIRROR).iterdir())
+    monkeypatch.setenv(DATA_VARIABLE, str(tmp_path))
+    read = load_drive()
+    assert (read.name, read.licence, read.digests) == (
+        NAME, KNOWN[NAME].licence, KNOWN[NAME].source.digests,
+    )  # fmt: skip
+    assert read.source.endswith("8235ee6c5f349db529bf43ad556a3769b346b5a1/data/drive_0708")
+    found, logged = values_of(read), values_of(read_rtklib(tmp_path / MIRROR))
+    for name in ("imu.rate", "imu.force"):
+        x, y, z = np.transpose(logged.pop(name))
+        assert np.array_equal(found.pop(name), np.column_stack([-x, y, -z]))
+    np.testing.assert_equal(found, logged)
+
+
+# --- the original files ---
+
+needs_recording = needs(NAME)
+
+
+@pytest.fixture(scope="module")
+def drive() -> tuple[Drive, Fixes]:
+    """What is emulated of the recording, and its fixes by the clock of that."""
+    recording = load_drive()
+    assert recording.fixes is not None
+    since = replace(recording.fixes, time=recording.fixes.time - 1752003261.999)
+    return emulate_sensors(recording, runs=1, seed=0), since.part(-0.01, 545.01)
+
+
+@needs_recording
+def test_the_car_stands_first(drive: tuple[Drive, Fixes]) -> None:
+    """Until 19:34:57: up is against down, and a cheap accelerometer has some per cent."""
+    emulated, fixes = drive
+    speed, time = np.hypot(*fixes.velocity[:, :2].T), fixes.time
+    assert speed[time < 34.5].max() < 0.1
+    assert 35.0 <= time[np.argmax(speed > 0.5)] <= 35.5
+    force = emulated.velocity_increments[:3400, :, 0].mean(axis=0) / emulated.period
+    assert np.linalg.norm(force) == pytest.approx(G0, rel=0.02)
+    assert force[2] < -0.99 * G0
+    assert np.abs(np.rad2deg(emulated.rotation_increments[:3400].mean(axis=0) / 0.01)).max() < 0.3
+
+
+@needs_recording
+@pytest.mark.parametrize("part", [(40, 180), (180, 360), (360, 520)])
+def test_imu_and_rtk_have_one_clock_early_and_late(
+    drive: tuple[Drive, Fixes], part: tuple[int, int]
+) -> None:
+    """The gain of speed, forwards as the IMU felt it and as RTK saw it, in steps of 0.25 s."""
+    ends = 0.01 * np.arange(54501)
+    felt = np.concatenate([[0.0], np.cumsum(drive[0].velocity_increments[:, 0, 0])])
+    time, speed = drive[1].time, np.hypot(*drive[1].velocity[:, :2].T)
+    inside = (time > part[0]) & (time < part[1]) & (speed > 1.5)
+
+    def without_slope(gain: Array) -> Array:  # that of the road is slow
+        return gain - np.convolve(gain, np.full(21, 1 / 21), "same")
+
+    def likeness(lag: float) -> float:
+        gain = without_slope(np.diff(np.interp(time + lag, ends, felt)))
+        return float(np.corrcoef(gain[inside[1:]], without_slope(np.diff(speed))[inside[1:]])[0, 1])
+
+    lags = 0.01 * np.arange(-20, 21)
+    assert abs(lags[np.argmax([likeness(lag) for lag in lags])]) < 0.025
+
+
+# --- where the files are ---
+
+
+@pytest.fixture
+def known(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A mirror of small files whose digests are taken for those of the originals."""
+    folder = tmp_path / "mirror" / MIRROR
+    folder.mkdir(parents=True)
+    for name in NAMES:
+        (folder / name).write_text(f"content of {name}\n")
+    take(monkeypatch, *(folder / name for name in NAMES))
+    monkeypatch.delenv(DATA_VARIABLE, raising=False)
+    return tmp_path / "mirror"
+
+
+@pytest.fixture
+def asked(monkeypatch: pytest.MonkeyPatch, known: Path) -> list[str]:
+    """The URLs that are asked for; the network has what the mirror has."""
+    urls: list[str] = []
+
+    def give(self: Any, url: str, output: str, pooch: object, check_only: bool = False) -> None:
+        urls.append(url)
+        assert self.kwargs["timeout"][0] <= 10
+        Path(output).write_bytes((known / MIRROR / url.rsplit("/", 1)[1]).read_bytes())
+
+    monkeypatch.setattr(pooch.HTTPDownloader, "__call__", give)
+    return urls
+
+
+def fetched(cache: Path | None = None) -> dict[str, Path]:
+    return locate(KNOWN[NAME].source, cache)
+
+
+def test_a_mirror_is_taken_instead_of_the_network(
+    known: Path, asked: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(DATA_VARIABLE, str(known))
+    assert fetched() == {name: known / MIRROR / name for name in NAMES}
+    assert asked == []
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_mirror_has_to_have_each_file_as_it_is(
+    known: Path, asked: list[str], monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    monkeypatch.setenv(DATA_VARIABLE, str(known))
+    (known / MIRROR / name).write_text("another\n")
+    with pytest.raises(InswsnError, match=rf"{name} is not the original"):
+        fetched()
+    (known / MIRROR / name).unlink()
+    with pytest.raises(InswsnError, match=rf"There is no file .*{name}; INSWSN_DATA may name"):
+        fetched()
+    assert asked == []
+
+
+def test_files_are_fetched_once_and_in_silence(
+    tmp_path: Path, asked: list[str], capfd: pytest.CaptureFixture[str]
+) -> None:
+    said: list[logging.LogRecord] = []  # pooch writes to the stderr that was there at its import
+    listener = logging.Handler()
+    listener.emit = said.append  # type: ignore[method-assign]
+    pooch.get_logger().addHandler(listener)
+    level = pooch.get_logger().level
+    files = fetched(tmp_path / "cache")
+    base = f"https://raw.githubusercontent.com/{MIRROR.replace('__', '/', 1)}/"
+    assert asked == [base + name for name in NAMES]
+    assert {n: p.read_text() for n, p in files.items()} == {n: f"content of {n}\n" for n in NAMES}
+    assert fetched(tmp_path / "cache") == files
+    assert len(asked) == 3
+    pooch.get_logger().removeHandler(listener)
+    assert said == []
+    assert tuple(capfd.readouterr()) == ("", "")
+    assert pooch.get_logger().level == level
+
+
+def test_a_cache_is_a_mirror_and_is_mended(
+    tmp_path: Path, asked: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    files = fetched(tmp_path)
+    files[TAG].write_text("spoilt")
+    assert fetched(tmp_path)[TAG].read_text() == f"content of {TAG}\n"
+    assert len(asked) == 4
+    monkeypatch.setenv(DATA_VARIABLE, str(tmp_path))
+    assert fetched() == files
+    monkeypatch.delenv(DATA_VARIABLE)
+    monkeypatch.setattr(pooch, "os_cache", lambda project: tmp_path / project)
+    assert all(path.is_relative_to(tmp_path / "inswsn") for path in fetched().values())
+
+
+@pytest.mark.parametrize(
+    "cause",
+    [
+        requests.exceptions.ConnectTimeout("HTTPSConnectionPool: timed out.\nMax retries."),
+        PermissionError(13, "Permission denied"),
+    ],
+)
+def test_no_network_is_told_in_one_sentence(
+    tmp_path: Path, known: Path, monkeypatch: pytest.MonkeyPatch, cause: Exception
+) -> None:
+    tried: list[str] = []
+
+    def fail(self: object, url: str, *rest: object, **more: object) -> None:
+        tried.append(url)
+        raise cause
+
+    monkeypatch.setattr(pooch.HTTPDownloader, "__call__", fail)
+    with pytest.raises(RecordingUnavailableError, match=r"imu_1934.csv could not .*\.$") as error:
+        load_drive(tmp_path / "cache")
+    assert f"({type(cause).__name__})" in str(error.value)
+    assert "\n" not in str(error.value)
+    assert len(tried) == 1
+
+
+def test_a_file_that_is_not_what_was_asked_for_is_not_taken(
+    tmp_path: Path, known: Path, asked: list[str]
+) -> None:
+    (known / MIRROR / POSITIONS).write_text("<html>log in</html>")
+    with pytest.raises(RecordingUnavailableError, match=r"pos could not .*its SHA-256 is another"):
+        fetched(tmp_path / "cache")
+    assert not list((tmp_path / "cache").rglob("*.pos"))
+    (tmp_path / "taken").write_text("a file")
+    with pytest.raises(RecordingUnavailableError, match="could not be fetched"):
+        fetched(tmp_path / "taken")
