@@ -192,6 +192,8 @@ MADE = (made_room, made_fixes, made_wheels)
 # name: from and to when, s from the begin; white and coloured; noise
 _RECORDED: dict[str, tuple[float, float, float, float, ImuNoise | OdometryNoise]] = {
     "inrol/1": (0, 100, 0.04, 0.08, ImuNoise(0.02, 0.002, 1e-3, 1e-4)),
+    "inrol/2": (0, 100, 0.04, 0.08, ImuNoise(0.02, 0.002, 1e-3, 1e-4)),
+    "plaza/1": (0, 400, 0.5, 0.0, OdometryNoise(0.05, 0.02, 1e-3, 1e-3)),
     "plaza/2": (0, np.inf, 0.5, 0.0, OdometryNoise(0.05, 0.02, 1e-3, 1e-3)),
     "labyrinth/1": (0, np.inf, 0.3, 0.0, OdometryNoise(0.05, 0.02, 1e-3, 1e-3)),
     "rtklib/drive-0708": (300, 420, 0.05, 0.0, ImuNoise(0.05, 0.005, 1e-3, 1e-4)),

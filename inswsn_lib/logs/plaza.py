@@ -3,8 +3,9 @@
 So are the data "Navigating with Ranging Radios" of Carnegie Mellon University, as MATLAB files of
 borglab/gtsam. What was found by computation, in Plaza2_.mat:
 
-- GT's heading is that of the rear: with half a turn added it is the course. Increments of heading
-  are to the left. Ranges, dead reckoning and reference have one clock.
+- GT's heading is that of the rear: with half a turn added it is the course (in Plaza1_.mat it is
+  the course). Increments of heading are to the left. Ranges, dead reckoning and reference have one
+  clock. In Plaza1_.mat some ranges are written after later ones.
 - Dead reckoning is not measured apart from the reference. Each increment of heading is 0.985 times
   GT's less 6.967e-4 rad, to the last digit; increments of distance are GT's to a tenth of a
   millimetre. Whoever estimates a scale and a bias of the rate has the heading of the reference.
@@ -46,7 +47,8 @@ def read_plaza(place: Place) -> Recording:
             for name, columns in _COLUMNS.items()
         )
         check_twins(nodes[:, 0].tolist())
-        half = (np.unwrap(truth[:, 3]) + np.pi) / 2
+        heard = heard[np.argsort(heard[:, 0], kind="stable")]
+        half = _heading(truth) / 2
         return Recording(
             "plaza",
             odometry=_odometry(dead, truth[:, 0]),
@@ -60,6 +62,13 @@ def read_plaza(place: Place) -> Recording:
             ),
             digests=digests_of(path),
         )
+
+
+def _heading(truth: Array) -> Array:
+    """Return the heading, which is told of the front or of the rear: the robot drives forwards."""
+    step, heading = np.diff(truth[:, 1:3], axis=0), truth[:, 3]
+    ahead = np.sum(step[:, 0] * np.cos(heading[1:]) + step[:, 1] * np.sin(heading[1:]))
+    return np.asarray(np.unwrap(heading) + np.pi * (ahead < 0))
 
 
 def _odometry(dead: Array, reference: Array) -> Odometry:

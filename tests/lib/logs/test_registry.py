@@ -34,7 +34,7 @@ def test_a_folder_of_a_kind_is_read_and_its_digests_are_kept(tmp_path: Path, kin
 @pytest.mark.parametrize(
     ("asked", "said"),
     [
-        (("walk",), 'name must be one of "inrol/1", "plaza/2", "labyrinth/1", '),
+        (("walk",), 'name must be one of "inrol/1", "inrol/2", "plaza/1", '),
         (("walk", "here"), '"rtklib/walk-0827", "inrol", "plaza", "labyrinth", "rtklib", "csv", '),
         (("csv",), "folder must be a folder with files of the kind csv, not None."),
         ((["inrol/1"],), "name must be one of "),
