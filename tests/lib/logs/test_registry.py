@@ -59,6 +59,8 @@ def test_all_that_is_known_has_a_reader_a_source_and_a_licence() -> None:
 #: Rows of the streams of each, and how long it lasts, s
 ROWS: dict[str, tuple[dict[str, int], float]] = {
     "inrol/1": ({"imu": 19139, "ranges": 32422, "reference": 22496}, 191.25),
+    "inrol/2": ({"imu": 18931, "ranges": 32289, "reference": 22200}, 189.17),
+    "plaza/1": ({"odometry": 9657, "ranges": 3529, "reference": 9658}, 1933.44),
     "plaza/2": ({"odometry": 4090, "ranges": 1816, "reference": 4091}, 409.52),
     "labyrinth/1": ({"odometry": 233, "ranges": 233, "reference": 233}, 29.77),
     "rtklib/drive-0708": ({"imu": 54858, "fixes": 2197}, 551.93),
