@@ -23,7 +23,7 @@ from inswsn_lib.streams import Ranges, Whole
 Kind = TypeVar("Kind", bound=np.generic)
 
 #: Of fixes by ranges, s, that are tried
-PERIODS = (0.2, 0.5, 1.0, 2.0)
+PERIODS = (0.2, 0.5, 1.0, 2.0, 4.0)
 
 _SAVED = 1e-6  # s that compiled loops save a range
 _ROUNDS, _SAME = 3, 0.8  # of the scale of robust residuals, and what is no change of it
