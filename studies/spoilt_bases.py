@@ -2,14 +2,15 @@
 
 Three are made, of which all is known; the others have names, and are taken where they are to be
 had. The filter of an IMU is loosely coupled, with coloured errors of fixes; that of an odometry
-takes ranges, whose biases and common scale are states. Their numbers are those where a search for
-them would begin.
+takes ranges, whose biases and common scale are states. They have the numbers that are most likely
+on the recording as it is.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from made_recording import made, made_drive, made_imu
@@ -23,6 +24,7 @@ from inswsn_lib.streams import Recording
 Array = NDArray[np.float64]
 
 _ALIGNED = 20.0  # s
+_NEAR = 1.0  # s, between fixes between which a place is told
 _EVERY = 4  # of fixes without a reference, one is taken and the others judge
 
 
@@ -48,21 +50,31 @@ class Base:
         motion = "odometry" if self.recording.odometry else "IMU"
         return f"{motion} and {'ranges' if self.recording.ranges else 'fixes'}"
 
+    @cached_property
+    def numbers(self) -> tuple[float, ...]:
+        """Of the filter, as they are searched on the recording that is right."""
+        ladder = logs.Ladder(self.recording, alignment=_ALIGNED, begins=1)
+        return ladder.tuned(_named(ladder.rungs)).best
+
     def error(self, spoilt: Recording) -> float:
         """Return the RMS error of the filter on a spoilt recording, m.
 
         Against where the body was, and against the reference of the spoilt recording: the larger.
         """
         filters = correction_of(spoilt, _ALIGNED)
-        rung = filters.rungs.get(PLANAR_TIGHT) or filters.rungs[COLOURED]
+        rung = filters.rungs[_named(filters.rungs)]
         times, gone = filters.fixes.time, np.zeros(len(filters.fixes), dtype=bool)
         if self.recording.reference is None:
             gone = np.arange(len(times)) % _EVERY != 0
-        found = of_solution(rung.run(*rung.begin, gone=gone), filters.lever_arm, times)
+        found = of_solution(rung.run(*self.numbers, gone=gone), filters.lever_arm, times)
         errors = [rms(found.state[:, :2] - places(self.recording, times))]
         if spoilt.reference is not None:
             errors.append(rms(found.state[:, :2] - places(spoilt, times)))
         return float(np.nanmax(errors))
+
+
+def _named(rungs: Mapping[str, logs.Rung]) -> str:
+    return PLANAR_TIGHT if PLANAR_TIGHT in rungs else COLOURED
 
 
 def rms(errors: Array) -> float:
@@ -80,9 +92,12 @@ def places(recording: Recording, times: Array) -> Array:
     there = np.isfinite(fixes.position).all(axis=1)
     if fixes.good is not None:
         there &= fixes.good
-    return np.column_stack(
-        [np.interp(times, fixes.time[there], x) for x in fixes.position[there, :2].T]
-    )
+    time, place = fixes.time[there], fixes.position[there, :2]
+    found = np.column_stack([np.interp(times, time, x) for x in place.T])
+    after = np.searchsorted(time, times)
+    gap = np.concatenate([[np.inf], np.diff(time), [np.inf]])[after]
+    found[(gap > _NEAR) & ~np.isin(times, time)] = np.nan
+    return found
 
 
 def made_room() -> Base:
