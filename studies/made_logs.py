@@ -81,7 +81,8 @@ def driven(rng: Random, seconds: float, speed: float, turn: float) -> Motion:
     return Motion(time, place - place.mean(axis=0), np.column_stack([yaw, level, level]))
 
 
-def _imu(rng: Random, motion: Motion, seconds: float) -> Imu:
+def imu_of(rng: Random, motion: Motion, seconds: float) -> Imu:
+    """Return what an IMU of some rate, bias and noise logs of a motion."""
     time = np.arange(0.0, seconds, 1 / rng.choice([50, 100, 200]))
     rate, force = motion.felt(time)
     noise = float(rng.uniform(0.002, 0.02))
@@ -134,7 +135,7 @@ def made_tag(seed: int) -> Recording:
     reference = _reference(rng, motion, seconds, [20, 50, 100], 0.002, turned)
     if not turned:
         ranges = _ranges(rng, motion.place, seconds, anchors)
-    imu = _imu(rng, motion, seconds) if rng.random() < 0.8 else None
+    imu = imu_of(rng, motion, seconds) if rng.random() < 0.8 else None
     return Recording(
         f"tag {seed}", imu=imu, ranges=ranges, reference=reference, lever_arm=arm * turned
     )
@@ -160,7 +161,7 @@ def made_car(seed: int) -> Recording:
         velocity if rng.random() < 0.5 else None,
     )
     reference = _reference(rng, motion, seconds, [5, 10, 50], 0.01, kind == 2) if kind else None
-    imu = _imu(rng, motion, seconds)
+    imu = imu_of(rng, motion, seconds)
     return Recording(f"car {seed}", imu=imu, fixes=fixes, reference=reference, lever_arm=arm)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, ClassVar
 
 import numpy as np
@@ -28,10 +28,12 @@ from inswsn_lib.inertial import (
     align,
     align_planar,
     run_error_state,
+    smooth,
 )
 from inswsn_lib.logs import slope_velocity
 from inswsn_lib.logs.findings import Finding
 from inswsn_lib.logs.network_fixes import HELD, fixes_of, on_a_side, with_height
+from inswsn_lib.logs.standstill import STEP, standstill_times
 from inswsn_lib.logs.window_fits import PERIODS
 from inswsn_lib.streams import Fixes, Ranges, Recording, Whole
 
@@ -55,9 +57,17 @@ COLOURED = "loosely coupled, coloured fixes"
 TIGHT = "tightly coupled, coloured ranges"
 PLANAR_TIGHT = "tightly coupled, biases and a scale"
 LATERAL = "coloured fixes, and no slip to the side"
+WHEELS = "coloured fixes, and the speed of wheels"
+#: After the name of a filter that has it, too
+STANDSTILL = ", and zero velocity where it stands"
+#: Filters that are there for any body
+USUAL = (WHITE, COLOURED, TIGHT, PLANAR_TIGHT)
 # A body that goes faster than a runner is a vehicle: m/s, of a quantile; how often it is said not
 # to slip, s, and how fast it may at first, m/s
 _RUNNER, _QUANTILE, _SLIP_STEP, _SLIP = 6.0, 0.8, 0.2, 0.3
+# m/s, the deviation of a velocity that is zero, and the least share of the time that it must be
+_STANDS, _STANDING = 0.02, 0.03
+_WHEEL, _MOVING = 0.1, 0.5  # m/s: of a speed by wheels, and of what tells where forward is
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,7 +160,7 @@ class Correction(ABC):
     def run(
         self, observed: Sequence[Observation], first: float, second: float,
         start: Start | None = None, *, end: float = np.inf, kept: bool = True,
-        gate: float | None = None,
+        gate: float | None = None, more: Sequence[Observation] = (),
     ) -> Solution:  # fmt: skip
         """Run a filter on observations of one's own, with an event at the time of each fix.
 
@@ -163,6 +173,8 @@ class Correction(ABC):
             By default that of the recording.
         end, kept, gate
             As in `run_error_state`.
+        more : sequence of Observation
+            That come after those of a filter.
         """
         nothing = np.full((len(self.fixes), len(self.lever_arm)), np.nan)
         silent = PositionFixes(
@@ -170,7 +182,8 @@ class Correction(ABC):
         )
         return run_error_state(
             self.motion(first, second), self.start if start is None else start,
-            [*observed, silent], end=end, kept=kept, gate=self.gate if gate is None else gate,
+            [*observed, *more, silent], end=end, kept=kept,
+            gate=self.gate if gate is None else gate,
         )  # fmt: skip
 
     @property
@@ -225,9 +238,20 @@ class InertialCorrection(Correction):
         if (heard := self.recording.ranges) is not None:
             begin = (0.02, 0.001, size / 2, size / 2, 1.0, size / 4)
             found[TIGHT] = Rung(self._tight, begin, [(heard.time, heard.anchor)], 4)
+        elif self.recording.odometry is not None:
+            found[WHEELS] = Rung(self._wheels, (*coloured, _WHEEL), series, len(coloured) - 1)
         elif velocity is not None and _is_vehicle(velocity[self.fixes.time <= self.middle]):
             found[LATERAL] = Rung(self._lateral, (*coloured, _SLIP), series, len(coloured) - 1)
+        if len(self._standstills(self.fixes)) * STEP > _STANDING * np.ptp(self.fixes.time):
+            name = list(found)[-1] if heard is None else COLOURED
+            run = partial(self._standing, found[name].run)
+            found[name + STANDSTILL] = replace(found[name], run=run)
         return found
+
+    def _standstills(self, fixes: Fixes) -> Array:
+        imu = self.recording.imu
+        assert imu is not None
+        return standstill_times(imu, fixes, deviation_of(self.fixes), self.middle)
 
     @cached_property
     def axes(self) -> Array:
@@ -236,9 +260,10 @@ class InertialCorrection(Correction):
         Forward is where it goes, by a filter on the first half of the fixes; up is near the mean
         vertical.
         """
-        solution = self._loose(*self.rungs[COLOURED].begin, end=self.middle)
+        solution = smooth(self._loose(*self.rungs[COLOURED].begin, end=self.middle))
         R = np.array([state.attitude for state in solution.states])
-        moving = np.linalg.norm(solution.velocity, axis=1) > _RUNNER
+        fast = _RUNNER if self.recording.odometry is None else _MOVING
+        moving = np.linalg.norm(solution.velocity, axis=1) > fast
         forward = np.einsum("kji,kj->i", R[moving], solution.velocity[moving])
         left = np.cross(R[:, 2].mean(axis=0), forward)
         rows = [forward, left, np.cross(forward, left)]
@@ -294,6 +319,25 @@ class InertialCorrection(Correction):
         unknown = np.full(len(time), np.nan)
         wheels = WheelSpeeds(time, unknown, self.axes, np.array([1.0, slip, slip]))
         return self.run([*self._observed(sizes, gone), wheels], force, rate, **how)
+
+    def _wheels(
+        self, force: float, rate: float, *numbers: float, gone: Mask | None = None, **how: Any
+    ) -> Solution:
+        """Run with the speeds of wheels, which slip to no side; a speed is the mean of its step."""
+        *sizes, white = numbers
+        odometry = self.recording.odometry
+        assert odometry is not None
+        middles = (odometry.time[1:] + odometry.time[:-1]) / 2
+        wheels = WheelSpeeds(middles, odometry.speed[1:], self.axes, np.full(3, white))
+        return self.run([*self._observed(sizes, gone), wheels], force, rate, **how)
+
+    def _standing(
+        self, run: Callable[..., Solution], *numbers: float, gone: Mask | None = None, **how: Any
+    ) -> Solution:
+        """Run a filter with zero velocities where fixes that are not withheld let it stand."""
+        time = self._standstills(self._left(gone)[0])
+        zero = Velocities(time, np.zeros((len(time), 3)), np.full(3, _STANDS))
+        return run(*numbers, gone=gone, more=[zero] if len(time) else [], **how)
 
     def _tight(
         self, force: float, rate: float, white: float, coloured: float, time: float, bias: float,
@@ -423,7 +467,7 @@ def correction_of(
     Parameters
     ----------
     recording : Recording
-        Odometry comes before an IMU, ranges before fixes.
+        Ranges come before fixes; odometry before an IMU, unless the network is in space.
     alignment : float
         s.
     start : Start, optional
@@ -436,7 +480,8 @@ def correction_of(
     InswsnError
         If there is nothing that moves, or no network while it does.
     """
-    motion = recording.odometry if recording.odometry is not None else recording.imu
+    planar = is_planar(recording)
+    motion = recording.odometry if planar else recording.imu
     if motion is None or not len(motion):
         raise InswsnError(
             f"The recording {recording.name} has neither an IMU nor odometry: there is nothing to "
@@ -444,7 +489,7 @@ def correction_of(
         )
     whole = recording
     recording = recording.part(float(motion.time[0]), float(np.nextafter(motion.time[-1], np.inf)))
-    if recording.odometry is not None:
+    if planar:
         ranges = recording.ranges
         if ranges is not None and ranges.anchors.shape[1] > 2:
             raise InswsnError(
@@ -454,7 +499,7 @@ def correction_of(
 
     def build(fixes: Fixes) -> Correction:
         fixes = slope_velocity(fixes) if fixes.velocity is None else fixes
-        if recording.odometry is not None:
+        if planar:
             return OdometryCorrection(recording, fixes, alignment, start)
         if fixes.position.shape[1] > 2:
             return InertialCorrection(recording, fixes, alignment, start)
@@ -465,6 +510,20 @@ def correction_of(
     if ranges is None or not len(ranges) or recording.height is not None:
         return build(network_of(recording, period))
     return on_a_side(ranges, _periods(period), build, _likelihood)
+
+
+def is_planar(recording: Recording) -> bool:
+    """Tell whether the filters are of odometry on a plane, and not of an IMU in space.
+
+    Parameters
+    ----------
+    recording : Recording
+    """
+    if recording.odometry is None or recording.imu is None:
+        return recording.odometry is not None
+    if recording.ranges is not None and len(recording.ranges):
+        return bool(recording.ranges.anchors.shape[1] == 2)
+    return recording.fixes is None or bool(recording.fixes.position.shape[1] == 2)
 
 
 def _likelihood(filters: Correction) -> tuple[float, float]:

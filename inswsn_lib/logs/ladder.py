@@ -18,6 +18,7 @@ from inswsn_lib.logs.correction import (
     PLANAR_TIGHT,
     WHITE,
     Correction,
+    OdometryCorrection,
     Rung,
     correction_of,
 )
@@ -106,6 +107,11 @@ nothing to correct fixes with.
         return correction_of(self.recording, self.alignment, self.given, self.period)
 
     @property
+    def planar(self) -> bool:
+        """Whether filters are of odometry on a plane, and not of an IMU in space."""
+        return isinstance(self.filters, OdometryCorrection)
+
+    @property
     def fixes(self) -> Fixes:
         """The network."""
         return self.filters.fixes
@@ -175,7 +181,7 @@ nothing to correct fixes with.
             One of `rungs`.
         """
         recording, series = self.filters.recording, self.rungs[name].series
-        moved = recording.imu if recording.odometry is None else recording.odometry
+        moved = recording.odometry if self.planar else recording.imu
         assert moved is not None
         measured = np.sort(np.concatenate([moved.time[:0], *(time for time, _ in series)]))
         ends = [
@@ -197,7 +203,7 @@ nothing to correct fixes with.
 
         :meta private:
         """
-        if self.filters.recording.odometry is not None:
+        if self.planar:
             return None
         return DifferenceFilters(self.alone.state, self.network.state, self.step)
 

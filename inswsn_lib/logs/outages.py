@@ -13,7 +13,7 @@ from inswsn_lib.checks import Array
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.evaluation import block_ratio
 from inswsn_lib.inertial import Solution, Start, smooth
-from inswsn_lib.logs.correction import LATERAL
+from inswsn_lib.logs.correction import USUAL
 from inswsn_lib.logs.ladder import Ladder
 from inswsn_lib.streams import Whole
 
@@ -71,7 +71,7 @@ nothing to correct fixes with.
     @cached_property
     def solutions(self) -> dict[str, Solution]:
         """The runs of filters, which outages begin from: the likeliest on fixes, then others."""
-        names = [self.ladder.corrected, *({LATERAL} & set(self.ladder.rungs))]
+        names = [self.ladder.corrected, *(n for n in self.ladder.rungs if n not in USUAL)]
         return {name: self.ladder.solution(name) for name in names}
 
     @cached_property

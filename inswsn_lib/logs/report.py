@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation, Slerp
 from inswsn_lib.checks import Array, Mask
 from inswsn_lib.errors import InswsnError, ParameterError
 from inswsn_lib.inertial import InertialState, PlanarState, Solution, Start, smooth
-from inswsn_lib.logs.correction import COLOURED, network_of, turned_by_gyroscope
+from inswsn_lib.logs.correction import COLOURED, is_planar, network_of, turned_by_gyroscope
 from inswsn_lib.logs.estimates import (
     SCORES,
     Estimate,
@@ -127,7 +127,7 @@ def report(
     >>> print(logs.report(streams.Recording("walk", fixes=fixes)).sentence)
     The recording walk has neither an IMU nor odometry: there is nothing to correct fixes with.
     """
-    kind = InertialState if recording.odometry is None else PlanarState
+    kind = PlanarState if is_planar(recording) else InertialState
     if start is not None and not isinstance(start.state, kind):
         raise ParameterError("start", type(start.state).__name__, f"one with {kind.__name__}")
     findings = check_set_up(recording)
@@ -307,7 +307,7 @@ def _mirrored_start(ladder: Ladder) -> list[Finding]:
 
 def _by_gyroscope(ladder: Ladder) -> tuple[Ladder, list[Finding]]:
     """Ask whether the rate of an IMU beside odometry fits the network better, and take that."""
-    turned = turned_by_gyroscope(ladder.recording)
+    turned = turned_by_gyroscope(ladder.recording) if ladder.planar else None
     if turned is None:
         return ladder, []
     other = replace(ladder, recording=turned)

@@ -7,17 +7,28 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from made_folders import needs
+from made_logs import Motion, driven, imu_of
 from made_recording import made, made_drive, made_imu
 
 from inswsn_lib import logs
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.inertial import Innovations, Solution, Start
 from inswsn_lib.logs import Ladder, Outages, report
-from inswsn_lib.logs.correction import COLOURED, PLANAR_TIGHT, TIGHT, WHITE
+from inswsn_lib.logs.correction import (
+    COLOURED,
+    PLANAR_TIGHT,
+    STANDSTILL,
+    TIGHT,
+    WHEELS,
+    WHITE,
+    correction_of,
+    is_planar,
+)
 from inswsn_lib.logs.difference_filters import FAMILIES, DifferenceFilters
 from inswsn_lib.logs.estimates import Estimate, largest_lag_one, line_through, scores
 from inswsn_lib.logs.ladder import ALONE, NETWORK, SMOOTHER
-from inswsn_lib.streams import Recording
+from inswsn_lib.logs.standstill import standstill_times
+from inswsn_lib.streams import Fixes, Imu, Odometry, Recording
 
 
 def test_a_line_gives_position_and_velocity_of_a_straight_way_between_its_rows_alone() -> None:
@@ -203,3 +214,61 @@ def test_in_the_labyrinth_ranges_do_not_better_its_odometry_in_half_a_minute() -
     assert table.loc[ALONE, "position_high"] < 1
     assert table.loc[PLANAR_TIGHT, "position_high"] < 1
     assert 0.3 < table.loc[PLANAR_TIGHT, "nees"] < 2.5
+
+
+def _car_with_wheels(seed: int) -> tuple[Recording, Motion]:
+    rng = np.random.default_rng(seed)
+    motion, time = driven(rng, 160.0, 8.0, 0.3), np.arange(0.1, 159.0, 0.5)
+    position = motion.place(time) + rng.normal(0, 0.2, (len(time), 3))
+    velocity = motion.velocity(time) + rng.normal(0, 0.05, (len(time), 3))
+    each = np.arange(0.0, 159.0, 0.1)
+    speed = np.linalg.norm(motion.velocity(each[1:] - 0.05), axis=1)
+    wheels = Odometry(each, np.append(0.0, speed) + 0.05 * rng.normal(size=len(each)), 0 * each)
+    imu = imu_of(rng, motion, 159.0)
+    shaken = 0.05 * np.linalg.norm(motion.velocity(imu.time), axis=1)[:, None]  # by the road
+    vibration = rng.normal(size=(2, *imu.rate.shape)) * shaken
+    imu = replace(imu, rate=imu.rate + vibration[0] / 20, force=imu.force + vibration[1])
+    return Recording("car", imu=imu, fixes=Fixes(time, position, velocity), odometry=wheels), motion
+
+
+def test_wheels_beside_an_ins_better_its_position_and_velocity() -> None:
+    recording, motion = _car_with_wheels(5)
+    assert not is_planar(recording)
+    assert is_planar(replace(recording, fixes=Fixes(np.arange(3.0), np.zeros((3, 2)))))
+    filters = correction_of(recording, 20.0)
+    errors = {}
+    for name in (COLOURED, WHEELS):
+        found = filters.rungs[name].run(*filters.rungs[name].begin)
+        late = found.time > 80
+        truth = motion.velocity(found.time[late])
+        errors[name] = np.sqrt(np.mean((found.velocity[late] - truth) ** 2))
+    assert errors[WHEELS] < 0.8 * errors[COLOURED]
+
+
+def test_a_body_stands_only_where_it_does() -> None:
+    recording, motion = _car_with_wheels(5)
+    assert recording.imu is not None
+    assert recording.fixes is not None
+    found = standstill_times(recording.imu, recording.fixes, 0.2, 80.0)
+    assert len(found) > 20
+    assert np.linalg.norm(motion.velocity(found), axis=1).max() < 0.1
+    # what never stands, and a car that leaves so gently that its IMU feels nothing
+    time = np.arange(0.0, 60.0, 0.02)
+    rng = np.random.default_rng(0)
+    noise = rng.normal(0, np.where(time < 30, 0.01, 0.2)[:, None], (len(time), 3))
+    imu, at = Imu(time, noise, noise), np.arange(0.0, 60.0, 0.25)
+    way = np.where(at > 15, 0.05 * (at - 15) ** 2, 0.0)[:, None] * [1.0, 0.0, 0.0]
+    gone = standstill_times(imu, Fixes(at, way), 0.02, 60.0)
+    assert gone.min() < 4
+    assert 15 < gone.max() < 17.5
+    assert not len(standstill_times(imu, Fixes(at, 5 * at[:, None] * [1.0, 0, 0]), 0.02, 60.0))
+
+
+def test_standing_is_told_to_a_filter_by_fixes_that_are_not_withheld() -> None:
+    recording, _ = _car_with_wheels(5)
+    filters = correction_of(recording, 20.0)
+    name = WHEELS + STANDSTILL
+    run, begin, all_of = filters.rungs[name].run, filters.rungs[name].begin, len(filters.fixes)
+    alone = filters.rungs[WHEELS].run(*begin)
+    assert len(run(*begin).time) > len(alone.time)
+    assert len(run(*begin, gone=np.ones(all_of, bool)).time) == len(alone.time)
