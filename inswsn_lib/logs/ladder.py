@@ -51,7 +51,8 @@ class Ladder:
     a line through five fixes where none was measured; a fix by ranges is of the middle of its
     period. Filters have their numbers by `most_likely` on the first part of the recording: by the
     likelihood of their innovations, which asks for no reference, and those of P1's form, of which
-    not all have one, by the size of their errors. They are judged on the rest. What is called
+    not all have one, by the size of their errors. They are judged on the rest. A vehicle does not
+    slip, wheels tell its speed, and what is seen to stand has zero velocity. What is called
     causal uses nothing later, but for the IMU's sample after a fix and the scale of the robust loss
     of `multilaterate_track`, which is of the whole recording.
 
