@@ -20,7 +20,7 @@ from .drift import (
     drift_bound as drift_bound,
     longest_period as longest_period,
 )
-from .error_ratios import block_ratio as block_ratio, correlation_length as correlation_length
+from .error_ratios import block_ratio as block_ratio
 from .metrics import (
     Spread as Spread,
     largest_error as largest_error,

@@ -6,12 +6,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.stats import t
 
-from inswsn_lib.checks import Array, array, number, whole
+from inswsn_lib.checks import array, number, whole
 from inswsn_lib.errors import ParameterError
+from inswsn_lib.evaluation.consistency import independent_count
 
 _FEWEST, _MOST = 3, 20  # blocks
-_LENGTHS = 5.0  # correlation times that a block is long
-_WINDOW = 5.0  # correlation times up to which autocorrelations are summed
+_LENGTHS = 3.0  # times the stretch that tells as much as one independent value, of a block
 
 
 def block_ratio(
@@ -21,14 +21,13 @@ def block_ratio(
 
     .. math:: r = \sqrt{\textstyle\sum_k a_k \big/ \sum_k b_k}
 
-    The rows are cut into G equal blocks, five times as long as squares hang together, from 3 to 20.
+    The rows are cut into G equal blocks, from 3 to 20, three times as long as what tells as much as
+    one independent row by `independent_count`, the most of a, b and :math:`a - r^2 b` less means.
     With :math:`\theta_g = \ln r` of all blocks but g, the logarithm of the ratio has the variance
     :math:`\tfrac{G-1}{G} \sum_g (\theta_g - \bar\theta)^2` (a jackknife by blocks, Künsch 1989),
-    and its interval is Student's for G - 1 degrees of freedom. How long squares hang together is
-    the largest of the integrated autocorrelation times of a, b and :math:`a - r^2 b`, each summed
-    up to five times itself (Sokal 1997). In simulations of errors that last for 0.5 to 8 s in 15 to
-    270 s, and over outages that overlap, it holds the ratio 93 to 95 % of the time. It speaks of
-    other stretches of the same recording, not of another one.
+    and its interval is Student's for G - 1 degrees of freedom. In simulations of errors that last
+    for 0.5 to 8 s in 15 to 270 s, and over outages that overlap, it holds the ratio 93 to 95 % of
+    the time. It speaks of other stretches of the same recording, not of another one.
 
     Parameters
     ----------
@@ -69,9 +68,9 @@ def block_ratio(
     if not b.any():
         return np.nan, np.nan, np.nan
     ratio = float(np.sqrt(a.sum() / b.sum()))
-    lasting = max(correlation_length(x) for x in (a, b, a - ratio**2 * b))
-    longest = max(block, _LENGTHS * lasting)
-    count = min(max(int(len(a) / longest), _FEWEST), _MOST, len(a))
+    series = (a, b, a - ratio**2 * b)
+    independent = min(independent_count((x - x.mean())[:, None]) for x in series)
+    count = int(np.clip(min(independent / _LENGTHS, len(a) / block), _FEWEST, _MOST))
     edges = np.linspace(0, len(a), count + 1).astype(int)[:-1]
     mine, theirs = (x.sum() - np.add.reduceat(x, edges) for x in (a, b))
     if min(mine.min(), theirs.min()) <= 0:
@@ -80,31 +79,3 @@ def block_ratio(
     spread = np.sqrt((count - 1) / count * np.sum((logs - logs.mean()) ** 2))
     within = float(t.ppf((1 + level) / 2, count - 1) * spread)
     return ratio, ratio * np.exp(-within), ratio * np.exp(within)
-
-
-def correlation_length(values: Array) -> float:
-    r"""Return how many rows of a series hang together: :math:`1 + 2 \sum_k \rho_k`, 1 or more.
-
-    The sum is of the autocorrelations about the mean, up to the first lag that is five times as
-    long as itself (Sokal 1997).
-
-    Parameters
-    ----------
-    values : ndarray, (rows,)
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from inswsn_lib.evaluation import correlation_length
-    >>> white = np.random.default_rng(0).normal(size=2000)
-    >>> print(f"{correlation_length(white):.1f} {correlation_length(np.repeat(white, 10)):.0f}")
-    1.0 10
-    """
-    apart = values - values.mean()
-    power = np.abs(np.fft.rfft(apart, 2 * len(apart))) ** 2
-    sums = np.fft.irfft(power)[: len(apart)]
-    if not sums[0] > 1e-24 * len(apart) * np.square(values).max(initial=0.0):
-        return 1.0
-    times = 1 + 2 * np.cumsum(sums[1:] / sums[0])
-    beyond = np.flatnonzero(np.arange(1, len(apart)) >= _WINDOW * np.maximum(times, 1.0))
-    return float(max(times[beyond[0] if len(beyond) else -1], 1.0)) if len(times) else 1.0

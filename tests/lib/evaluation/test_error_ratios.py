@@ -11,7 +11,7 @@ from scipy.stats import binom
 
 from inswsn_lib.checks import Array
 from inswsn_lib.errors import ParameterError
-from inswsn_lib.evaluation import block_ratio, correlation_length
+from inswsn_lib.evaluation import block_ratio
 
 Pair = tuple[Array, Array]
 
@@ -107,14 +107,6 @@ def test_rows_that_share_data_are_in_one_block() -> None:
     free, third, half = (block_ratio(mine, theirs, block) for block in (1, 20, 30))
     # never fewer than three blocks
     assert third == half != free
-
-
-def test_how_long_a_first_order_process_hangs_together() -> None:
-    # (1 + a) / (1 - a)
-    x = lasting(np.random.default_rng(5), 200_000, 1.0, 10.0, 1)[:, 0]
-    a = np.exp(-0.1)
-    assert correlation_length(x) == pytest.approx((1 + a) / (1 - a), rel=0.1)
-    assert correlation_length(np.ones(9)) == 1.0
 
 
 def test_what_cannot_be_told_is_said() -> None:
