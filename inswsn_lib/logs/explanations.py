@@ -187,6 +187,12 @@ class Explanations:
             count += int(mine.sum()) * float(np.mean(own**2))
         return max(total / max(count, 1e-300), 1.0)
 
+    @property
+    def noise(self) -> float:
+        """The deviation of what is left by the explanations that are chosen, m."""
+        found = self.fit(*self.chosen).found
+        return found.after if isinstance(found, Calibration) else np.inf
+
     def findings(self) -> Iterator[Finding]:
         """Yield whether each kind is as it should be, beside those that explain."""
         if not len(self._rows.time):

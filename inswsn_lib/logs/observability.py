@@ -69,7 +69,8 @@ def _turns(model: Model, time: Array) -> float:
     """Return how far attitudes are from their mean, root mean square, degrees."""
     matrices = model.motion.attitude(time)
     if model.d == 2:  # the rows that are there make a matrix of a level body
-        yaw = Rotation.from_euler("z", np.arctan2(matrices[:, 1, 0], matrices[:, 0, 0]))
+        angles = np.arctan2(matrices[:, 1, 0], matrices[:, 0, 0])
+        yaw = Rotation.from_euler("z", angles[:, None])
     else:
         yaw = Rotation.from_matrix(matrices)
     off = (yaw.mean().inv() * yaw).magnitude()

@@ -33,6 +33,7 @@ _MIRRORED = "the network is mirrored, its x and y exchanged, or rates have the o
 _FEWEST = 12  # fixes by which a track is judged
 _TRACK = ("x", "y", "vx", "vy")
 _COLUMNS = SCORES[:-1]
+_MOST, _INTERVAL = 20_000, 0.2  # fixes, or intervals of ranges, that are taken, and s of these
 # Outages in which fixes are withheld, s: times how long their errors last, at the least and most,
 # and of the time that is judged
 _LASTING, _SHORTEST, _LONGEST, _SHARE = 2.0, 2.0, 10.0, 0.1
@@ -94,7 +95,7 @@ def report(
     in the second half. Without a reference the filter is judged in outages of fixes, which are
     longer than their errors last: of what both have at hand the corrected track is compared with
     the better of standing still and going on from the last fix, the smoothed one with a straight
-    line to the next.
+    line to the next. Of more than 20,000 fixes, or intervals of ranges, every so many-th is taken.
 
     Parameters
     ----------
@@ -131,7 +132,9 @@ def report(
     if start is not None and not isinstance(start.state, kind):
         raise ParameterError("start", type(start.state).__name__, f"one with {kind.__name__}")
     findings = check_set_up(recording)
-    ladder = Ladder(check_failed(recording)[1], alignment=alignment, given=start, begins=begins)
+    recording, more = _thinned(check_failed(recording)[1])
+    findings += more
+    ladder = Ladder(recording, alignment=alignment, given=start, begins=begins)
     try:
         findings += ladder.filters.assumed
         begun = ladder.start.time
@@ -146,6 +149,24 @@ def report(
         return _with_filter(ladder, findings)
     except (InswsnError, np.linalg.LinAlgError) as error:
         return _without_filter(ladder.recording, findings, f"The filter cannot run: {error}")
+
+
+def _thinned(recording: Recording) -> tuple[Recording, list[Finding]]:
+    """Return a recording with every so many-th fix, or interval of ranges, where it is long."""
+    fixes, ranges = recording.fixes, recording.ranges
+    count, what = 0 if fixes is None else len(fixes), "fixes"
+    if ranges is not None and len(ranges):
+        count, what = int(np.ptp(ranges.time) / _INTERVAL), "intervals of ranges"
+    every = count // _MOST + 1
+    if every == 1:
+        return recording, []
+    if ranges is not None and len(ranges):
+        inside = ((ranges.time - ranges.time[0]) / _INTERVAL).astype(int) % every == 0
+        recording = replace(recording, ranges=ranges.kept(inside))
+    elif fixes is not None:
+        recording = replace(recording, fixes=fixes.kept(np.arange(count) % every == 0))
+    says = f"the recording is long: of {every} {what} one is taken"
+    return recording, [Finding("length", "network", every, 1, np.inf, True, says)]
 
 
 def _with_filter(ladder: Ladder, findings: list[Finding]) -> Report:

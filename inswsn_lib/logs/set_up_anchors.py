@@ -21,6 +21,8 @@ from inswsn_lib.streams import Ranges
 _LET = 3.0  # times the noise of a range: a place or a bias that is let pass
 _TOLD = 3.0  # times that: the widest bound with which they are told
 _LEAST = 0.05  # m, of the noise
+#: What is said of anchors where the frame is wrong
+FRAME = "most anchors seem to be elsewhere, so that it is the frame that is wrong"
 _UNTOLD = {
     "place": "the tag moves too little about it to tell where it is",
     "bias": "its ranges change too much for a bias to be told",
@@ -79,8 +81,7 @@ def check_anchors(
     suspects = {k for each, k in found if each.fits is False}
     if len(suspects) <= len(heard) / 2:
         return found
-    says = "most anchors seem to be elsewhere, so that it is the frame that is wrong"
-    return [(replace(each, fits=None, says=says), k) for each, k in found]
+    return [(replace(each, fits=None, says=FRAME), k) for each, k in found]
 
 
 def _fitted(model: Model, first: State, noise: float) -> _Fitted | None:

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from inswsn_lib.checks import Array
 from inswsn_lib.errors import InswsnError
@@ -17,6 +18,7 @@ from inswsn_lib.streams import Odometry, Recording
 
 _WINDOW, _SLOWEST = 1.0, 0.1  # s, of which means are compared, and m/s, of a course
 _LET, _COURSE_LET = 0.1, 0.3  # of a size that is right: wheels wear, and a body slips
+_LEVEL = 45.0  # degrees, by which what goes on a plane is tilted at most
 _TOLD = 2.0  # between which factors a size is told
 _SPEEDS = {"in km/h": 3.6, "in knots": 1.9438, "in cm/s": 100.0, "in mm/s": 1000.0}
 _RATES = {"in deg/s": 57.29578, "by half the track": 2.0, "by twice the track": 0.5}
@@ -30,6 +32,13 @@ def check_odometry(recording: Recording) -> Iterator[Finding]:
     if reference is None or len(reference) < 3:
         yield unknown("odometry", "odometry", "without a reference its sizes cannot be told")
         return
+    if reference.attitude is not None:
+        up = Rotation.from_quat(reference.attitude).apply([0.0, 0.0, 1.0])[:, 2]
+        tilt = float(np.degrees(np.arccos(np.clip(np.median(up), -1, 1))))
+        if tilt > _LEVEL:
+            says = f"its attitudes are tilted by {tilt:.3g} degrees: quaternions may have w first"
+            yield Finding("axes", "reference", tilt, 0, _LEVEL, False, says)
+            return
     try:
         told = told_by(recording.without("fixes"), _WINDOW, _SLOWEST)
         told = vertical_part(told) if told.by == "attitude" else told
@@ -82,5 +91,5 @@ def _judged(
         fits = not slope.outside(1 - let, 1 + let)
     says += f": it may be {' or '.join(found)}" if fits is False and found else ""
     yield Finding("odometry", subject, value, 1 - let, 1 + let, fits, says)
-    if alike.clock:
-        yield late(f"{subject} and reference", "stamps of odometry", alike.clock, 0.1, 2.0, 0.02)
+    if clock := alike.late:
+        yield late(f"{subject} and reference", "stamps of odometry", clock, 0.1, 2.0, 0.02)

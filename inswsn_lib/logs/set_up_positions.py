@@ -15,13 +15,14 @@ from inswsn_lib.logs.findings import Finding, unknown
 from inswsn_lib.logs.fit import calibrate
 from inswsn_lib.logs.likeness import BLOCK, Likeness, units_of
 from inswsn_lib.logs.reference_motion import ReferenceMotion
-from inswsn_lib.logs.set_up_anchors import biases_alone, check_anchors
+from inswsn_lib.logs.set_up_anchors import FRAME, biases_alone, check_anchors
 from inswsn_lib.logs.start import fixes_of
 from inswsn_lib.streams import Fixes, Ranges, Recording
 
 _UNITS = {"feet": 3.2808, "inches": 39.37, "cm": 100.0, "mm": 1000.0, "km": 1e-3}
 _OTHER = {unit: 1 / size for unit, size in _UNITS.items() if unit != "km"}
 _SIZE = (0.67, 1.5)  # of a unit that is right
+_AS_GOOD = 1.5  # times the noise that is left without wrong anchors: then it is the frame
 _MOST = 4000  # ranges by which a unit is tried, and fixes by which axes are
 
 
@@ -93,26 +94,34 @@ def _ranges(recording: Recording, ranges: Ranges) -> Iterator[Finding]:
         return
     apart = motion.carried(kept.time, arm) - kept.anchors[kept.anchor]
     distance = np.maximum(np.linalg.norm(apart, axis=1), 1e-9)
-    unit = _unit(float(np.median(kept.distance / distance)))
-    yield unit
-    if not unit.fits:
+    unit, known = _unit(float(np.median(kept.distance / distance)))
+    if not unit.fits and known:
+        yield unit
         yield unknown("axes", who, "nothing else is told before the unit is right")
         return
     axes = _axes(alike, who, "the reference's")
     yield axes
     if axes.fits is False:
         return
+    yield unit
+    if not unit.fits:
+        return
     kinds = _kinds(recording, "scale")
     told = Explanations(recording, "ranges", kinds, ("bias",), clock)
     right = replace(ranges, time=ranges.time - told.late)
-    wrong: list[int] = []
-    for finding, anchor in check_anchors(_seen(right, motion), motion, arm):
-        yield finding
-        wrong += [anchor] if finding.fits is False else []
+    anchors = check_anchors(_seen(right, motion), motion, arm)
+    wrong = [anchor for finding, anchor in anchors if finding.fits is False]
+    findings = list(told.findings())
     if wrong:
         others = replace(recording, ranges=ranges.kept(~np.isin(ranges.anchor, wrong)))
-        told = Explanations(others, "ranges", kinds, ("bias",), clock)
-    yield from told.findings()
+        without = Explanations(others, "ranges", kinds, ("bias",), clock)
+        turned = any(f.name == "frame" and f.fits is False for f in findings)
+        if turned and told.noise <= _AS_GOOD * without.noise:
+            anchors = [(unknown(f.name, f.subject, FRAME), k) for f, k in anchors]
+        else:
+            findings = list(without.findings())
+    yield from (finding for finding, _ in anchors)
+    yield from findings
 
 
 def _fixes(recording: Recording, fixes: Fixes) -> Iterator[Finding]:
@@ -151,15 +160,15 @@ def _seen(ranges: Ranges, motion: ReferenceMotion) -> Ranges:
     return ranges.kept(motion.covers(ranges.time) & np.isfinite(ranges.distance))
 
 
-def _unit(ratio: float) -> Finding:
-    """Judge the median ratio of ranges and distances; no chance makes it so wrong."""
+def _unit(ratio: float) -> tuple[Finding, list[str]]:
+    """Judge the median ratio of ranges and distances, and by which units it is explained."""
     fits = _SIZE[0] <= ratio <= _SIZE[1]
     units = units_of(ratio, ratio, {f"ranges in {unit}": size for unit, size in _UNITS.items()})
     units += units_of(ratio, ratio, {f"anchors in {unit}": size for unit, size in _OTHER.items()})
     says = "ranges are as long as the distances" if fits else (
         f"ranges are {ratio:.3g} times the distances" + (f": {', '.join(units)}" if units else "")
     )  # fmt: skip
-    return Finding("unit", "ranges and reference", ratio, *_SIZE, fits, says)
+    return Finding("unit", "ranges and reference", ratio, *_SIZE, fits, says), units
 
 
 def _likeness(recording: Recording, fixes: Fixes, motion: ReferenceMotion) -> Likeness | None:
