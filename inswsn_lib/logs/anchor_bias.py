@@ -22,7 +22,6 @@ from inswsn_lib.logs.window_fits import (
     fit_windows,
     mean_times,
     window_ranges,
-    window_rows,
 )
 from inswsn_lib.simulation.position_search import squares
 from inswsn_lib.streams import Ranges
@@ -47,7 +46,7 @@ def bias_of_ranges(ranges: Ranges, block: float, limit: float | None) -> Calibra
             f"{PERIODS[-1]:g} s has ranges to {d + 1} anchors, so none is redundant."
         )
     heard = np.unique(ranges.anchor)
-    problem = _Meeting(ranges, heard, *window_rows(ranges.time, period, period))
+    problem = _Meeting(window_ranges(ranges, period), heard, len(ranges.anchors))
     bias = np.zeros(len(ranges.anchors))
     fit = fit_windows(problem.rows(bias))
     before = fit.noise
@@ -81,16 +80,14 @@ def bias_of_ranges(ranges: Ranges, block: float, limit: float | None) -> Calibra
 class _Meeting:
     """Intervals of ranges that should meet in points, but for a bias of each anchor."""
 
-    ranges: Ranges
+    ranges: WindowRanges
     heard: NDArray[np.intp]
-    which: NDArray[np.intp]
-    first: NDArray[np.intp]
+    count: int  # of anchors
 
     def rows(self, bias: Array) -> WindowRanges:
         """Return the ranges of the intervals, free of a bias."""
-        return window_ranges(
-            self.ranges, self.which, self.first, bias, self.ranges.anchors.shape[1], None
-        )
+        distance = self.ranges.distance - bias[self.ranges.anchor]
+        return self.ranges._replace(distance=distance)
 
     def settled(self, bias: Array, fit: WindowFit) -> WindowFit:
         """Return the positions with a bias, and with the motion that they tell."""
@@ -103,8 +100,8 @@ class _Meeting:
         The positions are eliminated; an interval that tells none has no part. A range has the
         second derivative `bend` of half its loss by its length.
         """
-        rows, push = self.rows(np.zeros(len(self.ranges.anchors))), fit.weight * fit.miss
-        windows, count = len(rows.windows), len(self.ranges.anchors)
+        rows, push = self.ranges, fit.weight * fit.miss
+        windows, count = len(rows.windows), self.count
         place = np.repeat(np.arange(windows), np.diff(np.append(rows.windows, len(rows.anchor))))
         own, g = np.zeros((windows, count)), np.zeros((windows, count))
         C = np.zeros((windows, count, rows.place.shape[1]))
@@ -121,7 +118,8 @@ class _Meeting:
 
     def covariance(self, fit: WindowFit, block: float) -> tuple[Array, int]:
         """Return the covariance of the biases by blocks of time, and how many blocks there are."""
-        starts = block_starts(self.ranges.time[self.which[self.first]], block)
+        first = np.minimum.reduceat(self.ranges.time, self.ranges.windows)
+        starts = block_starts(first, block)
         if len(starts) < FEWEST:
             raise InswsnError(
                 f"The bias by anchor cannot be told: positions come from {len(starts)} blocks of "

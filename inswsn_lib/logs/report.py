@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation, Slerp
 from inswsn_lib.checks import Array, Mask
 from inswsn_lib.errors import InswsnError, ParameterError
 from inswsn_lib.inertial import InertialState, PlanarState, Solution, Start, smooth
-from inswsn_lib.logs.correction import COLOURED, is_planar, network_of, turned_by_gyroscope
+from inswsn_lib.logs.correction import COLOURED, is_planar, turned_by_gyroscope
 from inswsn_lib.logs.estimates import (
     SCORES,
     Estimate,
@@ -22,6 +22,7 @@ from inswsn_lib.logs.estimates import (
 from inswsn_lib.logs.filter_checks import check_innovations, check_nees, check_outliers
 from inswsn_lib.logs.findings import FALSE_ALARM, Finding
 from inswsn_lib.logs.ladder import Ladder
+from inswsn_lib.logs.network_fixes import network_of
 from inswsn_lib.logs.outages import COASTING, ON, SMOOTHED, STILL, STRAIGHT, Outages
 from inswsn_lib.logs.report_words import of_set_up, sentence_of
 from inswsn_lib.logs.set_up_checks import check_set_up

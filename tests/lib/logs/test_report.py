@@ -20,10 +20,9 @@ from inswsn_lib.logs.correction import (
     WHITE,
     InertialCorrection,
     correction_of,
-    deviation_of,
-    network_of,
     turned_by_gyroscope,
 )
+from inswsn_lib.logs.network_fixes import deviation_of, network_of
 from inswsn_lib.logs.report_words import sentence_of
 from inswsn_lib.streams import Fixes, Imu, Odometry, Recording, Reference
 
