@@ -25,16 +25,17 @@ from inswsn_lib.logs.correction import (
     is_planar,
 )
 from inswsn_lib.logs.difference_filters import FAMILIES, DifferenceFilters
-from inswsn_lib.logs.estimates import Estimate, largest_lag_one, line_through, scores
+from inswsn_lib.logs.estimates import Estimate, largest_lag_one, scores, truth_at
 from inswsn_lib.logs.ladder import ALONE, NETWORK, SMOOTHER
 from inswsn_lib.logs.standstill import standstill_times
-from inswsn_lib.streams import Fixes, Imu, Odometry, Recording
+from inswsn_lib.streams import Fixes, Imu, Odometry, Recording, Reference
 
 
 def test_a_line_gives_position_and_velocity_of_a_straight_way_between_its_rows_alone() -> None:
     time = np.arange(0.0, 2.0, 0.02)
     track = np.column_stack([1 + 3 * time, 2 - time])
-    found = line_through(time, track, np.array([0.5, 1.013, 3.0]), 0.075)
+    recording = Recording("line", reference=Reference(time, track))
+    found = truth_at(recording, np.array([0.5, 1.013, 3.0]))
     assert found[:2] == pytest.approx(np.array([[2.5, 1.5, 3, -1], [4.039, 0.987, 3, -1]]))
     assert np.isnan(found[2]).all()
 

@@ -23,7 +23,7 @@ from inswsn_lib.logs.correction import (
     turned_by_gyroscope,
 )
 from inswsn_lib.logs.network_fixes import deviation_of, network_of
-from inswsn_lib.logs.report_words import sentence_of
+from inswsn_lib.logs.report import sentence_of
 from inswsn_lib.streams import Fixes, Imu, Odometry, Recording, Reference
 
 NOISE = 0.3
