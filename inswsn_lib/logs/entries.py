@@ -24,7 +24,7 @@ answers when it is asked where the tag is.
 
 from __future__ import annotations
 
-import importlib.util
+import runpy
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import repeat
@@ -201,13 +201,8 @@ def _entry(entry: Any) -> tuple[str, Callable[[Task], Any]]:
         raise ParameterError("entry", entry, "path/to/file.py:Class")
     if not Path(path).is_file():
         raise ParameterError("entry", entry, "in a file that exists")
-    spec = importlib.util.spec_from_file_location(f"entry_{Path(path).stem}", path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
     try:
-        spec.loader.exec_module(module)
-        made = getattr(module, name)
+        made = runpy.run_path(path, run_name=f"entry_{Path(path).stem}")[name]
     except Exception as error:
         raise InswsnError(f"{path} does not give {name}: {type(error).__name__}: {error}") from None
     if not callable(made):

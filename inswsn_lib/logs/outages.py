@@ -85,9 +85,9 @@ nothing to correct fixes with.
             STILL: self._on(still),
             ON: self._on(network),
             "go on at the filter's velocity": self._on(filtered),
-            COASTING: self._replayed(name, smoothed=False),
+            COASTING: self._replayed(name),
         }
-        return found | {f"coasting, {n}": self._replayed(n, smoothed=False) for n in others}
+        return found | {f"coasting, {n}": self._replayed(n) for n in others}
 
     @cached_property
     def oracles(self) -> dict[str, Array]:
@@ -192,7 +192,7 @@ nothing to correct fixes with.
         first, last = (state[k, None, :2] for k in (self.starts, after))
         return self.apart(first + share[:, :, None] * (last - first), self.starts)
 
-    def _replayed(self, name: str, *, smoothed: bool) -> Array:
+    def _replayed(self, name: str, *, smoothed: bool = False) -> Array:
         """Return the errors of a filter without fixes, or of its smoother with those after."""
         found = [self._replay(name, int(k), smoothed=smoothed) for k in self.starts]
         return self.apart(np.array(found), self.starts)

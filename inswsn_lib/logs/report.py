@@ -109,10 +109,6 @@ def report(
     start : Start, optional
         What is known of the start, of `known_start`; for odometry with a `PlanarState`.
 
-    Returns
-    -------
-    Report
-
     Raises
     ------
     InswsnError
@@ -182,6 +178,7 @@ def _with_filter(ladder: Ladder, findings: list[Finding]) -> Report:
     judged = _by_reference if recording.reference is not None else _in_outages
     table, judge, more = judged(ladder, solution)
     findings += more
+    judge = "nothing" if table.isna().all(axis=None) else judge
     said = sentence_of(findings, table, judge)
     track = _track(ladder.fixes.time, ladder.of(solution))
     return Report(findings, table, judge, said, track, ladder.tuned(name).best)
@@ -212,7 +209,7 @@ def _by_reference(ladder: Ladder, solution: Solution) -> _Judged:
     errors = (corrected.state - truth)[:, : P.shape[1]]
     rows = rows & np.isfinite(errors).all(axis=1)
     found = [check_nees(errors[rows], P[rows])] if rows.sum() >= FEWEST else []
-    return table, _judge(table, "reference"), found
+    return table, "reference", found
 
 
 def _turned_by(recording: Recording, solution: Solution) -> Recording:
@@ -238,25 +235,23 @@ def _in_outages(ladder: Ladder, solution: Solution) -> _Judged:
     length = max(min(max(_LASTING * lasting, _SHORTEST), _LONGEST, _SHARE * judged), ladder.step)
     outages = Outages(ladder, length, length)
     vars(outages)["solutions"] = {ladder.corrected: solution}
-    names = {"corrected": COASTING, "line": STRAIGHT, "smoothed": SMOOTHED}
     try:
         errors = outages.errors | outages.oracles
     except InswsnError:  # there is no room for three
-        table = pd.DataFrame(np.nan, index=["network", *names], columns=[*ERRORS])
-        return table, "nothing", []
-    squares = {name: float(np.nanmean(np.square(each))) for name, each in errors.items()}
-    carried = min((STILL, ON), key=lambda name: squares[name])
-    rows = {}
-    for row, name in {"network": carried, **names}.items():
-        other = STRAIGHT if row in ("line", "smoothed") else carried
-        told = outages.ratio(errors[name], errors[other], length)
-        rows[row] = dict(zip(ERRORS[:4], told, strict=True))
-    table = pd.DataFrame(rows, index=[*ERRORS]).T
-    return table, _judge(table, f"outages of {length:.3g} s"), []
-
-
-def _judge(table: pd.DataFrame, by: str) -> str:
-    return "nothing" if table.isna().all(axis=None) else by
+        rows = ["network", "corrected", "line", "smoothed"]
+        return pd.DataFrame(np.nan, index=rows, columns=[*ERRORS]), "nothing", []
+    carried = min((STILL, ON), key=lambda name: float(np.nanmean(np.square(errors[name]))))
+    pairs = {
+        "network": (carried, carried),
+        "corrected": (COASTING, carried),
+        "line": (STRAIGHT, STRAIGHT),
+        "smoothed": (SMOOTHED, STRAIGHT),
+    }
+    told = {
+        row: dict(zip(ERRORS, outages.ratio(errors[mine], errors[other], length), strict=False))
+        for row, (mine, other) in pairs.items()
+    }
+    return pd.DataFrame(told, index=[*ERRORS]).T, f"outages of {length:.3g} s", []
 
 
 def _without_filter(recording: Recording, findings: list[Finding], said: str) -> Report:
@@ -274,7 +269,7 @@ def _without_filter(recording: Recording, findings: list[Finding], said: str) ->
     if recording.reference is not None and len(times):
         truth, half = truth_at(recording, times), times > float(np.mean(times[[0, -1]]))
         table = _table({"network": alone}, truth, half)
-        judge = _judge(table, "reference")
+        judge = "nothing" if table.isna().all(axis=None) else "reference"
     start = Finding("start", "filter", np.nan, np.nan, np.nan, None, said.rstrip("."))
     said = " ".join([*_of_set_up(findings), said])
     return Report([*findings, start], table, judge, said, _track(times, alone))

@@ -182,8 +182,7 @@ def test_a_scale_of_all_ranges_is_found() -> None:
 
 
 def test_outages_of_a_drive_are_bridged_by_odometry() -> None:
-    drive: Recording = made_drive(3)
-    table = Outages(Ladder(drive, alignment=10.0, begins=1), 4.0, 4.0).table((4.0,))
+    table = Outages(Ladder(made_drive(3), alignment=10.0, begins=1), 4.0, 4.0).table((4.0,))
     assert table.loc["coasting filter", "high 4 s"] < 1
 
 
