@@ -264,11 +264,17 @@ def test_a_body_stands_only_where_it_does() -> None:
     assert not len(standstill_times(imu, Fixes(at, 5 * at[:, None] * [1.0, 0, 0]), 0.02, 60.0))
 
 
-def test_standing_is_told_to_a_filter_by_fixes_that_are_not_withheld() -> None:
-    recording, _ = _car_with_wheels(5)
-    filters = correction_of(recording, 20.0)
-    name = WHEELS + STANDSTILL
-    run, begin, all_of = filters.rungs[name].run, filters.rungs[name].begin, len(filters.fixes)
-    alone = filters.rungs[WHEELS].run(*begin)
-    assert len(run(*begin).time) > len(alone.time)
-    assert len(run(*begin, gone=np.ones(all_of, bool)).time) == len(alone.time)
+def test_who_stands_has_no_velocity_but_where_the_fixes_that_tell_are_withheld() -> None:
+    recording, motion = _car_with_wheels(5)
+    filters = correction_of(replace(recording, odometry=None), 20.0)
+    runs = {name: filters.rungs[name].run for name in (COLOURED, COLOURED + STANDSTILL)}
+    begin, withheld = filters.rungs[COLOURED].begin, np.ones(len(filters.fixes), dtype=bool)
+    errors, events = [], []
+    for run in runs.values():
+        found = run(*begin)
+        truth = motion.velocity(found.time)
+        still = (found.time > 40) & (np.linalg.norm(truth, axis=1) < 1e-3)
+        errors.append(np.sqrt(np.mean((found.velocity - truth)[still] ** 2)))
+        events.append(len(run(*begin, gone=withheld).time))
+    assert errors[1] < errors[0] / 3
+    assert events[0] == events[1]
