@@ -11,12 +11,7 @@ from random_filters import PATTERNS, gappy
 
 from inswsn_lib import lmi
 from inswsn_lib.errors import ParameterError
-from inswsn_lib.filters import (
-    deadbeat_gain,
-    handover_weights,
-    patterns_of,
-    run_distributed,
-)
+from inswsn_lib.filters import deadbeat_gain, handover_weights, patterns_of, run_distributed
 from inswsn_lib.lmi import design_filter
 from inswsn_lib.models import ErrorModel
 

@@ -7,16 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
-from lib.inertial.made import (
-    LEVER_ARM,
-    NOISE,
-    Log,
-    Path,
-    fixes_of,
-    motion_on,
-    off_by,
-    ranges_of,
-)
+from lib.inertial.made import LEVER_ARM, NOISE, Log, Path, fixes_of, motion_on, off_by, ranges_of
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 

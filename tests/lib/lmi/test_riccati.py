@@ -113,10 +113,7 @@ P1 = ErrorModel.p1(0.2)
 @pytest.mark.parametrize(
     ("call", "said"),
     [
-        (
-            lambda: riccati_filter(P1, 0.0),
-            "gamma must be .* above 0 and at most 1e.100, not 0.0",
-        ),
+        (lambda: riccati_filter(P1, 0.0), "gamma must be .* above 0 and at most 1e.100, not 0.0"),
         (lambda: riccati_filter(P1, 1e101), "gamma must be"),
         (lambda: riccati_gamma(P1, 1e-15), "relative .* at least 1e-14 and below 1, not 1e-15"),
         (lambda: riccati_gamma(P1, 1.0), "relative .* not 1.0"),
@@ -130,14 +127,8 @@ P1 = ErrorModel.p1(0.2)
             for find in (riccati_gamma, lambda model: riccati_filter(model, 2.0))
             for model, said in (
                 (ErrorModel.p1(0.2, 0.01), "E must be zero, since the equation has no "),
-                (
-                    ErrorModel.p1(0.2, measurement_noise=(0.0, 1.0)),
-                    "D must be of full row rank",
-                ),
-                (
-                    ErrorModel.p1(0.2, process_noise=(1.0, 0.0)),
-                    "B must be one that drives",
-                ),
+                (ErrorModel.p1(0.2, measurement_noise=(0.0, 1.0)), "D must be of full row rank"),
+                (ErrorModel.p1(0.2, process_noise=(1.0, 0.0)), "B must be one that drives"),
             )
         ),
     ],
