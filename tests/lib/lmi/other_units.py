@@ -1,4 +1,4 @@
-"""Models in other units, for the tests of designs and the trial of systems."""
+"""Models for the tests of designs and the trial of systems, in other units and with few outputs."""
 
 from __future__ import annotations
 
@@ -17,3 +17,8 @@ def in_units(model: ErrorModel, rng: np.random.Generator, decades: float) -> Err
         model, A=model.A * S[:, None] / S, B=model.B * S[:, None], C=model.C * W[:, None] / S,
         D=model.D * W[:, None], L=model.L / S, E=model.E * S[:, None] / S,
     )  # fmt: skip
+
+
+def positions_only(period: float) -> ErrorModel:
+    """Return P1's model of which positions alone are measured."""
+    return replace(ErrorModel.p1(period), C=np.eye(2, 4), D=np.eye(2))
