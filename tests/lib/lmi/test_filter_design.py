@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from conftest import WHOLE
 from hypothesis import given, settings, strategies as st
-from other_units import in_units, positions_only
+from random_systems import drawn, in_units, positions_only
 from scipy.linalg import solve_discrete_are
 
 from inswsn_lib import ErrorModel
@@ -34,7 +34,7 @@ from inswsn_lib.lmi.stochastic import riccati_gain_below
 from inswsn_lib.lmi.units import Units
 
 FORMS: tuple[Form, ...] = ("exact", "printed")
-KINDS = ("stable", "unstable", "hidden mode", "badly scaled")
+KINDS = ("stable", "unstable", "hidden", "badly scaled")
 EACH = 60 if WHOLE else 8
 # What may differ between solvers: the relative accuracy of gamma.
 CLOSE = 1e-4
@@ -191,22 +191,9 @@ def test_the_design_says_what_it_is() -> None:
 
 
 def draw(kind: str, seed: int, jitter: bool = False) -> ErrorModel:
-    """Return a random model; D has full row rank, so that the Riccati equation exists."""
-    rng = np.random.default_rng([KINDS.index(kind), seed])
-    n, m, p = (int(rng.integers(1, high)) for high in (5, 4, 4))
-    A = rng.normal(size=(n, n))
-    radius = rng.uniform(1.0, 1.5) if kind == "unstable" else rng.uniform(0.1, 0.95)
-    A *= radius / np.abs(np.linalg.eigvals(A)).max()
-    C = rng.normal(size=(m, n))
-    if kind == "hidden mode":  # a state of its own that no output sees, stable or not
-        A = np.block([[A, np.zeros((n, 1))], [rng.normal(size=(1, n)), rng.uniform(0.2, 1.2)]])
-        C, n = np.hstack([C, np.zeros((m, 1))]), n + 1
-    model = ErrorModel(
-        A=A, B=rng.normal(size=(n, p)), C=C, D=rng.normal(size=(m, m + 1)),
-        L=rng.normal(size=(2, n)), E=0.1 * rng.normal(size=(n, n)) if jitter else None,
-        period=1.0,
-    )  # fmt: skip
-    return in_units(model, rng, 6) if kind == "badly scaled" else model
+    rng, scaled = np.random.default_rng([KINDS.index(kind), seed]), kind == "badly scaled"
+    model = drawn("stable" if scaled else kind, rng, jitter=jitter)
+    return in_units(model, rng, 6) if scaled else model
 
 
 def found(model: ErrorModel, form: Form) -> FilterDesign | None:

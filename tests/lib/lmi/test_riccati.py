@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from other_units import positions_only
+from random_systems import positions_only
 
 from inswsn_lib import ErrorModel
 from inswsn_lib.errors import ParameterError
