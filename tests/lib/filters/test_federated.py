@@ -202,26 +202,6 @@ def test_without_reset_the_last_message_is_aged_by_the_centre() -> None:
         assert claimed[k] == pytest.approx(P, rel=1e-9)
 
 
-def test_between_resets_it_is_the_filter_without_reset_from_the_last_one() -> None:
-    rng = np.random.default_rng(12)
-    model, P0 = random_model(rng, 2, 2), np.eye(2)
-    y, lost = rng.normal(size=(2, 8, 2, 4)), rng.random((2, 8, 4)) < 0.3
-    common: dict[str, Any] = {"measurement_covariance": random_covariances(rng, 2, 2),
-                              "sharing": (0.4, 0.4, 0.2)}  # fmt: skip
-    lost[:, 3] = False  # what is fused is what the covariance below says
-    whole = run_federated(model, y, initial_covariance=P0, interval=4, lost=lost, **common)
-    first = run_federated(model, y[:, :4], initial_covariance=P0, reset="none", lost=lost[:, :4],
-                          **common)  # fmt: skip
-    assert whole[:4] == pytest.approx(first, abs=1e-9)
-    P = federated_covariance(model, np.ones((4, 2), bool), initial_covariance=P0, reset="none",
-                             **common)[-1]  # fmt: skip
-    second = run_federated(
-        model, y[:, 4:], initial_covariance=model.A @ P @ model.A.T + model.process_covariance,
-        initial_state=model.A @ first[-1], reset="none", lost=lost[:, 4:], **common,
-    )  # fmt: skip
-    assert whole[4:] == pytest.approx(second, abs=1e-9)
-
-
 def test_zero_reset_uses_a_step_inside_an_interval_for_itself_only() -> None:
     rng = np.random.default_rng(13)
     model, interval = random_model(rng, 2, 2), 3

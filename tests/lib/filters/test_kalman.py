@@ -102,15 +102,6 @@ def test_it_is_least_squares_whatever_is_missing_and_changes(
         assert filtered[:, :, [run]] == pytest.approx(alone, rel=1e-9, abs=1e-9)
 
 
-def test_the_noise_is_that_of_the_model_if_nothing_is_said() -> None:
-    y = np.random.default_rng(2).normal(size=(9, 4, 2))
-    Q, R = MODEL.B @ MODEL.B.T, MODEL.D @ MODEL.D.T
-    plain = run_kalman(MODEL, y, initial_covariance=np.eye(4))
-    told = run_kalman(MODEL, y, initial_covariance=np.eye(4), process_covariance=Q,
-                      measurement_covariance=np.tile(R, (9, 1, 1)))  # fmt: skip
-    assert plain == pytest.approx(told, abs=1e-12)
-
-
 def test_gains_and_covariances_of_a_walk_are_ratios_of_fibonacci_numbers() -> None:
     design = design_kalman(walk(), np.full((4, 1), True), initial_covariance=[[1.0]])
     before = np.array([1 / 1, 3 / 2, 8 / 5, 21 / 13])
