@@ -37,12 +37,9 @@ class Path:
     def velocity(self, t: Array) -> Array:
         return np.stack([np.cos(0.5 * t + self.phase), 1.2 * np.cos(0.8 * t), 0.2 * np.cos(t)], -1)
 
-    def start(self) -> nav.InertialState:
-        """The state at 0 s."""
-        zero = np.array(0.0)
-        return nav.InertialState(
-            self.position(zero), self.velocity(zero), self.attitude(zero).as_matrix()
-        )
+    def state(self, time: float) -> nav.InertialState:
+        t = np.array(time)
+        return nav.InertialState(self.position(t), self.velocity(t), self.attitude(t).as_matrix())
 
     def acceleration(self, t: Array) -> Array:
         return np.stack(

@@ -43,14 +43,9 @@ def test_a_moving_start_is_found_as_well_as_it_says() -> None:
         biases = np.array([[0.05], [0.003]]) * rng.standard_normal((2, 3))
         motion = motion_on(path, 11.0, rng, biases=biases)
         fixed = fixes_of(path, 11.0, 0.05 * rng.standard_normal((54, 3)))
-        start = nav.align(
-            motion, [nav.PositionFixes(fixed, LEVER_ARM, np.full(3, 0.05))], 0.0, 10.0
-        )
-        at = np.array(start.time)
-        true = nav.InertialState(
-            path.position(at), path.velocity(at), path.attitude(at).as_matrix()
-        )
-        error = true.minus(start.state)[:9]
+        seen = [nav.PositionFixes(fixed, LEVER_ARM, np.full(3, 0.05))]
+        start = nav.align(motion, seen, 0.0, 10.0)
+        error = path.state(start.time).minus(start.state)[:9]
         total += error @ np.linalg.solve(start.covariance[:9, :9], error)
         headings.append(np.degrees(np.abs(error[6:]).max()))
     assert chi2.ppf(5e-5, 9 * RUNS) < total < chi2.ppf(1 - 5e-5, 9 * RUNS)

@@ -21,7 +21,7 @@ SPREAD = np.repeat([0.1, 0.05, 0.02, 0.05, 0.003], 3)
 
 def begun(path: Path, rng: np.random.Generator) -> nav.Start:
     """Return a start that is wrong by what it says, but for the biases."""
-    wrong = path.start().plus(SPREAD * rng.standard_normal(15))
+    wrong = path.state(0.0).plus(SPREAD * rng.standard_normal(15))
     state = replace(wrong, force_bias=np.zeros(3), rate_bias=np.zeros(3))
     return nav.Start(0.0, state, np.diag(SPREAD**2))
 
@@ -170,7 +170,7 @@ def test_a_gate_keeps_false_ranges_out() -> None:
 def test_nothing_to_measure_is_told(begin: float, sign: float, count: int, said: str) -> None:
     path = Path()
     fixes = nav.PositionFixes(fixes_of(path, 1.0, 0.0), LEVER_ARM, np.ones(3))
-    start = nav.Start(begin, path.start(), sign * np.eye(15))
+    start = nav.Start(begin, path.state(0.0), sign * np.eye(15))
     with pytest.raises(InswsnError, match=said):
         nav.run_error_state(motion_on(path, 1.0), start, [fixes] * count)
 

@@ -22,7 +22,7 @@ STILL = nav.OdometryNoise(0.0, 0.0, 0.0, 0.0)
 def test_it_follows_an_exact_path() -> None:
     """Samples of 100 Hz, means of neighbours taken as constant: an error of second order."""
     path, seconds = Path(), 10.0
-    start = path.start()
+    start = path.state(0.0)
     end, _, _ = ahead(nav.InertialMotion(imu_of(path, seconds), QUIET), 0.0, seconds, start)
     assert end.position == pytest.approx(path.position(np.array(seconds)), abs=2e-3)
     assert end.velocity == pytest.approx(path.velocity(np.array(seconds)), abs=5e-4)
@@ -33,7 +33,7 @@ def test_it_follows_an_exact_path() -> None:
 def test_events_between_samples_do_not_change_the_way() -> None:
     path = Path()
     motion = nav.InertialMotion(imu_of(path, 2.0), QUIET)
-    start = path.start()
+    start = path.state(0.0)
     once, _, _ = ahead(motion, 0.0, 2.0, start)
     events = np.sort(np.append(np.random.default_rng(1).uniform(0, 2, 50), 2.0))
     state = start
@@ -48,7 +48,7 @@ def test_the_transition_is_the_derivative(seed: int) -> None:
     path = Path(float(seed))
     motion = nav.InertialMotion(imu_of(path, 1.0), QUIET)
     biases = rng.normal(0, 0.1, 3), rng.normal(0, 0.01, 3)
-    start = replace(path.start(), force_bias=biases[0], rate_bias=biases[1])
+    start = replace(path.state(0.0), force_bias=biases[0], rate_bias=biases[1])
     end, Phi, _ = ahead(motion, 0.0, 1.0, start)
     for column in range(15):
         step = np.zeros(15)

@@ -57,9 +57,9 @@ def inertial(seed: int) -> tuple[Any, nav.Start, list[Any], dict[str, Any]]:
         ),
     ]  # fmt: skip
     root = 0.1 * rng.standard_normal((15, 15)) + 0.2 * np.eye(15)
-    begun = path.start().plus(0.05 * rng.standard_normal(15))
+    begun = path.state(0.0).plus(0.05 * rng.standard_normal(15))
     start = nav.Start(0.0, begun, root @ root.T)
-    about = path.start().plus(0.2 * rng.standard_normal(15))
+    about = path.state(0.0).plus(0.2 * rng.standard_normal(15))
     return motion, start, observed, {"about": about}
 
 
