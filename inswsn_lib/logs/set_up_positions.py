@@ -1,4 +1,4 @@
-"""Whether ranges or fixes have the unit, the axes, the clock and the frame of a reference."""
+"""Whether ranges or fixes go with a reference, and anchors are where they are said to be."""
 
 from __future__ import annotations
 
@@ -9,20 +9,27 @@ import numpy as np
 
 from inswsn_lib.checks import Array, Mask
 from inswsn_lib.errors import InswsnError
-from inswsn_lib.logs.blocks import FEWEST
-from inswsn_lib.logs.calibration import calibrate
-from inswsn_lib.logs.explanations import Explanations
+from inswsn_lib.logs.blocks import FEWEST, deviation_of
+from inswsn_lib.logs.calibration import Calibration, calibrate, fitted, fixes_of
+from inswsn_lib.logs.explanations import Explanations, quantile, told_within
 from inswsn_lib.logs.findings import Finding, unknown
 from inswsn_lib.logs.likeness import BLOCK, Likeness, units_of
+from inswsn_lib.logs.model import Model, Rows, State
 from inswsn_lib.logs.reference_motion import ReferenceMotion
-from inswsn_lib.logs.set_up_anchors import biases_alone, check_anchors, not_told
-from inswsn_lib.logs.start import fixes_of
+from inswsn_lib.logs.window_fits import PERIODS, enough_ranges, fit_windows, window_ranges
 from inswsn_lib.streams import Fixes, Ranges, Recording, Reference
 
 _UNITS = {"feet": 3.2808, "inches": 39.37, "cm": 100.0, "mm": 1000.0, "km": 1e-3}
 _OTHER = {unit: 1 / size for unit, size in _UNITS.items() if unit != "km"}
 _SIZE = (0.67, 1.5)  # of a unit that is right
 _AS_GOOD = 1.5  # times the noise that is left without wrong anchors: then it is the frame
+_LET, _WIDEST = 3.0, 3.0  # times the noise of a range: a place or a bias that is let pass; times
+# that: the bound with which they are told
+_NOISE = 0.05  # m, the least
+_UNTOLD = {
+    "place": "the tag moves too little about it to tell where it is",
+    "bias": "its ranges change too much for a bias to be told",
+}
 _MOST = 4000  # ranges by which a unit is tried, and fixes by which axes are
 
 
@@ -54,7 +61,7 @@ def _alone(ranges: Ranges) -> Iterator[Finding]:
     except InswsnError as error:
         yield unknown("bias", "ranges", str(error).rstrip("."))
     else:
-        yield from biases_alone(found)
+        yield from _biases(found)
     says = "without a reference a mirrored or turned frame of the anchors cannot be told"
     yield unknown("axes", "ranges", says)
     yield unknown("time", "ranges", "without a reference their clock cannot be told")
@@ -62,16 +69,11 @@ def _alone(ranges: Ranges) -> Iterator[Finding]:
 
 def _disagreement(ranges: Ranges) -> float:
     """Return by how much ranges of an interval do not meet, m; infinite if too few are heard."""
-    try:
-        fixes = fixes_of(ranges)
-    except InswsnError:
+    ranges = ranges.kept(np.isfinite(ranges.distance))
+    if len(ranges) < FEWEST:
         return np.inf
-    fixes = fixes.kept(np.asarray(np.isfinite(fixes.position).all(axis=1)))
-    if len(fixes) < FEWEST:
-        return np.inf
-    rows = np.searchsorted(fixes.time, ranges.time).clip(0, len(fixes) - 1)
-    apart = np.linalg.norm(fixes.position[rows] - ranges.anchors[ranges.anchor], axis=1)
-    return float(np.median(np.abs(ranges.distance - apart)))
+    fit = fit_windows(window_ranges(ranges, enough_ranges(ranges) or PERIODS[-1]))
+    return fit.noise if np.sum(~fit.bad) >= FEWEST else np.inf
 
 
 def _ranges(recording: Recording, ranges: Ranges, reference: Reference) -> Iterator[Finding]:
@@ -103,7 +105,7 @@ def _ranges(recording: Recording, ranges: Ranges, reference: Reference) -> Itera
         return
     told = Explanations(recording, "ranges", clock)
     right = replace(ranges, time=ranges.time - told.late)
-    anchors = check_anchors(_seen(right, motion), motion, arm)
+    anchors = _anchors(_seen(right, motion), motion, arm)
     wrong = [k for k, pair in anchors.items() if any(each.fits is False for each in pair)]
     findings = list(told.findings())
     if wrong:
@@ -111,7 +113,7 @@ def _ranges(recording: Recording, ranges: Ranges, reference: Reference) -> Itera
         without = Explanations(others, "ranges", clock)
         turned = any(each.name == "frame" and each.fits is False for each in findings)
         if turned and told.noise <= _AS_GOOD * without.noise:
-            anchors = not_told(anchors)
+            anchors = _not_told(anchors)
         else:
             findings = list(without.findings())
     for pair in anchors.values():
@@ -179,3 +181,74 @@ def _axes(alike: Likeness | None, who: str, what: str) -> Finding:
     if alike is None:
         return unknown("axes", who, "too few fixes while the reference is there")
     return alike.axes(who, what)
+
+
+def _anchors(ranges: Ranges, motion: ReferenceMotion, lever_arm: Array) -> dict[int, list[Finding]]:
+    """Return whether each anchor's place and bias are right, by the number of the anchor."""
+    rows = Rows.of(ranges)
+    first = State.nothing(rows, lever_arm)
+    off = Model(motion, rows, []).residual(first)
+    middles = {k: float(np.median(off[rows.which == k])) for k in np.unique(rows.which).tolist()}
+    let, found = _LET * max(deviation_of(rows.level(off)), _NOISE), {}
+    for k, name in ((k, ranges.names[k]) for k in middles):
+        own = replace(rows, value=rows.value - _usual(middles, k)).part(rows.which == k)
+        try:
+            # where an anchor is, is told by how the track would have to be shifted
+            place, bias = (fitted(Model(motion, own, [x]), first, BLOCK) for x in ("shift", "bias"))
+        except InswsnError:
+            seldom = "it is heard too seldom"
+            found[k] = [unknown(kind, f"anchor {name}", seldom) for kind in _UNTOLD]
+            continue
+        pair = [
+            _anchor(kind, name, value, fit.deviations, fit.blocks, let, len(middles))
+            for kind, value, fit in (("place", -place.values, place), ("bias", bias.values, bias))
+        ]
+        better = int(bias.after <= place.after)  # what leaves less is what is wrong
+        if pair[better].fits is False:
+            says = "another explanation fits better"
+            pair[1 - better] = replace(pair[1 - better], fits=True, says=says)
+        found[k] = pair
+    if sum(any(each.fits is False for each in pair) for pair in found.values()) > len(found) / 2:
+        return _not_told(found)
+    return found
+
+
+def _not_told(found: dict[int, list[Finding]]) -> dict[int, list[Finding]]:
+    """Return that nothing is told of anchors, since the frame is wrong."""
+    says = "most anchors seem to be elsewhere, so that it is the frame that is wrong"
+    return {k: [replace(x, fits=None, says=says) for x in pair] for k, pair in found.items()}
+
+
+def _usual(biases: dict[int, float], k: int) -> float:
+    """Return the median of the biases of other anchors."""
+    return float(np.median([bias for other, bias in biases.items() if other != k] or [0.0]))
+
+
+def _anchor(
+    kind: str, name: str, values: Array, deviations: Array, blocks: int, let: float, many: int
+) -> Finding:
+    """Judge the displacement or the bias of one of many anchors."""
+    d, worst, size = len(values), float(deviations.max()), float(np.linalg.norm(values))
+    bound = let + quantile(blocks, many * d) * worst * float(np.sqrt(d))
+    value = size if kind == "place" else float(values[0])
+    fits = size <= bound
+    if kind == "place":
+        where = ", ".join(f"{x:.2g}" for x in values)
+        wrong = f"by its ranges it is ({where}) m from where it is said to be (± {worst:.2g} m)"
+        says = "it is where it is said to be" if fits else wrong
+    else:
+        why = "it is not in line of sight, or elsewhere" if value > 0 else "it is elsewhere"
+        wrong = f"its ranges are {value:.2g} m longer than others (± {worst:.2g} m): {why}"
+        says = "its ranges are as long as others" if fits else wrong
+    low = 0.0 if kind == "place" else -bound
+    found = Finding(kind, f"anchor {name}", value, low, bound, fits, says)
+    return told_within(found, _WIDEST * let, _UNTOLD[kind])
+
+
+def _biases(found: Calibration) -> Iterator[Finding]:
+    """Yield whether each anchor's bias, by ranges alone, is as those of the others."""
+    let, biases = _LET * max(found.after, _NOISE), dict(enumerate(found.values.tolist()))
+    for k, name in enumerate(found.names):
+        value, deviation = np.array([biases[k] - _usual(biases, k)]), found.deviations[[k]]
+        anchor = name.removeprefix("bias ")
+        yield _anchor("bias", anchor, value, deviation, found.blocks, let, len(biases))
