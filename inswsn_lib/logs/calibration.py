@@ -57,20 +57,6 @@ class Calibration:
         m, in the reference's own frame.
     middle : float
         s.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from inswsn_lib.logs import Calibration
-    >>> from inswsn_lib.logs.model import State
-    >>> one = np.ones(1)
-    >>> state = State(0.012 * one, 0 * one, np.eye(2), np.zeros(2), np.zeros(3), 0 * one, 0 * one)
-    >>> found = Calibration("ranges", ("clock",), np.array([0.012]), np.array([[4e-6]]), 0.1, 0.08,
-    ...     blocks=30, state=state, centre=np.zeros(2), middle=0.0)
-    >>> found.told
-    {'clock': (0.012, 0.002)}
-    >>> print(found.intervals(0.95).round(4))
-    [[0.0079 0.0161]]
     """
 
     source: str
@@ -154,24 +140,21 @@ def calibrate(
 
     Errors of ranges last for seconds: of anchors that are hidden, of antennas that are turned away.
     So the covariance is a jackknife over blocks of time (Liang and Zeger 1986; MacKinnon, Nielsen
-    and Webb 2023), in which errors of one block may hang together in any way. A lever arm and
-    errors of an antenna that go with the direction in which it is heard are one and the same to
-    ranges.
+    and Webb 2023). To ranges, a lever arm and errors of an antenna that go with the direction in
+    which it is heard are one and the same.
 
     Without a reference, only the bias by anchor can be told, from ranges that do not meet in one
-    point: the positions of intervals of 0.2 s, or of those longer ones that have enough ranges, are
-    unknowns, too.
+    point: the positions of intervals of 0.2 s, or longer, are unknowns, too.
 
     Parameters
     ----------
     recording : Recording
         With ranges or fixes, and if more than the bias is asked for, a reference.
     estimate : sequence of str
-        Of ``"clock"``, ``"rate"``, ``"frame"``, ``"lever arm"``, ``"bias"``, ``"scale"``. What is
-        not asked for is taken as the recording has it; a lever arm in the plane keeps its z.
+        Of ``"clock"``, ``"rate"``, ``"frame"``, ``"lever arm"``, ``"bias"``, ``"scale"`` (the last
+        two of ranges). Others are as the recording has them; a lever arm in the plane keeps its z.
     source : str, optional
-        ``"ranges"`` or ``"fixes"``; by default ranges if there are any. Fixes have no bias and no
-        scale.
+        ``"ranges"`` or ``"fixes"``; by default ranges if there are any.
     block : float
         Length of the blocks, s, longer than errors last; of a short recording, a tenth.
     reach : float
@@ -184,8 +167,7 @@ def calibrate(
     Raises
     ------
     InswsnError
-        If the recording cannot tell an unknown; it names it, and why. Singular values of the
-        Jacobian tell what depends on nothing, the jackknife what is known too poorly.
+        If the recording cannot tell an unknown; it names it, and why.
 
     Examples
     --------

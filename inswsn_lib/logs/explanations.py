@@ -62,11 +62,10 @@ class Explanations:
         stream, reference = getattr(recording, source), recording.reference
         assert reference is not None
         if len(stream) > _MOST:
-            kept = np.zeros(len(stream), dtype=bool)
-            kept[np.random.default_rng(0).choice(len(stream), _MOST, replace=False)] = True
-            stream = stream.kept(kept)
-        self.recording, self.source, self.clock = recording, source, clock
+            some = np.random.default_rng(0).choice(len(stream), _MOST, replace=False)
+            stream = stream.kept(np.isin(np.arange(len(stream)), some))
         self.recording = replace(recording, **{source: stream})
+        self.source, self.clock = source, clock
         arm = ("lever arm",) if reference.attitude is not None else ()
         self.kinds: tuple[str, ...] = ("clock", "frame", *arm)
         self._also: tuple[str, ...] = ()

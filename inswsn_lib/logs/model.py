@@ -112,14 +112,7 @@ class Rows:
 
 
 class Unknowns:
-    """Which entries of a state are asked for, and their names.
-
-    Parameters
-    ----------
-    rows : Rows
-    kinds : collection of str
-        Of `KINDS`.
-    """
+    """Which entries of a state are asked for, by kinds of `KINDS`, and their names."""
 
     def __init__(self, rows: Rows, kinds: Collection[str]) -> None:
         self.rows, self.d = rows, rows.dimension
@@ -242,10 +235,6 @@ class Meeting(Unknowns):
 
     The positions are unknowns, too, and eliminated (variable projection, Golub and Pereyra 1973).
     What all anchors have too much is told by how ranges from all around cannot meet.
-
-    Parameters
-    ----------
-    ranges : Ranges
     """
 
     def __init__(self, ranges: Ranges) -> None:

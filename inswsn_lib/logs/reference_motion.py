@@ -15,14 +15,7 @@ _HALF = 0.05  # s, of what velocities are differences over: stamps jitter by mil
 
 
 class ReferenceMotion:
-    """A reference on straight lines between its stamps, also where the body carries something.
-
-    Parameters
-    ----------
-    reference : Reference
-    dimensions : int
-        Of what it is compared with, 2 or 3; the first of its coordinates.
-    """
+    """A reference on straight lines between its stamps, in its first 2 or 3 coordinates."""
 
     def __init__(self, reference: Reference, dimensions: int) -> None:
         self.d = dimensions
