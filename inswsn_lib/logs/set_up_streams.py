@@ -277,7 +277,9 @@ def _values(recording: Recording) -> Iterator[Finding]:
         columns = [] if isinstance(stream, Reference) else [x for _, x in _measured(stream)]
         if not columns:
             continue
-        stuck = max(_longest((np.diff(rows, axis=0) == 0).all(axis=1)) for rows in columns) + 1
+        stuck = (
+            max(longest_run((np.diff(rows, axis=0) == 0).all(axis=1))[0] for rows in columns) + 1
+        )
         says = "no stretch has the same values" if stuck <= _STUCK else (
             f"{stuck} rows on end say the same: the sensor or its logger sticks"
         )  # fmt: skip
@@ -304,10 +306,12 @@ def _measured(stream: Stream) -> list[tuple[Whole, Array]]:
     return [(every, stream.position)] if isinstance(stream, Fixes | Reference) else []
 
 
-def _longest(same: Mask) -> int:
-    """Return how many on end are true at most."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], same, [False]]).astype(int)))
-    return int(np.max(np.diff(edges)[::2], initial=0))
+def longest_run(same: Mask) -> tuple[int, int]:
+    """Return how many on end are true at most, and the first of them."""
+    edges = np.flatnonzero(np.diff(same, prepend=False, append=False)).reshape(-1, 2)
+    lengths = np.append(np.diff(edges).ravel(), 0)
+    longest = int(np.argmax(lengths))
+    return int(lengths[longest]), int(edges[longest, 0]) if len(edges) else 0
 
 
 def _at_limit(column: Array) -> float:

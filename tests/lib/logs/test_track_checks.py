@@ -9,8 +9,8 @@ import pytest
 
 import inswsn_lib as iw
 from inswsn_lib import ErrorModel, ParameterError, TrackPair
-from inswsn_lib.evaluation.alignment import Alignment
 from inswsn_lib.logs import Finding, check_recording, verdict
+from inswsn_lib.logs.track_checks import Alignment
 
 MODEL = ErrorModel.p1(0.2, process_noise=(0.001, 0.01), measurement_noise=(0.2, 0.1))
 RIGHT = iw.read_recording(iw.data_file("examples/ins-wsn.csv"))
