@@ -19,7 +19,7 @@ from inswsn_lib.evaluation.consistency import (
     normalised_squares,
     whiteness,
 )
-from inswsn_lib.logs.findings import Finding
+from inswsn_lib.logs.findings import Finding, judged, unknown
 from inswsn_lib.streams import Whole
 
 _FEWEST = 30  # innovations
@@ -66,8 +66,7 @@ def check_innovations(
     """
     there = squares[np.isfinite(squares)]
     if len(there) < _FEWEST:
-        says = f"there are {len(there)} of them, too few to tell"
-        yield Finding("size", "innovations", np.nan, np.nan, np.nan, None, says)
+        yield unknown("size", "innovations", f"there are {len(there)} of them, too few to tell")
         return
     size = mean_square(float(there.mean()), len(there))
     large = "small, or the model is wrong" if size.value > size.high else "large"
@@ -151,9 +150,8 @@ def check_outliers(near: Mask) -> Finding:
         Which are within four deviations.
     """
     share = 1 - float(np.mean(near)) if len(near) else 0.0
-    fits = share <= _MOST_OUTLIERS
     says = f"{share:.1%} of them are more than four deviations off"
-    return Finding("outliers", "innovations", share, 0.0, _MOST_OUTLIERS, fits, says)
+    return judged("outliers", "innovations", share, 0.0, _MOST_OUTLIERS, says, says)
 
 
 def check_nees(errors: Array, covariances: Array) -> Finding:

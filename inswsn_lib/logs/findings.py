@@ -48,6 +48,14 @@ class Finding:
     says: str
 
 
+def judged(
+    name: str, subject: str, value: float, low: float, high: float, right: str, wrong: str
+) -> Finding:
+    """Return whether a number is between two bounds, and what that means."""
+    fits = bool(low <= value <= high)
+    return Finding(name, subject, value, low, high, fits, right if fits else wrong)
+
+
 def unknown(name: str, subject: str, says: str) -> Finding:
     """Return that the data cannot tell something, and why."""
     return Finding(name, subject, np.nan, np.nan, np.nan, None, says)

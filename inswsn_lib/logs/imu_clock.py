@@ -17,11 +17,10 @@ from inswsn_lib.streams import Imu, Recording
 
 _CLOCK, _TURN = 0.02, 0.05  # s, rad: the largest deviations that count as told
 _REACH = 1.0  # s, of clocks that are tried
-_STEP = 0.02  # s, of a derivative
+_STEP = 0.16  # s, of a derivative, in which noise is no matter
 _ROUNDS, _FAR = 6, 3.0  # of weights, and median misfits at which one counts less
 _EXPLAINED = 0.5  # of the variance of the gyro's rates, lest it is no gyro of this body
 _CHANCE = 15.0  # over the number of rows: what no chance explains
-_ABOUT = 0.01  # of turns about an axis, that others are: below it is rounding
 _JUMP = 1.5  # times as fast as is felt: where a reference jumps
 _FACTOR = 2.0  # of what is felt by what a course explains of it
 
@@ -147,8 +146,8 @@ def _moved(state: _State, by: Array) -> _State:
     return clock + float(by[0]), turn, bias + by[-len(bias) :]
 
 
-def _linear(felt: Felt, told: Told, state: _State) -> tuple[Array, Array]:
-    """Return what is felt and not told, (n, d), and its derivatives by a step, (n, d, p)."""
+def _linear(felt: Felt, told: Told, state: _State) -> tuple[Array, Array, Array]:
+    """Return what is told, what is felt beside it, (n, d), and its slopes by a step, (n, d, p)."""
     clock, turn, bias = state
     at, eye, rate = told.time + clock, np.eye(len(bias)), told.rate @ turn.T
     early, seen, late = (felt.mean(at + k * _STEP, told.window) for k in (-0.5, 0.0, 0.5))
@@ -156,7 +155,7 @@ def _linear(felt: Felt, told: Told, state: _State) -> tuple[Array, Array]:
     if len(bias) == 3:
         columns.append(np.cross(rate[:, None], eye).transpose(0, 2, 1))
     columns.append(np.broadcast_to(-eye, (len(at), *eye.shape)))
-    return np.asarray(seen - rate - bias), np.concatenate(columns, axis=2)
+    return rate, np.asarray(seen - rate - bias), np.concatenate(columns, axis=2)
 
 
 def _fitted(imu: Imu, told: Told, limit: float) -> ImuClock | None:
@@ -173,7 +172,7 @@ def _fitted(imu: Imu, told: Told, limit: float) -> ImuClock | None:
     alike = Likeness(partial(told.pairs, felt), told.time, _REACH)
     state: _State = (*((0.0, np.eye(d)) if alike.empty else alike.turned), np.zeros(d))
     for _ in range(_ROUNDS):
-        off, slopes = _linear(felt, told, state)
+        rate, off, slopes = _linear(felt, told, state)
         miss = np.linalg.norm(off, axis=1)
         w = 1 / (1 + (miss / max(_FAR * float(np.median(miss)), 1e-9)) ** 2)
         rows, each = slopes.reshape(off.size, -1), np.repeat(w, d)
@@ -190,19 +189,22 @@ def _fitted(imu: Imu, told: Told, limit: float) -> ImuClock | None:
             f"The IMU's clock cannot be told: by the {told.by} {share:.0%} of the variance of its "
             "rates is explained: it turns too little, has other axes, or is of another run."
         )
+    if d == 3:  # what is told has errors, too: the rotation's whole second derivative
+        bend = np.add.reduceat(w[:, None, None] * off[:, :, None] * rate[:, None], starts)
+        trace = np.trace(bend, axis1=1, axis2=2)[:, None, None]
+        parts[0][:, 1:4, 1:4] += trace * np.eye(3) - (bend + bend.transpose(0, 2, 1)) / 2
     found, lost = jackknife(*parts)
     deviations = np.where(lost, np.inf, np.sqrt(np.diag(found)))
     rotated = deviations[1:4] if d == 3 else np.full(3, np.nan)
-    sizes = np.linalg.svd(told.rate - told.rate.mean(axis=0), compute_uv=False)
-    if d == 3 and (sizes[1] < _ABOUT * sizes[0] or (rotated > _TURN).any()):
+    if (rotated > _TURN).any():
         return None
     if not deviations[0] <= limit:
-        rate = float(np.sqrt(np.sum(np.var(told.rate, axis=0))))
+        size = float(np.sqrt(np.sum(np.var(told.rate, axis=0))))
         raise InswsnError(
             f"The recording cannot tell the IMU's clock: the deviation would be {deviations[0]:.2g}"
-            f" s, above {limit:g}; it turns at {rate:.2g} rad/s."
+            f" s, above {limit:g}; it turns at {size:.2g} rad/s."
         )
-    both = np.sum((felt.mean(told.time + clock, told.window) - bias) * (told.rate @ turn.T), axis=1)
+    both = np.sum((off + rate) * rate, axis=1)
     shares = np.maximum(np.add.reduceat(w * both, starts), 0.0)
     telling = max(2, round(float(shares.sum() ** 2 / max(np.sum(shares**2), 1e-300))))  # Kish 1965
     rotation = turn if d == 3 else None

@@ -16,7 +16,7 @@ from scipy.stats import f, t
 
 from inswsn_lib.checks import Array, Mask
 from inswsn_lib.logs.blocks import FEWEST, block_starts
-from inswsn_lib.logs.findings import FALSE_ALARM, Finding
+from inswsn_lib.logs.findings import FALSE_ALARM, Finding, judged
 
 #: For a clock that is late: what is seen, what is told (n, d), and which rows both have
 Pairs = Callable[[float], tuple[Array, Array, Mask]]
@@ -355,4 +355,4 @@ def late(
         says += f": {hours} h are as of another zone of time"
     if round(size) == _LEAP:
         says += f": GPS time is {_LEAP} s ahead of UTC"
-    return Finding("time", who, value, -bound, bound, bool(size <= bound), says)
+    return judged("time", who, value, -bound, bound, says, says)

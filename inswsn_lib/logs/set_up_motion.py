@@ -12,7 +12,7 @@ from scipy.stats import t
 
 from inswsn_lib.checks import Array, Mask
 from inswsn_lib.errors import InswsnError
-from inswsn_lib.logs.findings import FALSE_ALARM, Finding, unknown
+from inswsn_lib.logs.findings import FALSE_ALARM, Finding, judged, unknown
 from inswsn_lib.logs.imu_clock import imu_clock
 from inswsn_lib.logs.likeness import BLOCK, HOUR, Likeness, late, units_of
 from inswsn_lib.logs.reference_motion import ReferenceMotion
@@ -47,9 +47,9 @@ def check_imu(recording: Recording) -> Iterator[Finding]:
         told = told_by(recording, _WINDOW)
     except InswsnError as error:
         fast = float(np.quantile(np.linalg.norm(imu.rate, axis=1), 0.999))
-        wrong = fast > _FASTEST
-        says = "faster than a gyro can tell: in deg/s" if wrong else str(error).rstrip(".")
-        yield Finding("unit", "IMU's rates", fast, 0, _FASTEST, False if wrong else None, says)
+        right, wrong = str(error).rstrip("."), "faster than a gyro can tell: in deg/s"
+        found = judged("unit", "IMU's rates", fast, 0, _FASTEST, right, wrong)
+        yield replace(found, fits=None if found.fits else False)
         yield unknown("axes", "IMU", "nothing tells how it turns")
         return
     who, told = f"IMU and {told.by}", told.some(slice(None, None, -(-len(told.time) // _MOST)))
@@ -83,14 +83,14 @@ def _force_unit(imu: Imu) -> Finding:
     """Compare the median size of the specific force with gravity; no chance makes it so wrong."""
     size = float(np.median(np.linalg.norm(imu.force, axis=1)))
     low, high = _SIZE[0] * GRAVITY, _SIZE[1] * GRAVITY
-    fits, ratio = low <= size <= high, size / GRAVITY
-    found = " or ".join(units_of(ratio, ratio, _FORCES | _increments(imu)))
-    says = "at rest it is gravity's opposite" if fits else (
-        f"it is {size:.3g}, and gravity 9.81 m/s^2" + (f": it may be {found}" if found else "")
-    )  # fmt: skip
-    if size < 0.1 * GRAVITY and not found:
+    found = units_of(size / GRAVITY, size / GRAVITY, _FORCES | _increments(imu))
+    says = f"it is {size:.3g}, and gravity 9.81 m/s^2"
+    if found:
+        says += f": it may be {' or '.join(found)}"
+    elif size < 0.1 * GRAVITY:
         says += ": gravity was taken off"
-    return Finding("unit", "IMU's specific force", size, low, high, fits, says)
+    right = "at rest it is gravity's opposite"
+    return judged("unit", "IMU's specific force", size, low, high, right, says)
 
 
 def _increments(imu: Imu) -> dict[str, float]:
@@ -109,13 +109,11 @@ def _gravity(imu: Imu, told: Told, *, sized: bool) -> Iterator[Finding]:
     force = felt.mean(told.time, told.window)
     x, y, z = told.attitude.apply(force).mean(axis=0)
     tilt = float(np.degrees(np.arctan2(np.hypot(x, y), z)))
-    fits = tilt <= _TILT
-    says = "on average the specific force points up" if fits else (
-        "by the attitude the specific force points "
-        + ("down: z is down, or its sign is another" if tilt > 150 else f"{tilt:.0f} deg off up")
-    )  # fmt: skip
+    down = "down: z is down, or its sign is another" if tilt > 150 else f"{tilt:.0f} deg off up"
+    says = "by the attitude the specific force points"
+    right = "on average the specific force points up"
     # a body that moves for long has gravity alone on average, so that chance has no part in it
-    yield Finding("gravity", "IMU and reference", tilt, 0, _TILT, fits, says)
+    yield judged("gravity", "IMU and reference", tilt, 0, _TILT, right, f"{says} {down}")
     up = told.attitude.inv().apply([0.0, 0.0, GRAVITY])
     every: Mask = np.ones(len(up), dtype=bool)
     alike = Likeness(lambda _: (force, up, every), told.time, 0.0, centred=False)
@@ -139,17 +137,17 @@ def _clock(recording: Recording, imu: Imu, clock: float, speed: float) -> Iterat
             yield unknown("time", who, str(error).rstrip("."))
         return
     q, value = float(t.isf(FALSE_ALARM / 2, found.blocks - 1)), sign * (clock + found.offset)
-    judged = late(f"IMU and {found.by}", stamps, value, found.deviation, q, let)
-    if judged.fits and judged.high > _TOLD:
-        judged = replace(judged, fits=None, says="too little turns to tell")
-    yield judged
+    told = late(f"IMU and {found.by}", stamps, value, found.deviation, q, let)
+    if told.fits and told.high > _TOLD:
+        told = replace(told, fits=None, says="too little turns to tell")
+    yield told
     if found.rotation is None:
         return
     angle = float(np.degrees(Rotation.from_matrix(found.rotation).magnitude()))
     worst = float(np.degrees(found.rotation_deviation.max()))
     bound = _MOUNTED + float(t.isf(FALSE_ALARM / 6, found.blocks - 1)) * worst * np.sqrt(3)
     says = f"its axes are turned by {angle:.2g} deg against the body's (± {worst:.2g} deg)"
-    yield Finding("mounting", "IMU and reference", angle, 0, float(bound), angle <= bound, says)
+    yield judged("mounting", "IMU and reference", angle, 0, float(bound), says, says)
 
 
 def check_odometry(recording: Recording) -> Iterator[Finding]:
@@ -225,13 +223,11 @@ def check_velocities(recording: Recording) -> Iterator[Finding]:
         apart = np.linalg.norm((after - early) / BLOCK - told, axis=1)
     fast = speed > _MOVES
     if fast.sum() < _FEW:
-        says = "it moves too little to tell"
-        yield Finding("itself", "fixes", np.nan, 0, _APART, None, says)
+        yield unknown("itself", "fixes", "it moves too little to tell")
         return
     value = float(np.median(apart[fast] / speed[fast]))
-    fits = value <= _APART
-    says = "positions move as velocities say" if fits else (
+    says = (
         f"by {value:.2g} of the speed positions do not move as velocities say: another unit, or "
         "axes exchanged or reversed, of one of them"
-    )  # fmt: skip
-    yield Finding("itself", "fixes", value, 0, _APART, fits, says)
+    )
+    yield judged("itself", "fixes", value, 0, _APART, "positions move as velocities say", says)

@@ -20,7 +20,7 @@ from inswsn_lib.errors import Described, ParameterError
 from inswsn_lib.evaluation import independent_count, mean_square, normalised_squares
 from inswsn_lib.filters import design_kalman, run_kalman
 from inswsn_lib.logs.filter_checks import check_filter
-from inswsn_lib.logs.findings import FALSE_ALARM, Finding, unknown
+from inswsn_lib.logs.findings import FALSE_ALARM, Finding, judged, unknown
 from inswsn_lib.logs.ins_wsn import TrackPair
 from inswsn_lib.logs.set_up_streams import longest_run
 from inswsn_lib.models import ErrorModel
@@ -107,14 +107,14 @@ def _rate(data: TrackPair) -> Finding:
     rows = np.flatnonzero(~np.isnan(data.ins[:, 0]))
     steps = np.diff(rows)
     same, first = longest_run((np.diff(steps) == 0) & (steps[1:] > 1))
-    longest = same + bool((steps > 1).any())
+    longest, step = same + bool((steps > 1).any()), int(steps[first]) if len(steps) else 1
     # rows that are lost at random leave an interval of two steps with a probability below 1/4
     bound = float(np.ceil(np.log(len(rows) / FALSE_ALARM) / np.log(4)))
-    says = "intervals between rows are even" if longest <= bound else (
-        f"{longest + 1} rows follow one another in {steps[first] * data.period:.3g} s, others in "
+    says = (
+        f"{longest + 1} rows follow one another in {step * data.period:.3g} s, others in "
         f"{data.period:.3g} s: two rates in one file"
-    )  # fmt: skip
-    return Finding("rate", "rows", longest, 0, bound, longest <= bound, says)
+    )
+    return judged("rate", "rows", longest, 0, bound, "intervals between rows are even", says)
 
 
 def _resolution(values: Array) -> float:
@@ -165,12 +165,11 @@ def _in_itself(data: TrackPair) -> Iterator[Finding]:
         # an integral by rectangles is half a change of velocity away; noise changes by the step
         slack = 0.2 * np.linalg.norm(told, axis=1) + change + 5 * unit + 8 * noise
         count = int(np.sum(off > slack))
-        bound = 2.0
-        says = "positions follow velocities" if count <= bound else (
+        says = (
             f"in {count} rows positions do not move as velocities say: stuck, set back, in other "
             "axes, late, or held"
-        )  # fmt: skip
-        yield Finding("itself", subject, count, 0, bound, count <= bound, says)
+        )
+        yield judged("itself", subject, count, 0, 2.0, "positions follow velocities", says)
 
 
 # What the innovations tell
@@ -187,18 +186,17 @@ def _innovations(data: TrackPair, model: ErrorModel, P0: Array) -> Iterator[Find
     # what stands out does so beside the others, however large they are
     scale = max(1.0, float(np.median(squares / chi2.median(counts))))
     value, bound = float(squares[0]) / scale, float(chi2.isf(FALSE_ALARM, counts[0]))
-    says = "the first fix is as near as the initial errors say" if value <= bound else (
+    says = (
         f"the first fix is {np.sqrt(value / counts[0]):.1f} times as far as the initial errors "
         "say: they are too small, or the network has another origin"
-    )  # fmt: skip
-    yield Finding("start", "first fix", value, 0, bound, value <= bound, says)
+    )
+    right = "the first fix is as near as the initial errors say"
+    yield judged("start", "first fix", value, 0, bound, right, says)
     chance = chi2.sf(squares[1:] / scale, counts[1:])
     count = int(np.sum(chance < FALSE_ALARM / len(fixes)))
-    says = "none stands out"
-    if count:
-        at = data.time[fixes[1 + int(np.argmin(chance))]]
-        says = f"{count} fixes stand out, most that at {at:.6g} s: wrong fixes, a jump"
-    yield Finding("outliers", "fixes", count, 0, 0, count == 0, says)
+    at = data.time[fixes[1:]][np.argmin(chance)] if len(chance) else np.nan
+    says = f"{count} fixes stand out, most that at {at:.6g} s: wrong fixes, a jump"
+    yield judged("outliers", "fixes", count, 0, 0, "none stands out", says)
     yield from check_filter(left, S)
 
 
@@ -224,10 +222,8 @@ def _against_reference(data: TrackPair, model: ErrorModel, *, sized: bool) -> It
     independent = independent_count(free[there.any(axis=1)])
     z = float(np.abs(shift / sigma[:2]).max() * np.sqrt(independent / max(1.0, mean)))
     bound = float(norm.isf(FALSE_ALARM / 4))
-    says = "network and reference have one origin" if z <= bound else (
-        f"they are ({shift[0]:.3g}, {shift[1]:.3g}) m apart on average: another origin"
-    )  # fmt: skip
-    yield Finding("origin", who, z, 0, bound, z <= bound, says)
+    says = f"they are ({shift[0]:.3g}, {shift[1]:.3g}) m apart on average: another origin"
+    yield judged("origin", who, z, 0, bound, "network and reference have one origin", says)
     size = mean_square(mean, independent * there.sum() / there.any(axis=1).sum())
     name, says = "size", f"they are {np.sqrt(mean):.3g} times as far apart as is assumed"
     if size.fits:
