@@ -257,6 +257,15 @@ class Likeness:
         far = all(self.compared(best, self.misfit(*each), tries)[0] > 0 for each in others)
         return (peak, peak) if far else (here, 0.0)
 
+    @property
+    def late(self) -> float:
+        """By how much stamps are late, s: nothing unless it fits better than what was logged."""
+        if self.clock or not self.nearest:
+            return self.clock
+        mine, other = (self.misfit(clock, self.matrices[0]) for clock in (self.nearest, 0.0))
+        tries = round(2 * _NEAR / _SAME)
+        return self.nearest if self.compared(mine, other, tries)[0] > 0 else 0.0
+
     def compared(self, mine: Array, other: Array, tries: int = 1) -> tuple[int, float]:
         """Return 1 if other misfits are larger, -1 if smaller, 0 if none can tell; and the ratio.
 

@@ -30,6 +30,7 @@ _LET, _COURSE_LET = (0.9, 1.1), (0.7, 1.3)  # of odometry: wheels wear, and a bo
 _FASTEST = 40.0  # rad/s, beyond the range of usual gyros of 2000 deg/s
 _WINDOW, _MOST = 0.5, 3000  # s, and how many windows are looked at
 _WAY, _SLOWEST = 1.0, 0.1  # s, of which ways are compared, and m/s, of a course beside odometry
+_LEVEL = 45.0  # degrees, by which what goes on a plane is tilted at most
 _TILT, _MOUNTED, _LATE = 5.0, 5.0, 0.02  # degrees, degrees, s: what is let pass
 _AXLE = 1.0  # m, of an antenna from where the course is the heading: it tells early or late by it
 _LIMIT, _TOLD = 0.5, 1.0  # s: of the deviation of a clock, and of its bound
@@ -158,6 +159,13 @@ def check_odometry(recording: Recording) -> Iterator[Finding]:
     if reference is None or len(reference) < 3:
         yield unknown("odometry", "odometry", "without a reference its sizes cannot be told")
         return
+    if reference.attitude is not None:
+        up = Rotation.from_quat(reference.attitude).apply([0.0, 0.0, 1.0])[:, 2]
+        tilt = float(np.degrees(np.arccos(np.clip(np.median(up), -1, 1))))
+        if tilt > _LEVEL:
+            says = f"its attitudes are tilted by {tilt:.3g} degrees: quaternions may have w first"
+            yield Finding("axes", "reference", tilt, 0, _LEVEL, False, says)
+            return
     try:
         told = told_by(recording.without("fixes"), _WAY, _SLOWEST)
         told = told.vertical() if told.by == "attitude" else told
@@ -202,8 +210,8 @@ def _judged(
         says = f"{found.says}, and its sign is another"
         found = replace(found, value=-found.value, fits=False, says=says)
     yield found
-    if alike.clock:
-        yield late(f"{subject} and reference", "stamps of odometry", alike.clock, 0.1, 2.0, 0.02)
+    if clock := alike.late:
+        yield late(f"{subject} and reference", "stamps of odometry", clock, 0.1, 2.0, 0.02)
 
 
 def check_velocities(recording: Recording) -> Iterator[Finding]:

@@ -21,6 +21,7 @@ _ROWS = 20
 _STUCK = 20  # rows that may say the same, as of a fix at rest
 _CLIPPED = 0.01  # share of the rows that may have the largest or the least value of their column
 _FEW = 4  # such rows of a short recording
+_NEGATIVE = 0.5  # share of the rows above which ranges have the other sign
 _COMMON = 0.02  # share of the rows above which a range may mean that nothing was measured
 # Times usual changes, times the finest difference, m: how far from its neighbours it must be
 _APART, _STEPS, _LEAST_APART = 10.0, 3.0, 1.0
@@ -61,6 +62,10 @@ _Judged = tuple[Finding | None, Mask | None]  # and the rows that are kept, if n
 def _failed_ranges(name: str, ranges: Stream) -> _Judged:
     if not isinstance(ranges, Ranges) or not (failed := _failed(ranges)).any():
         return None, None
+    negative = float(len(np.unique(ranges.distance[ranges.distance < 0])) / len(ranges))
+    if negative > _NEGATIVE:
+        says = f"{100 * negative:.3g} % of the ranges are negative: they have the other sign"
+        return Finding("unit", name, negative, 0, 0, False, says), ~failed
     values, counts = np.unique(ranges.distance[failed], return_counts=True)
     share, others = float(failed.mean()), " or another such value" if len(values) > 1 else ""
     says = (
@@ -79,7 +84,9 @@ def _held_values(name: str, stream: Stream) -> _Judged:
     """
     kept: Mask = np.ones(len(stream), dtype=bool)
     lengths, far = [np.zeros(0)], [np.zeros(0)]
-    for rows, values in [] if isinstance(stream, Imu) else _measured(stream):
+    for every, told in [] if isinstance(stream, Imu) else _measured(stream):
+        once = np.diff(stream.time[every], prepend=-np.inf) > 0  # rows logged twice are no new ones
+        rows, values = every[once], told[once]
         steps = np.abs(np.diff(values, axis=0))
         new = np.concatenate([[True], (steps != 0).any(axis=1)])
         kept[rows[~new]] = False

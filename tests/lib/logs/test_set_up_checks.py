@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from made_logs import Motion, made_car
+from made_logs import Motion, made_car, made_robot
 from made_recording import ROOM, made, made_drive, made_imu
 from scipy.spatial.transform import Rotation
 
@@ -418,3 +418,40 @@ def test_turns_that_are_few_tell_the_unit(by: str) -> None:
     [told] = [x for x in check_set_up(log) if x.subject == "IMU's rates"]
     assert told.fits
     assert told.value == pytest.approx(1.0, abs=0.1)
+
+
+def _turned(robot: Recording, angle: float) -> Recording:
+    assert robot.ranges is not None
+    c, s = np.cos(angle), np.sin(angle)
+    anchors = robot.ranges.anchors @ np.array([[c, s], [-s, c]])
+    return replace(robot, ranges=replace(robot.ranges, anchors=anchors))
+
+
+def _late_odometry(robot: Recording) -> Recording:
+    assert robot.odometry is not None
+    return replace(robot, odometry=replace(robot.odometry, time=robot.odometry.time + 0.5))
+
+
+def _w_first(robot: Recording) -> Recording:
+    assert robot.reference is not None
+    assert robot.reference.attitude is not None
+    attitude = np.roll(robot.reference.attitude, 1, axis=1)
+    return replace(robot, reference=replace(robot.reference, attitude=attitude))
+
+
+@pytest.mark.parametrize(
+    ("change", "names"),
+    [
+        (lambda robot: robot, set()),
+        (_late_odometry, {"time"}),
+        (_w_first, {"axes"}),
+        (lambda robot: _turned(robot, 0.4), {"frame"}),
+        (lambda robot: _turned(robot, np.pi / 2), {"axes"}),
+        (ranges_of(lambda ranges: {"distance": -ranges.distance}), {"unit"}),
+    ],
+)
+def test_on_a_plane_each_is_called_by_its_name(
+    change: Callable[[Recording], Recording], names: set[str]
+) -> None:
+    found = check_set_up(change(made_robot(4)))
+    assert {each.name for each in found if each.fits is False} == names
