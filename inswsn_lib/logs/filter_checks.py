@@ -30,10 +30,6 @@ _RIGHT = {
     "whiteness": "they are white by the test of Ljung and Box",
     "errors": "errors are as large as the filter says",
 }
-_CORRELATED = (
-    "neighbours are correlated: the filter leaves errors that it could know, or takes coloured "
-    "ones for white"
-)
 
 
 def check_innovations(
@@ -72,7 +68,11 @@ def check_innovations(
     large = "small, or the model is wrong" if size.value > size.high else "large"
     yield _found("size", size, f"the noise figures are too {large}")
     every = [scaled[series == label] for label in np.unique(series)]
-    yield _found("colour", colour(every, spacing), _CORRELATED)
+    says = (
+        "neighbours are correlated: the filter leaves errors that it could know, or takes coloured "
+        "ones for white"
+    )
+    yield _found("colour", colour(every, spacing), says)
     says = "they are not white by the test of Ljung and Box"
     yield _found("whiteness", whiteness(every, spacing), says)
 
@@ -109,22 +109,13 @@ def check_filter(innovations: Array, covariances: Array) -> list[Finding]:
 
 
 def usual_spacing(there: Mask) -> int:
-    """Return how many steps fixes are usually apart.
-
-    Parameters
-    ----------
-    there : ndarray of bool, (steps,)
-    """
+    """Return how many steps fixes are usually apart, by where they are (steps,)."""
     apart = np.diff(np.flatnonzero(there))
     return int(np.median(apart)) if len(apart) else 1
 
 
 def say_noise(findings: Sequence[Finding]) -> str:
     """Return in words whether noise figures fit, by what `check_filter` found.
-
-    Parameters
-    ----------
-    findings : sequence of Finding
 
     Examples
     --------
@@ -142,13 +133,7 @@ def say_noise(findings: Sequence[Finding]) -> str:
 
 
 def check_outliers(near: Mask) -> Finding:
-    """Return whether few measurements are far from what was expected.
-
-    Parameters
-    ----------
-    near : ndarray of bool, (measurements,)
-        Which are within four deviations.
-    """
+    """Return whether few measurements are far, by which are within four deviations."""
     share = 1 - float(np.mean(near)) if len(near) else 0.0
     says = f"{share:.1%} of them are more than four deviations off"
     return judged("outliers", "innovations", share, 0.0, _MOST_OUTLIERS, says, says)

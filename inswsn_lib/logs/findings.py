@@ -62,12 +62,7 @@ def unknown(name: str, subject: str, says: str) -> Finding:
 
 
 def verdict(findings: Sequence[Finding]) -> str:
-    """Return in a sentence whether recording and figures fit, else what does not.
-
-    Parameters
-    ----------
-    findings : sequence of Finding
-        From `check_recording`.
+    """Return in a sentence whether recording and figures fit by their findings, else what not.
 
     Examples
     --------

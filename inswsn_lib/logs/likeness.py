@@ -98,19 +98,10 @@ class Slope:
 
 
 class Likeness:
-    """How alike two sources are, by clock and signed permutation.
+    """How alike two sources are, by clock and signed permutation, with rows at some times (n,).
 
-    Parameters
-    ----------
-    pairs : callable
-    time : ndarray, (n,)
-        Of the rows, s.
-    reach : float
-        Of the clocks that are tried, s.
-    hours : bool
-        Whether clocks by whole hours are tried, too.
-    centred : bool
-        Whether the means of both are no matter.
+    Clocks are tried up to a reach (s), and by whole hours if asked for. Where they are centred, the
+    means of both are no matter.
     """
 
     def __init__(

@@ -99,9 +99,6 @@ def check_recording(
     return sorted(found, key=lambda each: _ORDER.index(each.name) if each.name in _ORDER else -1)
 
 
-# What can be seen in the columns as they are
-
-
 def _rate(data: TrackPair) -> Finding:
     """Look for a second rate: a long run of equal intervals that are not those of the grid."""
     rows = np.flatnonzero(~np.isnan(data.ins[:, 0]))
@@ -172,9 +169,6 @@ def _in_itself(data: TrackPair) -> Iterator[Finding]:
         yield judged("itself", subject, count, 0, 2.0, "positions follow velocities", says)
 
 
-# What the innovations tell
-
-
 def _innovations(data: TrackPair, model: ErrorModel, P0: Array) -> Iterator[Finding]:
     y = data.measurements[:, : len(model.C), 0]
     there = ~np.isnan(y)
@@ -198,9 +192,6 @@ def _innovations(data: TrackPair, model: ErrorModel, P0: Array) -> Iterator[Find
     says = f"{count} fixes stand out, most that at {at:.6g} s: wrong fixes, a jump"
     yield judged("outliers", "fixes", count, 0, 0, "none stands out", says)
     yield from check_filter(left, S)
-
-
-# What fits the reference better than no lag and no turn
 
 
 def _against_reference(data: TrackPair, model: ErrorModel, *, sized: bool) -> Iterator[Finding]:
@@ -288,23 +279,10 @@ class Explanation(NamedTuple):
 
 
 class Alignment:
-    """A track of known noise, to be explained by another one that is right, of unknown origin.
+    """A track (n, 2 or 4) of known noise, to be explained by another (n, 4) of unknown origin.
 
     Positions and velocities are complex numbers, z = x + iy. Turned and stretched, the other is
-    a z; mirrored it is a z*.
-
-    Parameters
-    ----------
-    time : ndarray, (n,)
-        s.
-    track : ndarray, (n, 2 or 4)
-        Positions (m), and velocities (m/s); NaN where missing.
-    other : ndarray, (n, 4)
-        NaN where missing.
-    sigma : ndarray, (2 or 4,)
-        Deviations of the noise of the track.
-    reach : float
-        How late or early it may be, s.
+    a z; mirrored it is a z*. The track may be late or early by a reach (s).
     """
 
     def __init__(self, time: Array, track: Array, other: Array, sigma: Array, reach: float) -> None:
