@@ -19,7 +19,7 @@ from inswsn_lib.evaluation.consistency import (
     normalised_squares,
     whiteness,
 )
-from inswsn_lib.logs.findings import Finding
+from inswsn_lib.logs.findings import Finding, judged, unknown
 from inswsn_lib.streams import Whole
 
 _FEWEST = 30  # innovations
@@ -30,10 +30,6 @@ _RIGHT = {
     "whiteness": "they are white by the test of Ljung and Box",
     "errors": "errors are as large as the filter says",
 }
-_CORRELATED = (
-    "neighbours are correlated: the filter leaves errors that it could know, or takes coloured "
-    "ones for white"
-)
 
 
 def check_innovations(
@@ -66,14 +62,17 @@ def check_innovations(
     """
     there = squares[np.isfinite(squares)]
     if len(there) < _FEWEST:
-        says = f"there are {len(there)} of them, too few to tell"
-        yield Finding("size", "innovations", np.nan, np.nan, np.nan, None, says)
+        yield unknown("size", "innovations", f"there are {len(there)} of them, too few to tell")
         return
     size = mean_square(float(there.mean()), len(there))
     large = "small, or the model is wrong" if size.value > size.high else "large"
     yield _found("size", size, f"the noise figures are too {large}")
     every = [scaled[series == label] for label in np.unique(series)]
-    yield _found("colour", colour(every, spacing), _CORRELATED)
+    says = (
+        "neighbours are correlated: the filter leaves errors that it could know, or takes coloured "
+        "ones for white"
+    )
+    yield _found("colour", colour(every, spacing), says)
     says = "they are not white by the test of Ljung and Box"
     yield _found("whiteness", whiteness(every, spacing), says)
 
@@ -110,22 +109,13 @@ def check_filter(innovations: Array, covariances: Array) -> list[Finding]:
 
 
 def usual_spacing(there: Mask) -> int:
-    """Return how many steps fixes are usually apart.
-
-    Parameters
-    ----------
-    there : ndarray of bool, (steps,)
-    """
+    """Return how many steps fixes are usually apart, by where they are (steps,)."""
     apart = np.diff(np.flatnonzero(there))
     return int(np.median(apart)) if len(apart) else 1
 
 
 def say_noise(findings: Sequence[Finding]) -> str:
     """Return in words whether noise figures fit, by what `check_filter` found.
-
-    Parameters
-    ----------
-    findings : sequence of Finding
 
     Examples
     --------
@@ -143,17 +133,10 @@ def say_noise(findings: Sequence[Finding]) -> str:
 
 
 def check_outliers(near: Mask) -> Finding:
-    """Return whether few measurements are far from what was expected.
-
-    Parameters
-    ----------
-    near : ndarray of bool, (measurements,)
-        Which are within four deviations.
-    """
+    """Return whether few measurements are far, by which are within four deviations."""
     share = 1 - float(np.mean(near)) if len(near) else 0.0
-    fits = share <= _MOST_OUTLIERS
     says = f"{share:.1%} of them are more than four deviations off"
-    return Finding("outliers", "innovations", share, 0.0, _MOST_OUTLIERS, fits, says)
+    return judged("outliers", "innovations", share, 0.0, _MOST_OUTLIERS, says, says)
 
 
 def check_nees(errors: Array, covariances: Array) -> Finding:

@@ -48,18 +48,21 @@ class Finding:
     says: str
 
 
+def judged(
+    name: str, subject: str, value: float, low: float, high: float, right: str, wrong: str
+) -> Finding:
+    """Return whether a number is between two bounds, and what that means."""
+    fits = bool(low <= value <= high)
+    return Finding(name, subject, value, low, high, fits, right if fits else wrong)
+
+
 def unknown(name: str, subject: str, says: str) -> Finding:
     """Return that the data cannot tell something, and why."""
     return Finding(name, subject, np.nan, np.nan, np.nan, None, says)
 
 
 def verdict(findings: Sequence[Finding]) -> str:
-    """Return in a sentence whether recording and figures fit, else what does not.
-
-    Parameters
-    ----------
-    findings : sequence of Finding
-        From `check_recording`.
+    """Return in a sentence whether recording and figures fit by their findings, else what not.
 
     Examples
     --------

@@ -16,8 +16,7 @@ from scipy.stats import f, t
 
 from inswsn_lib.checks import Array, Mask
 from inswsn_lib.logs.blocks import FEWEST, block_starts
-from inswsn_lib.logs.findings import FALSE_ALARM, Finding
-from inswsn_lib.logs.turn_rates import Felt, unbroken
+from inswsn_lib.logs.findings import FALSE_ALARM, Finding, judged
 
 #: For a clock that is late: what is seen, what is told (n, d), and which rows both have
 Pairs = Callable[[float], tuple[Array, Array, Mask]]
@@ -33,7 +32,8 @@ _SHARED = 0.25  # of the rows, that a clock must leave
 _SAME = 0.5  # s, of independent clocks
 _FAR = 9.0  # squared deviations, beyond which a row counts less
 _OBLIQUE = 20.0  # degrees: what is turned farther has no axes of another name
-_TELLS = 3.0  # deviations of the slope
+_TELLS, _WIDE = 3.0, 4.0  # deviations of the slope, and between which factors it is told
+_UNIT = 1.16  # by how much a ratio may be off its unit
 _NAMES = "xyz"
 
 
@@ -55,9 +55,9 @@ def in_words(P: Array) -> str:
     return ", ".join(axes) + (" (mirrored)" if np.linalg.det(P) < 0 else "")
 
 
-def units_of(low: float, high: float, units: dict[str, float], near: float = 0.15) -> list[str]:
+def units_of(low: float, high: float, units: dict[str, float]) -> list[str]:
     """Return the units with which a ratio of what is logged to what should be is explained."""
-    low, high = low * np.exp(-near), high * np.exp(near)
+    low, high = low / _UNIT, high * _UNIT
     return [unit for unit, size in units.items() if low < size < high]
 
 
@@ -78,6 +78,18 @@ class Slope:
         """Tell whether no factor between two bounds is possible."""
         return self.tells and (self.widened[0] > high or self.widened[1] < low)
 
+    def judged(
+        self, name: str, subject: str, let: tuple[float, float], units: dict[str, float],
+        says: str, right: str = "",
+    ) -> Finding:  # fmt: skip
+        """Return whether the factor may be between two bounds, or what unit explains it."""
+        wrong, value = self.outside(*let), float(np.clip(1.0, self.low, self.high))
+        if not self.tells or (not wrong and self.high > _WIDE * self.low):
+            return Finding(name, subject, value, *let, None, "too little turns or moves to tell")
+        if wrong and (found := units_of(self.low, self.high, units)):
+            says += f": it may be {' or '.join(found)}"
+        return Finding(name, subject, value, *let, not wrong, says if wrong else right or says)
+
     def __str__(self) -> str:
         """Return one number, or two where they differ."""
         if self.high < 1.1 * self.low:
@@ -86,19 +98,10 @@ class Slope:
 
 
 class Likeness:
-    """How alike two sources are, by clock and signed permutation.
+    """How alike two sources are, by clock and signed permutation, with rows at some times (n,).
 
-    Parameters
-    ----------
-    pairs : callable
-    time : ndarray, (n,)
-        Of the rows, s.
-    reach : float
-        Of the clocks that are tried, s.
-    hours : bool
-        Whether clocks by whole hours are tried, too.
-    centred : bool
-        Whether the means of both are no matter.
+    Clocks are tried up to a reach (s), and by whole hours if asked for. Where they are centred, the
+    means of both are no matter.
     """
 
     def __init__(
@@ -155,56 +158,58 @@ class Likeness:
         row, column = np.unravel_index(int(np.argmax(self.score)), self.score.shape)
         return float(self.clocks[row]), self.matrices[int(column)]
 
+    @property
+    def turned(self) -> tuple[float, Array]:
+        """The clock and the rotation that are most alike."""
+        k = int(np.argmax(self._any_turn))
+        return float(self.clocks[k]), self._turns[k]
+
+    def explained(self, clock: float, matrix: Array) -> tuple[float, float]:
+        """Return the squared correlation, and what is seen over its part in what is told."""
+        seen, told, w, _ = self._at(clock)
+        C, S, T = _moments(seen, told, w)
+        part = max(float(np.sum(matrix * C)), 1e-300)
+        return part**2 / (S * T), S / part
+
     def _scan(self) -> None:
         """Score each clock with each matrix by the logarithm of its likelihood, but for a size."""
         moments, rows, kept = [], [], []
         for clock in self.clocks.tolist():
-            seen, told, both = self.pairs(clock)
-            if both.sum() < max(_SHARED * len(self.time), 2 * FEWEST):
-                continue
-            C, S, T = self._moments(seen, told, both)
-            if S > 0 and T > 0:
+            seen, told, w, _ = self._at(clock)
+            C, S, T = _moments(seen, told, w)
+            if len(w) >= max(_SHARED * len(self.time), 2 * FEWEST) and S > 0 and T > 0:
                 moments.append(C / np.sqrt(S * T))
-                rows.append(both.sum())
+                rows.append(len(w))
                 kept.append(clock)
         self.clocks, cross = np.array(kept), np.array(moments)
         if not kept:
             return
         self.matrices = self.matrices or signed_permutations(cross.shape[1])
         left, values, right = np.linalg.svd(cross)
-        values[:, -1] *= np.linalg.det(left @ right)
+        proper = np.linalg.det(left @ right)
+        left[:, :, -1] *= proper[:, None]
+        values[:, -1] *= proper
         alike = np.einsum("pij,nij->np", np.array(self.matrices), cross)
         alike = np.column_stack([alike, values.sum(axis=1)])  # the last is of any turn
         score = -np.array(rows)[:, None] * np.log(1 - np.clip(alike, 0, 1 - 1e-9) ** 2)
-        self.score, self._turned = score[:, :-1], score[:, -1]
+        self.score, self._any_turn, self._turns = score[:, :-1], score[:, -1], left @ right
 
-    def _freed(self, vectors: Array, rows: Mask) -> Array:
-        """Return some rows free of their mean."""
-        some = vectors[rows]
-        if not self.centred:
-            return some
-        return np.asarray(some - np.average(some, axis=0, weights=self.weight[rows]))
-
-    def _moments(self, seen: Array, told: Array, rows: Mask) -> tuple[Array, float, float]:
-        """Return the cross moment (d, d), and the sums of squares."""
-        seen, told, w = self._freed(seen, rows), self._freed(told, rows), self.weight[rows, None]
-        return (w * seen).T @ told, float(np.sum(w * seen**2)), float(np.sum(w * told**2))
-
-    def _turn(self, clock: float) -> Array:
-        """Return the rotation that is most alike."""
+    def _at(self, clock: float) -> tuple[Array, Array, Array, Mask]:
+        """Return what is seen and told, free of their means, weights, and which rows have both."""
         seen, told, rows = self.pairs(clock)
-        left, _, right = np.linalg.svd(self._moments(seen, told, rows)[0])
-        left[:, -1] *= np.linalg.det(left @ right)
-        return np.asarray(left @ right)
+        seen, told, w = seen[rows], told[rows], self.weight[rows]
+        if self.centred:
+            total = max(float(w.sum()), 1e-300)
+            seen, told = seen - w @ seen / total, told - w @ told / total
+        return seen, told, w, rows
 
     def _left(self, clock: float, matrix: Array) -> Array:
         """Return what is seen and not told, weighted, (n, d); NaN where a source is not there."""
-        seen, told, rows = self.pairs(clock)
-        C, _, T = self._moments(seen, told, rows)
-        k = max(float(np.sum(matrix * C)) / T, 0.0) if T > 0 else 0.0
-        found = np.full(seen.shape, np.nan)
-        off = self._freed(seen, rows) - k * self._freed(told, rows) @ matrix.T
-        found[rows] = np.sqrt(self.weight[rows, None]) * off
+        seen, told, w, rows = self._at(clock)
+        C, _, T = _moments(seen, told, w)
+        k = max(float(np.sum(matrix * C)), 0.0) / max(T, 1e-300)
+        found = np.full((len(rows), len(matrix)), np.nan)
+        found[rows] = np.sqrt(w)[:, None] * (seen - k * told @ matrix.T)
         return found
 
     def misfit(self, clock: float, matrix: Array) -> Array:
@@ -215,8 +220,7 @@ class Likeness:
         """Return how many rows of a block are as good as independent, by sums of what is left."""
         off = self._left(*self.best)
         there = np.isfinite(off).all(axis=1)
-        off = off[there]
-        starts = block_starts(self.time[there], BLOCK)
+        off, starts = off[there], block_starts(self.time[there], BLOCK)
         sums = np.sum(np.add.reduceat(off, starts, axis=0) ** 2)
         effect = max(float(sums / max(np.sum(off**2), 1e-300)), 1.0)
         return max(len(off) / len(starts) / effect, 1.0)
@@ -227,22 +231,22 @@ class Likeness:
         A far clock must beat all near ones, with any axes and with any turn.
         """
         own, near = self.score[:, 0], np.flatnonzero(np.abs(self.clocks) <= _NEAR)
-        peak = float(self.clocks[int(np.argmax(own))])
+        peak = float(self.clocks[np.argmax(own)])
         if not len(near):
             return peak, peak
-        here, there = (float(self.clocks[near[np.argmax(x[near])]]) for x in (own, self._turned))
-        if abs(peak) > _NEAR:
-            best = self.misfit(peak, self.matrices[0])
-            row, column = np.unravel_index(np.argmax(self.score[near]), self.score[near].shape)
-            others = (
-                self.misfit(here, self.matrices[0]),
-                self.misfit(there, self._turn(there)),
-                self.misfit(float(self.clocks[near[row]]), self.matrices[int(column)]),
-            )
-            tries = round(float(np.ptp(self.clocks)) / _SAME)
-            if all(self.compared(best, other, tries)[0] > 0 for other in others):
-                return peak, peak
-        return here, 0.0
+        here = float(self.clocks[near[np.argmax(own[near])]])
+        if abs(peak) <= _NEAR:
+            return here, 0.0
+        best, turn = self.misfit(peak, self.matrices[0]), near[np.argmax(self._any_turn[near])]
+        row, column = np.unravel_index(np.argmax(self.score[near]), self.score[near].shape)
+        others = (
+            (here, self.matrices[0]),
+            (float(self.clocks[turn]), self._turns[turn]),
+            (float(self.clocks[near[row]]), self.matrices[int(column)]),
+        )
+        tries = round(float(np.ptp(self.clocks)) / _SAME)
+        far = all(self.compared(best, self.misfit(*each), tries)[0] > 0 for each in others)
+        return (peak, peak) if far else (here, 0.0)
 
     @property
     def late(self) -> float:
@@ -268,11 +272,9 @@ class Likeness:
             return 0, 1.0
         mine, other = mine[both], other[both]
         ratio = float((np.mean(other**2) + 1e-300) / (np.mean(mine**2) + 1e-300))
-        level = FALSE_ALARM / (4 * tries)
-        counts = np.diff(np.append(starts, len(mine)))
-        means = np.add.reduceat(other - mine, starts) / counts
+        level, free = FALSE_ALARM / (4 * tries), self._rows * len(starts)
+        means = np.add.reduceat(other - mine, starts) / np.diff([*starts.tolist(), len(mine)])
         z = means.mean() / max(means.std(ddof=1) / np.sqrt(len(starts)), 1e-300)
-        free = self._rows * len(starts)
         enough, bound = f.isf(level, free, free), t.isf(level, len(starts) - 1)
         if ratio >= enough or (z >= bound and ratio > 1):
             return 1, ratio
@@ -282,43 +284,38 @@ class Likeness:
         """Return whether the identity fits better than every other signed permutation.
 
         Each has its own best clock, near nought or that of the identity. A turn that is far from
-        all of them is no other axes.
-
-        Parameters
-        ----------
-        subject, what : str
-            Of the finding, and whose axes they are.
+        all of them is no other axes. `what` says whose axes they are.
         """
-        others, mine = len(self.matrices) - 1, self.misfit(self.nearest, self.matrices[0])
+        others, mine = self.matrices[1:], self.misfit(self.nearest, self.matrices[0])
         apart = np.minimum(np.abs(self.clocks), np.abs(self.clocks - self.nearest))
         near = np.flatnonzero(apart <= max(_NEAR, float(apart.min())))
-        tries = others * (1 + round(min(2 * _NEAR, float(np.ptp(self.clocks))) / _SAME))
-        clocks = self.clocks[near[np.argmax(self.score[near, 1:], axis=0)]].tolist()
+        tries = len(others) * (1 + round(min(2 * _NEAR, float(np.ptp(self.clocks))) / _SAME))
+        best = near[np.argmax(self.score[near, 1:], axis=0)]
         found = [
-            self.compared(mine, self.misfit(clock, P), tries)
-            for clock, P in zip(clocks, self.matrices[1:], strict=True)
+            self.compared(mine, self.misfit(float(self.clocks[k]), P), tries)
+            for k, P in zip(best, others, strict=True)
         ]
-        side, ratio = np.array([x[0] for x in found]), np.array([x[1] for x in found])
-        nearest = int(np.argmin(ratio))
-        value, P = float(ratio[nearest]), self.matrices[nearest + 1]
-        if side[nearest] < 0 and not self._oblique(clocks[nearest], P):
-            says = f"{what} axes, by those that they should be, are {in_words(P)}"
-            return Finding("axes", subject, value, 1.0, np.inf, False, says)
-        if (side <= 0).any():
-            like = self.matrices[1 + int(np.argmin(np.where(side > 0, np.inf, ratio)))]
+        side, ratio = (np.array(x) for x in zip(*found, strict=True))
+        nearest, like = int(np.argmin(ratio)), int(np.sum(side <= 0))
+        fits: bool | None = True
+        says = f"{what} axes are as they should be: no others of {len(others)} fit as well"
+        if side[nearest] < 0 and not self._oblique(int(best[nearest]), others[nearest]):
+            fits = False
+            says = f"{what} axes, by those that they should be, are {in_words(others[nearest])}"
+        elif like:
+            fits = None
+            such = others[int(np.argmin(np.where(side > 0, np.inf, ratio)))]
             says = (
-                f"too little turns for the data to tell {what} axes from {int(np.sum(side <= 0))} "
-                f"others of {others}, such as {in_words(like)}"
+                f"too little turns for the data to tell {what} axes from {like} others of "
+                f"{len(others)}, such as {in_words(such)}"
             )
-            return Finding("axes", subject, value, 1.0, np.inf, None, says)
-        says = f"{what} axes are as they should be: no others of {others} fit as well"
-        return Finding("axes", subject, value, 1.0, np.inf, True, says)
+        return Finding("axes", subject, float(ratio[nearest]), 1.0, np.inf, fits, says)
 
-    def _oblique(self, clock: float, P: Array) -> bool:
+    def _oblique(self, k: int, P: Array) -> bool:
         """Tell whether a turn that is far from a permutation fits much better than it."""
         if len(P) == 1 or np.linalg.det(P) < 0:
             return False
-        turn, off = self._turn(clock), np.eye(3)
+        clock, turn, off = float(self.clocks[k]), self._turns[k], np.eye(3)
         off[: len(P), : len(P)] = turn @ P.T
         if np.degrees(Rotation.from_matrix(off).magnitude()) < _OBLIQUE:
             return False
@@ -327,35 +324,23 @@ class Likeness:
     def slope(self) -> Slope:
         """Return the factor, with the axes that are most alike, and their clock."""
         clock, P = self.best
-        seen, told, rows = self.pairs(clock)
-        seen, told, w = self._freed(seen, rows), self._freed(told, rows) @ P.T, self.weight[rows]
-        starts = block_starts(self.time[rows], BLOCK)
-        sums = [
-            np.add.reduceat(w * np.sum(a * b, axis=1), starts)
-            for a, b in ((seen, told), (seen, seen), (told, told))
-        ]
-        C, S, T = (x.sum() - np.append(x, 0) for x in sums)  # the last is the whole
+        seen, told, w, rows = self._at(clock)
+        each = [seen * (told @ P.T), seen**2, told**2]
+        products = w[:, None] * np.sum(each, axis=2).T
+        sums = np.add.reduceat(products, block_starts(self.time[rows], BLOCK))
+        C, S, T = (sums.sum(axis=0) - np.vstack([sums, np.zeros(3)])).T  # the last is the whole
         with np.errstate(divide="ignore", invalid="ignore"):
-            low, high = C / T, S / C
-        G = len(starts)
-        spread = [float(np.sqrt((G - 1) / G * np.sum((x[:-1] - x[-1]) ** 2))) for x in (low, high)]
-        q = float(t.isf(FALSE_ALARM / 2, max(G - 1, 1)))
-        tells = bool(G >= FEWEST and low[-1] > _TELLS * spread[0] and np.isfinite(spread).all())
-        ends = (float(low[-1] - q * spread[0]), float(high[-1] + q * spread[1]))
-        return Slope(float(low[-1]), float(high[-1]), ends, tells)
+            found = np.array([C / T, S / C])
+        G, (low, high) = len(sums), found[:, -1].tolist()
+        spread = np.sqrt((G - 1) / G * np.sum((found[:, :-1] - found[:, -1:]) ** 2, axis=1))
+        tells = bool(G >= FEWEST and low > _TELLS * spread[0] and np.isfinite(spread).all())
+        off = float(t.isf(FALSE_ALARM / 2, max(G - 1, 1))) * spread
+        return Slope(low, high, (float(low - off[0]), float(high + off[1])), tells)
 
 
-def compared_windows(felt: Felt, time: Array, told: Array, window: float) -> Pairs:
-    """Return means of what is felt over windows, and what is told of them; across no gap."""
-
-    def pairs(clock: float) -> tuple[Array, Array, Mask]:
-        early, after = time + clock - window / 2, time + clock + window / 2
-        rows = unbroken(felt.time, early, after)
-        if not rows.any():
-            return told, told, rows
-        return felt.mean(time + clock, window), told, rows
-
-    return pairs
+def _moments(seen: Array, told: Array, w: Array) -> tuple[Array, float, float]:
+    """Return the cross moment (d, d), and the sums of squares."""
+    return (w * seen.T) @ told, float(np.sum(w @ seen**2)), float(np.sum(w @ told**2))
 
 
 def late(
@@ -370,4 +355,4 @@ def late(
         says += f": {hours} h are as of another zone of time"
     if round(size) == _LEAP:
         says += f": GPS time is {_LEAP} s ahead of UTC"
-    return Finding("time", who, value, -bound, bound, bool(size <= bound), says)
+    return judged("time", who, value, -bound, bound, says, says)

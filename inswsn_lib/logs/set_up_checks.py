@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 from inswsn_lib.logs.findings import Finding
-from inswsn_lib.logs.set_up_imu import check_imu
-from inswsn_lib.logs.set_up_odometry import check_odometry
+from inswsn_lib.logs.set_up_motion import check_imu, check_odometry, check_velocities
 from inswsn_lib.logs.set_up_positions import check_positions
 from inswsn_lib.logs.set_up_streams import check_failed, check_gaps, check_stamps
-from inswsn_lib.logs.set_up_velocities import check_velocities
 from inswsn_lib.streams import Recording
 
 _FEWEST = 2  # rows of a reference that tells anything

@@ -8,10 +8,12 @@ from typing import Any
 
 import numpy as np
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
+from scipy.spatial.transform import Rotation
 from scipy.stats import binom, geom
 
 from inswsn_lib.checks import Array, Mask
-from inswsn_lib.logs.findings import FALSE_ALARM, Finding
+from inswsn_lib.logs.findings import FALSE_ALARM, Finding, judged
+from inswsn_lib.logs.turn_rates import along
 from inswsn_lib.streams import Fixes, Imu, Ranges, Recording, Reference, Stream, Whole
 
 _LEAST = 10.0  # periods: a shorter gap is none
@@ -108,7 +110,7 @@ def _held_values(name: str, stream: Stream) -> _Judged:
     return Finding("values", f"{name}, held", mean, 1, _REPEATED, False, says), kept
 
 
-def lags(time: Array) -> Array:
+def _lags(time: Array) -> Array:
     """Return by how much stamps of one rate are too late, s: by how much later ones catch up."""
     steps = np.diff(time)
     usual = float(np.median(steps))
@@ -122,7 +124,7 @@ def lags(time: Array) -> Array:
 
 
 def _jammed_stamps(name: str, stream: Stream) -> _Judged:
-    late = lags(stream.time)
+    late = _lags(stream.time)
     bound = max(_JAM, _BEHIND * float(np.median(np.diff(stream.time))))
     jammed: Mask = np.asarray(late > bound)
     if not jammed.any():
@@ -146,59 +148,42 @@ def _unjoined_rows(name: str, stream: Stream) -> _Judged:
     """
     if not isinstance(stream, Reference):
         return None, None
-    time, rows = stream.time - lags(stream.time), np.arange(len(stream))
-    steps = np.diff(stream.time)
-    seconds = 2 * int(1 / max(float(np.median(steps)), 1e-3)) + 1
-    slack = maximum_filter1d(np.append(steps, 0.0), seconds) - float(np.median(steps))
-    ahead = np.searchsorted(time, time + _CHORD).clip(0, len(time) - 1)
-    ahead, whole = np.maximum(ahead, rows), time[ahead] - time >= _CHORD / 2
+    time, steps, rows = stream.time - _lags(stream.time), np.diff(stream.time), len(stream)
+    usual = float(np.median(steps))
+    slack = maximum_filter1d(np.append(steps, 0.0), 2 * int(1 / max(usual, 1e-3)) + 1) - usual
+    ahead = np.maximum(np.searchsorted(time, time + _CHORD).clip(0, rows - 1), np.arange(rows))
+    whole = time[ahead] - time >= _CHORD / 2
     if not whole.any():
         return None, None
-    measures = [_distance(stream.position)]
-    measures += [] if stream.attitude is None else [_angle(stream.attitude)]
-    limits = []
-    for far, push, least in zip(measures, (_PUSH, _SPIN), (_WAY, _TURNED), strict=False):
-        speeds = far(rows, ahead)[whole] / (time[ahead] - time)[whole]
+    sources = [(stream.position, _PUSH, _WAY)]
+    if stream.attitude is not None:  # small distances of these matrices are angles
+        matrices = Rotation.from_quat(stream.attitude).as_matrix().reshape(rows, 9)
+        sources.append((matrices / np.sqrt(2), _SPIN, _TURNED))
+    usually = []
+    for values, _, least in sources:
+        speeds = np.linalg.norm(values[ahead] - values, axis=1)[whole] / (time[ahead] - time)[whole]
         moves = speeds[speeds > least / _CHORD]  # it may stand most of the time
-        fast = _FAST * float(np.median(moves)) if len(moves) else 0.0
-        limits.append((far, fast, push, least))
+        usually.append(_FAST * float(np.median(moves)) if len(moves) else 0.0)
 
     def joined(first: Whole, last: Whole) -> Mask:
         passed = np.abs(time[last] - time[first]) + slack[last]
-        far = [
-            measure(first, last) > (fast + push * passed) * passed + least
-            for measure, fast, push, least in limits
-        ]
-        return np.asarray(~np.any(far, axis=0))
+        near: Mask = np.ones(len(last), dtype=bool)
+        for fast, (values, push, least) in zip(usually, sources, strict=True):
+            way = np.linalg.norm(values[last] - values[first], axis=1)
+            near &= way <= (fast + push * passed) * passed + least
+        return near
 
-    cuts = np.flatnonzero(~joined(rows[:-1], rows[1:])) + 1
-    if not len(cuts):
-        return None, None
-    kept = _longest_chain(np.append(0, cuts), np.append(cuts, len(time)), joined)
+    cuts = np.flatnonzero(~joined(np.arange(rows - 1), np.arange(1, rows))) + 1
+    kept = _longest_chain(np.append(0, cuts), np.append(cuts, rows), joined)
     if kept.all():
         return None, None
-    place = stream.position
-    away = place - np.column_stack([np.interp(time, time[kept], x) for x in place[kept].T])
+    away = stream.position - along(time[kept], stream.position[kept], time)
     most, count = float(np.nanmax(np.linalg.norm(away[~kept], axis=1))), int((~kept).sum())
     says = (
         f"{count} rows, first at {stream.time[~kept][0]:.6g} s and up to {most:.2g} m away, are "
         "where no motion joins them with the others: they are left out"
     )
     return Finding("values", f"{name}, rows", count, 0, 0, False, says), kept
-
-
-_Far = Callable[[Whole, Whole], Array]
-
-
-def _distance(place: Array) -> _Far:
-    return lambda a, b: np.asarray(np.linalg.norm(place[b] - place[a], axis=-1))
-
-
-def _angle(q: Array) -> _Far:
-    def angle(a: Whole, b: Whole) -> Array:
-        return np.asarray(2 * np.arccos(np.minimum(np.abs(np.sum(q[a] * q[b], axis=-1)), 1.0)))
-
-    return angle
 
 
 def _longest_chain(begins: Whole, ends: Whole, joined: Callable[[Whole, Whole], Mask]) -> Mask:
@@ -245,11 +230,12 @@ def check_stamps(recording: Recording) -> Iterator[Finding]:
     if ranges is not None and len(ranges):
         pairs = np.column_stack([ranges.time, ranges.anchor])
         twice = len(pairs) - len(np.unique(pairs, axis=0))
-        says = "an anchor has one range at a time" if not twice else (
+        says = (
             f"{twice} ranges have the stamp of another range to their anchor: logged twice, or "
             "stamped on arrival"
-        )  # fmt: skip
-        yield Finding("repeats", "ranges", twice, 0, 0, twice == 0, says)
+        )
+        right = "an anchor has one range at a time"
+        yield judged("repeats", "ranges", twice, 0, 0, right, says)
     yield from _values(recording)
     yield from _spans(recording)
 
@@ -268,12 +254,11 @@ def check_gaps(recording: Recording) -> Iterator[Finding]:
         bound = max(_LEAST, float(np.log(len(steps) / FALSE_ALARM) / np.log(2)))
         if not isinstance(stream, Imu):  # what is not summed up goes on in a shorter time
             bound = max(bound, _SHORT / usual)
-        fits = value <= bound
-        says = "no gap" if fits else (
+        says = (
             f"for {steps[longest]:.3g} s from {time[longest]:.6g} s there is nothing, else "
             f"every {usual:.2g} s"
-        )  # fmt: skip
-        yield Finding("gaps", name, value, 0, bound, fits, says)
+        )
+        yield judged("gaps", name, value, 0, bound, "no gap", says)
 
 
 def _values(recording: Recording) -> Iterator[Finding]:
@@ -284,20 +269,21 @@ def _values(recording: Recording) -> Iterator[Finding]:
         columns = [] if isinstance(stream, Reference) else [x for _, x in _measured(stream)]
         if not columns:
             continue
-        stuck = max(_longest((np.diff(rows, axis=0) == 0).all(axis=1)) for rows in columns) + 1
-        says = "no stretch has the same values" if stuck <= _STUCK else (
-            f"{stuck} rows on end say the same: the sensor or its logger sticks"
-        )  # fmt: skip
-        yield Finding("values", name, stuck, 0, _STUCK, stuck <= _STUCK, says)
+        same = [(np.diff(rows, axis=0) == 0).all(axis=1) for rows in columns]
+        stuck = 1 + max(longest_run(each)[0] for each in same)
+        says = f"{stuck} rows on end say the same: the sensor or its logger sticks"
+        right = "no stretch has the same values"
+        yield judged("values", name, stuck, 0, _STUCK, right, says)
         if isinstance(stream, Imu):
-            clipped = max(_at_limit(column) for column in columns[0].T)
-            most = max(_CLIPPED, _FEW / len(stream))
-            says = "no value is there often that none exceeds" if clipped <= most else (
+            ends = columns[0].min(axis=0), columns[0].max(axis=0)
+            clipped = max(float(np.mean(columns[0] == end, axis=0).max()) for end in ends)
+            says = (
                 f"{100 * clipped:.0f} % of the rows of a column have its largest or least value: "
                 "it saturates, or is quantised coarsely"
-            )  # fmt: skip
-            subject = f"{name}, limits"
-            yield Finding("values", subject, clipped, 0, most, clipped <= most, says)
+            )
+            right, most = "no value is there often that none exceeds", _FEW / len(stream)
+            subject, most = f"{name}, limits", max(_CLIPPED, most)
+            yield judged("values", subject, clipped, 0, most, right, says)
 
 
 def _measured(stream: Stream) -> list[tuple[Whole, Array]]:
@@ -311,15 +297,12 @@ def _measured(stream: Stream) -> list[tuple[Whole, Array]]:
     return [(every, stream.position)] if isinstance(stream, Fixes | Reference) else []
 
 
-def _longest(same: Mask) -> int:
-    """Return how many on end are true at most."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], same, [False]]).astype(int)))
-    return int(np.max(np.diff(edges)[::2], initial=0))
-
-
-def _at_limit(column: Array) -> float:
-    """Return the share of rows with the largest or with the least value, the larger of both."""
-    return float(max(np.mean(column == column.max()), np.mean(column == column.min())))
+def longest_run(same: Mask) -> tuple[int, int]:
+    """Return how many on end are true at most, and the first of them."""
+    edges = np.flatnonzero(np.diff(same, prepend=False, append=False)).reshape(-1, 2)
+    lengths = np.append(np.diff(edges).ravel(), 0)
+    longest = int(np.argmax(lengths))
+    return int(lengths[longest]), int(edges[longest, 0]) if len(edges) else 0
 
 
 def _spans(recording: Recording) -> Iterator[Finding]:
@@ -331,9 +314,9 @@ def _spans(recording: Recording) -> Iterator[Finding]:
             return
         shared = min(end, others[:, 1].max()) - max(begin, others[:, 0].min())
         value = max(float(shared), 0.0) / float(end - begin)
-        fits = value >= _SHARED
-        says = "other streams are there at the same time" if fits else (
+        says = (
             f"it is from {begin:.6g} to {end:.6g} s, the others from {others[:, 0].min():.6g} to "
             f"{others[:, 1].max():.6g} s: stamps in another unit, or from another origin"
-        )  # fmt: skip
-        yield Finding("span", name, value, _SHARED, np.inf, fits, says)
+        )
+        right = "other streams are there at the same time"
+        yield judged("span", name, value, _SHARED, np.inf, right, says)

@@ -8,21 +8,24 @@ moves, is told to be one.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import minimize
 from scipy.stats import chi2, f, norm, poisson
 
 from inswsn_lib.checks import Array, covariance, positive_definite
 from inswsn_lib.errors import Described, ParameterError
 from inswsn_lib.evaluation import independent_count, mean_square, normalised_squares
-from inswsn_lib.evaluation.alignment import Alignment
 from inswsn_lib.filters import design_kalman, run_kalman
 from inswsn_lib.logs.filter_checks import check_filter
-from inswsn_lib.logs.findings import FALSE_ALARM, Finding
+from inswsn_lib.logs.findings import FALSE_ALARM, Finding, judged, unknown
 from inswsn_lib.logs.ins_wsn import TrackPair
+from inswsn_lib.logs.set_up_streams import longest_run
 from inswsn_lib.models import ErrorModel
+
+Complex = NDArray[np.complex128]
 
 _FEWEST = 20  # values that are compared
 _REACH = 5.0  # s: how late and how early is looked for
@@ -35,6 +38,15 @@ _LEAST = 0.01  # of that variance, lest a track that is the other one has none
 # Where one mistake makes several checks fail, those that are not here come first, then these.
 _ORDER = ("run", "start", "outliers", "origin", "size", "colour", "whiteness", "copy", "noise")
 _TRIED = 300  # explanations and lags of their own, that are tried at once
+_UNITS = {
+    "feet": 3.2808, "cm": 100.0, "mm": 1000.0, "km/h": 3.6, "knots": 1.9438, "yards": 1.0936,
+    "miles": 1.6093,
+}  # fmt: skip
+_NEAR = 0.03  # of a unit, in scale
+_SPACING = 0.1  # s, of the lags at which a search begins
+_MOST = 10_000  # rows that are compared; of more, some at even distances
+#: Explanations: whether turned or mirrored, and how many numbers the time has, a lag and a gain
+_KINDS = (("", 1), ("", 2), ("turned", 0), ("mirrored", 0), ("turned", 1), ("mirrored", 1))
 
 
 def check_recording(
@@ -87,23 +99,19 @@ def check_recording(
     return sorted(found, key=lambda each: _ORDER.index(each.name) if each.name in _ORDER else -1)
 
 
-# What can be seen in the columns as they are
-
-
 def _rate(data: TrackPair) -> Finding:
     """Look for a second rate: a long run of equal intervals that are not those of the grid."""
     rows = np.flatnonzero(~np.isnan(data.ins[:, 0]))
     steps = np.diff(rows)
-    edges = np.flatnonzero(np.diff(steps, prepend=0, append=0))
-    lengths = [(int(b - a), int(steps[a])) for a, b in pairwise(edges) if steps[a] > 1]
-    longest, step = max(lengths, default=(0, 1))
+    same, first = longest_run((np.diff(steps) == 0) & (steps[1:] > 1))
+    longest, step = same + bool((steps > 1).any()), int(steps[first]) if len(steps) else 1
     # rows that are lost at random leave an interval of two steps with a probability below 1/4
     bound = float(np.ceil(np.log(len(rows) / FALSE_ALARM) / np.log(4)))
-    says = "intervals between rows are even" if longest <= bound else (
+    says = (
         f"{longest + 1} rows follow one another in {step * data.period:.3g} s, others in "
         f"{data.period:.3g} s: two rates in one file"
-    )  # fmt: skip
-    return Finding("rate", "rows", longest, 0, bound, longest <= bound, says)
+    )
+    return judged("rate", "rows", longest, 0, bound, "intervals between rows are even", says)
 
 
 def _resolution(values: Array) -> float:
@@ -154,15 +162,11 @@ def _in_itself(data: TrackPair) -> Iterator[Finding]:
         # an integral by rectangles is half a change of velocity away; noise changes by the step
         slack = 0.2 * np.linalg.norm(told, axis=1) + change + 5 * unit + 8 * noise
         count = int(np.sum(off > slack))
-        bound = 2.0
-        says = "positions follow velocities" if count <= bound else (
+        says = (
             f"in {count} rows positions do not move as velocities say: stuck, set back, in other "
             "axes, late, or held"
-        )  # fmt: skip
-        yield Finding("itself", subject, count, 0, bound, count <= bound, says)
-
-
-# What the innovations tell
+        )
+        yield judged("itself", subject, count, 0, 2.0, "positions follow velocities", says)
 
 
 def _innovations(data: TrackPair, model: ErrorModel, P0: Array) -> Iterator[Finding]:
@@ -176,22 +180,18 @@ def _innovations(data: TrackPair, model: ErrorModel, P0: Array) -> Iterator[Find
     # what stands out does so beside the others, however large they are
     scale = max(1.0, float(np.median(squares / chi2.median(counts))))
     value, bound = float(squares[0]) / scale, float(chi2.isf(FALSE_ALARM, counts[0]))
-    says = "the first fix is as near as the initial errors say" if value <= bound else (
+    says = (
         f"the first fix is {np.sqrt(value / counts[0]):.1f} times as far as the initial errors "
         "say: they are too small, or the network has another origin"
-    )  # fmt: skip
-    yield Finding("start", "first fix", value, 0, bound, value <= bound, says)
+    )
+    right = "the first fix is as near as the initial errors say"
+    yield judged("start", "first fix", value, 0, bound, right, says)
     chance = chi2.sf(squares[1:] / scale, counts[1:])
     count = int(np.sum(chance < FALSE_ALARM / len(fixes)))
-    says = "none stands out"
-    if count:
-        at = data.time[fixes[1 + int(np.argmin(chance))]]
-        says = f"{count} fixes stand out, most that at {at:.6g} s: wrong fixes, a jump"
-    yield Finding("outliers", "fixes", count, 0, 0, count == 0, says)
+    at = data.time[fixes[1:]][np.argmin(chance)] if len(chance) else np.nan
+    says = f"{count} fixes stand out, most that at {at:.6g} s: wrong fixes, a jump"
+    yield judged("outliers", "fixes", count, 0, 0, "none stands out", says)
     yield from check_filter(left, S)
-
-
-# What fits the reference better than no lag and no turn
 
 
 def _against_reference(data: TrackPair, model: ErrorModel, *, sized: bool) -> Iterator[Finding]:
@@ -199,8 +199,7 @@ def _against_reference(data: TrackPair, model: ErrorModel, *, sized: bool) -> It
     who, m, reference = "network and reference", len(model.C), data.reference
     if reference is None or np.isfinite(data.wsn - reference).sum() < _FEWEST:
         says = "there is no reference to tell by" if reference is None else "too few fixes"
-        for name in ("time", "frame"):
-            yield Finding(name, who, np.nan, np.nan, np.nan, None, says)
+        yield from (unknown(name, who, says) for name in ("time", "frame"))
         return
     sigma = np.sqrt(np.diag(model.measurement_covariance))
     reach = min(_REACH, len(data.time) * data.period / 10)
@@ -214,10 +213,8 @@ def _against_reference(data: TrackPair, model: ErrorModel, *, sized: bool) -> It
     independent = independent_count(free[there.any(axis=1)])
     z = float(np.abs(shift / sigma[:2]).max() * np.sqrt(independent / max(1.0, mean)))
     bound = float(norm.isf(FALSE_ALARM / 4))
-    says = "network and reference have one origin" if z <= bound else (
-        f"they are ({shift[0]:.3g}, {shift[1]:.3g}) m apart on average: another origin"
-    )  # fmt: skip
-    yield Finding("origin", who, z, 0, bound, z <= bound, says)
+    says = f"they are ({shift[0]:.3g}, {shift[1]:.3g}) m apart on average: another origin"
+    yield judged("origin", who, z, 0, bound, "network and reference have one origin", says)
     size = mean_square(mean, independent * there.sum() / there.any(axis=1).sum())
     name, says = "size", f"they are {np.sqrt(mean):.3g} times as far apart as is assumed"
     if size.fits:
@@ -258,3 +255,134 @@ def _aligned(who: str, found: Alignment) -> Iterator[Finding]:
         else:
             says = "another explanation fits better" if wrong else "none is found"
             yield Finding(name, who, value, -bound, bound, True, says)
+
+
+class Explanation(NamedTuple):
+    """How one track follows another, by how many parameters, and what that means.
+
+    What is left is (rows, 2 or 4), over the noise; `value` is in s, degrees, or a quotient. `rival`
+    is the sum of squares that nothing leaves or, if less, what the opposite lag leaves: between two
+    rows the noise of the other track is averaged, which is no lag.
+    """
+
+    name: str
+    parameters: int
+    left: Array
+    value: float
+    says: str
+    rival: float
+
+    @property
+    def squares(self) -> float:
+        """The sum of squares that it leaves."""
+        return _squares(self.left)
+
+
+class Alignment:
+    """A track (n, 2 or 4) of known noise, to be explained by another (n, 4) of unknown origin.
+
+    Positions and velocities are complex numbers, z = x + iy. Turned and stretched, the other is
+    a z; mirrored it is a z*. The track may be late or early by a reach (s).
+    """
+
+    def __init__(self, time: Array, track: Array, other: Array, sigma: Array, reach: float) -> None:
+        known = ~np.isnan(other).any(axis=1)
+        there = ~np.isnan(track).any(axis=1) & known
+        there &= (time >= time[0] + reach) & (time <= time[-1] - reach)
+        rows = np.flatnonzero(there)
+        rows = rows[:: -(-len(rows) // _MOST) or 1]
+        self._sigma = np.sqrt(np.mean(np.square(sigma).reshape(-1, 2), axis=1))
+        self._known, self._other = time[known], _complex(other[known, : len(sigma)])
+        self._time, self._middle, self._reach = time[rows], float(time.mean()), reach
+        self._track = self._over_noise(_complex(track[rows]))
+        #: How many values are compared
+        self.values = max(1, 2 * self._track.size)
+
+    def _over_noise(self, values: Complex) -> Complex:
+        """Return values over the noise, with the mean position at zero."""
+        origin = np.zeros(values.shape[1], dtype=complex)
+        origin[0] = values[:, 0].mean() if len(values) else 0.0
+        return np.asarray((values - origin) / self._sigma)
+
+    def _moved(self, lag: float, gain: float = 0.0) -> Complex:
+        """Return the other track as it is told so much later, by a clock that loses."""
+        at = self._time - lag - gain * (self._time - self._middle)
+        return np.column_stack([np.interp(at, self._known, z) for z in self._other.T])
+
+    def _fit(self, kind: str, *late: float) -> tuple[complex, Array]:
+        """Return the factor, and what is left over the noise."""
+        moved = self._over_noise(self._moved(*late or (0.0,)))
+        moved = moved.conj() if kind == "mirrored" else moved
+        size = float(np.sum(np.abs(moved) ** 2))
+        factor = complex(np.vdot(moved, self._track) / size) if kind and size else 1.0 + 0.0j
+        return factor, (self._track - factor * moved).view(float)
+
+    def _searched(self, kind: str, count: int) -> Array:
+        """Return the lag, or it and the gain, that leave least."""
+
+        def squares(late: Array) -> float:
+            outside = max(0.0, abs(float(late[0])) - self._reach)
+            return _squares(self._fit(kind, *late)[1]) * (1 + outside) + outside
+
+        lags = np.linspace(-self._reach, self._reach, 2 * max(1, round(self._reach / _SPACING)) + 1)
+        begin = min(([float(lag), 0.0][:count] for lag in lags), key=lambda x: squares(np.array(x)))
+        simplex = np.vstack([begin, begin + np.diag([_SPACING, 0.01])[:count, :count]])
+        how = {"initial_simplex": simplex, "xatol": 1e-4, "fatol": 1e-2}
+        return np.asarray(minimize(squares, begin, method="Nelder-Mead", options=how).x)
+
+    def explanations(self) -> list[Explanation]:
+        """Return the explanations, first that of a lag alone."""
+        found = []
+        nothing = _squares(self._fit("")[1])
+        for kind, count in _KINDS:
+            late = self._searched(kind, count) if count else np.empty(0)
+            factor, left = self._fit(kind, *late)
+            name, value, says = _turned(kind, factor)
+            rival = nothing
+            if count:
+                how = f"it is {abs(late[0]):.3g} s {'late' if late[0] > 0 else 'early'}"
+                name, says = (f"{name} and time", f"{says}; {how}") if kind else ("time", how)
+                value = value if kind else float(late[0])
+                rival = min(nothing, _squares(self._fit(kind, *-late)[1]))
+            if count == 2:
+                name, value = "clock", float(late[1])
+                says = f"its clock loses {value:.2%}, and half way {says}"
+            found.append(Explanation(name, count + 2 * bool(kind), left, value, says, rival))
+        return found
+
+    def deviations(self) -> tuple[float, float]:
+        """Return the deviations of a lag, s, and of a turn, rad, by the noise."""
+        h = _SPACING / 2
+        changes = (self._moved(h) - self._moved(-h)) / (2 * h), self._moved(0.0)
+        sizes = (float(np.sum(np.abs(self._over_noise(each)) ** 2)) for each in changes)
+        lag, turn = (size**-0.5 if size > 0 else np.inf for size in sizes)
+        return lag, turn
+
+
+def _complex(track: Array) -> Complex:
+    return np.asarray(track[:, ::2] + 1j * track[:, 1::2])
+
+
+def _squares(left: Array) -> float:
+    return float(np.sum(left**2))
+
+
+def _turned(kind: str, factor: complex) -> tuple[str, float, str]:
+    """Return the name, the value and the words of a factor."""
+    scale, angle = abs(factor), float(np.angle(factor, deg=True))
+    name, what = "frame", f"it is turned by {angle:.3g}°"
+    if kind == "mirrored":
+        named = {
+            0: "y has the other sign", 90: "x and y are exchanged", -90: "x and y are exchanged, "
+            "with other signs", 180: "x has the other sign", -180: "x has the other sign",
+        }  # fmt: skip
+        near = min(named, key=lambda each: abs(each - angle))
+        also = f": {named[near]}" if abs(near - angle) < 15 else f", and turned by {angle:.3g}°"
+        name, what = "axes", f"it is mirrored{also}"
+    if abs(scale - 1) > 0.02:
+        units = [u for u, size in _UNITS.items() if abs(abs(np.log(scale)) - np.log(size)) < _NEAR]
+        size = f"{scale:.3g} times as large" + (f", as with {units[0]}" if units else "")
+        if kind == "turned" and abs(np.radians(angle)) < max(0.05, abs(scale - 1) / 2):
+            return "scale", scale, f"it is {size}"
+        what += f", and {size}"
+    return name, angle, what

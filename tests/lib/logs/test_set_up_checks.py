@@ -75,6 +75,11 @@ def twice(ranges: Ranges) -> dict[str, Any]:
     return {"time": time, "anchor": anchor}
 
 
+def holed(imu: Imu) -> dict[str, Any]:
+    kept = (imu.time < 20) | (imu.time > 21)
+    return {"time": imu.time[kept], "rate": imu.rate[kept], "force": imu.force[kept]}
+
+
 SWAP = np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, 1]])
 Wrong = dict[str, tuple[Callable[[Recording], Recording], str, str]]
 WRONG_IMU: Wrong = {
@@ -87,6 +92,7 @@ WRONG_IMU: Wrong = {
     "x and y of the accelerometer exchanged": (
         imu_of(lambda i: {"force": i.force @ SWAP}), "axes", r"y, x, z \(mirrored\)"),
     "gravity down": (imu_of(lambda i: {"force": -i.force}), "gravity", "points down"),
+    "a gap": (imu_of(holed), "gaps", "for 1.02 s from 19.99"),
     "IMU late": (imu_of(lambda i: {"time": i.time + 0.08}), "time", r"0\.08 s late"),
 }  # fmt: skip
 WRONG_RANGES: Wrong = {
@@ -121,14 +127,6 @@ def test_the_anchor_that_is_elsewhere_or_hidden_is_named() -> None:
     for change, anchor in ((moved_anchor, "a2"), (hidden, "a3")):
         findings = check_set_up(ranges_of(change)(room(2)))
         assert {found.subject for found in findings if found.fits is False} == {f"anchor {anchor}"}
-
-
-def test_gaps_are_found() -> None:
-    right = room(1)
-    assert right.imu is not None
-    kept = (right.imu.time < 20) | (right.imu.time > 21)
-    holed = Imu(right.imu.time[kept], right.imu.rate[kept], right.imu.force[kept])
-    assert wrong(check_set_up(replace(right, imu=holed))) == ["gaps: imu"]
 
 
 def test_fixes_in_another_frame_are_found() -> None:

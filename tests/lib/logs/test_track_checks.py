@@ -9,7 +9,6 @@ import pytest
 
 import inswsn_lib as iw
 from inswsn_lib import ErrorModel, ParameterError, TrackPair
-from inswsn_lib.evaluation.alignment import Alignment
 from inswsn_lib.logs import Finding, check_recording, verdict
 
 MODEL = ErrorModel.p1(0.2, process_noise=(0.001, 0.01), measurement_noise=(0.2, 0.1))
@@ -57,6 +56,8 @@ def test_the_recording_that_comes_along_fits() -> None:
         ({"reference": moved(TRUE, -0.5)}, "time", "network and reference", 0.5, 0.1),
         ({"reference": turned(TRUE, 30)}, "frame", "network and reference", -30, 0.5),
         ({"reference": TRUE[:, EXCHANGED]}, "axes", "network and reference", 90, 0.5),
+        ({"reference": moved(TRUE, -1.0)[:, EXCHANGED]}, "axes and time", "network and reference",
+         90, 0.5),
         ({"reference": TRUE * 1.0936}, "scale", "network and reference", 1 / 1.0936, 0.01),
         ({"reference": TRUE + ASIDE}, "origin", "network and reference", None, 0),
         ({"reference": RIGHT.wsn}, "copy", "network and reference", 0, 1e-12),
@@ -106,32 +107,3 @@ def test_a_model_that_is_none_of_an_ins_is_refused() -> None:
     walk = ErrorModel(A=[[1]], B=[[1]], C=[[1]], D=[[1]], period=1.0)
     with pytest.raises(ParameterError, match=r"model must be of 4 states .*, not of 1 and 1"):
         check_recording(RIGHT, walk, initial_covariance=[[1.0]])
-
-
-@pytest.mark.parametrize(
-    ("lag", "matrix", "name", "value"),
-    [
-        (0.37, np.eye(2), "time", 0.37),
-        (-0.82, np.eye(2), "time", -0.82),
-        (0.0, np.array([[0.0, -1.0], [1.0, 0.0]]), "frame", 90.0),
-        (0.0, np.array([[1.0, 0.0], [0.0, -1.0]]), "axes", 0.0),
-        (0.0, 3.2808 * np.eye(2), "scale", 3.2808),
-        (0.61, np.array([[0.0, 1.0], [1.0, 0.0]]), "axes and time", 90.0),
-    ],
-)
-def test_an_alignment_without_noise(
-    lag: float, matrix: np.ndarray, name: str, value: float
-) -> None:
-    """Of a curve that is known everywhere, to the error of a straight line between two rows."""
-
-    def curve(t: np.ndarray) -> np.ndarray:
-        p = np.array([np.sin(t) + 0.3 * t, np.cos(0.7 * t)])
-        return np.vstack([p, [np.cos(t) + 0.3, -0.7 * np.sin(0.7 * t)]])
-
-    t = np.arange(0, 40, 0.02)
-    track = (np.kron(np.eye(2), matrix) @ curve(t - lag)).T + np.array([5.0, -7.0, 0.0, 0.0])
-    found = Alignment(t, track, curve(t).T, np.ones(4), reach=2.0)
-    best = min(found.explanations(), key=lambda fit: fit.squares + 1e-2 * fit.parameters)
-    assert best.name == name
-    assert best.value == pytest.approx(value, abs=0.01)
-    assert best.squares < 1e-3 * best.rival
