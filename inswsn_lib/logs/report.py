@@ -139,7 +139,7 @@ def report(
         findings += _mirrored_start(ladder)
         return _without_filter(ladder.recording, findings, str(error))
     if not begun < ladder.split:
-        taken = begun - float(ladder.fixes.time[0])
+        taken = begun - ladder.fixes.time[0]
         said = f"The start takes {taken:.3g} s, more than half of the recording."
         return _without_filter(ladder.recording, findings, said)
     try:
@@ -360,9 +360,9 @@ def _mirror(recording: Recording) -> Recording:
 def _of_innovations(ladder: Ladder, name: str, solution: Solution) -> list[Finding]:
     told = innovations_of(solution, ladder.rungs[name].series)
     told = told[told["time"] > ladder.split]
+    each = told.drop_duplicates("measurement")["near"].to_numpy()
     near = told[told["near"]]
     squares, scaled, series = (near[of].to_numpy() for of in ("squares", "scaled", "series"))
-    each = told.drop_duplicates("measurement")["near"].to_numpy()
     return [check_outliers(each), *check_innovations(squares, scaled, series)]
 
 

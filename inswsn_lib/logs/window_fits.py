@@ -243,7 +243,8 @@ def _fitted(rows: WindowRanges, position: Array, told: Mask) -> WindowFit:
         if noise == 0 or noise > _SAME * before:
             break
     fit = WindowFit(position, ~told, direction, miss, weight, noise, told)
-    return fit._replace(bad=~told | _is_flat(fit.information(rows)))
+    values = np.linalg.eigvalsh(fit.information(rows))
+    return fit._replace(bad=~told | (values[:, 0] <= _FLAT * values[:, -1]))
 
 
 def _loss(rows: WindowRanges, fit: WindowFit, noise: float) -> Array:
@@ -269,12 +270,6 @@ def _counts(rows: WindowRanges) -> NDArray[np.intp]:
 def each_row(rows: WindowRanges, values: NDArray[Kind]) -> NDArray[Kind]:
     """Return for each row the value of its window."""
     return np.repeat(values, _counts(rows), axis=0)
-
-
-def _is_flat(matrices: Array) -> Mask:
-    """Tell of symmetric matrices whether one direction is lost beside another."""
-    values = np.linalg.eigvalsh(matrices)
-    return np.asarray(values[:, 0] <= _FLAT * values[:, -1])
 
 
 def _scale(rows: WindowRanges, miss: Array, told: Mask) -> float:
