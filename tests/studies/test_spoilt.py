@@ -91,7 +91,7 @@ def test_a_fault_of_the_library_is_told_as_one(
     def fault(_: object) -> None:
         raise IndexError("out of bounds")
 
-    monkeypatch.setattr(study.recordings, "check_set_up", fault)
+    monkeypatch.setattr(study.logs, "check_set_up", fault)
     way = Spoiler("nothing", "ranges.csv", lambda *_: None)
     found = study.try_one(wheels, way, "whole", 0)
     assert (found.outcome, found.says) == ("traceback", "checks: IndexError: out of bounds")
