@@ -5,14 +5,18 @@ a model, a filter, a design, a recording, a learner, a score. `__init__.pyi` lis
 and what each may use, are listed in ``CONTRIBUTING.md``.
 """
 
+from importlib import import_module
 from typing import Any
 
 import lazy_loader
 
+_OLD_ROOMS = ("calibration", "estimation", "recordings")
 _imported, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
 
 def __getattr__(name: str) -> Any:
+    if name in _OLD_ROOMS:
+        return import_module(f"{__name__}.{name}")
     if name != "__version__":
         return _imported(name)
     # loads what takes half as long as numpy

@@ -1,15 +1,6 @@
-"""The name of a part of `inswsn_lib.logs` until version 3."""
-
-from __future__ import annotations
-
-import warnings
-from typing import Any
+"""The name of `inswsn_lib.logs`, or of a part of it, until version 2."""
 
 from inswsn_lib import logs
+from inswsn_lib.old_names import found_in
 
-warnings.warn("inswsn_lib.calibration is now inswsn_lib.logs.", DeprecationWarning, stacklevel=2)
-
-
-def __getattr__(name: str) -> Any:
-    """Return what has that name in the room."""
-    return getattr(logs, name)
+__getattr__ = found_in(__name__, logs)

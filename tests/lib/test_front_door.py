@@ -69,12 +69,20 @@ def test_the_room_that_was_called_estimation_is_found_where_it_is() -> None:
         from inswsn_lib.estimation import anything  # noqa: F401
 
 
-def test_rooms_that_are_logs_now_are_found_by_their_old_names() -> None:
-    with pytest.warns(DeprecationWarning, match=r"recordings is now inswsn_lib\.logs"):
-        from inswsn_lib.recordings.rtklib import read_solution
-    with pytest.warns(DeprecationWarning, match=r"calibration is now inswsn_lib\.logs"):
-        from inswsn_lib.calibration import calibrate
-    from inswsn_lib import recordings
+@pytest.mark.parametrize("old", ["recordings", "calibration"])
+def test_rooms_that_are_logs_now_are_found_by_their_old_names(old: str) -> None:
+    room = getattr(iw, old)
+    for name in iw.logs.__all__:
+        with pytest.warns(DeprecationWarning, match=rf"{old}\.{name} is now inswsn_lib\.logs\."):
+            found = getattr(room, name)
+        assert found is getattr(iw.logs, name)
+    with pytest.raises(AttributeError, match="anything"):
+        room.anything  # noqa: B018
 
-    assert (calibrate, recordings.load) == (iw.calibrate, iw.logs.load)
-    assert read_solution is iw.logs.rtklib.read_solution
+
+def test_modules_of_a_room_are_found_by_its_old_name() -> None:
+    from inswsn_lib.recordings.rtklib import read_solution
+
+    from inswsn_lib.logs import rtklib
+
+    assert read_solution is rtklib.read_solution
