@@ -57,41 +57,33 @@ def locate(source: Source, cache: Path | None = None) -> dict[str, Path]:
     if mirror := os.environ.get(DATA_VARIABLE):
         found = {name: Path(mirror) / place / name for name in source.digests}
         for name, path in found.items():
-            _check_original(path, source.digests[name])
+            if not path.is_file():
+                raise RecordingUnavailableError(
+                    f"There is no file {path}; {DATA_VARIABLE} may name a mirror that has it."
+                )
+            if pooch.file_hash(str(path)) != (digest := source.digests[name]):
+                raise InswsnError(
+                    f"{path} is not the original: its SHA-256 does not begin {digest[:12]}."
+                )
         return found
     store = pooch.create(
         path=(cache or pooch.os_cache("inswsn")) / place,
         base_url=f"https://raw.githubusercontent.com/{source.repository}/{source.commit}/{source.folder}/",
         registry={name: f"sha256:{digest}" for name, digest in source.digests.items()},
     )
-    logger = pooch.get_logger()
-    level = logger.level
+    logger, level = pooch.get_logger(), pooch.get_logger().level
     logger.setLevel(logging.ERROR)  # else it tells on stderr what it fetches
     try:
-        return {name: _fetch(store, name) for name in source.digests}
-    finally:
-        logger.setLevel(level)
-
-
-def _check_original(path: Path, digest: str) -> None:
-    """Refuse a file of a mirror that is not there or is another."""
-    if not path.is_file():
-        raise RecordingUnavailableError(
-            f"There is no file {path}; {DATA_VARIABLE} may name a mirror that has it."
-        )
-    if pooch.file_hash(str(path)) != digest:
-        raise InswsnError(f"{path} is not the original: its SHA-256 does not begin {digest[:12]}.")
-
-
-def _fetch(store: pooch.Pooch, name: str) -> Path:
-    try:
-        return Path(store.fetch(name, downloader=pooch.HTTPDownloader(timeout=_TIMEOUT)))
+        fetch = pooch.HTTPDownloader(timeout=_TIMEOUT)
+        return {name: Path(store.fetch(name, downloader=fetch)) for name in source.digests}
     except (OSError, ValueError) as error:  # requests' errors are OSErrors; ValueError: the digest
         said = type(error).__name__ if isinstance(error, OSError) else "its SHA-256 is another"
         raise RecordingUnavailableError(
-            f"{name} could not be fetched from {store.base_url} ({said}); {DATA_VARIABLE} may name "
-            "a local mirror of it."
+            f"{', '.join(source.digests)} could not be fetched from {store.base_url} ({said}); "
+            f"{DATA_VARIABLE} may name a local mirror of it."
         ) from None
+    finally:
+        logger.setLevel(level)
 
 
 def files_of(place: Place) -> dict[str, Path]:

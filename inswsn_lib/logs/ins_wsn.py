@@ -11,26 +11,20 @@ from numpy.typing import NDArray
 
 from inswsn_lib.checks import Array
 from inswsn_lib.errors import InswsnError
-from inswsn_lib.logs.columns import INS, REFERENCE, TIME, WSN, read_columns
-from inswsn_lib.logs.rows import reading
-from inswsn_lib.streams import check_increase
+from inswsn_lib.logs.blocks import block_starts
+from inswsn_lib.logs.columns import INS, REFERENCE, TIME, WSN, columns_of
+from inswsn_lib.logs.rows import check_clock, reading
 
 Rows = NDArray[np.intp]
-# A time stamp may be this share of a period away from the grid.
-_JITTER = 0.2
-# The grid may have this many times as many steps as there are rows, or this many.
-_SPARSEST, _ALWAYS = 10, 1000
-# An outage is longer than this many times the usual distance of fixes.
-_PATIENCE = 2.5
-# An INS that has just begun to drift is not this far from its first fix (m).
-_FARTHEST = 10_000.0
-# Series that are alike to this cosine may be compared in scale, and differ by a unit beyond this.
+_JITTER = 0.2  # a time stamp may be this share of a period away from the grid
+_PATIENCE = 2.5  # an outage is longer than this many times the usual distance of fixes
+_FARTHEST = 10_000.0  # m: an INS that has just begun to drift is not so far from its first fix
+# Series that are alike to this cosine may be compared in scale, and differ by a unit beyond this
 _LIKENESS, _FACTOR = 0.8, 1.6
-# Changes of speed tell a unit by this factor, and if there are this many.
+# Changes of speed tell a unit by this factor, and if there are this many
 _GROSS, _FEW = 2.5, 4
-# A ratio is that of two units if it is this near.
-_NEAR = 1.15
-# Displacements are compared over blocks of this length (s); slower than this (m/s) tells nothing.
+_NEAR = np.log(1.15)  # a ratio is that of two units if it is this near
+# Displacements are compared over blocks of this length (s); slower than this (m/s) tells nothing
 _BLOCK, _SLOWEST = 5.0, 0.05
 _UNITS = {
     "km/h": 3.6, "knots": 1.9438, "feet": 3.2808, "cm": 100.0, "mm, km or ms": 1000.0,
@@ -136,33 +130,22 @@ def read_recording(path: str | Path, *, resample: bool = False) -> TrackPair:
     (301, 4, 1)
     """
     path = Path(path)
-    return track_pair(path, read_columns(path), resample=resample)
+    return track_pair(path, columns_of(path), resample=resample)
 
 
 def track_pair(path: Path, table: dict[str, Array], *, resample: bool = False) -> TrackPair:
     """Return what `read_recording` does, of the columns of a file; needs numpy alone."""
     time = table[TIME]
-    _check_time(path, time)
+    if time.size < 3:
+        raise InswsnError(f"{path} has {time.size} rows; it must have at least 3.")
+    with reading(path):
+        check_clock(TIME, time, first=2)
     columns = {"ins": INS, "wsn": WSN} | ({"ref": REFERENCE} if REFERENCE[0] in table else {})
     sources = {who: np.column_stack([table[n] for n in names]) for who, names in columns.items()}
     _check_positions(path, sources["ins"], sources["wsn"])
     for one, other, known in _comparable(time, sources):
         _refuse_other_units(path, one, other, known)
     return _resampled(time, sources) if resample else _on_grid(path, time, sources)
-
-
-def _check_time(path: Path, time: Array) -> None:
-    if time.size < 3:
-        raise InswsnError(f"{path} has {time.size} rows; it must have at least 3.")
-    with reading(path):
-        check_increase(TIME, time, first=2)
-    steps = np.diff(time)
-    if time[-1] - time[0] > np.median(steps) * max(_ALWAYS, _SPARSEST * time.size):
-        row = int(np.argmax(steps)) + 1
-        raise InswsnError(
-            f"{path}: {TIME} jumps by {steps[row - 1]:.6g} s in row {row + 2}, where "
-            f"{np.median(steps):.4g} s are usual; a clock may not have been set in between."
-        )
 
 
 def _check_positions(path: Path, ins: Array, wsn: Array) -> None:
@@ -179,6 +162,11 @@ def _check_positions(path: Path, ins: Array, wsn: Array) -> None:
         )
 
 
+def _complete(values: Array) -> Rows:
+    """Return the rows without a gap; a product is quicker than to look at each."""
+    return np.flatnonzero(~np.isnan(values @ np.ones(values.shape[1])))
+
+
 #: What a series of speeds (blocks, 2) is, in words, and the series
 _Named = tuple[str, Array]
 
@@ -190,80 +178,42 @@ def _comparable(time: Array, sources: dict[str, Array]) -> Iterator[tuple[_Named
     INS, are compared by their displacements where the network has fixes. Of the INS it is the
     changes from one block to the next: a drift that is steady, or grows slowly, is not in them.
     """
-    along = {who: f"along {who}_x_m and {who}_y_m" for who in sources}
+
+    def moved(who: str, rows: Rows) -> _Named:
+        starts = rows[block_starts(time[rows], _BLOCK)] if rows.size else rows
+        speeds = np.diff(sources[who][starts, :2], axis=0) / np.diff(time[starts])[:, None]
+        return f"along {who}_x_m and {who}_y_m", speeds
+
     for who, values in sources.items():
-        blocks = _blocks(time, values)
-        moved, told = (_speeds(time, x, blocks) for x in (values[:, :2], _way(time, values)))
-        velocities = f"that in {who}_vx_mps and {who}_vy_mps"
-        yield (f"the speed {along[who]}", moved), (velocities, told), False
-    blocks = _blocks(time, sources["wsn"][:, :2])
-    speeds = {who: _speeds(time, values[:, :2], blocks) for who, values in sources.items()}
-    network, inertial = np.diff(speeds["wsn"], axis=0), np.diff(speeds["ins"], axis=0)
-    change = f"the change of speed {along['wsn']}"
-    yield (change, network), (f"that {along['ins']}", inertial), True
-    if "ref" in speeds:
-        true = f"that {along['ref']}", speeds["ref"]
-        yield (f"the speed {along['wsn']}", speeds["wsn"]), true, False
-
-
-def _blocks(time: Array, needed: Array) -> Rows:
-    """Return first and last row (blocks, 2) of blocks of some seconds with all that is needed.
-
-    Blocks that follow one another share a row. None crosses a gap.
-    """
-    rows = _complete(needed)
-    if rows.size < 2:
-        return np.empty((0, 2), dtype=np.intp)
-    since = time[rows] - time[rows[0]]
-    length, steps = min(_BLOCK, since[-1]), np.diff(since)
-    stretch = np.append(0, np.cumsum(steps > _PATIENCE * np.median(steps)))
-    edges = np.flatnonzero(np.diff(np.floor(since / length + 1e-9), prepend=-1.0))
-    blocks = np.column_stack([edges[:-1], edges[1:]])
-    lasts = np.diff(since[blocks], axis=1)[:, 0]  # one that begins after a gap may be short
-    whole = (np.diff(stretch[blocks], axis=1)[:, 0] == 0) & (lasts > length / 2)
-    return np.asarray(rows[blocks[whole]])
-
-
-def _complete(values: Array) -> Rows:
-    """Return the rows without a gap; a product is quicker than to look at each."""
-    return np.flatnonzero(~np.isnan(values @ np.ones(values.shape[1])))
-
-
-def _way(time: Array, values: Array) -> Array:
-    """Return the integral of the velocities over the rows that are whole, (rows, 2)."""
-    rows = _complete(values)
-    way = np.zeros((len(time), 2))
-    if rows.size:
-        speeds = values[rows, 2:]
-        means = (speeds[1:] + speeds[:-1]) / 2
-        way[rows[1:]] = np.cumsum(np.diff(time[rows])[:, None] * means, axis=0)
-    return way
-
-
-def _speeds(time: Array, way: Array, blocks: Rows) -> Array:
-    """Return displacement over time of each block, (blocks, 2)."""
-    return np.asarray(np.diff(way[blocks], axis=1)[:, 0] / np.diff(time[blocks]))
+        if (rows := _complete(values)).size:
+            along, speeds = moved(who, rows)
+            starts = block_starts(time[rows], _BLOCK)
+            means = np.add.reduceat(values[rows, 2:], starts)[:-1] / np.diff(starts)[:, None]
+            told = f"that in {who}_vx_mps and {who}_vy_mps", means
+            yield (f"the speed {along}", speeds), told, False
+    fixed = _complete(sources["wsn"][:, :2])
+    (along, network), (other, inertial) = moved("wsn", fixed), moved("ins", fixed)
+    changes = f"that {other}", np.diff(inertial, axis=0)
+    yield (f"the change of speed {along}", np.diff(network, axis=0)), changes, True
+    if "ref" in sources:
+        fixed = fixed[np.isin(fixed, _complete(sources["ref"][:, :2]))]
+        (along, network), (other, true) = moved("wsn", fixed), moved("ref", fixed)
+        yield (f"the speed {along}", network), (f"that {other}", true), False
 
 
 def _refuse_other_units(path: Path, one: _Named, other: _Named, known: bool) -> None:
     """Refuse two series of one shape and two scales; if `known`, of two known units alone."""
     count = len(one[1])
     sizes = float(np.linalg.norm(one[1])), float(np.linalg.norm(other[1]))
-    if count == 0 or min(sizes) == 0 or max(sizes) / np.sqrt(count) < _SLOWEST:
+    # few and noisy changes may differ by much: only a gross factor between many tells a unit
+    factor, fewest = (_GROSS, _FEW) if known else (_FACTOR, 1)
+    if count < fewest or min(sizes) == 0 or max(sizes) / np.sqrt(count) < _SLOWEST:
         return
     # noise lowers the likeness before it changes the scale by as much as a unit does
     likeness = float(np.sum(one[1] * other[1])) / (sizes[0] * sizes[1])
     ratio = sizes[0] / sizes[1]
-    # few and noisy changes may differ by much: only a gross factor between many tells a unit
-    factor = _GROSS if known else _FACTOR
-    if likeness < _LIKENESS or 1 / factor <= ratio <= factor or (known and count < _FEW):
-        return
-    near = [
-        name
-        for name, size in _UNITS.items()
-        if min(abs(np.log(ratio / size)), abs(np.log(ratio * size))) < np.log(_NEAR)
-    ]
-    if known and not near:
+    near = [u for u, size in _UNITS.items() if abs(abs(np.log(ratio)) - np.log(size)) < _NEAR]
+    if likeness < _LIKENESS or 1 / factor <= ratio <= factor or (known and not near):
         return
     looks = f", as with {' or '.join(near)}" if near else ""
     raise InswsnError(
@@ -273,10 +223,12 @@ def _refuse_other_units(path: Path, one: _Named, other: _Named, known: bool) -> 
 
 
 def _on_grid(path: Path, time: Array, sources: dict[str, Array]) -> TrackPair:
-    place = _places(time)
-    middle, centred = place.mean(), (time - time[0]).mean()
-    period = float(np.dot(place - middle, time - time[0]) / np.sum((place - middle) ** 2))
-    start = float(time[0] + centred - period * middle)
+    steps = np.diff(time)
+    # the mean of the steps of rows that follow one another tells how many steps a gap has
+    usual = steps[steps <= 1.5 * np.median(steps)].mean()
+    place = np.concatenate([[0], np.cumsum(np.round(steps / usual).astype(int))])
+    period, late = np.polyfit(place, time - time[0], 1).tolist()
+    start = float(time[0]) + late
     offset = time - start - place * period
     if (np.diff(place) <= 0).any() or np.abs(offset).max() > _JITTER * period:
         row = int(np.argmax(np.abs(offset)))
@@ -285,11 +237,9 @@ def _on_grid(path: Path, time: Array, sources: dict[str, Array]) -> TrackPair:
             f"off an even grid of {period:.4g} s; a fifth of a period is allowed. Read it with "
             "resample=True, or resample it."
         )
-    grids = sources
-    if place[-1] >= len(time):  # rows are missing
-        grids = {who: np.full((place[-1] + 1, 4), np.nan) for who in sources}
-        for who, values in sources.items():
-            grids[who][place] = values
+    grids = {who: np.full((place[-1] + 1, 4), np.nan) for who in sources}
+    for who, values in sources.items():
+        grids[who][place] = values
     return TrackPair(
         time=start + period * np.arange(place[-1] + 1),
         period=period,
@@ -339,22 +289,3 @@ def _cubics(time: Array, values: Array, at: Array, before: Rows) -> Array:
 
 def _lines(time: Array, values: Array, at: Array) -> Array:
     return np.column_stack([np.interp(at, time, x) for x in values.T])
-
-
-def _places(time: Array) -> Rows:
-    """Return the step of the grid that each time stamp belongs to.
-
-    The median of the steps carries the rounding of the time stamps. So the period is fitted to the
-    stretches without gaps first, and then tells how many steps each gap has.
-    """
-    steps = np.diff(time)
-    usual = float(np.median(steps))
-    stretch = np.concatenate([[0], np.cumsum(steps > 1.5 * usual)])
-    index = np.arange(time.size, dtype=float)
-    count = np.bincount(stretch)
-    moved, counted = (
-        x - (np.bincount(stretch, weights=x) / count)[stretch] for x in (time - time[0], index)
-    )
-    spread = float(np.sum(counted**2))
-    period = float(np.sum(moved * counted)) / spread if spread > 0 else usual
-    return np.concatenate([[0], np.cumsum(np.round(steps / period).astype(int))])

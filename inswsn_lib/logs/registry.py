@@ -13,9 +13,7 @@ from inswsn_lib.errors import ParameterError
 from inswsn_lib.files import read_yaml
 from inswsn_lib.logs.csv_folder import read_csv_folder
 from inswsn_lib.logs.files import Place, Source, locate
-from inswsn_lib.logs.inrol import read_inrol
-from inswsn_lib.logs.labyrinth import read_labyrinth
-from inswsn_lib.logs.plaza import read_plaza
+from inswsn_lib.logs.radio_kinds import read_inrol, read_labyrinth, read_plaza
 from inswsn_lib.logs.rtklib import read_rtklib
 from inswsn_lib.streams import Recording
 

@@ -1,4 +1,4 @@
-"""Rows of numbers in other people's files, and the errors for spoilt files."""
+"""Rows of other people's files: their numbers, clocks and anchors, and errors for spoilt ones."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 from inswsn_lib.checks import Array
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.files import read_text
-from inswsn_lib.logs.cells import LARGEST, floats
+from inswsn_lib.logs.columns import LARGEST, floats
 from inswsn_lib.streams import Ranges, check_increase
 
 #: The number of a line, from 1, and its cells
 Row = tuple[int, Sequence[str]]
 
-# A clock was set where stamps jump by more seconds, and by more times all others, if there are some
-_SET, _JUMP, _FEWEST = 3600.0, 50.0, 5
+# A clock was set where stamps jump by more seconds, and by more times all others
+_SET, _JUMP = 3600.0, 50.0
 _UNIT = 1e-3  # a quaternion whose length differs from 1 by more is something else
 _ROUNDING = 1e-9  # one that differs by less is left as it is
 
@@ -39,15 +39,10 @@ def reading(path: Path) -> Iterator[None]:
         raise InswsnError(f"{path} cannot be read: {str(error).strip('.')}.") from None
 
 
-def all_lines(path: Path) -> list[tuple[int, str]]:
-    """Return the lines of a text file with their numbers."""
-    with reading(path):
-        return list(enumerate(read_text(path).splitlines(), start=1))
-
-
 def lines_of(path: Path) -> list[tuple[int, str]]:
     """Return the lines of a text file with their numbers, without comments and blank ones."""
-    return [(n, line) for n, line in all_lines(path) if line.strip() and not line.startswith("#")]
+    lines = enumerate(read_text(path).splitlines(), start=1)
+    return [(n, line) for n, line in lines if line.strip() and not line.startswith("#")]
 
 
 def read_rows(path: Path, columns: int) -> Array:
@@ -58,14 +53,7 @@ def read_rows(path: Path, columns: int) -> Array:
 def numbers(path: Path, rows: Sequence[Row], columns: int) -> Array:
     """Return rows of a file as finite numbers, (rows, columns); refuse one that is something else.
 
-    Parameters
-    ----------
-    path : Path
-        To name in a sentence.
-    rows : sequence of tuple
-        The number of each line and its cells.
-    columns : int
-        How many cells each row has.
+    The path is named in sentences.
     """
     if not rows:
         raise InswsnError(f"{path} has no row of {columns} numbers.")
@@ -75,9 +63,7 @@ def numbers(path: Path, rows: Sequence[Row], columns: int) -> Array:
                 f"{path} has {len(cells)} cells in line {line}; there must be {columns}."
             )
     found = floats([cell for _, cells in rows for cell in cells]).reshape(len(rows), columns)
-    wrong = ~(np.abs(found) < LARGEST)
-    if wrong.any():
-        row, column = np.argwhere(wrong)[0].tolist()
+    for row, column in np.argwhere(~(np.abs(found) < LARGEST)).tolist():
         line, cells = rows[row]
         raise InswsnError(
             f"{path} has {cells[column][:40]!r} in line {line}; it must be a finite number below "
@@ -89,16 +75,15 @@ def numbers(path: Path, rows: Sequence[Row], columns: int) -> Array:
 def check_clock(what: str, time: Array, *, repeats: bool = False, first: int = 1) -> None:
     """Refuse what `check_increase` does, and time stamps of a clock that was set in between."""
     check_increase(what, time, repeats=repeats, first=first)
-    if len(time) < _FEWEST:
+    if len(time) < 3:
         return
     steps = np.diff(time)
-    row = int(np.argmax(steps)) + 1
-    longest = float(steps[row - 1])
-    rest = float(time[-1] - time[row] + time[row - 1] - time[0])
-    if longest > max(_SET, _JUMP * rest):
+    row = int(np.argmax(steps))
+    rest = float(time[-1] - time[row + 1] + time[row] - time[0])
+    if steps[row] > max(_SET, _JUMP * rest):
         raise InswsnError(
-            f"{what}: the time stamp jumps by {longest:.6g} s in row {row + first}, and all others "
-            f"are within {rest:.6g} s; a clock may not have been set in between."
+            f"{what}: the time stamp jumps by {steps[row]:.6g} s in row {row + 1 + first}, and all "
+            f"others are within {rest:.6g} s; a clock may not have been set in between."
         )
 
 
@@ -114,25 +99,17 @@ def places_of(
 ) -> NDArray[np.int64]:
     """Return where each anchor stands among those that are known; refuse another.
 
-    Parameters
-    ----------
-    wanted : iterable
-        The anchor of each range.
-    known : sequence
-        The anchors.
-    first : int
-        The number of the first row, to name a row in a sentence.
+    `first` is the number of the first row, to name a row in a sentence.
     """
     places = {each: place for place, each in enumerate(known)}
-    found = []
+    wanted = list(wanted)
     for row, each in enumerate(wanted, start=first):
         if each not in places:
             raise InswsnError(
                 f"the anchor is {_name(each)} in row {row}; it must be one of "
                 f"{', '.join(map(_name, known))[:200]}."
             )
-        found.append(places[each])
-    return np.array(found, dtype=np.int64)
+    return np.array([places[each] for each in wanted], dtype=np.int64)
 
 
 def _name(anchor: object) -> str:
@@ -142,22 +119,15 @@ def _name(anchor: object) -> str:
 def numbered_ranges(
     time: Array, which: Array, distance: Array, numbers: Array, anchors: Array
 ) -> Ranges:
-    """Return ranges to anchors that have numbers, all arrays of a row each."""
+    """Return ranges to anchors that have numbers, all arrays of a row each, in order of time."""
     known = numbers.tolist()
-    return Ranges(
-        time, places_of(which.tolist(), known), distance, anchors, tuple(map(_name, known))
-    )
+    order = np.argsort(time, kind="stable")
+    places, names = places_of(which[order].tolist(), known), tuple(map(_name, known))
+    return Ranges(time[order], places, distance[order], anchors, names)
 
 
 def unit_quaternions(value: Array, first: int = 1) -> Array:
-    """Return quaternions (rows, 4) of unit length; refuse what is none, naming the row.
-
-    Parameters
-    ----------
-    value : ndarray, (rows, 4)
-    first : int
-        The number of the first row.
-    """
+    """Return quaternions (rows, 4) of unit length; refuse what is none, naming the row."""
     length = np.linalg.norm(value, axis=1)
     off = np.abs(length - 1)
     if (off > _UNIT).any():
