@@ -210,6 +210,9 @@ def _columns(path: Path, header: list[str], layout: Layout, named: Named) -> dic
         called[TIME] = stamps[0], _STAMPS[stamps[0]]
     called |= named
     there = [name for name in layout.names if name in called]
+    for name in there:
+        if header.count(called[name][0]) > 1:
+            raise InswsnError(f"{path} has the column {called[name][0]} more than once.")
     lacking = [name for name, _ in called.values() if name not in header]
     if lacking := lacking or [name for name in layout.of(there) if name not in there]:
         raise InswsnError(
@@ -225,8 +228,6 @@ def _columns(path: Path, header: list[str], layout: Layout, named: Named) -> dic
     found = {}
     for name in there:
         column, unit = called[name]
-        if header.count(column) > 1:
-            raise InswsnError(f"{path} has the column {column} more than once.")
         found[name] = Column(
             column, header.index(column), name in layout.texts,
             (unit or "s") if name == TIME else "", units_of(name).get(unit, 1.0),
@@ -249,7 +250,7 @@ def parse(
     parts: list[list[NDArray[Any]]] = [
         [np.empty(0, dtype=object if column.text else float)] for column in columns
     ]
-    first = 2  # the header is row 1
+    first, dated = 2, False  # the header is row 1
     for lines in blocks:
         found = _plain_numbers(columns, separator, width, lines)
         if not found:
@@ -262,9 +263,13 @@ def parse(
                     )
             if len(rows) < len(lines):
                 raise csv.Error("a cell goes over several lines")
+            if first == 2:
+                dated = any(c.unit == "s" and bool(_ISO.match(rows[0][c.place])) for c in columns)
             for column in columns:
                 texts = [cells[column.place].strip() for cells in rows]
-                found.append(_cells(path, column, texts, separator, first))
+                if separator != "," and not any("." in text for text in texts):
+                    texts = [text.replace(",", ".") for text in texts]
+                found.append(_cells(path, column, texts, first, dated))
         for part, values in zip(parts, found, strict=True):
             part.append(values)
         first += len(lines)
@@ -286,17 +291,12 @@ def _plain_numbers(
     return []
 
 
-def _cells(
-    path: Path, column: Column, texts: list[str], separator: str, first: int
-) -> NDArray[Any]:
+def _cells(path: Path, column: Column, texts: list[str], first: int, dated: bool) -> NDArray[Any]:
     """Return cells as words or floats; refuse words and what is no length, speed or time."""
     if column.text:
         return np.array(texts, dtype=object)
-    pointed = texts
-    if separator != "," and not any("." in text for text in texts):
-        pointed = [text.replace(",", ".") for text in texts]
-    dated = column.unit == "s" and bool(_ISO.match(texts[0]))
-    found = np.array([_seconds(text) for text in pointed]) if dated else floats(pointed)
+    read = np.vectorize(_seconds, otypes=[float]) if dated and column.unit == "s" else floats
+    found = read(texts)
     for row in np.flatnonzero(~(np.abs(found) <= column.largest)).tolist():
         if texts[row].lower() in ("", "nan"):
             continue

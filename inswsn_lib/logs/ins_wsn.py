@@ -167,6 +167,12 @@ def _complete(values: Array) -> Rows:
     return np.flatnonzero(~np.isnan(values @ np.ones(values.shape[1])))
 
 
+def _whole(starts: Array) -> NDArray[np.bool_]:
+    """Return which blocks have no gap in them, by when they start."""
+    steps = np.diff(starts)
+    return steps <= _PATIENCE * np.median(steps) if steps.size else steps > 0
+
+
 #: What a series of speeds (blocks, 2) is, in words, and the series
 _Named = tuple[str, Array]
 
@@ -181,15 +187,16 @@ def _comparable(time: Array, sources: dict[str, Array]) -> Iterator[tuple[_Named
 
     def moved(who: str, rows: Rows) -> _Named:
         starts = rows[block_starts(time[rows], _BLOCK)] if rows.size else rows
-        speeds = np.diff(sources[who][starts, :2], axis=0) / np.diff(time[starts])[:, None]
-        return f"along {who}_x_m and {who}_y_m", speeds
+        begin, end = starts[:-1][(whole := _whole(time[starts]))], starts[1:][whole]
+        way = sources[who][end, :2] - sources[who][begin, :2]
+        return f"along {who}_x_m and {who}_y_m", way / (time[end] - time[begin])[:, None]
 
     for who, values in sources.items():
         if (rows := _complete(values)).size:
             along, speeds = moved(who, rows)
             starts = block_starts(time[rows], _BLOCK)
             means = np.add.reduceat(values[rows, 2:], starts)[:-1] / np.diff(starts)[:, None]
-            told = f"that in {who}_vx_mps and {who}_vy_mps", means
+            told = f"that in {who}_vx_mps and {who}_vy_mps", means[_whole(time[rows[starts]])]
             yield (f"the speed {along}", speeds), told, False
     fixed = _complete(sources["wsn"][:, :2])
     (along, network), (other, inertial) = moved("wsn", fixed), moved("ins", fixed)

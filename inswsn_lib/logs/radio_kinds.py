@@ -68,7 +68,7 @@ def read_inrol(place: Place) -> Recording:
     with reading(paths[2]):
         reference = Reference(poses[:, 0], poses[:, 1:4], unit_quaternions(poses[:, 4:8]))
     with reading(paths[3]):
-        ranges = numbered_ranges(*heard[:, 1:].T, anchors[:, 0], anchors[:, 1:4])
+        ranges = numbered_ranges(heard[:, 1:], anchors[:, 0], anchors[:, 1:4])
     return Recording(
         "inrol", imu=imu, ranges=ranges, reference=reference, lever_arm=np.array(LEVER_ARM),
         digests=digests_of(*paths),
@@ -112,7 +112,7 @@ def read_plaza(place: Place) -> Recording:
         return Recording(
             "plaza",
             odometry=_odometry(dead, truth[:, 0]),
-            ranges=numbered_ranges(*heard[:, [0, 2, 3]].T, nodes[:, 0], nodes[:, 1:]),
+            ranges=numbered_ranges(heard[:, [0, 2, 3]], nodes[:, 0], nodes[:, 1:]),
             reference=Reference(truth[:, 0], truth[:, 1:3], attitude),
             digests=digests_of(path),
         )
@@ -189,7 +189,7 @@ def read_labyrinth(place: Place) -> Recording:
                 f"the module {modules[which[row]]:g} is elsewhere in range {row + 1} than before; "
                 "it must stay in its place."
             )
-        ranges = numbered_ranges(heard[:, 0], heard[:, 5], heard[:, 1], modules, anchors)
+        ranges = numbered_ranges(heard[:, [0, 5, 1]], modules, anchors)
     return Recording(
         "labyrinth", odometry=odometry, ranges=ranges, reference=reference,
         digests=digests_of(*paths),
@@ -211,7 +211,7 @@ def read_matrices(path: Path) -> dict[str, Array]:
     with reading(path):
         data = read_bytes(path)
         if data[_HEAD - 2 : _HEAD] != b"IM":
-            raise InswsnError("it is not a MATLAB file of level 5, of little-endian numbers.")
+            raise InswsnError("it is not a MATLAB file of level 5.")
         return dict(_matrices(data[_HEAD:]))
 
 

@@ -116,14 +116,15 @@ def _name(anchor: object) -> str:
     return f"{anchor:g}" if isinstance(anchor, float) else repr(anchor)
 
 
-def numbered_ranges(
-    time: Array, which: Array, distance: Array, numbers: Array, anchors: Array
-) -> Ranges:
-    """Return ranges to anchors that have numbers, all arrays of a row each, in order of time."""
+def numbered_ranges(heard: Array, numbers: Array, anchors: Array) -> Ranges:
+    """Return ranges to anchors that have numbers, in order of time.
+
+    What is heard has time, anchor and distance in a row; an anchor has a number and a place.
+    """
+    time, which, distance = heard[np.argsort(heard[:, 0], kind="stable")].T
     known = numbers.tolist()
-    order = np.argsort(time, kind="stable")
-    places, names = places_of(which[order].tolist(), known), tuple(map(_name, known))
-    return Ranges(time[order], places, distance[order], anchors, names)
+    places = places_of(which.tolist(), known)
+    return Ranges(time, places, distance, anchors, tuple(map(_name, known)))
 
 
 def unit_quaternions(value: Array, first: int = 1) -> Array:

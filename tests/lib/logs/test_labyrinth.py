@@ -9,7 +9,7 @@ import pytest
 from made_folders import make_labyrinth, needs
 
 from inswsn_lib import logs
-from inswsn_lib.logs.labyrinth import read_labyrinth
+from inswsn_lib.logs.radio_kinds import read_labyrinth
 from inswsn_lib.streams import Recording
 
 

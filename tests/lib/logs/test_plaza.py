@@ -16,8 +16,8 @@ from scipy.spatial.transform import Rotation
 from inswsn_lib import logs
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.logs.files import locate
-from inswsn_lib.logs.matlab import read_tables
-from inswsn_lib.logs.plaza import read_plaza
+from inswsn_lib.logs.radio_kinds import read_matrices
+from inswsn_lib.logs.radio_kinds import read_plaza
 from inswsn_lib.logs.registry import KNOWN
 from inswsn_lib.streams import Odometry, Recording
 
@@ -59,7 +59,7 @@ def test_the_robot_points_against_the_heading_of_gt(tmp_path: Path) -> None:
 
 def test_a_heading_along_the_way_is_taken_as_it_is_and_ranges_in_any_order(tmp_path: Path) -> None:
     expected = (make_plaza(tmp_path), read_plaza(tmp_path))[1]
-    tables = read_tables(tmp_path / "Some_.mat")
+    tables = read_matrices(tmp_path / "Some_.mat")
     tables["GT"][:, 3] += np.pi
     savemat(tmp_path / "Some_.mat", tables | {"TD": tables["TD"][::-1]})
     read = read_plaza(tmp_path)
@@ -80,7 +80,7 @@ def test_ranges_name_their_nodes(tmp_path: Path) -> None:
 
 def test_an_interval_without_a_begin_is_left_out(tmp_path: Path) -> None:
     make_plaza(tmp_path)
-    tables = read_tables(tmp_path / "Some_.mat")
+    tables = read_matrices(tmp_path / "Some_.mat")
     tables["GT"] = tables["GT"][1:]
     savemat(tmp_path / "Some_.mat", tables)
     odometry = read_plaza(tmp_path).odometry
@@ -114,7 +114,7 @@ def test_spoilt_tables_are_refused(
     tmp_path: Path, name: str, change: Callable[[Array], Any], said: str
 ) -> None:
     make_plaza(tmp_path)
-    tables: dict[str, Any] = dict(read_tables(tmp_path / "Some_.mat"))
+    tables: dict[str, Any] = dict(read_matrices(tmp_path / "Some_.mat"))
     tables[name] = change(tables[name])
     savemat(tmp_path / "Some_.mat", {n: t for n, t in tables.items() if t is not None})
     with pytest.raises(InswsnError, match=said):
@@ -132,7 +132,7 @@ def test_tables_are_read_as_scipy_reads_them(tmp_path: Path, packed: bool) -> No
     others = {"word": "text", "cells": np.array([[1, "b"]], dtype=object), "record": {"e": 1}}
     path = tmp_path / "some.mat"
     savemat(path, tables | others, do_compression=packed)
-    np.testing.assert_equal(read_tables(path), tables)
+    np.testing.assert_equal(read_matrices(path), tables)
 
 
 @pytest.mark.parametrize(
@@ -179,7 +179,7 @@ def test_odometry_adds_up_to_the_dead_reckoning_of_the_file(
 ) -> None:
     """From the pose of the reference, over 1354 m, within 7 cm of the variable DRp."""
     (path,) = locate(KNOWN["plaza/2"].source).values()
-    told = read_tables(path)["DRp"]
+    told = read_matrices(path)["DRp"]
     assert plaza.odometry is not None
     assert plaza.reference is not None
     first = forward(plaza)[0]

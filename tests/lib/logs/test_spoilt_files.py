@@ -64,7 +64,6 @@ SPOILT = [
     ("labyrinth", "Some_Input.txt", "0 0.1 1e-4", "0 0 1e-4", r"the distance of the wheels is 0; "),
     ("labyrinth", "Some_Input.txt", "odom2diff 1.5", "odom2diff 0.5",
      r"Input.txt: Odometry: the time "),
-    ("labyrinth", "Some_Input.txt", "range2 2.5", "range2 1.0", r"Input.txt: Ranges: the time sta"),
     ("labyrinth", "Some_Input.txt", "odom2diff", "range2", r"Input.txt has 8 cells in line 4; the"),
     ("labyrinth", "Some_GT.txt", "point2 2.5", "point2 1.5", r"GT.txt: Reference: the time stamp "),
     ("labyrinth", "Some_GT.txt", None, "", r"GT.txt has no row of 7 numbers\."),
