@@ -1,11 +1,11 @@
-"""Columns of CSV files, read some megabytes at a time; those of a recording of INS and network."""
+"""Columns and rows of text files: CSV, read some megabytes at a time, and other people's kinds."""
 
 from __future__ import annotations
 
 import csv
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from itertools import chain
@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 
 from inswsn_lib.checks import Array
 from inswsn_lib.errors import InswsnError
-from inswsn_lib.files import read_pieces
+from inswsn_lib.files import read_pieces, read_text
+from inswsn_lib.streams import Ranges, check_increase
 
 #: The column of time stamps, s, or dates and times by ISO 8601. A file may have it as ``t_s``, or
 #: in another unit, which its name tells: ``time_ms``, ``t_us``, ``time_ns``.
@@ -51,12 +52,17 @@ _SEPARATORS = ",;\t"
 _ISO = re.compile(r"\d{4}-?\d\d-?\d\d[T ]\d\d")
 # what a number may be: float takes other digits, and digits in groups, too
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?|[-+]?inf(inity)?", re.A | re.I)
-_PLAIN = re.compile(r"[0-9.eE+-]*")  # of such signs float takes numbers alone
-_ONLY_NUMBERS = re.compile(r"[0-9.eE+,;\t\n-]*")
 
 #: Of a column, what it is called in a file, and its unit
 Named = Mapping[str, tuple[str, str]]
 Table = dict[str, NDArray[Any]]
+#: The number of a line, from 1, and its cells
+Row = tuple[int, Sequence[str]]
+
+# A clock was set where stamps jump by more seconds, and by more times all others
+_SET, _JUMP = 3600.0, 50.0
+_UNIT = 1e-3  # a quaternion whose length differs from 1 by more is something else
+_ROUNDING = 1e-9  # one that differs by less is left as it is
 
 
 @dataclass(frozen=True)
@@ -71,27 +77,23 @@ class Layout:
     groups: tuple[tuple[str, ...], ...] = ()
     gaps: tuple[str, ...] = ()
     texts: tuple[str, ...] = ()
-    instead: Mapping[tuple[str, ...], tuple[str, ...]] = field(default_factory=dict)
+    instead: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def names(self) -> tuple[str, ...]:
         """All columns that there may be."""
-        return tuple(dict.fromkeys(chain(self.required, *self.groups, *self.instead.values())))
+        return tuple(dict.fromkeys(chain(self.required, *self.groups, self.instead.values())))
 
     def of(self, header: Sequence[str]) -> tuple[str, ...]:
         """Return the columns that must be there, those in their place if some of these are."""
-        required = self.required
-        for names, others in self.instead.items():
-            if set(others) & set(header) and not set(names) <= set(header):
-                required = (*(name for name in required if name not in names), *others)
-        return required
+        others = {*self.instead.values()} & {*header} and not {*self.instead} <= {*header}
+        return tuple(self.instead.get(name, name) if others else name for name in self.required)
 
 
 class Column(NamedTuple):
-    """A column that is read: its name and place in the header, and what its cells hold."""
+    """A column that is read: its name in the header, and what its cells hold."""
 
     name: str
-    place: int
     text: bool = False  # else numbers
     unit: str = ""  # of time stamps
     size: float = 1.0  # how many of its unit make one of the wanted unit
@@ -129,7 +131,7 @@ def read_table(
     try:
         separator, header, blocks = opened(pieces or read_pieces(path), names)
         columns = _columns(path, header, layout, named)
-        found = parse(path, [*columns.values()], separator, len(header), blocks)
+        found = parse(path, [*columns.values()], separator, header, blocks)
     except UnicodeDecodeError:
         raise InswsnError(f"{path} is not a CSV file: it is not UTF-8.") from None
     except csv.Error as error:
@@ -164,7 +166,16 @@ def opened(pieces: Iterable[bytes], names: set[str]) -> tuple[str, list[str], It
     blocks = _lines_in(pieces)
     lines = next(blocks)
     lines[0] = lines[0].removeprefix("\ufeff")
-    _, end, head = _headed(lines, names)
+    # the header is the first line that is no comment, or of the comments before it, if a name
+    # stands in none of its cells, the one in which most do
+    found = []
+    for end, line in enumerate([*lines, ","], start=1):
+        head = line.lstrip("#% ") if end <= len(lines) else ""
+        cells = re.split(f"[{_SEPARATORS} ]", head)
+        found.append((sum(cell.strip(' "') in names for cell in cells), end, head))
+        if line.strip() and line[0] not in "#%":
+            break
+    _, end, head = found[-1] if found[-1][0] else max(found)
     separator = max(_SEPARATORS, key=head.count)
     header = [name.strip() for name in _split([head.strip()], separator)[0]] if head.strip() else []
     rest = (
@@ -172,24 +183,6 @@ def opened(pieces: Iterable[bytes], names: set[str]) -> tuple[str, list[str], It
         for block in chain([lines[end:]], blocks)
     )
     return separator, header, (block for block in rest if block)
-
-
-def _headed(lines: list[str], names: set[str]) -> tuple[int, int, str]:
-    """Return how many names stand in the header, how many lines it ends, and the header.
-
-    It is the first line that is no comment, or of the comments before it, if a name of a column
-    stands in none of its cells, the one in which most do.
-    """
-    found = []
-    for end, line in enumerate(lines, start=1):
-        head = line.lstrip("#% ")
-        cells = re.split(f"[{_SEPARATORS} ]", head)
-        found.append((sum(cell.strip(' "') in names for cell in cells), end, head))
-        if line.strip() and line[0] not in "#%":
-            break
-    else:
-        found.append((0, len(lines) + 1, ""))
-    return found[-1] if found[-1][0] else max(found)
 
 
 def _split(lines: Iterable[str], separator: str) -> list[list[str]]:
@@ -228,10 +221,9 @@ def _columns(path: Path, header: list[str], layout: Layout, named: Named) -> dic
     found = {}
     for name in there:
         column, unit = called[name]
-        found[name] = Column(
-            column, header.index(column), name in layout.texts,
-            (unit or "s") if name == TIME else "", units_of(name).get(unit, 1.0),
-        )  # fmt: skip
+        stamps = (unit or "s") if name == TIME else ""
+        size = units_of(name).get(unit, 1.0)
+        found[name] = Column(column, name in layout.texts, stamps, size)
     return found
 
 
@@ -241,54 +233,38 @@ def units_of(name: str) -> dict[str, float]:
 
 
 def parse(
-    path: Path, columns: Sequence[Column], separator: str, width: int, blocks: Iterable[list[str]]
+    path: Path,
+    columns: Sequence[Column],
+    separator: str,
+    header: list[str],
+    blocks: Iterable[list[str]],
 ) -> list[NDArray[Any]]:
-    """Return columns of a file: floats, NaN where a cell is empty, or words.
-
-    Blocks are lines after the header, each of as many cells; none is blank or a comment.
-    """
+    """Return columns of the blocks after the header: floats, NaN where there is none, or words."""
+    places = [header.index(column.name) for column in columns]
     parts: list[list[NDArray[Any]]] = [
         [np.empty(0, dtype=object if column.text else float)] for column in columns
     ]
     first, dated = 2, False  # the header is row 1
     for lines in blocks:
-        found = _plain_numbers(columns, separator, width, lines)
-        if not found:
-            rows = _split(lines, separator)
-            for row, cells in enumerate(rows, start=first):
-                if len(cells) != width:
-                    raise InswsnError(
-                        f"{path} has {len(cells)} cells in row {row}; there must be {width}, as in "
-                        "the header."
-                    )
-            if len(rows) < len(lines):
-                raise csv.Error("a cell goes over several lines")
-            if first == 2:
-                dated = any(c.unit == "s" and bool(_ISO.match(rows[0][c.place])) for c in columns)
-            for column in columns:
-                texts = [cells[column.place].strip() for cells in rows]
-                if separator != "," and not any("." in text for text in texts):
-                    texts = [text.replace(",", ".") for text in texts]
-                found.append(_cells(path, column, texts, first, dated))
-        for part, values in zip(parts, found, strict=True):
-            part.append(values)
-        first += len(lines)
+        rows = _split(lines, separator)
+        for row, cells in enumerate(rows, start=first):
+            if len(cells) != len(header):
+                raise InswsnError(
+                    f"{path} has {len(cells)} cells in row {row}; there must be {len(header)}, as "
+                    "in the header."
+                )
+        if len(rows) < len(lines):
+            raise csv.Error("a cell goes over several lines")
+        if first == 2:
+            stamps = [k for k, column in zip(places, columns, strict=True) if column.unit == "s"]
+            dated = any(_ISO.match(rows[0][k]) for k in stamps)
+        for part, column, place in zip(parts, columns, places, strict=True):
+            texts = [cells[place].strip() for cells in rows]
+            if separator != "," and not any("." in text for text in texts):
+                texts = [text.replace(",", ".") for text in texts]
+            part.append(_cells(path, column, texts, first, dated))
+        first += len(rows)
     return [np.concatenate(part) for part in parts]
-
-
-def _plain_numbers(
-    columns: Sequence[Column], separator: str, width: int, lines: list[str]
-) -> list[NDArray[Any]]:
-    """Return the columns of lines that hold nothing but numbers, or none; three times as fast."""
-    if any(c.text for c in columns) or not _ONLY_NUMBERS.fullmatch("\n".join(lines)):
-        return []
-    with suppress(ValueError):  # what is no number, or rows that differ in length
-        table = np.loadtxt(lines, delimiter=separator, ndmin=2)
-        if table.shape[1] == width:
-            found = [(table[:, column.place], column) for column in columns]
-            if all((np.abs(values) <= column.largest).all() for values, column in found):
-                return [values / column.size for values, column in found]
-    return []
 
 
 def _cells(path: Path, column: Column, texts: list[str], first: int, dated: bool) -> NDArray[Any]:
@@ -313,9 +289,6 @@ def _cells(path: Path, column: Column, texts: list[str], first: int, dated: bool
 
 def floats(texts: list[str]) -> Array:
     """Return cells as floats, NaN where there is no number."""
-    with suppress(ValueError):
-        if _PLAIN.fullmatch("".join(texts)):
-            return np.array([float(text) if text else nan for text in texts])
     return np.array([float(text) if _NUMBER.fullmatch(text) else nan for text in texts])
 
 
@@ -326,3 +299,123 @@ def _seconds(text: str) -> float:
             moment = datetime.fromisoformat(text)
             return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
     return nan
+
+
+# --- rows ---
+
+
+@contextmanager
+def reading(path: Path) -> Iterator[None]:
+    """Tell in one sentence that names the file what its content makes go wrong."""
+    try:
+        yield
+    except InswsnError as error:
+        if str(path) in str(error):
+            raise
+        raise InswsnError(f"{path}: {error}") from None
+    except OSError as error:
+        raise InswsnError(f"{path} cannot be read: {error.strerror}.") from None
+    except (ValueError, KeyError, IndexError, TypeError, OverflowError) as error:
+        raise InswsnError(f"{path} cannot be read: {str(error).strip('.')}.") from None
+
+
+def lines_of(path: Path) -> list[tuple[int, str]]:
+    """Return the lines of a text file with their numbers, without comments and blank ones."""
+    lines = enumerate(read_text(path).splitlines(), start=1)
+    return [(n, line) for n, line in lines if line.strip() and not line.startswith("#")]
+
+
+def read_rows(path: Path, columns: int) -> Array:
+    """Return the numbers of a text file between blanks, (rows, columns); comments begin with #."""
+    return numbers(path, [(n, line.split()) for n, line in lines_of(path)], columns)
+
+
+def numbers(path: Path, rows: Sequence[Row], columns: int) -> Array:
+    """Return rows of a file as finite numbers, (rows, columns); refuse one that is something else.
+
+    The path is named in sentences.
+    """
+    if not rows:
+        raise InswsnError(f"{path} has no row of {columns} numbers.")
+    for line, cells in rows:
+        if len(cells) != columns:
+            raise InswsnError(
+                f"{path} has {len(cells)} cells in line {line}; there must be {columns}."
+            )
+    found = floats([cell for _, cells in rows for cell in cells]).reshape(len(rows), columns)
+    for row, column in np.argwhere(~(np.abs(found) < LARGEST)).tolist():
+        line, cells = rows[row]
+        raise InswsnError(
+            f"{path} has {cells[column][:40]!r} in line {line}; it must be a finite number below "
+            f"{LARGEST:.0e}."
+        )
+    return found
+
+
+def check_clock(what: str, time: Array, *, repeats: bool = False, first: int = 1) -> None:
+    """Refuse what `check_increase` does, and time stamps of a clock that was set in between."""
+    check_increase(what, time, repeats=repeats, first=first)
+    if len(time) < 3:
+        return
+    steps = np.diff(time)
+    row = int(np.argmax(steps))
+    rest = float(time[-1] - time[row + 1] + time[row] - time[0])
+    if steps[row] > max(_SET, _JUMP * rest):
+        raise InswsnError(
+            f"{what}: the time stamp jumps by {steps[row]:.6g} s in row {row + 1 + first}, and all "
+            f"others are within {rest:.6g} s; a clock may not have been set in between."
+        )
+
+
+def check_twins(anchors: Sequence[object]) -> None:
+    """Refuse an anchor that is there more than once."""
+    for row, each in enumerate(anchors):
+        if each in anchors[:row]:
+            raise InswsnError(f"the anchor {_name(each)} is there more than once.")
+
+
+def places_of(
+    wanted: Iterable[object], known: Sequence[object], first: int = 1
+) -> NDArray[np.int64]:
+    """Return where each anchor stands among those that are known; refuse another.
+
+    `first` is the number of the first row, to name a row in a sentence.
+    """
+    places = {each: place for place, each in enumerate(known)}
+    wanted = list(wanted)
+    for row, each in enumerate(wanted, start=first):
+        if each not in places:
+            raise InswsnError(
+                f"the anchor is {_name(each)} in row {row}; it must be one of "
+                f"{', '.join(map(_name, known))[:200]}."
+            )
+    return np.array([places[each] for each in wanted], dtype=np.int64)
+
+
+def _name(anchor: object) -> str:
+    return f"{anchor:g}" if isinstance(anchor, float) else repr(anchor)
+
+
+def numbered_ranges(heard: Array, numbers: Array, anchors: Array) -> Ranges:
+    """Return ranges to anchors that have numbers, in order of time.
+
+    What is heard has time, anchor and distance in a row; an anchor has a number and a place.
+    """
+    time, which, distance = heard[np.argsort(heard[:, 0], kind="stable")].T
+    known = numbers.tolist()
+    places = places_of(which.tolist(), known)
+    return Ranges(time, places, distance, anchors, tuple(map(_name, known)))
+
+
+def unit_quaternions(value: Array, first: int = 1) -> Array:
+    """Return quaternions (rows, 4) of unit length; refuse what is none, naming the row."""
+    length = np.linalg.norm(value, axis=1)
+    off = np.abs(length - 1)
+    if (off > _UNIT).any():
+        row = int(np.argmax(off > _UNIT))
+        raise InswsnError(
+            f"the quaternion in row {row + first} is {length[row]:.6g} long; it must be of unit "
+            "length."
+        )
+    # those that are already are kept to the last bit
+    return np.where(off[:, None] > _ROUNDING, value / length[:, None], value)

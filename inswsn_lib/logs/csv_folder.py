@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -14,9 +14,21 @@ from inswsn_lib.errors import InswsnError, ParameterError
 from inswsn_lib.files import read_yaml
 from inswsn_lib.inertial import Earth
 from inswsn_lib.logs.blocks import block_starts
-from inswsn_lib.logs.columns import TIME, UNITS, Layout, Named, Table, read_table, units_of
+from inswsn_lib.logs.columns import (
+    TIME,
+    UNITS,
+    Layout,
+    Named,
+    Table,
+    check_clock,
+    check_twins,
+    places_of,
+    read_table,
+    reading,
+    unit_quaternions,
+    units_of,
+)
 from inswsn_lib.logs.files import Place, digests_of, files_of
-from inswsn_lib.logs.rows import check_clock, check_twins, places_of, reading, unit_quaternions
 from inswsn_lib.streams import Fixes, Imu, Odometry, Ranges, Recording, Reference
 
 _X, _Z = ("x_m", "y_m"), ("z_m",)
@@ -27,6 +39,7 @@ _SD, _SDZ = ("sd_x_m", "sd_y_m"), ("sd_z_m",)
 _FORCE = ("force_x_mps2", "force_y_mps2", "force_z_mps2")
 _RATE = ("rate_x_radps", "rate_y_radps", "rate_z_radps")
 _GEODETIC, _UP = ("lat_deg", "lon_deg"), ("height_m",)
+_INSTEAD = dict(zip(_X, _GEODETIC, strict=True))
 _ATTITUDE = ("qx", "qy", "qz", "qw")
 #: Attributes of streams, and the columns that hold them
 COLUMNS: dict[str, dict[str, tuple[str, ...]]] = {
@@ -53,9 +66,9 @@ LAYOUTS = {
         (TIME, *_X),
         (_Z, _UP, _V, _VZ, _SD, _SDZ, ("good",)),
         gaps=(*_X, *_Z, *_GEODETIC, *_UP, *_V, *_VZ, *_SD, *_SDZ),
-        instead={_X: _GEODETIC},
+        instead=_INSTEAD,
     ),
-    "reference.csv": Layout((TIME, *_X), (_Z, _UP, _ATTITUDE), instead={_X: _GEODETIC}),
+    "reference.csv": Layout((TIME, *_X), (_Z, _UP, _ATTITUDE), instead=_INSTEAD),
 }
 #: What the folder says of the recording, and of how its files are to be read
 ABOUT = "recording.yaml"
@@ -98,37 +111,24 @@ def read_csv_folder(place: Place) -> Recording:
     ``y_m``; ``z_m``: positions are then east, north and up of ``origin_rad_m``, or else of the
     first fix, the first good one if some are.
 
-    Raises
-    ------
-    InswsnError
-        In one sentence that names the file, and the column and row (the header is row 1), if
-        something is missing, is no number, does not increase, or looks like another unit, or if a
-        clock was set while it was logged.
-
-    Examples
-    --------
-    >>> from pathlib import Path
-    >>> from tempfile import TemporaryDirectory
-    >>> from inswsn_lib.logs.csv_folder import read_csv_folder
-    >>> with TemporaryDirectory() as folder:
-    ...     _ = Path(folder, "odometry.csv").write_text("time_s,speed_mps,rate_radps\n0,1,0\n")
-    ...     read_csv_folder(folder).odometry.speed.tolist()
-    [1.0]
+    Raises `InswsnError` in one sentence that names the file, and the column and row (the header is
+    row 1), if something is missing, is no number, does not increase, or looks like another unit, or
+    if a clock was set while it was logged.
     """
     files = files_of(place)
     about, sources = _read_about(files[ABOUT]) if ABOUT in files else ({}, {})
     used = {name: files[name] for name in (*LAYOUTS, ABOUT) if name in files}
-    for name, source in sources.items():
-        if source.file not in files:
-            raise InswsnError(f"{files[ABOUT]}: there is no file {source.file} for {name}.")
-        used[name] = files[source.file]
+    for name, (file, _) in sources.items():
+        if file not in files:
+            raise InswsnError(f"{files[ABOUT]}: there is no file {file} for {name}.")
+        used[name] = files[file]
     if "ranges.csv" in used and ANCHORS not in used:
         raise InswsnError(f"{used['ranges.csv']} needs {ANCHORS} beside it; there is none.")
     tables: dict[str, Table] = {}
     for name, layout in LAYOUTS.items():
         if name in used:
             with reading(used[name]):
-                named = sources[name].columns if name in sources else {}
+                named = sources.get(name, ("", {}))[1]
                 tables[name] = _checked(name, read_table(used[name], layout, named), about)
     spans = [float(np.ptp(tables[name][TIME])) for name in _SLOWEST if name in tables]
     streams: dict[str, Any] = {}
@@ -287,15 +287,8 @@ def _refuse_degrees(stream: Any, imu: Imu | None, odometry: Odometry | None) -> 
 # --- recording.yaml ---
 
 
-class Source(NamedTuple):
-    """Which file a stream is in, and what its columns are called there, with their units."""
-
-    file: str
-    columns: Named
-
-
-def _read_about(path: Path) -> tuple[dict[str, Any], dict[str, Source]]:
-    """Return what the file says: attributes of a recording, and where streams are."""
+def _read_about(path: Path) -> tuple[dict[str, Any], dict[str, tuple[str, Named]]]:
+    """Return what it says: attributes of a recording, and files of streams with their columns."""
     about: dict[str, Any] = {}
     sources = {}
     with reading(path):
@@ -319,7 +312,7 @@ def _read_about(path: Path) -> tuple[dict[str, Any], dict[str, Source]]:
     return about, sources
 
 
-def _source(name: str, value: Any) -> Source:
+def _source(name: str, value: Any) -> tuple[str, Named]:
     """Return where a stream is: of its file, and of each column the name, or name and unit."""
     if not isinstance(value, dict):
         raise ParameterError(name, value, "a mapping such as {time_s: [Timestamp, ms]}")
@@ -342,7 +335,7 @@ def _source(name: str, value: Any) -> Source:
                 columns[column] = called, unit
             case _:
                 raise ParameterError(f"{name}: {column}", said, "a name, or [name, unit]")
-    return Source(file, columns)
+    return file, columns
 
 
 def quoted(word: str) -> str:
@@ -356,19 +349,12 @@ def quoted(word: str) -> str:
 def write_csv(recording: Recording, folder: str | Path) -> None:
     """Write a recording as a folder that `load` reads as the kind ``csv``.
 
-    Numbers are written so that they are read again to the last bit.
-
-    Parameters
-    ----------
-    recording : Recording
-    folder : str or Path
-        Made if it is not there; it may not have any of the files that are written.
+    Numbers are read again to the last bit. The folder is made if it is not there.
 
     Raises
     ------
     InswsnError
-        If a file is there already or cannot be written, or an anchor has a name that a CSV file
-        does not hold.
+        If a file is there already or cannot be written.
 
     Examples
     --------
@@ -390,11 +376,6 @@ def write_csv(recording: Recording, folder: str | Path) -> None:
                 # bools become 0 and 1; in a plane there are fewer columns
                 table |= dict(zip(columns, np.atleast_2d(value.T * 1), strict=False))
     if (ranges := recording.ranges) is not None:
-        for name in ranges.names:
-            if not name or name != name.strip() or not name.isprintable() or name[0] == "#":
-                rule = "a word without # or blanks around it"
-                raise ParameterError("an anchor's name", name, rule)
-        check_twins(ranges.names)
         tables["ranges.csv"]["anchor"] = np.array(ranges.names, dtype=object)[ranges.anchor]
         places = dict(zip(PLACE, ranges.anchors.T, strict=False))
         tables[ANCHORS] = {"anchor": [*ranges.names], **places}

@@ -1,12 +1,10 @@
-"""Where the files of a recording are: in a local mirror, or fetched once from a public repository.
+"""Where the files of a recording are: in a folder, or fetched once from a public repository.
 
-They are not part of this project. Their digests are known and checked each time, so that who reads
-them need not examine them. Files of one's own are found in a folder, by what they are called.
+Of those that are fetched the digests are checked, so that who reads them need not examine them.
 """
 
 from __future__ import annotations
 
-import logging
 import os
 import warnings
 from collections.abc import Mapping
@@ -41,11 +39,6 @@ class Source:
     folder: str
     digests: Mapping[str, str]
 
-    @property
-    def address(self) -> str:
-        """Where a browser shows the folder."""
-        return f"https://github.com/{self.repository}/tree/{self.commit}/{self.folder}"
-
 
 def locate(source: Source, cache: Path | None = None) -> dict[str, Path]:
     """Return where the files of a source are, by name; fetch those that are not there.
@@ -72,7 +65,7 @@ def locate(source: Source, cache: Path | None = None) -> dict[str, Path]:
         registry={name: f"sha256:{digest}" for name, digest in source.digests.items()},
     )
     logger, level = pooch.get_logger(), pooch.get_logger().level
-    logger.setLevel(logging.ERROR)  # else it tells on stderr what it fetches
+    logger.setLevel("ERROR")  # else it tells on stderr what it fetches
     try:
         fetch = pooch.HTTPDownloader(timeout=_TIMEOUT)
         return {name: Path(store.fetch(name, downloader=fetch)) for name in source.digests}

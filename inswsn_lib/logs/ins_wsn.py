@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -12,13 +13,12 @@ from numpy.typing import NDArray
 from inswsn_lib.checks import Array
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.logs.blocks import block_starts
-from inswsn_lib.logs.columns import INS, REFERENCE, TIME, WSN, columns_of
-from inswsn_lib.logs.rows import check_clock, reading
+from inswsn_lib.logs.columns import INS, REFERENCE, TIME, WSN, check_clock, columns_of, reading
 
 Rows = NDArray[np.intp]
 _JITTER = 0.2  # a time stamp may be this share of a period away from the grid
 _PATIENCE = 2.5  # an outage is longer than this many times the usual distance of fixes
-_FARTHEST = 10_000.0  # m: an INS that has just begun to drift is not so far from its first fix
+_FARTHEST = 10.0  # km: an INS that has just begun to drift is not so far from its first fix
 # Series that are alike to this cosine may be compared in scale, and differ by a unit beyond this
 _LIKENESS, _FACTOR = 0.8, 1.6
 # Changes of speed tell a unit by this factor, and if there are this many
@@ -38,10 +38,8 @@ class TrackPair:
 
     Attributes
     ----------
-    time : ndarray, (steps,)
-        Seconds, evenly spaced.
-    period : float
-        The spacing, s.
+    time, period : ndarray, (steps,), and float
+        Evenly spaced, and the spacing, s.
     ins : ndarray, (steps, 4)
         x, y (m), v_x, v_y (m/s) of the INS; NaN in rows that the file lacks.
     wsn : ndarray, (steps, 4)
@@ -56,9 +54,6 @@ class TrackPair:
 
     Examples
     --------
-    The network of the recording that comes with the book is silent for 12 s and for 8 s; two rows
-    are missing:
-
     >>> import inswsn_lib as iw
     >>> recording = iw.read_recording(iw.data_file("examples/ins-wsn.csv"))
     >>> round(recording.period, 2), recording.outages
@@ -85,24 +80,22 @@ class TrackPair:
         An outage is a run of steps without any measurement around which measurements are more than
         2.5 times their median distance apart: a network that is slower than the INS is not silent.
         """
-        missing = np.isnan(self.wsn).all(axis=1)
-        edges = np.flatnonzero(np.diff(np.concatenate([[False], missing, [False]]).astype(int)))
-        usual = float(np.median(np.diff(np.flatnonzero(~missing)))) if (~missing).sum() > 1 else 1.0
-        return [(int(a), int(b)) for a, b in edges.reshape(-1, 2) if b - a + 1 > _PATIENCE * usual]
+        fixed = np.flatnonzero(~np.isnan(self.wsn).all(axis=1)).tolist()
+        usual = float(np.median(np.diff(fixed))) if len(fixed) > 1 else 1.0
+        around = pairwise([-1, *fixed, len(self.wsn)])
+        return [(a + 1, b) for a, b in around if b - a > _PATIENCE * usual]
 
 
 def read_recording(path: str | Path, *, resample: bool = False) -> TrackPair:
     """Read a recording and put it on an even grid.
 
-    The file is a CSV with a header and the columns ``time_s``, ``ins_x_m``, ``ins_y_m``,
-    ``ins_vx_mps``, ``ins_vy_mps``, ``wsn_x_m``, ``wsn_y_m``; of the network there may be
-    ``wsn_vx_mps`` and ``wsn_vy_mps``, of a reference ``ref_x_m``, ``ref_y_m``, ``ref_vx_mps`` and
-    ``ref_vy_mps``. Other columns are ignored. Lines that begin with ``#`` are comments, and do not
-    count when a row is named; the header may stand behind ``#`` or ``%``. Commas, semicolons or
-    tabs separate columns; decimals have a point or, where it does not separate, a comma. ``time_s``
-    has seconds, or dates and times by ISO 8601, which become seconds since 1970 (UTC where no zone
-    is named); it may be ``time_ms``, ``time_us`` or ``time_ns``. The period comes from the time
-    stamps. Rows may be missing, and cells of the network may be empty: both are gaps.
+    The file is a CSV with a header and the columns `TIME`, `INS`, `WSN`; velocities of the network
+    may be left out, and a `REFERENCE` may be there. Other columns are ignored. Lines that begin
+    with ``#`` are comments, and do not count when a row is named; the header may stand behind ``#``
+    or ``%``. Commas, semicolons or tabs separate columns; decimals have a point or, where it does
+    not separate, a comma. ``time_s`` has seconds, or dates and times by ISO 8601, which become
+    seconds since 1970 (UTC where no zone is named); it may be ``time_ms``, ``time_us`` or
+    ``time_ns``. Rows may be missing, and cells of the network may be empty: both are gaps.
 
     Parameters
     ----------
@@ -123,8 +116,6 @@ def read_recording(path: str | Path, *, resample: bool = False) -> TrackPair:
 
     Examples
     --------
-    Four components of 301 steps, of one run, for the filters:
-
     >>> import inswsn_lib as iw
     >>> iw.read_recording(iw.data_file("examples/ins-wsn.csv")).measurements.shape
     (301, 4, 1)
@@ -143,8 +134,8 @@ def track_pair(path: Path, table: dict[str, Array], *, resample: bool = False) -
     columns = {"ins": INS, "wsn": WSN} | ({"ref": REFERENCE} if REFERENCE[0] in table else {})
     sources = {who: np.column_stack([table[n] for n in names]) for who, names in columns.items()}
     _check_positions(path, sources["ins"], sources["wsn"])
-    for one, other, known in _comparable(time, sources):
-        _refuse_other_units(path, one, other, known)
+    for series in _comparable(time, sources):
+        _refuse_other_units(path, *series)
     return _resampled(time, sources) if resample else _on_grid(path, time, sources)
 
 
@@ -153,12 +144,11 @@ def _check_positions(path: Path, ins: Array, wsn: Array) -> None:
     for column, name in enumerate(WSN[:2]):
         if np.isnan(wsn[:, column]).all():
             raise InswsnError(f"{path} has no number at all in column {name}.")
-    fixed = _complete(wsn[:, :2])[:1]
-    apart = float(np.hypot(*(wsn[fixed, :2] - ins[fixed, :2]).T).max(initial=0.0))
+    apart = np.linalg.norm((wsn - ins)[_complete(wsn[:, :2])[:1], :2]) / 1000
     if apart >= _FARTHEST:
         raise InswsnError(
-            f"{path}: the first position of the network is {apart / 1000:.4g} km from that of the "
-            "INS; both must be in one frame, that of the network."
+            f"{path}: the first position of the network is {apart:.4g} km from that of the INS; "
+            "both must be in one frame, that of the network."
         )
 
 
@@ -167,65 +157,64 @@ def _complete(values: Array) -> Rows:
     return np.flatnonzero(~np.isnan(values @ np.ones(values.shape[1])))
 
 
-def _whole(starts: Array) -> NDArray[np.bool_]:
-    """Return which blocks have no gap in them, by when they start."""
-    steps = np.diff(starts)
-    return steps <= _PATIENCE * np.median(steps) if steps.size else steps > 0
+def _speeds(time: Array, place: Array) -> Array:
+    """Return mean velocities over blocks of some seconds without a gap, (blocks, 2)."""
+    if len(time) < 3:
+        return np.empty((0, 2))
+    starts = block_starts(time, _BLOCK)
+    steps = np.diff(time[starts])
+    whole = steps <= _PATIENCE * np.median(steps)
+    return np.asarray(np.diff(place[starts], axis=0)[whole] / steps[whole, None])
 
 
-#: What a series of speeds (blocks, 2) is, in words, and the series
-_Named = tuple[str, Array]
-
-
-def _comparable(time: Array, sources: dict[str, Array]) -> Iterator[tuple[_Named, _Named, bool]]:
-    """Yield series that agree but for a wrong unit, and whether a known unit alone is meant.
+def _comparable(
+    time: Array, sources: dict[str, Array]
+) -> Iterator[tuple[str, Array, str, Array, bool]]:
+    """Yield two series that agree but for a wrong unit, and whether a known one alone is meant.
 
     Each source has its displacements and its velocities. Network and reference, and network and
     INS, are compared by their displacements where the network has fixes. Of the INS it is the
     changes from one block to the next: a drift that is steady, or grows slowly, is not in them.
     """
-
-    def moved(who: str, rows: Rows) -> _Named:
-        starts = rows[block_starts(time[rows], _BLOCK)] if rows.size else rows
-        begin, end = starts[:-1][(whole := _whole(time[starts]))], starts[1:][whole]
-        way = sources[who][end, :2] - sources[who][begin, :2]
-        return f"along {who}_x_m and {who}_y_m", way / (time[end] - time[begin])[:, None]
-
+    along = {who: f"along {who}_x_m and {who}_y_m" for who in sources}
     for who, values in sources.items():
-        if (rows := _complete(values)).size:
-            along, speeds = moved(who, rows)
-            starts = block_starts(time[rows], _BLOCK)
-            means = np.add.reduceat(values[rows, 2:], starts)[:-1] / np.diff(starts)[:, None]
-            told = f"that in {who}_vx_mps and {who}_vy_mps", means[_whole(time[rows[starts]])]
-            yield (f"the speed {along}", speeds), told, False
-    fixed = _complete(sources["wsn"][:, :2])
-    (along, network), (other, inertial) = moved("wsn", fixed), moved("ins", fixed)
-    changes = f"that {other}", np.diff(inertial, axis=0)
-    yield (f"the change of speed {along}", np.diff(network, axis=0)), changes, True
-    if "ref" in sources:
-        fixed = fixed[np.isin(fixed, _complete(sources["ref"][:, :2]))]
-        (along, network), (other, true) = moved("wsn", fixed), moved("ref", fixed)
-        yield (f"the speed {along}", network), (f"that {other}", true), False
+        t, there = time[rows := _complete(values)], values[rows]
+        way = np.cumsum(there[:, 2:] * np.diff(t, prepend=t[:1])[:, None], axis=0)
+        moved, told = _speeds(t, there[:, :2]), _speeds(t, way)
+        yield (
+            f"the speed {along[who]}",
+            moved,
+            f"that in {who}_vx_mps and {who}_vy_mps",
+            told,
+            False,
+        )
+    rows = _complete(sources["wsn"][:, :2])
+    fixed = {who: _speeds(time[rows], values[rows, :2]) for who, values in sources.items()}
+    network, inertial = np.diff(fixed["wsn"], axis=0), np.diff(fixed["ins"], axis=0)
+    yield f"the change of speed {along['wsn']}", network, f"that {along['ins']}", inertial, True
+    if "ref" in fixed:
+        yield f"the speed {along['wsn']}", fixed["wsn"], f"that {along['ref']}", fixed["ref"], False
 
 
-def _refuse_other_units(path: Path, one: _Named, other: _Named, known: bool) -> None:
+def _refuse_other_units(
+    path: Path, what: str, one: Array, than: str, other: Array, known: bool
+) -> None:
     """Refuse two series of one shape and two scales; if `known`, of two known units alone."""
-    count = len(one[1])
-    sizes = float(np.linalg.norm(one[1])), float(np.linalg.norm(other[1]))
+    sizes = float(np.linalg.norm(one)), float(np.linalg.norm(other))
     # few and noisy changes may differ by much: only a gross factor between many tells a unit
     factor, fewest = (_GROSS, _FEW) if known else (_FACTOR, 1)
-    if count < fewest or min(sizes) == 0 or max(sizes) / np.sqrt(count) < _SLOWEST:
+    if len(one) < fewest or min(sizes) == 0 or max(sizes) / np.sqrt(len(one)) < _SLOWEST:
         return
     # noise lowers the likeness before it changes the scale by as much as a unit does
-    likeness = float(np.sum(one[1] * other[1])) / (sizes[0] * sizes[1])
+    alike = float(np.sum(one * other)) > _LIKENESS * sizes[0] * sizes[1]
     ratio = sizes[0] / sizes[1]
     near = [u for u, size in _UNITS.items() if abs(abs(np.log(ratio)) - np.log(size)) < _NEAR]
-    if likeness < _LIKENESS or 1 / factor <= ratio <= factor or (known and not near):
+    if not alike or 1 / factor <= ratio <= factor or (known and not near):
         return
     looks = f", as with {' or '.join(near)}" if near else ""
     raise InswsnError(
-        f"{path}: {one[0]} is {ratio:.3g} times {other[0]}{looks}; lengths are in m, speeds "
-        f"in m/s, {TIME} in s."
+        f"{path}: {what} is {ratio:.3g} times {than}{looks}; lengths are in m, speeds in m/s, "
+        f"{TIME} in s."
     )
 
 
@@ -265,33 +254,21 @@ def _resampled(time: Array, sources: dict[str, Array]) -> TrackPair:
     inside = np.minimum(grid, time[-1])
     ins = sources["ins"]
     before = np.clip(np.searchsorted(time, inside, side="right") - 1, 0, len(steps) - 1)
-    way = _cubics(time, ins, inside, before)
+    # positions by the cubic polynomials that have the velocities (Hermite)
+    step, since = steps[before, None], (inside - time[before])[:, None]
+    (begin, v), (end, w) = ((part[:, :2], part[:, 2:]) for part in (ins[before], ins[before + 1]))
+    s, slope = since / step, (end - begin) / step
+    way = begin + since * (v + s * (3 * slope - 2 * v - w + s * (v + w - 2 * slope)))
     ins_on_grid = np.hstack([way, _lines(time, ins[:, 2:], inside)])
     ins_on_grid[steps[before] > _PATIENCE * period] = np.nan  # rows are missing
     place = np.clip(np.round((time - time[0]) / period).astype(int), 0, len(grid) - 1)
     offset = time - grid[place]
     wsn = np.full((len(grid), 4), np.nan)
     fixed = np.flatnonzero(~np.isnan(sources["wsn"]).all(axis=1))
-    for k in fixed[np.argsort(-np.abs(offset[fixed]), kind="stable")]:  # the nearest comes last
-        wsn[place[k]] = sources["wsn"][k] + ins_on_grid[place[k]] - ins[k]
+    fixed = fixed[np.argsort(-np.abs(offset[fixed]), kind="stable")]  # the nearest comes last
+    wsn[place[fixed]] = sources["wsn"][fixed] + ins_on_grid[place[fixed]] - ins[fixed]
     reference = _lines(time, sources["ref"], inside) if "ref" in sources else None
     return TrackPair(grid, period, ins_on_grid, wsn, reference, float(np.std(offset)), True)
-
-
-def _cubics(time: Array, values: Array, at: Array, before: Rows) -> Array:
-    """Return positions (instants, 2) by the cubic polynomials that have the velocities (Hermite).
-
-    Each instant has the row before it.
-    """
-    step = np.diff(time)[before, None]
-    since = (at - time[before])[:, None]
-    s = since / step
-    (begin, end), (v, w) = (
-        (part[before], part[before + 1]) for part in (values[:, :2], values[:, 2:])
-    )
-    slope = (end - begin) / step
-    bent = (3 * slope - 2 * v - w) + s * (v + w - 2 * slope)
-    return np.asarray(begin + since * (v + s * bent))
 
 
 def _lines(time: Array, values: Array, at: Array) -> Array:

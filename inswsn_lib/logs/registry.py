@@ -58,25 +58,21 @@ def names() -> tuple[str, ...]:
 def load(name: str, folder: str | Path | None = None, cache: Path | None = None) -> Recording:
     r"""Return a known recording, or one of the same kind from a folder.
 
-    The files of one that is known are fetched once, or come from a local mirror, and are held
-    against their digests. A folder is read as it is; digests of what was read are kept. The latency
-    of a log is an argument of `rtklib.read_rtklib` alone.
-
     Parameters
     ----------
     name : str
         One of `names`; with a folder, also a kind alone: ``"inrol"``, ``"plaza"``,
         ``"labyrinth"``, ``"rtklib"``, or ``"csv"``, which is for files of your own.
     folder : str or Path, optional
-        With other files of the kind.
+        With other files of the kind. The latency of a log is an argument of `rtklib.read_rtklib`.
     cache : Path, optional
-        Folder for what is fetched; the user's cache by default.
+        Folder for what is fetched once; the user's cache by default.
 
     Raises
     ------
     InswsnError
         If the name is not known, a file cannot be fetched (`RecordingUnavailableError`), is not
-        there, is another than it should be, or is spoilt.
+        there, is another than it should be by its digest, or is spoilt.
 
     Examples
     --------
@@ -96,27 +92,17 @@ def load(name: str, folder: str | Path | None = None, cache: Path | None = None)
         found = READERS[kind](folder)
         own = found.name if kind == "csv" else f"{kind}/{Path(folder).absolute().name}"
         return replace(found, name=own, source=found.source or str(folder))
-    known = KNOWN[name]
-    found = READERS[kind](locate(known.source, cache))
-    return replace(found, name=name, licence=known.licence, source=known.source.address)
+    known, place = KNOWN[name], KNOWN[name].source
+    found = READERS[kind](locate(place, cache))
+    address = f"https://github.com/{place.repository}/tree/{place.commit}/{place.folder}"
+    return replace(found, name=name, licence=known.licence, source=address)
 
 
 def load_drive(cache: Path | None = None) -> Recording:
     """Return ``"rtklib/drive-0708"`` with the axes of the IMU forward, right, down.
 
     A car with an IMU of a phone's class at 100 Hz, which lies with x back, y right, z up, and RTK
-    positions and velocities at 4 Hz. Its files are fetched once, or come from a local mirror.
-
-    Parameters
-    ----------
-    cache : Path, optional
-        Folder for what is fetched; the user's cache by default.
-
-    Raises
-    ------
-    InswsnError
-        If the files cannot be fetched (`RecordingUnavailableError`), or the mirror that
-        ``INSWSN_DATA`` names lacks one or has another in its place.
+    positions and velocities at 4 Hz. The cache and errors are those of `load`.
 
     Examples
     --------

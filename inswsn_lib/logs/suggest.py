@@ -53,7 +53,7 @@ def suggest(folder: str | Path) -> str:
     Returns
     -------
     str
-        Lines: of each file which stream it seems to be, its columns and units; and what is missing.
+        Of each file which stream it seems to be, its columns and units; and what is missing.
 
     Raises
     ------
@@ -100,7 +100,13 @@ def suggest(folder: str | Path) -> str:
             lines.append(f"  {column}: [{quoted(called)}{unit and f', {unit}'}]")
             parts.append(f"{column} is {called!r}{unit and f' in {unit}'}{' (assumed)' * assumed}")
         said.append(f"{log.name} seems to be {what.removesuffix('.csv')}: {', '.join(parts)}.")
-    return "\n".join([*said, *_missing(set(sources)), _write(Path(folder), lines)])
+    there = {what.removesuffix(".csv") for what in sources}
+    for words, names in _WORDS["missing"].items():
+        if not there & set(names):
+            said.append(f"{words}; missing: {' or '.join(names)}.")
+    if "ranges" in there and "anchors" not in there:
+        said.append(f"Where the anchors are is missing: write {ANCHORS} (anchor, x_m, y_m, z_m).")
+    return "\n".join([*said, _write(Path(folder), lines)])
 
 
 def _log(path: Path) -> _Log:
@@ -111,12 +117,12 @@ def _log(path: Path) -> _Log:
         raise InswsnError("it has no header, or one column twice.")
     block: list[str] = next(blocks, [])
     values: dict[str, Array] = {}
-    for place, name in enumerate(header):
+    for name in header:
         # stamps may be dates, or too large for seconds
         for unit in ("s", "ns") if _fits(TIME, name) else ("",):
-            column = Column(name, place, unit=unit, size=UNITS.get(unit, 1.0))
+            column = Column(name, unit=unit, size=UNITS.get(unit, 1.0))
             with suppress(InswsnError):
-                [found] = parse(path, [column], separator, len(header), [block])
+                [found] = parse(path, [column], separator, header, [block])
                 if np.isfinite(found).any():
                     values.setdefault(name, found * column.size)
     stamps = (n for n in values if _fits(TIME, n) and (np.diff(values[n]) >= 0).all())
@@ -148,7 +154,7 @@ def _streams(log: _Log) -> dict[str, dict[str, str]]:
                     continue
                 if name == log.time if column == TIME else _fits(column, name):
                     columns.setdefault(column, name)
-        for group in (*layout.groups, *layout.instead.values()):
+        for group in (*layout.groups, (*layout.instead.values(),)):
             if not set(group) <= set(columns):
                 columns = {c: called for c, called in columns.items() if c not in group}
         if set(layout.of([*columns])) <= set(columns):
@@ -184,19 +190,7 @@ def _unit(what: str, column: str, called: str, log: _Log, span: float) -> tuple[
     return next(iter(known)), True
 
 
-def _missing(there: set[str]) -> list[str]:
-    said = [
-        f"{words}; missing: {' or '.join(names)}."
-        for words, names in _WORDS["missing"].items()
-        if not {f"{name}.csv" for name in names} & there
-    ]
-    if "ranges.csv" in there and ANCHORS not in there:
-        said.append(f"Where the anchors are is missing: write {ANCHORS} (anchor, x_m, y_m, z_m).")
-    return said
-
-
 def _write(folder: Path, lines: list[str]) -> str:
-    """Write the file as a whole, or not at all, and say so."""
     path = folder / ABOUT
     if not lines:
         return f"Nothing is written: no file in {folder} is known to be a stream."
@@ -209,7 +203,5 @@ def _write(folder: Path, lines: list[str]) -> str:
     except FileExistsError:
         return f"{path} is there already, and left as it is. It would be:\n{text}"
     except OSError as error:
-        with suppress(OSError):  # lest half of it is left
-            path.unlink()
         raise InswsnError(f"{path} cannot be written: {error.strerror}.") from None
     return f"{path} is written; check it, then read the folder as the kind csv."
