@@ -32,6 +32,8 @@ WSN = ("wsn_x_m", "wsn_y_m", "wsn_vx_mps", "wsn_vy_mps")
 #: The columns of a reference, if there is one
 REFERENCE = ("ref_x_m", "ref_y_m", "ref_vx_mps", "ref_vy_mps")
 
+#: The column of words; all others hold numbers
+ANCHOR = "anchor"
 #: Numbers of this size are no lengths or speeds
 LARGEST = 1e15
 _LARGEST_TIME = 1e11  # s: seconds of this size are stamps in a smaller unit; it is the year 5138
@@ -69,14 +71,13 @@ _ROUNDING = 1e-9  # one that differs by less is left as it is
 class Layout:
     """Which columns a CSV file has: those that must be there, and groups that may be left out.
 
-    Cells of `gaps` may be empty; those of `texts` hold words, all others numbers. The columns of
-    `instead` may stand in the place of some that must be there.
+    Cells of `gaps` may be empty. The columns of `instead` may stand in the place of some that must
+    be there.
     """
 
     required: tuple[str, ...]
     groups: tuple[tuple[str, ...], ...] = ()
     gaps: tuple[str, ...] = ()
-    texts: tuple[str, ...] = ()
     instead: Mapping[str, str] = field(default_factory=dict)
 
     @property
@@ -138,11 +139,11 @@ def read_table(
         raise InswsnError(f"{path} is not a CSV file: {str(error).strip()}.") from None
     table = dict(zip(columns, found, strict=True))
     for name, cells in table.items():
-        empty = cells == "" if name in layout.texts else np.isnan(cells)
+        empty = cells == "" if name == ANCHOR else np.isnan(cells)
         if name not in layout.gaps and empty.any():
             raise InswsnError(
                 f"{path}: an empty cell is in column {name}, row {int(np.argmax(empty)) + 2}; it "
-                f"must hold a {'word' if name in layout.texts else 'number'}, or the row must be "
+                f"must hold a {'word' if name == ANCHOR else 'number'}, or the row must be "
                 "left out."
             )
     return table
@@ -221,9 +222,8 @@ def _columns(path: Path, header: list[str], layout: Layout, named: Named) -> dic
     found = {}
     for name in there:
         column, unit = called[name]
-        stamps = (unit or "s") if name == TIME else ""
-        size = units_of(name).get(unit, 1.0)
-        found[name] = Column(column, name in layout.texts, stamps, size)
+        time_unit, size = (unit or "s") if name == TIME else "", units_of(name).get(unit, 1.0)
+        found[name] = Column(column, name == ANCHOR, time_unit, size)
     return found
 
 
@@ -325,16 +325,8 @@ def lines_of(path: Path) -> list[tuple[int, str]]:
     return [(n, line) for n, line in lines if line.strip() and not line.startswith("#")]
 
 
-def read_rows(path: Path, columns: int) -> Array:
-    """Return the numbers of a text file between blanks, (rows, columns); comments begin with #."""
-    return numbers(path, [(n, line.split()) for n, line in lines_of(path)], columns)
-
-
 def numbers(path: Path, rows: Sequence[Row], columns: int) -> Array:
-    """Return rows of a file as finite numbers, (rows, columns); refuse one that is something else.
-
-    The path is named in sentences.
-    """
+    """Return rows of a file as finite numbers, (rows, columns); refuse what is something else."""
     if not rows:
         raise InswsnError(f"{path} has no row of {columns} numbers.")
     for line, cells in rows:

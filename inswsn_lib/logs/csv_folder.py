@@ -60,8 +60,8 @@ ANCHORS = "anchors.csv"
 LAYOUTS = {
     "imu.csv": Layout((TIME, *_RATE, *_FORCE)),
     "odometry.csv": Layout((TIME, "speed_mps", "rate_radps")),
-    "ranges.csv": Layout((TIME, "anchor", "range_m"), texts=("anchor",)),
-    ANCHORS: Layout(("anchor", *_X), (_Z,), texts=("anchor",)),
+    "ranges.csv": Layout((TIME, "anchor", "range_m")),
+    ANCHORS: Layout(("anchor", *_X), (_Z,)),
     "fixes.csv": Layout(
         (TIME, *_X),
         (_Z, _UP, _V, _VZ, _SD, _SDZ, ("good",)),
@@ -316,9 +316,7 @@ def _source(name: str, value: Any) -> tuple[str, Named]:
     """Return where a stream is: of its file, and of each column the name, or name and unit."""
     if not isinstance(value, dict):
         raise ParameterError(name, value, "a mapping such as {time_s: [Timestamp, ms]}")
-    file, columns = value.get("file", name), {}
-    if not isinstance(file, str):
-        raise ParameterError(f"{name}: file", file, "the name of a file in the folder")
+    file, columns = str(value.get("file", name)), {}
     for column, said in value.items():
         if column == "file":
             continue

@@ -40,17 +40,13 @@ class TrackPair:
     ----------
     time, period : ndarray, (steps,), and float
         Evenly spaced, and the spacing, s.
-    ins : ndarray, (steps, 4)
-        x, y (m), v_x, v_y (m/s) of the INS; NaN in rows that the file lacks.
-    wsn : ndarray, (steps, 4)
-        The same of the network; NaN where there is no fix.
-    reference : ndarray, (steps, 4), or None
-        The same of a reference, if the file has one.
+    ins, wsn, reference : ndarray, (steps, 4); or None without a reference
+        x, y (m), v_x, v_y (m/s) of the INS, NaN in rows that the file lacks; of the network, NaN
+        where there is no fix; of a reference.
     jitter : float
         Standard deviation of the time stamps from the grid, s.
     resampled : bool
-        Whether the stamps were uneven: the INS and the reference are interpolated, and fixes were
-        carried to the nearest instant.
+        Whether the stamps were uneven, INS and reference are interpolated, and fixes carried.
 
     Examples
     --------

@@ -19,7 +19,6 @@ from inswsn_lib.logs.columns import (
     lines_of,
     numbered_ranges,
     numbers,
-    read_rows,
     reading,
     unit_quaternions,
 )
@@ -42,17 +41,17 @@ _LABYRINTH = {"range2": 7, "odom2diff": 8, "point2": 7}
 def read_inrol(place: Place) -> Recording:
     """Read ``anchor.txt``, ``imu.txt``, ``imu_pose.txt`` and ``uwb.txt``.
 
-    So are the recordings of INRoL/inrol_uwb_localization: a tag of ultra-wideband radio and an IMU,
-    carried by hand before motion capture. Anchors are surveyed, about 170 ranges come in a second,
-    and the motion capture tells position and attitude of the IMU at about 118 Hz; now and then for
-    a row or two it tells another attitude. Ranges of one exchange have one time stamp. One that was
-    written after a later one is put in its place; nothing else is changed.
+    Ranges of one exchange have one time stamp. One that was written after a later one is put in its
+    place; nothing else is changed.
     """
     files = files_of(place)
     paths = [pick(files, f"{name}.txt") for name in ("anchor", "imu", "imu_pose", "uwb")]
     # number, position and attitude | row, time, rate and force | time, position and attitude |
     # row, time, anchor and range
-    anchors, sensed, poses, heard = map(read_rows, paths, (8, 8, 8, 4))
+    anchors, sensed, poses, heard = (
+        numbers(path, [(n, line.split()) for n, line in lines_of(path)], columns)
+        for path, columns in zip(paths, (8, 8, 8, 4), strict=True)
+    )
     with reading(paths[0]):
         check_twins(anchors[:, 0].tolist())
     with reading(paths[1]):
@@ -70,19 +69,8 @@ def read_inrol(place: Place) -> Recording:
 def read_plaza(place: Place) -> Recording:
     """Read the one ``.mat`` file of a folder.
 
-    So are the data "Navigating with Ranging Radios" of Carnegie Mellon University, in
-    borglab/gtsam: a robot on a field among four nodes. What was found by computation, in
-    Plaza2_.mat:
-
-    - GT's heading is that of the rear: with half a turn added it is the course (in Plaza1_.mat it
-      is the course). Increments of heading are to the left. Ranges, dead reckoning and reference
-      have one clock. In Plaza1_.mat some ranges are written after later ones.
-    - Dead reckoning is not measured apart from the reference. Each increment of heading is 0.985
-      times GT's less 6.967e-4 rad, to the last digit; increments of distance are GT's to a tenth of
-      a millimetre. Whoever estimates a scale and a bias of the rate has the heading of the
-      reference.
-    - Ranges are 1.069 times the distance, to every node; so the median is 2 to 4 m too long. They
-      are given as they are.
+    Increments of heading are to the left. The heading is that of the front or of the rear, ranges
+    are not in order, and are given as they are; `known.yaml` tells more.
     """
     path = pick(files_of(place), "*.mat")
     found = read_matrices(path)
@@ -125,12 +113,9 @@ def _odometry(dead: Array, reference: Array) -> Odometry:
 def read_labyrinth(place: Place) -> Recording:
     """Read the one ``*_Input.txt`` and the one ``*_GT.txt`` of a folder.
 
-    So is Indoor_UWB of TUC-ProAut/libRSF, a small robot with wheels in a labyrinth among four
-    modules of ultra-wideband radio: one range and one row of odometry in each step of 0.13 s, and
-    the position by the ground truth. The readme calls the first wheel the right one, and the number
-    after the speeds the distance of the wheels. The ground truth tells otherwise, and so does the
-    program of those who recorded it: the robot turns to the left by (second less first) / (2 x
-    number).
+    The readme calls the first wheel the right one, and the number after the speeds the distance of
+    the wheels. The ground truth tells otherwise, and so does the program of those who recorded it:
+    the robot turns to the left by (second less first) / (2 x number).
     """
     files = files_of(place)
     paths = pick(files, "*_Input.txt"), pick(files, "*_GT.txt")
@@ -171,7 +156,7 @@ _MATRIX, _PACKED = 14, 15
 _NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8",
             13: "u8"}  # fmt: skip
 _FULL = range(6, 16)  # classes of arrays of numbers: no cells, structures, texts, sparse ones
-_LARGEST = 10**8  # bytes of an element when it is unpacked
+_LARGEST = 10**8  # bytes of an element when it is unpacked; a longer one is cut
 
 
 def read_matrices(path: Path) -> dict[str, Array]:
@@ -187,7 +172,11 @@ def _matrices(data: bytes) -> Iterator[tuple[str, Array]]:
     """Yield name and numbers of each matrix; its elements are flags, shape, name and numbers."""
     for kind, body in _elements(data):
         if kind == _PACKED:
-            yield from _matrices(_unpacked(body))
+            unpacker = zlib.decompressobj()
+            try:
+                yield from _matrices(unpacker.decompress(body, _LARGEST))
+            except zlib.error:
+                raise InswsnError("what it has packed cannot be unpacked.") from None
         parts = list(_elements(body)) if kind == _MATRIX else []
         if len(parts) < 4 or np.frombuffer(parts[0][1], "<u4")[0] & 0xFF not in _FULL:
             continue
@@ -213,14 +202,3 @@ def _elements(data: bytes) -> Iterator[tuple[int, bytes]]:
             raise InswsnError("it ends too early.")
         yield kind, data[begin : begin + size]
         at = at + 8 if small else begin + size + (0 if kind == _PACKED else -size % 8)
-
-
-def _unpacked(body: bytes) -> bytes:
-    try:
-        unpacker = zlib.decompressobj()
-        data = unpacker.decompress(body, _LARGEST)
-    except zlib.error:
-        raise InswsnError("what it has packed cannot be unpacked.") from None
-    if not unpacker.eof:
-        raise InswsnError(f"it ends too early, or has packed more than {_LARGEST} bytes.")
-    return data

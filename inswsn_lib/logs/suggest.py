@@ -13,7 +13,7 @@ import numpy as np
 from inswsn_lib.checks import Array
 from inswsn_lib.errors import InswsnError
 from inswsn_lib.files import read_pieces, read_yaml
-from inswsn_lib.logs.columns import TIME, UNITS, Column, opened, parse, units_of
+from inswsn_lib.logs.columns import ANCHOR, TIME, UNITS, Column, opened, parse, units_of
 from inswsn_lib.logs.csv_folder import ABOUT, ANCHORS, LAYOUTS, MOST_RATE, quoted, time_unit
 from inswsn_lib.logs.files import files_of
 
@@ -149,7 +149,7 @@ def _streams(log: _Log) -> dict[str, dict[str, str]]:
         columns: dict[str, str] = {}
         for column in layout.names:
             for name in log.header:
-                number = column not in layout.texts
+                number = column != ANCHOR
                 if (number and name not in log.values) or name in columns.values():
                     continue
                 if name == log.time if column == TIME else _fits(column, name):

@@ -25,8 +25,7 @@ def test_a_folder_of_a_kind_is_read_and_its_digests_are_kept(tmp_path: Path, kin
     assert read.digests == {path.name: file_digest(path) for path in (tmp_path / "seq").iterdir()}
     # other files beside them do not matter, nor does which recording of the kind is named
     (tmp_path / "seq" / "notes.md").write_text("a note")
-    known = [name for name in KNOWN if name.startswith(kind)]
-    for name in [kind, *known]:
+    for name in [name for name in KNOWN if name.startswith(kind)]:
         again = values_of(logs.load(name, str(tmp_path / "seq")))
         np.testing.assert_equal(again, values_of(read))
 
@@ -118,19 +117,12 @@ def test_a_file_that_is_not_there_or_twice_is_told(tmp_path: Path, kind: str) ->
         if kind != "csv" or path.name == "anchors.csv":
             with pytest.raises(InswsnError, match=r"There is no file |needs anchors.csv beside it"):
                 logs.load(kind, tmp_path)
-        path.mkdir()  # a folder is no file
-        if kind != "csv":
-            with pytest.raises(InswsnError, match="There is no file "):
-                logs.load(kind, tmp_path)
-        path.rmdir()
         path.write_bytes(content)
 
 
 def test_two_files_that_fit_are_told(tmp_path: Path) -> None:
     MADE["plaza"](tmp_path)
     (tmp_path / "Other_.mat").write_bytes(b"")
-    with pytest.raises(
-        InswsnError, match=r"There are Other_.mat, Some_.mat in .*; there must be on"
-    ):
+    with pytest.raises(InswsnError, match=r"There are Other_.mat, Some_.mat in .*; there must be "):
         logs.load("plaza", tmp_path)
     assert logs.load("plaza", tmp_path / "Some_.mat").name == "plaza/Some_.mat"
