@@ -20,38 +20,25 @@ from inswsn_lib.streams import Fixes, Imu, Odometry, Ranges, Recording, Referenc
 
 def test_all_files_are_read(tmp_path: Path) -> None:
     make_csv(tmp_path)
-    read = logs.load("csv", tmp_path)
-    expected = Recording(
-        "a walk",
-        imu=Imu(
-            time=np.array([0.0, 0.01]),
-            rate=np.array([[0.1, 0.2, 0.3], [0.1, 0.2, 0.3]]),
-            force=np.array([[0.0, 0.0, 9.8], [0.5, -0.5, 9.9]]),
-        ),
-        odometry=Odometry(np.array([0.1, 0.2]), np.array([1.5, 1.25]), np.array([-0.2, 0.0])),
-        ranges=Ranges(
-            time=np.array([0.1, 0.1, 0.2]),
-            anchor=np.array([1, 0, 1]),
-            distance=np.array([2.5, 3.5, 2.25]),
-            anchors=np.array([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]),
-            names=("007", "A 1"),
-        ),
-        fixes=Fixes(
-            time=np.array([0.0, 1.0]),
-            position=np.array([[1.0, 2.0, 3.0], [np.nan] * 3]),
-            velocity=np.array([[0.1, 0.2], [np.nan] * 2]),
-            deviation=np.array([[0.01, 0.02], [np.nan] * 2]),
-            good=np.array([True, False]),
-        ),
-        reference=Reference(
-            time=np.array([0.0, 0.5]),
-            position=np.array([[1.0, 2.0, 3.0], [1.0, 2.0, 3.0]]),
-            attitude=np.array([[0.0, 0.0, 0.0, 1.0], [0.0, 0.0, HALF, HALF]]),
-        ),
-        lever_arm=np.array([0.0, 0.5, 1.0]),
-        origin=np.array([0.7, -1.8, 9.0]),
-    )
-    np.testing.assert_equal(values_of(read), values_of(expected))
+    read, no = logs.load("csv", tmp_path), np.nan
+    expected = {
+        "lever_arm": [0.0, 0.5, 1.0], "origin": [0.7, -1.8, 9.0],
+        "imu.time": [0.0, 0.01], "imu.rate": [[0.1, 0.2, 0.3], [0.1, 0.2, 0.3]],
+        "imu.force": [[0.0, 0.0, 9.8], [0.5, -0.5, 9.9]],
+        "odometry.time": [0.1, 0.2], "odometry.speed": [1.5, 1.25], "odometry.rate": [-0.2, 0.0],
+        "ranges.time": [0.1, 0.1, 0.2], "ranges.anchor": [1, 0, 1],
+        "ranges.distance": [2.5, 3.5, 2.25],
+        "ranges.anchors": [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]], "ranges.names": ("007", "A 1"),
+        "fixes.time": [0.0, 1.0], "fixes.position": [[1.0, 2.0, 3.0], [no, no, no]],
+        "fixes.velocity": [[0.1, 0.2], [no, no]], "fixes.deviation": [[0.01, 0.02], [no, no]],
+        "fixes.good": [True, False],
+        "reference.time": [0.0, 0.5], "reference.position": [[1.0, 2.0, 3.0], [1.0, 2.0, 3.0]],
+        "reference.attitude": [[0.0, 0.0, 0.0, 1.0], [0.0, 0.0, HALF, HALF]],
+    }  # fmt: skip
+    found = values_of(read)
+    assert found.keys() == expected.keys()
+    for name, value in expected.items():
+        np.testing.assert_array_equal(found[name], value, name)
     assert (read.name, read.licence, read.source) == ("a walk", "mine", str(tmp_path))
     assert len(read.digests) == 7
 
@@ -64,12 +51,6 @@ def test_a_stream_alone_in_a_plane_is_enough(tmp_path: Path) -> None:
     assert read.reference.attitude is None
     assert read.name == tmp_path.name
     assert read.lever_arm.tolist() == [0, 0, 0]
-
-
-def test_dates_are_seconds(tmp_path: Path) -> None:
-    rows = "2025-08-28T17:30:40Z,1,2\n2025-08-28T17:30:40.5Z,1,2\n"
-    (tmp_path / "fixes.csv").write_text("time_s,x_m,y_m\n" + rows)
-    assert logs.load("csv", tmp_path).span == (1756402240.0, 1756402240.5)
 
 
 def test_a_quaternion_of_nearly_unit_length_is_made_one(tmp_path: Path) -> None:
@@ -91,7 +72,7 @@ def test_a_header_may_stand_behind_a_sign(tmp_path: Path, sign: str) -> None:
     np.testing.assert_equal(values_of(logs.load("csv", tmp_path)), expected)
 
 
-@pytest.mark.parametrize("name", ["t_s", "time_ms", "t_ms", "time_us", "time_ns"])
+@pytest.mark.parametrize("name", ["t_s", "time_ms", "t_us", "time_ns"])
 def test_time_stamps_may_be_in_smaller_units(tmp_path: Path, name: str) -> None:
     size = {"s": 1, "ms": 10**3, "us": 10**6, "ns": 10**9}[name.partition("_")[2]]
     stamps = [1_700_000_000, 1_700_000_001, 1_700_000_003]
@@ -187,9 +168,8 @@ def test_a_tag_at_rest_is_not_in_degrees(tmp_path: Path, noise: float) -> None:
     time = right.imu.time
     force = 9.81 * np.column_stack([np.sin(time), np.cos(time), 0 * time])
     fixes = Fixes(time[::10], [11.5, 48.1, 1.0] + noise * rng.normal(size=(300, 3)))
-    still = Recording("still", imu=replace(right.imu, force=force), fixes=fixes)
-    logs.write_csv(still, tmp_path / "new")
-    assert logs.load("csv", tmp_path / "new").fixes is not None
+    logs.write_csv(Recording("still", replace(right.imu, force=force), fixes=fixes), tmp_path / "a")
+    assert logs.load("csv", tmp_path / "a").fixes is not None
 
 
 def test_a_description_that_is_no_mapping_is_refused(tmp_path: Path) -> None:
@@ -224,13 +204,6 @@ def test_a_folder_with_nothing_is_refused(tmp_path: Path) -> None:
         logs.load("csv", tmp_path)
 
 
-def test_ranges_need_anchors(tmp_path: Path) -> None:
-    make_csv(tmp_path)
-    (tmp_path / "anchors.csv").unlink()
-    with pytest.raises(InswsnError, match=r"ranges.csv needs anchors.csv beside it; there is none"):
-        logs.load("csv", tmp_path)
-
-
 # --- what is written ---
 
 
@@ -254,9 +227,9 @@ def made(draw: st.DrawFn) -> Recording:
     rows, dimension = draw(st.integers(1, 4)), draw(st.integers(2, 3))
     names = draw(st.lists(ANCHOR, min_size=1, max_size=3, unique=True))
 
-    def table(width: int, most: float = 1e6, gaps: bool = False) -> Any:
+    def table(*width: int, most: float = 1e6, gaps: bool = False) -> Any:
         numbers = st.one_of(floats(most), st.just(np.nan)) if gaps else floats(most)
-        return draw(arrays(float, (rows, width), elements=numbers))
+        return draw(arrays(float, (rows, *width), elements=numbers))
 
     def time(repeats: bool = False) -> Any:
         return np.array(draw(times(rows, unique=not repeats)))
@@ -266,30 +239,17 @@ def made(draw: st.DrawFn) -> Recording:
 
     attitude = table(4) + 3e6 * np.eye(4)[3]
     attitude /= np.linalg.norm(attitude, axis=1)[:, None]
-    position = table(dimension, gaps=True)
+    anchor = draw(arrays(int, rows, elements=st.integers(0, len(names) - 1)))
+    places = draw(arrays(float, (len(names), dimension), elements=floats()))
+    fixes = [maybe(table(dimension, gaps=True)) for _ in range(2)]
+    good = maybe(draw(arrays(bool, rows)))
     return Recording(
         draw(TEXT.filter(bool)),
-        imu=maybe(Imu(time=time(), rate=table(3, 35.0), force=table(3, 0.5))),
-        odometry=maybe(Odometry(time=time(), speed=table(1)[:, 0], rate=table(1)[:, 0])),
-        ranges=maybe(
-            Ranges(
-                time=time(repeats=True),
-                anchor=draw(arrays(int, rows, elements=st.integers(0, len(names) - 1))),
-                distance=table(1)[:, 0],
-                anchors=draw(arrays(float, (len(names), dimension), elements=floats())),
-                names=tuple(names),
-            )
-        ),
-        fixes=maybe(
-            Fixes(
-                time=time(),
-                position=position,
-                velocity=maybe(table(dimension, gaps=True)),
-                deviation=maybe(table(dimension, gaps=True)),
-                good=maybe(draw(arrays(bool, rows))),
-            )
-        ),
-        reference=Reference(time=time(), position=table(dimension), attitude=maybe(attitude)),
+        imu=maybe(Imu(time(), table(3, most=35.0), table(3, most=0.5))),
+        odometry=maybe(Odometry(time(), table(), table())),
+        ranges=maybe(Ranges(time(repeats=True), anchor, table(), places, tuple(names))),
+        fixes=maybe(Fixes(time(), table(dimension, gaps=True), *fixes, good)),
+        reference=Reference(time(), table(dimension), maybe(attitude)),
         lever_arm=draw(arrays(float, 3, elements=floats())),
         origin=maybe(draw(arrays(float, 3, elements=floats()))),
         licence=draw(TEXT),
@@ -315,12 +275,7 @@ def test_what_is_there_is_not_written_over(tmp_path: Path) -> None:
     read = logs.load("csv", tmp_path)
     with pytest.raises(InswsnError, match=r"has imu.csv, .*, recording.yaml already; it must be "):
         logs.write_csv(read, tmp_path)
-    logs.write_csv(read.without("ranges"), str(tmp_path / "a" / "b"))
-    assert not (tmp_path / "a" / "b" / "anchors.csv").exists()
-
-
-def test_where_nothing_can_be_written_is_told(tmp_path: Path) -> None:
-    make_csv(tmp_path)
-    read = logs.load("csv", tmp_path)
     with pytest.raises(InswsnError, match=r"imu.csv.new cannot be written to: Not a directory\."):
         logs.write_csv(read, tmp_path / "imu.csv" / "new")
+    logs.write_csv(read.without("ranges"), str(tmp_path / "a" / "b"))
+    assert not (tmp_path / "a" / "b" / "anchors.csv").exists()
